@@ -194,16 +194,22 @@ fn a_large_mesh_is_made_in_pieces_of_which_no_rank_has_all() {
         let [one, many] = ["one.json", "many.json"].map(|name| counted(&folder.join(name)));
         assert_eq!(one, many, "{count} ranks");
     }
-    // Where atoms are not everywhere as far apart all ranks place all.
-    let job = "mesh net.npy --distance 2:3 --distance-from features --spacing 2,1,1 --quiet";
-    succeed(
-        folder,
-        &format!("{job} -o varying.vtu")
-            .split_whitespace()
-            .collect::<Vec<_>>(),
-    );
-    shared(folder, 3, &format!("{job} -o parts.pvtu"));
-    assert!(read("parts.pvtu") == read("varying.vtu"));
+    // Where atoms are not everywhere as far apart all grow the lattice together, and each knows the distance near its
+    // part.
+    for (how, count) in [("--distance-from features", 3), ("--distance-from gaps", 4)] {
+        let job = format!("mesh net.npy --distance 2:3 {how} --spacing 2,1,1 --quiet");
+        let line = format!("{job} -o varying.vtu --report one.json");
+        succeed(folder, &line.split_whitespace().collect::<Vec<_>>());
+        shared(
+            folder,
+            count,
+            &format!("{job} -o parts.pvtu --report many.json"),
+        );
+        assert!(read("parts.pvtu") == read("varying.vtu"), "{how}");
+        let [one, many] = ["one.json", "many.json"].map(|name| counted(&folder.join(name)));
+        assert_eq!(one, many, "{how}");
+    }
+    let job = "mesh net.npy --distance 2:3 --spacing 2,1,1 --quiet";
     // What needs all of the mesh has it.
     shared(
         folder,

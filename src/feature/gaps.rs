@@ -9,8 +9,13 @@
 use super::FeaturePoint;
 use super::by_sample::BySample;
 use super::crossing::{Candidate, Voxel, nearest};
+use super::windows::layer;
+use crate::error::Result;
 use crate::geometry::{dot, sub};
+use crate::ranks::Group;
 use rayon::prelude::*;
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
 
 /// Sheets that meet at more than this (degrees) do not run beside one another.
 const CLEAR: f32 = 40.0;
@@ -22,65 +27,216 @@ const SAME: f32 = 10.0;
 const OWN_SHEET: f32 = 1.0;
 /// A point's disc is met by a normal that passes it no farther than this (samples).
 const DISC: f32 = 0.9;
-/// Distances grow by no more than this for each unit of length.
+/// Distances grow by no more than this for each unit of length, along sheets.
 const GROWTH: f32 = 0.1;
-/// Sweeps over all points that carry small distances along sheets.
-const SWEEPS: usize = 3;
+/// Layers round those in which gaps end in which there may be something that bounds them.
+const ROUND: usize = 3;
 
 /// For each point of features, in the order of samples, the distance that atoms may have there in
 /// lattice units: from `least` in gaps and at shallow crossings to `most`. `sheet` numbers the sheet of
-/// each where normals alone do not tell sheets apart.
+/// each where normals alone do not tell sheets apart. Each of a group may have the points of some layers.
+///
+/// # Errors
+/// Those of the others.
 pub fn spacing<const D: usize>(
     dims: [usize; D],
     points: &[FeaturePoint<D>],
     sheet: Option<&[u32]>,
     step: [f64; D],
     [least, most]: [f64; 2],
-) -> Vec<f32> {
+    group: &dyn Group,
+) -> Result<Vec<f32>> {
+    let near = Near::of(dims, points, sheet, step, most, group)?;
     let (least, most) = (least as f32, most as f32);
-    let candidates = in_samples(dims, points, step);
-    let mut order: Vec<u32> = (0..points.len() as u32).collect();
-    order.sort_by_key(|&i| candidates[i as usize].voxel);
-    let sorted: Vec<Candidate<D>> = order.iter().map(|&i| candidates[i as usize]).collect();
-    let sheets: Option<Vec<u32>> =
-        sheet.map(|sheet| order.iter().map(|&i| sheet[i as usize]).collect());
-    let grid = BySample::new(dims, &sorted);
+    let grid = BySample::new(dims, &near.candidates);
     let step = step.map(|h| h as f32);
-    let mut spacing: Vec<f32> = (0..sorted.len())
-        .into_par_iter()
-        .map(|i| gap(&grid, sheets.as_deref(), i, step, most).clamp(least, most))
-        .collect();
-    if spacing.iter().any(|&d| d < most) {
-        for sweep in 0..2 * SWEEPS {
-            let count = sorted.len();
-            for i in 0..count {
-                let i = if sweep % 2 == 0 { i } else { count - 1 - i };
-                let c = &sorted[i];
-                let mut d = spacing[i];
-                grid.each_around(grid.coordinates(c), 1, |j| {
-                    let away = sub(sorted[j].position, c.position);
+    let sheet = sheet.map(|_| &near.sheet[..]);
+    let gap = |i: usize| match near.own[i] {
+        true => gap(&grid, sheet, i, step, most).clamp(least, most),
+        false => most,
+    };
+    let mut spacing: Vec<f32> = (0..near.own.len()).into_par_iter().map(gap).collect();
+    near.carry(&grid, &mut spacing, most, step, group)?;
+    Ok(near.places[group.rank()]
+        .iter()
+        .map(|&place| spacing[place as usize])
+        .collect())
+}
+
+/// The points that those of one of a group may see, sorted by their samples.
+struct Near<const D: usize> {
+    candidates: Vec<Candidate<D>>,
+    /// The number of the sheet of each.
+    sheet: Vec<u32>,
+    /// Which are this one's own.
+    own: Vec<bool>,
+    /// Where those are that were heard of each of the group: its own in their order.
+    places: Vec<Vec<u32>>,
+    /// For each of the group its first and last layer; none where the first is greater.
+    layers: Vec<[usize; 2]>,
+    /// Which of its own each of the group was told of.
+    told: Vec<Vec<u32>>,
+}
+
+impl<const D: usize> Near<D> {
+    fn of(
+        dims: [usize; D],
+        points: &[FeaturePoint<D>],
+        sheet: Option<&[u32]>,
+        step: [f64; D],
+        most: f64,
+        group: &dyn Group,
+    ) -> Result<Self> {
+        let own = in_samples(dims, points, step);
+        let layers = (own.iter()).fold([usize::MAX, 0], |[low, high], c| {
+            let at = c.voxel.index() / layer(dims);
+            [low.min(at), high.max(at)]
+        });
+        let layers: Vec<[usize; 2]> = group.all("layers of points", layers)?;
+        let finest = step.iter().fold(f64::INFINITY, |a, &h| a.min(h));
+        let reach = (most / finest).ceil() as usize + ROUND;
+        let told = |rank: usize| -> Vec<u32> {
+            let sees = |c: &Candidate<D>| beside(c, dims, layers[rank], reach);
+            let numbered = (0u32..).zip(&own);
+            match rank == group.rank() {
+                true => Vec::new(),
+                false => numbered.filter(|(_, c)| sees(c)).map(|n| n.0).collect(),
+            }
+        };
+        let told: Vec<Vec<u32>> = (0..group.count()).map(told).collect();
+        let sheet_of = |i: u32| sheet.map_or(0, |sheet| sheet[i as usize]);
+        let whole = |&i: &u32| (own[i as usize], sheet_of(i));
+        let heard = told.iter().map(|told| told.iter().map(whole).collect());
+        let heard: Vec<Vec<(Candidate<D>, u32)>> =
+            group.pass("points near layers", heard.collect())?;
+        let (mut all, mut sheets, mut from) = (Vec::new(), Vec::new(), Vec::new());
+        for (rank, heard) in heard.into_iter().enumerate() {
+            from.push(all.len());
+            match rank == group.rank() {
+                true => {
+                    all.extend_from_slice(&own);
+                    sheets.extend((0..own.len() as u32).map(sheet_of));
+                }
+                false => heard.into_iter().for_each(|(candidate, sheet)| {
+                    all.push(candidate);
+                    sheets.push(sheet);
+                }),
+            }
+        }
+        from.push(all.len());
+        let mut order: Vec<u32> = (0..all.len() as u32).collect();
+        order.sort_by_key(|&i| all[i as usize].voxel);
+        let mut place = vec![0; all.len()];
+        (0..)
+            .zip(&order)
+            .for_each(|(at, &i)| place[i as usize] = at);
+        let own = from[group.rank()]..from[group.rank() + 1];
+        let sorted = |i: &u32| *i as usize;
+        Ok(Self {
+            candidates: order.iter().map(|i| all[sorted(i)]).collect(),
+            sheet: order.iter().map(|i| sheets[sorted(i)]).collect(),
+            own: order.iter().map(|i| own.contains(&sorted(i))).collect(),
+            places: from
+                .windows(2)
+                .map(|of| place[of[0]..of[1]].to_vec())
+                .collect(),
+            layers,
+            told,
+        })
+    }
+
+    /// Carries small distances along sheets, from the smallest on: so it makes no difference who has what.
+    fn carry(
+        &self,
+        grid: &BySample<'_, D>,
+        spacing: &mut [f32],
+        most: f32,
+        step: [f32; D],
+        group: &dyn Group,
+    ) -> Result<()> {
+        // None is negative, so that their bits are in the same order.
+        let waiting = |i: u32, d: f32| Reverse((d.to_bits(), i));
+        let small = (0..).zip(spacing.iter()).filter(|(_, d)| **d < most);
+        let mut queue: BinaryHeap<_> = small.map(|(i, &d)| waiting(i, d)).collect();
+        let (dims, rank) = (grid.dims, group.rank());
+        // Of those that were told, and heard, those in the layers next to the other's.
+        let next = |place: u32, layers| beside(&self.candidates[place as usize], dims, layers, 1);
+        let mine = |i: u32| self.places[rank][i as usize];
+        let pick = |places: Vec<u32>, layers| -> Vec<u32> {
+            let places = places.into_iter();
+            places.filter(|&place| next(place, layers)).collect()
+        };
+        let told = self.told.iter().zip(&self.layers).map(|(told, layers)| {
+            let told = told.iter().map(|&i| mine(i));
+            pick(told.collect(), *layers)
+        });
+        let told: Vec<Vec<u32>> = told.collect();
+        let others = (0..group.count()).map(|other| match other == rank {
+            true => Vec::new(),
+            false => pick(self.places[other].clone(), self.layers[rank]),
+        });
+        let others: Vec<Vec<u32>> = others.collect();
+        loop {
+            while let Some(Reverse((bits, i))) = queue.pop() {
+                let (from, d) = (&self.candidates[i as usize], spacing[i as usize]);
+                if bits > d.to_bits() {
+                    continue;
+                }
+                grid.each_around(grid.coordinates(from), 1, |j| {
+                    let away = sub(self.candidates[j].position, from.position);
                     let length: f32 = (0..D).map(|k| (away[k] * step[k]).powi(2)).sum();
-                    d = d.min(spacing[j] + GROWTH * length.sqrt());
+                    let d = d + GROWTH * length.sqrt();
+                    if self.own[j] && d < spacing[j] {
+                        spacing[j] = d;
+                        queue.push(waiting(j as u32, d));
+                    }
                 });
-                spacing[i] = d;
+            }
+            let values = told.iter().map(|told| -> Vec<f32> {
+                let values = told.iter().map(|&place| spacing[place as usize]);
+                values.collect()
+            });
+            let heard: Vec<Vec<f32>> = group.pass("distances beside layers", values.collect())?;
+            for (places, heard) in others.iter().zip(heard) {
+                for (&place, d) in places.iter().zip(heard) {
+                    if d < spacing[place as usize] {
+                        spacing[place as usize] = d;
+                        queue.push(waiting(place, d));
+                    }
+                }
+            }
+            let more: Vec<bool> = group.all("distances to carry on", !queue.is_empty())?;
+            if !more.contains(&true) {
+                return Ok(());
             }
         }
     }
-    let mut result = vec![0.0; points.len()];
-    for (&i, d) in order.iter().zip(spacing) {
-        result[i as usize] = d;
-    }
-    result
+}
+
+/// Whether a point is in some layers, or in one so many before or behind them.
+fn beside<const D: usize>(
+    c: &Candidate<D>,
+    dims: [usize; D],
+    [first, last]: [usize; 2],
+    reach: usize,
+) -> bool {
+    let at = c.voxel.index() / layer(dims);
+    first <= last && first <= at + reach && at <= last + reach
 }
 
 /// What to say of it.
-pub fn note(spacing: &[f32], [least, most]: [f64; 2]) -> String {
+///
+/// # Errors
+/// Those of the others of the group.
+pub fn note(spacing: &[f32], [least, most]: [f64; 2], group: &dyn Group) -> Result<String> {
     let fine = spacing.iter().filter(|&&d| d < 0.99 * most as f32).count();
-    format!(
+    let of_all: Vec<[usize; 2]> = group.all("fine points", [fine, spacing.len()])?;
+    let [fine, all] = [0, 1].map(|k| of_all.iter().map(|of| of[k]).sum::<usize>());
+    Ok(format!(
         "atoms stand {most:.2} apart, and down to {least:.2} where features run close or cross at shallow \
          angles: {:.1} % of the feature points",
-        100.0 * fine as f64 / spacing.len().max(1) as f64,
-    )
+        100.0 * fine as f64 / all.max(1) as f64,
+    ))
 }
 
 /// Points in samples, as candidates of the samples that they are nearest to.
@@ -154,6 +310,17 @@ fn gap<const D: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ranks::{Alone, shared};
+
+    fn spacing(
+        dims: [usize; 3],
+        points: &[FeaturePoint<3>],
+        sheet: Option<&[u32]>,
+        step: [f64; 3],
+        limits: [f64; 2],
+    ) -> Vec<f32> {
+        super::spacing(dims, points, sheet, step, limits, &Alone).unwrap()
+    }
 
     /// Points on planes, and the number of the plane of each.
     fn planes(
@@ -261,5 +428,37 @@ mod tests {
         let two: Vec<u32> = (0..points.len() as u32).map(|i| i % 2).collect();
         let found = spacing(dims, &points, Some(&two), [1.0; 3], lattice);
         assert!(found.iter().any(|&d| d < 8.0));
+    }
+
+    #[test]
+    fn in_layers_of_their_own_points_ask_for_what_they_do_together() {
+        let dims = [60, 40, 120];
+        let slope = 20f64.to_radians().tan();
+        let middle = [30.0, 20.0, 45.0];
+        let (points, sheet) = planes(
+            dims,
+            &[
+                (middle, [1.0, 0.0, 0.0]),
+                (middle, [1.0, 0.3 * slope, slope]),
+            ],
+        );
+        let (mut both, limits): (Vec<_>, _) = (points.into_iter().zip(sheet).collect(), [2.5, 8.0]);
+        both.sort_by_key(|(p, _)| (p.position[2] as u32, p.position[1] as u32));
+        let (points, sheet): (Vec<_>, Vec<_>) = both.into_iter().unzip();
+        for sheet in [None, Some(&sheet[..])] {
+            let whole = spacing(dims, &points, sheet, [1.0; 3], limits);
+            let carried = whole.iter().filter(|d| (2.6..7.9).contains(*d)).count();
+            assert!(carried > 1000, "{carried}");
+            for count in [2, 3, 40] {
+                let parts = shared(count, |group| {
+                    let own = crate::ranks::share_of(points.len() / 40, group.rank(), count);
+                    let own = own.start * 40..own.end * 40;
+                    let sheet = sheet.map(|sheet| &sheet[own.clone()]);
+                    let own = &points[own];
+                    super::spacing(dims, own, sheet, [1.0; 3], limits, group).unwrap()
+                });
+                assert!(parts.concat() == whole, "{count}");
+            }
+        }
     }
 }

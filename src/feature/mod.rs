@@ -78,10 +78,11 @@ mod tests;
 use crate::error::Result;
 use crate::image::{Field, Image, Source, Sparse};
 use crate::observer::{Patience, Stage};
-use crate::ranks::{Group, Ranks};
+use crate::ranks::{Alone, Group, Ranks};
 use detectors::{Detector, Scene};
 use potential::Valleys;
 use sheets::{FoundSheets, Open};
+use std::borrow::Cow;
 use windows::Samples;
 
 pub use detection::Detection;
@@ -341,25 +342,31 @@ fn follow<const D: usize>(
     sheets.describe(kind, &rules, &mut notes);
     let sigma = asked.d_max() / 4.0;
     let gaps = asked.gaps();
-    // Gaps and labels look at all points.
-    let in_shares = asked.in_shares && gaps.is_none() && found.labels.is_none();
-    if !in_shares {
-        sheets = sheets.gathered(group)?;
-    }
+    // Labels look at all points.
+    let in_shares = asked.in_shares && found.labels.is_none();
+    let among: &dyn Group = match in_shares {
+        true => group,
+        false => {
+            sheets = sheets.gathered(group)?;
+            &Alone
+        }
+    };
     // Edges do not cross at small angles, but their normals scatter in noise. Other sheets, which may run as
     // near one another as points of one do, are told apart by theirs.
     let sheet = (kind == FeatureKind::Edges).then_some(&sheets.sheet[..]);
-    let spacing = gaps.map(|limits| gaps::spacing(dims, &sheets.points, sheet, asked.step, limits));
+    let spacing = gaps.map(|limits| {
+        let points = &sheets.points;
+        gaps::spacing(dims, points, sheet, asked.step, limits, among)
+    });
+    let spacing = spacing.transpose()?;
     let (labels, limits) = found.labels.unzip();
     let spacing = match limits {
         Some(limits) => limits.spacing(&sheets.points, asked.step, spacing),
         None => spacing,
     };
     if let (Some(spacing), Some(limits)) = (&spacing, gaps) {
-        notes.push(gaps::note(spacing, limits));
+        notes.push(gaps::note(spacing, limits, among)?);
     }
-    // A valley is as wide as a quarter of the distance that atoms have there (Hale 2002).
-    let width = |i: usize| spacing.as_ref().map_or(sigma as f32, |d| d[i] / 4.0);
     let own = match scene.source {
         Source::Held(image) => detector.potential(image),
         Source::InLayers(_) => None,
@@ -368,19 +375,19 @@ fn follow<const D: usize>(
         Some(samples) => Sparse::of(&field(dims, asked, samples)),
         None => {
             let FoundSheets { points, rim, .. } = &sheets;
+            // A valley is as wide as a quarter of the distance that atoms have there (Hale 2002).
             let valleys = Valleys {
                 dims,
                 step: asked.step,
                 sigma,
-                width: &width,
+                points: Cow::Borrowed(points),
+                rim: Cow::Borrowed(rim),
+                spacing: spacing.as_deref().map(Cow::Borrowed),
             };
             match (in_shares, asked.in_shares) {
-                (false, false) => valleys.potential(points, rim, scene.patience),
-                (false, true) => valleys.share(points, rim, group, scene.patience),
-                (true, _) => {
-                    let (points, rim) = valleys.of_share(points, rim, group)?;
-                    valleys.share(&points, &rim, group, scene.patience)
-                }
+                (false, false) => valleys.potential(scene.patience),
+                (false, true) => valleys.share(group, scene.patience),
+                (true, _) => valleys.of_share(group)?.share(group, scene.patience),
             }
         }
     };

@@ -15,6 +15,7 @@ use crate::geometry::wide::wide;
 use crate::image::Sparse;
 use crate::observer::Patience;
 use crate::ranks::{Group, joined};
+use std::borrow::Cow;
 use std::ops::Range;
 
 /// The bell is cut at this many sigma.
@@ -30,66 +31,70 @@ const MARGIN: f32 = 0.01;
 /// Axes along which a normal is at least this much as fast as along its fastest one lead, too.
 const LEADING: f32 = 0.95;
 
-/// The valleys of a potential on a grid of `dims` samples: `width` tells how wide that of each point is, at most `sigma`.
+/// The valleys of a potential on a grid of `dims` samples, the widest of which are `sigma` wide.
+#[derive(Clone)]
 pub struct Valleys<'a, const D: usize> {
     pub dims: [usize; D],
     pub step: [f64; D],
     pub sigma: f64,
-    pub width: &'a (dyn Fn(usize) -> f32 + Sync),
+    /// Feature points in the order of samples.
+    pub points: Cow<'a, [FeaturePoint<D>]>,
+    /// For each whether its sheet ends there.
+    pub rim: Cow<'a, [bool]>,
+    /// For each the distance between atoms, a quarter of which its valley is wide.
+    pub spacing: Option<Cow<'a, [f32]>>,
 }
 
+/// A point, whether its sheet ends there, and the distance between atoms.
+type Told<const D: usize> = (FeaturePoint<D>, (bool, Option<f32>));
+
 impl<const D: usize> Valleys<'_, D> {
-    /// Of feature points in the order of samples; `rim` tells for each whether its sheet ends there.
-    pub fn potential(
-        &self,
-        points: &[FeaturePoint<D>],
-        rim: &[bool],
-        patience: &Patience<'_>,
-    ) -> Sparse<D> {
+    /// Of all points.
+    pub fn potential(&self, patience: &Patience<'_>) -> Sparse<D> {
         Sparse::by_layers(self.dims, self.step, |layers, samples: &mut Vec<f32>| {
-            self.dig(points, rim, layers, samples, patience);
+            self.dig(layers, samples, patience);
         })
     }
 
     /// The same, of which each of a group makes, and has, a share; these are all points or those [of the
     /// share](Self::of_share).
-    pub fn share(
-        &self,
-        points: &[FeaturePoint<D>],
-        rim: &[bool],
-        group: &dyn Group,
-        patience: &Patience<'_>,
-    ) -> Sparse<D> {
+    pub fn share(&self, group: &dyn Group, patience: &Patience<'_>) -> Sparse<D> {
         let make = |layers: Range<usize>, samples: &mut Vec<f32>| {
-            self.dig(points, rim, layers, samples, patience);
+            self.dig(layers, samples, patience);
         };
         Sparse::by_layers_in_shares(self.dims, self.step, group, make)
     }
 
-    /// The points that this one's share of the potential depends on, and whether their sheets end there, where each has
-    /// some.
+    /// Those that this one's share of the potential depends on, where each has some points.
     ///
     /// # Errors
     /// Those of the others.
-    pub fn of_share(
-        &self,
-        points: &[FeaturePoint<D>],
-        rim: &[bool],
-        group: &dyn Group,
-    ) -> Result<(Vec<FeaturePoint<D>>, Vec<bool>)> {
-        let of = |rank: usize| -> Vec<(FeaturePoint<D>, bool)> {
+    pub fn of_share(self, group: &dyn Group) -> Result<Valleys<'static, D>> {
+        let of = |rank: usize| -> Vec<Told<D>> {
             let layers = Sparse::layers_of_share(self.dims, rank, group.count());
-            let near = self.near(points, &layers);
-            let both = points[near.clone()].iter().zip(&rim[near]);
-            both.map(|(point, rim)| (*point, *rim)).collect()
+            let spacing = |i: usize| self.spacing.as_ref().map(|d| d[i]);
+            let whole = |i: usize| (self.points[i], (self.rim[i], spacing(i)));
+            self.near(&layers).map(whole).collect()
         };
         let told = group.pass("points near layers", (0..group.count()).map(of).collect())?;
-        Ok(joined(told).into_iter().unzip())
+        let (points, rest): (Vec<_>, Vec<_>) = joined(told).into_iter().unzip();
+        let (rim, spacing): (Vec<_>, Vec<_>) = rest.into_iter().unzip();
+        Ok(Valleys {
+            dims: self.dims,
+            step: self.step,
+            sigma: self.sigma,
+            points: points.into(),
+            rim: rim.into(),
+            spacing: self
+                .spacing
+                .and(spacing.into_iter().collect::<Option<Vec<f32>>>())
+                .map(Cow::from),
+        })
     }
 
     /// Which of the points may have their valleys in some layers.
-    fn near(&self, points: &[FeaturePoint<D>], layers: &Range<usize>) -> Range<usize> {
-        let last = D - 1;
+    fn near(&self, layers: &Range<usize>) -> Range<usize> {
+        let (points, last) = (&self.points, D - 1);
         if layers.is_empty() {
             return 0..0;
         }
@@ -105,19 +110,12 @@ impl<const D: usize> Valleys<'_, D> {
     }
 
     /// The samples of some layers.
-    fn dig(
-        &self,
-        points: &[FeaturePoint<D>],
-        rim: &[bool],
-        layers: Range<usize>,
-        samples: &mut Vec<f32>,
-        patience: &Patience<'_>,
-    ) {
+    fn dig(&self, layers: Range<usize>, samples: &mut Vec<f32>, patience: &Patience<'_>) {
         let last = D - 1;
         let layer: usize = self.dims[..last].iter().product();
         samples.clear();
         samples.resize(layer * layers.len(), f32::INFINITY);
-        let near = self.near(points, &layers);
+        let near = self.near(&layers);
         let mut dims = self.dims;
         dims[last] = layers.len();
         let mut splat = Splat {
@@ -131,10 +129,10 @@ impl<const D: usize> Valleys<'_, D> {
             if patience.over() {
                 break;
             }
-            splat.sigma = (self.width)(i);
-            splat.add(&points[i]);
-            if rim[i] {
-                splat.add_round(&points[i]);
+            splat.sigma = (self.spacing.as_ref()).map_or(self.sigma as f32, |d| d[i] / 4.0);
+            splat.add(&self.points[i]);
+            if self.rim[i] {
+                splat.add_round(&self.points[i]);
             }
         }
         bells(samples);

@@ -53,8 +53,10 @@ impl<const D: usize> Features<D> {
         let own = share_of(self.points.len(), group.rank(), group.count());
         keep(&mut self.points, own.clone());
         keep(&mut self.sheet, own.clone());
-        keep(&mut self.on_horizon, own);
-        self.spacing = None;
+        keep(&mut self.on_horizon, own.clone());
+        if let Some(spacing) = &mut self.spacing {
+            keep(spacing, own);
+        }
     }
 
     /// Has the points of all ranks.
@@ -64,7 +66,10 @@ impl<const D: usize> Features<D> {
     pub(crate) fn gather(&mut self, group: &dyn Group) -> Result<()> {
         if self.in_shares.take().is_some() {
             let own = (0..self.points.len()).map(|i| self.whole(i)).collect();
-            self.take(group.all("points of features", own)?);
+            let told = group.all("points of features", own)?;
+            let spacing = self.spacing.take();
+            let spacing = spacing.map(|own| group.all("distances at points", own));
+            self.take(told, spacing.transpose()?);
         }
         Ok(())
     }
@@ -114,6 +119,7 @@ impl<const D: usize> Features<D> {
     pub(crate) fn put(&mut self, near: NearPoints<D>) {
         self.points = near.points;
         (self.sheet, self.on_horizon) = near.marks.into_iter().unzip();
+        self.spacing = None;
     }
 
     /// Sorts points by where they are, last axis first; of shares, each rank has those that are in its layers then.
@@ -131,11 +137,14 @@ impl<const D: usize> Features<D> {
                 ends.partition_point(|&end| at >= end)
             };
             let mut to = vec![Vec::new(); group.count()];
-            for i in 0..self.points.len() {
-                to[rank_of(i)].push(self.whole(i));
-            }
-            let told = group.pass("points of features", to)?;
-            self.take(told);
+            (0..self.points.len()).for_each(|i| to[rank_of(i)].push(i));
+            let whole = |to: &Vec<usize>| to.iter().map(|&i| self.whole(i)).collect();
+            let told = group.pass("points of features", to.iter().map(whole).collect())?;
+            let spacing = self.spacing.take().map(|own| {
+                let to = to.iter().map(|to| ordered(to, &own));
+                group.pass("distances at points", to.collect())
+            });
+            self.take(told, spacing.transpose()?);
         }
         // Of two at one place the one on a fault is first, as where they come from one rank.
         let last_axis_first = |&i: &usize, &j: &usize| {
@@ -159,9 +168,10 @@ impl<const D: usize> Features<D> {
         (self.points[i], (self.sheet[i], self.on_horizon[i]))
     }
 
-    fn take(&mut self, lists: Vec<Vec<Whole<D>>>) {
+    fn take(&mut self, lists: Vec<Vec<Whole<D>>>, spacing: Option<Vec<Vec<f32>>>) {
         let (points, marks) = lists.into_iter().flatten().unzip();
         self.put(NearPoints { points, marks });
+        self.spacing = spacing.map(|lists| lists.concat());
     }
 }
 
@@ -252,7 +262,7 @@ mod tests {
             potential: Sparse::zero(DIMS, [1.0; 3]),
             ..Features::none(DIMS, &Detection::default())
         };
-        features.take(vec![some]);
+        features.take(vec![some], None);
         features
     }
 

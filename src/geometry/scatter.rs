@@ -49,6 +49,16 @@ impl<const D: usize> Scatter<D> {
         n
     }
 
+    /// Takes all of them out again.
+    pub fn clear(&mut self) {
+        for n in 0..self.positions.len() {
+            let cell = self.index(self.cell(&self.positions[n], 0.0));
+            self.last[cell] = NONE;
+        }
+        self.positions.clear();
+        self.before.clear();
+    }
+
     /// Whether no point is nearer to `x` than `radius`.
     pub fn is_free(&self, x: &[f64; D], radius: f64) -> bool {
         let radius2 = radius * radius;
@@ -133,5 +143,7 @@ mod tests {
         }
         assert!(free > 50);
         assert!(scatter.any_near(&[0.0, 4.0], 9.0, |n| n == 0));
+        scatter.clear();
+        assert!(scatter.positions().is_empty() && scatter.is_free(&[0.0, 4.0], 20.0));
     }
 }

@@ -88,6 +88,15 @@ impl<const D: usize> Field<D> {
         }
     }
 
+    /// What a function makes of the samples.
+    pub fn map(&self, make: impl Fn(f64) -> f64) -> Self {
+        let made = self.samples.iter().map(|&s| make(s.into()) as f32);
+        Self {
+            samples: made.collect(),
+            ..*self
+        }
+    }
+
     /// The far corner of the box; the near one is the origin.
     pub fn extent(&self) -> [f64; D] {
         std::array::from_fn(|k| (self.dims[k].max(1) - 1) as f64 * self.step[k])

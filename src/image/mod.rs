@@ -31,6 +31,7 @@ pub use depth::Stretch;
 pub use field::Field;
 pub use geometry::Geometry;
 pub use layers::{Layers, Source};
+pub(crate) use sparse::Missed;
 pub use sparse::Sparse;
 pub use time::{NoDepth, TimeCoordinate};
 pub use velocity::{Reach, Velocities};

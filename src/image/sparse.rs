@@ -53,6 +53,18 @@ pub struct Sparse<const D: usize> {
 #[derive(Debug, Default)]
 pub(crate) struct Missed(AtomicBool);
 
+impl Missed {
+    /// It was.
+    pub(crate) fn note(&self) {
+        self.0.store(true, Relaxed);
+    }
+
+    /// Whether it was.
+    pub(crate) fn noted(&self) -> bool {
+        self.0.load(Relaxed)
+    }
+}
+
 impl Clone for Missed {
     fn clone(&self) -> Self {
         Self::default()
@@ -314,7 +326,7 @@ impl<const D: usize> Sparse<D> {
 
     /// Whether it was asked for where nothing is known here.
     pub(crate) fn missed(&self) -> bool {
-        self.missed.0.load(Relaxed)
+        self.missed.noted()
     }
 
     /// Of samples that are all there.
@@ -416,7 +428,7 @@ impl<const D: usize> Sparse<D> {
         let slot = self.slots[brick];
         if slot >= ELSEWHERE {
             if slot == ELSEWHERE {
-                self.missed.0.store(true, Relaxed);
+                self.missed.note();
             }
             return None;
         }

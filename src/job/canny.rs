@@ -9,6 +9,7 @@ use crate::geometry::in_space;
 use crate::image::{Field, Image};
 use crate::improve;
 use crate::lattice::AtomKind;
+use crate::lattice::distance::Shared;
 use crate::lattice::seeding::{self, Atoms};
 use crate::lattice::share::OwnAtoms;
 use crate::observer::{Patience, Stage};
@@ -38,7 +39,7 @@ where
     put_onto_features(&mut atoms, seeded, &scene);
     Ok(Placed {
         atoms: OwnAtoms::of(atoms, &Ranks),
-        distance,
+        distance: Shared::All(distance),
         optimised: None,
     })
 }

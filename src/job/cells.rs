@@ -15,7 +15,7 @@ use crate::image::{Geometry, Source};
 use crate::improve::regions::{Places, Votes};
 use crate::improve::{SliverMethod, Target};
 use crate::lattice::AtomKind;
-use crate::lattice::distance::Distance;
+use crate::lattice::distance::{Distance, Shared};
 use crate::lattice::energy::{Beta, Pairwise};
 use crate::lattice::optimize::{self, Stop, temperature};
 use crate::lattice::seeding::{self, Alignment, Atoms, fixed};
@@ -61,7 +61,7 @@ where
 {
     let (extent, weld) = (frame.extent, params.weld);
     stages.begin_unless_stopped(Stage::Placing)?;
-    let distance = place::apart(source, params, features, frame, stages)?;
+    let distance = place::apart(source, params, features, frame, stages)?.into_whole(&Ranks)?;
     let given = place::fixed(&distance, Alignment::Alongside, frame)?;
     let given = fixed::checked(&given, extent, &distance, Alignment::Alongside)?;
     let surface = surface(params, &distance, features, frame, stages)?;
@@ -204,20 +204,19 @@ where
     let (min, max) = (distance.min(), distance.max());
     let shortest = extent.iter().copied().fold(f64::INFINITY, f64::min);
     let coarser = COARSER.min(0.5 * shortest / max);
-    let distance = distance.map(|d| {
-        // Where the distance is the same everywhere, nothing tells where surfaces bend or run close.
-        let share = if max > min {
-            (d - min) / (max - min)
-        } else {
-            0.0
-        };
-        d * (1.0 + share * (coarser - 1.0))
-    });
+    // Where the distance is the same everywhere, nothing tells where surfaces bend or run close.
+    let coarse = |d: f64| d * (1.0 + (d - min) / (max - min) * (coarser - 1.0));
+    let distance = match distance {
+        Distance::Field(field) if max > min => Distance::Field(field.map(coarse)),
+        same => same.clone(),
+    };
+    let distance = Shared::All(distance);
     let placed = place::lattice(params, distance, &[], features, frame, stages)?;
+    let distance = placed.distance.into_whole(&Ranks)?;
     let scene = Scene {
         extent,
         features,
-        distance: &placed.distance,
+        distance: &distance,
     };
     let target = Target {
         min_dihedral: params.min_dihedral.unwrap_or(ANGLE),

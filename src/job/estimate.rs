@@ -120,8 +120,8 @@ pub(super) fn in_pieces<const D: usize>(
         return whole;
     }
     let share = slabs.div_ceil(ranks) as f64 / slabs as f64;
-    let placed = match (seeding, distance) {
-        (Seeding::Fcc, Distance::Constant(_)) => whole.atoms / ranks as f64,
+    let placed = match seeding {
+        Seeding::Fcc | Seeding::Grown => whole.atoms / ranks as f64,
         _ => whole.atoms,
     };
     Estimate {
@@ -147,16 +147,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_rank_takes_its_share_of_a_mesh_that_is_large_and_all_atoms_where_these_are_not_regular() {
+    fn a_rank_takes_its_share_of_a_mesh_that_is_large_and_all_atoms_where_these_are_drawn() {
         let d = Distance::Constant(5.0);
         let bytes = |extent: [f64; 3], ranks| {
             let whole = of_distance(&d, extent, CellKind::Simplices);
             let of = |seeding| in_pieces(whole, extent, &d, seeding, ranks).bytes;
-            let [regular, grown] = [Seeding::Fcc, Seeding::Grown].map(of);
+            let [regular, drawn] = [Seeding::Grown, Seeding::Refine { seed: 0 }].map(of);
             let placed = PLACING * whole.atoms;
             let more = placed - placed / ranks as f64;
-            assert!((grown - regular - more).abs() < 1e-6 * grown);
-            (grown - placed) / whole.bytes
+            assert!((drawn - regular - more).abs() < 1e-6 * drawn);
+            (drawn - placed) / whole.bytes
         };
         // Four slabs.
         let large = [1000.0, 600.0, 600.0];

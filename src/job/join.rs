@@ -14,7 +14,7 @@ use crate::improve::{
     self, Refusal, Reshaped, Sealed, SliverMethod, Target, Wanted, tets, triangles,
 };
 use crate::lattice::AtomKind;
-use crate::lattice::distance::Distance;
+use crate::lattice::distance::{Distance, Shared};
 use crate::lattice::seeding::Atoms;
 use crate::lattice::share::OwnAtoms;
 use crate::mesh::delaunay::{self, Delaunay};
@@ -64,14 +64,15 @@ pub trait Meshing<const D: usize> {
         stages: &mut Stages<'_>,
     ) -> Result<Joined<Self::Mesh>>;
 
-    /// The mesh of atoms in pieces, each made and measured by one of the ranks, which have shares of the atoms; none if it
-    /// is not large enough.
+    /// The mesh of atoms in pieces, each made and measured by one of the ranks, which have shares of the atoms and of the
+    /// distance, of which the scene has the outline; none if it is not large enough.
     ///
     /// # Errors
     /// As [`join`](Self::join), and those of other ranks.
     fn in_pieces(
         _: &mut OwnAtoms<D>,
         _: &Scene<'_, D>,
+        _: &Shared<D>,
         _: Option<&Target>,
         _: &mut Stages<'_>,
     ) -> Result<Option<InPieces<Self::Mesh, D>>> {
@@ -264,10 +265,11 @@ impl Meshing<3> for Space<3> {
     fn in_pieces(
         share: &mut OwnAtoms<3>,
         scene: &Scene<'_, 3>,
+        distance: &Shared<3>,
         target: Option<&Target>,
         stages: &mut Stages<'_>,
     ) -> Result<Option<InPieces<TetMesh, 3>>> {
-        pieces::made(share, scene, target, stages)
+        pieces::made(share, scene, distance, target, stages)
     }
 
     fn join(

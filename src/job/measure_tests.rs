@@ -85,7 +85,7 @@ impl Case {
             features.sheet.push(1 + i % 2);
             features.on_horizon.push(false);
         }
-        let mut field = distance::coarse_grid(extent, 3.0, 3.0);
+        let mut field = distance::coarse_field(extent, 3.0, 3.0);
         let draw = |d: &mut f32| *d += random.draw() as f32;
         field.samples.iter_mut().for_each(draw);
         Self {

@@ -5,7 +5,7 @@ use super::{Evaluator, Params};
 use crate::Result;
 use crate::feature::{Features, gaussian};
 use crate::image::Sparse;
-use crate::lattice::distance::Distance;
+use crate::lattice::distance::{Distance, Shared};
 use crate::lattice::energy::{Energy, Pairwise, Regularised, Sampled};
 use crate::lattice::optimize::{self, Stop};
 use crate::lattice::share::OwnAtoms;
@@ -45,28 +45,44 @@ pub(super) fn optimise<const D: usize>(
     atoms: &mut OwnAtoms<D>,
     params: &Params<D>,
     features: &Features<D>,
-    distance: &Distance<D>,
+    distance: &Shared<D>,
     frame: &Frame<D>,
     observer: &mut dyn Observer,
 ) -> Result<optimize::Rest> {
     let (options, extent, group) = (moving(params), frame.extent, &Ranks as &dyn Group);
-    let pass = |atoms: &mut OwnAtoms<D>, potential: &Sparse<D>, observer: &mut dyn Observer| {
+    let moved = |atoms: &mut OwnAtoms<D>,
+                 potential: &Sparse<D>,
+                 distance: &Distance<D>,
+                 observer: &mut dyn Observer| {
         let energy = &mut *energy(params, atoms, potential, distance, frame)?;
         optimize::optimize_together(atoms, energy, distance, extent, &options, group, observer)
     };
     let potential = &features.potential;
     if potential.in_shares {
         let before = atoms.clone();
-        let near = potential.near(&atoms.atoms.positions, ROOM * distance.max(), group)?;
-        let outcome = pass(atoms, &near, observer)?;
-        let missed: Vec<bool> = group.all("potential", near.missed())?;
-        if !missed.contains(&true) {
+        let outcome = {
+            let (positions, room) = (&atoms.atoms.positions, ROOM * distance.max());
+            let near = potential.near(positions, room, group)?;
+            // Of atoms of others that are in reach of its own it asks for d, too.
+            let reach = room + optimize::held_within(&distance.outline());
+            let distance = distance.near(positions, reach, group)?;
+            let outcome = moved(atoms, &near, &distance, observer)?;
+            let missed = near.missed() || distance.missed();
+            let missed: Vec<bool> = group.all("potential", missed)?;
+            (!missed.contains(&true)).then_some(outcome)
+        };
+        if let Some(outcome) = outcome {
             return Ok(outcome);
         }
-        // An atom has been where its rank does not know the image.
+        // An atom has been where its rank does not know the image, or d.
         *atoms = before;
-        return pass(atoms, &potential.gathered(group)?, observer);
+        let (potential, distance) = (potential.gathered(group)?, distance.whole(group)?);
+        return moved(atoms, &potential, &distance, observer);
     }
+    let distance = &*distance.whole(group)?;
+    let pass = |atoms: &mut OwnAtoms<D>, potential: &Sparse<D>, observer: &mut dyn Observer| {
+        moved(atoms, potential, distance, observer)
+    };
     for coarse in (1..=params.coarse_passes).rev() {
         let factor = f64::from(1 << coarse);
         // Stopped half way it is rough: the pass over it ends at its first question.
@@ -192,6 +208,7 @@ mod tests {
     ) -> (Atoms<D>, optimize::Rest) {
         let distance = Distance::Constant(d);
         let atoms = seeding::fcc(extent, &distance, &[], Alignment::On).unwrap();
+        let distance = Shared::All(distance);
         let mut atoms = OwnAtoms::of(atoms, &Ranks);
         let dims = extent.map(|l| l as usize + 1);
         let features = Features::none(dims, &Detection::default());
@@ -238,6 +255,7 @@ mod tests {
         let b = |x: [f64; 2]| -0.01 * x[0];
         let potential = Sparse::of(&Field::from_fn([81, 61], [1.0; 2], b));
         let distance = Distance::Constant(d);
+        let shared = Shared::All(distance.clone());
         let frame = Frame {
             step: [1.0; 2],
             extent,
@@ -262,7 +280,7 @@ mod tests {
                 ..Features::none([81, 61], &Detection::default())
             };
             let observer = &mut Unobserved;
-            let rest = optimise(&mut atoms, &params, &features, &distance, &frame, observer);
+            let rest = optimise(&mut atoms, &params, &features, &shared, &frame, observer);
             let found = optimisation(&rest.unwrap(), atoms.whole);
             let x = &atoms.atoms.positions;
             let per_atom = 1.0 / x.len() as f64;

@@ -3,11 +3,13 @@
 use super::join::{Marked, Scene};
 use super::measure::figures_of_pieces;
 use super::{Stages, join};
+use crate::error::cause;
 use crate::feature::NearPoints;
 use crate::geometry::spread;
 use crate::image::synth::truth::REACH;
 use crate::improve::tets::{self, Aim, Cuts, InSlabs, KnownAtoms};
 use crate::improve::{self, SliverMethod, Target};
+use crate::lattice::distance::{Distance, Shared};
 use crate::lattice::share::{Numbered, OwnAtoms};
 use crate::mesh::TetMesh;
 use crate::mesh::delaunay::{
@@ -18,6 +20,9 @@ use crate::observer::Stage;
 use crate::ranks::{Group, Ranks};
 use crate::report::{Improvement, Report};
 use crate::{Error, Result};
+
+/// From how far around the atoms of its slabs a rank knows d, in units of the largest.
+const ROOM: f64 = 2.0;
 
 /// Which nodes and cells of a mesh this rank has, where others have the rest.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -35,6 +40,7 @@ pub struct InPieces<M, const D: usize> {
     pub made: Marked<M>,
     pub share: Share,
     pub points: NearPoints<D>,
+    pub distance: Distance<D>,
     pub report: Report,
 }
 
@@ -49,10 +55,11 @@ type Joined = (Vec<[u32; 4]>, Vec<[u32; 4]>);
 pub fn made(
     atoms: &mut OwnAtoms<3>,
     scene: &Scene<'_, 3>,
+    distance: &Shared<3>,
     target: Option<&Target>,
     stages: &mut Stages<'_>,
 ) -> Result<Option<InPieces<TetMesh, 3>>> {
-    let (extent, distance) = (scene.extent, scene.distance);
+    let (extent, outline) = (scene.extent, scene.distance);
     let Some(target) = target else {
         return Ok(None);
     };
@@ -60,13 +67,13 @@ pub fn made(
         return Ok(None);
     }
     let group: &dyn Group = &Ranks;
-    let Some(cuts) = Cuts::new(&atoms.atoms.positions, extent, distance, group)? else {
+    let Some(cuts) = Cuts::new(&atoms.atoms.positions, extent, outline, group)? else {
         return Ok(None);
     };
     let mut atoms = std::mem::take(atoms);
     let near = |positions: &[[f64; 3]]| {
         let points = scene.features.points_near(positions, seen(scene), group)?;
-        let sheets = join::planes(&points.points, extent, distance);
+        let sheets = join::planes(&points.points, extent, outline);
         Ok::<_, Error>((points, sheets))
     };
     let (_, sheets) = near(&atoms.atoms.positions)?;
@@ -76,10 +83,21 @@ pub fn made(
     let (atoms, joined) = own_tetrahedra(atoms, &cuts, group)?;
     stages.begin(Stage::Improving);
     let (points, sheets) = near(&atoms.atoms.positions)?;
+    // All nodes that there will be are among these atoms; where one might be put is no farther off.
+    let room = ROOM * distance.max();
+    let heights = atoms.atoms.positions.iter().map(|x| x[cuts.axis]);
+    let heights = heights.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], at| {
+        [low.min(at - room), high.max(at + room)]
+    });
+    let near_slabs = distance.between(cuts.axis, heights, group)?.into_owned();
+    let scene = &Scene {
+        distance: &near_slabs,
+        ..*scene
+    };
     let aim = Aim {
         extent,
         sheets: &sheets,
-        distance,
+        distance: &near_slabs,
         target,
     };
     let InSlabs {
@@ -101,6 +119,7 @@ pub fn made(
         let near = &points.points;
         figures_of_pieces(&piece, Some(marks), marks, scene, near, group, patience)
     })?;
+    refuse_unknown(&near_slabs, group)?;
     let judged = figures.judged.take().unwrap_or_default();
     if let Some(quality) = &mut figures.quality {
         quality.angles = Some(judged.angles.clone());
@@ -134,8 +153,23 @@ pub fn made(
             whole,
         },
         points,
+        distance: near_slabs,
         report,
     }))
+}
+
+/// The last safety net: nothing was made of distances that a rank does not know.
+fn refuse_unknown(distance: &Distance<3>, group: &dyn Group) -> Result<()> {
+    let missed: Vec<bool> = group.all("distances", distance.missed())?;
+    match missed.contains(&true) {
+        false => Ok(()),
+        true => Err(Error::Job(cause(
+            "distance",
+            "was asked for where a rank does not know it",
+            "give one distance, or start fewer ranks; and please report it with the image, for this should never \
+             happen",
+        ))),
+    }
 }
 
 /// How far from nodes of a mesh, along each axis, points of features matter: to where atoms are put, to which edges pierce

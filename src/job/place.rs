@@ -8,12 +8,12 @@ use crate::error::cause;
 use crate::feature::components::for_each_sample;
 use crate::feature::{FeatureKind, Features};
 use crate::image::{Field, Image, Source};
-use crate::lattice::distance::{self, Dense, Distance};
+use crate::lattice::distance::{self, Dense, Distance, Limits, Shared};
 use crate::lattice::optimize::{self, Stop};
 use crate::lattice::seeding::{self, Alignment, Seeding, wells};
 use crate::lattice::share::OwnAtoms;
 use crate::observer::{Patience, Stage};
-use crate::ranks::{self, Ranks};
+use crate::ranks::{self, Group, Ranks};
 use crate::{Error, Result};
 
 /// Growth of a variable distance: the bound on |grad d|.
@@ -33,7 +33,7 @@ pub(super) struct Placed<const D: usize> {
     /// The atoms, or this rank's share of them.
     pub atoms: OwnAtoms<D>,
     /// The nominal distance between them.
-    pub distance: Distance<D>,
+    pub distance: Shared<D>,
     /// What the optimiser did in its last pass, where there was one.
     pub optimised: Option<optimize::Rest>,
 }
@@ -116,7 +116,7 @@ impl Placing {
             }
             Self::Lattice => {
                 let distance = apart(source, params, features, frame, stages)?;
-                let fixed = fixed(&distance, Alignment::On, frame)?;
+                let fixed = fixed(&distance.outline(), Alignment::On, frame)?;
                 lattice(params, distance, &fixed, features, frame, stages)
             }
         }
@@ -130,30 +130,39 @@ pub(super) fn looks_near<const D: usize>(params: &Params<D>) -> bool {
         && optimise::looks_near(params)
 }
 
-/// The nominal distance between atoms, also at wells.
+/// The nominal distance between atoms, also at wells. Where it is shared, it is known everywhere if there are wells.
 pub(super) fn apart<const D: usize>(
     source: Source<'_, D>,
     params: &Params<D>,
     features: &Features<D>,
     frame: &Frame<D>,
     stages: &mut Stages<'_>,
-) -> Result<Distance<D>> {
-    let (extent, ways) = (frame.extent, &frame.ways);
+) -> Result<Shared<D>> {
+    let (extent, ways, group) = (frame.extent, &frame.ways, &Ranks as &dyn Group);
     let distance = stages.unless_stopped(Stage::Placing, |patience| {
-        let distance = varying(source, params, features, frame.step, patience)?;
-        let distance = of_labels(distance, params, features, patience);
+        let mut distance = varying(source, params, features, frame.step, patience)?;
+        if features.labels.is_some() || !ways.is_empty() {
+            distance = Shared::All(distance.into_whole(group)?);
+        }
+        if let Shared::All(whole) = distance {
+            distance = Shared::All(of_labels(whole, params, features, patience));
+        }
         patience.lasts(Stage::Placing)?;
-        match params.well_distance.filter(|_| !ways.is_empty()) {
-            Some(least) => wells::refined(distance, ways, least, GROWTH, extent, patience),
-            None => Ok(distance),
+        match (params.well_distance.filter(|_| !ways.is_empty()), distance) {
+            (Some(least), Shared::All(distance)) => {
+                wells::refined(distance, ways, least, GROWTH, extent, patience).map(Shared::All)
+            }
+            (_, distance) => Ok(distance),
         }
     })?;
-    let mut estimate = estimate::of_distance(&distance, extent, params.cells);
+    let outline = distance.outline();
+    let mut estimate = estimate::of_distance(&outline, extent, params.cells);
     if stages.in_pieces {
-        estimate = estimate::in_pieces(estimate, extent, &distance, params.seeding, ranks::count());
+        estimate = estimate::in_pieces(estimate, extent, &outline, params.seeding, ranks::count());
     }
     stages.observer.estimate(&estimate);
     estimate::afford(&estimate)?;
+    drop(outline);
     Ok(distance)
 }
 
@@ -176,7 +185,7 @@ pub(super) fn fixed<const D: usize>(
 /// Seeds a lattice with atoms on features, and moves it.
 pub(super) fn lattice<const D: usize>(
     params: &Params<D>,
-    distance: Distance<D>,
+    distance: Shared<D>,
     fixed: &[[f64; D]],
     features: &Features<D>,
     frame: &Frame<D>,
@@ -276,10 +285,11 @@ fn of_labels<const D: usize>(
     }
     let most = params.spacing.max();
     let mut field = match &distance {
+        Distance::Near(_) => return distance,
         Distance::Field(field) => field.clone(),
         Distance::Constant(d) => {
             let least = wishes.iter().flatten().copied().fold(*d, f64::min);
-            distance::coarse_grid(features.potential.extent(), least, *d)
+            distance::coarse_field(features.potential.extent(), least, *d)
         }
     };
     let (dims, step) = (field.dims, field.step);
@@ -305,7 +315,7 @@ fn varying<const D: usize>(
     features: &Features<D>,
     step: [f64; D],
     patience: &Patience<'_>,
-) -> Result<Distance<D>> {
+) -> Result<Shared<D>> {
     let field = |image: &Image<D>| Field {
         dims: image.dims(),
         step,
@@ -313,17 +323,19 @@ fn varying<const D: usize>(
     };
     let wishes = || params.labels.iter().filter_map(|wish| wish.distance);
     let least = |d: f64| wishes().fold(d, f64::min);
-    match params.spacing {
+    let (growth, group) = (GROWTH, &Ranks as &dyn Group);
+    let gaps =
+        |min, max| distance::from_gaps(features, Limits { min, max, growth }, patience, group);
+    let all = match params.spacing {
         Spacing::Constant(d) if features.spacing.is_some() => {
-            distance::from_gaps(features, least(d), d.max(least(d)), GROWTH, patience)
+            return gaps(least(d), d.max(least(d)));
+        }
+        Spacing::FromGaps { min, max } => return gaps(least(min), max),
+        Spacing::FromFeatures { min, max } => {
+            let limits = Limits { min, max, growth };
+            return distance::from_features(features, limits, patience, group);
         }
         Spacing::Constant(d) => Ok(Distance::Constant(d)),
-        Spacing::FromFeatures { min, max } => {
-            distance::from_features(features, min, max, GROWTH, patience)
-        }
-        Spacing::FromGaps { min, max } => {
-            distance::from_gaps(features, least(min), max, GROWTH, patience)
-        }
         Spacing::FromImage { min, max } => {
             let image = source.whole()?;
             let dense = dense(&image, features).0;
@@ -356,7 +368,8 @@ fn varying<const D: usize>(
                 "give one distance per sample of the image",
             ))),
         },
-    }
+    };
+    all.map(Shared::All)
 }
 
 #[cfg(test)]
@@ -386,7 +399,8 @@ mod tests {
                 [1.0; 2],
                 &Patience::endless(),
             );
-            let d = |x: f64| d.as_ref().unwrap().at([x, 35.0]);
+            let d = d.unwrap().into_whole(&Ranks).unwrap();
+            let d = |x: f64| d.at([x, 35.0]);
             assert!(
                 d(40.0) < 4.1 && d(5.0) > 6.0,
                 "{kind}: {} {}",

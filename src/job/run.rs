@@ -38,7 +38,7 @@ where
     pub share: Option<Share>,
     /// What the mesh follows.
     pub features: Features<D>,
-    /// Nominal distance between atoms.
+    /// Nominal distance between atoms; of a share of a mesh, what is known near it.
     pub distance: Distance<D>,
     /// What the optimiser did in its last pass, where atoms were moved.
     pub optimised: Option<optimize::Rest>,
@@ -224,9 +224,6 @@ where
     })?;
     let (made, mut report, share, distance, optimised) = match params.cells {
         CellKind::Simplices => {
-            if matches!(params.spacing, Spacing::FromFeatures { .. }) {
-                features.gather(group)?;
-            }
             let Placed {
                 mut atoms,
                 distance,
@@ -235,24 +232,27 @@ where
             let pieces = match in_pieces {
                 true => {
                     features.share(group);
+                    let outline = distance.outline();
                     let scene = Scene {
                         extent,
                         features: &features,
-                        distance: &distance,
+                        distance: &outline,
                     };
                     let target = simplices::target(params);
-                    Space::<D>::in_pieces(&mut atoms, &scene, target.as_ref(), &mut stages)?
+                    let (target, stages) = (target.as_ref(), &mut stages);
+                    Space::<D>::in_pieces(&mut atoms, &scene, &distance, target, stages)?
                 }
                 false => None,
             };
-            let (made, report, share) = match pieces {
+            let (made, report, share, distance) = match pieces {
                 Some(pieces) => {
                     features.put(pieces.points);
                     let made = Made::Simplices(pieces.made);
-                    (made, pieces.report, Some(pieces.share))
+                    (made, pieces.report, Some(pieces.share), pieces.distance)
                 }
                 None => {
                     features.gather(group)?;
+                    let distance = distance.into_whole(group)?;
                     let scene = Scene {
                         extent,
                         features: &features,
@@ -261,7 +261,7 @@ where
                     let atoms = atoms.gathered(group)?;
                     let (made, report) =
                         simplices::made(atoms, &scene, source, params, &mut stages)?;
-                    (made, report, None)
+                    (made, report, None, distance)
                 }
             };
             (made, report, share, distance, optimised)

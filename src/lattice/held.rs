@@ -182,6 +182,14 @@ impl<'a> Held<'a> {
     }
 }
 
+/// Cubes of a grid in the room that atoms are held within.
+const CUBES: f64 = 2.0;
+
+/// How far from one's own, along each axis, atoms may be that are held as no farther than `room`.
+pub fn within(room: f64) -> f64 {
+    (1.0 + 1.0 / CUBES) * room
+}
+
 /// What is near to some positions: the cubes of a grid that hold one of them, and two cubes around.
 #[derive(Clone)]
 struct Near<const D: usize> {
@@ -212,7 +220,7 @@ impl<const D: usize> Near<D> {
         if x.is_empty() {
             return Self::nothing();
         }
-        let edge = 0.5 * room;
+        let edge = room / CUBES;
         let [low, high] = spread(x);
         let low = low.map(|low| low - 2.5 * edge);
         let dims: [usize; D] =

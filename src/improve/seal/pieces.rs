@@ -9,7 +9,7 @@ use crate::error::cause;
 use crate::feature::FeaturePoint;
 use crate::files::kept::Kept;
 use crate::geometry::sets::Sets;
-use crate::lattice::distance::Distance;
+use crate::lattice::distance::Shared;
 use crate::mesh::TetMesh;
 use crate::mesh::complex::{BEYOND, NONE};
 use crate::mesh::piece::Piece;
@@ -30,12 +30,12 @@ pub fn seal_pieces(
     piece: &Piece,
     points: &[FeaturePoint<3>],
     extent: [f64; 3],
-    distance: &Distance<3>,
+    distance: &Shared<3>,
     marks: &mut [u8],
     group: &dyn Group,
     patience: &Patience<'_>,
 ) -> Result<Sealed> {
-    let sheets = local_planes(points, extent, distance);
+    let sheets = local_planes(points, extent, &distance.outline());
     let surface = Surface {
         mesh: &piece.mesh,
         neighbors: piece.neighbors.as_flattened(),
@@ -62,7 +62,9 @@ pub fn seal_pieces(
             neighbors: neighbors.as_flattened(),
             marks: &mut marks,
         };
-        let mut sealing = Sealing::new(surface, &sheets, distance);
+        // All look at these cells, wherever they are.
+        let distance = distance.near(&mesh.nodes, 0.0, group)?;
+        let mut sealing = Sealing::new(surface, &sheets, &distance);
         let here = |(number, sides)| (near.place(number), sides);
         sealing.sides = seen.into_iter().map(here).collect();
         let over = || {

@@ -8,7 +8,6 @@ use crate::image::{Field, Sparse};
 use crate::improve::{Blocked, Counts, Sealed};
 use crate::job::{Joined, Marked};
 use crate::lattice::AtomKind;
-use crate::lattice::distance::Distance;
 use crate::lattice::energy::{self, Terms};
 use crate::lattice::optimize::{Rest, Stop};
 use crate::lattice::seeding::Atoms;
@@ -75,26 +74,6 @@ impl<M: Kept> Kept for Marked<M> {
             regions: Kept::take(from)?,
             judged: Judged::default(),
         })
-    }
-}
-
-impl<const D: usize> Kept for Distance<D> {
-    fn put(&self, out: &mut dyn Write) -> io::Result<()> {
-        match self {
-            Self::Constant(d) => (0u8, *d).put(out),
-            Self::Field(field) => {
-                1u8.put(out)?;
-                field.put(out)
-            }
-        }
-    }
-
-    fn take(from: &mut &[u8]) -> Option<Self> {
-        match u8::take(from)? {
-            0 => Some(Self::Constant(Kept::take(from)?)),
-            1 => Some(Self::Field(Kept::take(from)?)),
-            _ => None,
-        }
     }
 }
 

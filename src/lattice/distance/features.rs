@@ -1,13 +1,25 @@
 //! d(x) that grows away from the features of an image.
 
-use super::{Distance, limit_gradient};
+use super::{Distance, InLayers, Shared, limit_gradient};
 use crate::error::{Error, Result, cause};
 use crate::feature::Features;
 use crate::image::Field;
 use crate::observer::Patience;
+use crate::ranks::Group;
+
+/// Between what, and how fast, a distance varies.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limits {
+    /// The least distance.
+    pub min: f64,
+    /// The largest.
+    pub max: f64,
+    /// The bound on |grad d|.
+    pub growth: f64,
+}
 
 /// d(x) = `min` at every feature point, growing away from it by `growth` per lattice unit, up to
-/// `max`.
+/// `max`. Where the points are shared by a group, so is d.
 ///
 /// Hale (2002) sets d = c / sqrt|laplacian of b| with c such that d = 4 sigma = `min` in the
 /// valleys of b; between the valleys the laplacian vanishes and d would be infinite, so there the
@@ -19,110 +31,132 @@ use crate::observer::Patience;
 ///
 /// # Errors
 /// [`Error::Distance`] if `min` or `max` is not a positive number, `min > max`, or `growth` is not
-/// between 0 and 1.
+/// between 0 and 1; those of the others of the group.
 pub fn from_features<const D: usize>(
     features: &Features<D>,
-    min: f64,
-    max: f64,
-    growth: f64,
+    limits: Limits,
     patience: &Patience<'_>,
-) -> Result<Distance<D>> {
-    at_points(features, min, max, growth, patience, |_| min as f32)
+    group: &dyn Group,
+) -> Result<Shared<D>> {
+    at_points(features, limits, patience, group, |_| limits.min as f32)
 }
 
 /// d(x) as the gaps between features ask for ([`Features::spacing`]) at every feature point, from `min`
-/// to `max`, growing away from where it is small by `growth` per lattice unit.
+/// to `max`, growing away from where it is small by `growth` per lattice unit. Where the points are shared by a group,
+/// so is d.
 ///
 /// # Errors
 /// As [`from_features`].
 pub fn from_gaps<const D: usize>(
     features: &Features<D>,
-    min: f64,
-    max: f64,
-    growth: f64,
+    limits: Limits,
     patience: &Patience<'_>,
-) -> Result<Distance<D>> {
+    group: &dyn Group,
+) -> Result<Shared<D>> {
+    let [min, max] = [limits.min, limits.max].map(|d| d as f32);
     let spacing = features.spacing.as_deref().unwrap_or(&[]);
-    let at = |i: usize| {
-        spacing
-            .get(i)
-            .map_or(max as f32, |d| d.clamp(min as f32, max as f32))
-    };
-    // Where no gap asks for less, one number says it all.
-    if (0..features.points.len()).all(|i| at(i) >= max as f32) {
-        limits(min, max, growth)?;
-        return Ok(Distance::Constant(max));
+    let at = |i: usize| spacing.get(i).map_or(max, |d| d.clamp(min, max));
+    let mut fine = (0..features.points.len()).any(|i| at(i) < max);
+    if features.in_shares.is_some() {
+        fine = group.all("fine points", fine)?.contains(&true);
     }
-    at_points(features, min, max, growth, patience, at)
+    // Where no gap asks for less, one number says it all.
+    if !fine {
+        limits.check()?;
+        return Ok(Shared::All(Distance::Constant(limits.max)));
+    }
+    at_points(features, limits, patience, group, at)
 }
 
 /// d(x) from d at each feature point.
 fn at_points<const D: usize>(
     features: &Features<D>,
-    min: f64,
-    max: f64,
-    growth: f64,
+    limits: Limits,
     patience: &Patience<'_>,
+    group: &dyn Group,
     at_point: impl Fn(usize) -> f32,
-) -> Result<Distance<D>> {
-    limits(min, max, growth)?;
-    let mut field = coarse_grid(features.potential.extent(), min, max);
-    let (dims, step) = (field.dims, field.step);
-    for (i, point) in features.points.iter().enumerate() {
-        let low: [usize; D] = std::array::from_fn(|k| {
-            ((f64::from(point.position[k]) / step[k]) as usize).min(dims[k] - 2)
-        });
-        for corner in 0..1usize << D {
-            let index = |k: usize| low[k] + (corner >> k & 1);
-            let at = (0..D).rev().fold(0, |at, k| at * dims[k] + index(k));
-            field.samples[at] = field.samples[at].min(at_point(i));
-        }
+) -> Result<Shared<D>> {
+    limits.check()?;
+    let extent = features.potential.extent();
+    let numbered = features.points.iter().enumerate();
+    let points = numbered.map(|(i, point)| (point.position, at_point(i)));
+    if features.in_shares.is_some() {
+        let some = InLayers::of_points(extent, limits, points, patience, group)?;
+        return Ok(Shared::InLayers(some));
     }
-    limit_gradient(&mut field, growth, patience);
-    Ok(Distance::Field(field))
+    let mut field = coarse_field(extent, limits.min, limits.max);
+    let (dims, step) = (field.dims, field.step);
+    for (x, d) in points {
+        lowered_round(x, dims, step, |at| {
+            let at = (0..D).rev().fold(0, |all, k| all * dims[k] + at[k]);
+            field.samples[at] = field.samples[at].min(d);
+        });
+    }
+    limit_gradient(&mut field, limits.growth, patience);
+    Ok(Shared::All(Distance::Field(field)))
+}
+
+/// Calls `lower` for each corner of the cell of a grid that a point is in.
+pub(super) fn lowered_round<const D: usize>(
+    x: [f32; D],
+    dims: [usize; D],
+    step: [f64; D],
+    mut lower: impl FnMut([usize; D]),
+) {
+    let low: [usize; D] =
+        std::array::from_fn(|k| ((f64::from(x[k]) / step[k]) as usize).min(dims[k] - 2));
+    for corner in 0..1usize << D {
+        lower(std::array::from_fn(|k| low[k] + (corner >> k & 1)));
+    }
+}
+
+/// Samples along each axis, and the distance between them, of a grid of spacing at most `min / 2` that spans the box.
+pub(super) fn coarse_grid<const D: usize>(extent: [f64; D], min: f64) -> ([usize; D], [f64; D]) {
+    let cells = extent.map(|e| (2.0 * e / min).ceil().max(1.0) as usize);
+    let step = std::array::from_fn(|k| match extent[k] > 0.0 {
+        true => extent[k] / cells[k] as f64,
+        false => 1.0,
+    });
+    (cells.map(|c| c + 1), step)
 }
 
 /// A field of `max` everywhere, on a grid of spacing at most `min / 2` that spans the box.
-pub(crate) fn coarse_grid<const D: usize>(extent: [f64; D], min: f64, max: f64) -> Field<D> {
-    let cells = extent.map(|e| (2.0 * e / min).ceil().max(1.0) as usize);
-    let dims = cells.map(|c| c + 1);
+pub(crate) fn coarse_field<const D: usize>(extent: [f64; D], min: f64, max: f64) -> Field<D> {
+    let (dims, step) = coarse_grid(extent, min);
     Field {
         dims,
-        step: std::array::from_fn(|k| {
-            if extent[k] > 0.0 {
-                extent[k] / cells[k] as f64
-            } else {
-                1.0
-            }
-        }),
+        step,
         samples: vec![max as f32; dims.iter().product()],
     }
 }
 
-/// Refuses limits that are not positive and in order, and a growth that is not in (0, 1].
-pub(super) fn limits(min: f64, max: f64, growth: f64) -> Result<()> {
-    let fail = |problem: String, remedy: &str| {
-        Err(Error::Distance(cause("varying distance", problem, remedy)))
-    };
-    if !(min > 0.0 && min.is_finite() && max.is_finite()) {
-        return fail(
-            format!("{min}:{max} is not positive"),
-            "give MIN:MAX such as 6:18",
-        );
+impl Limits {
+    /// Refuses limits that are not positive and in order, and a growth that is not in (0, 1].
+    pub(super) fn check(self) -> Result<()> {
+        let Self { min, max, growth } = self;
+        let fail = |problem: String, remedy: &str| {
+            Err(Error::Distance(cause("varying distance", problem, remedy)))
+        };
+        if !(min > 0.0 && min.is_finite() && max.is_finite()) {
+            return fail(
+                format!("{min}:{max} is not positive"),
+                "give MIN:MAX such as 6:18",
+            );
+        }
+        if min > max {
+            return fail(
+                format!("the minimum {min} is above the maximum {max}"),
+                "give MIN:MAX such as 6:18",
+            );
+        }
+        if !(growth > 0.0 && growth <= 1.0) {
+            return fail(
+                format!("growth {growth} is not in (0, 1]"),
+                "give a growth such as 0.1",
+            );
+        }
+        Ok(())
     }
-    if min > max {
-        return fail(
-            format!("the minimum {min} is above the maximum {max}"),
-            "give MIN:MAX such as 6:18",
-        );
-    }
-    if !(growth > 0.0 && growth <= 1.0) {
-        return fail(
-            format!("growth {growth} is not in (0, 1]"),
-            "give a growth such as 0.1",
-        );
-    }
-    Ok(())
 }
 
 #[cfg(test)]
@@ -130,6 +164,12 @@ mod tests {
     use super::*;
     use crate::feature::FeaturePoint;
     use crate::image::Sparse;
+    use crate::ranks::Alone;
+
+    fn known(features: &Features<3>, min: f64, max: f64, growth: f64) -> Result<Distance<3>> {
+        let limits = Limits { min, max, growth };
+        from_features(features, limits, &Patience::endless(), &Alone)?.into_whole(&Alone)
+    }
 
     /// The plane x = 20.3 in a box of 64 x 50 x 40 samples.
     fn plane() -> Features<3> {
@@ -161,7 +201,7 @@ mod tests {
     #[test]
     fn d_is_min_on_the_feature_and_grows_linearly_to_max() {
         let features = plane();
-        let d = from_features(&features, 4.0, 7.0, 0.1, &Patience::endless()).unwrap();
+        let d = known(&features, 4.0, 7.0, 0.1).unwrap();
         assert!(d.validate(features.potential.extent()).is_ok());
         assert_eq!(d.min(), 4.0);
         assert_eq!(d.max(), 7.0);
@@ -189,7 +229,7 @@ mod tests {
             points: vec![],
             ..plane()
         };
-        let d = from_features(&features, 4.0, 9.0, 0.1, &Patience::endless()).unwrap();
+        let d = known(&features, 4.0, 9.0, 0.1).unwrap();
         assert_eq!((d.min(), d.max()), (9.0, 9.0));
     }
 
@@ -202,9 +242,7 @@ mod tests {
             (4.0, 8.0, 0.0),
             (4.0, 8.0, 2.0),
         ] {
-            let message = from_features(&plane(), min, max, growth, &Patience::endless())
-                .unwrap_err()
-                .to_string();
+            let message = known(&plane(), min, max, growth).unwrap_err().to_string();
             assert!(message.contains("; give"), "{message}");
         }
     }

@@ -1,52 +1,93 @@
 //! Limits the growth of a field: |grad d| <= g, by fast sweeping.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
+use crate::error::Result;
+use crate::geometry::wide::wide;
 use crate::image::Field;
 use crate::observer::Patience;
-
-/// Sweeps are repeated until no sample falls by more than this share of its value.
-const SETTLED: f32 = 1e-5;
+use crate::ranks::Group;
 
 /// Samples that are swept in one task, at least.
 const TOGETHER: usize = 1 << 12;
 
-/// Lowers `field` to the largest function below it whose gradient is nowhere longer than `growth`
+/// Lowers `field`, which is positive, to the largest function below it whose gradient is nowhere longer than `growth`
 /// (per lattice unit); never raises a sample, so every minimum is kept.
 ///
 /// This is the viscosity solution of |grad d| = `growth` with the field as an obstacle from above,
 /// found by Gauss-Seidel sweeps in the 2^D diagonal orders with Godunov's upwind difference (Zhao,
-/// "A fast sweeping method for eikonal equations", 2005). First-order accurate in the grid step.
+/// "A fast sweeping method for eikonal equations", 2005), until no sample falls any more: so it makes no
+/// difference in which order samples are looked at. First-order accurate in the grid step.
 ///
-/// Rows of which neither is beside the other are swept at the same time, as the order of the sweep
-/// allows (Zhao, "Parallel implementations of the fast sweeping method", 2007): the result is that of
-/// one row after the other.
+/// Rows of which neither is beside the other are swept at the same time (Zhao, "Parallel implementations of the
+/// fast sweeping method", 2007).
 pub fn limit_gradient<const D: usize>(field: &mut Field<D>, growth: f64, patience: &Patience<'_>) {
-    let rows = field.dims[1..].iter().product();
-    let mut sweeps = Sweeps {
-        field,
-        growth: growth as f32,
-        open: vec![true; rows],
+    let rows = rows(field);
+    Sweeps::new(field, 0..rows, growth).settle(patience);
+}
+
+/// The same of a field of which each of a group has some layers along the last axis, `own` of those of `field`: those
+/// beside them are others', who have `layers` of the whole each.
+///
+/// # Errors
+/// Those of the others.
+pub(super) fn limit_together<const D: usize>(
+    field: &mut Field<D>,
+    first: usize,
+    layers: &[Range<usize>],
+    growth: f64,
+    patience: &Patience<'_>,
+    group: &dyn Group,
+) -> Result<()> {
+    let all = rows(field);
+    let (rank, samples) = (group.rank(), field.dims[..D - 1].iter().product::<usize>());
+    let of_layer = samples / field.dims[0].max(1);
+    let own = layers[rank].clone();
+    let held = match own.is_empty() {
+        true => 0..0,
+        false => (own.start - first) * of_layer..((own.end - first) * of_layer).min(all),
     };
-    // One round of 2^D sweeps suffices away from obstacles that bend the way; the bound is met
-    // long before the last round on any field that has finite samples.
-    let rounds = 8;
-    for _ in 0..rounds {
-        let mut settled = true;
-        for order in 0..1usize << D {
-            settled &= sweeps.sweep(order, patience);
+    let mut sweeps = Sweeps::new(field, held, growth);
+    // The layers beside each one's own.
+    let beside = |of: usize| match layers[of].is_empty() {
+        true => [None; 2],
+        false => [layers[of].start.checked_sub(1), Some(layers[of].end)],
+    };
+    let mut first_time = true;
+    loop {
+        let changed = sweeps.settle(patience) || std::mem::take(&mut first_time);
+        let told = (0..layers.len()).map(|to| -> Vec<(usize, Vec<f32>)> {
+            let wanted = beside(to).into_iter().flatten();
+            let wanted = wanted.filter(|at| changed && to != rank && own.contains(at));
+            let layer = |at| sweeps.field.samples[(at - first) * samples..][..samples].to_vec();
+            wanted.map(|at| (at, layer(at))).collect()
+        });
+        let told: Vec<Vec<(usize, Vec<f32>)>> =
+            group.pass("layers of distances", told.collect())?;
+        let mut lower = false;
+        for (at, layer) in told.into_iter().flatten() {
+            lower |= sweeps.put(at - first, &layer);
         }
-        if settled {
-            break;
+        let all: Vec<(bool, bool)> = group.all("distances", (lower, patience.over()))?;
+        if !all.iter().any(|(lower, _)| *lower) || all.iter().any(|(_, over)| *over) {
+            return Ok(());
         }
     }
 }
 
+/// Rows along the first axis.
+fn rows<const D: usize>(field: &Field<D>) -> usize {
+    field.dims[1..].iter().product()
+}
+
 struct Sweeps<'a, const D: usize> {
     field: &'a mut Field<D>,
-    growth: f32,
-    /// Rows along the first axis that a sweep may change: those that the last one changed, or beside which one has
-    /// changed since.
+    growth: f64,
+    /// Rows along the first axis that may change at all ...
+    held: Range<usize>,
+    /// ... and those that a sweep may change: those that the last one changed, or beside which one has changed since.
     open: Vec<bool>,
 }
 
@@ -54,11 +95,60 @@ struct Sweeps<'a, const D: usize> {
 struct Lowered {
     row: usize,
     samples: Vec<f32>,
-    settled: bool,
 }
 
-impl<const D: usize> Sweeps<'_, D> {
-    /// One pass in the direction given by the bits of `order`; returns whether nothing changed.
+impl<'a, const D: usize> Sweeps<'a, D> {
+    fn new(field: &'a mut Field<D>, held: Range<usize>, growth: f64) -> Self {
+        let mut open = vec![false; rows(field)];
+        open[held.clone()].fill(true);
+        Self {
+            field,
+            growth,
+            held,
+            open,
+        }
+    }
+
+    /// Sweeps until nothing changes; whether anything has.
+    fn settle(&mut self, patience: &Patience<'_>) -> bool {
+        let mut any = false;
+        loop {
+            let sweeps = (0..1usize << D).map(|order| self.sweep(order, patience));
+            let changed = sweeps.fold(false, |all, one| all | one);
+            any |= changed;
+            if !changed || patience.over() {
+                return any;
+            }
+        }
+    }
+
+    /// Lowers the samples of a layer to those of another; whether any was higher.
+    fn put(&mut self, at: usize, layer: &[f32]) -> bool {
+        let (count, mut any) = (self.field.dims[0], false);
+        let rows = layer.len() / count;
+        for (row, lower) in (at * rows..).zip(layer.chunks_exact(count)) {
+            let own = &mut self.field.samples[row * count..][..count];
+            let lowered = own.iter_mut().zip(lower).fold(false, |any, (own, &lower)| {
+                let falls = lower < *own;
+                *own = own.min(lower);
+                any | falls
+            });
+            if lowered {
+                self.open_beside(row);
+                any = true;
+            }
+        }
+        any
+    }
+
+    /// Rows beside one may be lower now.
+    fn open_beside(&mut self, row: usize) {
+        for row in self.beside(row).into_iter().flatten().flatten() {
+            self.open[row] = self.held.contains(&row);
+        }
+    }
+
+    /// One pass in the direction given by the bits of `order`; returns whether anything changed.
     fn sweep(&mut self, order: usize, patience: &Patience<'_>) -> bool {
         let across = |k: usize| self.field.dims.get(k).copied().unwrap_or(1);
         let [wide, high] = [across(1), across(2)];
@@ -66,7 +156,7 @@ impl<const D: usize> Sweeps<'_, D> {
             0 => i,
             _ => count - 1 - i,
         };
-        let mut settled = true;
+        let mut changed = false;
         for diagonal in 0..wide + high - 1 {
             if patience.over() {
                 break;
@@ -81,22 +171,15 @@ impl<const D: usize> Sweeps<'_, D> {
                 .map(|&row| self.lowered(row, order & 1 == 1))
                 .collect();
             open.iter().for_each(|&row| self.open[row] = false);
-            for Lowered {
-                row,
-                samples,
-                settled: row_settled,
-            } in lowered.into_iter().flatten()
-            {
-                settled &= row_settled;
+            for Lowered { row, samples } in lowered.into_iter().flatten() {
+                changed = true;
                 self.field.samples[row * samples.len()..][..samples.len()]
                     .copy_from_slice(&samples);
                 self.open[row] = true;
-                for row in self.beside(row).into_iter().flatten().flatten() {
-                    self.open[row] = true;
-                }
+                self.open_beside(row);
             }
         }
-        settled
+        changed
     }
 
     /// The rows before and after a row along the other axes, where there are any.
@@ -114,74 +197,106 @@ impl<const D: usize> Sweeps<'_, D> {
     fn lowered(&self, row: usize, backward: bool) -> Option<Lowered> {
         let count = self.field.dims[0];
         let samples = |row: usize| &self.field.samples[row * count..][..count];
-        // Twice the same where there is one only.
+        // Where there is none on a side, the row on the other, and on either, the row itself: none is lower than it.
         let around = self.beside(row).map(|[before, after]| {
-            let either = before.or(after)?;
-            Some([before, after].map(|row| samples(row.unwrap_or(either))))
+            [before.or(after), after.or(before)].map(|other| samples(other.unwrap_or(row)))
         });
-        let step: [f32; D] = self.field.step.map(|h| h as f32);
-        let mut own = samples(row).to_vec();
-        let (mut changed, mut settled) = (false, true);
+        let slope = Slope {
+            scale: self.field.step.map(|h| 1.0 / (h * h)),
+            square: self.growth * self.growth,
+        };
+        let own = samples(row);
+        let low = |own: &[f32], i: usize, k: usize| match k {
+            0 => own[i.max(1) - 1].min(own[(i + 1).min(count - 1)]),
+            _ => around[k - 1][0][i].min(around[k - 1][1][i]),
+        };
+        let ends = [0, count - 1].map(|i| slope.is_less(own[i], |k| low(own, i, k)));
+        if !ends.contains(&true) && !slope.is_less_inside(own, around) {
+            return None;
+        }
+        let mut own = own.to_vec();
+        let mut changed = false;
         for i in 0..count {
             let i = if backward { count - 1 - i } else { i };
-            let old = own[i];
-            // The smaller neighbour along each axis; only ones below `old` can lower it.
-            let mut lows = [(f32::INFINITY, 1.0f32); D];
-            let before = if i > 0 { own[i - 1] } else { f32::INFINITY };
-            let after = if i + 1 < count {
-                own[i + 1]
-            } else {
-                f32::INFINITY
-            };
-            lows[0] = (before.min(after), step[0]);
-            for k in 1..D {
-                let low =
-                    around[k - 1].map_or(f32::INFINITY, |[before, after]| before[i].min(after[i]));
-                lows[k] = (low, step[k]);
-            }
-            if !lows.iter().any(|low| low.0 < old) {
-                continue;
-            }
-            let new = upwind(&mut lows, self.growth);
-            if new < old {
-                settled &= old - new <= SETTLED * old.abs();
-                own[i] = new;
-                changed = true;
+            if slope.is_less(own[i], |k| low(&own, i, k)) {
+                let mut lows = std::array::from_fn(|k| (low(&own, i, k), slope.scale[k]));
+                let new = slope.upwind(&mut lows);
+                changed |= new < own[i];
+                own[i] = new.min(own[i]);
             }
         }
-        changed.then_some(Lowered {
-            row,
-            samples: own,
-            settled,
-        })
+        changed.then_some(Lowered { row, samples: own })
     }
 }
 
-/// Solves sum_k (max(d - low_k, 0) / h_k)^2 = growth^2 for d.
-#[inline]
-fn upwind<const D: usize>(lows: &mut [(f32, f32); D], growth: f32) -> f32 {
-    for i in 1..D {
-        for j in (1..=i).rev() {
-            if lows[j].0 < lows[j - 1].0 {
-                lows.swap(j, j - 1);
+/// How steep a field may be.
+#[derive(Clone, Copy)]
+struct Slope<const D: usize> {
+    /// One over the squares of steps.
+    scale: [f64; D],
+    /// The square of the slope.
+    square: f64,
+}
+
+impl<const D: usize> Slope<D> {
+    /// Whether a sample must fall, its lower neighbours along axes being these: whether what [`upwind`](Self::upwind) gives
+    /// is rounded to less.
+    #[inline(always)]
+    fn is_less(self, sample: f32, low: impl Fn(usize) -> f32) -> bool {
+        // Of what is positive, the next smaller number has the bits of one less.
+        let next = f32::from_bits(sample.to_bits().wrapping_sub(1));
+        let less = 0.5 * (f64::from(sample) + f64::from(next));
+        let square = |k: usize| (less - f64::from(low(k))).max(0.0).powi(2) * self.scale[k];
+        (0..D).map(square).sum::<f64>() > self.square
+    }
+
+    /// Whether any sample of a row but the first and the last must fall; the rows on both sides are these.
+    fn is_less_inside(self, own: &[f32], around: [[&[f32]; 2]; 2]) -> bool {
+        let Some(last) = own.len().checked_sub(2) else {
+            return false;
+        };
+        let [[a, b], [c, d]] = around.map(|sides| sides.map(|row| &row[1..=last]));
+        let (before, after, own) = (&own[..last], &own[2..], &own[1..=last]);
+        wide(
+            #[inline(always)]
+            || {
+                let mut any = false;
+                for i in 0..own.len() {
+                    let lows = [before[i].min(after[i]), a[i].min(b[i]), c[i].min(d[i])];
+                    any |= self.is_less(own[i], |k| lows[k]);
+                }
+                any
+            },
+        )
+    }
+
+    /// Solves sum_k (max(d - low_k, 0) / h_k)^2 = slope^2 for d. In twice the digits of what it is made of and gives, so
+    /// that lower neighbours never make it higher.
+    #[inline]
+    fn upwind(self, lows: &mut [(f32, f64); D]) -> f32 {
+        for i in 1..D {
+            for j in (1..=i).rev() {
+                if lows[j].0 < lows[j - 1].0 {
+                    lows.swap(j, j - 1);
+                }
             }
         }
-    }
-    // Measured from the lowest neighbour, so that the quadratic loses no digits.
-    let base = lows[0].0;
-    let (mut a, mut b, mut c) = (0.0f32, 0.0f32, -growth * growth);
-    let mut d = 0.0;
-    for &(low, h) in lows.iter() {
-        let (u, w) = (low - base, 1.0 / (h * h));
-        if a > 0.0 && d <= u {
-            break;
+        // Measured from the lowest neighbour, so that the quadratic loses no digits.
+        let base = f64::from(lows[0].0);
+        let (mut a, mut b, mut c) = (0.0f64, 0.0f64, -self.square);
+        let mut d = 0.0;
+        for &(low, w) in lows.iter() {
+            let u = f64::from(low) - base;
+            if a > 0.0 && d <= u {
+                break;
+            }
+            a += w;
+            b += u * w;
+            c += u * u * w;
+            d = (b + (b * b - a * c).max(0.0).sqrt()) / a;
         }
-        a += w;
-        b += u * w;
-        c += u * u * w;
-        d = (b + (b * b - a * c).max(0.0).sqrt()) / a;
+        (base + d) as f32
     }
-    base + d
 }
 
 #[cfg(test)]
@@ -220,12 +335,16 @@ mod tests {
     }
 
     /// The same, one sample after the other and none passed over.
-    fn plainly(field: &mut Field<3>, growth: f32) {
+    fn plainly(field: &mut Field<3>, growth: f64) {
         let [nx, ny, nz] = field.dims;
-        let mut settled = true;
-        for pass in 0..64 {
+        let slope = Slope {
+            scale: field.step.map(|h| 1.0 / (h * h)),
+            square: growth * growth,
+        };
+        let mut changed = false;
+        for pass in 0.. {
             let order = pass % 8;
-            if order == 0 && pass > 0 && std::mem::replace(&mut settled, true) {
+            if order == 0 && !std::mem::take(&mut changed) && pass > 0 {
                 break;
             }
             let turned = |k: usize, count: usize, i: usize| match order >> k & 1 {
@@ -248,12 +367,12 @@ mod tests {
                         true => f32::INFINITY,
                         false => field.samples[at + stride],
                     };
-                    (below.min(above), field.step[k] as f32)
+                    (below.min(above), slope.scale[k])
                 });
                 let old = field.samples[at];
-                let new = upwind(&mut lows, growth);
+                let new = slope.upwind(&mut lows);
                 if new < old {
-                    settled &= old - new <= SETTLED * old.abs();
+                    changed = true;
                     field.samples[at] = new;
                 }
             }

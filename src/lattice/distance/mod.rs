@@ -3,17 +3,20 @@
 //! - `atoms`: d as a set of atoms has it
 //! - `grading`: |grad d| limited by fast sweeping, minima kept
 //! - `features`: d grows away from detected features
+//! - `share`: d of which each of a group has some layers, and is told what is near
 //! - `sources`: d from an image, from the Laplacian of b, as given
 
 pub(crate) mod atoms;
 pub(crate) mod features;
 pub(crate) mod grading;
+pub(crate) mod share;
 pub(crate) mod sources;
 
 pub use atoms::of_atoms;
-pub(crate) use features::coarse_grid;
-pub use features::{from_features, from_gaps};
+pub(crate) use features::coarse_field;
+pub use features::{Limits, from_features, from_gaps};
 pub use grading::limit_gradient;
+pub use share::{Bricks, InLayers, Shared};
 pub use sources::{Dense, from_image, from_laplacian, from_samples};
 
 use std::f64::consts::SQRT_2;
@@ -31,6 +34,8 @@ pub enum Distance<const D: usize> {
     /// Samples over the lattice-space box, interpolated multilinearly, so that a value is never
     /// below the smallest or above the largest sample.
     Field(Field<D>),
+    /// The same of which only some is known here.
+    Near(Bricks<D>),
 }
 
 impl<const D: usize> Distance<D> {
@@ -39,7 +44,10 @@ impl<const D: usize> Distance<D> {
     pub fn at(&self, position: [f64; D]) -> f64 {
         match self {
             Self::Constant(d) => *d,
-            Self::Field(field) => Cell::of(field, &position).value(field),
+            Self::Field(field) => Cell::of(field, &position).value(),
+            Self::Near(bricks) => bricks
+                .cell(&position)
+                .map_or(bricks.known.most, |c| c.value()),
         }
     }
 
@@ -49,22 +57,17 @@ impl<const D: usize> Distance<D> {
     pub fn at_with_gradient(&self, position: [f64; D]) -> (f64, [f64; D]) {
         match self {
             Self::Constant(d) => (*d, [0.0; D]),
-            Self::Field(field) => Cell::of(field, &position).value_and_gradient(field),
+            Self::Field(field) => Cell::of(field, &position).value_and_gradient(),
+            Self::Near(bricks) => match bricks.cell(&position) {
+                Some(cell) => cell.value_and_gradient(),
+                None => (bricks.known.most, [0.0; D]),
+            },
         }
     }
 
-    /// What a function makes of the distance, everywhere.
-    pub fn map(&self, make: impl Fn(f64) -> f64) -> Self {
-        match self {
-            Self::Constant(d) => Self::Constant(make(*d)),
-            Self::Field(field) => {
-                let made = field.samples.iter().map(|&d| make(f64::from(d)) as f32);
-                Self::Field(Field {
-                    samples: made.collect(),
-                    ..*field
-                })
-            }
-        }
+    /// Whether it was asked for where it is not known here.
+    pub(crate) fn missed(&self) -> bool {
+        matches!(self, Self::Near(bricks) if bricks.missed())
     }
 
     /// The smallest d anywhere; NaN if any sample is NaN.
@@ -72,6 +75,7 @@ impl<const D: usize> Distance<D> {
         match self {
             Self::Constant(d) => *d,
             Self::Field(field) => reduce(&field.samples, f32::min),
+            Self::Near(bricks) => bricks.known.least,
         }
     }
 
@@ -80,6 +84,17 @@ impl<const D: usize> Distance<D> {
         match self {
             Self::Constant(d) => *d,
             Self::Field(field) => reduce(&field.samples, f32::max),
+            Self::Near(bricks) => bricks.known.most,
+        }
+    }
+
+    /// A bound on |grad d|, from the largest difference between neighbouring samples along each axis: d is
+    /// interpolated linearly between them.
+    pub fn largest_slope(&self) -> f64 {
+        match self {
+            Self::Constant(_) => 0.0,
+            Self::Field(field) => length(steepest(field)),
+            Self::Near(bricks) => bricks.known.slope,
         }
     }
 
@@ -146,20 +161,49 @@ impl<const D: usize> Distance<D> {
     /// About how many atoms so far apart the box `[0, extent]` holds, those on its sides included: the
     /// densest lattice has sqrt(2) / d^3 in space, 2 / (sqrt(3) d^2) in the plane.
     pub fn about_atoms(&self, extent: [f64; D]) -> f64 {
-        let room: f64 = extent.iter().product();
         let per_volume = match self {
             Self::Constant(d) => d.powi(-(D as i32)),
             Self::Field(field) => {
-                let per_volume = |&d: &f32| f64::from(d).powi(-(D as i32));
-                let sum: f64 = field.samples.iter().map(per_volume).sum();
-                sum / field.samples.len() as f64
+                let layer = field.dims[..D - 1].iter().product::<usize>().max(1);
+                let sums = field.samples.par_chunks(layer).map(crowd::<D>);
+                let sums: Vec<f64> = sums.collect();
+                sums.into_iter().sum::<f64>() / field.samples.len() as f64
             }
+            Self::Near(bricks) => bricks.known.per_volume,
         };
+        let room: f64 = extent.iter().product();
         let densest = if D == 2 { 2.0 / 3f64.sqrt() } else { SQRT_2 };
         let d = per_volume.powf(-1.0 / D as f64);
         let with_sides: f64 = extent.iter().map(|e| 1.0 + d / e).product();
         densest * room * per_volume * with_sides
     }
+}
+
+/// The largest slope between neighbouring samples along each axis.
+fn steepest<const D: usize>(field: &Field<D>) -> [f64; D] {
+    let mut stride = 1;
+    std::array::from_fn(|k| {
+        let along = field
+            .samples
+            .par_iter()
+            .zip(field.samples.par_iter().skip(stride));
+        let steepest = along
+            .enumerate()
+            .filter(|(n, _)| n / stride % field.dims[k] + 1 < field.dims[k])
+            .map(|(_, (a, b))| (b - a).abs())
+            .reduce(|| 0.0, f32::max);
+        stride *= field.dims[k];
+        f64::from(steepest) / field.step[k]
+    })
+}
+
+fn length<const D: usize>(slopes: [f64; D]) -> f64 {
+    slopes.iter().map(|slope| slope.powi(2)).sum::<f64>().sqrt()
+}
+
+/// The sum of d^-D over the samples of a layer.
+fn crowd<const D: usize>(layer: &[f32]) -> f64 {
+    layer.iter().map(|&d| f64::from(d).powi(-(D as i32))).sum()
 }
 
 /// Atoms have numbers of 32 bits, and so have cells, of which there are up to seven times as many.
@@ -188,61 +232,83 @@ fn reduce(samples: &[f32], f: impl Fn(f32, f32) -> f32 + Sync) -> f64 {
     f64::from(chunks.reduce_with(both).unwrap_or(f32::NAN))
 }
 
-/// The grid cell around a position: lowest corner, fraction inside, and the step along each axis.
-struct Cell<const D: usize> {
+/// The grid cell around a position: the samples that it is among, its lowest corner, the step along each axis, and the
+/// fraction inside.
+struct Cell<'a, const D: usize> {
+    samples: &'a [f32],
     corner: usize,
     strides: [usize; D],
+    within: Within<D>,
+}
+
+/// A position in the cell of a grid.
+struct Within<const D: usize> {
+    /// The cell's lowest corner.
+    low: [usize; D],
+    /// From there, in cells.
     fraction: [f64; D],
     /// d(fraction)/d(position): zero where the position was clamped to the box.
     slope: [f64; D],
 }
 
-impl<const D: usize> Cell<D> {
+impl<const D: usize> Within<D> {
     #[inline]
-    fn of(field: &Field<D>, position: &[f64; D]) -> Self {
-        let mut cell = Self {
-            corner: 0,
-            strides: [0; D],
+    fn of(dims: &[usize; D], step: &[f64; D], position: &[f64; D]) -> Self {
+        let mut within = Self {
+            low: [0; D],
             fraction: [0.0; D],
             slope: [0.0; D],
         };
-        let mut stride = 1;
         for k in 0..D {
-            let last = field.dims[k].saturating_sub(1);
+            let last = dims[k].saturating_sub(1);
             if last > 0 {
-                let u = position[k] / field.step[k];
+                let u = position[k] / step[k];
                 let clamped = u.clamp(0.0, last as f64);
                 let low = (clamped as usize).min(last - 1);
-                cell.corner += low * stride;
-                cell.strides[k] = stride;
-                cell.fraction[k] = clamped - low as f64;
-                cell.slope[k] = if u == clamped {
-                    1.0 / field.step[k]
-                } else {
-                    0.0
-                };
+                within.low[k] = low;
+                within.fraction[k] = clamped - low as f64;
+                within.slope[k] = if u == clamped { 1.0 / step[k] } else { 0.0 };
             }
+        }
+        within
+    }
+}
+
+impl<'a, const D: usize> Cell<'a, D> {
+    #[inline]
+    fn of(field: &'a Field<D>, position: &[f64; D]) -> Self {
+        let within = Within::of(&field.dims, &field.step, position);
+        let (mut corner, mut strides, mut stride) = (0, [0; D], 1);
+        for k in 0..D {
+            corner += within.low[k] * stride;
+            // Of one sample there is no other corner.
+            strides[k] = if field.dims[k] > 1 { stride } else { 0 };
             stride *= field.dims[k];
         }
-        cell
+        Self {
+            samples: &field.samples,
+            corner,
+            strides,
+            within,
+        }
     }
 
     #[inline]
-    fn value(&self, field: &Field<D>) -> f64 {
+    fn value(&self) -> f64 {
         (0..1usize << D)
-            .map(|c| self.weight(c, D) * self.sample(field, c))
+            .map(|c| self.weight(c, D) * self.sample(c))
             .sum()
     }
 
     #[inline]
-    fn value_and_gradient(&self, field: &Field<D>) -> (f64, [f64; D]) {
+    fn value_and_gradient(&self) -> (f64, [f64; D]) {
         let (mut value, mut gradient) = (0.0, [0.0; D]);
         for c in 0..1usize << D {
-            let sample = self.sample(field, c);
+            let sample = self.sample(c);
             value += self.weight(c, D) * sample;
             for k in 0..D {
                 let sign = if c >> k & 1 == 1 { 1.0 } else { -1.0 };
-                gradient[k] += sign * self.slope[k] * self.weight(c, k) * sample;
+                gradient[k] += sign * self.within.slope[k] * self.weight(c, k) * sample;
             }
         }
         (value, gradient)
@@ -255,18 +321,18 @@ impl<const D: usize> Cell<D> {
             .filter(|&k| k != without)
             .map(|k| {
                 if c >> k & 1 == 1 {
-                    self.fraction[k]
+                    self.within.fraction[k]
                 } else {
-                    1.0 - self.fraction[k]
+                    1.0 - self.within.fraction[k]
                 }
             })
             .product()
     }
 
     #[inline]
-    fn sample(&self, field: &Field<D>, c: usize) -> f64 {
+    fn sample(&self, c: usize) -> f64 {
         let offset: usize = (0..D).map(|k| (c >> k & 1) * self.strides[k]).sum();
-        f64::from(field.samples[self.corner + offset])
+        f64::from(self.samples[self.corner + offset])
     }
 }
 

@@ -3,7 +3,7 @@
 //! All are clipped to `min` to `max` and then graded: their slope is limited as
 //! [`limit_gradient`] does, which lowers but never raises, so that minima are kept.
 
-use super::features::{coarse_grid, limits};
+use super::features::{Limits, coarse_field};
 use super::{Distance, limit_gradient};
 use crate::error::{Error, Result, cause};
 use crate::feature::gaussian::smooth;
@@ -36,7 +36,7 @@ pub fn from_image<const D: usize>(
     growth: f64,
     patience: &Patience<'_>,
 ) -> Result<Distance<D>> {
-    limits(min, max, growth)?;
+    Limits { min, max, growth }.check()?;
     let mut field = image.clone();
     let sigma = field.step.map(|step| max / step);
     smooth(field.dims, &mut field.samples, sigma, patience);
@@ -87,8 +87,8 @@ pub fn from_laplacian<const D: usize>(
     growth: f64,
     patience: &Patience<'_>,
 ) -> Result<Distance<D>> {
-    limits(min, max, growth)?;
-    let mut field = coarse_grid(potential.extent(), min, max);
+    Limits { min, max, growth }.check()?;
+    let mut field = coarse_field(potential.extent(), min, max);
     let mut strides = [1; D];
     for k in 1..D {
         strides[k] = strides[k - 1] * potential.dims[k - 1];
@@ -134,7 +134,7 @@ pub fn from_samples<const D: usize>(
     growth: f64,
     patience: &Patience<'_>,
 ) -> Result<Distance<D>> {
-    limits(min, max, growth)?;
+    Limits { min, max, growth }.check()?;
     if let Some(bad) = field.samples.iter().find(|d| !(**d > 0.0 && d.is_finite())) {
         return Err(Error::Distance(cause(
             "given distance",

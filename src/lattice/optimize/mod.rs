@@ -28,7 +28,7 @@ use crate::error::{Error, Result, cause};
 use crate::geometry::in_space;
 use crate::lattice::distance::Distance;
 use crate::lattice::energy::{Energy, Terms};
-use crate::lattice::held::Held;
+use crate::lattice::held::{self, Held};
 use crate::lattice::seeding::Atoms;
 use crate::lattice::share::OwnAtoms;
 use crate::ranks::Group;
@@ -134,8 +134,24 @@ pub struct Rest {
 
 /// How far apart, in units of d, atoms that are listed as neighbours may be.
 const LISTED: f64 = 1.75;
-/// How far, in units of d, atoms are expected to move at most.
+/// How far, in units of the largest d, atoms are expected to move at most ...
 const ROOM: f64 = 0.75;
+/// ... and where d varies, as a grown lattice is less even.
+const WIDER: f64 = 1.5;
+
+/// How far atoms are expected to move at most.
+fn room<const D: usize>(distance: &Distance<D>) -> f64 {
+    let moves = match distance.largest_slope() > 0.0 {
+        true => WIDER,
+        false => ROOM,
+    };
+    moves * distance.max()
+}
+
+/// How far, along each axis, atoms that one of a group holds may be from its own.
+pub(crate) fn held_within<const D: usize>(distance: &Distance<D>) -> f64 {
+    held::within(LISTED * distance.max() + 2.0 * room(distance))
+}
 
 /// Lowers the energy of a lattice in the box `[0, extent]`.
 ///
@@ -170,7 +186,7 @@ pub(crate) fn optimize_together<const D: usize>(
 ) -> Result<Rest> {
     let parted = energy.takes_parts() && Minimiser::<D>::PARTED && options.temperature.is_empty();
     if group.count() > 1 && parted && options.method != Method::Genetic {
-        let room = ROOM * distance.max();
+        let room = room(distance);
         return optimize_parts(
             share, energy, distance, extent, options, room, group, observer,
         );

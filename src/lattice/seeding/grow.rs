@@ -14,17 +14,94 @@
 //!
 //! Alongside, the same happens on a box that is half a d smaller on every side.
 
+//! A group grows it together, each in a slab of the box: it knows the atoms within two d of its slab and so the sites
+//! that these propose, decides about those in its slab, and waits for what others say of earlier ones nearby. The
+//! atoms are those of one alone, whatever the number of ranks.
+
 use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2};
 
 use super::refine::spread;
 use super::{Alignment, FREE, MARGIN, scatter, sides_held};
+use crate::error::Result;
+use crate::geometry::distance2;
 use crate::geometry::scatter::Scatter;
 use crate::lattice::distance::Distance;
 use crate::observer::Patience;
+use crate::ranks::Group;
 use rayon::prelude::*;
 
 /// Atoms of which one thread looks at the sites at least.
 const FEW: usize = 64;
+/// How far from its slab one of a group knows atoms, in units of the largest d: what they propose is one d away from
+/// them, and depends on others 0.8 d from there.
+const KNOWN: f64 = 2.0;
+
+/// The slab of the box, along its last axis, that is one of a group's to fill.
+struct Slab<'a> {
+    length: f64,
+    group: &'a dyn Group,
+}
+
+impl Slab<'_> {
+    /// The slab of one of the group.
+    fn of(&self, rank: usize) -> [f64; 2] {
+        let count = self.group.count();
+        let at = |end: usize| match end {
+            0 => f64::NEG_INFINITY,
+            end if end == count => f64::INFINITY,
+            end => self.length * end as f64 / count as f64,
+        };
+        [at(rank), at(rank + 1)]
+    }
+
+    /// Whether a height is no farther than `reach` from the slab of one of the group.
+    fn is_near(&self, rank: usize, height: f64, reach: f64) -> bool {
+        let [low, high] = self.of(rank);
+        low - reach <= height && height < high + reach
+    }
+
+    /// Whether a height is in the slab of this one.
+    fn has(&self, height: f64) -> bool {
+        self.is_near(self.group.rank(), height, 0.0)
+    }
+}
+
+/// From where to where along the last axis one of a group must know d, the largest of which is `most`.
+pub fn looked_at(length: f64, most: f64, group: &dyn Group) -> [f64; 2] {
+    let [low, high] = Slab { length, group }.of(group.rank());
+    // Sites are one d from atoms, and a little more where it is not yet known how large d is there.
+    let reach = (KNOWN + 2.0) * most;
+    [(low - reach).max(0.0), (high + reach).min(length)]
+}
+
+/// What is known of an atom but its place.
+struct Known {
+    /// The sides that it belongs to: bit k for the near one along axis k, bit `D + k` for the far one.
+    sides: u8,
+    is_fixed: bool,
+    /// How many came before it.
+    number: u32,
+}
+
+impl Known {
+    /// An atom on some sides, not yet numbered.
+    fn on(sides: u8) -> Self {
+        Self {
+            sides,
+            is_fixed: false,
+            number: 0,
+        }
+    }
+}
+
+/// A place that an atom proposes.
+struct Site<const D: usize> {
+    x: [f64; D],
+    /// No atom may be nearer.
+    room: f64,
+    /// Number of the atom that proposes it, and of its step: what comes first has the place.
+    turn: u64,
+}
 
 /// A lattice that grows.
 struct Grown<'a, const D: usize> {
@@ -32,17 +109,30 @@ struct Grown<'a, const D: usize> {
     extent: [f64; D],
     /// How far inside the box its outermost atoms are, in units of d.
     inset: f64,
+    slab: Slab<'a>,
+    /// The atoms that are known here.
     placed: Scatter<D>,
-    /// The sides that each atom belongs to: bit k for the near one along axis k, bit `D + k` for the
-    /// far one.
-    sides: Vec<u8>,
-    /// The smallest d.
+    known: Vec<Known>,
+    /// Whether only those that are near are kept.
+    forgets: bool,
+    /// Atoms of all of the group.
+    count: u32,
+    /// Sites about which nothing is decided yet.
+    open: Scatter<D>,
+    /// The smallest and the largest d.
     least: f64,
+    most: f64,
 }
 
 impl<'a, const D: usize> Grown<'a, D> {
-    fn new(extent: [f64; D], distance: &'a Distance<D>, alignment: Alignment) -> Self {
+    fn new(
+        extent: [f64; D],
+        distance: &'a Distance<D>,
+        alignment: Alignment,
+        group: &'a dyn Group,
+    ) -> Self {
         let least = distance.min();
+        let length = extent[D - 1];
         Self {
             distance,
             extent,
@@ -50,15 +140,61 @@ impl<'a, const D: usize> Grown<'a, D> {
                 Alignment::On => 0.0,
                 Alignment::Alongside => 0.5,
             },
-            placed: scatter(extent, FREE * least),
-            sides: Vec::new(),
+            slab: Slab { length, group },
+            placed: scatter([0.0; D], extent, FREE * least),
+            known: Vec::new(),
+            forgets: false,
+            count: 0,
+            open: Scatter::new([0.0; D], [0.0; D], least),
             least,
+            most: distance.max(),
         }
     }
 
-    fn add(&mut self, x: [f64; D], sides: u8) -> u32 {
-        self.sides.push(sides);
+    /// Adds an atom of which all of the group know, to those that are known here if it is near.
+    fn add(&mut self, x: [f64; D], sides: u8, is_fixed: bool) -> Option<u32> {
+        let number = self.count;
+        self.count += 1;
+        let known = Known {
+            sides,
+            is_fixed,
+            number,
+        };
+        let is_near = !self.forgets || self.is_known(&x);
+        is_near.then(|| self.put(x, known))
+    }
+
+    fn put(&mut self, x: [f64; D], known: Known) -> u32 {
+        self.known.push(known);
         self.placed.add(x)
+    }
+
+    /// Whether this one of the group knows the atoms at a place.
+    fn is_known(&self, x: &[f64; D]) -> bool {
+        let (rank, reach) = (self.slab.group.rank(), KNOWN * self.most);
+        self.slab.is_near(rank, x[D - 1], reach)
+    }
+
+    /// Forgets atoms that are not near.
+    fn keep_near(&mut self) {
+        if self.slab.group.count() == 1 {
+            return;
+        }
+        self.forgets = true;
+        let [low, high] = self.slab.of(self.slab.group.rank());
+        let reach = KNOWN * self.most;
+        let (mut from, mut to) = ([0.0; D], self.extent);
+        from[D - 1] = (low - reach).max(0.0);
+        to[D - 1] = (high + reach).min(to[D - 1]);
+        let some = scatter(from, to, FREE * self.least);
+        self.open = some.clone();
+        let all = std::mem::replace(&mut self.placed, some);
+        let known = std::mem::take(&mut self.known);
+        for (x, known) in all.positions().iter().zip(known) {
+            if self.is_known(x) {
+                self.put(*x, known);
+            }
+        }
     }
 
     /// Where the near and far ends of the lattice are along an axis at a place where d is `d`.
@@ -83,45 +219,176 @@ impl<'a, const D: usize> Grown<'a, D> {
     /// Grows a lattice from some atoms, over the whole box or over the given `sides` of it. Atoms propose sites in the
     /// order in which they came: so all that came in one round may propose at once, and of what they propose most is
     /// taken by atoms of earlier rounds.
-    fn grow(&mut self, mut front: Vec<u32>, sides: u8, patience: &Patience<'_>) {
+    fn grow(&mut self, mut front: Vec<u32>, sides: u8, patience: &Patience<'_>) -> Result<()> {
         let along: Vec<usize> = (0..D)
             .filter(|&k| (sides | sides >> D) >> k & 1 == 0)
             .collect();
         let steps = steps::<D>(&along);
-        while !front.is_empty() && !patience.over() {
+        loop {
+            let own: Vec<(bool, bool)> =
+                (self.slab.group).all("a lattice", (!front.is_empty(), patience.over()))?;
+            if !own.iter().any(|(grows, _)| *grows) || own.iter().any(|(_, over)| *over) {
+                return Ok(());
+            }
+            front.sort_unstable_by_key(|&n| self.known[n as usize].number);
             let atoms = front.par_iter().with_min_len(FEW);
             let sites = atoms.flat_map_iter(|&n| self.sites(n, &steps, &along, sides));
-            let sites: Vec<([f64; D], f64)> = sites.collect();
-            front.clear();
-            for (site, room) in sites {
-                if self.placed.is_free(&site, room) {
-                    front.push(self.add(site, sides));
-                }
-            }
+            let sites: Vec<Site<D>> = sites.collect();
+            front = self.taken(&sites, sides)?;
         }
     }
 
-    /// The sites round an atom that are inside, along those axes, and free, and how much room each needs.
+    /// The sites round an atom that are inside, along those axes, and free, as far as it is for this one of the group
+    /// to know.
     fn sites(
         &self,
         n: u32,
         steps: &[[f64; D]],
         along: &[usize],
         sides: u8,
-    ) -> impl Iterator<Item = ([f64; D], f64)> {
+    ) -> impl Iterator<Item = Site<D>> {
         let from = self.placed.positions()[n as usize];
+        let number = u64::from(self.known[n as usize].number);
+        let (rank, reach) = (self.slab.group.rank(), FREE * self.most);
         let d = self.distance.at(from);
-        steps.iter().filter_map(move |step| {
+        steps.iter().enumerate().filter_map(move |(turn, step)| {
             // As far away as d asks for at both ends: then a neighbour asks for the same pair.
             let after = |d: f64| self.onto(std::array::from_fn(|k| from[k] + d * step[k]), sides);
-            let site = after(0.5 * (d + self.distance.at(after(d))));
-            let d = self.distance.at(site);
+            let x = after(0.5 * (d + self.distance.at(after(d))));
+            if !self.slab.is_near(rank, x[D - 1], reach) {
+                return None;
+            }
+            let d = self.distance.at(x);
             let inside = along.iter().all(|&k| {
                 let [low, high] = self.ends(k, d);
-                site[k] >= low + MARGIN * d && site[k] <= high - MARGIN * d
+                x[k] >= low + MARGIN * d && x[k] <= high - MARGIN * d
             });
-            (inside && self.placed.is_free(&site, FREE * d)).then_some((site, FREE * d))
+            let site = Site {
+                x,
+                room: FREE * d,
+                turn: number << 8 | turn as u64,
+            };
+            (inside && self.placed.is_free(&x, site.room)).then_some(site)
         })
+    }
+
+    /// The atoms that come of sites, in their order: of these each is taken that has room among all that were before it.
+    fn taken(&mut self, sites: &[Site<D>], sides: u8) -> Result<Vec<u32>> {
+        let (group, before) = (self.slab.group, self.known.len());
+        // Those here are decided about here; of others it is heard.
+        let (mut left, mut others): (Vec<&Site<D>>, Vec<&Site<D>>) =
+            (sites.iter()).partition(|site| self.slab.has(site.x[D - 1]));
+        let mut atoms: Vec<(u64, u32)> = Vec::new();
+        let mut turns: Vec<u64> = Vec::new();
+        let mut take = |lattice: &mut Self, turns: &mut Vec<u64>, site: &Site<D>| {
+            atoms.push((site.turn, lattice.put(site.x, Known::on(sides))));
+            turns.push(site.turn);
+        };
+        loop {
+            self.open.clear();
+            others.iter().for_each(|site| _ = self.open.add(site.x));
+            let mut open: Vec<u64> = others.iter().map(|site| site.turn).collect();
+            let mut told: Vec<Vec<(u64, bool)>> = vec![Vec::new(); group.count()];
+            left.retain(|site| {
+                let earlier = |n: usize| n >= before && turns[n - before] < site.turn;
+                let has_room = !self.has_atom_near(site, earlier);
+                if has_room && self.has_open_near(site, &open) {
+                    self.open.add(site.x);
+                    open.push(site.turn);
+                    return true;
+                }
+                if has_room {
+                    take(self, &mut turns, site);
+                }
+                for (rank, told) in told.iter_mut().enumerate() {
+                    let near = self.slab.is_near(rank, site.x[D - 1], FREE * self.most);
+                    if rank != group.rank() && near {
+                        told.push((site.turn, has_room));
+                    }
+                }
+                false
+            });
+            let mut heard = group.pass("sites taken", told)?.concat();
+            heard.sort_unstable();
+            others.retain(|site| {
+                let Ok(at) = heard.binary_search_by_key(&site.turn, |of| of.0) else {
+                    return true;
+                };
+                if heard[at].1 {
+                    take(self, &mut turns, site);
+                }
+                false
+            });
+            let open: Vec<bool> = group.all("sites left", !left.is_empty())?;
+            if !open.contains(&true) {
+                break;
+            }
+        }
+        self.numbered(atoms, sides)
+    }
+
+    /// Whether an atom that will do is in the room of a site.
+    fn has_atom_near(&self, site: &Site<D>, will_do: impl Fn(usize) -> bool) -> bool {
+        let (positions, room2) = (self.placed.positions(), site.room * site.room);
+        self.placed.any_near(&site.x, site.room, |n| {
+            will_do(n) && distance2(&positions[n], &site.x) < room2
+        })
+    }
+
+    /// Whether in the room of a site there is an earlier one about which nothing is decided.
+    fn has_open_near(&self, site: &Site<D>, turns: &[u64]) -> bool {
+        let (positions, room2) = (self.open.positions(), site.room * site.room);
+        !positions.is_empty()
+            && self.open.any_near(&site.x, site.room, |n| {
+                turns[n] < site.turn && distance2(&positions[n], &site.x) < room2
+            })
+    }
+
+    /// The atoms of a round, each with its turn, as they are known when all of the group have told one another of those
+    /// nearby, with their numbers.
+    fn numbered(&mut self, mut atoms: Vec<(u64, u32)>, sides: u8) -> Result<Vec<u32>> {
+        let group = self.slab.group;
+        atoms.sort_unstable();
+        let mut turns: Vec<u64> = Vec::with_capacity(atoms.len());
+        let mut told: Vec<Vec<(u64, [f64; D])>> = vec![Vec::new(); group.count()];
+        for &(turn, n) in &atoms {
+            let x = self.placed.positions()[n as usize];
+            if !self.slab.has(x[D - 1]) {
+                continue;
+            }
+            turns.push(turn);
+            for (rank, told) in told.iter_mut().enumerate() {
+                let near = |reach: f64| self.slab.is_near(rank, x[D - 1], reach * self.most);
+                // They have heard of those that were in the way of theirs.
+                if rank != group.rank() && near(KNOWN) && !near(FREE) {
+                    told.push((turn, x));
+                }
+            }
+        }
+        for (turn, x) in group.pass("atoms nearby", told)?.into_iter().flatten() {
+            atoms.push((turn, self.put(x, Known::on(sides))));
+        }
+        let turns: Vec<Vec<u64>> = group.all("turns of atoms", turns)?;
+        for &(turn, n) in &atoms {
+            let before = turns
+                .iter()
+                .map(|turns| turns.partition_point(|&t| t < turn));
+            self.known[n as usize].number = self.count + before.sum::<usize>() as u32;
+        }
+        self.count += turns.iter().map(Vec::len).sum::<usize>() as u32;
+        Ok(atoms.into_iter().map(|(_, n)| n).collect())
+    }
+
+    /// Puts an atom in the middle, if there is room.
+    fn centre(&mut self) -> Result<Option<u32>> {
+        let x = self.extent.map(|l| 0.5 * l);
+        let has_room =
+            self.slab.has(x[D - 1]) && self.placed.is_free(&x, FREE * self.distance.at(x));
+        let told: Vec<bool> = (self.slab.group).all("room in the middle", has_room)?;
+        match told.contains(&true) {
+            true => Ok(self.add(x, 0, false)),
+            false => Ok(None),
+        }
     }
 
     /// Atoms between the ends of the edge along `axis` that belongs to `sides`, evenly spread in
@@ -188,76 +455,78 @@ pub(super) fn faces<const D: usize>(rank: usize) -> impl Iterator<Item = u8> {
 
 /// Positions of a pseudo-regular lattice of spacing d(x) that fills the box `[0, extent]`, for `D`
 /// of 2 or 3; atoms on its sides have coordinates of exactly `0.0` or `extent[k]`. Keeps its distance
-/// from `fixed` atoms (which are in the box, and not in the result) and grows from them.
+/// from `fixed` atoms (which are in the box, and not in the result) and grows from them. Each of a group, which knows
+/// d where it [looks](looked_at) and along the box's edges, gives those of its slab; with each how many came before it.
+///
+/// # Errors
+/// Those of the others of the group.
 pub fn grown<const D: usize>(
     extent: [f64; D],
     distance: &Distance<D>,
     fixed: &[[f64; D]],
     alignment: Alignment,
     patience: &Patience<'_>,
-) -> Vec<[f64; D]> {
-    let mut lattice = Grown::new(extent, distance, alignment);
-    let mut is_fixed = Vec::new();
-
+    group: &dyn Group,
+) -> Result<Vec<([f64; D], u32)>> {
+    let mut lattice = Grown::new(extent, distance, alignment, group);
     // From corners to the inside, each time the fixed atoms that lie there first.
     for rank in (0..=D).rev() {
-        let before = lattice.placed.positions().len() as u32;
+        if rank + 2 == D {
+            lattice.keep_near();
+        }
+        let before = lattice.count;
         for &x in fixed.iter().filter(|&&x| sides_held(x, extent) == rank) {
             let held =
                 (0..D).map(|k| u8::from(x[k] <= 0.0) << k | u8::from(x[k] >= extent[k]) << (D + k));
             let sides = held.fold(0, |all, side| all | side);
-            lattice.add(x, sides);
+            lattice.add(x, sides, true);
         }
-        is_fixed.resize(lattice.placed.positions().len(), true);
-        let count = lattice.placed.positions().len() as u32;
+        let count = lattice.count;
         for sides in faces::<D>(rank) {
             if rank == D {
                 let corner =
                     std::array::from_fn(|k| if sides >> k & 1 == 1 { 0.0 } else { extent[k] });
                 let x = lattice.onto(corner, sides);
                 if lattice.placed.is_free(&x, 1e-3 * lattice.least) {
-                    lattice.add(x, sides);
+                    lattice.add(x, sides, false);
                 }
             } else if rank + 1 == D {
                 let held = sides | sides >> D;
                 for axis in (0..D).filter(|&k| held >> k & 1 == 0) {
                     for atom in lattice.edge(axis, sides) {
                         if lattice.placed.is_free(&atom, FREE * distance.at(atom)) {
-                            lattice.add(atom, sides);
+                            lattice.add(atom, sides, false);
                         }
                     }
                 }
             } else {
-                let on = |&n: &u32| lattice.sides[n as usize] & sides == sides;
-                let mut seeds: Vec<u32> = (before..count).filter(on).collect();
-                let rims: Vec<u32> = (0..before).filter(on).collect();
-                let centre = extent.map(|l| 0.5 * l);
-                if rank == 0
-                    && seeds.is_empty()
-                    && lattice.placed.is_free(&centre, FREE * distance.at(centre))
-                {
-                    seeds.push(lattice.add(centre, 0));
+                let on = |numbers: std::ops::Range<u32>| -> Vec<u32> {
+                    let known = (0..).zip(&lattice.known);
+                    let on = known.filter(|(_, known)| known.sides & sides == sides);
+                    let on = on.filter(|(_, known)| numbers.contains(&known.number));
+                    on.map(|(n, _)| n).collect()
+                };
+                let (mut seeds, rims) = (on(before..count), on(0..before));
+                if rank == 0 && before == count {
+                    seeds.extend(lattice.centre()?);
                 }
-                lattice.grow(seeds, sides, patience);
-                lattice.grow(rims, sides, patience);
+                lattice.grow(seeds, sides, patience)?;
+                lattice.grow(rims, sides, patience)?;
             }
         }
-        is_fixed.resize(lattice.placed.positions().len(), false);
     }
-    let atoms = lattice.placed.positions().iter().zip(&is_fixed);
-    atoms
-        .filter(|(_, fixed)| !**fixed)
-        .map(|(x, _)| *x)
-        .collect()
+    let atoms = lattice.placed.positions().iter().zip(&lattice.known);
+    let own = atoms.filter(|(x, known)| !known.is_fixed && lattice.slab.has(x[D - 1]));
+    Ok(own.map(|(x, known)| (*x, known.number)).collect())
 }
 
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::geometry::distance2;
     use crate::image::Field;
     use crate::lattice::AtomKind;
     use crate::lattice::seeding::{Atoms, Seeding, fcc, seed};
+    use crate::ranks::{Alone, shared};
 
     /// d from 4 in the middle to 9 at the far corners.
     pub fn varying<const D: usize>(extent: [f64; D]) -> Distance<D> {
@@ -396,7 +665,7 @@ pub(super) mod tests {
     fn edges_carry_evenly_spread_atoms() {
         let extent = [60.0, 30.0, 30.0];
         let distance = varying(extent);
-        let lattice = Grown::new(extent, &distance, Alignment::On);
+        let lattice = Grown::new(extent, &distance, Alignment::On, &Alone);
         let mut along: Vec<f64> = lattice.edge(0, 0b110).iter().map(|x| x[0]).collect();
         along.insert(0, 0.0);
         along.push(60.0);
@@ -552,5 +821,40 @@ pub(super) mod tests {
             atoms.iter().any(|x| distance2(x, &site) < 1e-12)
         };
         assert!(steps::<2>(&[0, 1]).into_iter().all(taken));
+    }
+
+    /// The lattice that so many grow together, in the order in which atoms came.
+    fn together<const D: usize>(
+        extent: [f64; D],
+        distance: &Distance<D>,
+        fixed: &[[f64; D]],
+        count: usize,
+    ) -> Vec<([f64; D], u32)> {
+        let (on, patience) = (Alignment::On, &Patience::endless());
+        let parts = shared(count, |group| {
+            grown(extent, distance, fixed, on, patience, group).unwrap()
+        });
+        assert!(count > 9 || parts.iter().all(|part| !part.is_empty()));
+        let mut all = parts.concat();
+        all.sort_by_key(|(_, number)| *number);
+        all
+    }
+
+    #[test]
+    fn in_slabs_the_same_atoms_come_in_the_same_order() {
+        let fixed = [[20.3, 19.1, 20.7], [0.0, 13.3, 12.2], [40.0, 0.0, 61.0]];
+        for fixed in [&fixed[..], &[]] {
+            let extent = [40.0, 30.0, 121.0];
+            let distance = varying(extent);
+            let alone = together(extent, &distance, fixed, 1);
+            assert!(alone.len() > 800, "{}", alone.len());
+            for count in [2, 3, 7, 13] {
+                let slabs = together(extent, &distance, fixed, count);
+                assert!(slabs == alone, "{count}");
+            }
+        }
+        let (extent, waves) = ([70.0, 260.0], sloping([70.0, 260.0], 0.05, true));
+        let alone = together(extent, &waves, &[], 1);
+        assert!(together(extent, &waves, &[], 4) == alone);
     }
 }

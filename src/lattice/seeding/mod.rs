@@ -10,6 +10,7 @@
 //! - `fixed`: atoms given by the user
 //! - `wells`: atoms along trajectories, and d(x) near them
 //! - [`order`]: memory order of atoms, for cache locality
+//! - `turns`: sites in that order, of which each of a group has a share
 
 pub(crate) mod canny;
 pub(crate) mod fixed;
@@ -20,13 +21,16 @@ pub mod order;
 pub(crate) mod projection;
 pub(crate) mod refine;
 mod regular;
+mod turns;
 pub(crate) mod wells;
 
+use self::fixed::Room;
+use self::order::Curve;
 use crate::error::{Error, Result, cause};
 use crate::geometry::scatter::Scatter;
 use crate::image::{Field, Sparse};
 use crate::lattice::AtomKind;
-use crate::lattice::distance::Distance;
+use crate::lattice::distance::{Distance, Shared};
 use crate::lattice::share::OwnAtoms;
 use crate::observer::Patience;
 use crate::ranks::{self, Alone, Group};
@@ -116,12 +120,16 @@ const FREE: f64 = 0.8;
 /// lattice.
 const MARGIN: f64 = 0.4;
 
-/// No atoms yet, in the box `[0, extent]`; `apart` is about how near to each other the nearest will be.
-fn scatter<const D: usize>(extent: [f64; D], apart: f64) -> Scatter<D> {
+/// No atoms yet, in the box from `low` to `high`; `apart` is about how near to each other the nearest will be.
+fn scatter<const D: usize>(low: [f64; D], high: [f64; D], apart: f64) -> Scatter<D> {
     // A few atoms a cell where they are dense; never more than some ten million cells.
-    let volume: f64 = extent.iter().product();
+    let volume: f64 = high
+        .iter()
+        .zip(&low)
+        .map(|(high, low)| high - low)
+        .product();
     let edge = (1.6 * apart).max((volume / 1e7).powf(1.0 / D as f64));
-    Scatter::new([0.0; D], extent, edge)
+    Scatter::new(low, high, edge)
 }
 
 /// How atoms are placed.
@@ -178,9 +186,7 @@ pub fn seed<const D: usize>(
     potential: Option<&Sparse<D>>,
     patience: &Patience<'_>,
 ) -> Result<Atoms<D>> {
-    if let (Seeding::Fcc, Distance::Constant(_)) = (how, distance) {
-        return Ok(regular::seeded(extent, distance, fixed, alignment, &Alone)?.atoms);
-    }
+    let regular = || regularly(how, extent, distance, fixed, alignment, patience, &Alone);
     distance.validate(extent)?;
     let image = || {
         potential.map(Sparse::dense).ok_or_else(|| {
@@ -191,21 +197,19 @@ pub fn seed<const D: usize>(
         })
     };
     let fixed = fixed::checked(fixed, extent, distance, alignment)?;
-    let mut positions = match (how, distance) {
-        (Seeding::Refine { seed }, _) => {
+    let mut positions = match how {
+        Seeding::Fcc | Seeding::Grown => return Ok(regular()?.atoms),
+        Seeding::Refine { seed } => {
             refine::refined(extent, distance, &fixed, alignment, seed, patience)?
         }
-        (Seeding::Canny, _) => {
+        Seeding::Canny => {
             return Err(Error::Seeding(cause(
                 "seeding 'canny'",
                 "places atoms by features and image, not by a distance",
                 "call seeding::canny::seeded",
             )));
         }
-        (Seeding::Fcc | Seeding::Grown, _) => {
-            grow::grown(extent, distance, &fixed, alignment, patience)
-        }
-        (Seeding::Guide { seed, most }, _) => guide::drawn(
+        Seeding::Guide { seed, most } => guide::drawn(
             extent,
             distance,
             &image()?,
@@ -215,13 +219,13 @@ pub fn seed<const D: usize>(
             most,
             patience,
         )?,
-        (Seeding::Projection, _) if alignment == Alignment::Alongside => {
+        Seeding::Projection if alignment == Alignment::Alongside => {
             return Err(refuse(
                 "projection puts atoms onto features, which the faces of Voronoi cells follow",
                 "use another seeding for Voronoi cells",
             ));
         }
-        (Seeding::Projection, _) => {
+        Seeding::Projection => {
             projection::projected(extent, distance, &image()?, &fixed, patience)?
         }
     };
@@ -231,24 +235,51 @@ pub fn seed<const D: usize>(
     Ok(atoms)
 }
 
-/// [`seed`], of whose atoms each of a group has a share in the end. Where the lattice is regular, none ever has more.
+/// The regular lattice of constant d, or the one that is grown; each of a group has a share.
+fn regularly<const D: usize>(
+    how: Seeding,
+    extent: [f64; D],
+    distance: &Distance<D>,
+    fixed: &[[f64; D]],
+    alignment: Alignment,
+    patience: &Patience<'_>,
+    group: &dyn Group,
+) -> Result<OwnAtoms<D>> {
+    if let (Seeding::Fcc, Distance::Constant(_)) = (how, distance) {
+        return regular::seeded(extent, distance, fixed, alignment, group);
+    }
+    distance.validate(extent)?;
+    let fixed = &fixed::checked(fixed, extent, distance, alignment)?;
+    let sites = grow::grown(extent, distance, fixed, alignment, patience, group)?;
+    let curve = Curve::new(extent, 2.0 * distance.min());
+    let room = Room::new(fixed, extent, distance);
+    turns::dealt(sites, &curve, extent, (fixed, &room), group)
+}
+
+/// [`seed`], of whose atoms each of a group has a share in the end. Where the lattice is regular or grown, none ever has
+/// more.
 ///
 /// # Errors
 /// Those of [`seed`].
 pub(crate) fn seed_share<const D: usize>(
     how: Seeding,
     extent: [f64; D],
-    distance: &Distance<D>,
+    distance: &Shared<D>,
     fixed: &[[f64; D]],
     potential: &Sparse<D>,
     group: &dyn Group,
     patience: &Patience<'_>,
 ) -> Result<OwnAtoms<D>> {
     let on = Alignment::On;
-    if let (Seeding::Fcc, Distance::Constant(_)) = (how, distance) {
-        return regular::seeded(extent, distance, fixed, on, group);
+    if let Seeding::Fcc | Seeding::Grown = how {
+        let last = D - 1;
+        let looked_at = grow::looked_at(extent[last], distance.max(), group);
+        let distance = distance.between(last, looked_at, group)?;
+        return regularly(how, extent, &distance, fixed, on, patience, group);
     }
-    let all = seed(how, extent, distance, fixed, on, Some(potential), patience)?;
+    let distance = distance.whole(group)?;
+    let potential = Some(potential);
+    let all = seed(how, extent, &distance, fixed, on, potential, patience)?;
     ranks::same("atoms placed", &all)?;
     Ok(OwnAtoms::of(all, group))
 }

@@ -44,9 +44,10 @@ impl<const D: usize> Curve<D> {
         key
     }
 
-    /// How many bits keys have.
-    pub fn key_bits(&self) -> usize {
-        self.bits * D
+    /// Which of `count` stretches of the curve, a power of two, a place along it is in.
+    pub fn stretch(&self, key: u64, count: usize) -> usize {
+        let bits = (self.bits * D) as u32;
+        (key >> bits.saturating_sub(count.ilog2())) as usize
     }
 }
 

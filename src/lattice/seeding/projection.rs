@@ -20,6 +20,7 @@ use crate::error::Result;
 use crate::image::Field;
 use crate::lattice::distance::Distance;
 use crate::observer::Patience;
+use crate::ranks::Alone;
 
 /// Spacing of the sites, in units of d: sqrt(3) / 3.
 const SITES: f64 = 0.577_350_269_189_625_8;
@@ -40,7 +41,7 @@ pub fn projected<const D: usize>(
     patience: &Patience<'_>,
 ) -> Result<Vec<[f64; D]>> {
     varies(potential, extent, "projection")?;
-    let sites = regular(extent, &finer(distance), patience);
+    let sites = regular(extent, &finer(distance), patience)?;
     let best: Vec<Option<(f64, [f64; D])>> = sites
         .par_iter()
         .map(|&site| match patience.over() {
@@ -52,9 +53,9 @@ pub fn projected<const D: usize>(
     let mut pairs: Vec<(f64, [f64; D])> = best.into_iter().flatten().collect();
     pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
     let pairs: Vec<[f64; D]> = pairs.into_iter().map(|pair| pair.1).collect();
-    let coarse = regular(extent, distance, patience);
+    let coarse = regular(extent, distance, patience)?;
 
-    let mut placed = scatter(extent, FREE * distance.min());
+    let mut placed = scatter([0.0; D], extent, FREE * distance.min());
     for &x in fixed {
         placed.add(x);
     }
@@ -83,21 +84,24 @@ fn regular<const D: usize>(
     extent: [f64; D],
     distance: &Distance<D>,
     patience: &Patience<'_>,
-) -> Vec<[f64; D]> {
-    match distance {
-        Distance::Constant(d) => lattice::fitted(extent, *d, Alignment::On),
-        Distance::Field(_) => grow::grown(extent, distance, &[], Alignment::On, patience),
-    }
+) -> Result<Vec<[f64; D]>> {
+    let on = Alignment::On;
+    Ok(match distance {
+        Distance::Constant(d) => lattice::fitted(extent, *d, on),
+        Distance::Field(_) | Distance::Near(_) => {
+            let atoms = grow::grown(extent, distance, &[], on, patience, &Alone)?;
+            atoms.into_iter().map(|(x, _)| x).collect()
+        }
+    })
 }
 
 /// Distances as those of sites are.
 fn finer<const D: usize>(distance: &Distance<D>) -> Distance<D> {
     match distance {
         Distance::Constant(d) => Distance::Constant(SITES * d),
-        Distance::Field(field) => Distance::Field(Field {
-            samples: field.samples.iter().map(|d| SITES as f32 * d).collect(),
-            ..field.clone()
-        }),
+        Distance::Field(field) => Distance::Field(field.map(|d| SITES * d)),
+        // No one projects a share of a lattice.
+        Distance::Near(_) => distance.clone(),
     }
 }
 

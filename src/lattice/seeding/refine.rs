@@ -125,6 +125,12 @@ fn inside<const D: usize>(
             step: axes(field.step),
             samples: field.samples.clone(),
         },
+        Distance::Near(_) => {
+            return Err(super::refuse(
+                "by refinement asks for the distance everywhere",
+                "give all of it",
+            ));
+        }
     };
     let added = refine_space(&space, axes(extent), &d, SPACE)?;
     Ok(added.into_iter().map(axes).collect())

@@ -4,18 +4,15 @@
 
 use rayon::prelude::*;
 
+use super::Alignment;
 use super::fixed::{self, Room};
 use super::lattice::Sites;
 use super::order::Curve;
-use super::{Alignment, Atoms};
+use super::turns::{STRETCHES, Turns};
 use crate::error::Result;
-use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
-use crate::lattice::share::{OwnAtoms, own_of};
+use crate::lattice::share::OwnAtoms;
 use crate::ranks::Group;
-
-/// Stretches of the curve whose sites are counted, at most.
-const STRETCHES: usize = 1 << 16;
 
 /// A share of the densest lattice whose nearest neighbours are `distance` apart, the same everywhere, in the order of a
 /// space-filling curve; fixed atoms, for which others make room, come last.
@@ -36,48 +33,23 @@ pub fn seeded<const D: usize>(
         curve: Curve::new(extent, 2.0 * distance.min()),
         room: Room::new(&fixed, extent, distance),
     };
-    let (own, sites, whole) = match group.count() {
+    let (turns, sites) = match group.count() {
+        // One alone has all, and need not count.
         1 => {
             let sites = lattice.sorted(0..usize::MAX);
-            let whole = sites.len() + fixed.len();
-            (0..whole, sites, whole)
+            (Turns::new(vec![sites.len()], fixed.len()), sites)
         }
         count => {
-            let mut ends = lattice.counts();
-            let mut before = 0;
-            for end in &mut ends {
-                before += *end;
-                *end = before;
-            }
-            let whole = before + fixed.len();
-            let own = own_of(whole, group.rank(), count);
-            let wanted = own.start.min(before)..own.end.min(before);
-            // The stretches in which they are, and where these begin.
-            let first = ends.partition_point(|&end| end <= wanted.start);
-            let end = ends.partition_point(|&end| end < wanted.end) + 1;
-            let start = first.checked_sub(1).map_or(0, |before| ends[before]);
-            let mut sites = match wanted.is_empty() {
-                true => Vec::new(),
-                false => lattice.sorted(first..end),
-            };
-            sites.drain(..(wanted.start - start).min(sites.len()));
-            sites.truncate(wanted.len());
-            (own, sites, whole)
+            let turns = Turns::new(lattice.counts(), fixed.len());
+            let sites = lattice.sorted(turns.stretches(group.rank(), count));
+            (turns, sites)
         }
     };
     let positions = sites.par_iter();
     let positions = positions.map(|&(_, site)| lattice.sites.position(site));
-    let mut atoms = Atoms::in_box(positions.collect(), extent);
+    let positions = positions.collect();
     drop(sites);
-    let others = whole - fixed.len();
-    let of_fixed = own.start.max(others) - others..own.end.max(others) - others;
-    atoms.positions.extend_from_slice(&fixed[of_fixed]);
-    atoms.kinds.resize(atoms.positions.len(), AtomKind::Fixed);
-    Ok(OwnAtoms {
-        atoms,
-        first: own.start,
-        whole,
-    })
+    Ok(turns.share(positions, extent, &fixed, group))
 }
 
 /// The sites of a lattice along a curve.
@@ -96,15 +68,10 @@ impl<const D: usize> Lattice<'_, D> {
         })
     }
 
-    /// The stretch of the curve in which a place is.
-    fn stretch(&self, key: u64) -> usize {
-        let bits = self.curve.key_bits() as u32;
-        (key >> bits.saturating_sub(STRETCHES.ilog2())) as usize
-    }
-
     /// The sites of some stretches, in the order of the curve.
     fn sorted(&self, stretches: std::ops::Range<usize>) -> Vec<(u64, u64)> {
-        let wanted = |(key, _): &(u64, u64)| stretches.contains(&self.stretch(*key));
+        let wanted =
+            |(key, _): &(u64, u64)| stretches.contains(&self.curve.stretch(*key, STRETCHES));
         let rows = (0..self.sites.rows()).into_par_iter();
         let mut sites: Vec<(u64, u64)> = rows
             .flat_map_iter(|row| self.row(row).filter(&wanted))
@@ -118,7 +85,7 @@ impl<const D: usize> Lattice<'_, D> {
         let rows = (0..self.sites.rows()).into_par_iter();
         let none = || vec![0; STRETCHES];
         rows.fold(none, |mut counts, row| {
-            (self.row(row)).for_each(|(key, _)| counts[self.stretch(key)] += 1);
+            (self.row(row)).for_each(|(key, _)| counts[self.curve.stretch(key, STRETCHES)] += 1);
             counts
         })
         .reduce(none, |mut sum, counts| {
@@ -133,6 +100,7 @@ mod tests {
     use super::super::{fcc, order};
     use super::*;
     use crate::lattice::energy::CHUNK;
+    use crate::lattice::seeding::Atoms;
     use crate::ranks::shared;
 
     #[test]

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::geometry::spread;
+use crate::lattice::distance::Shared;
 use crate::mesh::Mesh;
 use crate::mesh::boxes::kuhn_box;
 use crate::mesh::piece::Piece;
@@ -68,7 +69,7 @@ impl Scene {
                     piece,
                     &points,
                     self.extent,
-                    &self.distance,
+                    &Shared::All(self.distance.clone()),
                     &mut marks,
                     group,
                     patience,

@@ -105,7 +105,7 @@ impl<'a, const D: usize> Pairwise<'a, D> {
             beta,
             alignment: Alignment::On,
             fixed,
-            slope: largest_slope(distance),
+            slope: distance.largest_slope(),
             neighbours: Neighbours::default(),
             images: Images::new(fixed.of(&extent), D),
             points: Vec::new(),
@@ -157,7 +157,7 @@ impl<'a, const D: usize> Pairwise<'a, D> {
     fn constant(&self) -> Option<f32> {
         match self.distance {
             Distance::Constant(d) => Some((*d * self.fixed.scale) as f32),
-            Distance::Field(_) => None,
+            Distance::Field(_) | Distance::Near(_) => None,
         }
     }
 
@@ -465,29 +465,6 @@ impl<const D: usize> Energy<D> for Pairwise<'_, D> {
     fn parts(&self) -> Parts {
         self.parts
     }
-}
-
-/// A bound on |grad d|, from the largest difference between neighbouring samples along each axis: d
-/// is interpolated linearly between them.
-fn largest_slope<const D: usize>(distance: &Distance<D>) -> f64 {
-    let Distance::Field(field) = distance else {
-        return 0.0;
-    };
-    let mut total = 0.0;
-    let mut stride = 1;
-    for k in 0..D {
-        let steepest = field
-            .samples
-            .par_iter()
-            .zip(field.samples.par_iter().skip(stride))
-            .enumerate()
-            .filter(|(n, _)| n / stride % field.dims[k] + 1 < field.dims[k])
-            .map(|(_, (a, b))| (b - a).abs())
-            .reduce(|| 0.0, f32::max);
-        total += (f64::from(steepest) / field.step[k]).powi(2);
-        stride *= field.dims[k];
-    }
-    total.sqrt()
 }
 
 #[cfg(test)]

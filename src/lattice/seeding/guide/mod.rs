@@ -112,7 +112,7 @@ pub fn drawn<const D: usize>(
         };
         (share * (LEVELS - 1) as f32).round() as u8
     };
-    let mut placed = scatter(extent, FREE * distance.min());
+    let mut placed = scatter([0.0; D], extent, FREE * distance.min());
     for &x in fixed {
         placed.add(x);
     }

@@ -1,0 +1,515 @@
+//! d of which each of a group has some layers, and is told what is near to what it works on.
+//!
+//! What is told comes in bricks, each of which holds the samples of its cells, so that interpolation, which is that of
+//! all samples to the last bit, looks into one brick only.
+
+use std::borrow::Cow;
+use std::ops::Range;
+
+use super::features::{Limits, coarse_grid, lowered_round};
+use super::grading::limit_together;
+use super::{Cell, Distance, Within, crowd, length, steepest};
+use crate::error::Result;
+use crate::image::{Field, Missed};
+use crate::observer::Patience;
+use crate::ranks::{Group, share_of};
+
+/// Cells along an edge of a brick.
+const BRICK: usize = 8;
+/// Samples along an edge of a brick.
+const EDGE: usize = BRICK + 1;
+/// A brick of which nothing is known here.
+const ELSEWHERE: u32 = u32::MAX;
+
+/// The nominal distance between atoms, as a group has it.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Shared<const D: usize> {
+    /// Each has all of it.
+    All(Distance<D>),
+    /// Each has some layers.
+    InLayers(InLayers<D>),
+}
+
+/// Samples of d of some layers along the last axis.
+#[derive(Debug, Clone, PartialEq)]
+pub struct InLayers<const D: usize> {
+    /// Of the whole grid.
+    dims: [usize; D],
+    step: [f64; D],
+    /// The layer of the first samples: those beside one's own are here, too.
+    first: usize,
+    samples: Vec<f32>,
+    known: OfAll,
+}
+
+/// What all of a group know of d.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct OfAll {
+    pub least: f64,
+    pub most: f64,
+    /// The mean of d^-D.
+    pub per_volume: f64,
+    /// A bound on |grad d|.
+    pub slope: f64,
+}
+
+/// Some bricks of samples of d; others are elsewhere.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Bricks<const D: usize> {
+    dims: [usize; D],
+    step: [f64; D],
+    /// For each brick, x fastest, its number among those that are here.
+    slots: Vec<u32>,
+    samples: Vec<f32>,
+    pub(super) known: OfAll,
+    missed: Missed,
+}
+
+/// Bricks along each axis.
+fn bricks<const D: usize>(dims: [usize; D]) -> [usize; D] {
+    dims.map(|n| n.saturating_sub(1).max(1).div_ceil(BRICK))
+}
+
+/// The layers of bricks of one of `count`, and its layers of samples.
+fn own_layers<const D: usize>(
+    dims: [usize; D],
+    rank: usize,
+    count: usize,
+) -> (Range<usize>, Range<usize>) {
+    let all = bricks(dims)[D - 1];
+    let own = share_of(all, rank, count);
+    let layers = match own.is_empty() {
+        true => 0..0,
+        false if own.end == all => own.start * BRICK..dims[D - 1],
+        false => own.start * BRICK..own.end * BRICK,
+    };
+    (own, layers)
+}
+
+impl<const D: usize> InLayers<D> {
+    /// d from what it is at points, of which each of the group has some, growing away from these.
+    ///
+    /// # Errors
+    /// Those of the others.
+    pub(super) fn of_points(
+        extent: [f64; D],
+        limits: Limits,
+        points: impl Iterator<Item = ([f32; D], f32)>,
+        patience: &Patience<'_>,
+        group: &dyn Group,
+    ) -> Result<Self> {
+        let (rank, count) = (group.rank(), group.count());
+        let (dims, step) = coarse_grid(extent, limits.min);
+        let layers: Vec<Range<usize>> =
+            (0..count).map(|of| own_layers(dims, of, count).1).collect();
+        let own = layers[rank].clone();
+        let first = own.start.saturating_sub(1);
+        let end = match own.is_empty() {
+            true => first,
+            false => (own.end + 1).min(dims[D - 1]),
+        };
+        let layer: usize = dims[..D - 1].iter().product();
+        let mut here = dims;
+        here[D - 1] = end - first;
+        let mut field = Field {
+            dims: here,
+            step,
+            samples: vec![limits.max as f32; layer * (end - first)],
+        };
+        // Each sample round a point is its layer's.
+        let mut to: Vec<Vec<([f32; D], f32)>> = vec![Vec::new(); count];
+        let mut put = |(x, d): ([f32; D], f32), mut other: Option<&mut Vec<Vec<_>>>| {
+            lowered_round(x, dims, step, |mut at| {
+                if own.contains(&at[D - 1]) {
+                    at[D - 1] -= first;
+                    let at = (0..D).rev().fold(0, |all, k| all * here[k] + at[k]);
+                    field.samples[at] = field.samples[at].min(d);
+                } else if let Some(to) = &mut other {
+                    let of = layers.iter().position(|of| of.contains(&at[D - 1]));
+                    let to: &mut Vec<_> = &mut to[of.unwrap_or(rank)];
+                    if to.last() != Some(&(x, d)) {
+                        to.push((x, d));
+                    }
+                }
+            });
+        };
+        points.for_each(|point| put(point, Some(&mut to)));
+        let told: Vec<Vec<([f32; D], f32)>> = group.pass("distances at points", to)?;
+        told.into_iter()
+            .flatten()
+            .for_each(|point| put(point, None));
+        limit_together(&mut field, first, &layers, limits.growth, patience, group)?;
+
+        let from = (own.start - first) * layer;
+        let own = field.samples[from..from + own.len() * layer].chunks_exact(layer.max(1));
+        let least = own.clone().flatten().fold(f32::INFINITY, |a, &b| a.min(b));
+        let most = own.clone().flatten().fold(0.0f32, |a, &b| a.max(b));
+        let crowds: Vec<f64> = own.map(crowd::<D>).collect();
+        let slopes = match field.samples.is_empty() {
+            true => [0.0; D],
+            false => steepest(&field),
+        };
+        type Told<const D: usize> = ([f64; 2], ([f64; D], Vec<f64>));
+        let told = ([least.into(), most.into()], (slopes, crowds));
+        let all: Vec<Told<D>> = group.all("distances", told)?;
+        let fold = |k: usize, of: fn(f64, f64) -> f64| all.iter().map(|(d, _)| d[k]).reduce(of);
+        let steepest = |k: usize| {
+            all.iter()
+                .fold(0.0, |a: f64, (_, (slopes, _))| a.max(slopes[k]))
+        };
+        let crowd: f64 = all.iter().flat_map(|(_, (_, crowds))| crowds).sum();
+        Ok(Self {
+            dims,
+            step,
+            first,
+            samples: field.samples,
+            known: OfAll {
+                least: fold(0, f64::min).unwrap_or(limits.min),
+                most: fold(1, f64::max).unwrap_or(limits.max),
+                per_volume: crowd / dims.iter().product::<usize>() as f64,
+                slope: length::<D>(std::array::from_fn(steepest)),
+            },
+        })
+    }
+
+    /// Of one's own layers all that the group has.
+    fn gathered(&self, group: &dyn Group) -> Result<Distance<D>> {
+        let layer: usize = self.dims[..D - 1].iter().product();
+        let (_, own) = own_layers(self.dims, group.rank(), group.count());
+        let from = own.start.saturating_sub(self.first) * layer;
+        let samples = self.samples[from..from + own.len() * layer].to_vec();
+        Ok(Distance::Field(Field {
+            dims: self.dims,
+            step: self.step,
+            samples: group.all("samples of distances", samples)?.concat(),
+        }))
+    }
+
+    /// Some bricks, wherever they are.
+    fn fetched(&self, wanted: &[bool], group: &dyn Group) -> Result<Distance<D>> {
+        let along = bricks(self.dims);
+        let layer = wanted.len() / along[D - 1];
+        let of = |rank: usize| -> Vec<usize> {
+            let (own, _) = own_layers(self.dims, rank, group.count());
+            let own = own.start * layer..own.end * layer;
+            own.filter(|&brick| wanted[brick]).collect()
+        };
+        let asked: Vec<Vec<usize>> = group.pass(
+            "bricks that are wanted",
+            (0..group.count()).map(of).collect(),
+        )?;
+        let told = asked.iter().enumerate().map(|(rank, asked)| {
+            let mut samples = Vec::new();
+            if rank != group.rank() {
+                samples.reserve_exact(asked.len() * EDGE.pow(D as u32));
+                asked
+                    .iter()
+                    .for_each(|&brick| self.cut(brick, &mut samples));
+            }
+            samples
+        });
+        let told: Vec<Vec<f32>> = group.pass("bricks of distances", told.collect())?;
+        let mut samples = Vec::new();
+        let count = wanted.iter().filter(|wanted| **wanted).count();
+        samples.reserve_exact(count * EDGE.pow(D as u32));
+        for (rank, told) in told.into_iter().enumerate() {
+            // What is here need not be passed on.
+            match rank == group.rank() {
+                true => asked[rank]
+                    .iter()
+                    .for_each(|&brick| self.cut(brick, &mut samples)),
+                false => samples.extend(told),
+            }
+        }
+        let mut number = 0..;
+        let slot = |&wanted: &bool| match wanted {
+            true => number.next().unwrap_or(ELSEWHERE),
+            false => ELSEWHERE,
+        };
+        Ok(self.with(wanted.iter().map(slot).collect(), samples))
+    }
+
+    fn with(&self, slots: Vec<u32>, samples: Vec<f32>) -> Distance<D> {
+        Distance::Near(Bricks {
+            dims: self.dims,
+            step: self.step,
+            slots,
+            samples,
+            known: self.known,
+            missed: Missed::default(),
+        })
+    }
+
+    /// The samples of a brick of one's own; beyond the box its outermost ones repeat.
+    fn cut(&self, brick: usize, samples: &mut Vec<f32>) {
+        let along = bricks(self.dims);
+        let mut rest = brick;
+        let low: [usize; D] = std::array::from_fn(|k| {
+            let at = rest % along[k] * BRICK;
+            rest /= along[k];
+            at
+        });
+        for number in 0..EDGE.pow(D as u32) {
+            let (mut rest, mut at, mut stride) = (number, 0, 1);
+            for k in 0..D {
+                let mut along = (low[k] + rest % EDGE).min(self.dims[k] - 1);
+                if k == D - 1 {
+                    along -= self.first;
+                }
+                at += along * stride;
+                stride *= self.dims[k];
+                rest /= EDGE;
+            }
+            samples.push(self.samples[at]);
+        }
+    }
+}
+
+impl<const D: usize> Shared<D> {
+    /// The smallest d anywhere.
+    pub fn min(&self) -> f64 {
+        match self {
+            Self::All(distance) => distance.min(),
+            Self::InLayers(some) => some.known.least,
+        }
+    }
+
+    /// The largest d anywhere.
+    pub fn max(&self) -> f64 {
+        match self {
+            Self::All(distance) => distance.max(),
+            Self::InLayers(some) => some.known.most,
+        }
+    }
+
+    /// What all of the group know of it: how large it is, and how many atoms it asks for, but not where.
+    pub fn outline(&self) -> Cow<'_, Distance<D>> {
+        match self {
+            Self::All(distance) => Cow::Borrowed(distance),
+            Self::InLayers(some) => {
+                let nothing = vec![ELSEWHERE; bricks(some.dims).iter().product()];
+                Cow::Owned(some.with(nothing, Vec::new()))
+            }
+        }
+    }
+
+    /// All of it, on all of the group.
+    ///
+    /// # Errors
+    /// Those of the others.
+    pub fn whole(&self, group: &dyn Group) -> Result<Cow<'_, Distance<D>>> {
+        match self {
+            Self::All(distance) => Ok(Cow::Borrowed(distance)),
+            Self::InLayers(some) => some.gathered(group).map(Cow::Owned),
+        }
+    }
+
+    /// The same, and nothing else.
+    ///
+    /// # Errors
+    /// Those of the others.
+    pub fn into_whole(self, group: &dyn Group) -> Result<Distance<D>> {
+        match self {
+            Self::All(distance) => Ok(distance),
+            Self::InLayers(some) => some.gathered(group),
+        }
+    }
+
+    /// d no farther than `reach` from some positions along each axis. Where more is asked for, that is
+    /// [noticed](Distance::missed).
+    ///
+    /// # Errors
+    /// Those of the others.
+    pub fn near(
+        &self,
+        positions: &[[f64; D]],
+        reach: f64,
+        group: &dyn Group,
+    ) -> Result<Cow<'_, Distance<D>>> {
+        let some = match self {
+            Self::All(distance) => return Ok(Cow::Borrowed(distance)),
+            Self::InLayers(some) => some,
+        };
+        let along = bricks(some.dims);
+        let mut wanted = vec![false; along.iter().product()];
+        for x in positions {
+            let ranges: [Range<usize>; D] = std::array::from_fn(|k| {
+                let brick = |x: f64| ((x / some.step[k]) as usize / BRICK).min(along[k] - 1);
+                brick(x[k] - reach)..brick(x[k] + reach) + 1
+            });
+            for number in 0..ranges.iter().map(Range::len).product() {
+                let mut rest = number;
+                let at: [usize; D] = std::array::from_fn(|k| {
+                    let at = ranges[k].start + rest % ranges[k].len();
+                    rest /= ranges[k].len();
+                    at
+                });
+                wanted[(0..D).rev().fold(0, |brick, k| brick * along[k] + at[k])] = true;
+            }
+        }
+        Ok(Cow::Owned(some.fetched(&wanted, group)?))
+    }
+
+    /// d between two heights along an axis, and along the edges of the box.
+    ///
+    /// # Errors
+    /// Those of the others.
+    pub fn between(
+        &self,
+        axis: usize,
+        [low, high]: [f64; 2],
+        group: &dyn Group,
+    ) -> Result<Cow<'_, Distance<D>>> {
+        let some = match self {
+            Self::All(distance) => return Ok(Cow::Borrowed(distance)),
+            Self::InLayers(some) => some,
+        };
+        let along = bricks(some.dims);
+        let at = |x: f64| ((x / some.step[axis]) as usize / BRICK).min(along[axis] - 1);
+        let heights = at(low)..at(high) + 1;
+        let wanted = |brick: usize| {
+            let (mut rest, mut outermost, mut is_between) = (brick, 0, false);
+            for (k, &count) in along.iter().enumerate() {
+                let at = rest % count;
+                rest /= count;
+                outermost += usize::from(at == 0 || at + 1 == count);
+                is_between |= k == axis && low <= high && heights.contains(&at);
+            }
+            is_between || outermost + 1 >= D
+        };
+        let wanted: Vec<bool> = (0..along.iter().product()).map(wanted).collect();
+        Ok(Cow::Owned(some.fetched(&wanted, group)?))
+    }
+}
+
+impl<const D: usize> Bricks<D> {
+    /// The cell round a position, if it is known here.
+    #[inline]
+    pub(super) fn cell(&self, position: &[f64; D]) -> Option<Cell<'_, D>> {
+        let within = Within::of(&self.dims, &self.step, position);
+        let (mut brick, mut corner, mut strides) = (0, 0, [0; D]);
+        for k in (0..D).rev() {
+            let cells = self.dims[k].saturating_sub(1).max(1);
+            brick = brick * cells.div_ceil(BRICK) + within.low[k] / BRICK;
+            corner = corner * EDGE + within.low[k] % BRICK;
+        }
+        let slot = self.slots[brick];
+        if slot == ELSEWHERE {
+            self.missed.note();
+            return None;
+        }
+        let mut stride = 1;
+        for (strides, &n) in strides.iter_mut().zip(&self.dims) {
+            // Of one sample there is no other corner.
+            *strides = if n > 1 { stride } else { 0 };
+            stride *= EDGE;
+        }
+        Some(Cell {
+            samples: &self.samples[slot as usize * stride..][..stride],
+            corner,
+            strides,
+            within,
+        })
+    }
+
+    /// Whether it was asked for where nothing is known here.
+    pub(super) fn missed(&self) -> bool {
+        self.missed.noted()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::random::Random;
+    use crate::lattice::distance::limit_gradient;
+    use crate::ranks::shared;
+
+    const EXTENT: [f64; 3] = [40.0, 31.0, 120.0];
+
+    fn limits() -> Limits {
+        Limits {
+            min: 2.5,
+            max: 9.0,
+            growth: 0.1,
+        }
+    }
+
+    /// Points here and there, with distances.
+    fn points() -> Vec<([f32; 3], f32)> {
+        let mut random = Random::new(4);
+        let point = |_| {
+            let x = EXTENT.map(|e| random.range(0.0, e) as f32);
+            (x, random.range(2.5, 9.0) as f32)
+        };
+        (0..60).map(point).collect()
+    }
+
+    /// d as one alone has it.
+    fn alone() -> Distance<3> {
+        let (dims, step) = coarse_grid(EXTENT, 2.5);
+        let mut field = Field::from_fn(dims, step, |_| 9.0);
+        for (x, d) in points() {
+            lowered_round(x, dims, step, |at| {
+                let at = (at[2] * dims[1] + at[1]) * dims[0] + at[0];
+                field.samples[at] = field.samples[at].min(d);
+            });
+        }
+        limit_gradient(&mut field, 0.1, &Patience::endless());
+        Distance::Field(field)
+    }
+
+    /// The share of one of a group.
+    fn own(group: &dyn Group) -> Shared<3> {
+        let (points, patience) = (points(), &Patience::endless());
+        let own = share_of(points.len(), group.rank(), group.count());
+        let own = points[own].iter().copied();
+        Shared::InLayers(InLayers::of_points(EXTENT, limits(), own, patience, group).unwrap())
+    }
+
+    #[test]
+    fn in_layers_it_is_that_of_one_alone() {
+        let whole = alone();
+        for count in [1, 2, 3, 7, 16] {
+            shared(count, |group| {
+                let own = own(group);
+                assert_eq!([own.min(), own.max()], [whole.min(), whole.max()]);
+                assert!(*own.whole(group).unwrap() == whole, "{count}");
+            });
+        }
+    }
+
+    #[test]
+    fn each_has_what_is_near_to_it_and_notices_when_it_asks_for_more() {
+        let whole = alone();
+        for count in [2, 5] {
+            shared(count, |group| {
+                let own = own(group);
+                let mut random = Random::new(group.rank() as u64);
+                let middle = random.range(10.0, 110.0);
+                let mut place = |reach: f64| {
+                    let z = middle + random.range(-reach, reach);
+                    [random.range(-2.0, 42.0), random.range(0.0, 31.0), z]
+                };
+                let positions: Vec<[f64; 3]> = (0..50).map(|_| place(4.0)).collect();
+                let near = own.near(&positions, 3.0, group).unwrap();
+                let layers = own.between(2, [middle - 9.0, middle + 9.0], group).unwrap();
+                for x in &positions {
+                    let x = x.map(|x| x + 2.9);
+                    assert_eq!(near.at_with_gradient(x), whole.at_with_gradient(x));
+                }
+                for x in (0..500).map(|_| place(9.0)) {
+                    assert_eq!(layers.at_with_gradient(x), whole.at_with_gradient(x));
+                }
+                for x in [[0.0, 31.0, 60.0], [20.0, 0.0, 120.0], [40.0, 15.0, 0.0]] {
+                    assert_eq!(layers.at(x), whole.at(x));
+                }
+                assert_eq!(near.about_atoms(EXTENT), whole.about_atoms(EXTENT));
+                assert!(!near.missed() && !layers.missed());
+                let far = [20.0, 15.0, if middle > 60.0 { 5.0 } else { 115.0 }];
+                assert_eq!(layers.at(far), whole.max());
+                assert!(layers.missed() && !near.missed());
+            });
+        }
+    }
+}

@@ -98,14 +98,17 @@ fn one_atom(to: &str) -> anyhow::Result<()> {
 
 /// d(x) of the image's features, dark where it is small, and the atoms that are grown in it.
 fn grown(image: &Image<2>, to: &str) -> anyhow::Result<()> {
-    const RANGE: [f64; 2] = [6.0, 18.0];
+    let limits = distance::Limits {
+        min: 6.0,
+        max: 18.0,
+        growth: 0.1,
+    };
     let options = feature::Detection {
-        d_min: RANGE[0],
+        d_min: limits.min,
         ..feature::Detection::default()
     };
     let features = feature::detect(image, &options)?;
-    let distance =
-        distance::from_features(&features, RANGE[0], RANGE[1], 0.1, &Patience::endless())?;
+    let distance = distance::from_features(&features, limits, &Patience::endless())?;
     let extent = features.potential.extent();
     let atoms = seeding::fcc(extent, &distance, &[], Alignment::On)?;
     let [nx, ny] = image.dims();

@@ -324,8 +324,9 @@ fn varying<const D: usize>(
     let wishes = || params.labels.iter().filter_map(|wish| wish.distance);
     let least = |d: f64| wishes().fold(d, f64::min);
     let (growth, group) = (GROWTH, &Ranks as &dyn Group);
-    let gaps =
-        |min, max| distance::from_gaps(features, Limits { min, max, growth }, patience, group);
+    let gaps = |min, max| {
+        distance::shared_from_gaps(features, Limits { min, max, growth }, patience, group)
+    };
     let all = match params.spacing {
         Spacing::Constant(d) if features.spacing.is_some() => {
             return gaps(least(d), d.max(least(d)));
@@ -333,7 +334,7 @@ fn varying<const D: usize>(
         Spacing::FromGaps { min, max } => return gaps(least(min), max),
         Spacing::FromFeatures { min, max } => {
             let limits = Limits { min, max, growth };
-            return distance::from_features(features, limits, patience, group);
+            return distance::shared_from_features(features, limits, patience, group);
         }
         Spacing::Constant(d) => Ok(Distance::Constant(d)),
         Spacing::FromImage { min, max } => {

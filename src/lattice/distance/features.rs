@@ -5,7 +5,7 @@ use crate::error::{Error, Result, cause};
 use crate::feature::Features;
 use crate::image::Field;
 use crate::observer::Patience;
-use crate::ranks::Group;
+use crate::ranks::{Alone, Group};
 
 /// Between what, and how fast, a distance varies.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -19,7 +19,7 @@ pub struct Limits {
 }
 
 /// d(x) = `min` at every feature point, growing away from it by `growth` per lattice unit, up to
-/// `max`. Where the points are shared by a group, so is d.
+/// `max`.
 ///
 /// Hale (2002) sets d = c / sqrt|laplacian of b| with c such that d = 4 sigma = `min` in the
 /// valleys of b; between the valleys the laplacian vanishes and d would be infinite, so there the
@@ -31,8 +31,20 @@ pub struct Limits {
 ///
 /// # Errors
 /// [`Error::Distance`] if `min` or `max` is not a positive number, `min > max`, or `growth` is not
-/// between 0 and 1; those of the others of the group.
+/// between 0 and 1.
 pub fn from_features<const D: usize>(
+    features: &Features<D>,
+    limits: Limits,
+    patience: &Patience<'_>,
+) -> Result<Distance<D>> {
+    shared_from_features(features, limits, patience, &Alone)?.into_whole(&Alone)
+}
+
+/// The same; where the points are shared by a group, so is d.
+///
+/// # Errors
+/// As [`from_features`], and those of the others of the group.
+pub(crate) fn shared_from_features<const D: usize>(
     features: &Features<D>,
     limits: Limits,
     patience: &Patience<'_>,
@@ -46,8 +58,8 @@ pub fn from_features<const D: usize>(
 /// so is d.
 ///
 /// # Errors
-/// As [`from_features`].
-pub fn from_gaps<const D: usize>(
+/// As [`from_features`], and those of the others of the group.
+pub(crate) fn shared_from_gaps<const D: usize>(
     features: &Features<D>,
     limits: Limits,
     patience: &Patience<'_>,
@@ -164,11 +176,10 @@ mod tests {
     use super::*;
     use crate::feature::FeaturePoint;
     use crate::image::Sparse;
-    use crate::ranks::Alone;
 
     fn known(features: &Features<3>, min: f64, max: f64, growth: f64) -> Result<Distance<3>> {
         let limits = Limits { min, max, growth };
-        from_features(features, limits, &Patience::endless(), &Alone)?.into_whole(&Alone)
+        from_features(features, limits, &Patience::endless())
     }
 
     /// The plane x = 20.3 in a box of 64 x 50 x 40 samples.

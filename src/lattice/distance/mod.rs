@@ -13,10 +13,11 @@ pub(crate) mod share;
 pub(crate) mod sources;
 
 pub use atoms::of_atoms;
-pub(crate) use features::coarse_field;
-pub use features::{Limits, from_features, from_gaps};
+pub use features::{Limits, from_features};
+pub(crate) use features::{coarse_field, shared_from_features, shared_from_gaps};
 pub use grading::limit_gradient;
-pub use share::{Bricks, InLayers, Shared};
+pub use share::Bricks;
+pub(crate) use share::{InLayers, Shared};
 pub use sources::{Dense, from_image, from_laplacian, from_samples};
 
 use std::f64::consts::SQRT_2;

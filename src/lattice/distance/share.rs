@@ -266,14 +266,6 @@ impl<const D: usize> InLayers<D> {
 }
 
 impl<const D: usize> Shared<D> {
-    /// The smallest d anywhere.
-    pub fn min(&self) -> f64 {
-        match self {
-            Self::All(distance) => distance.min(),
-            Self::InLayers(some) => some.known.least,
-        }
-    }
-
     /// The largest d anywhere.
     pub fn max(&self) -> f64 {
         match self {
@@ -473,7 +465,9 @@ mod tests {
         for count in [1, 2, 3, 7, 16] {
             shared(count, |group| {
                 let own = own(group);
-                assert_eq!([own.min(), own.max()], [whole.min(), whole.max()]);
+                let outline = own.outline();
+                assert_eq!([outline.min(), own.max()], [whole.min(), whole.max()]);
+                assert_eq!(outline.largest_slope(), whole.largest_slope());
                 assert!(*own.whole(group).unwrap() == whole, "{count}");
             });
         }

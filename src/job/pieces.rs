@@ -3,7 +3,6 @@
 use super::join::{Marked, Scene};
 use super::measure::figures_of_pieces;
 use super::{Stages, join};
-use crate::error::cause;
 use crate::feature::NearPoints;
 use crate::geometry::spread;
 use crate::image::synth::truth::REACH;
@@ -119,7 +118,6 @@ pub fn made(
         let near = &points.points;
         figures_of_pieces(&piece, Some(marks), marks, scene, near, group, patience)
     })?;
-    refuse_unknown(&near_slabs, group)?;
     let judged = figures.judged.take().unwrap_or_default();
     if let Some(quality) = &mut figures.quality {
         quality.angles = Some(judged.angles.clone());
@@ -130,6 +128,7 @@ pub fn made(
         fidelity: figures.fidelity,
         lattice: figures.lattice,
         improvement: Some(improvement),
+        notes: unknown(&near_slabs, group)?.into_iter().collect(),
         ..Report::default()
     };
     let Piece {
@@ -158,18 +157,14 @@ pub fn made(
     }))
 }
 
-/// The last safety net: nothing was made of distances that a rank does not know.
-fn refuse_unknown(distance: &Distance<3>, group: &dyn Group) -> Result<()> {
+/// What is to be said where d was asked for and a rank does not know it, which should never be.
+fn unknown(distance: &Distance<3>, group: &dyn Group) -> Result<Option<String>> {
     let missed: Vec<bool> = group.all("distances", distance.missed())?;
-    match missed.contains(&true) {
-        false => Ok(()),
-        true => Err(Error::Job(cause(
-            "distance",
-            "was asked for where a rank does not know it",
-            "give one distance, or start fewer ranks; and please report it with the image, for this should never \
-             happen",
-        ))),
-    }
+    Ok(missed.contains(&true).then(|| {
+        "the distance was asked for farther from its part of the mesh than a rank knows it, and was taken to be the \
+         largest: one process may give another mesh; please report it with the image"
+            .into()
+    }))
 }
 
 /// How far from nodes of a mesh, along each axis, points of features matter: to where atoms are put, to which edges pierce

@@ -87,7 +87,7 @@ impl<const D: usize> Near<D> {
         most: f64,
         group: &dyn Group,
     ) -> Result<Self> {
-        let own = in_samples(dims, points, step);
+        let mut own = in_samples(dims, points, step);
         let layers = (own.iter()).fold([usize::MAX, 0], |[low, high], c| {
             let at = c.voxel.index() / layer(dims);
             [low.min(at), high.max(at)]
@@ -114,8 +114,8 @@ impl<const D: usize> Near<D> {
             from.push(all.len());
             match rank == group.rank() {
                 true => {
-                    all.extend_from_slice(&own);
                     sheets.extend((0..own.len() as u32).map(sheet_of));
+                    all.append(&mut own);
                 }
                 false => heard.into_iter().for_each(|(candidate, sheet)| {
                     all.push(candidate);
@@ -124,6 +124,7 @@ impl<const D: usize> Near<D> {
             }
         }
         from.push(all.len());
+        drop(own);
         let mut order: Vec<u32> = (0..all.len() as u32).collect();
         order.sort_by_key(|&i| all[i as usize].voxel);
         let mut place = vec![0; all.len()];

@@ -1,5 +1,7 @@
 //! Marked cells of a grid.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 /// Marks the `reach` cells on both sides of every marked cell, along one axis.
@@ -31,6 +33,34 @@ pub fn dilate<const D: usize>(marks: &mut [bool], dims: [usize; D], axis: usize,
     });
 }
 
+/// Of a grid of `dims` bricks, each of `edge` cells of length `step` along every axis, those that are no farther than
+/// `reach` from some positions along each axis.
+pub fn near<const D: usize>(
+    positions: &[[f64; D]],
+    reach: f64,
+    dims: [usize; D],
+    (edge, step): (usize, [f64; D]),
+) -> Vec<bool> {
+    let mut marks = vec![false; dims.iter().product()];
+    for x in positions {
+        let ranges: [Range<usize>; D] = std::array::from_fn(|k| {
+            // A cast cuts off what is below zero.
+            let brick = |x: f64| ((x / step[k]) as usize / edge).min(dims[k] - 1);
+            brick(x[k] - reach)..brick(x[k] + reach) + 1
+        });
+        for number in 0..ranges.iter().map(Range::len).product() {
+            let mut rest = number;
+            let at: [usize; D] = std::array::from_fn(|k| {
+                let at = ranges[k].start + rest % ranges[k].len();
+                rest /= ranges[k].len();
+                at
+            });
+            marks[(0..D).rev().fold(0, |brick, k| brick * dims[k] + at[k])] = true;
+        }
+    }
+    marks
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -56,5 +86,19 @@ mod tests {
             }
         }
         dilate(&mut [], [0; 3], 0, 1);
+    }
+
+    #[test]
+    fn bricks_near_positions_are_marked() {
+        // Bricks of four cells that are half as long along x as along y.
+        let (dims, bricks) = ([5, 4], (4, [0.5, 1.0]));
+        let marked = |x: [f64; 2], reach: f64| -> Vec<usize> {
+            let marks = near(&[x], reach, dims, bricks);
+            (0..20).filter(|&brick| marks[brick]).collect()
+        };
+        assert_eq!(marked([3.0, 6.0], 0.0), [6]);
+        assert_eq!(marked([3.0, 6.0], 1.5), [5, 6, 7]);
+        assert_eq!(marked([0.5, 15.9], 4.5), [10, 11, 12, 15, 16, 17]);
+        assert_eq!(marked([99.0, -1.0], 3.0), [4]);
     }
 }

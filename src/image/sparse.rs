@@ -8,6 +8,7 @@
 use super::field::{Field, Taps, interpolated};
 use crate::error::Result;
 use crate::files::kept::{Kept, fields};
+use crate::geometry::marks;
 use crate::ranks::{Group, share_of};
 use rayon::prelude::*;
 use std::io::{self, Write};
@@ -250,23 +251,7 @@ impl<const D: usize> Sparse<D> {
         group: &dyn Group,
     ) -> Result<Self> {
         let along = bricks(self.dims);
-        let mut wanted = vec![false; self.slots.len()];
-        for x in positions {
-            let of = |k: usize| {
-                let brick = |x: f64| ((x / self.step[k]) as usize / BRICK).min(along[k] - 1);
-                brick(x[k] - reach)..brick(x[k] + reach) + 1
-            };
-            let ranges: [Range<usize>; D] = std::array::from_fn(of);
-            for number in 0..ranges.iter().map(Range::len).product() {
-                let mut rest = number;
-                let at: [usize; D] = std::array::from_fn(|k| {
-                    let at = ranges[k].start + rest % ranges[k].len();
-                    rest /= ranges[k].len();
-                    at
-                });
-                wanted[(0..D).rev().fold(0, |brick, k| brick * along[k] + at[k])] = true;
-            }
-        }
+        let wanted = marks::near(positions, reach, along, (BRICK, self.step));
         let (parts, together) = parts(self.dims);
         let layer = wanted.len() / along[D - 1];
         let asked = (0..group.count()).map(|rank| {

@@ -10,6 +10,7 @@ use super::features::{Limits, coarse_grid, lowered_round};
 use super::grading::limit_together;
 use super::{Cell, Distance, Within, crowd, length, steepest};
 use crate::error::Result;
+use crate::geometry::marks;
 use crate::image::{Field, Missed};
 use crate::observer::Patience;
 use crate::ranks::{Group, share_of};
@@ -322,23 +323,7 @@ impl<const D: usize> Shared<D> {
             Self::All(distance) => return Ok(Cow::Borrowed(distance)),
             Self::InLayers(some) => some,
         };
-        let along = bricks(some.dims);
-        let mut wanted = vec![false; along.iter().product()];
-        for x in positions {
-            let ranges: [Range<usize>; D] = std::array::from_fn(|k| {
-                let brick = |x: f64| ((x / some.step[k]) as usize / BRICK).min(along[k] - 1);
-                brick(x[k] - reach)..brick(x[k] + reach) + 1
-            });
-            for number in 0..ranges.iter().map(Range::len).product() {
-                let mut rest = number;
-                let at: [usize; D] = std::array::from_fn(|k| {
-                    let at = ranges[k].start + rest % ranges[k].len();
-                    rest /= ranges[k].len();
-                    at
-                });
-                wanted[(0..D).rev().fold(0, |brick, k| brick * along[k] + at[k])] = true;
-            }
-        }
+        let wanted = marks::near(positions, reach, bricks(some.dims), (BRICK, some.step));
         Ok(Cow::Owned(some.fetched(&wanted, group)?))
     }
 

@@ -1,6 +1,6 @@
 //! d(x) as a set of atoms has it.
 
-use super::{Distance, limit_gradient};
+use super::{Distance, limit_gradient, lower_round};
 use crate::geometry::distance2;
 use crate::geometry::groups::grouped;
 use crate::image::Field;
@@ -29,15 +29,8 @@ pub fn of_atoms<const D: usize>(
         step,
         samples: vec![most as f32; dims.iter().product()],
     };
-    for (x, &d) in positions.iter().zip(&nearest) {
-        let low: [usize; D] =
-            std::array::from_fn(|k| ((x[k] / step[k]).max(0.0) as usize).min(dims[k] - 2));
-        for corner in 0..1usize << D {
-            let at = (0..D)
-                .rev()
-                .fold(0, |at, k| at * dims[k] + low[k] + (corner >> k & 1));
-            field.samples[at] = field.samples[at].min(d as f32);
-        }
+    for (&x, &d) in positions.iter().zip(&nearest) {
+        lower_round(&mut field, x, d as f32);
     }
     limit_gradient(&mut field, growth, patience);
     Distance::Field(field)

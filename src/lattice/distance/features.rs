@@ -97,28 +97,31 @@ fn at_points<const D: usize>(
         return Ok(Shared::InLayers(some));
     }
     let mut field = coarse_field(extent, limits.min, limits.max);
-    let (dims, step) = (field.dims, field.step);
-    for (x, d) in points {
-        lowered_round(x, dims, step, |at| {
-            let at = (0..D).rev().fold(0, |all, k| all * dims[k] + at[k]);
-            field.samples[at] = field.samples[at].min(d);
-        });
-    }
+    points.for_each(|(x, d)| lower_round(&mut field, x.map(f64::from), d));
     limit_gradient(&mut field, limits.growth, patience);
     Ok(Shared::All(Distance::Field(field)))
 }
 
-/// Calls `lower` for each corner of the cell of a grid that a point is in.
-pub(super) fn lowered_round<const D: usize>(
-    x: [f32; D],
+/// Lowers d at each corner of the cell that a point is in to what it is at the point.
+pub(crate) fn lower_round<const D: usize>(field: &mut Field<D>, x: [f64; D], d: f32) {
+    let dims = field.dims;
+    for_corners(x, dims, field.step, |at| {
+        let at = (0..D).rev().fold(0, |all, k| all * dims[k] + at[k]);
+        field.samples[at] = field.samples[at].min(d);
+    });
+}
+
+/// Each corner of the cell of a grid that a point is in.
+pub(super) fn for_corners<const D: usize>(
+    x: [f64; D],
     dims: [usize; D],
     step: [f64; D],
-    mut lower: impl FnMut([usize; D]),
+    mut each: impl FnMut([usize; D]),
 ) {
-    let low: [usize; D] =
-        std::array::from_fn(|k| ((f64::from(x[k]) / step[k]) as usize).min(dims[k] - 2));
+    // A cast cuts off what is below zero.
+    let low: [usize; D] = std::array::from_fn(|k| ((x[k] / step[k]) as usize).min(dims[k] - 2));
     for corner in 0..1usize << D {
-        lower(std::array::from_fn(|k| low[k] + (corner >> k & 1)));
+        each(std::array::from_fn(|k| low[k] + (corner >> k & 1)));
     }
 }
 

@@ -28,8 +28,8 @@ pub fn limit_gradient<const D: usize>(field: &mut Field<D>, growth: f64, patienc
     Sweeps::new(field, 0..rows, growth).settle(patience);
 }
 
-/// The same of a field of which each of a group has some layers along the last axis, `own` of those of `field`: those
-/// beside them are others', who have `layers` of the whole each.
+/// The same of a field of which each of a group has its `layers` along the last axis; of the whole this has those from
+/// `first` on, its own and those of others beside them.
 ///
 /// # Errors
 /// Those of the others.

@@ -14,7 +14,7 @@ pub(crate) mod sources;
 
 pub use atoms::of_atoms;
 pub use features::{Limits, from_features};
-pub(crate) use features::{coarse_field, shared_from_features, shared_from_gaps};
+pub(crate) use features::{coarse_field, lower_round, shared_from_features, shared_from_gaps};
 pub use grading::limit_gradient;
 pub use share::Bricks;
 pub(crate) use share::{InLayers, Shared};

@@ -6,7 +6,7 @@
 use std::borrow::Cow;
 use std::ops::Range;
 
-use super::features::{Limits, coarse_grid, lowered_round};
+use super::features::{Limits, coarse_grid, for_corners};
 use super::grading::limit_together;
 use super::{Cell, Distance, Within, crowd, length, steepest};
 use crate::error::Result;
@@ -120,7 +120,7 @@ impl<const D: usize> InLayers<D> {
         // Each sample round a point is its layer's.
         let mut to: Vec<Vec<([f32; D], f32)>> = vec![Vec::new(); count];
         let mut put = |(x, d): ([f32; D], f32), mut other: Option<&mut Vec<Vec<_>>>| {
-            lowered_round(x, dims, step, |mut at| {
+            for_corners(x.map(f64::from), dims, step, |mut at| {
                 if own.contains(&at[D - 1]) {
                     at[D - 1] -= first;
                     let at = (0..D).rev().fold(0, |all, k| all * here[k] + at[k]);
@@ -399,7 +399,7 @@ impl<const D: usize> Bricks<D> {
 mod tests {
     use super::*;
     use crate::geometry::random::Random;
-    use crate::lattice::distance::limit_gradient;
+    use crate::lattice::distance::{limit_gradient, lower_round};
     use crate::ranks::shared;
 
     const EXTENT: [f64; 3] = [40.0, 31.0, 120.0];
@@ -427,10 +427,7 @@ mod tests {
         let (dims, step) = coarse_grid(EXTENT, 2.5);
         let mut field = Field::from_fn(dims, step, |_| 9.0);
         for (x, d) in points() {
-            lowered_round(x, dims, step, |at| {
-                let at = (at[2] * dims[1] + at[1]) * dims[0] + at[0];
-                field.samples[at] = field.samples[at].min(d);
-            });
+            lower_round(&mut field, x.map(f64::from), d);
         }
         limit_gradient(&mut field, 0.1, &Patience::endless());
         Distance::Field(field)

@@ -4,7 +4,7 @@ use super::Alignment;
 use crate::error::{Error, Result, cause};
 use crate::geometry::distance2;
 use crate::image::Field;
-use crate::lattice::distance::{Distance, limit_gradient};
+use crate::lattice::distance::{Distance, limit_gradient, lower_round};
 use crate::observer::Patience;
 
 /// Atoms of two wells nearer than this, in d, are too near.
@@ -118,13 +118,7 @@ pub fn refined<const D: usize>(
     for way in ways {
         // All corners of every cell of the grid that the way passes.
         for (x, _) in way.followed(|_| finest) {
-            let low: [usize; D] =
-                std::array::from_fn(|k| ((x[k] / step[k]) as usize).min(cells[k] - 1));
-            for corner in 0..1usize << D {
-                let index = |k: usize| low[k] + (corner >> k & 1);
-                let at = (0..D).rev().fold(0, |at, k| at * (cells[k] + 1) + index(k));
-                field.samples[at] = field.samples[at].min(least as f32);
-            }
+            lower_round(&mut field, x, least as f32);
         }
     }
     limit_gradient(&mut field, growth, patience);

@@ -259,7 +259,7 @@ fn noise(x: f64, y: f64) -> f64 {
 fn layers(x: f64, y: f64) -> f64 {
     let throw = if x > 36.0 + 0.2 * y { 5.0 } else { 0.0 };
     let depth = y + throw + 2.0 * (x / 20.0).sin();
-    (depth / 2.6).sin() * (1.0 + 0.3 * (x / 9.0).cos()) + 0.1 * noise(x, y)
+    (depth / 4.0).sin() * (1.0 + 0.3 * (x / 9.0).cos()) + 0.1 * noise(x, y)
 }
 
 fn inputs(folder: &Path) {

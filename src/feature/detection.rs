@@ -8,6 +8,7 @@ use super::detectors::paths::PathSeeds;
 use super::volume::Volume;
 use crate::error::{Error, Result, cause};
 use crate::image::Image;
+use rayon::prelude::*;
 use std::borrow::Cow;
 
 /// How features are detected.
@@ -204,7 +205,7 @@ pub(super) fn refuse_impossible<const D: usize>(asked: &Detection<D>) -> Result<
 pub(super) fn first_not_finite(samples: &[f32]) -> Option<usize> {
     // Without a way out of the inner loop it runs on many samples at once.
     let broken = |chunk: &[f32]| !chunk.iter().fold(true, |all, s| all & s.is_finite());
-    let chunk = samples.chunks(4096).position(broken)? * 4096;
+    let chunk = samples.par_chunks(4096).position_first(broken)? * 4096;
     let within = samples[chunk..].iter().position(|s| !s.is_finite())?;
     Some(chunk + within)
 }

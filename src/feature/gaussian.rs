@@ -76,30 +76,31 @@ fn smooth_planes<const D: usize>(
     let kernels = sigma.map(|s| (s > 0.0).then(|| half_kernel(s)));
     // x and y stay inside a plane: do both while it is in the cache.
     samples.par_chunks_mut(nx * ny).enumerate().for_each_init(
-        Vec::new,
-        |scratch, (number, plane)| {
+        <(Vec<f32>, Vec<f32>)>::default,
+        |(padded, rows), (number, plane)| {
             if patience.over() {
                 return;
             }
-            if let Some(source) = source {
-                plane.copy_from_slice(&source[number * nx * ny..][..plane.len()]);
-            }
-            if let Some(kernel) = &kernels[0] {
-                wide(
+            let first = number * nx * ny;
+            let source = source.map_or(&*plane, |source| &source[first..][..plane.len()]);
+            rows.resize(plane.len(), 0.0);
+            match &kernels[0] {
+                Some(kernel) => wide(
                     #[inline(always)]
                     || {
-                        for row in plane.chunks_mut(nx) {
-                            smooth_row(row, kernel, scratch);
+                        for (row, out) in source.chunks(nx).zip(rows.chunks_mut(nx)) {
+                            smooth_row(row, kernel, padded, out);
                         }
                     },
-                );
+                ),
+                None => rows.copy_from_slice(source),
             }
-            if let Some(kernel) = &kernels[1] {
-                let mut rows: Vec<&mut [f32]> = plane.chunks_mut(nx).collect();
-                wide(
+            match &kernels[1] {
+                Some(kernel) => wide(
                     #[inline(always)]
-                    || smooth_across(&mut rows, kernel, scratch),
-                );
+                    || smooth_across(rows, kernel, plane.chunks_mut(nx)),
+                ),
+                None => plane.copy_from_slice(rows),
             }
         },
     );
@@ -121,9 +122,17 @@ fn smooth_planes<const D: usize>(
                         if patience.over() {
                             return;
                         }
+                        scratch.clear();
+                        rows.iter().for_each(|row| scratch.extend_from_slice(row));
                         wide(
                             #[inline(always)]
-                            || smooth_across(rows, kernel, scratch),
+                            || {
+                                smooth_across(
+                                    scratch,
+                                    kernel,
+                                    rows.iter_mut().map(|row| &mut **row),
+                                )
+                            },
                         );
                     });
             }
@@ -199,16 +208,16 @@ fn summed(kernel: &[f32], pairs: &[(&[f32], &[f32])], out: &mut [f32]) {
 
 /// Smooths one contiguous row along itself.
 #[inline(always)]
-fn smooth_row(row: &mut [f32], kernel: &[f32], scratch: &mut Vec<f32>) {
+fn smooth_row(row: &[f32], kernel: &[f32], padded: &mut Vec<f32>, out: &mut [f32]) {
     let (n, radius) = (row.len(), kernel.len() - 1);
     let beyond = |i: usize| row[mirrored(i as isize - radius as isize, n)];
-    scratch.clear();
-    scratch.extend((0..radius).map(beyond));
-    scratch.extend_from_slice(row);
-    scratch.extend((n + radius..n + 2 * radius).map(beyond));
-    let padded = &scratch[..];
+    padded.clear();
+    padded.extend((0..radius).map(beyond));
+    padded.extend_from_slice(row);
+    padded.extend((n + radius..n + 2 * radius).map(beyond));
+    let padded = &padded[..];
     let mut start = 0;
-    for out in row.chunks_mut(LANES) {
+    for out in out.chunks_mut(LANES) {
         if let Ok(out) = <&mut [f32; LANES]>::try_from(&mut *out) {
             let at = |shift: usize| -> &[f32; LANES] { lanes(&padded[start + shift..]) };
             *out = weighted(kernel, at(radius), |i| (at(radius - i), at(radius + i)));
@@ -226,17 +235,18 @@ fn smooth_row(row: &mut [f32], kernel: &[f32], scratch: &mut Vec<f32>) {
     }
 }
 
-/// Smooths across a stack of rows: `rows[j]` becomes the weighted sum of its neighbours.
+/// Smooths across a stack of rows, one after the other in `rows`: each of `out` becomes the weighted sum of its
+/// neighbours.
 #[inline(always)]
-fn smooth_across(rows: &mut [&mut [f32]], kernel: &[f32], scratch: &mut Vec<f32>) {
-    let n = rows.len();
-    let nx = rows.first().map_or(0, |r| r.len());
-    scratch.clear();
-    for row in rows.iter() {
-        scratch.extend_from_slice(row);
-    }
-    for (j, out) in rows.iter_mut().enumerate() {
-        let source = |shift: isize| &scratch[mirrored(j as isize + shift, n) * nx..][..nx];
+fn smooth_across<'a>(
+    rows: &[f32],
+    kernel: &[f32],
+    out: impl ExactSizeIterator<Item = &'a mut [f32]>,
+) {
+    let n = out.len();
+    let nx = rows.len() / n.max(1);
+    for (j, out) in out.enumerate() {
+        let source = |shift: isize| &rows[mirrored(j as isize + shift, n) * nx..][..nx];
         let pairs: Vec<(&[f32], &[f32])> = (0..kernel.len() as isize)
             .map(|i| (source(-i), source(i)))
             .collect();

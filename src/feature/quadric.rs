@@ -1,5 +1,7 @@
 //! A sheet near a place as a quadratic surface.
 
+use crate::geometry::wide::wide;
+
 /// Expected error of a point (samples) ...
 const ERROR: f64 = 0.15;
 /// ... and expected second-order coefficient of a sheet (per sample): radius of curvature a hundred.
@@ -30,12 +32,39 @@ impl<const D: usize> Quadric<D> {
 
     /// Adds a point; its height is its component along `axis`.
     pub fn add(&mut self, away: [f32; D], axis: usize) {
+        let weight = self.weight(away, axis);
+        Self::add_to(&mut self.equations, away, axis, weight);
+    }
+
+    /// Adds points, of which `weights` has room for the weights.
+    pub fn add_all(&mut self, points: &[[f32; D]], axis: usize, weights: &mut Vec<f64>) {
+        weights.clear();
+        weights.extend(points.iter().map(|away| self.weight(*away, axis)));
+        wide(
+            #[inline(always)]
+            || {
+                // A copy of their own stays in registers.
+                let mut equations = self.equations;
+                for (away, weight) in points.iter().zip(&*weights) {
+                    Self::add_to(&mut equations, *away, axis, *weight);
+                }
+                self.equations = equations;
+            },
+        );
+    }
+
+    fn weight(&self, away: [f32; D], axis: usize) -> f64 {
+        let along = (1..D).map(|k| f64::from(away[(axis + k) % D]));
+        let squares: f64 = along.map(|x| x * x).sum();
+        (-0.5 * squares / (self.width * self.width)).exp() / (ERROR * ERROR)
+    }
+
+    #[inline(always)]
+    fn add_to(equations: &mut [[f64; 8]; 6], away: [f32; D], axis: usize, weight: f64) {
         let mut row = [1.0; 8];
-        let mut squares = 0.0;
         let mut bend = D;
         for k in 1..D {
             row[k] = f64::from(away[(axis + k) % D]);
-            squares += row[k] * row[k];
         }
         for k in 1..D {
             for l in k..D {
@@ -44,9 +73,8 @@ impl<const D: usize> Quadric<D> {
             }
         }
         row[HEIGHT] = f64::from(away[axis]);
-        let weight = (-0.5 * squares / (self.width * self.width)).exp() / (ERROR * ERROR);
         // The lower half as well: it costs less than leaving it out.
-        for (i, equation) in self.equations.iter_mut().enumerate().take(Self::TERMS) {
+        for (i, equation) in equations.iter_mut().enumerate().take(Self::TERMS) {
             let share = weight * row[i];
             for j in 0..8 {
                 equation[j] += share * row[j];

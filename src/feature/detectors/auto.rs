@@ -19,9 +19,11 @@ use crate::feature::detection::{first_not_finite, not_finite};
 use crate::feature::volume::Volume;
 use crate::feature::windows::{Samples, Window, layer};
 use crate::files::kept::fields;
+use crate::geometry::wide::wide;
 use crate::image::Image;
 use crate::image::check::FEW_LABELS;
 use crate::observer::Patience;
+use rayon::prelude::*;
 use std::collections::BTreeSet;
 
 /// A detector that fits an image, and why.
@@ -128,8 +130,10 @@ impl Survey {
 /// half of it does where sheets run close together.
 const THIN_SHARE: f64 = 0.33;
 
-/// Samples looked at together.
+/// Samples looked at together ...
 const CHUNK: usize = 4096;
+/// ... and at once.
+const LANES: usize = 32;
 
 /// Samples to either side of a thin sheet that are outside it, this far along some axis.
 const THIN: usize = 6;
@@ -172,23 +176,23 @@ struct Seen<const D: usize> {
 impl<const D: usize> Seen<D> {
     fn of(window: &Window<'_, D>) -> Self {
         let own = window.raw.layers(&window.own.layers);
-        let [mut least, mut most] = NOTHING;
         let mut some = BTreeSet::new();
         for part in own.chunks(CHUNK) {
-            let fold = |(a, b): (f32, f32), &v: &f32| (a.min(v), b.max(v));
-            (least, most) = part.iter().fold((least, most), fold);
-            if some.len() <= FEW_LABELS {
-                // -0 is 0.
-                some.extend(part.iter().map(|v| (v + 0.0).to_bits()));
+            if some.len() > FEW_LABELS {
+                break;
             }
+            // -0 is 0.
+            some.extend(part.iter().map(|v| (v + 0.0).to_bits()));
         }
+        let parts = own.par_chunks(CHUNK).map(range);
+        let of_both = |[a, b]: [f32; 2], [c, d]: [f32; 2]| [a.min(c), b.max(d)];
         let place = |i| {
             let mut at = Volume::new(window.dims, &[]).coordinates(i);
             at[D - 1] += window.own.layers.start;
             (at, own[i])
         };
         Self {
-            range: [least, most],
+            range: parts.reduce(|| NOTHING, of_both),
             some: some.into_iter().take(FEW_LABELS + 1).collect(),
             broken: first_not_finite(own).map(place),
             looks: Looks::of(window),
@@ -214,26 +218,57 @@ impl<const D: usize> Seen<D> {
 /// The range of no values.
 const NOTHING: [f32; 2] = [f32::MAX, f32::MIN];
 
+/// Of values that are finite, the least and the largest.
+fn range(values: &[f32]) -> [f32; 2] {
+    let [mut least, mut most] = NOTHING.map(|v| [v; LANES]);
+    wide(
+        #[inline(always)]
+        || {
+            let (many, few) = values.as_chunks::<LANES>();
+            let few = few.iter().map(|&v| [v; LANES]);
+            for values in many.iter().copied().chain(few) {
+                for l in 0..LANES {
+                    least[l] = if values[l] < least[l] {
+                        values[l]
+                    } else {
+                        least[l]
+                    };
+                    most[l] = if values[l] > most[l] {
+                        values[l]
+                    } else {
+                        most[l]
+                    };
+                }
+            }
+        },
+    );
+    let fold = |all: [f32; LANES], best: fn(f32, f32) -> f32| all.into_iter().fold(all[0], best);
+    [fold(least, f32::min), fold(most, f32::max)]
+}
+
 impl<const D: usize> Looks<D> {
     /// A window's own places, of some 10^5 in all.
     fn of(window: &Window<'_, D>) -> Self {
         let count: usize = window.dims.iter().product();
         let stride = (count / 100_000).max(1) | 1;
-        let mut looks = Self::default();
         let volume = window.raw.volume;
         let (whole, layer) = (Volume::new(window.dims, &[]), layer(window.dims));
         let first = (window.own.layers.start * layer).next_multiple_of(stride);
-        for i in (first..window.own.layers.end * layer).step_by(stride) {
+        let places = (first..window.own.layers.end * layer)
+            .into_par_iter()
+            .step_by(stride);
+        let look = |i| {
             let at = window.raw.in_stack(whole.coordinates(i));
-            looks.means.push(local_mean(volume, at));
-            looks.beside.push(std::array::from_fn(|k| {
+            let beside = std::array::from_fn(|k| {
                 let (mut before, mut after) = (at, at);
                 before[k] = at[k].saturating_sub(THIN);
                 after[k] = (at[k] + THIN).min(volume.dims[k] - 1);
                 [before, after].map(|at| local_mean(volume, at))
-            }));
-        }
-        looks
+            });
+            (local_mean(volume, at), beside)
+        };
+        let (means, beside) = places.map(look).unzip();
+        Self { means, beside }
     }
 
     fn spread(self) -> Spread {
@@ -309,6 +344,19 @@ mod tests {
         });
         let edges = note(&blob);
         assert!(edges.contains("features: edges"), "{edges}");
+    }
+
+    #[test]
+    fn the_least_and_the_largest_value_are_found_wherever_they_are() {
+        for place in [0, 31, 32, 63, 64, 69] {
+            let values: Vec<f32> = (0..70)
+                .map(|i| if i == place { -3.0 } else { -1.0 })
+                .collect();
+            assert_eq!(super::range(&values), [-3.0, -1.0]);
+            let other: Vec<f32> = values.iter().map(|v| -v).collect();
+            assert_eq!(super::range(&other), [1.0, 3.0]);
+        }
+        assert_eq!(super::range(&[]), super::NOTHING);
     }
 
     #[test]

@@ -7,7 +7,11 @@ use crate::feature::crossing::Candidate;
 use crate::feature::symmetric::{Symmetric, eigenvalues, eigenvector};
 use crate::feature::volume::Volume;
 use crate::feature::windows::{MULTIPLE, Window};
+use crate::geometry::groups::grouped;
 use crate::geometry::{cross, dot, in_space, unit};
+use rayon::prelude::*;
+use std::cmp::Ordering::{Equal, Greater, Less};
+use std::ops::Range;
 
 /// Samples along an edge of a block with one line and one set of filters.
 pub const BLOCK: usize = MULTIPLE;
@@ -30,11 +34,55 @@ pub fn blocks<const D: usize>(dims: [usize; D]) -> Volume<'static, D> {
 /// What all blocks share.
 pub struct Job<'a, const D: usize> {
     pub blocks: Volume<'a, D>,
-    /// Candidates by the block that they lie in: where each block's begin, and their numbers.
-    pub by_block: &'a (Vec<u32>, Vec<u32>),
+    pub normals: &'a Normals<D>,
     pub search: &'a Search<'a, D>,
     /// The layers of the image in which blocks are looked at.
     pub window: &'a Window<'a, D>,
+}
+
+/// Normals of clear candidates, by the block that they lie in.
+pub struct Normals<const D: usize> {
+    /// Where each block's begin.
+    start: Vec<u32>,
+    all: Vec<Normal<D>>,
+}
+
+struct Normal<const D: usize> {
+    /// The candidate's sample, counted from the block's first.
+    at: [u8; D],
+    normal: [f32; D],
+    strength: f32,
+}
+
+impl<const D: usize> Normals<D> {
+    /// Those of candidates of a volume of `dims` samples that are at least as strong as `clear` says.
+    pub fn of(candidates: &[Candidate<D>], dims: [usize; D], clear: f32) -> Self {
+        let (samples, blocks) = (Volume::new(dims, &[]), blocks(dims));
+        let at = |c: &Candidate<D>| samples.coordinates(c.voxel.index());
+        let clear = |i: &u32| candidates[*i as usize].strength >= clear;
+        let clear: Vec<u32> = (0..candidates.len() as u32)
+            .into_par_iter()
+            .filter(clear)
+            .collect();
+        let of = |i: u32| &candidates[clear[i as usize] as usize];
+        let block = |i| blocks.index(at(of(i)).map(|i| i / BLOCK));
+        let count = blocks.dims.iter().product();
+        let (start, order) = grouped(count, (0..clear.len() as u32).map(block));
+        let normal = |&i: &u32| {
+            let c = of(i);
+            Normal {
+                at: at(c).map(|i| (i % BLOCK) as u8),
+                normal: c.normal,
+                strength: c.strength,
+            }
+        };
+        let all = order.par_iter().map(normal).collect();
+        Self { start, all }
+    }
+
+    fn of_block(&self, block: usize) -> &[Normal<D>] {
+        &self.all[self.start[block] as usize..self.start[block + 1] as usize]
+    }
 }
 
 /// What a thread needs for a block.
@@ -149,20 +197,19 @@ impl<const D: usize> Job<'_, D> {
     /// Up to [`MODES`] directions round which the normals of candidates in and beside a block gather.
     fn modes(&self, first: [usize; D]) -> Vec<[f64; D]> {
         let blocks = &self.blocks;
-        let (reach, samples) = (BLOCK / 2, Volume::new(self.window.dims, &[]));
         let mut normals: Vec<([f64; D], f64)> = Vec::new();
         let own = blocks.index(first.map(|i| i / BLOCK));
         for block in around(blocks, own, 1) {
-            let (start, order) = self.by_block;
-            for &i in &order[start[block] as usize..start[block + 1] as usize] {
-                let c = &self.search.slab.candidates[i as usize];
-                let at = samples.coordinates(c.voxel.index());
-                let close =
-                    (0..D).all(|k| at[k] + reach >= first[k] && at[k] < first[k] + BLOCK + reach);
-                if close && c.strength >= self.search.clear {
-                    normals.push((c.normal.map(f64::from), f64::from(c.strength)));
-                }
-            }
+            // Of blocks beside it the nearer half.
+            let (here, there) = (blocks.coordinates(own), blocks.coordinates(block));
+            let near: [Range<u8>; D] = std::array::from_fn(|k| match there[k].cmp(&here[k]) {
+                Less => (BLOCK / 2) as u8..BLOCK as u8,
+                Equal => 0..BLOCK as u8,
+                Greater => 0..(BLOCK / 2) as u8,
+            });
+            let close = |c: &&Normal<D>| (0..D).all(|k| near[k].contains(&c.at[k]));
+            let some = self.normals.of_block(block).iter().filter(close);
+            normals.extend(some.map(|c| (c.normal.map(f64::from), f64::from(c.strength))));
         }
         let every = normals.len() / NORMALS + 1;
         let mut normals: Vec<([f64; D], f64)> = normals.into_iter().step_by(every).collect();
@@ -209,13 +256,14 @@ pub struct Mask {
     pub samples: Vec<bool>,
     /// Of each row of x.
     pub rows: Vec<bool>,
-    /// Of each row of x in the block and its small margin.
-    pub around: Vec<bool>,
+    /// Of each row of x in the block and a margin of [`NEAR`] round it, those that derivatives at these need,
+    /// counted from the margin's first.
+    pub around: Parts,
     pub any: bool,
 }
 
 impl Mask {
-    fn new<const D: usize>(
+    pub fn new<const D: usize>(
         dims: [usize; D],
         first: [usize; D],
         wanted: impl Fn([usize; D]) -> bool,
@@ -225,15 +273,18 @@ impl Mask {
         let mut mask = Self {
             samples: vec![false; rows * BLOCK],
             rows: vec![false; rows],
-            around: vec![false; wide.pow(D as u32 - 1)],
+            around: Parts::none(wide.pow(D as u32 - 1)),
             any: false,
         };
+        let mut parts = Parts::none(rows);
         for i in 0..rows * BLOCK {
             let at = in_block(i, first);
             if (0..D).all(|k| at[k] < dims[k]) && wanted(at) {
                 mask.samples[i] = true;
                 mask.rows[i / BLOCK] = true;
                 mask.any = true;
+                let x = i % BLOCK;
+                parts.add(i / BLOCK, [x, x + 2 * NEAR + 1].map(|x| x as i8));
             }
         }
         for row in (0..rows).filter(|&r| mask.rows[r]) {
@@ -246,10 +297,50 @@ impl Mask {
                     near /= side;
                     stride *= wide;
                 }
-                mask.around[to] = true;
+                mask.around.add(to, [parts.start[row], parts.end[row]]);
             }
         }
         mask
+    }
+}
+
+/// Of each of some rows, from where to where samples matter.
+pub struct Parts {
+    pub start: Vec<i8>,
+    pub end: Vec<i8>,
+}
+
+impl Parts {
+    /// None of so many rows: a range that is none even when it is moved by 39 along x with others.
+    pub fn none(rows: usize) -> Self {
+        Self {
+            start: vec![80; rows],
+            end: vec![-80; rows],
+        }
+    }
+
+    /// Of a row those, too, from `start` to `end`.
+    fn add(&mut self, row: usize, [start, end]: [i8; 2]) {
+        self.start[row] = self.start[row].min(start);
+        self.end[row] = self.end[row].max(end);
+    }
+
+    /// Of the rows from number `to` on those, too, that others have so far off, the first and the last.
+    #[inline(always)]
+    pub fn add_all(&mut self, to: usize, other: [&[i8]; 2], [first, last]: [i8; 2]) {
+        for (start, other) in self.start[to..].iter_mut().zip(other[0]) {
+            *start = (*start).min(other + first);
+        }
+        for (end, other) in self.end[to..].iter_mut().zip(other[1]) {
+            *end = (*end).max(other + last);
+        }
+    }
+
+    pub fn of(&self, row: usize) -> Range<usize> {
+        match self.start[row] < self.end[row] {
+            true => self.start[row] as usize..self.end[row] as usize,
+            false => 0..0,
+        }
     }
 }
 

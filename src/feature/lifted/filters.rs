@@ -1,6 +1,6 @@
 //! Filters that are long along a sheet and narrow across it, at all angles about a line.
 
-use super::block::{BLOCK, Mask, Scratch, in_block};
+use super::block::{BLOCK, Mask, Parts, Scratch, in_block};
 use crate::feature::crossing::{Candidate, OVERLAP, dominant_axes};
 use crate::feature::volume::Volume;
 use crate::geometry::dot;
@@ -59,8 +59,12 @@ const RIDGE: f64 = 2.25;
 pub const NEAR: usize = 2;
 /// ... and in x, which makes rows of a width that vector registers like.
 const NEAR_X: usize = 4;
-/// Samples of x smoothed at once along the line.
+/// Samples of x smoothed at once along the line, and sums of them that grow side by side ...
 const LANES: usize = 32;
+const SUMS: usize = 2;
+/// ... and along a sheet: of a row of few samples, and of all.
+const FEW: usize = 16;
+const MANY_SUMS: usize = 4;
 /// Samples of x of a block and its small margin.
 const WIDTH: usize = BLOCK + 2 * NEAR_X;
 /// Samples round a block that filters along sheets reach in what is smoothed along the line: two
@@ -168,7 +172,11 @@ impl<const D: usize> Filters<D> {
         wide(
             #[inline(always)]
             || {
-                for (row, _) in needed.iter().enumerate().filter(|r| *r.1) {
+                for row in 0..rows {
+                    let part = needed.of(row);
+                    if part.is_empty() {
+                        continue;
+                    }
                     let (mut rest, mut at) = (row, begin);
                     for k in 1..D {
                         at[k] += (rest % EDGE) as isize;
@@ -179,16 +187,17 @@ impl<const D: usize> Filters<D> {
                         self.line.inside(k, at[k], end, image.dims[k])
                     };
                     let row_inside = whole || (1..D).all(|k| inside(k, 1));
-                    for part in 0..EDGE / LANES {
-                        let to = row * EDGE + part * LANES;
+                    for start in part.step_by(LANES) {
+                        let start = start.min(EDGE - LANES);
+                        let to = row * EDGE + start;
                         let mut at = at;
-                        at[0] += (part * LANES) as isize;
+                        at[0] += start as isize;
                         let end = at[0] + LANES as isize;
                         if row_inside && self.line.inside(0, at[0], end, image.dims[0]) {
                             let from = (0..D)
                                 .rev()
                                 .fold(0, |i, k| i * image.dims[k] as isize + at[k]);
-                            let sum = summed::<LANES>(image.samples, from, &line);
+                            let sum = summed::<LANES, SUMS>(image.samples, from, &line);
                             out[to..to + LANES].copy_from_slice(&sum.map(|s| s - level));
                             if !whole {
                                 out_inside[to..to + LANES].fill(1.0);
@@ -204,29 +213,50 @@ impl<const D: usize> Filters<D> {
         );
     }
 
-    /// The rows of the buffer that smoothing along sheets reads.
-    fn needed(&self, mask: &Mask) -> Vec<bool> {
+    /// Of each row of the buffer, which samples smoothing along sheets reads.
+    fn needed(&self, mask: &Mask) -> Parts {
         let mut strides = [0; D];
         for k in 1..D {
             strides[k] = EDGE.pow(k as u32 - 1);
         }
-        let mut needed = vec![false; EDGE.pow(D as u32 - 1)];
-        let mut offsets: Vec<isize> = Vec::new();
+        // How far off rows are that are read, and how far along them from the first to the last.
+        let mut offsets: Vec<(isize, [i8; 2])> = Vec::new();
         for sum in &self.along {
-            offsets.extend(sum.offsets(strides).into_iter().map(|tap| tap.0));
+            let rows = sum.offsets(strides).into_iter().map(|tap| tap.0);
+            offsets.extend(rows.zip(sum.taps.iter().map(|tap| [tap.at[0] as i8; 2])));
         }
-        offsets.sort_unstable();
-        offsets.dedup();
-        for (row, _) in mask.around.iter().enumerate().filter(|r| *r.1) {
-            let (mut rest, mut at) = (row, 0isize);
-            for k in 1..D {
-                at += ((BEGIN - NEAR + rest % WIDE) * strides[k]) as isize;
-                rest /= WIDE;
+        offsets.sort_unstable_by_key(|offset| offset.0);
+        offsets.dedup_by(|next, kept| {
+            let same = next.0 == kept.0;
+            if same {
+                kept.1 = [kept.1[0].min(next.1[0]), kept.1[1].max(next.1[1])];
             }
-            for offset in &offsets {
-                needed[(at + offset) as usize] = true;
-            }
-        }
+            same
+        });
+        let mut needed = Parts::none(EDGE.pow(D as u32 - 1));
+        let around = [&mask.around.start, &mask.around.end];
+        wide(
+            #[inline(always)]
+            || {
+                // Rows that follow one another along the second axis at once.
+                for line in 0..mask.around.start.len() / WIDE {
+                    let own = line * WIDE..(line + 1) * WIDE;
+                    if own.clone().all(|row| mask.around.of(row).is_empty()) {
+                        continue;
+                    }
+                    let (mut rest, mut at) = (line, (BEGIN - NEAR) as isize);
+                    for k in 2..D {
+                        at += ((BEGIN - NEAR + rest % WIDE) * strides[k]) as isize;
+                        rest /= WIDE;
+                    }
+                    let around = around.map(|row| &row[own.clone()]);
+                    for &(offset, moved) in &offsets {
+                        let moved = moved.map(|by| by + (BEGIN - NEAR) as i8);
+                        needed.add_all((at + offset) as usize, around, moved);
+                    }
+                }
+            },
+        );
         needed
     }
 
@@ -249,7 +279,7 @@ impl<const D: usize> Filters<D> {
         for buffer in [&mut *seconds, &mut *firsts] {
             buffer.resize(rows * self.angles.len() * BLOCK, 0.0);
         }
-        sheet.resize(mask.around.len() * WIDTH, 0.0);
+        sheet.resize(mask.around.start.len() * WIDTH, 0.0);
         for (slot, (&angle, along)) in self.angles.iter().zip(&self.along).enumerate() {
             let (_, across) = self.directions(angle as f64);
             let bell = along.offsets(big);
@@ -264,7 +294,11 @@ impl<const D: usize> Filters<D> {
             wide(
                 #[inline(always)]
                 || {
-                    for (row, _) in mask.around.iter().enumerate().filter(|r| *r.1) {
+                    for row in 0..mask.around.start.len() {
+                        let part = mask.around.of(row);
+                        if part.is_empty() {
+                            continue;
+                        }
                         let (mut rest, mut at) = (row, BEGIN - NEAR_X);
                         let mut row_inside = x_inside;
                         for k in 1..D {
@@ -273,19 +307,15 @@ impl<const D: usize> Filters<D> {
                             row_inside &= inside(k, (first[k] + i) as isize - NEAR as isize, 1);
                             rest /= WIDE;
                         }
-                        let mut sum = summed::<WIDTH>(line, at as isize, &bell);
-                        // Where the image ends, the mean of what is inside.
-                        if !(row_inside || *whole) {
-                            let part = summed::<WIDTH>(line_inside, at as isize, &bell);
-                            for l in 0..WIDTH {
-                                sum[l] = if part[l] > LEAST_INSIDE {
-                                    sum[l] / part[l]
-                                } else {
-                                    0.0
-                                };
-                            }
+                        let inside = (!(row_inside || *whole)).then_some(&line_inside[..]);
+                        let to = row * WIDTH;
+                        if part.len() <= FEW {
+                            let start = (NEAR_X - NEAR + part.start).min(WIDTH - FEW);
+                            let sheet = &mut sheet[to + start..];
+                            mean::<FEW>(line, inside, at + start, &bell, sheet);
+                        } else {
+                            mean::<WIDTH>(line, inside, at, &bell, &mut sheet[to..]);
                         }
-                        sheet[row * WIDTH..(row + 1) * WIDTH].copy_from_slice(&sum);
                     }
                     let rows = mask.rows.iter().enumerate().filter(|r| *r.1);
                     for (number, (row, _)) in rows.enumerate() {
@@ -296,8 +326,8 @@ impl<const D: usize> Filters<D> {
                         }
                         let to = (number * self.angles.len() + slot) * BLOCK;
                         let here = &sheet[at..at + BLOCK];
-                        let after = summed::<BLOCK>(sheet, at as isize, &after);
-                        let before = summed::<BLOCK>(sheet, at as isize, &before);
+                        let after = summed::<BLOCK, MANY_SUMS>(sheet, at as isize, &after);
+                        let before = summed::<BLOCK, MANY_SUMS>(sheet, at as isize, &before);
                         // Curvature upside down, and slope.
                         for l in 0..BLOCK {
                             seconds[to + l] = 2.0 * here[l] - before[l] - after[l];
@@ -338,14 +368,12 @@ impl<const D: usize> Filters<D> {
                 let angle = self.angles[slots[1]];
                 let c = slots.map(|slot| &scratch.second[of(slot)]);
                 let d = slots.map(|slot| &scratch.first[of(slot)]);
-                for l in 0..BLOCK {
-                    let [before, here, after] = c.map(|c| c[l]);
-                    // Zero: nothing there.
-                    let most = here > 0.0 && here >= before && here > after;
-                    if !most || before == 0.0 || after == 0.0 || !mask.samples[row * BLOCK + l] {
-                        continue;
-                    }
-                    let [before, here, after] = [before, here, after].map(f64::from);
+                let sought = &mask.samples[row * BLOCK..(row + 1) * BLOCK];
+                let mut maxima = most(c, sought);
+                while maxima != 0 {
+                    let l = maxima.trailing_zeros() as usize;
+                    maxima &= maxima - 1;
+                    let [before, here, after] = c.map(|c| f64::from(c[l]));
                     // Half a turn on, the direction across is the opposite one.
                     let mut slope = d.map(|d| f64::from(d[l]));
                     if angle == 0 {
@@ -378,6 +406,25 @@ impl<const D: usize> Filters<D> {
             }
         }
     }
+}
+
+/// Which samples of a row, a bit for each, are sought and have their maximum at the angle in the middle of three.
+fn most([before, here, after]: [&[f32]; 3], sought: &[bool]) -> u32 {
+    let (mut bits, mut any) = (0, [false; BLOCK]);
+    for l in 0..BLOCK {
+        let [before, here, after] = [before[l], here[l], after[l]];
+        // Zero: nothing there.
+        any[l] = (here > 0.0)
+            & (here >= before)
+            & (here > after)
+            & (before != 0.0)
+            & (after != 0.0)
+            & sought[l];
+    }
+    for (l, &any) in any.iter().enumerate() {
+        bits |= u32::from(any) << l;
+    }
+    bits
 }
 
 impl<const D: usize> Sum<D> {
@@ -473,33 +520,91 @@ impl<const D: usize> Sum<D> {
                 continue;
             }
             let samples = &image.samples[from..from + high - low];
-            for (l, sample) in (low..high).zip(samples) {
-                sum[l] += tap.weight * (sample - level);
-                inside[l] += tap.weight;
+            // What is outside counts as the level.
+            let mut part = [level; LANES];
+            part[low..high].copy_from_slice(samples);
+            for l in 0..LANES {
+                sum[l] += tap.weight * (part[l] - level);
+                inside[l] += if (low..high).contains(&l) {
+                    tap.weight
+                } else {
+                    0.0
+                };
             }
         }
         (sum, inside)
     }
 }
 
-/// Weighted sums of neighbours, for `N` samples in a row: as many at once as stay in registers.
+/// Weighted means of neighbours for `N` samples in a row; where the image ends, of what is `inside`.
 #[inline(always)]
-fn summed<const N: usize>(samples: &[f32], at: isize, taps: &[(isize, f32)]) -> [f32; N] {
-    let mut sum = [0.0f32; N];
-    for &(offset, weight) in taps {
-        let start = (at + offset) as usize;
-        let from = &samples[start..start + N];
+fn mean<const N: usize>(
+    samples: &[f32],
+    inside: Option<&[f32]>,
+    at: usize,
+    taps: &[(isize, f32)],
+    out: &mut [f32],
+) {
+    let mut sum = summed::<N, MANY_SUMS>(samples, at as isize, taps);
+    if let Some(inside) = inside {
+        let part = summed::<N, MANY_SUMS>(inside, at as isize, taps);
         for l in 0..N {
-            sum[l] += weight * from[l];
+            sum[l] = if part[l] > LEAST_INSIDE {
+                sum[l] / part[l]
+            } else {
+                0.0
+            };
         }
     }
-    sum
+    out[..N].copy_from_slice(&sum);
+}
+
+/// Weighted sums of neighbours, for `N` samples in a row: as many at once as stay in registers. There are `W` sums of
+/// each, of every `W`-th neighbour, since one addition would wait for the other.
+#[inline(always)]
+fn summed<const N: usize, const W: usize>(
+    samples: &[f32],
+    at: isize,
+    taps: &[(isize, f32)],
+) -> [f32; N] {
+    let mut sums = [[0.0f32; N]; W];
+    let (groups, rest) = taps.as_chunks::<W>();
+    for group in groups {
+        for w in 0..W {
+            add(&mut sums[w], samples, at, group[w]);
+        }
+    }
+    for (sum, tap) in sums.iter_mut().zip(rest) {
+        add(sum, samples, at, *tap);
+    }
+    let mut all = sums[0];
+    for sum in &sums[1..] {
+        for l in 0..N {
+            all[l] += sum[l];
+        }
+    }
+    all
+}
+
+/// Adds a weighted row of samples.
+#[inline(always)]
+fn add<const N: usize>(
+    sum: &mut [f32; N],
+    samples: &[f32],
+    at: isize,
+    (offset, weight): (isize, f32),
+) {
+    let start = (at + offset) as usize;
+    let from = &samples[start..start + N];
+    for l in 0..N {
+        sum[l] += weight * from[l];
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::unit;
+    use crate::geometry::{cross, sub, unit};
 
     #[test]
     fn means_along_lines_are_centred_and_as_wide_as_asked() {
@@ -553,7 +658,7 @@ mod tests {
         let at = [20, 25, 20];
         let (some, share) = sum.of_some(image, at, 0.0);
         let from = image.index([20, 25, 20]) as isize;
-        let whole = summed::<LANES>(&samples, from, &offsets);
+        let whole = summed::<LANES, SUMS>(&samples, from, &offsets);
         for l in 0..LANES {
             assert!((share[l] - 1.0).abs() < 1e-5 && (some[l] - whole[l]).abs() < 1e-2);
         }
@@ -573,6 +678,55 @@ mod tests {
                     }
                 }
                 assert!((value - some[l]).abs() < 1e-2 && (inside - share[l]).abs() < 1e-5);
+            }
+        }
+    }
+
+    #[test]
+    fn few_samples_of_a_block_show_what_they_do_among_all() {
+        let dims = [70, 50, 40];
+        let samples: Vec<f32> = (0..70 * 50 * 40)
+            .map(|i| (i * 7919 % 1009) as f32)
+            .collect();
+        let image = Volume::new(dims, &samples);
+        let modes = [[1.0, 0.2, 0.3], [0.9, -0.4, 0.3]].map(unit);
+        let line = unit(cross(modes[0], modes[1]));
+        let side = cross(line, modes[0]);
+        let filters = Filters::new(CROSSING, [line, modes[0], side], &modes, false);
+        let mut scratch = Scratch::default();
+        let mut found = |first: [usize; 3], wanted: &dyn Fn([usize; 3]) -> bool| {
+            // What is not needed is nothing to count on.
+            for buffer in [
+                &mut scratch.line,
+                &mut scratch.line_inside,
+                &mut scratch.sheet,
+            ] {
+                buffer.fill(f32::NAN);
+            }
+            let mask = Mask::new(dims, first, wanted);
+            filters.fill(image, first, 500.0, &mask, &mut scratch);
+            filters.apply(dims, first, &mask, &mut scratch);
+            let mut found = Vec::new();
+            filters.points(dims, &mask, first, &scratch, &mut found);
+            found
+        };
+        for first in [[16, 16, 16], [0, 32, 0], [64, 48, 32]] {
+            let all = found(first, &|_| true);
+            assert!(all.len() > 20, "{first:?}: {}", all.len());
+            let few = |at: [usize; 3]| (at[0] + 3 * at[1] + 5 * at[2]).is_multiple_of(11);
+            let one = |at: [usize; 3]| image.index(at) == all[all.len() / 2].voxel.index();
+            for wanted in [&few as &dyn Fn([usize; 3]) -> bool, &one] {
+                let wanted_of = |c: &&Candidate<3>| wanted(image.coordinates(c.voxel.index()));
+                let of_all: Vec<_> = all.iter().filter(wanted_of).collect();
+                let some = found(first, wanted);
+                assert!(!some.is_empty() && some.len() == of_all.len(), "{first:?}");
+                for (a, b) in some.iter().zip(of_all) {
+                    assert_eq!((a.voxel, a.axis), (b.voxel, b.axis));
+                    // Beside the image's sides, sums are made in another order where fewer are.
+                    let off = sub(a.position, b.position);
+                    assert!(dot(off, off) < 1e-6 && dot(a.normal, b.normal) > 0.9999);
+                    assert!((a.strength / b.strength - 1.0).abs() < 1e-3);
+                }
             }
         }
     }

@@ -28,10 +28,9 @@ use super::slab::{Slab, ranked};
 use super::volume::Volume;
 use super::windows::{Own, Samples, Window};
 use crate::error::Result;
-use crate::geometry::groups::grouped;
 use crate::geometry::{dot, sub};
 use crate::observer::Patience;
-use block::{BLOCK, Job, Scratch, blocks};
+use block::{BLOCK, Job, Normals, Scratch, blocks};
 use filters::CROSSING;
 use std::sync::atomic::AtomicUsize;
 use std::sync::atomic::Ordering::Relaxed;
@@ -117,14 +116,9 @@ impl<const D: usize> Search<'_, D> {
     /// Those of the own layers, as filters find them.
     fn found(&self) -> Result<Vec<Candidate<D>>> {
         let dims = self.image.dims();
-        let (samples, blocks) = (Volume::new(dims, &[]), blocks(dims));
-        let candidates = &self.slab.candidates;
-        let block_of = |c: &Candidate<D>| {
-            let at = samples.coordinates(c.voxel.index());
-            blocks.index(at.map(|i| i / BLOCK))
-        };
-        let count = blocks.dims.iter().product();
-        let by_block = grouped(count, candidates.iter().map(block_of));
+        let blocks = blocks(dims);
+        let count: usize = blocks.dims.iter().product();
+        let normals = Normals::of(&self.slab.candidates, dims, self.clear);
         let mut found: Vec<Candidate<D>> = Vec::new();
         let done = AtomicUsize::new(0);
         let layers = self.slab.layers();
@@ -133,7 +127,7 @@ impl<const D: usize> Search<'_, D> {
         let mut look = |window: &Window<'_, D>| {
             let job = Job {
                 blocks,
-                by_block: &by_block,
+                normals: &normals,
                 search: self,
                 window,
             };
@@ -162,10 +156,10 @@ impl<const D: usize> Search<'_, D> {
     /// shifts a sheet that bends.
     fn polished(&self, points: &[Candidate<D>]) -> Vec<Candidate<D>> {
         let grid = BySample::new(self.image.dims(), points);
-        let polish = |c: &Candidate<D>| {
+        type Near<const D: usize> = (Vec<[f32; D]>, Vec<f64>);
+        let polish = |(near, weights): &mut Near<D>, c: &Candidate<D>| {
             let axis = c.axis as usize;
-            let mut surface = Quadric::<D>::new(2 * ROUND);
-            let mut count = 0;
+            near.clear();
             grid.each_around(grid.coordinates(c), ROUND, |j| {
                 let other = &points[j];
                 let away = sub(other.position, c.position);
@@ -173,14 +167,15 @@ impl<const D: usize> Search<'_, D> {
                 if dot(other.normal, c.normal).abs() >= SAME_SHEET
                     && dot(away, c.normal).abs() <= 0.4 + 0.08 * length
                 {
-                    surface.add(away, axis);
-                    count += 1;
+                    near.push(away);
                 }
             });
-            let solved = match count > 2 * Quadric::<D>::TERMS {
-                true => surface.solve(),
-                false => None,
-            };
+            if near.len() <= 2 * Quadric::<D>::TERMS {
+                return *c;
+            }
+            let mut surface = Quadric::<D>::new(2 * ROUND);
+            surface.add_all(near, axis, weights);
+            let solved = surface.solve();
             let Some(terms) = solved else { return *c };
             // What a filter sees of a bent sheet is its mean height.
             let (mut shift, mut bend) = (0.0, D);
@@ -211,7 +206,8 @@ impl<const D: usize> Search<'_, D> {
             moved.voxel = Voxel::of(self.image.dims(), at);
             moved
         };
-        let mut moved: Vec<Candidate<D>> = points.par_iter().map(polish).collect();
+        let moved = points.par_iter().map_init(Near::default, polish);
+        let mut moved: Vec<Candidate<D>> = moved.collect();
         moved.par_sort_by_key(|c| c.voxel);
         self.thinned(&moved)
     }

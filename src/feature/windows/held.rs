@@ -5,7 +5,11 @@ use crate::error::Result;
 use crate::feature::gaussian;
 use crate::observer::Patience;
 use crate::ranks::Group;
+use rayon::prelude::*;
 use std::ops::Range;
+
+/// Samples that one thread moves at a time.
+const MOVED: usize = 1 << 16;
 
 /// Layers that are held.
 #[derive(Default)]
@@ -28,7 +32,7 @@ impl Held {
         };
         // The room is used again: to ask for it anew would cost as much as to smooth it.
         let from = self.samples.len() - kept.len() * layer;
-        self.samples.copy_within(from.., 0);
+        move_to_front(&mut self.samples, from);
         let more = (to.len() * layer).saturating_sub(self.samples.len());
         self.samples.reserve_exact(more);
         self.samples.resize(to.len() * layer, 0.0);
@@ -80,6 +84,21 @@ impl Held {
             range: wanted,
             samples,
         })
+    }
+}
+
+/// Moves samples, from one on, to the front: all threads, for layers are many megabytes.
+fn move_to_front(samples: &mut [f32], from: usize) {
+    let mut left = samples.len() - from;
+    let mut rest = samples;
+    while left > 0 && from > 0 {
+        let count = from.min(left);
+        let (to, source) = rest.split_at_mut(from);
+        let parts = to[..count].par_chunks_mut(MOVED);
+        parts
+            .zip(source[..count].par_chunks(MOVED))
+            .for_each(|(to, source)| to.copy_from_slice(source));
+        (rest, left) = (source, left - count);
     }
 }
 
@@ -184,4 +203,22 @@ impl Stages {
 /// A range of layers or rows and so many to either side, of those there are.
 pub(super) fn wide(range: &Range<usize>, by: usize, count: usize) -> Range<usize> {
     range.start.saturating_sub(by)..(range.end + by).min(count)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_move_to_the_front_whole() {
+        for (count, from) in [(10, 0), (10, 3), (10, 7), (10, 10), (5 * MOVED, MOVED + 1)] {
+            let mut samples: Vec<f32> = (0..count).map(|i| i as f32).collect();
+            move_to_front(&mut samples, from);
+            let moved = samples[..count - from].iter().zip(from..);
+            assert!(
+                moved.into_iter().all(|(s, i)| *s == i as f32),
+                "{from} of {count}"
+            );
+        }
+    }
 }

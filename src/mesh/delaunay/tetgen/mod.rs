@@ -33,9 +33,9 @@ pub const OUTSIDE: u32 = u32::MAX;
 /// not depend on it.
 #[cfg(feature = "tetgen")]
 const LARGE: usize = 40_000;
-/// A part has at most so many points, for a run takes some 700 bytes for each.
+/// A part has at most so many points, for a run takes some 700 bytes for each; of smaller parts halos are a larger share.
 #[cfg(feature = "tetgen")]
-const LARGEST_PART: usize = 800_000;
+const LARGEST_PART: usize = 600_000;
 /// A part has at least so many points.
 #[cfg(feature = "tetgen")]
 const SMALLEST_PART: usize = 20_000;
@@ -307,8 +307,9 @@ fn tetrahedra(points: &[[f64; 3]], with_neighbors: bool) -> Result<Answer> {
         true => ranks::of_first("processors", || Ok(at_once * ranks::count()))?,
         false => 1,
     };
-    let at_all = at_all.min(points.len() / SMALLEST_PART);
-    let count = at_all.max(points.len().div_ceil(LARGEST_PART));
+    let at_all = at_all.min(points.len() / SMALLEST_PART).max(1);
+    // In rounds, in each of which all are at work.
+    let count = (points.len().div_ceil(LARGEST_PART)).next_multiple_of(at_all);
     let in_parts = match worker::for_parts() {
         Some(program) if large && at_all > 1 => parts::joined(points, count, at_once, &|part| {
             worker::ask(program, part, true)

@@ -15,10 +15,12 @@
 //! - `spread`: how normals vary beyond what one sheet would have
 //! - `block`: the lines of a block of samples
 //! - `filters`: filters at all angles about a line
+//! - `sums`: weighted sums of neighbours, of which these are made
 
 mod block;
 mod filters;
 mod spread;
+mod sums;
 mod zone;
 
 use super::by_sample::BySample;

@@ -219,25 +219,20 @@ fn assert_alongside<const D: usize>(atoms: &Atoms<D>, extent: [f64; D], distance
     assert!(spacing[0] > 0.7 && spacing[4] < 1.5, "{spacing:?}");
 }
 
+fn keeps_off<const D: usize>(extent: [f64; D], vary: bool) {
+    let distance = match vary {
+        true => varying(extent),
+        false => Distance::Constant(6.0),
+    };
+    let atoms = fcc(extent, &distance, &[], Alignment::Alongside).unwrap();
+    assert_alongside(&atoms, extent, &distance);
+}
+
 #[test]
 fn keeps_off_the_sides_alongside() {
     for vary in [false, true] {
-        let extent = [120.0, 91.0];
-        let distance = if vary {
-            varying(extent)
-        } else {
-            Distance::Constant(6.0)
-        };
-        let atoms = fcc(extent, &distance, &[], Alignment::Alongside).unwrap();
-        assert_alongside(&atoms, extent, &distance);
-        let extent = [50.0, 43.0, 55.0];
-        let distance = if vary {
-            varying(extent)
-        } else {
-            Distance::Constant(6.0)
-        };
-        let atoms = fcc(extent, &distance, &[], Alignment::Alongside).unwrap();
-        assert_alongside(&atoms, extent, &distance);
+        keeps_off([120.0, 91.0], vary);
+        keeps_off([50.0, 43.0, 55.0], vary);
     }
     let refused = fcc(
         [50.0; 2],

@@ -61,6 +61,7 @@ pub mod memory;
 pub mod mesh;
 pub mod model;
 pub mod observer;
+pub(crate) mod parallel;
 #[cfg_attr(
     not(feature = "cli"),
     allow(dead_code, reason = "ranks are started by the command line")

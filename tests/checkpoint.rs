@@ -1,16 +1,9 @@
 //! A job that was ended goes on from the last stage that was kept, and makes the same mesh, byte by byte.
-#![allow(
-    clippy::unwrap_used,
-    clippy::panic,
-    reason = "a test that cannot go on has failed"
-)]
-
-mod common;
 
 use std::fs;
 use std::path::Path;
 
-use common::{atomesh, npy, npy_2d, refused, sheet};
+use crate::common::{atomesh, npy, npy_2d, refused, sheet};
 
 /// The mesh that a line of words makes, and what is said on the way.
 fn made(folder: &Path, words: &str) -> (Vec<u8>, String) {

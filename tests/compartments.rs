@@ -1,17 +1,9 @@
 //! Closed faults part a mesh into the blocks that they part the volume into: twenty networks of three
 //! planes, 45 degrees and more apart, in noise.
-#![cfg(feature = "tetgen")]
-#![allow(
-    clippy::unwrap_used,
-    clippy::panic,
-    reason = "a test that cannot go on has failed"
-)]
-
-mod common;
 
 use std::path::Path;
 
-use common::{npy, succeed};
+use crate::common::{npy, succeed};
 use serde_json::Value;
 
 /// Samples along each axis.

@@ -1,10 +1,4 @@
 //! Sites of a surface make Voronoi cells whose faces are its facets.
-#![cfg(feature = "tetgen")]
-#![allow(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    reason = "a test that cannot go on has failed"
-)]
 
 use atomesh::mesh::poly::PolyMesh;
 use atomesh::mesh::voronoi::conform::{Conforming, Surface};

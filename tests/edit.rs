@@ -1,15 +1,8 @@
 //! `atomesh edit` as a user runs it.
-#![allow(
-    clippy::unwrap_used,
-    clippy::panic,
-    reason = "a test that cannot go on has failed"
-)]
 
-mod common;
-
+use crate::common::{npy, refused, sheet, succeed};
 use atomesh::mesh::TriMesh;
 use atomesh::store::{AnyMesh, FieldValue, MeshFile, read_any_vtu, write_vtu};
-use common::{npy, refused, sheet, succeed};
 use serde_json::Value;
 
 fn json(folder: &std::path::Path, arguments: &[&str]) -> Value {

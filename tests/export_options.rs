@@ -1,18 +1,10 @@
 //! `atomesh export`: no option is accepted and then ignored.
-#![cfg(feature = "tetgen")]
-#![allow(
-    clippy::unwrap_used,
-    clippy::panic,
-    reason = "a test that cannot go on has failed"
-)]
-
-mod common;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use crate::common::{atomesh, files, npy, refused, sheet, succeed};
 use atomesh::export::{Content, FORMATS, Format};
-use common::{atomesh, files, npy, refused, sheet, succeed};
 
 const DIMS: [usize; 3] = [28, 24, 20];
 

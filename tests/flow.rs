@@ -1,18 +1,10 @@
 //! `atomesh flow` as a user runs it.
-#![cfg(feature = "tetgen")]
-#![allow(
-    clippy::unwrap_used,
-    clippy::panic,
-    reason = "a test that cannot go on has failed"
-)]
-
-mod common;
 
 use std::path::Path;
 
+use crate::common::{npy, npy_2d, refused, sheet, succeed};
 use atomesh::files::vtk::VtkFile;
 use atomesh::store::{AnyMesh, MeshFile, read_any_vtu, read_vtu};
-use common::{npy, npy_2d, refused, sheet, succeed};
 use serde_json::Value;
 
 const DIMS: [usize; 3] = [40, 36, 32];

@@ -1,17 +1,9 @@
 //! Meshes of other programs are as good as ours for every verb.
-#![cfg(feature = "tetgen")]
-#![allow(
-    clippy::unwrap_used,
-    clippy::panic,
-    reason = "a test that cannot go on has failed"
-)]
-
-mod common;
 
 use std::ffi::OsStr;
 use std::path::Path;
 
-use common::{judged, near, refused, run, sheet_folder, succeed};
+use crate::common::{judged, near, refused, run, sheet_folder, succeed};
 use serde_json::Value;
 
 /// What a verb says as JSON.
@@ -70,15 +62,14 @@ fn surfaces_keep_the_names_that_others_gave_them() {
 }
 
 #[test]
+#[ignore = "needs VTK and SciPy: make test-all"]
 fn cells_of_several_shapes_are_polyhedra() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     for how in ["hexahedra", "polyhedra", "mismatch"] {
         let path = folder.join(format!("{how}.vtu"));
         let arguments = [path.as_os_str(), OsStr::new(how)];
-        if judged("VTK", "mixed.py", &arguments).is_none() {
-            return;
-        }
+        judged("VTK", "mixed.py", &arguments);
     }
     for how in ["hexahedra", "polyhedra"] {
         // 9 cubes, 18 wedges; of 18 cubes 5 sides are pyramids and the others two tetrahedra each.
@@ -121,7 +112,7 @@ fn cells_of_several_shapes_are_polyhedra() {
             &format!("export {how}.vtu --to exodus -o {how}.exo --quiet"),
         );
         let path = folder.join(format!("{how}.exo"));
-        let found = judged("SciPy", "exodus.py", &[path.as_os_str()]).unwrap();
+        let found = judged("SciPy", "exodus.py", &[path.as_os_str()]);
         assert_eq!(found["cells"], cells);
         assert_eq!(found["blocks"], serde_json::json!(["region4", "region5"]));
         assert!(near(
@@ -146,6 +137,7 @@ fn cells_of_several_shapes_are_polyhedra() {
 }
 
 #[test]
+#[ignore = "needs SciPy: make test-all"]
 fn exodus_meshes_of_polyhedra_come_back() {
     let folder = sheet_folder();
     let folder = folder.path();
@@ -178,9 +170,8 @@ fn exodus_meshes_of_polyhedra_come_back() {
     assert!(near(ours.0, theirs.0, 1e-9), "{ours:?} {theirs:?}");
     assert_eq!((ours.1, theirs.1), (Value::Null, "fault1".into()));
     run(folder, "export a.exo --to exodus -o b.exo --quiet");
-    let [a, b] = ["a.exo", "b.exo"].map(|file| {
-        judged("SciPy", "exodus.py", &[folder.join(file).as_os_str()]).unwrap_or_default()
-    });
+    let [a, b] = ["a.exo", "b.exo"]
+        .map(|file| judged("SciPy", "exodus.py", &[folder.join(file).as_os_str()]));
     for what in ["cells", "faces", "blocks"] {
         assert_eq!(a[what], b[what]);
     }

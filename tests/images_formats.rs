@@ -1,32 +1,10 @@
 //! Images in the formats of others: every file made by others is read right, or refused in one clear
 //! line, and so is every damaged one.
 
-#![allow(
-    clippy::unwrap_used,
-    clippy::panic,
-    reason = "a test that cannot go on has failed"
-)]
-
-mod common;
-
 use std::path::{Path, PathBuf};
 
 use atomesh::image::formats::{self, AnyLoaded, ReadOptions};
 use atomesh::image::{Geometry, Image};
-use common::no_data;
-
-/// Files made by others, if they are here.
-fn data() -> Option<PathBuf> {
-    let folder = std::env::var_os("ATOMESH_DATA").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
-        PathBuf::from,
-    );
-    if folder.join("formats_nrrd").is_dir() {
-        return Some(folder);
-    }
-    no_data("image files made by others");
-    None
-}
 
 fn read(path: &Path) -> Result<Image<3>, String> {
     match formats::read_any(path, &ReadOptions::default()) {
@@ -55,43 +33,18 @@ fn close(a: &[f64], b: &[f64], slack: f64) -> bool {
     a.len() == b.len() && a.iter().zip(b).all(near)
 }
 
-/// File, dims, the two sums, origin, steps along the axes: as SimpleITK and nibabel have them.
-type Known = (&'static str, [usize; 3], [f64; 2], [f64; 3], [[f64; 3]; 3]);
-
-include!("data/image_formats.rs");
-
-#[test]
-fn files_of_others_are_read_as_others_read_them() {
-    let Some(folder) = data() else { return };
-    for (name, dims, known, origin, axes) in KNOWN {
-        let image = read(&folder.join(name)).unwrap_or_else(|error| panic!("{error}"));
-        assert_eq!(image.dims(), *dims, "{name}");
-        let found = sums(&image);
-        assert!(close(&found, known, 1e-6), "{name}: {found:?} {known:?}");
-        let g = &image.geometry;
-        assert!(
-            close(&g.origin, origin, 1e-6),
-            "{name}: {:?} {origin:?}",
-            g.origin
-        );
-        let (found, axes) = (g.axes.concat(), axes.concat());
-        assert!(close(&found, &axes, 1e-6), "{name}: {found:?} {axes:?}");
-    }
-}
-
 /// Some 300 files that segyio, nibabel, pynrrd, SimpleITK and tifffile write, and some that atomesh writes.
 #[test]
+#[ignore = "needs segyio, SimpleITK and others: make test-all"]
 fn values_and_places_are_those_of_the_libraries_of_the_field() {
     let folder = tempfile::tempdir().unwrap();
     let judge = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/images/others.py");
     let arguments = [
         judge.as_os_str(),
-        env!("CARGO_BIN_EXE_atomesh").as_ref(),
+        crate::PROGRAM.as_ref(),
         folder.path().as_os_str(),
     ];
-    let Some(said) = common::python_says("segyio and SimpleITK", &arguments) else {
-        return;
-    };
+    let said = crate::common::python("segyio and SimpleITK", &arguments);
     println!("{said}");
     let read = said.lines().filter_map(|line| {
         line.split_once(": ")?
@@ -144,65 +97,6 @@ fn what_a_header_says_twice_is_refused_and_wide_integers_are_noted() {
         "{:?}",
         read.notes
     );
-}
-
-#[test]
-fn files_that_are_no_images_are_refused_in_one_line() {
-    let Some(folder) = data() else { return };
-    for (name, says) in [
-        (
-            "formats_metaimage/itk/BayesianClassifierInitializerMemberships.mhd",
-            "4 values",
-        ),
-        ("formats_metaimage/itk/itkBrainSliceComplex.mha", "2 values"),
-        ("formats_nrrd/BallBinary30x30x30_bz2.nrrd", "bzip2"),
-        (
-            "formats_nrrd/BallBinary30x30x30_byteskip_minus_five.nhdr",
-            "byte skip: -5",
-        ),
-        (
-            "formats_nrrd/BallBinary30x30x30_nifti.nhdr",
-            "byte skip: -1",
-        ),
-        ("formats_nrrd/test1d_ascii.nrrd", "2 or 3 axes"),
-        ("formats_nrrd/test_customFields.nrrd", "2 or 3 axes"),
-        (
-            "formats_nifti_mgh_etc/nibabel/example4d.nii.gz",
-            "one volume",
-        ),
-        (
-            "formats_nifti_mgh_etc/nibabel/example_nifti2.nii.gz",
-            "one volume",
-        ),
-        ("formats_nifti_mgh_etc/nibabel/functional.nii", "one volume"),
-        (
-            "formats_nifti_mgh_etc/nibabel/row_major.dconn.nii",
-            "one volume",
-        ),
-        ("formats_nifti_mgh_etc/nibabel/nifti1.hdr", "does not exist"),
-        ("formats_nifti_mgh_etc/nibabel/nifti2.hdr", "does not exist"),
-    ] {
-        let error = read(&folder.join(name)).unwrap_err();
-        let file = Path::new(name).file_name().unwrap().to_str().unwrap();
-        assert!(
-            error.contains(file) && error.contains(says),
-            "{error} ({says})"
-        );
-    }
-    // Whatever else lies there is no image that is read; none of it may do harm.
-    for set in [
-        "formats_metaimage/itk",
-        "formats_nrrd",
-        "formats_nifti_mgh_etc/nibabel",
-    ] {
-        for entry in std::fs::read_dir(folder.join(set)).unwrap() {
-            let path = entry.unwrap().path();
-            if let Err(error) = read(&path) {
-                assert!(!error.contains('\n') && error.contains("; "), "{error}");
-                assert!(error.contains(&*path.to_string_lossy()), "{error}");
-            }
-        }
-    }
 }
 
 /// An image with a turned, sheared grid and values of every sign.
@@ -445,5 +339,96 @@ fn damaged_files_are_refused_or_read_but_never_break_anything() {
             error.contains(says) && error.contains("huge.nrrd"),
             "{error}"
         );
+    }
+}
+
+/// Files made by others.
+mod real_data {
+    use super::*;
+    use crate::common::data;
+
+    /// File, dims, the two sums, origin, steps along the axes: as SimpleITK and nibabel have them.
+    type Known = (&'static str, [usize; 3], [f64; 2], [f64; 3], [[f64; 3]; 3]);
+
+    include!("data/image_formats.rs");
+
+    #[test]
+    #[ignore = "needs images made by others: make test-all DATA=folder"]
+    fn files_of_others_are_read_as_others_read_them() {
+        let folder = data("");
+        for (name, dims, known, origin, axes) in KNOWN {
+            let image = read(&folder.join(name)).unwrap_or_else(|error| panic!("{error}"));
+            assert_eq!(image.dims(), *dims, "{name}");
+            let found = sums(&image);
+            assert!(close(&found, known, 1e-6), "{name}: {found:?} {known:?}");
+            let g = &image.geometry;
+            assert!(
+                close(&g.origin, origin, 1e-6),
+                "{name}: {:?} {origin:?}",
+                g.origin
+            );
+            let (found, axes) = (g.axes.concat(), axes.concat());
+            assert!(close(&found, &axes, 1e-6), "{name}: {found:?} {axes:?}");
+        }
+    }
+
+    #[test]
+    #[ignore = "needs images made by others: make test-all DATA=folder"]
+    fn files_that_are_no_images_are_refused_in_one_line() {
+        let folder = data("");
+        for (name, says) in [
+            (
+                "formats_metaimage/itk/BayesianClassifierInitializerMemberships.mhd",
+                "4 values",
+            ),
+            ("formats_metaimage/itk/itkBrainSliceComplex.mha", "2 values"),
+            ("formats_nrrd/BallBinary30x30x30_bz2.nrrd", "bzip2"),
+            (
+                "formats_nrrd/BallBinary30x30x30_byteskip_minus_five.nhdr",
+                "byte skip: -5",
+            ),
+            (
+                "formats_nrrd/BallBinary30x30x30_nifti.nhdr",
+                "byte skip: -1",
+            ),
+            ("formats_nrrd/test1d_ascii.nrrd", "2 or 3 axes"),
+            ("formats_nrrd/test_customFields.nrrd", "2 or 3 axes"),
+            (
+                "formats_nifti_mgh_etc/nibabel/example4d.nii.gz",
+                "one volume",
+            ),
+            (
+                "formats_nifti_mgh_etc/nibabel/example_nifti2.nii.gz",
+                "one volume",
+            ),
+            ("formats_nifti_mgh_etc/nibabel/functional.nii", "one volume"),
+            (
+                "formats_nifti_mgh_etc/nibabel/row_major.dconn.nii",
+                "one volume",
+            ),
+            ("formats_nifti_mgh_etc/nibabel/nifti1.hdr", "does not exist"),
+            ("formats_nifti_mgh_etc/nibabel/nifti2.hdr", "does not exist"),
+        ] {
+            let error = read(&folder.join(name)).unwrap_err();
+            let file = Path::new(name).file_name().unwrap().to_str().unwrap();
+            assert!(
+                error.contains(file) && error.contains(says),
+                "{error} ({says})"
+            );
+        }
+        // Whatever else lies there is no image that is read; none of it may do harm.
+        for set in [
+            "formats_metaimage/itk",
+            "formats_nrrd",
+            "formats_nifti_mgh_etc/nibabel",
+        ] {
+            for entry in std::fs::read_dir(folder.join(set)).unwrap() {
+                let path = entry.unwrap().path();
+                if let Err(error) = read(&path) {
+                    assert!(!error.contains('\n') && error.contains("; "), "{error}");
+                    assert!(error.contains(&*path.to_string_lossy()), "{error}");
+                }
+            }
+        }
     }
 }

@@ -1,11 +1,4 @@
 //! Ctrl-C at any moment, and observers that say stop in any stage.
-#![allow(
-    clippy::unwrap_used,
-    clippy::panic,
-    reason = "a test that cannot go on has failed"
-)]
-
-mod common;
 
 use atomesh::ErrorKind;
 use atomesh::image::synth::{self, Kind};
@@ -194,7 +187,7 @@ mod signals {
     use std::thread::sleep;
     use std::time::{Duration, Instant};
 
-    use super::common::{atomesh, files, succeed};
+    use crate::common::{atomesh, files, succeed};
 
     /// Two seconds, and as much again for a machine that has other work to do.
     const AT_MOST: Duration = Duration::from_secs(4);

@@ -1,16 +1,8 @@
 //! Images of labels: from the image to regions, surfaces and named sets.
-#![cfg(feature = "tetgen")]
-#![allow(
-    clippy::unwrap_used,
-    clippy::panic,
-    reason = "a test that cannot go on has failed"
-)]
-
-mod common;
 
 use std::collections::BTreeMap;
 
-use common::{npy, refused, run};
+use crate::common::{npy, refused, run};
 
 /// Two layers, a ball in both, and a speck.
 fn label([x, y, z]: [usize; 3]) -> f32 {

@@ -1,15 +1,8 @@
 //! Surveys that lack traces: where data end there is no feature.
-#![allow(
-    clippy::unwrap_used,
-    clippy::panic,
-    reason = "a test that cannot go on has failed"
-)]
-
-mod common;
 
 use std::path::Path;
 
-use common::{Survey, segy_with, succeed};
+use crate::common::{Survey, segy_with, succeed};
 
 const DIMS: [usize; 3] = [40, 72, 60];
 

@@ -1,20 +1,13 @@
 //! No option of `mesh` is accepted and then ignored: alone and with every other it changes what comes
 //! out, or is refused. And a job survives `--print-config` and `--config`.
-#![allow(
-    clippy::unwrap_used,
-    clippy::panic,
-    reason = "a test that cannot go on has failed"
-)]
-
-mod common;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use crate::common::{atomesh, files, refused, succeed};
 use atomesh::store::{AnyMesh, read_any_vtu};
-use common::{atomesh, files, refused, succeed};
 use serde_json::Value;
 
 /// An option with a value that is none by default.
@@ -300,59 +293,188 @@ fn all(folder: &Path, asked: BTreeSet<Asked>) -> BTreeMap<Asked, Came> {
     came.into_inner().unwrap()
 }
 
+/// Choices that are tried together: with all of them, and without each of them in turn.
+type Row = Vec<usize>;
+
+/// The image, if one has it, on which these choices can be tried together, unless they contradict or
+/// presuppose one another.
+fn image(row: &[usize]) -> Option<&'static str> {
+    let mut images = row.iter().filter_map(|&i| CHOICES[i].image);
+    let image = images.next().unwrap_or("layers.mha");
+    let all = options(row);
+    let twins = |twins: &[&str; 2]| twins.iter().all(|twin| all.contains(twin));
+    // Where another choice needs an option, nothing is to be learned of it.
+    let each_matters = || row.iter().all(|&i| without(row, i) != all);
+    (images.all(|other| other == image)
+        && !contradict(&all)
+        && !TWINS.iter().any(twins)
+        && each_matters())
+    .then_some(image)
+}
+
+/// What the choices of a row say, and what they need.
+fn options(row: &[usize]) -> String {
+    let parts: Vec<&str> = row
+        .iter()
+        .flat_map(|&i| [CHOICES[i].needs, CHOICES[i].says])
+        .collect();
+    joined(&parts)
+}
+
+/// The options of a row without what one of its choices says.
+fn without(row: &[usize], left_out: usize) -> String {
+    let says = |i: usize| if i == left_out { "" } else { CHOICES[i].says };
+    let parts: Vec<&str> = row
+        .iter()
+        .flat_map(|&i| [CHOICES[i].needs, says(i)])
+        .collect();
+    joined(&parts)
+}
+
+/// Rows of at most `LONGEST` choices, so that each of the pairs is in one (a covering array of strength two):
+/// whichever choice makes most new pairs is added, as long as it can stand beside all others of its row.
+fn covering_rows(pairs: &BTreeSet<[usize; 2]>) -> Vec<Row> {
+    const LONGEST: usize = 12;
+    let pair = |a: usize, b: usize| [a.min(b), a.max(b)];
+    let (mut open, mut rows) = (pairs.clone(), Vec::new());
+    while let Some(&first) = open.iter().next() {
+        let mut row = first.to_vec();
+        while row.len() < LONGEST {
+            let gain = |&next: &usize| {
+                row.iter()
+                    .filter(|&&i| open.contains(&pair(i, next)))
+                    .count()
+            };
+            let fits = |&next: &usize| {
+                let beside = |&i: &usize| i != next && pairs.contains(&pair(i, next));
+                row.iter().all(beside) && image(&[&row[..], &[next]].concat()).is_some()
+            };
+            let next = (0..CHOICES.len())
+                .filter(fits)
+                .max_by_key(|next| (gain(next), CHOICES.len() - next));
+            match next.filter(|next| gain(next) > 0) {
+                Some(next) => row.push(next),
+                None => break,
+            }
+        }
+        for (k, &a) in row.iter().enumerate() {
+            for &b in &row[..k] {
+                open.remove(&pair(a, b));
+            }
+        }
+        rows.push(row);
+    }
+    rows
+}
+
+/// Runs of rows, with all of their choices and without each.
+fn runs(rows: &[Row]) -> BTreeSet<Asked> {
+    let of_row = |row: &Row| {
+        let image = image(row).unwrap().to_string();
+        let fewer = row.iter().map(|&i| without(row, i));
+        let all = fewer.chain([options(row)]);
+        all.map(|options| (image.clone(), options))
+            .collect::<Vec<_>>()
+    };
+    rows.iter().flat_map(of_row).collect()
+}
+
+/// Whether each choice of a row changes anything beside the others; `None` where it cannot be told, because
+/// the row is refused without the choice, too.
+fn changes(row: &Row, came: &BTreeMap<Asked, Came>) -> Vec<(usize, Option<bool>)> {
+    let image = image(row).unwrap().to_string();
+    let with = &came[&(image.clone(), options(row))];
+    let change = |&i: &usize| {
+        let without = &came[&(image.clone(), without(row, i))];
+        (i, (without.code == Some(0)).then_some(with != without))
+    };
+    row.iter().map(change).collect()
+}
+
 #[test]
 fn no_option_is_accepted_and_then_ignored() {
     let folder = tempfile::tempdir().unwrap();
     let put = folder.path().join("in");
     std::fs::create_dir(&put).unwrap();
     inputs(&put);
+    let says = |row: &[usize]| {
+        row.iter()
+            .map(|&i| CHOICES[i].says)
+            .collect::<Vec<_>>()
+            .join("' beside '")
+    };
 
-    // For each choice: beside each other choice and alone, with it and without it.
-    let nothing = any("");
-    let mut trials: Vec<(&str, &str, Asked, Asked)> = Vec::new();
-    for choice in CHOICES {
-        for other in CHOICES.iter().chain([&nothing]) {
-            let with = joined(&[choice.needs, choice.says, other.needs, other.says]);
-            let without = joined(&[choice.needs, other.needs, other.says]);
-            let image = match (choice.image, other.image) {
-                (Some(a), Some(b)) if a != b => continue,
-                (a, b) => a.or(b).unwrap_or("layers.mha"),
-            };
-            let twins = |twins: &[&str; 2]| twins.iter().all(|twin| with.contains(twin));
-            // Where the other needs the option, nothing is to be learned.
-            if contradict(&with) || TWINS.iter().any(twins) || with == without {
-                continue;
+    // Pairs that the program refuses without running the job are refused when it is run, too.
+    let pairs = (0..CHOICES.len()).flat_map(|b| (0..b).map(move |a| vec![a, b]));
+    let pairs: Vec<Row> = pairs.filter(|pair| image(pair).is_some()).collect();
+    let asked = |row: &Row, more: &str| (image(row).unwrap().to_string(), options(row) + more);
+    let printing = pairs.iter().map(|pair| asked(pair, " --print-config"));
+    let printed = all(folder.path(), printing.collect());
+    let is_taken = |pair: &Row| printed[&asked(pair, " --print-config")].code == Some(0);
+    let (taken, refused): (Vec<Row>, Vec<Row>) = pairs.into_iter().partition(is_taken);
+    let came = all(
+        folder.path(),
+        refused.iter().map(|pair| asked(pair, "")).collect(),
+    );
+    for pair in &refused {
+        assert_eq!(came[&asked(pair, "")].code, Some(1), "'{}'", says(pair));
+    }
+
+    // Of the others, each choice changes something beside each other and alone.
+    let rows = covering_rows(&taken.iter().map(|pair| [pair[0], pair[1]]).collect());
+    let alone = (0..CHOICES.len()).map(|i| vec![i]);
+    let rows: Vec<Row> = rows.into_iter().chain(alone).collect();
+    let mut came = all(folder.path(), runs(&rows));
+    let mut shown = BTreeSet::new();
+    for row in &rows {
+        for (i, change) in changes(row, &came) {
+            if change == Some(true) {
+                shown.extend(row.iter().map(|&other| (i, other)));
             }
-            let asked = |options| (image.to_string(), options);
-            trials.push((choice.says, other.says, asked(with), asked(without)));
         }
     }
-    assert!(trials.len() > 1500, "{}", trials.len());
-    let asked = trials.iter().flat_map(|t| [t.2.clone(), t.3.clone()]);
-    let came = all(folder.path(), asked.collect());
-
+    // Where a third choice hides what one does, or the whole row is refused, the pair is tried by itself.
+    let doubtful =
+        |pair: &Row| !shown.contains(&(pair[0], pair[1])) || !shown.contains(&(pair[1], pair[0]));
+    let again: Vec<Row> = taken
+        .iter()
+        .filter(|pair| doubtful(pair))
+        .cloned()
+        .collect();
+    let more: BTreeSet<Asked> = runs(&again)
+        .into_iter()
+        .filter(|asked| !came.contains_key(asked))
+        .collect();
+    println!(
+        "{} pairs are refused, {} are in {} rows, {} are tried by themselves; {} runs",
+        refused.len(),
+        taken.len(),
+        rows.len(),
+        again.len(),
+        came.len() + more.len()
+    );
+    came.extend(all(folder.path(), more));
     let mut ignored = Vec::new();
-    let mut learned = BTreeSet::new();
-    for (says, beside, with, without) in &trials {
-        // What is refused without the option, too, tells nothing of it.
-        if came[without].code != Some(0) {
-            continue;
-        }
-        learned.insert(says);
-        if came[with] == came[without] {
-            ignored.push(format!("{says} beside '{beside}': {} {}", with.0, with.1));
+    let mut learned: BTreeSet<usize> = shown.iter().map(|&(i, _)| i).collect();
+    for row in rows.iter().filter(|row| row.len() == 1).chain(&again) {
+        for (i, change) in changes(row, &came) {
+            match change {
+                Some(true) => drop(learned.insert(i)),
+                Some(false) => ignored.push(format!("'{}' in '{}'", CHOICES[i].says, says(row))),
+                None => (),
+            }
         }
     }
-    let shown = ignored.join("\n");
+    let listed = ignored.join("\n");
     assert!(
         ignored.is_empty(),
-        "{} are ignored:\n{shown}",
+        "{} are ignored:\n{listed}",
         ignored.len()
     );
     // These, and what a range of distances follows, are refused, and so tested, where they are absent.
     let needed = ["--object 72,96", "--raw 72x64:f32le"];
-    for choice in CHOICES {
-        let tried = learned.contains(&choice.says)
+    for (i, choice) in CHOICES.iter().enumerate() {
+        let tried = learned.contains(&i)
             || needed.contains(&choice.says)
             || choice.says.starts_with("--distance-from");
         assert!(tried, "{} was never tried", choice.says);

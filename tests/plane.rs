@@ -1,15 +1,8 @@
 //! 2-D images through every verb, as a user would.
-#![allow(
-    clippy::unwrap_used,
-    clippy::panic,
-    reason = "a test that cannot go on has failed"
-)]
-
-mod common;
 
 use std::path::Path;
 
-use common::{npy_2d, refused, succeed};
+use crate::common::{npy_2d, refused, succeed};
 use serde_json::Value;
 
 fn json(folder: &Path, arguments: &[&str]) -> Value {

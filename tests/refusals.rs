@@ -1,16 +1,8 @@
 //! Bad input: one clear line, exit code 1, nothing left behind.
-#![cfg(feature = "tetgen")]
-#![allow(
-    clippy::unwrap_used,
-    clippy::panic,
-    reason = "a test that cannot go on has failed"
-)]
-
-mod common;
 
 use std::path::Path;
 
-use common::{Survey, atomesh, npy, refused, segy, sheet, succeed};
+use crate::common::{Survey, atomesh, npy, refused, segy, sheet, succeed};
 
 const DIMS: [usize; 3] = [40, 36, 32];
 
@@ -523,44 +515,6 @@ fn wrong_usage_is_exit_code_2() {
     }
 }
 
-/// The broken and odd SEG-Y files of other projects, where they are at hand: each is read or refused
-/// with one line; none crashes or hangs.
-#[test]
-fn seg_y_files_of_others() {
-    let data = std::env::var("ATOMESH_DATA")
-        .unwrap_or_else(|_| concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data").into());
-    let formats = Path::new(&data).join("formats_segy");
-    if !formats.is_dir() {
-        common::no_data("SEG-Y files of others");
-        return;
-    }
-    let folder = tempfile::tempdir().unwrap();
-    let mut tried = 0;
-    for (path, _) in common::files(&formats) {
-        let output = atomesh(folder.path())
-            .arg("info")
-            .arg(&path)
-            .arg("--quiet")
-            .output()
-            .unwrap();
-        let said = String::from_utf8_lossy(&output.stderr);
-        let code = output.status.code();
-        assert!(
-            code == Some(0) || code == Some(1),
-            "{}: {code:?} {said}",
-            path.display()
-        );
-        assert_eq!(
-            said.lines().count(),
-            usize::from(code == Some(1)),
-            "{}: {said}",
-            path.display()
-        );
-        tried += 1;
-    }
-    assert!(tried > 50, "only {tried} files in {}", formats.display());
-}
-
 /// Also memory that hardly loads the program, and where its stack cannot grow.
 #[test]
 #[cfg(target_os = "linux")]
@@ -571,7 +525,7 @@ fn any_little_memory() {
             "ulimit -v {kilobytes}; exec \"$0\" synth planes -o p.npy --dims 99,99 --quiet"
         );
         let mut shell = std::process::Command::new("sh");
-        shell.args(["-c", &line, env!("CARGO_BIN_EXE_atomesh")]);
+        shell.args(["-c", &line, crate::PROGRAM]);
         shell.current_dir(&folder).output().unwrap()
     };
     // Without a code the system itself, and with 127 the loader found no room for the program.
@@ -594,4 +548,42 @@ fn any_little_memory() {
         }
     }
     assert!(told > 10, "{told}");
+}
+
+/// Surveys made by others.
+mod real_data {
+    use super::*;
+
+    /// The broken and odd SEG-Y files of other projects, where they are at hand: each is read or refused
+    /// with one line; none crashes or hangs.
+    #[test]
+    #[ignore = "needs images made by others: make test-all DATA=folder"]
+    fn seg_y_files_of_others() {
+        let formats = crate::common::data("formats_segy");
+        let folder = tempfile::tempdir().unwrap();
+        let mut tried = 0;
+        for (path, _) in crate::common::files(&formats) {
+            let output = atomesh(folder.path())
+                .arg("info")
+                .arg(&path)
+                .arg("--quiet")
+                .output()
+                .unwrap();
+            let said = String::from_utf8_lossy(&output.stderr);
+            let code = output.status.code();
+            assert!(
+                code == Some(0) || code == Some(1),
+                "{}: {code:?} {said}",
+                path.display()
+            );
+            assert_eq!(
+                said.lines().count(),
+                usize::from(code == Some(1)),
+                "{}: {said}",
+                path.display()
+            );
+            tried += 1;
+        }
+        assert!(tried > 50, "only {tried} files in {}", formats.display());
+    }
 }

@@ -1,16 +1,8 @@
 //! Other ways to place atoms and to move them, as a user would ask for them.
-#![cfg(feature = "tetgen")]
-#![allow(
-    clippy::unwrap_used,
-    clippy::panic,
-    reason = "a test that cannot go on has failed"
-)]
-
-mod common;
 
 use std::path::Path;
 
-use common::{npy_2d, refused, succeed};
+use crate::common::{npy_2d, refused, succeed};
 use serde_json::Value;
 
 fn json(folder: &Path, arguments: &[&str]) -> Value {

@@ -1,17 +1,9 @@
 //! `atomesh segment` as a user runs it: in the plane and in space, on every kind of cell, and beside
 //! the cut of samples.
 
-#![allow(
-    clippy::unwrap_used,
-    clippy::panic,
-    reason = "a test that cannot go on has failed"
-)]
-
-mod common;
-
 use std::path::Path;
 
-use common::{refused, succeed};
+use crate::common::{refused, succeed};
 
 use atomesh::image::formats::{self, ReadOptions};
 use atomesh::image::{Geometry, Image};

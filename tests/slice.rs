@@ -1,15 +1,11 @@
 //! Pictures by `slice`: what is painted, cut and drawn beside the mesh is where it should be; and what cannot
 //! be drawn is refused in a line that says what there is.
-#![cfg(feature = "tetgen")]
-#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
-
-mod common;
 
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-use common::{npy, npy_2d, refused, run, sheet};
+use crate::common::{npy, npy_2d, refused, run, sheet};
 
 /// A picture's pixels, row by row, without what stands round what is drawn.
 struct Pixels {

@@ -1,17 +1,9 @@
 //! `--velocity FILE` as a user gives it: a survey in two-way time, and interval velocities on a coarser grid.
-#![cfg(feature = "tetgen")]
-#![allow(
-    clippy::unwrap_used,
-    clippy::panic,
-    reason = "a test that cannot go on has failed"
-)]
-
-mod common;
 
 use std::path::Path;
 
+use crate::common::{Survey, npy, npy_2d, refused, run, segy};
 use atomesh::store::read_vtu;
-use common::{Survey, npy, npy_2d, refused, run, segy};
 use serde_json::Value;
 
 const SURVEY: Survey = Survey {

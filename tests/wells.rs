@@ -1,23 +1,15 @@
 //! Wells along trajectories: which cells they cross, what their indices are worth, and what OPM Flow
 //! makes of them.
-#![cfg(feature = "tetgen")]
-#![allow(
-    clippy::unwrap_used,
-    clippy::panic,
-    reason = "a test that cannot go on has failed"
-)]
-
-mod common;
 
 use std::f64::consts::{PI, TAU};
 use std::ffi::OsStr;
 use std::path::Path;
 use std::process::Command;
 
+use crate::common::{judged, npy, refused, sheet, simulator, succeed};
 use atomesh::mesh::voronoi::{voronoi, voronoi_plane};
 use atomesh::model::flow::{CellFlow, Faults, Rock, Tensor};
 use atomesh::model::reservoir::{Completion, Model, Tracer, Trajectory};
-use common::{judged, npy, refused, sheet, simulator, succeed};
 use serde_json::Value;
 
 /// Prisms of height 4 on the Voronoi cells of these atoms.
@@ -315,6 +307,7 @@ fn run(folder: &Path, line: &str) -> String {
 const ROCK: &str = "--porosity 0.2 --permeability 100 --permeability-unit mD --quiet";
 
 #[test]
+#[ignore = "needs OPM Flow and resfo: make test-all"]
 fn opm_flow_runs_wells_along_trajectories() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
@@ -356,13 +349,9 @@ fn opm_flow_runs_wells_along_trajectories() {
     command
         .current_dir(folder)
         .args(["CASE.DATA", "--output-dir=out", "--threads-per-process=1"]);
-    if simulator(&mut command).is_none() {
-        return;
-    }
+    simulator(&mut command);
     let out = folder.join("out");
-    let Some(found) = judged("resfo", "opm.py", &[out.as_os_str(), OsStr::new("CASE")]) else {
-        return;
-    };
+    let found = judged("resfo", "opm.py", &[out.as_os_str(), OsStr::new("CASE")]);
     let pressure: Vec<f64> = (found["pressure"].as_array().unwrap().iter())
         .map(|p| p.as_f64().unwrap())
         .collect();
@@ -474,7 +463,7 @@ fn meshes_have_atoms_along_wells_and_smaller_cells_round_them() {
     assert!((12..22).contains(&cells), "{cells}");
 
     // In the plane a well is a point, or a way.
-    common::npy_2d(&folder.join("line.npy"), [60, 50], |[x, y]| {
+    crate::common::npy_2d(&folder.join("line.npy"), [60, 50], |[x, y]| {
         (-0.5 * ((0.6 * x as f32 - 0.8 * y as f32 + 3.0) / 1.5).powi(2)).exp()
     });
     std::fs::write(folder.join("P.csv"), "20,33,0.1\n").unwrap();

@@ -1,12 +1,6 @@
 //! Canny's points, image-based smoothing and random shortest paths, from image to mesh.
-#![allow(
-    clippy::unwrap_used,
-    clippy::panic,
-    reason = "a test that cannot go on has failed"
-)]
 
-mod common;
-
+use crate::common::{refused, succeed};
 use atomesh::feature::FeatureKind;
 use atomesh::image::{Geometry, Image};
 use atomesh::improve::Scheme;
@@ -15,7 +9,6 @@ use atomesh::lattice::AtomKind;
 use atomesh::lattice::optimize::Unobserved;
 use atomesh::lattice::seeding::Seeding;
 use atomesh::mesh::{Mesh, Simplices};
-use common::{refused, succeed};
 use serde_json::Value;
 
 /// A ball (a disc in the plane) of 100 on a background that rises along x.

@@ -29,6 +29,9 @@ pub mod rock;
 pub mod verbs;
 mod wells;
 
+#[doc(hidden)]
+pub use crate::ranks::world;
+
 use std::process::ExitCode;
 use std::thread;
 
@@ -51,6 +54,12 @@ const STACK: usize = 8 << 20;
 
 /// Runs what was typed. Exit codes: 0 done, 1 bad input or failed job, 130 interrupted, 2 wrong usage.
 pub fn main() -> ExitCode {
+    main_among(None)
+}
+
+/// Runs what was typed, in a program that can `join` other processes which share its job.
+pub fn main_among(join: Option<world::Join>) -> ExitCode {
+    world::set_join(join);
     allocator::settle();
     allocator::watch_threads();
     #[cfg(feature = "tetgen")]
@@ -83,7 +92,7 @@ pub fn main() -> ExitCode {
 
 /// Runs what was typed, in a process of its own.
 fn perform_alone(line: &CommandLine) -> ExitCode {
-    let joined = ranks::join();
+    let joined = world::join();
     let prepared = joined.and_then(|()| start_threads(line.common.threads));
     let prepared = prepared.and_then(|()| Interrupts::watch());
     let ended = prepared.and_then(|interrupts| perform(line, &interrupts));
@@ -101,7 +110,7 @@ fn perform_alone(line: &CommandLine) -> ExitCode {
             }
         }
     };
-    ranks::leave();
+    world::leave();
     code
 }
 

@@ -1,7 +1,7 @@
 //! Candidates by the sample they belong to.
 
 use super::crossing::Candidate;
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 /// Samples per entry of the index, as a power of two: candidates are sparse, so a short walk through
 /// a segment costs less than an entry for every sample.

@@ -9,7 +9,7 @@ use super::by_sample::BySample;
 use super::crossing::Candidate;
 use crate::geometry::{dot, sub};
 use crate::observer::Patience;
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 /// Arms are looked at from here to there along the edge, in widths of the smoothing: nearer the corner bends
 /// them, farther away another one may be.

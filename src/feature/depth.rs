@@ -1,7 +1,7 @@
 //! How deep samples lie inside a mask.
 
 use crate::observer::Patience;
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 /// Depths are exact up to this (samples); beyond, they are this.
 pub const REACH: usize = 8;

@@ -8,7 +8,7 @@ use super::detectors::paths::PathSeeds;
 use super::volume::Volume;
 use crate::error::{Error, Result, cause};
 use crate::image::Image;
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 use std::borrow::Cow;
 
 /// How features are detected.

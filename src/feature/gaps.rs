@@ -12,8 +12,8 @@ use super::crossing::{Candidate, Voxel, nearest};
 use super::windows::layer;
 use crate::error::Result;
 use crate::geometry::{dot, sub};
+use crate::parallel::prelude::*;
 use crate::ranks::Group;
-use rayon::prelude::*;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 

@@ -10,7 +10,7 @@
 
 use crate::geometry::wide::wide;
 use crate::observer::Patience;
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 /// Samples of x handled at once: the sums stay in registers.
 const LANES: usize = 16;

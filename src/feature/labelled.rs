@@ -134,7 +134,7 @@ pub fn merged<const D: usize>(image: &Image<D>, wishes: &[LabelWish]) -> Result<
 /// The number of each sample's label among `labels`, which are ascending and at most [`MOST_LABELS`].
 pub fn numbers(samples: &[f32], labels: &[f32]) -> Vec<u8> {
     let number = |s: &f32| labels.partition_point(|label| label < s).min(254) as u8;
-    use rayon::prelude::*;
+    use crate::parallel::prelude::*;
     samples.par_iter().map(number).collect()
 }
 

@@ -13,7 +13,7 @@ use super::volume::Volume;
 use crate::error::Result;
 use crate::geometry::{dot, sub};
 use crate::observer::Patience;
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 /// Reliable points within this many samples of a new point are fitted; the second radius is for the
 /// middle of wide zones, where the first finds too few.

@@ -6,8 +6,8 @@ use super::windows::layer;
 use super::{FeaturePoint, Features};
 use crate::error::Result;
 use crate::geometry::marks::dilate;
+use crate::parallel::prelude::*;
 use crate::ranks::{Group, joined, share_of};
-use rayon::prelude::*;
 use std::cmp::Ordering;
 use std::ops::Range;
 

@@ -3,7 +3,7 @@
 use super::volume::Volume;
 use crate::geometry::wide::wide;
 use crate::observer::Patience;
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 /// Prewitt's gradient magnitude (Hale 2001, for medical images): along each axis the central
 /// difference, averaged over the three samples to either side along every other axis. In units of

@@ -10,7 +10,7 @@ use super::symmetric::{eigenvalues, eigenvector};
 use super::windows::{Samples, Window, layer};
 use crate::error::Result;
 use crate::observer::Patience;
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 /// Unit normals on a coarse grid.
 pub struct Normals<const D: usize> {

@@ -2,7 +2,7 @@
 
 use super::symmetric::Symmetric;
 use crate::observer::Patience;
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 use std::ops::Range;
 
 /// Rows per parallel task: fixed, so that results do not depend on the threads.

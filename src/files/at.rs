@@ -36,7 +36,7 @@ fn seek_and_read(mut file: &File, buffer: &mut [u8], offset: u64) -> Result<()> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rayon::prelude::*;
+    use crate::parallel::prelude::*;
 
     #[test]
     fn threads_read_their_own_parts() {

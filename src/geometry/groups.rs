@@ -1,6 +1,6 @@
 //! Numbers sorted by the group that each belongs to.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 /// Fewer numbers are sorted by one thread.
 const FEW: usize = 1 << 14;

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 /// Marks the `reach` cells on both sides of every marked cell, along one axis.
 pub fn dilate<const D: usize>(marks: &mut [bool], dims: [usize; D], axis: usize, reach: usize) {

@@ -1,6 +1,6 @@
 //! Sets that are united pair by pair.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 /// Numbers that one thread looks at in one go.
 const CHUNK: usize = 1 << 16;

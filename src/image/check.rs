@@ -1,6 +1,6 @@
 //! What the samples of an image are like, and whether anything can be made of them.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::Image;
 use crate::error::{Error, Result, cause};

@@ -4,8 +4,8 @@
 //! is lost. They reach from the shallowest to the deepest that every trace reaches. Values between samples in
 //! time are those of a cubic ([`Field`]), within the range of the image; labels are those of the nearest.
 
+use crate::parallel::prelude::*;
 use ndarray::{ArrayD, Axis, Dimension, IxDyn, Zip};
-use rayon::prelude::*;
 
 use super::column::Column;
 use super::velocity::Velocities;

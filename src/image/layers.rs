@@ -9,7 +9,7 @@ use super::formats::{samples, stream::Stream};
 use super::{Geometry, Image};
 use crate::Result;
 use crate::geometry::groups::group;
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 /// Samples that are read together.
 const TOGETHER: usize = 1 << 22;

@@ -1,6 +1,6 @@
 //! Atoms near features go onto them, no two to one place.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::hold::Hold;
 use super::sheets::Sheets;

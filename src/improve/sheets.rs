@@ -10,7 +10,7 @@ use crate::files::kept::fields;
 use crate::geometry::groups::grouped;
 use crate::geometry::marks::dilate;
 use crate::geometry::{add_scaled, dot, norm, sub};
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::atomic::{AtomicBool, AtomicU64};
 

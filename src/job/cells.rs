@@ -1,7 +1,7 @@
 //! Voronoi cells (a PEBI grid) that conform to features: first the surfaces of these, in an aligned mesh;
 //! then sites on either side of every facet; then atoms at rest around them.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::even::Even;
 use super::frame::Frame;

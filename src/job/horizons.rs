@@ -1,6 +1,6 @@
 //! Which of the faces on features lie on horizons: those whose nearest feature points do.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use crate::feature::Features;
 use crate::geometry::buckets::Buckets;

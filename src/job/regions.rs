@@ -1,7 +1,7 @@
 //! The regions of a mesh of labels: which cells have which label, faces where labels change, and what
 //! became of each connected part.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::{Marked, Scene};
 use crate::feature::labelled::{Labelled, components};

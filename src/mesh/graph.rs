@@ -1,7 +1,7 @@
 //! The connection graph: cells, and what joins them. Flow and every exporter to a simulator start
 //! from here, whatever the cells are.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::TetMesh;
 use super::poly::{Beyond, PolyMesh};

@@ -10,7 +10,7 @@
 use std::fmt::Debug;
 use std::ops::Range;
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::check::Checked;
 use super::complex::{self, NONE};
@@ -284,7 +284,7 @@ fn mapped<const D: usize>(
     points: &[[f64; D]],
     map: impl Fn(&[f64; D]) -> Option<[f64; D]> + Sync + Send,
 ) -> Option<Vec<[f64; D]>> {
-    use rayon::prelude::*;
+    use crate::parallel::prelude::*;
     points.par_iter().map(map).collect()
 }
 

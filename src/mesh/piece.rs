@@ -1,6 +1,6 @@
 //! A mesh in pieces, each in another process: nobody holds all of it.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::TetMesh;
 use super::complex::{BEYOND, NONE};

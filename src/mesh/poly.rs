@@ -9,7 +9,7 @@
 //! In 2-D a face is an edge (p, q), and its owner lies to the left of p -> q.
 
 use crate::geometry::dot;
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 /// Numbers from here on in [`PolyMesh::face_cells`] are sides of the box: `SIDE_0 + 2 axis` is the lower
 /// one, `SIDE_0 + 2 axis + 1` the upper one.

@@ -1,4 +1,4 @@
-//! Processes that share a job: MPI's ranks (feature `mpi`).
+//! Processes that share a job: the ranks of MPI, where the program is `atomesh-mpi`.
 //!
 //! Every rank runs the whole job. Where work is in parts (windows of an image's layers, slabs of points), each
 //! does its [`share`], and all have the results of all, in the order of the parts: so whatever is made of them
@@ -12,13 +12,12 @@
 //! - `group`: those who each hold a part of one thing
 //! - `holders`: a group, or one alone, where the same is done by either
 //! - `order`: values by their rank among those that several have
-//! - `world`: MPI
+//! - `world`: the other processes, as the program passes them in
 
 mod group;
 mod holders;
 pub(crate) mod order;
-#[cfg(feature = "mpi")]
-mod world;
+pub mod world;
 
 use std::ops::Range;
 use std::sync::atomic::AtomicBool;
@@ -33,32 +32,12 @@ pub use group::{Alone, Group, Ranks, joined};
 pub use holders::Holders;
 
 /// So many bytes of all ranks are told at once.
-#[cfg(feature = "mpi")]
 const LITTLE: usize = 1 << 16;
 
 /// Nothing is told any more: the job is at its end.
 static OVER: AtomicBool = AtomicBool::new(false);
 /// All ranks know of an error.
 static FAILED: AtomicBool = AtomicBool::new(false);
-
-/// Joins the others of this process, where it was started as one of several: by `mpirun` or its like.
-/// The thread that joins is the one that shares.
-///
-/// # Errors
-/// [`Error::Job`] if it is one of several and cannot join them.
-pub fn join() -> Result<()> {
-    #[cfg(feature = "mpi")]
-    world::join()?;
-    #[cfg(not(feature = "mpi"))]
-    if launched() && size_said().is_some_and(|size| size > 1) {
-        return Err(Error::Job(cause(
-            "MPI",
-            "this program was built without it, and each rank would do the same",
-            "build it with --features mpi, or start it without mpirun",
-        )));
-    }
-    Ok(())
-}
 
 /// Whether `mpirun` (of Open MPI, or of MPICH and its like) or Slurm's `srun` has started this process for MPI.
 fn launched() -> bool {
@@ -111,18 +90,12 @@ fn listed(ranges: &str) -> Option<usize> {
 
 /// How many processes share the job.
 pub fn count() -> usize {
-    #[cfg(feature = "mpi")]
-    return world::size();
-    #[cfg(not(feature = "mpi"))]
-    1
+    world::size()
 }
 
 /// Which of them this is, from 0.
 pub fn rank() -> usize {
-    #[cfg(feature = "mpi")]
-    return world::rank();
-    #[cfg(not(feature = "mpi"))]
-    0
+    world::rank()
 }
 
 /// Whether all ranks know why the job fails.
@@ -276,81 +249,69 @@ pub fn end<T>(ended: Result<T>) -> Result<T> {
     all.and_then(|()| value.ok_or_else(|| apart("the end")))
 }
 
-/// MPI's own end, after [`end`].
-pub fn leave() {
-    #[cfg(feature = "mpi")]
-    world::leave();
-}
-
 /// Tells all others where this rank is and what it has, or why it failed; `hear` is told what each has.
-#[cfg_attr(not(feature = "mpi"), expect(unused, reason = "there is one rank"))]
 fn each_told(
     place: &str,
     told: Result<Vec<u8>>,
     hear: &mut dyn FnMut(Vec<u8>) -> Option<()>,
 ) -> Result<()> {
-    #[cfg(not(feature = "mpi"))]
-    return told.map(|_| ());
-    #[cfg(feature = "mpi")]
-    {
-        if OVER.load(Relaxed) {
-            return told.map(|_| ());
-        }
-        let (failed, mut bytes, own) = match told {
-            Ok(bytes) => (false, bytes, None),
-            Err(error) => {
-                let (mut bytes, why) = (Vec::new(), error.cause());
-                for text in [&why.place, &why.problem, &why.remedy] {
-                    text.put(&mut bytes).unwrap_or_default();
-                }
-                (true, bytes, Some(error))
-            }
-        };
-        let heads = world::heads([key(place), u64::from(failed), bytes.len() as u64]);
-        if let Some(rank) = heads.iter().position(|head| head[1] != 0) {
-            OVER.store(true, Relaxed);
-            FAILED.store(true, Relaxed);
-            let mut words = vec![0; heads[rank][2] as usize];
-            if rank == world::rank() {
-                words = bytes;
-            }
-            world::broadcast(rank, &mut words);
-            let from = &mut &words[..];
-            let texts: Option<[String; 3]> = Kept::take(from);
-            return Err(match (own, texts) {
-                (Some(own), _) => own,
-                (None, Some([place, problem, remedy])) => {
-                    Error::Job(cause(format!("rank {rank}: {place}"), problem, remedy))
-                }
-                (None, None) => apart(place),
-            });
-        }
-        if heads.iter().any(|head| head[0] != heads[0][0]) {
-            OVER.store(true, Relaxed);
-            FAILED.store(true, Relaxed);
-            return Err(apart(place));
-        }
-        let lengths: Vec<usize> = heads.iter().map(|head| head[2] as usize).collect();
-        if lengths.iter().sum::<usize>() <= LITTLE {
-            let all = world::gather(&bytes, &lengths);
-            let mut rest = &all[..];
-            for length in lengths {
-                let (theirs, after) = rest.split_at(length);
-                rest = after;
-                hear(theirs.to_vec()).ok_or_else(|| apart(place))?;
-            }
-            return Ok(());
-        }
-        for (rank, length) in lengths.into_iter().enumerate() {
-            let mut theirs = match rank == world::rank() {
-                true => std::mem::take(&mut bytes),
-                false => vec![0; length],
-            };
-            world::broadcast(rank, &mut theirs);
-            hear(theirs).ok_or_else(|| apart(place))?;
-        }
-        Ok(())
+    if OVER.load(Relaxed) {
+        return told.map(|_| ());
     }
+    let (failed, mut bytes, own) = match told {
+        Ok(bytes) => (false, bytes, None),
+        Err(error) => {
+            let (mut bytes, why) = (Vec::new(), error.cause());
+            for text in [&why.place, &why.problem, &why.remedy] {
+                text.put(&mut bytes).unwrap_or_default();
+            }
+            (true, bytes, Some(error))
+        }
+    };
+    let heads = world::gather_heads([key(place), u64::from(failed), bytes.len() as u64]);
+    if let Some(rank) = heads.iter().position(|head| head[1] != 0) {
+        OVER.store(true, Relaxed);
+        FAILED.store(true, Relaxed);
+        let mut words = vec![0; heads[rank][2] as usize];
+        if rank == world::rank() {
+            words = bytes;
+        }
+        world::broadcast(rank, &mut words);
+        let from = &mut &words[..];
+        let texts: Option<[String; 3]> = Kept::take(from);
+        return Err(match (own, texts) {
+            (Some(own), _) => own,
+            (None, Some([place, problem, remedy])) => {
+                Error::Job(cause(format!("rank {rank}: {place}"), problem, remedy))
+            }
+            (None, None) => apart(place),
+        });
+    }
+    if heads.iter().any(|head| head[0] != heads[0][0]) {
+        OVER.store(true, Relaxed);
+        FAILED.store(true, Relaxed);
+        return Err(apart(place));
+    }
+    let lengths: Vec<usize> = heads.iter().map(|head| head[2] as usize).collect();
+    if lengths.iter().sum::<usize>() <= LITTLE {
+        let all = world::gather(&bytes, &lengths);
+        let mut rest = &all[..];
+        for length in lengths {
+            let (theirs, after) = rest.split_at(length);
+            rest = after;
+            hear(theirs.to_vec()).ok_or_else(|| apart(place))?;
+        }
+        return Ok(());
+    }
+    for (rank, length) in lengths.into_iter().enumerate() {
+        let mut theirs = match rank == world::rank() {
+            true => std::mem::take(&mut bytes),
+            false => vec![0; length],
+        };
+        world::broadcast(rank, &mut theirs);
+        hear(theirs).ok_or_else(|| apart(place))?;
+    }
+    Ok(())
 }
 
 /// Ranks that are not at the same place.
@@ -363,7 +324,6 @@ fn apart(place: &str) -> Error {
 }
 
 /// A number for a place in the job.
-#[cfg(feature = "mpi")]
 fn key(place: &str) -> u64 {
     use crate::geometry::random::scrambled;
     place

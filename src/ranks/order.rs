@@ -1,6 +1,6 @@
 //! Values by their rank among all that several have, without sorting them.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::Holders;
 

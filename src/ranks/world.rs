@@ -1,47 +1,89 @@
-//! MPI itself.
+//! The processes that share a job, as the program that joined them passes them in.
 
 use std::sync::{Mutex, OnceLock, PoisonError};
-
-use mpi::Threading;
-use mpi::datatype::PartitionMut;
-use mpi::environment::Universe;
-use mpi::traits::{Communicator, CommunicatorCollectives, Destination, Root, Source};
 
 use super::{launched, size_said};
 use crate::error::{Error, Result, cause};
 
-/// Bytes or numbers that are passed on at once: MPI counts them with 31 bits.
-const AT_ONCE: usize = 1 << 28;
+/// Processes that share a job, and what they can send one another. All of them make the same calls in the
+/// same order.
+pub trait World: Send {
+    /// Returns the number of this process, from 0.
+    fn rank(&self) -> usize;
 
-/// MPI is there until the process has told the others that it ends.
-static UNIVERSE: Mutex<Option<Universe>> = Mutex::new(None);
+    /// Returns the number of processes.
+    fn size(&self) -> usize;
+
+    /// Gathers three numbers of each process, on all of them.
+    fn gather_heads(&self, own: [u64; 3]) -> Vec<[u64; 3]>;
+
+    /// Gathers the bytes of all processes, one after the other, on all of them. `lengths` are their numbers of
+    /// bytes.
+    fn gather(&self, own: &[u8], lengths: &[usize]) -> Vec<u8>;
+
+    /// Sends the bytes of the process `root` to all others, whose `bytes` have the same length.
+    fn broadcast(&self, root: usize, bytes: &mut [u8]);
+
+    /// Sends `to[k]` to the process `k`, and returns what this one receives of each: `lengths[k]` bytes of
+    /// the process `k`. Two processes that have nothing for one another need not communicate.
+    fn all_to_all(&self, to: &[Vec<u8>], lengths: &[usize]) -> Vec<Vec<u8>>;
+}
+
+/// Joins the other processes of the job.
+pub type Join = fn() -> Result<Box<dyn World>>;
+
+/// The other processes, until this one has told them that it ends.
+static WORLD: Mutex<Option<Box<dyn World>>> = Mutex::new(None);
 /// This process's number, and how many there are.
 static PLACE: OnceLock<[usize; 2]> = OnceLock::new();
+/// How the program joins other processes, if it can.
+static JOIN: OnceLock<Option<Join>> = OnceLock::new();
+
+/// Says how the program joins other processes.
+pub fn set_join(join: Option<Join>) {
+    let _ = JOIN.set(join);
+}
+
+/// Returns whether the program can join other processes.
+pub fn can_join() -> bool {
+    JOIN.get().is_some_and(Option::is_some)
+}
 
 /// Joins the other processes, if there are any.
+///
+/// # Errors
+/// [`Error::Job`] if several were started and cannot be joined.
 pub fn join() -> Result<()> {
     if !launched() {
         return Ok(());
     }
-    let refuse = |problem: &str| {
-        let remedy = "start it with the mpirun of the MPI library that it was built with";
-        Error::Job(cause("MPI", problem, remedy))
+    let several = size_said().is_some_and(|size| size > 1);
+    let Some(join) = JOIN.get().copied().flatten() else {
+        if several {
+            return Err(Error::Job(cause(
+                "MPI",
+                "this program was built without it, and each rank would do the same",
+                "start atomesh-mpi instead (cargo build --release -p atomesh-mpi), or leave mpirun out",
+            )));
+        }
+        return Ok(());
     };
-    let (universe, threading) = mpi::initialize_with_threading(Threading::Serialized)
-        .ok_or_else(|| refuse("was joined before"))?;
-    if threading < Threading::Serialized {
-        return Err(refuse(
-            "does not take calls from other threads than the first",
-        ));
-    }
-    let world = universe.world();
-    let place = [world.rank() as usize, world.size() as usize];
-    if place[1] == 1 && size_said().is_some_and(|said| said > 1) {
-        return Err(refuse("finds no other rank, though several were started"));
+    let world = join()?;
+    let place = [world.rank(), world.size()];
+    if place[1] == 1 && several {
+        return Err(Error::Job(cause(
+            "MPI",
+            "finds no other rank, though several were started",
+            "start it with the mpirun of the MPI library that it was built with",
+        )));
     }
     let _ = PLACE.set(place);
-    *UNIVERSE.lock().unwrap_or_else(PoisonError::into_inner) = Some(universe);
+    *lock() = Some(world);
     Ok(())
+}
+
+fn lock() -> std::sync::MutexGuard<'static, Option<Box<dyn World>>> {
+    WORLD.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// This process's number.
@@ -54,87 +96,35 @@ pub fn size() -> usize {
     PLACE.get().map_or(1, |place| place[1])
 }
 
-/// The heads of what all ranks have to tell.
-pub fn heads(own: [u64; 3]) -> Vec<[u64; 3]> {
-    let mut all = vec![[0u64; 3]; size()];
-    let universe = UNIVERSE.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some(universe) = &*universe {
-        universe
-            .world()
-            .all_gather_into(&own[..], all.as_flattened_mut());
-    }
-    all
+/// [`World::gather_heads`].
+pub fn gather_heads(own: [u64; 3]) -> Vec<[u64; 3]> {
+    lock()
+        .as_ref()
+        .map_or_else(|| vec![own], |world| world.gather_heads(own))
 }
 
-/// What all ranks have, one after the other: so many bytes each.
+/// [`World::gather`].
 pub fn gather(own: &[u8], lengths: &[usize]) -> Vec<u8> {
-    let mut all = vec![0; lengths.iter().sum()];
-    let universe = UNIVERSE.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some(universe) = &*universe
-        && !all.is_empty()
-    {
-        let counts: Vec<i32> = lengths.iter().map(|&length| length as i32).collect();
-        let begins = counts.iter().scan(0, |sum, count| {
-            let begin = *sum;
-            *sum += count;
-            Some(begin)
-        });
-        let begins: Vec<i32> = begins.collect();
-        let mut parts = PartitionMut::new(&mut all[..], counts, begins);
-        (universe.world()).all_gather_varcount_into(own, &mut parts);
-    }
-    all
+    lock()
+        .as_ref()
+        .map_or_else(|| own.to_vec(), |world| world.gather(own, lengths))
 }
 
-/// Gives what a rank has to all others, which have room for it.
-pub fn broadcast(from: usize, bytes: &mut [u8]) {
-    let universe = UNIVERSE.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some(universe) = &*universe {
-        let (world, from) = (universe.world(), from as i32);
-        for part in bytes.chunks_mut(AT_ONCE) {
-            world.process_at_rank(from).broadcast_into(part);
-        }
+/// [`World::broadcast`].
+pub fn broadcast(root: usize, bytes: &mut [u8]) {
+    if let Some(world) = &*lock() {
+        world.broadcast(root, bytes);
     }
 }
 
-/// What each rank has for this one, so many `bytes`; `to` has something for each. Two at a time: all to all at once is
-/// more than some networks take where there is much. Those who have nothing for one another are left alone.
-pub fn pass(to: &[Vec<u8>], bytes: &[usize]) -> Vec<Vec<u8>> {
-    let mut heard: Vec<Vec<u8>> = vec![Vec::new(); size()];
-    let universe = UNIVERSE.lock().unwrap_or_else(PoisonError::into_inner);
-    let Some(universe) = &*universe else {
-        return heard;
-    };
-    let (world, own, count) = (universe.world(), rank(), size());
-    heard[own].clone_from(&to[own]);
-    for step in 1..count {
-        let (next, before) = ((own + step) % count, (own + count - step) % count);
-        let (sent, got) = (&to[next], &mut heard[before]);
-        got.resize(bytes[before], 0);
-        let parts = sent.len().max(got.len()).div_ceil(AT_ONCE);
-        let (mut sent, mut got) = (sent.chunks(AT_ONCE), got.chunks_mut(AT_ONCE));
-        for _ in 0..parts {
-            mpi::request::scope(|scope| {
-                let next = world.process_at_rank(next as i32);
-                let sending = sent.next().map(|part| next.immediate_send(scope, part));
-                if let Some(part) = got.next() {
-                    world.process_at_rank(before as i32).receive_into(part);
-                }
-                if let Some(sending) = sending {
-                    sending.wait_without_status();
-                }
-            });
-        }
-    }
-    heard
+/// [`World::all_to_all`].
+pub fn all_to_all(to: &[Vec<u8>], lengths: &[usize]) -> Vec<Vec<u8>> {
+    lock()
+        .as_ref()
+        .map_or_else(|| to.to_vec(), |world| world.all_to_all(to, lengths))
 }
 
-/// MPI's own end, after which no rank hears of this one.
+/// Ends this process's part in the job, after which no other hears of it.
 pub fn leave() {
-    drop(
-        UNIVERSE
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .take(),
-    );
+    drop(lock().take());
 }

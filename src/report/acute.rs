@@ -14,7 +14,7 @@
 //! that stands off it. They shall explain nothing. So faces are joined into patches across all ridges
 //! that are not acute, and a feature at an acute line must be a patch of some size.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 use serde::{Serialize, Serializer};
 
 use super::surface::Surface;

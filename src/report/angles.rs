@@ -8,7 +8,7 @@
 //! nodes between the two. (Beside a line no more cells are bad than anywhere else at features, as was
 //! seen on sheets at 25 degrees to a side: there, all that were bad touched the line.)
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 use serde::Serialize;
 
 use super::acute::{AcuteLine, Lines, Piece, acute_lines, on_features, sides};

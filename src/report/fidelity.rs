@@ -16,10 +16,10 @@ use crate::mesh::Simplices;
 use crate::mesh::part::Part;
 use crate::mesh::poly::PolyMesh;
 use crate::observer::Patience;
+use crate::parallel::prelude::*;
 use crate::ranks::Alone;
 use crate::ranks::Holders;
 use crate::{Error, Result, error::cause};
-use rayon::prelude::*;
 use serde::Serialize;
 
 /// Largest distance of an on-feature face's nodes from the feature, in samples.

@@ -6,9 +6,9 @@ use crate::files::kept::fields;
 use crate::mesh::Simplices;
 use crate::mesh::part::Part;
 use crate::observer::Patience;
+use crate::parallel::prelude::*;
 use crate::ranks::Holders;
 use crate::ranks::order::at_ranks;
-use rayon::prelude::*;
 use serde::Serialize;
 use std::borrow::Cow;
 

@@ -11,9 +11,9 @@ use super::nearest::{Points, Tree, square_to_face};
 use super::surface::Surface;
 use crate::geometry::{cross, dot, in_space, sub};
 use crate::observer::Patience;
+use crate::parallel::prelude::*;
 use crate::ranks::Holders;
 use crate::ranks::joined;
-use rayon::prelude::*;
 
 /// How far faces look for points, in samples.
 const REACH: f64 = 1.0;

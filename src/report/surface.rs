@@ -1,6 +1,6 @@
 //! Faces of a mesh in parts, each of which is one holder's: nobody knows them all.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use crate::mesh::Simplices;
 use crate::mesh::part::Part;

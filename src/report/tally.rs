@@ -1,8 +1,8 @@
 //! How far things are from others, where several have some each: shares, largest, and up to where a share of them is.
 //! Counts and areas are whole numbers, so that it makes no difference who has what.
 
+use crate::parallel::prelude::*;
 use crate::ranks::Holders;
-use rayon::prelude::*;
 
 /// Areas are counted in these parts of a square sample.
 const AREA: f64 = (1u64 << 24) as f64;

@@ -1,6 +1,6 @@
 //! From a job's Voronoi cells to a file.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::file::{HORIZON_FACES, WELD, common_fields, settled_field};
 use super::labels::labels_field;

@@ -1,6 +1,6 @@
 //! Meshes in depth that were made in two-way time, and images in time beside meshes in depth.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::file::UNITS;
 use super::stored::{LatticeSpace, Stored, StoredMesh};

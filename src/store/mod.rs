@@ -40,7 +40,7 @@ pub use stored::{LatticeSpace, Stored, StoredMesh};
 pub(crate) use vtu::with_mesh;
 pub use vtu::{AnyMesh, FieldValue, MeshFile, read_any_vtu, read_vtu, write_vtu};
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use crate::image::Geometry;
 use crate::mesh::Simplices;

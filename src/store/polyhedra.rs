@@ -6,7 +6,7 @@
 
 use std::path::Path;
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::vtu::{
     self, FieldValue, MeshFile, cell_array, cell_values, check_lengths, integers, read_arrays,

@@ -1,21 +1,11 @@
 //! What the black-box tests share: small input files made on the spot, and running the binary.
-#![allow(
-    dead_code,
-    unused_imports,
-    reason = "each test program uses its own part"
-)]
-
-mod skipped;
-
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-pub use skipped::{no_data, no_validator};
-
 /// The binary under test, in `folder`.
 pub fn atomesh(folder: &Path) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_atomesh"));
+    let mut command = Command::new(crate::PROGRAM);
     command.current_dir(folder);
     command
 }
@@ -182,56 +172,59 @@ pub fn segy_with(
     std::fs::write(path, bytes).unwrap();
 }
 
-/// Opens files with VTK itself: runs a Python program with `.venv`'s interpreter; `None` without it
-/// (`make validators` makes it).
-pub fn vtk(program: &str, arguments: &[&Path]) -> Option<serde_json::Value> {
+/// Opens files with VTK itself: what a Python program prints, as JSON.
+pub fn vtk(program: &str, arguments: &[&Path]) -> serde_json::Value {
     let mut all: Vec<&OsStr> = vec!["-c".as_ref(), program.as_ref()];
     all.extend(arguments.iter().map(|path| path.as_os_str()));
-    python("VTK", &all)
+    serde_json::from_str(&python("VTK", &all)).unwrap()
 }
 
-/// Runs a script of tests/data/export with `.venv`'s interpreter.
-pub fn judged(judge: &str, script: &str, arguments: &[&OsStr]) -> Option<serde_json::Value> {
+/// What a script of tests/data/export prints, as JSON. `needs` names the modules that it imports.
+pub fn judged(needs: &str, script: &str, arguments: &[&OsStr]) -> serde_json::Value {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/export");
     let script = folder.join(script);
-    python(judge, &[&[script.as_os_str()], arguments].concat())
+    let all = [&[script.as_os_str()], arguments].concat();
+    serde_json::from_str(&python(needs, &all)).unwrap()
 }
 
-/// What Python says, as JSON; `judge` is who is absent without it.
-fn python(judge: &str, arguments: &[&OsStr]) -> Option<serde_json::Value> {
-    let said = python_says(judge, arguments)?;
-    Some(serde_json::from_str(&said).unwrap())
-}
-
-/// The same as text.
-pub fn python_says(judge: &str, arguments: &[&OsStr]) -> Option<String> {
+/// What Python prints, run from the environment that `make validators` makes. `needs` names the modules that
+/// the program imports.
+pub fn python(needs: &str, arguments: &[&OsStr]) -> String {
     let python = Path::new(env!("CARGO_MANIFEST_DIR")).join(".venv/bin/python");
-    if !python.exists() {
-        no_validator(judge);
-        return None;
-    }
-    let output = Command::new(python).args(arguments).output().unwrap();
+    let output = Command::new(python).args(arguments).output();
+    let output =
+        output.unwrap_or_else(|error| panic!("{needs}: {error}; run `make validators` first"));
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{said}");
-    Some(String::from_utf8(output.stdout).unwrap())
+    String::from_utf8(output.stdout).unwrap()
 }
 
-/// Runs a simulator that `make validators` installs; `None` without it. Its exit code must be 0.
-pub fn simulator(command: &mut Command) -> Option<String> {
+/// What a simulator that `make validators` installs prints. Its exit code must be 0.
+pub fn simulator(command: &mut Command) -> String {
     let name = command.get_program().to_string_lossy().into_owned();
-    match command.output() {
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-            no_validator(&name);
-            None
-        }
-        output => {
-            let output = output.unwrap();
-            let said = String::from_utf8_lossy(&output.stdout).into_owned();
-            let failed = String::from_utf8_lossy(&output.stderr);
-            assert!(output.status.success(), "{name}\n{said}\n{failed}");
-            Some(said)
-        }
-    }
+    let output = command.output();
+    let output =
+        output.unwrap_or_else(|error| panic!("{name}: {error}; run `make validators` first"));
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    let failed = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{name}\n{said}\n{failed}");
+    said
+}
+
+/// A file or folder of images made by others, which are not kept here: in the folder that the variable
+/// `ATOMESH_DATA` names, else in `../shared/data`. Tests that use it are ignored unless asked for.
+pub fn data(name: &str) -> PathBuf {
+    let root = std::env::var_os("ATOMESH_DATA").map_or_else(
+        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
+        PathBuf::from,
+    );
+    let path = root.join(name);
+    assert!(
+        path.exists(),
+        "{}: no such file; set ATOMESH_DATA to the folder of images",
+        path.display()
+    );
+    path
 }
 
 /// Runs a line of words; gives standard output.

@@ -135,7 +135,11 @@ pub fn doctor(console: &mut Console) -> Result<()> {
         ),
         (
             "MPI",
-            built(cfg!(feature = "mpi"), "built in", "one process a job"),
+            built(
+                crate::ranks::world::can_join(),
+                "built in",
+                "one process a job; atomesh-mpi has it",
+            ),
         ),
         ("processors", threads.to_string()),
         (

@@ -3,7 +3,7 @@
 
 use std::io::{self, Write};
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 /// Lines in one task.
 const LINES: usize = 4096;

@@ -6,7 +6,7 @@
 
 use std::io::Write;
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::corners::Corners;
 use super::walk::Walk;

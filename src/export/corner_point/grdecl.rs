@@ -7,7 +7,7 @@
 use std::io::Write;
 use std::path::Path;
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::corners::Corners;
 use super::layers::{Layers, lines_of};

@@ -2,7 +2,7 @@
 //! other, else of equal thickness. At a feature that displaces regions, the columns on its two sides
 //! have corners at different depths on their common pillars.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::pillars::{Pillars, is_steep};
 use super::walk::{Piece, Walk};

@@ -4,7 +4,7 @@
 //! Where features are too flat, or too near to each other, for that, the pillars stand upright again:
 //! no column is ever turned inside out.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use crate::error::cause;
 use crate::geometry::{add_scaled, dot, sub};

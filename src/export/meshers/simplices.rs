@@ -4,7 +4,7 @@
 use std::io::Write;
 use std::path::Path;
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::groups::{Named, Names, seen_from_below};
 use crate::Result;

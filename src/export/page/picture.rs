@@ -1,6 +1,6 @@
 //! The image as a texture.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 use serde_json::{Value, json};
 
 use super::pack::base64;

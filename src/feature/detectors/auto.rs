@@ -23,7 +23,7 @@ use crate::geometry::wide::wide;
 use crate::image::Image;
 use crate::image::check::FEW_LABELS;
 use crate::observer::Patience;
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 use std::collections::BTreeSet;
 
 /// A detector that fits an image, and why.
@@ -254,9 +254,9 @@ impl<const D: usize> Looks<D> {
         let volume = window.raw.volume;
         let (whole, layer) = (Volume::new(window.dims, &[]), layer(window.dims));
         let first = (window.own.layers.start * layer).next_multiple_of(stride);
-        let places = (first..window.own.layers.end * layer)
-            .into_par_iter()
-            .step_by(stride);
+        let places: Vec<usize> = (first..window.own.layers.end * layer)
+            .step_by(stride)
+            .collect();
         let look = |i| {
             let at = window.raw.in_stack(whole.coordinates(i));
             let beside = std::array::from_fn(|k| {
@@ -267,7 +267,7 @@ impl<const D: usize> Looks<D> {
             });
             (local_mean(volume, at), beside)
         };
-        let (means, beside) = places.map(look).unzip();
+        let (means, beside) = places.into_par_iter().map(look).unzip();
         Self { means, beside }
     }
 

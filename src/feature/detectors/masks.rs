@@ -14,7 +14,7 @@ use crate::feature::depth::depth;
 use crate::feature::gaussian::smooth;
 use crate::feature::volume::Volume;
 use crate::observer::Patience;
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 /// Masks thinner than this (samples) ...
 const THIN: f64 = 5.5;

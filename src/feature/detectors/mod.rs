@@ -38,8 +38,8 @@ use super::{Detection, FeatureKind, Features, Settled};
 use crate::error::{Error, Result, cause};
 use crate::image::{Image, Source};
 use crate::observer::Patience;
+use crate::parallel::prelude::*;
 use crate::ranks::{Group, joined};
-use rayon::prelude::*;
 use std::fmt;
 use std::ops::Range;
 

@@ -21,8 +21,8 @@ use crate::feature::slab::{Slab, ranked};
 use crate::feature::volume::Volume;
 use crate::feature::windows::{LookedAt, Samples, Stack, Window, layer};
 use crate::observer::Patience;
+use crate::parallel::prelude::*;
 use crate::ranks::{Group, Ranks};
-use rayon::prelude::*;
 use std::ops::Range;
 
 /// Finds sheets of high values.

@@ -9,7 +9,7 @@ use crate::feature::volume::Volume;
 use crate::feature::windows::{MULTIPLE, Window};
 use crate::geometry::groups::grouped;
 use crate::geometry::{cross, dot, in_space, unit};
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 use std::cmp::Ordering::{Equal, Greater, Less};
 use std::ops::Range;
 

@@ -37,7 +37,7 @@ use filters::CROSSING;
 use std::sync::atomic::AtomicUsize;
 use std::sync::atomic::Ordering::Relaxed;
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 pub use filters::HALO;
 pub use zone::Ambiguous;

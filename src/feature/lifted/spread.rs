@@ -3,7 +3,7 @@
 use super::zone::trace;
 use crate::feature::symmetric::{Symmetric, eigenvalues, eigenvector};
 use crate::geometry::{dot, solve_positive, sub};
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 /// Variance (samples squared) along a sheet below which places are too close together to tell how it bends.
 const CLOSE: f64 = 1.0;

@@ -7,7 +7,7 @@ use crate::feature::slab::{Slab, ranked};
 use crate::feature::symmetric::Symmetric;
 use crate::feature::volume::Volume;
 use crate::feature::windows::Own;
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 use std::ops::Range;
 
 /// Samples along an edge of the cells that are ambiguous or not.

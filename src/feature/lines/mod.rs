@@ -22,8 +22,8 @@ use crate::error::Result;
 use crate::geometry::buckets::Buckets;
 use crate::geometry::{add_scaled, cross, dot, in_space, norm, sub, unit};
 use crate::observer::{Patience, Stage};
+use crate::parallel::prelude::*;
 use draw::draw;
-use rayon::prelude::*;
 use serde::Serialize;
 
 /// Shorter lines in space are left out (samples).

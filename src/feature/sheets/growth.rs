@@ -9,7 +9,7 @@ use crate::feature::crossing::{Candidate, nearest};
 use crate::feature::slab::Slab;
 use crate::geometry::{dot, sub};
 use crate::observer::{Patience, Stage};
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 use std::ops::Range;
 
 /// Of no sheet ...
@@ -387,7 +387,7 @@ impl<'a, const D: usize> Growth<'a, D> {
     }
 
     /// Members that are this rank's own.
-    fn own_members(&self) -> impl ParallelIterator<Item = usize> {
+    fn own_members(&self) -> impl Parallel<Item = usize> {
         let own = &self.slab.own;
         let members = self.members.par_iter().copied();
         members.filter(|i| own.contains(i))

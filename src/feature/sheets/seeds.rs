@@ -8,7 +8,7 @@
 use super::growth::{FREE, Growth};
 use crate::error::Result;
 use crate::feature::crossing::Candidate;
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 /// A rank goes ahead with so many seeds, before it hears how far others are.
 const AHEAD: usize = 1 << 8;

@@ -4,8 +4,8 @@ use super::strip::Strip;
 use crate::error::Result;
 use crate::feature::gaussian;
 use crate::observer::Patience;
+use crate::parallel::prelude::*;
 use crate::ranks::Group;
-use rayon::prelude::*;
 use std::ops::Range;
 
 /// Samples that one thread moves at a time.

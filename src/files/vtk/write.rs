@@ -5,8 +5,8 @@ use std::io::{Result, Seek, SeekFrom, Write};
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
+use crate::parallel::prelude::*;
 use flate2::{Compress, Compression, FlushCompress, Status};
-use rayon::prelude::*;
 
 use super::Scalar;
 use super::xml::escape;

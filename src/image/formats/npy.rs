@@ -7,8 +7,8 @@ use std::fs::File;
 use std::io::Write;
 use std::path::Path;
 
+use crate::parallel::prelude::*;
 use ndarray::{ArrayD, IxDyn, ShapeBuilder};
-use rayon::prelude::*;
 
 use super::samples::{self, Encoding, Endian, SampleType};
 use super::stream::{Head, Opened, Plain, Slabs, Stream};

@@ -4,8 +4,8 @@ use std::fs::File;
 use std::io;
 use std::path::Path;
 
+use crate::parallel::prelude::*;
 use half::f16;
-use rayon::prelude::*;
 
 use super::stream::Slabs;
 use crate::files::read_exact_at;

@@ -6,8 +6,8 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
+use crate::parallel::prelude::*;
 use ndarray::ArrayD;
-use rayon::prelude::*;
 
 use super::placement::BARE;
 use super::samples::{self, Encoding};

@@ -4,7 +4,7 @@ use super::Options;
 use super::surface::Surface;
 use super::truth::Truth;
 use crate::geometry::random::Random;
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 use std::f64::consts::{PI, TAU};
 
 /// Peak frequency of the Ricker wavelet, in cycles per sample.

@@ -6,7 +6,7 @@ use crate::Error;
 use crate::error::cause;
 use crate::geometry::dot;
 use crate::geometry::random::Random;
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 /// Smallest radius of curvature, in samples.
 const RADIUS: f64 = 45.0;

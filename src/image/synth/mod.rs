@@ -29,8 +29,8 @@ use std::str::FromStr;
 use crate::error::cause;
 use crate::geometry::random::Random;
 use crate::image::{Geometry, Image};
+use crate::parallel::prelude::*;
 use crate::{Error, Result, memory};
-use rayon::prelude::*;
 use surface::Surface;
 
 /// What a synthetic image shows.
@@ -406,13 +406,12 @@ fn ball_image(truth: &Truth, sides: &[u32], options: &Options) -> Vec<f32> {
 fn labels(sides: &[u32]) -> Vec<f32> {
     let mut patterns: Vec<u32> = sides
         .par_chunks(1 << 16)
-        .map(|chunk| {
+        .flat_map_iter(|chunk| {
             let mut patterns = chunk.to_vec();
             patterns.sort_unstable();
             patterns.dedup();
             patterns
         })
-        .flatten_iter()
         .collect();
     patterns.sort_unstable();
     patterns.dedup();

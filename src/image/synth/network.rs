@@ -12,7 +12,7 @@ use crate::Error;
 use crate::error::cause;
 use crate::geometry::random::{Random, scrambled, uniform};
 use crate::geometry::{cross, dot, sub};
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 use std::f64::consts::TAU;
 
 /// Faults cross at no less than this many degrees, everywhere ...

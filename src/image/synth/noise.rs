@@ -1,6 +1,6 @@
 //! Smooth noise made of random numbers that are a function of seed and position only.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use crate::geometry::random::scrambled;
 

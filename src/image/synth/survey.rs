@@ -3,7 +3,7 @@
 use super::surface::{Foot, Surface};
 use super::truth::{REACH, Truth};
 use crate::geometry::{dot, sub};
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 /// Samples along each side of a block whose far surfaces are ruled out together.
 const BLOCK: usize = 8;

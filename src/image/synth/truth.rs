@@ -2,9 +2,9 @@
 
 use crate::error::cause;
 use crate::image::formats::npy;
+use crate::parallel::prelude::*;
 use crate::{Error, Result};
 use ndarray::{ArrayD, Axis};
-use rayon::prelude::*;
 use std::path::Path;
 
 /// Distances are exact below this many samples; a sample farther away holds this value and the

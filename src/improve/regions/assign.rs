@@ -1,6 +1,6 @@
 //! A cell has the label of most of its volume.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use crate::feature::Labelled;
 use crate::geometry::groups::grouped;

@@ -11,7 +11,7 @@
 
 use std::collections::BTreeMap;
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::{balance, volumes};
 use crate::feature::Labelled;

@@ -17,7 +17,7 @@ mod surface;
 use std::collections::{BTreeMap, HashMap};
 use std::convert::Infallible;
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::sheets::{NearSheets, SAME_SHEET, Sheets};
 use crate::feature::FeaturePoint;

@@ -1,7 +1,7 @@
 //! The cells of a mesh in pieces that lie at some of its nodes, from all pieces: each member of a group has
 //! the same.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use crate::error::cause;
 use crate::files::kept::fields;

@@ -1,6 +1,6 @@
 //! The marked faces of a mesh, or of a part of one: their ridges, and the rooms between them.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use crate::geometry::sets::Sets;
 use crate::mesh::Simplices;

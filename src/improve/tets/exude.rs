@@ -12,7 +12,7 @@ use crate::mesh::delaunay::exude;
 use crate::mesh::quality::min_sine;
 use crate::mesh::{FACES, TetMesh};
 use crate::observer::Patience;
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 /// As [`improve`](super::improve), by weights of the nodes instead of flips and smoothing: faces that
 /// lie on a feature are kept, edges that pierce one are not looked for again.

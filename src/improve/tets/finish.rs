@@ -1,6 +1,6 @@
 //! The mesh at the end: which of its faces lie on features, and what blocks what is still poor.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::Improver;
 use crate::geometry::{cross, dot, norm, sub};

@@ -29,7 +29,7 @@ pub use exude::exude;
 pub use reshape::reshape;
 pub use slabs::{Aim, Cuts, InSlabs, KnownAtoms, improve_in_slabs, own_slabs};
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use self::memory::{Memory, Trial};
 use super::hold::{Beside, Hold};

@@ -10,7 +10,7 @@ use crate::mesh::EDGES;
 use crate::mesh::complex::NONE;
 use crate::mesh::quality::min_sine;
 use crate::observer::Patience;
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 /// A flip that removes a piercing edge may leave tetrahedra as flat as this, round by round: at
 /// first only good ones, so that surfaces are not spanned by long chords; smoothing follows.

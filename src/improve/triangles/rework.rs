@@ -3,7 +3,7 @@
 use std::cmp::Ordering;
 use std::collections::HashSet;
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::{Improver, STEEPEST};
 use crate::geometry::{add_scaled, in_space};

@@ -22,7 +22,7 @@ pub use sources::{Dense, from_image, from_laplacian, from_samples};
 
 use std::f64::consts::SQRT_2;
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use crate::error::{Error, Result, cause};
 use crate::image::Field;
@@ -184,10 +184,8 @@ impl<const D: usize> Distance<D> {
 fn steepest<const D: usize>(field: &Field<D>) -> [f64; D] {
     let mut stride = 1;
     std::array::from_fn(|k| {
-        let along = field
-            .samples
-            .par_iter()
-            .zip(field.samples.par_iter().skip(stride));
+        let next = field.samples.get(stride..).unwrap_or_default();
+        let along = field.samples.par_iter().zip(next);
         let steepest = along
             .enumerate()
             .filter(|(n, _)| n / stride % field.dims[k] + 1 < field.dims[k])
@@ -230,7 +228,13 @@ fn reduce(samples: &[f32], f: impl Fn(f32, f32) -> f32 + Sync) -> f64 {
         true => f32::NAN,
         false => f(a, b),
     };
-    f64::from(chunks.reduce_with(both).unwrap_or(f32::NAN))
+    f64::from(
+        chunks
+            .collect::<Vec<f32>>()
+            .into_iter()
+            .reduce(both)
+            .unwrap_or(f32::NAN),
+    )
 }
 
 /// The grid cell around a position: the samples that it is among, its lowest corner, the step along each axis, and the

@@ -26,7 +26,7 @@
 
 use std::sync::Arc;
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::neighbours::CHUNK;
 use super::{Beta, Energy, Pairwise, Parts, Terms};

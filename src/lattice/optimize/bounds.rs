@@ -1,6 +1,6 @@
 //! How far each atom may move, and chance moves within that.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use crate::geometry::random::signed;
 use crate::lattice::distance::Distance;

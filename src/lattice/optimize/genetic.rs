@@ -18,7 +18,7 @@
 //! Individuals are made and evaluated in parallel. All chance depends on nothing but seed, generation,
 //! individual and atom, so that the result is the same for any number of threads.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::bounds::Bounds;
 use super::minimise::{Budget, FIRST_CURVATURE, Minimiser, finite};

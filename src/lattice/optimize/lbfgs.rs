@@ -6,8 +6,8 @@
 //! all the others, and one more makes the direction. Vectors are `f32`, sums are taken in chunks of
 //! fixed size and added up in `f64` in a fixed order: the same bytes for any number of threads.
 
+use crate::parallel::prelude::*;
 use pulp::{Arch, Simd, WithSimd};
-use rayon::prelude::*;
 
 use crate::Result;
 use crate::lattice::held::Held;

@@ -1,7 +1,7 @@
 //! One minimisation: L-BFGS directions, or plain steepest descent, and a line search that mostly needs
 //! one evaluation a step.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::Stop;
 use super::bounds::Bounds;
@@ -236,7 +236,7 @@ impl<'a, const D: usize> Minimiser<'a, D> {
             let mut trial = std::mem::take(&mut self.trial);
             trial[own.clone()]
                 .par_iter_mut()
-                .zip(direction.par_chunks_exact(D))
+                .zip(direction.par_chunks(D))
                 .with_min_len(CHUNK)
                 .enumerate()
                 .for_each(|(n, (x, direction))| {

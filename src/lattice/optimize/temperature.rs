@@ -1,7 +1,7 @@
 //! Temperatures for local edits (Hale 2002): a lattice is warm where it has been edited and frozen
 //! elsewhere, so that only the neighbourhood of the edit changes.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 /// How far an edit is felt, in units of d (Hale 2002).
 pub const RANGE: f64 = 5.0;

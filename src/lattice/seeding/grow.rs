@@ -27,8 +27,8 @@ use crate::geometry::distance2;
 use crate::geometry::scatter::Scatter;
 use crate::lattice::distance::Distance;
 use crate::observer::Patience;
+use crate::parallel::prelude::*;
 use crate::ranks::Group;
-use rayon::prelude::*;
 
 /// Atoms of which one thread looks at the sites at least.
 const FEW: usize = 64;

@@ -33,8 +33,8 @@ use crate::lattice::AtomKind;
 use crate::lattice::distance::{Distance, Shared};
 use crate::lattice::share::OwnAtoms;
 use crate::observer::Patience;
+use crate::parallel::prelude::*;
 use crate::ranks::{self, Alone, Group};
-use rayon::prelude::*;
 
 /// Where atoms end up: on features, so that the faces of a Delaunay mesh follow them, or alongside,
 /// so that the faces of Voronoi cells do.

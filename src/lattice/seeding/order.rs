@@ -1,6 +1,6 @@
 //! Memory order of atoms: neighbours in space should be neighbours in memory.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 /// Sorts positions in the box `[0, extent]` along a Morton (Z-order) [`Curve`] through cubes of edge
 /// `cell`; inside a cube they keep their order. Deterministic.

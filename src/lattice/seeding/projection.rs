@@ -13,7 +13,7 @@
 //!
 //! Sites on edges and sides of the box look along them only, and come first, so that the box is filled.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::{Alignment, FREE, MARGIN, grow, lattice, scatter, sides_held, varies};
 use crate::error::Result;

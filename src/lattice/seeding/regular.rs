@@ -2,7 +2,7 @@
 //!
 //! Where a site is follows from its number, so that all can look at all sites, and keep their own.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::Alignment;
 use super::fixed::{self, Room};

@@ -6,7 +6,7 @@ use crate::geometry::dot;
 use crate::mesh::Mesh;
 use crate::mesh::poly::{Beyond, NO_CELL, PolyMesh, SIDE_0};
 use crate::observer::Patience;
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 use serde::Serialize;
 
 /// What the check finds of polyhedra and polygons only.

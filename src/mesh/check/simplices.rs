@@ -4,7 +4,7 @@ use super::{Bounds, Check, Checked, Known, Sides, singular};
 use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
 use crate::observer::Patience;
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 use std::ops::Range;
 
 /// Cells in one task, from one question whether to go on to the next.

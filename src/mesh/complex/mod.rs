@@ -12,7 +12,7 @@ mod part;
 use std::sync::atomic::AtomicBool;
 use std::sync::atomic::Ordering::Relaxed;
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::{FACES, TetMesh};
 use faces::Faces;

@@ -19,7 +19,7 @@ mod needles;
 mod nodes;
 mod rings;
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use crate::error::{Error, Result, cause};
 use crate::geometry::distance2;

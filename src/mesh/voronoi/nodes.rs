@@ -1,7 +1,7 @@
 //! The nodes of Voronoi cells: centres of Delaunay simplices, those at one place made one node, and
 //! those at a side of the box put onto it exactly.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::mirror::Mirrored;
 

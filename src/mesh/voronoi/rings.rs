@@ -6,7 +6,7 @@
 //! seen from b. In a positive triangle (a, b, c), the edge a-b has the triangle on its left and a-c
 //! has it on its right; right then left is the order in which the Voronoi edge has a on its left.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use crate::mesh::poly::Lists;
 

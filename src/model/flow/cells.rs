@@ -6,7 +6,7 @@
 //! are the permeability's. It is then exact for linear pressure. On tetrahedra it is not even
 //! consistent; they have [`ElementFlow`](super::ElementFlow).
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::barriers::Barriers;
 use super::rock::{Faults, Rock};

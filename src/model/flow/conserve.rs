@@ -7,7 +7,7 @@
 //! two-point system on the cells (the correction of Odsaeter et al. 2017, Journal of Computational
 //! Physics 330, section 3). Where pressure is linear nothing changes.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::elements::ElementFlow;
 use super::linear::{area_vector, centre_to_face, corners, gradients};

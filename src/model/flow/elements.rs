@@ -13,7 +13,7 @@
 //!
 //! In the plane all is for a layer of unit thickness: rates are per length of it.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::barriers::Barriers;
 use super::linear::{area_vector, centre_to_face, corners, factorial, gradients};

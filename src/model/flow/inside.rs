@@ -7,7 +7,7 @@
 //! gradient of a potential on the parts of the cell (as Prevost, Edwards & Blunt 2002 and Hægland et
 //! al. 2007 cut cells). Where the velocity is constant it is exact.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::cells::CellRates;
 use super::conserve::FaceRates;

@@ -1,7 +1,7 @@
 //! Sparse matrices by rows and the few vector operations that iterative solvers need. Every sum is
 //! taken in chunks of fixed size and fixed order, so results do not depend on the number of threads.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 /// Rows (or vector elements) that one task handles.
 const CHUNK: usize = 4096;

@@ -12,7 +12,7 @@
 use std::ops::Range;
 use std::path::Path;
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::conserve::FaceRates;
 use super::inside::Inside;

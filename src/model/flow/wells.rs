@@ -1,6 +1,6 @@
 //! Point sources and sinks.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::linear::{corners, gradients};
 use crate::error::cause;

@@ -19,7 +19,7 @@ pub(crate) mod trajectory;
 
 pub use prepared::{Placement, Prepared};
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use crate::error::cause;
 use crate::files::vtk::DataArray;

@@ -4,7 +4,7 @@
 //! samples, and the image interpolated linearly in the middle of each: volumes are exact, and so are
 //! means of linear functions.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use crate::error::cause;
 use crate::geometry::volume6;

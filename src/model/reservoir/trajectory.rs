@@ -1,6 +1,6 @@
 //! The way of a well through cells: which it crosses, and how far it goes in each.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use crate::geometry::{add_scaled, dot, norm, sub};
 use crate::mesh::poly::{Lists, PolyMesh};

@@ -1,6 +1,6 @@
 //! Which cell of a mesh each sample of an image lies in.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use crate::geometry::norm;
 use crate::mesh::Mesh;

@@ -13,7 +13,7 @@
 //! Ridge k is opposite node k. A facet's *side* at its ridge k has the code `D * facet + k`. Where a
 //! feature is a manifold, a ridge has two sides; at its rim one; where features cross, three or more.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use crate::geometry::{add_scaled, dot, norm, normal, sub, unit};
 

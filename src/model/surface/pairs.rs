@@ -1,6 +1,6 @@
 //! Which facets continue each other: across ridges, and across gaps.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::facets::{Facets, NONE};
 use super::walls::Walls;

@@ -1,6 +1,6 @@
 //! The facets of a mesh that lie on features.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use crate::feature::symmetric::{eigenvalues, eigenvector};
 use crate::geometry::{add_scaled, dot, norm, normal};

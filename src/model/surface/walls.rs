@@ -1,7 +1,7 @@
 //! Horizons end on faults: which facets are of either kind, and where a fault stands between two
 //! facets of horizons.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::facets::{Facets, NONE};
 use super::pairs::sure_neighbour;

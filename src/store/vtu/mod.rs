@@ -9,7 +9,7 @@ mod mixed;
 use std::any::Any;
 use std::path::Path;
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::file::{UNITS, unit_of};
 use super::foreign;

@@ -14,7 +14,7 @@
 use crate::feature::volume::Volume;
 use crate::geometry::wide::wide;
 use crate::observer::Patience;
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 /// Standard deviation (samples) of the weights along a fault's strike ...
 const ALONG_STRIKE: f64 = 6.0;

@@ -17,7 +17,7 @@ use crate::feature::windows::{Samples, Stack};
 use crate::geometry::dot;
 use crate::geometry::wide::wide;
 use crate::observer::Patience;
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 /// Radius (samples) of the disc of a layer round a sample ...
 const RADIUS: i32 = 4;

@@ -21,7 +21,7 @@ use crate::feature::volume::Volume;
 use crate::geometry::random::uniform;
 use crate::image::Geometry;
 use crate::observer::Patience;
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 /// What paths tell of an image.
 #[derive(Debug, Clone, PartialEq)]

@@ -2,7 +2,7 @@
 
 use std::io;
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::bytes::TRACE_HEADER;
 use super::header::Layout;

@@ -5,7 +5,7 @@ use std::fs::{self, File};
 use std::io::Write;
 use std::path::Path;
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 use serde_json::{Map, Value, json};
 
 use super::metadata::NODE;

@@ -15,7 +15,7 @@ mod tests;
 
 use std::ops::Range;
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::{Improver, SINES};
 use crate::Result;

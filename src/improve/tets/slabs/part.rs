@@ -1,6 +1,6 @@
 //! A part of a mesh as a mesh of its own, and parts put together.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::super::Hold;
 use crate::files::kept::fields;

@@ -21,7 +21,7 @@ mod search;
 pub use fixed::{FixedPoint, NOWHERE, Point};
 pub use rows::Rows;
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::images::Images;
 use crate::error::Result;

@@ -1,7 +1,7 @@
 //! Finding the points near an atom.
 
+use crate::parallel::prelude::*;
 use pulp::{Simd, WithSimd};
-use rayon::prelude::*;
 
 use super::rows::Rows;
 use super::scratch::Scratch;

@@ -17,8 +17,8 @@
 //! Distances are computed in `f32` from fixed-point positions (`FixedPoint`) and summed in a fixed
 //! order, so the result is the same for any number of threads and on any machine.
 
+use crate::parallel::prelude::*;
 use pulp::Arch;
-use rayon::prelude::*;
 
 mod kernels;
 

@@ -16,9 +16,9 @@ use crate::error::{Result, cause};
 use crate::files::kept::fields;
 use crate::geometry::{cross, dot};
 use crate::mesh::TetMesh;
+use crate::parallel::prelude::*;
 #[cfg(feature = "tetgen")]
 use crate::ranks;
-use rayon::prelude::*;
 use std::sync::atomic::AtomicBool;
 use std::sync::atomic::Ordering::Relaxed;
 

@@ -15,7 +15,7 @@ use std::sync::atomic::Ordering::Relaxed;
 use std::sync::atomic::{AtomicU32, AtomicUsize};
 use std::thread;
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::whole::{HALO, TRIES, Whole};
 use super::{Answer, OUTSIDE};
@@ -152,7 +152,7 @@ fn together(parts: Vec<Answer>) -> (Answer, usize) {
             ELSEWHERE | OUTSIDE => OUTSIDE,
             own => first + own,
         };
-        all.tets.par_extend(part.tets.par_iter());
+        all.tets.extend_from_slice(&part.tets);
         let around = part.neighbors.par_iter();
         all.neighbors
             .par_extend(around.map(|around| around.map(moved)));

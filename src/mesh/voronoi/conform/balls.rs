@@ -1,6 +1,6 @@
 //! Balls round the nodes of a surface, whose spheres meet in mirror points of its facets.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::surface::Surface;
 use crate::geometry::buckets::Buckets;

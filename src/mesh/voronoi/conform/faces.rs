@@ -1,6 +1,6 @@
 //! Which faces of Voronoi cells lie on a surface.
 
-use rayon::prelude::*;
+use crate::parallel::prelude::*;
 
 use super::{Conforming, Surface};
 use crate::geometry::buckets::Buckets;

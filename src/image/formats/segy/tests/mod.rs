@@ -4,7 +4,7 @@
 //! - [`real`]: real files, where they are at hand
 
 mod made;
-mod real;
+mod real_data;
 
 use std::path::Path;
 

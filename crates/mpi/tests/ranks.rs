@@ -1,11 +1,15 @@
-//! One job by several processes: `mpirun atomesh mesh`.
+//! One job by several processes: `mpirun atomesh-mpi mesh`.
 #![allow(
     clippy::unwrap_used,
     clippy::panic,
     reason = "a test that cannot go on has failed"
 )]
 
+#[path = "../../../tests/common/mod.rs"]
+#[allow(dead_code, reason = "shared with the other tests")]
 mod common;
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_atomesh-mpi");
 
 use std::fs;
 use std::io::{BufRead, BufReader};
@@ -26,7 +30,7 @@ fn ranks(folder: &Path, count: usize) -> Command {
         .current_dir(folder)
         .args(["--kill-after=5", &LIMIT.as_secs().to_string(), "mpirun"])
         .args(["--oversubscribe", "-n", &count.to_string()])
-        .arg(env!("CARGO_BIN_EXE_atomesh"))
+        .arg(PROGRAM)
         // In a container root is who is there.
         .env("OMPI_ALLOW_RUN_AS_ROOT", "1")
         .env("OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "1")

@@ -1,26 +1,17 @@
 //! Real files, where they are at hand.
 
-#[allow(dead_code, reason = "shared with the black-box tests")]
-#[path = "../../../../../tests/common/skipped.rs"]
-mod skipped;
-
 use std::path::PathBuf;
 
 use super::*;
 use crate::image::formats::{self, ReadOptions};
 
-/// The folder of real data, if it is there.
-fn data(folder: &str) -> Option<PathBuf> {
+/// A folder of images made by others, which are not kept here.
+fn data(folder: &str) -> PathBuf {
     let root = std::env::var_os("ATOMESH_DATA").map_or_else(
         || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
         PathBuf::from,
     );
-    let path = root.join(folder);
-    if !path.is_dir() {
-        skipped::no_data(folder);
-        return None;
-    }
-    Some(path)
+    root.join(folder)
 }
 
 fn read_real(path: &Path) -> Result<Loaded> {
@@ -28,10 +19,9 @@ fn read_real(path: &Path) -> Result<Loaded> {
 }
 
 #[test]
+#[ignore = "needs images made by others: make test-all DATA=folder"]
 fn seismic3d() {
-    let Some(folder) = data("seismic3d") else {
-        return;
-    };
+    let folder = data("seismic3d");
     let loaded = read_real(&folder.join("SEISMIC3D.sgy")).unwrap();
     assert_eq!(loaded.image.dims(), [268, 181, 76]);
     let info = loaded.survey.as_ref().unwrap();
@@ -62,10 +52,9 @@ fn seismic3d() {
 }
 
 #[test]
+#[ignore = "needs images made by others: make test-all DATA=folder"]
 fn the_same_cube_in_every_format() {
-    let Some(folder) = data("formats_segy/segyio") else {
-        return;
-    };
+    let folder = data("formats_segy/segyio");
     let f3 = read_real(&folder.join("f3.sgy")).unwrap();
     assert_eq!(f3.image.dims(), [75, 18, 23]);
     assert_eq!(f3.image.as_slice()[5000..5003], [793.0, -1653.0, -3525.0]);
@@ -93,10 +82,9 @@ fn the_same_cube_in_every_format() {
 
 /// Every file of the collection, with what it must give: dims, or part of the refusal.
 #[test]
+#[ignore = "needs images made by others: make test-all DATA=folder"]
 fn odd_and_broken_files() {
-    let Some(folder) = data("formats_segy") else {
-        return;
-    };
+    let folder = data("formats_segy");
     const LINES: &str = "make no survey";
     let refused: &[(&str, &str)] = &[
         ("segyio/1x1.sgy", LINES),
@@ -165,10 +153,9 @@ fn odd_and_broken_files() {
 }
 
 #[test]
+#[ignore = "needs images made by others: make test-all DATA=folder"]
 fn one_survey_turned_in_eight_directions() {
-    let Some(folder) = data("formats_segy/segyio") else {
-        return;
-    };
+    let folder = data("formats_segy/segyio");
     // Azimuths of the inline and crossline steps as the file names say, and the scalar as pitch.
     for (name, clockwise) in [
         ("normal", 0.0f64),

@@ -1,0 +1,1043 @@
+//! Loops on all threads, with the methods of rayon's parallel iterators.
+//!
+//! Rayon compiles its scheduler anew for each loop: some 6,000 lines of LLVM IR, which made a third of this
+//! crate. Here a loop is cut into pieces, each of which is an ordinary iterator, and one function, which is
+//! compiled once, hands out their numbers to rayon's threads. A call through a pointer for each piece, and none
+//! for each item, is the price.
+//!
+//! Import the traits, `use crate::parallel::prelude::*`, in place of rayon's. What differs:
+//!
+//! - Items are collected piece by piece and then joined, in their order, so a large array exists twice for a
+//!   moment. Where that matters, write into an array that is there: `out.par_chunks_mut(n)`.
+//! - `map_init` and its like make their state once for each piece, of which there are some [`PIECES_A_THREAD`] for
+//!   each thread.
+
+use std::ops::Range;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use rayon::iter::{IndexedParallelIterator as _, ParallelIterator as _};
+
+/// The traits, for `use crate::parallel::prelude::*`.
+pub mod prelude {
+    pub use super::{
+        Indexed, IntoParallel as _, Parallel, ParallelExtend as _, ParallelSlice as _,
+        ParallelSliceMut as _, ParallelSort as _,
+    };
+}
+
+/// Pieces for each thread: enough that threads end at about the same time though items take unequally long, and
+/// few enough that scratch space made for each piece pays.
+const PIECES_A_THREAD: usize = 32;
+
+/// Calls `work` with each number below `count`, on all threads. The only place where loops meet rayon's scheduler.
+fn for_each_number(count: usize, work: &(dyn Fn(usize) + Sync)) {
+    if count <= 1 || rayon::current_num_threads() == 1 {
+        (0..count).for_each(work);
+    } else {
+        rayon::iter::IntoParallelIterator::into_par_iter(0..count)
+            .with_max_len(1)
+            .for_each(work);
+    }
+}
+
+/// Returns what `work` makes of each piece, in the order of the pieces.
+fn for_each_piece<P: Send, R: Send>(pieces: Vec<P>, work: &(dyn Fn(P) -> R + Sync)) -> Vec<R> {
+    let slots: Vec<Mutex<(Option<P>, Option<R>)>> = pieces
+        .into_iter()
+        .map(|piece| Mutex::new((Some(piece), None)))
+        .collect();
+    for_each_number(slots.len(), &|number| {
+        let lock = || slots[number].lock().unwrap_or_else(PoisonError::into_inner);
+        let piece = lock().0.take();
+        // The lock is not held meanwhile.
+        let done = piece.map(work);
+        lock().1 = done;
+    });
+    slots
+        .into_iter()
+        .filter_map(|slot| slot.into_inner().unwrap_or_else(PoisonError::into_inner).1)
+        .collect()
+}
+
+/// How many items a piece may have.
+#[derive(Debug, Clone, Copy)]
+pub struct Limits {
+    least: usize,
+    most: usize,
+}
+
+impl Limits {
+    /// Returns how many of `len` items a piece has.
+    fn piece_of(self, len: usize) -> usize {
+        let pieces = PIECES_A_THREAD * rayon::current_num_threads();
+        len.div_ceil(pieces).max(self.least).min(self.most).max(1)
+    }
+}
+
+/// A loop over items that several threads can share.
+///
+/// Its data are cut into pieces, each of which one thread runs through; what all pieces share, such as
+/// closures, stays in `self`.
+pub trait Parallel: Sized + Sync {
+    /// What the loop is over.
+    type Item: Send;
+    /// The data of a piece.
+    type Piece: Send;
+
+    /// Returns the number of items that the loop starts from, before any are left out.
+    fn len(&self) -> usize;
+
+    /// Returns how many items a piece may have.
+    fn limits(&self) -> Limits {
+        Limits {
+            least: 1,
+            most: usize::MAX,
+        }
+    }
+
+    /// Cuts the data into pieces of `size` items, the last of which may be shorter.
+    fn pieces(&mut self, size: usize) -> Vec<Self::Piece>;
+
+    /// Returns the items of a piece, in their order.
+    fn items(&self, piece: Self::Piece) -> impl Iterator<Item = Self::Item>;
+
+    /// Replaces each item by what `f` makes of it.
+    fn map<R: Send, F: Fn(Self::Item) -> R + Sync>(self, f: F) -> Map<Self, F> {
+        Map { base: self, f }
+    }
+
+    /// Replaces each item by what `f` makes of it with a state that `init` makes for each piece.
+    fn map_init<S, R, I, F>(self, init: I, f: F) -> MapInit<Self, I, F>
+    where
+        R: Send,
+        I: Fn() -> S + Sync,
+        F: Fn(&mut S, Self::Item) -> R + Sync,
+    {
+        MapInit {
+            base: self,
+            init,
+            f,
+        }
+    }
+
+    /// Keeps the items of which `f` is true.
+    fn filter<F: Fn(&Self::Item) -> bool + Sync>(self, f: F) -> Filter<Self, F> {
+        Filter { base: self, f }
+    }
+
+    /// Keeps what `f` makes of items where it is something.
+    fn filter_map<R: Send, F: Fn(Self::Item) -> Option<R> + Sync>(
+        self,
+        f: F,
+    ) -> FilterMap<Self, F> {
+        FilterMap { base: self, f }
+    }
+
+    /// Replaces each item by several, one after the other.
+    fn flat_map_iter<R, F>(self, f: F) -> FlatMap<Self, F>
+    where
+        R: IntoIterator,
+        R::Item: Send,
+        F: Fn(Self::Item) -> R + Sync,
+    {
+        FlatMap { base: self, f }
+    }
+
+    /// Ends the loop soon after `f` has been false of an item.
+    fn take_any_while<F: Fn(&Self::Item) -> bool + Sync>(self, f: F) -> TakeAnyWhile<Self, F> {
+        TakeAnyWhile {
+            base: self,
+            f,
+            ended: AtomicBool::new(false),
+        }
+    }
+
+    /// Copies the items.
+    fn copied<'a, T>(self) -> Map<Self, fn(&'a T) -> T>
+    where
+        T: Copy + Send + Sync + 'a,
+        Self: Parallel<Item = &'a T>,
+    {
+        self.map(|item| *item)
+    }
+
+    /// Returns what `work` makes of each piece, in the order of the pieces.
+    fn for_pieces<R: Send>(mut self, work: impl Fn(&Self, Self::Piece) -> R + Sync) -> Vec<R> {
+        let size = self.limits().piece_of(self.len());
+        let pieces = self.pieces(size);
+        for_each_piece(pieces, &|piece| work(&self, piece))
+    }
+
+    /// Calls `f` with each item.
+    fn for_each<F: Fn(Self::Item) + Sync>(self, f: F) {
+        self.for_pieces(|all, piece| all.items(piece).for_each(&f));
+    }
+
+    /// Calls `f` with each item and a state that `init` makes for each piece.
+    fn for_each_init<S>(self, init: impl Fn() -> S + Sync, f: impl Fn(&mut S, Self::Item) + Sync) {
+        self.for_pieces(|all, piece| {
+            let mut state = init();
+            all.items(piece).for_each(|item| f(&mut state, item));
+        });
+    }
+
+    /// Calls `f` with each item.
+    ///
+    /// # Errors
+    /// The error of the first item that has one, among those that were reached.
+    fn try_for_each<E: Send>(
+        self,
+        f: impl Fn(Self::Item) -> Result<(), E> + Sync,
+    ) -> Result<(), E> {
+        self.try_for_each_init(|| (), |(), item| f(item))
+    }
+
+    /// Calls `f` with each item and a state that `init` makes for each piece.
+    ///
+    /// # Errors
+    /// The error of the first item that has one, among those that were reached.
+    fn try_for_each_init<S, E: Send>(
+        self,
+        init: impl Fn() -> S + Sync,
+        f: impl Fn(&mut S, Self::Item) -> Result<(), E> + Sync,
+    ) -> Result<(), E> {
+        let failed = AtomicBool::new(false);
+        let ended = self.for_pieces(|all, piece| {
+            if failed.load(Ordering::Relaxed) {
+                return Ok(());
+            }
+            let mut state = init();
+            let ended = all.items(piece).try_for_each(|item| f(&mut state, item));
+            failed.fetch_or(ended.is_err(), Ordering::Relaxed);
+            ended
+        });
+        ended.into_iter().collect()
+    }
+
+    /// Collects the items in their order.
+    fn collect<C: Collect<Self::Item>>(self) -> C {
+        C::from_pieces(self.for_pieces(|all, piece| C::of_piece(all.items(piece))))
+    }
+
+    /// Collects the two halves of the items, which are pairs.
+    fn unzip<A: Send, B: Send>(self) -> (Vec<A>, Vec<B>)
+    where
+        Self: Parallel<Item = (A, B)>,
+    {
+        let pieces = self.for_pieces(|all, piece| all.items(piece).unzip());
+        let (a, b): (Vec<Vec<A>>, Vec<Vec<B>>) = pieces.into_iter().unzip();
+        (Vec::from_pieces(a), Vec::from_pieces(b))
+    }
+
+    /// Sums the items of each piece, and then these sums: for numbers of which the order makes no difference.
+    fn sum<S: std::iter::Sum<Self::Item> + std::iter::Sum<S> + Send>(self) -> S {
+        let sums = self.for_pieces(|all, piece| all.items(piece).sum::<S>());
+        sums.into_iter().sum()
+    }
+
+    /// Returns the number of items.
+    fn count(self) -> usize {
+        let counts = self.for_pieces(|all, piece| all.items(piece).count());
+        counts.into_iter().sum()
+    }
+
+    /// Returns the least item, the first of several.
+    fn min(self) -> Option<Self::Item>
+    where
+        Self::Item: Ord,
+    {
+        let least = self.for_pieces(|all, piece| all.items(piece).min());
+        least.into_iter().flatten().min()
+    }
+
+    /// Returns the greatest item, the last of several.
+    fn max(self) -> Option<Self::Item>
+    where
+        Self::Item: Ord,
+    {
+        let greatest = self.for_pieces(|all, piece| all.items(piece).max());
+        greatest.into_iter().flatten().max()
+    }
+
+    /// Combines all items into one, from `identity` on, in an order that depends on the number of threads.
+    fn reduce(
+        self,
+        identity: impl Fn() -> Self::Item + Sync,
+        f: impl Fn(Self::Item, Self::Item) -> Self::Item + Sync,
+    ) -> Self::Item {
+        let reduced = self.for_pieces(|all, piece| all.items(piece).fold(identity(), &f));
+        reduced.into_iter().fold(identity(), &f)
+    }
+
+    /// Folds the items of each piece into one.
+    fn fold<T: Send>(
+        self,
+        identity: impl Fn() -> T + Sync,
+        f: impl Fn(T, Self::Item) -> T + Sync,
+    ) -> Owned<T> {
+        let folded = self.for_pieces(|all, piece| all.items(piece).fold(identity(), &f));
+        folded.into_par_iter()
+    }
+
+    /// Returns whether `f` is true of all items.
+    fn all(self, f: impl Fn(Self::Item) -> bool + Sync) -> bool {
+        !self.any(|item| !f(item))
+    }
+
+    /// Returns whether `f` is true of any item.
+    fn any(self, f: impl Fn(Self::Item) -> bool + Sync) -> bool {
+        let found = AtomicBool::new(false);
+        self.for_pieces(|all, piece| {
+            if !found.load(Ordering::Relaxed) && all.items(piece).any(&f) {
+                found.store(true, Ordering::Relaxed);
+            }
+        });
+        found.into_inner()
+    }
+}
+
+/// A loop none of whose items are left out, so that each has a number.
+pub trait Indexed: Parallel {
+    /// Gives each item with its number.
+    fn enumerate(self) -> Enumerate<Self> {
+        Enumerate { base: self }
+    }
+
+    /// Gives each item with that of the same number of another loop; the shorter one says how many there are.
+    fn zip<O: IntoParallel>(self, other: O) -> Zip<Self, O::Loop> {
+        Zip {
+            a: self,
+            b: other.into_par_iter(),
+        }
+    }
+
+    /// Asks for pieces of at least so many items.
+    fn with_min_len(self, least: usize) -> Limited<Self> {
+        let limits = Limits {
+            least,
+            ..self.limits()
+        };
+        Limited { base: self, limits }
+    }
+
+    /// Asks for pieces of at most so many items.
+    fn with_max_len(self, most: usize) -> Limited<Self> {
+        let limits = Limits {
+            most,
+            ..self.limits()
+        };
+        Limited { base: self, limits }
+    }
+
+    /// Returns the number of the first item of which `f` is true.
+    fn position_first(self, f: impl Fn(Self::Item) -> bool + Sync) -> Option<usize> {
+        let found = self
+            .enumerate()
+            .filter_map(|(number, item)| f(item).then_some(number));
+        found.min()
+    }
+
+    /// Replaces what an array holds by the items.
+    fn collect_into_vec(self, out: &mut Vec<Self::Item>) {
+        *out = self.collect();
+    }
+}
+
+/// What can be collected in pieces.
+pub trait Collect<T>: Sized {
+    /// What is collected of a piece.
+    type Piece: Send;
+
+    /// Collects a piece.
+    fn of_piece(items: impl Iterator<Item = T>) -> Self::Piece;
+
+    /// Joins the pieces.
+    fn from_pieces(pieces: Vec<Self::Piece>) -> Self;
+}
+
+impl<T: Send> Collect<T> for Vec<T> {
+    type Piece = Self;
+
+    fn of_piece(items: impl Iterator<Item = T>) -> Self {
+        items.collect()
+    }
+
+    fn from_pieces(mut pieces: Vec<Self>) -> Self {
+        if pieces.len() == 1 {
+            return pieces.pop().unwrap_or_default();
+        }
+        let mut all = Self::with_capacity(pieces.iter().map(Self::len).sum());
+        // Each goes as soon as it has been copied.
+        pieces.into_iter().for_each(|piece| all.extend(piece));
+        all
+    }
+}
+
+impl<T: Send, E: Send> Collect<Result<T, E>> for Result<Vec<T>, E> {
+    type Piece = Self;
+
+    fn of_piece(items: impl Iterator<Item = Result<T, E>>) -> Self {
+        items.collect()
+    }
+
+    fn from_pieces(pieces: Vec<Self>) -> Self {
+        let pieces: Result<Vec<Vec<T>>, E> = pieces.into_iter().collect();
+        pieces.map(Vec::from_pieces)
+    }
+}
+
+impl<E: Send> Collect<Result<(), E>> for Result<(), E> {
+    type Piece = Self;
+
+    fn of_piece(mut items: impl Iterator<Item = Self>) -> Self {
+        items.try_for_each(|item| item)
+    }
+
+    fn from_pieces(pieces: Vec<Self>) -> Self {
+        pieces.into_iter().collect()
+    }
+}
+
+impl<T: Send> Collect<Option<T>> for Option<Vec<T>> {
+    type Piece = Self;
+
+    fn of_piece(items: impl Iterator<Item = Option<T>>) -> Self {
+        items.collect()
+    }
+
+    fn from_pieces(pieces: Vec<Self>) -> Self {
+        let pieces: Option<Vec<Vec<T>>> = pieces.into_iter().collect();
+        pieces.map(Vec::from_pieces)
+    }
+}
+
+/// What becomes a loop that threads share.
+pub trait IntoParallel {
+    /// What the loop is over.
+    type Item: Send;
+    /// The loop.
+    type Loop: Indexed<Item = Self::Item>;
+
+    /// Makes a loop of it.
+    fn into_par_iter(self) -> Self::Loop;
+}
+
+impl<P: Indexed> IntoParallel for P {
+    type Item = P::Item;
+    type Loop = Self;
+
+    fn into_par_iter(self) -> Self {
+        self
+    }
+}
+
+/// Appending what a loop gives.
+pub trait ParallelExtend<T> {
+    /// Appends the items in their order.
+    fn par_extend(&mut self, items: impl Parallel<Item = T>);
+}
+
+impl<T: Send> ParallelExtend<T> for Vec<T> {
+    fn par_extend(&mut self, items: impl Parallel<Item = T>) {
+        let pieces = items.for_pieces(|all, piece| all.items(piece).collect::<Self>());
+        self.reserve(pieces.iter().map(Self::len).sum());
+        pieces.into_iter().for_each(|piece| self.extend(piece));
+    }
+}
+
+/// The ranges of `size` numbers that make up a range.
+fn ranges(len: usize, size: usize) -> impl Iterator<Item = Range<usize>> {
+    (0..len)
+        .step_by(size)
+        .map(move |first| first..(first + size).min(len))
+}
+
+/// A loop over whole numbers.
+pub struct Numbers<T>(Range<T>);
+
+macro_rules! numbers {
+    ($number:ty) => {
+        impl Parallel for Numbers<$number> {
+            type Item = $number;
+            type Piece = Range<$number>;
+
+            fn len(&self) -> usize {
+                self.0.end.saturating_sub(self.0.start) as usize
+            }
+
+            fn pieces(&mut self, size: usize) -> Vec<Range<$number>> {
+                let at = |i: usize| self.0.start + i as $number;
+                let pieces = ranges(self.len(), size);
+                pieces.map(|part| at(part.start)..at(part.end)).collect()
+            }
+
+            fn items(&self, piece: Range<$number>) -> impl Iterator<Item = $number> {
+                piece
+            }
+        }
+
+        impl Indexed for Numbers<$number> {}
+
+        impl IntoParallel for Range<$number> {
+            type Item = $number;
+            type Loop = Numbers<$number>;
+
+            fn into_par_iter(self) -> Numbers<$number> {
+                Numbers(self)
+            }
+        }
+    };
+}
+
+numbers!(usize);
+numbers!(u32);
+numbers!(u64);
+
+/// A loop over the items of a slice.
+pub struct Items<'a, T>(&'a [T]);
+
+impl<'a, T: Sync> Parallel for Items<'a, T> {
+    type Item = &'a T;
+    type Piece = &'a [T];
+
+    fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    fn pieces(&mut self, size: usize) -> Vec<&'a [T]> {
+        self.0.chunks(size).collect()
+    }
+
+    fn items(&self, piece: &'a [T]) -> impl Iterator<Item = &'a T> {
+        piece.iter()
+    }
+}
+
+impl<T: Sync> Indexed for Items<'_, T> {}
+
+/// A loop over the items of a slice, which it may change.
+pub struct ItemsMut<'a, T> {
+    len: usize,
+    all: Mutex<&'a mut [T]>,
+}
+
+impl<'a, T> ItemsMut<'a, T> {
+    fn new(all: &'a mut [T]) -> Self {
+        Self {
+            len: all.len(),
+            all: Mutex::new(all),
+        }
+    }
+}
+
+impl<'a, T: Send> Parallel for ItemsMut<'a, T> {
+    type Item = &'a mut T;
+    type Piece = &'a mut [T];
+
+    fn len(&self) -> usize {
+        self.len
+    }
+
+    fn pieces(&mut self, size: usize) -> Vec<&'a mut [T]> {
+        taken(&mut self.all).chunks_mut(size).collect()
+    }
+
+    fn items(&self, piece: &'a mut [T]) -> impl Iterator<Item = &'a mut T> {
+        piece.iter_mut()
+    }
+}
+
+impl<T: Send> Indexed for ItemsMut<'_, T> {}
+
+/// A loop over chunks of a slice.
+pub struct Chunks<'a, T>(&'a [T], usize);
+
+impl<'a, T: Sync> Parallel for Chunks<'a, T> {
+    type Item = &'a [T];
+    type Piece = &'a [T];
+
+    fn len(&self) -> usize {
+        self.0.len().div_ceil(self.1)
+    }
+
+    fn pieces(&mut self, size: usize) -> Vec<&'a [T]> {
+        self.0.chunks(size * self.1).collect()
+    }
+
+    fn items(&self, piece: &'a [T]) -> impl Iterator<Item = &'a [T]> {
+        piece.chunks(self.1)
+    }
+}
+
+impl<T: Sync> Indexed for Chunks<'_, T> {}
+
+/// A loop over chunks of a slice, which it may change.
+pub struct ChunksMut<'a, T> {
+    chunk: usize,
+    all: ItemsMut<'a, T>,
+}
+
+impl<'a, T: Send> Parallel for ChunksMut<'a, T> {
+    type Item = &'a mut [T];
+    type Piece = &'a mut [T];
+
+    fn len(&self) -> usize {
+        self.all.len.div_ceil(self.chunk)
+    }
+
+    fn pieces(&mut self, size: usize) -> Vec<&'a mut [T]> {
+        self.all.pieces(size * self.chunk)
+    }
+
+    fn items(&self, piece: &'a mut [T]) -> impl Iterator<Item = &'a mut [T]> {
+        piece.chunks_mut(self.chunk)
+    }
+}
+
+impl<T: Send> Indexed for ChunksMut<'_, T> {}
+
+/// A loop over items that it owns.
+pub struct Owned<T> {
+    len: usize,
+    all: Mutex<Vec<T>>,
+}
+
+impl<T: Send> Parallel for Owned<T> {
+    type Item = T;
+    type Piece = Vec<T>;
+
+    fn len(&self) -> usize {
+        self.len
+    }
+
+    fn pieces(&mut self, size: usize) -> Vec<Vec<T>> {
+        let mut rest = taken(&mut self.all).into_iter();
+        let count = self.len.div_ceil(size);
+        (0..count)
+            .map(|_| rest.by_ref().take(size).collect())
+            .collect()
+    }
+
+    fn items(&self, piece: Vec<T>) -> impl Iterator<Item = T> {
+        piece.into_iter()
+    }
+}
+
+impl<T: Send> Indexed for Owned<T> {}
+
+impl<T: Send> IntoParallel for Vec<T> {
+    type Item = T;
+    type Loop = Owned<T>;
+
+    fn into_par_iter(self) -> Owned<T> {
+        Owned {
+            len: self.len(),
+            all: Mutex::new(self),
+        }
+    }
+}
+
+/// What a lock that nobody else has any more holds.
+fn taken<T: Default>(lock: &mut Mutex<T>) -> T {
+    std::mem::take(lock.get_mut().unwrap_or_else(PoisonError::into_inner))
+}
+
+impl<'a, T: Sync> IntoParallel for &'a [T] {
+    type Item = &'a T;
+    type Loop = Items<'a, T>;
+
+    fn into_par_iter(self) -> Items<'a, T> {
+        Items(self)
+    }
+}
+
+impl<'a, T: Sync> IntoParallel for &'a Vec<T> {
+    type Item = &'a T;
+    type Loop = Items<'a, T>;
+
+    fn into_par_iter(self) -> Items<'a, T> {
+        Items(self)
+    }
+}
+
+impl<'a, T: Send> IntoParallel for &'a mut [T] {
+    type Item = &'a mut T;
+    type Loop = ItemsMut<'a, T>;
+
+    fn into_par_iter(self) -> ItemsMut<'a, T> {
+        ItemsMut::new(self)
+    }
+}
+
+impl<'a, T: Send> IntoParallel for &'a mut Vec<T> {
+    type Item = &'a mut T;
+    type Loop = ItemsMut<'a, T>;
+
+    fn into_par_iter(self) -> ItemsMut<'a, T> {
+        ItemsMut::new(self)
+    }
+}
+
+/// Loops over a slice.
+pub trait ParallelSlice<T> {
+    /// Loops over the items.
+    fn par_iter(&self) -> Items<'_, T>;
+
+    /// Loops over chunks of `size` items, the last of which may be shorter.
+    fn par_chunks(&self, size: usize) -> Chunks<'_, T>;
+}
+
+impl<T> ParallelSlice<T> for [T] {
+    fn par_iter(&self) -> Items<'_, T> {
+        Items(self)
+    }
+
+    fn par_chunks(&self, size: usize) -> Chunks<'_, T> {
+        Chunks(self, size)
+    }
+}
+
+/// Loops that change a slice.
+pub trait ParallelSliceMut<T> {
+    /// Loops over the items.
+    fn par_iter_mut(&mut self) -> ItemsMut<'_, T>;
+
+    /// Loops over chunks of `size` items, the last of which may be shorter.
+    fn par_chunks_mut(&mut self, size: usize) -> ChunksMut<'_, T>;
+}
+
+impl<T> ParallelSliceMut<T> for [T] {
+    fn par_iter_mut(&mut self) -> ItemsMut<'_, T> {
+        ItemsMut::new(self)
+    }
+
+    fn par_chunks_mut(&mut self, size: usize) -> ChunksMut<'_, T> {
+        ChunksMut {
+            chunk: size,
+            all: ItemsMut::new(self),
+        }
+    }
+}
+
+/// Sorting on all threads, by rayon.
+pub trait ParallelSort<T: Send> {
+    /// Sorts; equal items may change places.
+    fn par_sort_unstable(&mut self)
+    where
+        T: Ord;
+
+    /// Sorts by a comparison; equal items may change places.
+    fn par_sort_unstable_by(&mut self, compare: impl Fn(&T, &T) -> std::cmp::Ordering + Sync);
+
+    /// Sorts by a key; equal items keep their order.
+    fn par_sort_by_key<K: Ord>(&mut self, key: impl Fn(&T) -> K + Sync);
+}
+
+impl<T: Send> ParallelSort<T> for [T] {
+    fn par_sort_unstable(&mut self)
+    where
+        T: Ord,
+    {
+        rayon::slice::ParallelSliceMut::par_sort_unstable(self);
+    }
+
+    fn par_sort_unstable_by(&mut self, compare: impl Fn(&T, &T) -> std::cmp::Ordering + Sync) {
+        rayon::slice::ParallelSliceMut::par_sort_unstable_by(self, compare);
+    }
+
+    fn par_sort_by_key<K: Ord>(&mut self, key: impl Fn(&T) -> K + Sync) {
+        rayon::slice::ParallelSliceMut::par_sort_by_key(self, key);
+    }
+}
+
+/// [`Parallel::map`].
+pub struct Map<P, F> {
+    base: P,
+    f: F,
+}
+
+impl<P: Parallel, R: Send, F: Fn(P::Item) -> R + Sync> Parallel for Map<P, F> {
+    type Item = R;
+    type Piece = P::Piece;
+
+    fn len(&self) -> usize {
+        self.base.len()
+    }
+
+    fn limits(&self) -> Limits {
+        self.base.limits()
+    }
+
+    fn pieces(&mut self, size: usize) -> Vec<P::Piece> {
+        self.base.pieces(size)
+    }
+
+    fn items(&self, piece: P::Piece) -> impl Iterator<Item = R> {
+        self.base.items(piece).map(&self.f)
+    }
+}
+
+impl<P: Indexed, R: Send, F: Fn(P::Item) -> R + Sync> Indexed for Map<P, F> {}
+
+/// [`Parallel::map_init`].
+pub struct MapInit<P, I, F> {
+    base: P,
+    init: I,
+    f: F,
+}
+
+impl<P, S, R, I, F> Parallel for MapInit<P, I, F>
+where
+    P: Parallel,
+    R: Send,
+    I: Fn() -> S + Sync,
+    F: Fn(&mut S, P::Item) -> R + Sync,
+{
+    type Item = R;
+    type Piece = P::Piece;
+
+    fn len(&self) -> usize {
+        self.base.len()
+    }
+
+    fn limits(&self) -> Limits {
+        self.base.limits()
+    }
+
+    fn pieces(&mut self, size: usize) -> Vec<P::Piece> {
+        self.base.pieces(size)
+    }
+
+    fn items(&self, piece: P::Piece) -> impl Iterator<Item = R> {
+        let mut state = (self.init)();
+        let items = self.base.items(piece);
+        items.map(move |item| (self.f)(&mut state, item))
+    }
+}
+
+impl<P, S, R, I, F> Indexed for MapInit<P, I, F>
+where
+    P: Indexed,
+    R: Send,
+    I: Fn() -> S + Sync,
+    F: Fn(&mut S, P::Item) -> R + Sync,
+{
+}
+
+/// [`Parallel::filter`].
+pub struct Filter<P, F> {
+    base: P,
+    f: F,
+}
+
+impl<P: Parallel, F: Fn(&P::Item) -> bool + Sync> Parallel for Filter<P, F> {
+    type Item = P::Item;
+    type Piece = P::Piece;
+
+    fn len(&self) -> usize {
+        self.base.len()
+    }
+
+    fn limits(&self) -> Limits {
+        self.base.limits()
+    }
+
+    fn pieces(&mut self, size: usize) -> Vec<P::Piece> {
+        self.base.pieces(size)
+    }
+
+    fn items(&self, piece: P::Piece) -> impl Iterator<Item = P::Item> {
+        self.base.items(piece).filter(&self.f)
+    }
+}
+
+/// [`Parallel::filter_map`].
+pub struct FilterMap<P, F> {
+    base: P,
+    f: F,
+}
+
+impl<P: Parallel, R: Send, F: Fn(P::Item) -> Option<R> + Sync> Parallel for FilterMap<P, F> {
+    type Item = R;
+    type Piece = P::Piece;
+
+    fn len(&self) -> usize {
+        self.base.len()
+    }
+
+    fn limits(&self) -> Limits {
+        self.base.limits()
+    }
+
+    fn pieces(&mut self, size: usize) -> Vec<P::Piece> {
+        self.base.pieces(size)
+    }
+
+    fn items(&self, piece: P::Piece) -> impl Iterator<Item = R> {
+        self.base.items(piece).filter_map(&self.f)
+    }
+}
+
+/// [`Parallel::flat_map_iter`].
+pub struct FlatMap<P, F> {
+    base: P,
+    f: F,
+}
+
+impl<P, R, F> Parallel for FlatMap<P, F>
+where
+    P: Parallel,
+    R: IntoIterator,
+    R::Item: Send,
+    F: Fn(P::Item) -> R + Sync,
+{
+    type Item = R::Item;
+    type Piece = P::Piece;
+
+    fn len(&self) -> usize {
+        self.base.len()
+    }
+
+    fn limits(&self) -> Limits {
+        self.base.limits()
+    }
+
+    fn pieces(&mut self, size: usize) -> Vec<P::Piece> {
+        self.base.pieces(size)
+    }
+
+    fn items(&self, piece: P::Piece) -> impl Iterator<Item = R::Item> {
+        self.base.items(piece).flat_map(&self.f)
+    }
+}
+
+/// [`Parallel::take_any_while`].
+pub struct TakeAnyWhile<P, F> {
+    base: P,
+    f: F,
+    ended: AtomicBool,
+}
+
+impl<P: Parallel, F: Fn(&P::Item) -> bool + Sync> Parallel for TakeAnyWhile<P, F> {
+    type Item = P::Item;
+    type Piece = P::Piece;
+
+    fn len(&self) -> usize {
+        self.base.len()
+    }
+
+    fn limits(&self) -> Limits {
+        self.base.limits()
+    }
+
+    fn pieces(&mut self, size: usize) -> Vec<P::Piece> {
+        self.base.pieces(size)
+    }
+
+    fn items(&self, piece: P::Piece) -> impl Iterator<Item = P::Item> {
+        self.base.items(piece).take_while(|item| {
+            let goes_on = !self.ended.load(Ordering::Relaxed) && (self.f)(item);
+            if !goes_on {
+                self.ended.store(true, Ordering::Relaxed);
+            }
+            goes_on
+        })
+    }
+}
+
+/// [`Indexed::enumerate`].
+pub struct Enumerate<P> {
+    base: P,
+}
+
+impl<P: Indexed> Parallel for Enumerate<P> {
+    type Item = (usize, P::Item);
+    type Piece = (usize, P::Piece);
+
+    fn len(&self) -> usize {
+        self.base.len()
+    }
+
+    fn limits(&self) -> Limits {
+        self.base.limits()
+    }
+
+    fn pieces(&mut self, size: usize) -> Vec<(usize, P::Piece)> {
+        let pieces = self.base.pieces(size).into_iter();
+        pieces
+            .enumerate()
+            .map(|(number, piece)| (number * size, piece))
+            .collect()
+    }
+
+    fn items(&self, (first, piece): (usize, P::Piece)) -> impl Iterator<Item = (usize, P::Item)> {
+        let items = self.base.items(piece).enumerate();
+        items.map(move |(number, item)| (first + number, item))
+    }
+}
+
+impl<P: Indexed> Indexed for Enumerate<P> {}
+
+/// [`Indexed::zip`].
+pub struct Zip<A, B> {
+    a: A,
+    b: B,
+}
+
+impl<A: Indexed, B: Indexed> Parallel for Zip<A, B> {
+    type Item = (A::Item, B::Item);
+    type Piece = (A::Piece, B::Piece);
+
+    fn len(&self) -> usize {
+        self.a.len().min(self.b.len())
+    }
+
+    fn limits(&self) -> Limits {
+        let (a, b) = (self.a.limits(), self.b.limits());
+        Limits {
+            least: a.least.max(b.least),
+            most: a.most.min(b.most),
+        }
+    }
+
+    fn pieces(&mut self, size: usize) -> Vec<(A::Piece, B::Piece)> {
+        let (a, b) = (self.a.pieces(size), self.b.pieces(size));
+        a.into_iter().zip(b).collect()
+    }
+
+    fn items(&self, (a, b): (A::Piece, B::Piece)) -> impl Iterator<Item = (A::Item, B::Item)> {
+        self.a.items(a).zip(self.b.items(b))
+    }
+}
+
+impl<A: Indexed, B: Indexed> Indexed for Zip<A, B> {}
+
+/// [`Indexed::with_min_len`] and [`Indexed::with_max_len`].
+pub struct Limited<P> {
+    base: P,
+    limits: Limits,
+}
+
+impl<P: Indexed> Parallel for Limited<P> {
+    type Item = P::Item;
+    type Piece = P::Piece;
+
+    fn len(&self) -> usize {
+        self.base.len()
+    }
+
+    fn limits(&self) -> Limits {
+        self.limits
+    }
+
+    fn pieces(&mut self, size: usize) -> Vec<P::Piece> {
+        self.base.pieces(size)
+    }
+
+    fn items(&self, piece: P::Piece) -> impl Iterator<Item = P::Item> {
+        self.base.items(piece)
+    }
+}
+
+impl<P: Indexed> Indexed for Limited<P> {}

@@ -1,0 +1,67 @@
+//! The integration tests, in one program: what is tested as its users have it, most of it by running the
+//! command-line program on small files made on the spot.
+//!
+//! `cargo test --test main columns::` runs one file of tests.
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a test that cannot go on has failed"
+)]
+
+mod common;
+
+/// The program under test.
+const PROGRAM: &str = env!("CARGO_BIN_EXE_atomesh");
+
+mod checkpoint;
+mod columns;
+#[cfg(feature = "tetgen")]
+mod compartments;
+#[cfg(feature = "tetgen")]
+mod conforming;
+mod edit;
+#[cfg(feature = "tetgen")]
+mod export;
+#[cfg(feature = "tetgen")]
+mod export_options;
+#[cfg(feature = "tetgen")]
+mod fault_exports;
+#[cfg(feature = "tetgen")]
+mod flow;
+#[cfg(feature = "tetgen")]
+mod foreign;
+mod images_formats;
+mod interrupt;
+#[cfg(feature = "tetgen")]
+mod labels;
+#[cfg(feature = "tetgen")]
+mod mesh;
+#[cfg(feature = "tetgen")]
+mod meshers;
+mod missing_traces;
+mod options;
+#[cfg(feature = "tetgen")]
+mod page;
+mod plane;
+#[cfg(feature = "tetgen")]
+mod refusals;
+#[cfg(feature = "tetgen")]
+mod reservoir;
+#[cfg(feature = "tetgen")]
+mod seeding;
+mod segment;
+#[cfg(feature = "tetgen")]
+mod simulators;
+#[cfg(feature = "tetgen")]
+mod slice;
+#[cfg(feature = "tetgen")]
+mod surfaces;
+#[cfg(feature = "tetgen")]
+mod velocity;
+mod voronoi;
+mod vtk;
+#[cfg(feature = "tetgen")]
+mod wells;
+mod xu;
+mod zarr;

@@ -31,6 +31,7 @@ mod fault_exports;
 mod flow;
 #[cfg(feature = "tetgen")]
 mod foreign;
+mod gaps;
 mod images_formats;
 mod interrupt;
 #[cfg(feature = "tetgen")]

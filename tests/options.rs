@@ -101,6 +101,7 @@ const CHOICES: &[Choice] = &[
     any("--trace t.pvd"),
     of("layers.raw", "", "--raw 72x64:f32le"),
     of("layers.raw", "--raw 72x64:f32le", "--spacing 2,3"),
+    of("nulls.mha", "", "--null 7"),
     any("--inline-byte 9"),
     any("--crossline-byte 21"),
     any("--x-byte 73"),
@@ -260,6 +261,9 @@ fn inputs(folder: &Path) {
     mha(&folder.join("layers.mha"), layers);
     std::fs::write(folder.join("layers.raw"), samples(layers)).unwrap();
     mha(&folder.join("faulted.mha"), layers);
+    mha(&folder.join("nulls.mha"), |x, y| {
+        if x > 66.0 { 7.0 } else { layers(x, y) }
+    });
     // Background between the rings, or beyond both.
     let disc = |x: f64, y: f64, r| f64::from((x - 36.0).hypot(y - 32.0) < r);
     mha(&folder.join("rings.mha"), |x, y| {

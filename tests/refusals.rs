@@ -27,10 +27,18 @@ fn samples_that_are_no_numbers() {
     let folder = folder();
     for (name, value) in [("nan.npy", f32::NAN), ("infinite.npy", f32::NEG_INFINITY)] {
         let good = sheet(DIMS);
-        npy(&folder.path().join(name), DIMS, |at| {
-            if at == [3, 4, 5] { value } else { good(at) }
-        });
+        // One is a gap; there must be others.
+        npy(&folder.path().join(name), DIMS, |_| value);
         assert_says(&refused(folder.path(), &["mesh", name]), &[name]);
+        npy(&folder.path().join(name), DIMS, |at| {
+            if at == [3, 4, 5] {
+                value
+            } else {
+                good(at).round()
+            }
+        });
+        let labels = ["mesh", name, "--feature", "labels"];
+        assert_says(&refused(folder.path(), &labels), &["[3, 4, 5]"]);
     }
 }
 

@@ -123,6 +123,7 @@ pub fn params<const D: usize>(job: &Job) -> Result<Params<D>> {
         feature_weights: job.features.weights(),
         seeds: seeds(job)?,
         labels: job.features.labels().to_vec(),
+        keep_nulls: job.input.keeps_nulls(),
         fixed: job
             .atoms_from
             .as_deref()

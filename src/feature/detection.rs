@@ -7,7 +7,7 @@ use super::detectors::Detector;
 use super::detectors::paths::PathSeeds;
 use super::volume::Volume;
 use crate::error::{Error, Result, cause};
-use crate::image::Image;
+use crate::image::{Image, LiveMask, Marked};
 use crate::parallel::prelude::*;
 use std::borrow::Cow;
 
@@ -35,6 +35,8 @@ pub struct Detection<const D: usize> {
     pub labels: Vec<LabelWish>,
     /// Lattice-space distance between samples.
     pub step: [f64; D],
+    /// Whether no common null values are recognised, nor traces that are zero throughout.
+    pub keep_nulls: bool,
     /// Whether each rank is to have a share of the potential only.
     pub in_shares: bool,
 }
@@ -52,6 +54,7 @@ impl<const D: usize> Default for Detection<D> {
             up_to: None,
             labels: Vec::new(),
             step: [1.0; D],
+            keep_nulls: false,
             in_shares: false,
         }
     }
@@ -86,22 +89,74 @@ impl<const D: usize> Detection<D> {
     }
 }
 
-/// The image as detectors take it: its samples finite, and continued where traces are missing.
+/// An image as detectors take it: its samples finite, and filled where there are no data.
+pub(super) struct Checked<'a, const D: usize> {
+    pub image: Cow<'a, Image<D>>,
+    /// Which samples hold data, unless all do.
+    pub live: Option<LiveMask<D>>,
+    /// What was found to hold no data, and what becomes of it.
+    pub notes: Vec<String>,
+}
+
+/// Returns the image as detectors take it.
 ///
 /// # Errors
 /// [`Error::Feature`] for impossible wishes, [`Error::Image`] for an image that cannot be searched.
 pub(super) fn checked<'a, const D: usize>(
     image: &'a Image<D>,
     asked: &Detection<D>,
-) -> Result<Cow<'a, Image<D>>> {
+) -> Result<Checked<'a, D>> {
     refuse_impossible(asked)?;
-    let image = image.continued().map_or(Cow::Borrowed(image), Cow::Owned);
-    let samples = image.as_slice();
-    if let Some(i) = first_not_finite(samples) {
-        let volume = Volume::new(image.dims(), samples);
-        return Err(not_finite(volume.coordinates(i), samples[i]));
+    if !fills_gaps(image, asked.kind) {
+        let image = image.continued().map_or(Cow::Borrowed(image), Cow::Owned);
+        let samples = image.as_slice();
+        if let Some(i) = first_not_finite(samples) {
+            let volume = Volume::new(image.dims(), samples);
+            return Err(not_finite(volume.coordinates(i), samples[i]));
+        }
+        return Ok(Checked {
+            image,
+            live: None,
+            notes: Vec::new(),
+        });
     }
-    Ok(image)
+    let (image, mut notes) = match image.marked(!asked.keep_nulls)? {
+        Some(Marked { image, notes }) => (Cow::Owned(image), notes),
+        None => (Cow::Borrowed(image), Vec::new()),
+    };
+    let Some(live) = image.live_mask()? else {
+        return Ok(Checked {
+            image,
+            live: None,
+            notes,
+        });
+    };
+    let mut image = image.into_owned();
+    let dims = image.dims();
+    if let Some(samples) = image.samples.as_slice_mut() {
+        live.fill(dims, samples, true);
+    }
+    let [dead, bridged] = live.shares().map(|share| 100.0 * share);
+    notes.push(format!(
+        "{:.2} % of the samples hold no data: small gaps are bridged ({bridged:.2} %), in the rest \
+         ({dead:.2} %) no features are sought",
+        dead + bridged
+    ));
+    Ok(Checked {
+        image: Cow::Owned(image),
+        live: Some(live),
+        notes,
+    })
+}
+
+/// Returns whether gaps in the image are filled where such features are sought: not between labels, where
+/// nothing can be put in, nor in what is b(x) itself.
+pub(crate) fn fills_gaps<const D: usize>(image: &Image<D>, kind: FeatureKind) -> bool {
+    match kind {
+        FeatureKind::Labels | FeatureKind::Paths | FeatureKind::Potential => false,
+        FeatureKind::Auto => image.looks_labelled().is_none(),
+        _ => true,
+    }
 }
 
 /// The error of a sample that is NaN or infinite.
@@ -311,10 +366,16 @@ mod tests {
             &|asked| asked.kind = FeatureKind::Labels,
             "different values",
         );
-        let mut samples = image.as_slice().to_vec();
-        samples[16 * 15 * 2 + 16 * 3 + 5] = f32::NAN;
-        let broken = Image::new(dims, samples, Geometry::default());
-        refused(&broken, &|_| (), "[5, 3, 2]");
+        let mut labels: Vec<f32> = (0..16 * 15 * 14).map(|i| (i / 2000) as f32).collect();
+        labels[16 * 15 * 2 + 16 * 3 + 5] = f32::NAN;
+        let broken = Image::new(dims, labels, Geometry::default());
+        refused(
+            &broken,
+            &|asked| asked.kind = FeatureKind::Auto,
+            "[5, 3, 2]",
+        );
+        let empty = Image::new(dims, vec![f32::NAN; 16 * 15 * 14], Geometry::default());
+        refused(&empty, &|_| (), "no sample that holds data");
         let flat = Image::new(dims, vec![3.0; 16 * 15 * 14], Geometry::default());
         refused(&flat, &|_| (), "constant");
     }

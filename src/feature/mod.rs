@@ -76,16 +76,19 @@ pub(crate) mod scenes;
 mod tests;
 
 use crate::error::Result;
-use crate::image::{Field, Image, Source, Sparse};
+use crate::image::{Field, Image, LiveMask, Source, Sparse};
 use crate::observer::{Patience, Stage};
 use crate::ranks::{Alone, Group, Ranks};
+use detectors::auto::Choice;
 use detectors::{Detector, Scene};
 use potential::Valleys;
 use sheets::{FoundSheets, Open};
 use std::borrow::Cow;
+use volume::Volume;
 use windows::Samples;
 
 pub use detection::Detection;
+pub(crate) use detection::fills_gaps;
 pub use detectors::paths::PathSeeds;
 pub use kind::FeatureKind;
 pub use labelled::{LabelWish, Labelled};
@@ -155,8 +158,8 @@ impl<const D: usize> Features<D> {
     }
 }
 
-/// Finds the features of an image and their potential. Where traces are [missing](Image::missing) there
-/// are no features, nor next to them.
+/// Finds the features of an image and their potential. Where samples hold no data (see [`Image::marked`]),
+/// small gaps are bridged, and there are no features in larger ones.
 ///
 /// The edge of a disc:
 ///
@@ -205,16 +208,17 @@ pub(crate) fn detect_while<const D: usize>(
         detection::refuse_more(dims, detection::most_samples(*detector))?;
     }
     let samples = Samples::in_layers(layers, 1.0);
-    // Looked at whatever is asked for: samples must be finite.
+    // Looked at whatever is asked for: what has gaps is searched in memory.
     let choice = detectors::auto::choose_in_layers(&samples, patience)?;
     let chosen = match (parts, choice) {
+        (_, Choice::Gaps) => None,
         (Some(parts), _) => Some((parts, None)),
-        (None, Some(choice)) => Some(detectors::named(choice, asked)?),
-        (None, None) => None,
+        (None, Choice::Kind(choice)) => Some(detectors::named(choice, asked)?),
+        (None, Choice::Unknown) => None,
     };
     match chosen {
         Some((parts, why)) if parts.iter().all(|(detector, _)| detector.in_layers()) => {
-            follow_parts(source, parts, why, asked, patience)
+            follow_parts((source, None), parts, why, asked, patience)
         }
         // What needs the whole image has it.
         _ => {
@@ -230,15 +234,19 @@ fn detect_held<const D: usize>(
     asked: &Detection<D>,
     patience: &Patience<'_>,
 ) -> Result<Features<D>> {
-    let image = &*detection::checked(image, asked)?;
+    let checked = detection::checked(image, asked)?;
+    let image = &*checked.image;
     detection::refuse_constant(image)?;
     let (parts, why) = detectors::chosen(image, asked)?;
-    follow_parts(Source::Held(image), parts, why, asked, patience)
+    let source = (Source::Held(image), checked.live.as_ref());
+    let mut features = follow_parts(source, parts, why, asked, patience)?;
+    features.notes.extend(checked.notes);
+    Ok(features)
 }
 
 /// Finds features by some detectors.
 fn follow_parts<const D: usize>(
-    source: Source<'_, D>,
+    (source, live): (Source<'_, D>, Option<&LiveMask<D>>),
     parts: Vec<detectors::Part<D>>,
     why: Option<String>,
     asked: &Detection<D>,
@@ -247,7 +255,10 @@ fn follow_parts<const D: usize>(
     let count = parts.len() as f64;
     let follow_whole = |(number, (detector, asked)): (usize, (_, _))| {
         patience.part(number as f64 / count, (number + 1) as f64 / count);
-        let scene = Scene::new(source, &asked, patience);
+        let scene = Scene {
+            live,
+            ..Scene::new(source, &asked, patience)
+        };
         follow(&scene, detector, [[false; 2]; D])
     };
     let found: Result<Vec<_>> = parts.into_iter().enumerate().map(follow_whole).collect();
@@ -270,12 +281,16 @@ pub(crate) fn detect_part<const D: usize>(
     open: &Open<D>,
     patience: &Patience<'_>,
 ) -> Result<Features<D>> {
-    let part = &*detection::checked(part, asked)?;
+    let checked = detection::checked(part, asked)?;
+    let part = &*checked.image;
     if detection::is_constant(part) {
         return Ok(Features::none(part.dims(), asked));
     }
     let follow_part = |settled| {
-        let scene = Scene::of_part(part, asked, settled, patience);
+        let scene = Scene {
+            live: checked.live.as_ref(),
+            ..Scene::of_part(part, asked, settled, patience)
+        };
         follow(&scene, detectors::again(settled.kind)?, *open)
     };
     let found: Result<Vec<_>> = settled.iter().map(follow_part).collect();
@@ -303,8 +318,15 @@ fn follow<const D: usize>(
     scene.patience.reached(FOUND);
     scene.patience.lasts(Stage::Features)?;
     let mut found = found?;
-    if let Source::Held(image) = scene.source {
-        found.drop_near_missing(image, detector.beyond_smoothing(), &mut notes, &Ranks)?;
+    match (scene.live, scene.source) {
+        (Some(live), _) => found.candidates.retain(|c| {
+            let at = Volume::new(dims, &[]).coordinates(c.voxel.index());
+            live.is_usable(at)
+        }),
+        (None, Source::Held(image)) => {
+            found.drop_near_missing(image, detector.beyond_smoothing(), &mut notes, &Ranks)?;
+        }
+        (None, Source::InLayers(_)) => (),
     }
     let thresholds = found.thresholds;
     let rules = sheets::Rules {

@@ -17,6 +17,8 @@ use super::slab::Slab;
 use super::symmetric::{eigenvalues, eigenvector};
 use super::windows::{Own, Samples, Window};
 use crate::error::Result;
+use crate::feature::volume::Volume;
+use crate::image::LiveMask;
 use crate::observer::Patience;
 
 /// A Gaussian ridge as wide as the smoothing has, in the smoothed image, sigma^2 times its second
@@ -87,13 +89,14 @@ impl Statistics {
     }
 }
 
-/// Measures [`Statistics`] for [`ridges`].
+/// Measures [`Statistics`] for [`ridges`], where features may lie.
 ///
 /// # Errors
 /// That of reading.
 pub fn statistics<const D: usize>(
     samples: &Samples<'_, D>,
     sigma: f64,
+    live: Option<&LiveMask<D>>,
     patience: &Patience<'_>,
 ) -> Result<Statistics> {
     let every = if D == 3 { 16 } else { 1 };
@@ -114,8 +117,19 @@ pub fn statistics<const D: usize>(
             row(window, sigma, 0.0, first, curvature, &mut found);
             let [lowest, next] = &curvature.lowest;
             let magnitude = |x: usize| sideways::<D>(lowest[x], next[x]);
-            let magnitudes = (0..lowest.len()).step_by(2).map(magnitude).collect();
-            parts.push((magnitudes, found.iter().map(|c| c.strength).collect()));
+            let is_usable = |x: &usize| {
+                let at = std::array::from_fn(|k| if k == 0 { *x } else { place[k] });
+                live.is_none_or(|live| live.is_usable(at))
+            };
+            let magnitudes = (0..lowest.len()).step_by(2).filter(is_usable);
+            let whole = Volume::new(window.dims, &[]);
+            let found = found.iter().filter(|c| {
+                live.is_none_or(|live| live.is_usable(whole.coordinates(c.voxel.index())))
+            });
+            parts.push((
+                magnitudes.map(magnitude).collect(),
+                found.map(|c| c.strength).collect(),
+            ));
         })
     };
     let mut take = |found: Vec<(Vec<f32>, Vec<f32>)>| parts.extend(found);

@@ -9,6 +9,7 @@ use super::gaussian::smooth;
 use super::symmetric::{eigenvalues, eigenvector};
 use super::windows::{Samples, Window, layer};
 use crate::error::Result;
+use crate::image::LiveMask;
 use crate::observer::Patience;
 use crate::parallel::prelude::*;
 
@@ -21,13 +22,14 @@ pub struct Normals<const D: usize> {
 
 impl<const D: usize> Normals<D> {
     /// Normals of an image (smoothed to the scale of its derivatives), averaged under a Gaussian window of width
-    /// `window` samples; and the root mean square of its samples.
+    /// `window` samples; and the root mean square of its samples. Samples that are not `live` count in neither.
     ///
     /// # Errors
     /// Those of reading its layers.
     pub fn new(
         samples: &Samples<'_, D>,
         window: f64,
+        live: Option<&LiveMask<D>>,
         patience: &Patience<'_>,
     ) -> Result<(Self, f32)> {
         // Windows of layers begin with a cell.
@@ -41,9 +43,13 @@ impl<const D: usize> Normals<D> {
         let mut sum = 0.0;
         let mut look = |window: &Window<'_, D>| {
             let layers = window.smoothed.layers(&window.own.layers);
-            let squares = layers.par_chunks(layer(window.dims).max(1)).map(square_sum);
+            let squares = layers.par_chunks(layer(window.dims).max(1)).enumerate();
+            let squares = squares.map(|(number, layer)| match live {
+                None => square_sum(layer),
+                Some(live) => live_square_sum(layer, window.own.layers.start + number, live),
+            });
             let squares: Vec<f64> = squares.collect();
-            (squares, own_products(window, factor, patience))
+            (squares, own_products(window, factor, live, patience))
         };
         let mut take = |(squares, own): (Vec<f64>, Vec<Vec<f32>>)| {
             sum = squares.iter().fold(sum, |sum, square| sum + square);
@@ -57,7 +63,11 @@ impl<const D: usize> Normals<D> {
             component.resize(dims.iter().product(), 0.0);
         }
         let count: usize = samples.dims().iter().product();
-        let rms = (sum / count.max(1) as f64).sqrt() as f32;
+        let count = match live {
+            None => count.max(1) as f64,
+            Some(live) => (count as f64 * (1.0 - live.shares().iter().sum::<f64>())).max(1.0),
+        };
+        let rms = (sum / count).sqrt() as f32;
         Ok((Self::of(dims, factor, products, window, patience), rms))
     }
 
@@ -156,11 +166,19 @@ fn square_sum(samples: &[f32]) -> f64 {
     samples.iter().map(|s| f64::from(s * s)).sum()
 }
 
+/// Returns the sum of the squares of the live samples of a layer.
+fn live_square_sum<const D: usize>(samples: &[f32], layer: usize, live: &LiveMask<D>) -> f64 {
+    let is_live = live.of_layer(layer);
+    let squares = samples.iter().enumerate().filter(|(i, _)| is_live(*i));
+    squares.map(|(_, s)| f64::from(s * s)).sum()
+}
+
 /// Products of the gradient's components (upper half), summed over the cells of `factor`^D samples of a window's own
-/// layers.
+/// layers; those that are not `live` are left out.
 fn own_products<const D: usize>(
     window: &Window<'_, D>,
     factor: usize,
+    live: Option<&LiveMask<D>>,
     patience: &Patience<'_>,
 ) -> Vec<Vec<f32>> {
     let stack = window.smoothed;
@@ -196,6 +214,9 @@ fn own_products<const D: usize>(
                 let row = index(dims, cell);
                 for x in 0..volume.dims[0] {
                     at[0] = x;
+                    if live.is_some_and(|live| !live.is_live(stack.in_volume(at))) {
+                        continue;
+                    }
                     let gradient = volume.gradient(at);
                     for (part, (k, l)) in parts.iter_mut().zip(pairs::<D>()) {
                         part[row + x / factor] += gradient[k] * gradient[l];
@@ -228,7 +249,8 @@ mod tests {
                 });
                 let mut samples = Samples::held(dims, image.as_slice());
                 samples.smooth(1.0, &Patience::endless());
-                let (normals, rms) = Normals::new(&samples, 4.0, &Patience::endless()).unwrap();
+                let (normals, rms) =
+                    Normals::new(&samples, 4.0, None, &Patience::endless()).unwrap();
                 assert!((0.55..0.75).contains(&rms), "{rms}");
                 for p in [[20.0, 18.0, 22.0], [19.3, 17.6, 21.2], [24.0, 15.0, 20.5]] {
                     let w = normals.at(p);
@@ -249,7 +271,7 @@ mod tests {
             let mut samples: Vec<f32> = (0..44 * 40).map(|i| wave(i) as f32).collect();
             smooth(dims, &mut samples, [1.0; 2], &Patience::endless());
             let samples = Samples::held(dims, samples);
-            let (normals, _) = Normals::new(&samples, 4.0, &Patience::endless()).unwrap();
+            let (normals, _) = Normals::new(&samples, 4.0, None, &Patience::endless()).unwrap();
             let normal = normals.at([21.3, 19.8]);
             let c = (cos * f64::from(normal[0]) + sin * f64::from(normal[1])).abs();
             assert!(c.min(1.0).acos().to_degrees() < 1.0, "{dip} {normal:?}");

@@ -30,11 +30,11 @@ impl<const D: usize> Image<D> {
         tally.stats(self.dims())
     }
 
-    /// Refuses an image that no job can work with: without samples, with samples that are not
-    /// finite, or with all samples equal. `place` names the image in the error.
+    /// Refuses an image that no job can work with: without samples, without finite samples, or with all
+    /// of these equal. `place` names the image in the error. Samples that are not finite hold no data.
     ///
     /// # Errors
-    /// [`Error::Image`] with the count and the first index of what is wrong.
+    /// [`Error::Image`] with what is wrong.
     pub fn check(&self, place: &str) -> Result<()> {
         let refuse =
             |problem: String, remedy: &str| Err(Error::Image(cause(place, problem, remedy)));
@@ -46,15 +46,14 @@ impl<const D: usize> Image<D> {
             );
         }
         let stats = self.stats();
-        if let Some(index) = stats.first_bad {
+        if stats.min > stats.max {
             let Stats { nan, infinite, .. } = stats;
             return refuse(
                 format!(
-                    "{} of {} samples are not finite ({nan} NaN, {infinite} infinite), the first at index {index:?} (x first)",
-                    nan + infinite,
+                    "none of its {} samples is finite ({nan} NaN, {infinite} infinite)",
                     self.samples.len(),
                 ),
-                "replace them, e.g. in NumPy with numpy.nan_to_num",
+                "check that the right file or attribute was given",
             );
         }
         if stats.min == stats.max {
@@ -256,9 +255,10 @@ mod tests {
         assert_eq!((stats.nan, stats.infinite), (1, 1));
         assert_eq!(stats.first_bad, Some([2, 3, 40]));
         assert_eq!(stats.min, 0.0);
+        assert!(image.check("ramp.npy").is_ok());
+        image.samples.fill(f32::NAN);
         let error = image.check("ramp.npy").unwrap_err().to_string();
-        assert!(error.starts_with("ramp.npy: 2 of 210000"), "{error}");
-        assert!(error.contains("[2, 3, 40]"), "{error}");
+        assert!(error.starts_with("ramp.npy: none of its 210000"), "{error}");
     }
 
     #[test]

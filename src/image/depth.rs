@@ -227,6 +227,7 @@ impl<const D: usize> Stretch<D> {
             samples,
             geometry: self.geometry.clone(),
             missing: Vec::new(),
+            dead: Vec::new(),
         };
         // Traces that are missing are so at all depths; of other rows nobody knows.
         Ok(match self.along {

@@ -11,6 +11,7 @@
 //! - `check`: statistics, and refusing what no mesh can be made of
 //! - `field`: samples in *lattice space* and their smooth interpolation
 //! - `layers`: samples some layers at a time, in memory or not
+//! - `live`: samples that hold no data, and gaps among them
 //! - `sparse`: the same of what is zero nearly everywhere
 
 pub(crate) mod check;
@@ -20,6 +21,7 @@ pub(crate) mod field;
 pub mod formats;
 pub(crate) mod geometry;
 pub(crate) mod layers;
+pub(crate) mod live;
 pub(crate) mod sparse;
 pub mod synth;
 pub(crate) mod time;
@@ -31,6 +33,9 @@ pub use depth::Stretch;
 pub use field::Field;
 pub use geometry::Geometry;
 pub use layers::{Layers, Source};
+pub(crate) use live::LiveMask;
+pub use live::Marked;
+use live::apart2;
 pub(crate) use sparse::Missed;
 pub use sparse::Sparse;
 pub use time::{NoDepth, TimeCoordinate};
@@ -49,6 +54,9 @@ pub struct Image<const D: usize> {
     /// survey lacks. Its samples are zeros that mean nothing. Empty where every row holds data. No file
     /// keeps it.
     pub missing: Vec<bool>,
+    /// For each sample, in memory order, whether it holds no data: then it is a zero that means nothing.
+    /// Empty unless dead samples are others than whole rows along x. No file keeps it.
+    pub dead: Vec<bool>,
 }
 
 impl<const D: usize> Image<D> {
@@ -62,6 +70,7 @@ impl<const D: usize> Image<D> {
             samples,
             geometry,
             missing: Vec::new(),
+            dead: Vec::new(),
         }
     }
 
@@ -85,8 +94,8 @@ impl<const D: usize> Image<D> {
         let dims = self.dims();
         let nearest = nearest_rows(dims, &present);
         let mut samples = Vec::with_capacity(self.samples.len());
-        for row in nearest.into_iter().flatten() {
-            let start = row * dims[0];
+        for row in nearest {
+            let start = row as usize * dims[0];
             samples.extend_from_slice(&self.as_slice()[start..start + dims[0]]);
         }
         let continued = Self::new(dims, samples, self.geometry.clone());
@@ -102,8 +111,8 @@ impl<const D: usize> Image<D> {
         }
         let dims = self.dims();
         let nearest = nearest_rows(dims, &self.missing);
-        let near = |(row, missing): (usize, Option<usize>)| {
-            missing.is_some_and(|missing| apart2(dims, row, missing) as f64 <= reach * reach)
+        let near = |(row, missing): (usize, u32)| {
+            apart2(of_rows(dims), row, missing as usize) as f64 <= reach * reach
         };
         nearest.into_iter().enumerate().map(near).collect()
     }
@@ -133,7 +142,10 @@ impl<const D: usize> Image<D> {
         let dims = self.dims();
         let geometry = self.geometry.in_space();
         let dims = std::array::from_fn(|k| dims.get(k).copied().unwrap_or(1));
-        Image::new(dims, self.as_slice().to_vec(), geometry).with_missing(self.missing.clone())
+        let mut image = Image::new(dims, self.as_slice().to_vec(), geometry);
+        image.missing.clone_from(&self.missing);
+        image.dead.clone_from(&self.dead);
+        image
     }
 }
 
@@ -174,49 +186,15 @@ fn linear<const D: usize>(dims: [usize; D], samples: &[f32], index: [f64; D]) ->
     value
 }
 
-/// The square of the distance between two rows along x, in samples.
-fn apart2<const D: usize>(dims: [usize; D], mut a: usize, mut b: usize) -> usize {
-    let mut sum = 0;
-    for n in &dims[1..] {
-        sum += (a % n).abs_diff(b % n).pow(2);
-        (a, b) = (a / n, b / n);
-    }
-    sum
+/// Rows along x as cells.
+fn of_rows<const D: usize>(mut dims: [usize; D]) -> [usize; D] {
+    dims[0] = 1;
+    dims
 }
 
-/// For each row along x the nearest one that is wanted, if any is: axis by axis, each time the nearest
-/// among those that are nearest so far.
-fn nearest_rows<const D: usize>(dims: [usize; D], wanted: &[bool]) -> Vec<Option<usize>> {
-    let mut nearest: Vec<Option<usize>> = (0..wanted.len())
-        .map(|row| wanted[row].then_some(row))
-        .collect();
-    let mut stride = 1;
-    for &n in &dims[1..] {
-        let before = nearest.clone();
-        for (row, nearest) in nearest.iter_mut().enumerate() {
-            let at = row / stride % n;
-            let mut least = nearest.map_or(usize::MAX, |other| apart2(dims, row, other));
-            for step in 1..n {
-                if step * step >= least {
-                    break;
-                }
-                let back = (at >= step).then(|| row - step * stride);
-                let forth = (at + step < n).then(|| row + step * stride);
-                for other in [back, forth]
-                    .into_iter()
-                    .flatten()
-                    .filter_map(|r| before[r])
-                {
-                    let apart = apart2(dims, row, other);
-                    if apart < least {
-                        (least, *nearest) = (apart, Some(other));
-                    }
-                }
-            }
-        }
-        stride *= n;
-    }
-    nearest
+/// For each row along x the nearest one that is wanted; one is.
+fn nearest_rows<const D: usize>(dims: [usize; D], wanted: &[bool]) -> Vec<u32> {
+    live::nearest(of_rows(dims), |row| wanted[row], usize::MAX)
 }
 
 #[cfg(test)]
@@ -263,13 +241,13 @@ mod tests {
             let from = continued.as_slice()[3 * row] as usize / 3;
             assert!(!missing[from]);
             let present = (0..72).filter(|&r| !missing[r]);
-            let least = present.map(|r| apart2(dims, row, r)).min().unwrap();
-            assert_eq!(apart2(dims, row, from), least, "{row}");
+            let least = present.map(|r| apart2([1, 9, 8], row, r)).min().unwrap();
+            assert_eq!(apart2([1, 9, 8], row, from), least, "{row}");
         }
         let near = image.near_missing(2.0);
         for row in 0..72 {
             let mut gaps = (0..72).filter(|&r| missing[r]);
-            assert_eq!(near[row], gaps.any(|r| apart2(dims, row, r) <= 4));
+            assert_eq!(near[row], gaps.any(|r| apart2([1, 9, 8], row, r) <= 4));
         }
         // Where nothing is missing, or all is, there is nothing to continue.
         let whole = image.clone().with_missing(vec![false; 72]);

@@ -256,6 +256,7 @@ fn with_axis_first<const D: usize>(image: Image<D>, k: usize) -> Result<Image<D>
         samples: samples.as_standard_layout().into_owned(),
         geometry,
         missing: Vec::new(),
+        dead: Vec::new(),
     })
 }
 

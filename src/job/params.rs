@@ -244,6 +244,8 @@ pub struct Params<const D: usize = 3> {
     pub seeds: feature::PathSeeds<D>,
     /// What is wanted of labels, for [`feature::FeatureKind::Labels`].
     pub labels: Vec<feature::LabelWish>,
+    /// Whether no common null values are recognised, nor traces that are zero throughout.
+    pub keep_nulls: bool,
     /// Weight of the image.
     pub beta: Weight<D>,
     /// Atoms that stay where they are (wells, sources).
@@ -292,6 +294,7 @@ impl<const D: usize> Default for Params<D> {
             distances: None,
             seeds: feature::PathSeeds::default(),
             labels: Vec::new(),
+            keep_nulls: false,
             beta: Weight::Constant(0.5),
             fixed: Vec::new(),
             wells: Vec::new(),
@@ -352,6 +355,7 @@ impl<const D: usize> Params<D> {
                 _ => None,
             },
             step,
+            keep_nulls: self.keep_nulls,
             ..feature::Detection::default()
         }
     }

@@ -120,7 +120,7 @@ where
 /// ```
 ///
 /// # Errors
-/// The error of the stage that failed: an image that is constant or not finite, a distance that
+/// The error of the stage that failed: an image that is constant or has no samples with data, a distance that
 /// does not fit the box, fixed atoms outside of it or at one place; for Voronoi cells also fixed atoms
 /// on a side of the box. [`Error::Interrupted`](crate::Error::Interrupted) if the observer asked to
 /// stop before there was a lattice; what a later stop gives, [`Observer`] says.
@@ -178,6 +178,14 @@ where
         false => labelled::merged(&*source.whole()?, &params.labels)?,
     };
     let source = merged.as_ref().map_or(source, Source::Held);
+    // What is computed of the image's values must not see what stands for missing samples.
+    let marked = match source {
+        Source::Held(image) if feature::fills_gaps(image, params.feature) => {
+            image.marked(!params.keep_nulls)?
+        }
+        _ => None,
+    };
+    let source = (marked.as_ref()).map_or(source, |marked| Source::Held(&marked.image));
     let (dims, geometry) = (source.dims(), source.geometry());
     let alignment = match params.cells {
         CellKind::Simplices => Alignment::On,
@@ -281,6 +289,11 @@ where
     }
     refuse_invalid(&report)?;
     report.left_out = Some(features.left_out);
+    report.notes.extend(
+        marked
+            .iter()
+            .flat_map(|marked| marked.notes.iter().cloned()),
+    );
     report.notes.extend(features.notes.iter().cloned());
     report.notes.extend(place::note(source, params, &features)?);
     let (costs, interrupted) = stages.end();

@@ -91,8 +91,7 @@ class MeshOptions(TypedDict, total=False):
     #: Smooth the triangles of a 2-D image where it is flat; nodes on features stay
     smooth: Literal["cvt", "odt"] | None
     #: Lattice space: samples, physical, shape (physical, but as many samples to a cell as with
-    #: samples), or a scale per axis SX,SY,SZ (SX,SY in 2-D) [default: samples; shape with
-    #: --velocity]
+    #: samples), or a scale per axis SX,SY,SZ (SX,SY in 2-D) [default: samples]
     metric: _Value | None
     #: Makes depth in metres of two-way time: one velocity in m/s for the whole image, or a file of
     #: interval velocities in m/s on a grid of its own in two-way time, by which the image is
@@ -116,6 +115,9 @@ class MeshOptions(TypedDict, total=False):
     axes: _Value | None
     #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
     geometry_from: _Path | None
+    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it, common
+    #: ones are recognised, and traces that are zero throughout count as missing
+    null: _Value | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -176,6 +178,9 @@ class FeatureOptions(TypedDict, total=False):
     axes: _Value | None
     #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
     geometry_from: _Path | None
+    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it, common
+    #: ones are recognised, and traces that are zero throughout count as missing
+    null: _Value | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -211,6 +216,9 @@ class InfoOptions(TypedDict, total=False):
     axes: _Value | None
     #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
     geometry_from: _Path | None
+    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it, common
+    #: ones are recognised, and traces that are zero throughout count as missing
+    null: _Value | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -250,6 +258,9 @@ class ConvertOptions(TypedDict, total=False):
     axes: _Value | None
     #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
     geometry_from: _Path | None
+    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it, common
+    #: ones are recognised, and traces that are zero throughout count as missing
+    null: _Value | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -300,6 +311,9 @@ class ReportOptions(TypedDict, total=False):
     axes: _Value | None
     #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
     geometry_from: _Path | None
+    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it, common
+    #: ones are recognised, and traces that are zero throughout count as missing
+    null: _Value | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -378,6 +392,9 @@ class EditOptions(TypedDict, total=False):
     axes: _Value | None
     #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
     geometry_from: _Path | None
+    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it, common
+    #: ones are recognised, and traces that are zero throughout count as missing
+    null: _Value | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -421,6 +438,9 @@ class ColumnsOptions(TypedDict, total=False):
     axes: _Value | None
     #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
     geometry_from: _Path | None
+    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it, common
+    #: ones are recognised, and traces that are zero throughout count as missing
+    null: _Value | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -470,6 +490,9 @@ class ExportOptions(TypedDict, total=False):
     axes: _Value | None
     #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
     geometry_from: _Path | None
+    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it, common
+    #: ones are recognised, and traces that are zero throughout count as missing
+    null: _Value | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -566,6 +589,9 @@ class SliceOptions(TypedDict, total=False):
     axes: _Value | None
     #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
     geometry_from: _Path | None
+    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it, common
+    #: ones are recognised, and traces that are zero throughout count as missing
+    null: _Value | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -629,6 +655,9 @@ class SurfaceOptions(TypedDict, total=False):
     axes: _Value | None
     #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
     geometry_from: _Path | None
+    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it, common
+    #: ones are recognised, and traces that are zero throughout count as missing
+    null: _Value | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -675,6 +704,9 @@ class PaintOptions(TypedDict, total=False):
     axes: _Value | None
     #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
     geometry_from: _Path | None
+    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it, common
+    #: ones are recognised, and traces that are zero throughout count as missing
+    null: _Value | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -723,6 +755,9 @@ class SegmentOptions(TypedDict, total=False):
     axes: _Value | None
     #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
     geometry_from: _Path | None
+    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it, common
+    #: ones are recognised, and traces that are zero throughout count as missing
+    null: _Value | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]

@@ -32,6 +32,7 @@ pub fn detection<const D: usize>(
         weights: job.features.weights(),
         seeds: seeds(job)?,
         labels: job.features.labels().to_vec(),
+        keep_nulls: job.input.keeps_nulls(),
         d_min,
         step,
         ..feature::Detection::default()

@@ -12,7 +12,7 @@ use crate::cli::interrupts::Interrupts;
 use crate::cli::job::params;
 use crate::cli::parse;
 use crate::error::{cause, os};
-use crate::feature::FeatureKind;
+use crate::feature::{self, FeatureKind};
 use crate::image::formats::InputOptions;
 use crate::image::formats::{AnyLoaded, Loaded};
 use crate::image::{Image, Source};
@@ -121,6 +121,10 @@ fn run<const D: usize, M: Stored<D>>(
     let labels = params.feature == FeatureKind::Labels;
     let (image, stretch) = image_in_depth(image, velocity, labels, console)?;
     params_in_depth(&mut params, stretch.as_ref())?;
+    let image = match feature::fills_gaps(&image, params.feature) {
+        true => (image.marked(!params.keep_nulls)?).map_or(image, |marked| marked.image),
+        false => image,
+    };
     let hash = console.hash(&args.image)?;
     if text(&file, "input_sha256").is_some_and(|known| known.trim() != hash) {
         notes.push(format!(

@@ -105,6 +105,7 @@ fn find<const D: usize>(
         object: args.object.clone(),
         background: args.background.clone(),
         rng_seed: Some(args.rng_seed),
+        input: args.input.clone(),
         ..Settings::default()
     })?;
     let options = detection(&job, args.distance, [1.0; D])?;

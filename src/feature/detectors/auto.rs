@@ -22,18 +22,29 @@ use crate::files::kept::fields;
 use crate::geometry::wide::wide;
 use crate::image::Image;
 use crate::image::check::FEW_LABELS;
+use crate::image::live::may_be_null;
 use crate::observer::Patience;
 use crate::parallel::prelude::*;
 use std::collections::BTreeSet;
 
 /// A detector that fits an image, and why.
-pub type Choice<const D: usize> = (&'static dyn Detector<D>, String);
+pub type Kind<const D: usize> = (&'static dyn Detector<D>, String);
+
+/// What is known of an image whose layers were read one after the other.
+pub enum Choice<const D: usize> {
+    /// The detector that fits it.
+    Kind(Kind<D>),
+    /// It may be one of labels, which only the whole image in memory tells.
+    Unknown,
+    /// Some samples may hold no data, so that it is searched in memory.
+    Gaps,
+}
 
 /// The detector that fits an image.
 ///
 /// # Errors
 /// [`Error::Image`](crate::Error::Image) for samples that are not finite.
-pub fn choose<const D: usize>(image: &Image<D>) -> Result<Choice<D>> {
+pub fn choose<const D: usize>(image: &Image<D>) -> Result<Kind<D>> {
     if let Some(labels) = image.looks_labelled() {
         let why = format!(
             "{} different values, {:.0} % of neighbours equal",
@@ -43,55 +54,73 @@ pub fn choose<const D: usize>(image: &Image<D>) -> Result<Choice<D>> {
         return Ok((&Labels, why));
     }
     let samples = Samples::held(image.dims(), image.as_slice());
-    Ok(Survey::of(&samples, &Patience::endless())?.choice())
+    let survey = Survey::of(&samples, &Patience::endless())?;
+    match survey.broken {
+        Some((at, value)) => Err(not_finite(at, value)),
+        None => Ok(survey.choice()),
+    }
 }
 
-/// The detector that fits an image whose layers are read one after the other; `None` if it takes the whole
-/// image in memory to tell, for it may be one of labels.
+/// Returns the detector that fits an image whose layers are read one after the other.
 ///
 /// # Errors
-/// That of reading, and [`Error::Image`](crate::Error::Image) for samples that are not finite.
+/// That of reading.
 pub fn choose_in_layers<const D: usize>(
     samples: &Samples<'_, D>,
     patience: &Patience<'_>,
-) -> Result<Option<Choice<D>>> {
+) -> Result<Choice<D>> {
     let survey = Survey::of(samples, patience)?;
-    Ok(survey.many_values.then(|| survey.choice()))
+    Ok(match survey.many_values {
+        _ if survey.has_gaps() => Choice::Gaps,
+        true => Choice::Kind(survey.choice()),
+        false => Choice::Unknown,
+    })
 }
 
 /// What is seen of an image on one way through it.
-struct Survey {
+struct Survey<const D: usize> {
     spread: Spread,
     least: f32,
     most: f32,
     /// Whether it has more different values than an image of labels.
     many_values: bool,
+    /// The first sample that is not finite, and its value.
+    broken: Option<([usize; D], f32)>,
+    /// Whether a row along x is zero throughout.
+    zero_row: bool,
 }
 
-impl Survey {
-    fn of<const D: usize>(samples: &Samples<'_, D>, patience: &Patience<'_>) -> Result<Self> {
+impl<const D: usize> Survey<D> {
+    fn of(samples: &Samples<'_, D>, patience: &Patience<'_>) -> Result<Self> {
         let mut all = Seen {
             range: NOTHING,
             some: Vec::new(),
             broken: None,
+            zero_row: false,
             looks: Looks::default(),
         };
         let mut look = |window: &Window<'_, D>| Seen::of(window);
         let mut take = |seen: Seen<D>| all.add(seen);
         samples.each(THIN + 1, None, &|_| 1, patience, &mut look, &mut take)?;
-        if let Some((at, value)) = all.broken {
-            return Err(not_finite(at, value));
-        }
         let [least, most] = all.range;
         Ok(Self {
             spread: all.looks.spread(),
             least,
             most,
             many_values: all.some.len() > FEW_LABELS,
+            broken: all.broken,
+            zero_row: all.zero_row,
         })
     }
 
-    fn choice<const D: usize>(&self) -> Choice<D> {
+    /// Returns whether samples may hold no data: an image in memory tells.
+    fn has_gaps(&self) -> bool {
+        let amplitudes = self.least < 0.0 && self.most > 0.0;
+        let null = [self.least, self.most].into_iter().any(may_be_null);
+        self.broken.is_some() || null || self.zero_row && amplitudes
+    }
+
+    fn choice(&self) -> Kind<D> {
         let Self {
             spread,
             least,
@@ -159,7 +188,7 @@ struct Looks<const D: usize> {
 
 fields! {
     @(const D: usize) Looks<D> as Looks { means, beside }
-    @(const D: usize) Seen<D> as Seen { range, some, broken, looks }
+    @(const D: usize) Seen<D> as Seen { range, some, broken, zero_row, looks }
 }
 
 /// What is seen of a window, or of all.
@@ -170,6 +199,8 @@ struct Seen<const D: usize> {
     some: Vec<u32>,
     /// The first sample that is not finite, and its value.
     broken: Option<([usize; D], f32)>,
+    /// Whether a row along x is zero throughout.
+    zero_row: bool,
     looks: Looks<D>,
 }
 
@@ -195,6 +226,9 @@ impl<const D: usize> Seen<D> {
             range: parts.reduce(|| NOTHING, of_both),
             some: some.into_iter().take(FEW_LABELS + 1).collect(),
             broken: first_not_finite(own).map(place),
+            zero_row: own
+                .chunks(window.dims[0].max(1))
+                .any(|row| row.iter().all(|s| *s == 0.0)),
             looks: Looks::of(window),
         }
     }
@@ -210,6 +244,7 @@ impl<const D: usize> Seen<D> {
         self.some.dedup();
         self.some.truncate(FEW_LABELS + 1);
         self.broken = self.broken.or(next.broken);
+        self.zero_row |= next.zero_row;
         self.looks.means.extend(next.looks.means);
         self.looks.beside.extend(next.looks.beside);
     }

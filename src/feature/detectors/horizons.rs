@@ -36,7 +36,7 @@ impl<const D: usize> Detector<D> for Horizons {
         let scale = scene.scale();
         let window = scene.asked.smoothing.unwrap_or(WINDOW);
         let samples = scene.smoothed_in_layers()?;
-        let (normals, rms) = Normals::new(&samples, window, scene.patience)?;
+        let (normals, rms) = Normals::new(&samples, window, scene.live, scene.patience)?;
         let thresholds = scene.thresholds().unwrap_or(Thresholds {
             low: 0.8 * rms,
             high: 1.3 * rms,

@@ -36,7 +36,7 @@ use super::volume::Volume;
 use super::windows::Samples;
 use super::{Detection, FeatureKind, Features, Settled};
 use crate::error::{Error, Result, cause};
-use crate::image::{Image, Source};
+use crate::image::{Image, LiveMask, Source};
 use crate::observer::Patience;
 use crate::parallel::prelude::*;
 use crate::ranks::{Group, joined};
@@ -108,6 +108,8 @@ pub struct Scene<'a, const D: usize> {
     /// The image, whose samples are finite and not all the same, and go on where traces are missing; in
     /// memory, unless the detector finds [in layers](Detector::in_layers).
     pub source: Source<'a, D>,
+    /// Which samples hold data, unless all do.
+    pub live: Option<&'a LiveMask<D>>,
     /// What is asked for: scale, thresholds, what is known of an object.
     pub asked: &'a Detection<D>,
     /// Of a part of an image, what was settled on for the whole.
@@ -121,6 +123,7 @@ impl<'a, const D: usize> Scene<'a, D> {
     pub fn new(source: Source<'a, D>, asked: &'a Detection<D>, patience: &'a Patience<'a>) -> Self {
         Self {
             source,
+            live: None,
             asked,
             settled: None,
             patience,
@@ -389,7 +392,7 @@ pub fn of_asked<const D: usize>(asked: &Detection<D>) -> Option<Vec<Part<D>>> {
 /// # Errors
 /// [`Error::Feature`] if the threshold asked for does not apply to its features.
 pub fn named<const D: usize>(
-    (detector, why): auto::Choice<D>,
+    (detector, why): auto::Kind<D>,
     asked: &Detection<D>,
 ) -> Result<Chosen<D>> {
     let kind = detector.kind();

@@ -20,6 +20,7 @@ use crate::feature::ridges::{self, Statistics, ridges};
 use crate::feature::slab::{Slab, ranked};
 use crate::feature::volume::Volume;
 use crate::feature::windows::{LookedAt, Samples, Stack, Window, layer};
+use crate::image::LiveMask;
 use crate::observer::Patience;
 use crate::parallel::prelude::*;
 use crate::ranks::{Group, Ranks};
@@ -125,7 +126,13 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
         let (dims, patience) = (samples.dims(), self.scene.patience);
         let (scale, thresholds) = self.smooth(&mut samples, notes)?;
         let group = &Ranks as &dyn Group;
-        let seen = Seen::of(&samples, scale, thresholds.low, group, patience)?;
+        let seen = Seen::of(
+            &samples,
+            scale,
+            thresholds.low,
+            (group, self.scene.live),
+            patience,
+        )?;
         let layers = Some(seen.layers.clone());
         let mut slab = Slab::new(dims, seen.candidates, layers.clone(), BESIDE, group)?;
         let heights = slab.beside("heights of ridges", seen.heights)?;
@@ -186,12 +193,12 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
         }
         let mut scale = self.scale.unwrap_or(self.finest);
         samples.smooth(scale, patience);
-        let mut statistics = ridges::statistics(samples, scale, patience)?;
+        let mut statistics = ridges::statistics(samples, scale, self.scene.live, patience)?;
         while self.scale.is_none() && statistics.drowned() && scale < COARSEST {
             let coarser = (1.25 * scale).min(COARSEST);
             samples.smooth((coarser * coarser - scale * scale).sqrt(), patience);
             scale = coarser;
-            statistics = ridges::statistics(samples, scale, patience)?;
+            statistics = ridges::statistics(samples, scale, self.scene.live, patience)?;
         }
         let thresholds = given.unwrap_or_else(|| {
             let (low, high) = (self.automatic)(&statistics);
@@ -259,7 +266,7 @@ impl<const D: usize> Seen<D> {
         samples: &Samples<'_, D>,
         scale: f64,
         low: f32,
-        group: &dyn Group,
+        (group, live): (&dyn Group, Option<&LiveMask<D>>),
         patience: &Patience<'_>,
     ) -> Result<Self> {
         let (every, shell) = (samples.every(), Shell::new(samples.dims(), scale));
@@ -268,7 +275,11 @@ impl<const D: usize> Seen<D> {
         let (mut near_sides, mut some) = (Vec::new(), [Vec::new(), Vec::new()]);
         let mut tops = Tops::default();
         let mut look = |window: &Window<'_, D>| {
-            let found = ridges(window, scale, low, patience);
+            let mut found = ridges(window, scale, low, patience);
+            if let Some(live) = live {
+                let whole = Volume::new(window.dims, &[]);
+                found.retain(|c| live.is_usable(whole.coordinates(c.voxel.index())));
+            }
             let own = window.smoothed.layers(&window.own.layers);
             let (near, glance) = rayon::join(
                 || shell.of_layers(own, window.own.layers.start),

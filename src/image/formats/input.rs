@@ -41,6 +41,13 @@ pub struct InputOptions {
     /// A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
     #[cfg_attr(feature = "cli", arg(long, value_name = "IMAGE"))]
     pub geometry_from: Option<PathBuf>,
+    /// Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it, common
+    /// ones are recognised, and traces that are zero throughout count as missing
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "V,...", allow_hyphen_values = true)
+    )]
+    pub null: Option<String>,
     /// SEG-Y: trace header byte of the inline number [default: 189]
     #[cfg_attr(feature = "cli", arg(long, value_name = "BYTE"))]
     pub inline_byte: Option<usize>,
@@ -106,7 +113,29 @@ impl InputOptions {
             raw,
             segy,
             place: self.placement()?,
+            nulls: self.nulls()?,
         })
+    }
+
+    /// Returns the null values.
+    ///
+    /// # Errors
+    /// [`Error::Job`] for what is no number.
+    pub fn nulls(&self) -> Result<Vec<f32>> {
+        if self.keeps_nulls() {
+            return Ok(Vec::new());
+        }
+        let number = |text: &str| -> Result<f32> {
+            let remedy = "give numbers with commas between them, or none";
+            let found = text.parse::<f32>();
+            found.map_err(|_| Error::Job(cause(text, "is no number", remedy)))
+        };
+        list("null", &self.null, number).map(Option::unwrap_or_default)
+    }
+
+    /// Returns whether no value but NaN stands for missing samples.
+    pub fn keeps_nulls(&self) -> bool {
+        self.null.as_deref() == Some("none")
     }
 
     /// Where the image lies.
@@ -145,6 +174,7 @@ impl InputOptions {
             unit: self.unit.clone().or_else(|| below.unit.clone()),
             axes: self.axes.clone().or_else(|| below.axes.clone()),
             geometry_from: (self.geometry_from.clone()).or_else(|| below.geometry_from.clone()),
+            null: self.null.clone().or_else(|| below.null.clone()),
             inline_byte: self.inline_byte.or(below.inline_byte),
             crossline_byte: self.crossline_byte.or(below.crossline_byte),
             x_byte: self.x_byte.or(below.x_byte),

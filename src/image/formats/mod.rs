@@ -72,6 +72,8 @@ pub struct ReadOptions {
     pub segy: SegyBytes,
     /// Where the image lies, if the file does not say so.
     pub place: Placement,
+    /// Values that stand for missing samples: these are read as NaN.
+    pub nulls: Vec<f32>,
 }
 
 /// The image formats that can be read.
@@ -220,7 +222,8 @@ pub(crate) fn open(path: &Path, options: &ReadOptions) -> Result<Opened> {
         }
         other => other,
     };
-    options.place.put(opened, &options.segy)
+    let opened = options.place.put(opened, &options.segy)?;
+    Ok(opened.with_nulls(&options.nulls))
 }
 
 /// Opens an image as it lies by its file.

@@ -14,6 +14,7 @@ use super::samples::{self, Encoding};
 use super::segy::{Lines, SegyInfo};
 use super::{AnyLoaded, Format, Loaded, of_its_axes};
 use crate::error::{Result, os};
+use crate::image::live::is_null;
 use crate::image::{Geometry, Image};
 use crate::memory;
 
@@ -64,6 +65,7 @@ impl<const D: usize> Head<D> {
             samples,
             geometry: self.geometry,
             missing: Vec::new(),
+            dead: Vec::new(),
         };
         Loaded {
             image: image.with_missing(self.missing),
@@ -276,6 +278,31 @@ impl Planes for Plain {
     }
 }
 
+/// Samples of which some values are read as NaN.
+struct WithNulls {
+    planes: Box<dyn Planes>,
+    nulls: Vec<f32>,
+}
+
+impl Planes for WithNulls {
+    fn read(&self, first: usize, rows: Range<usize>, out: &mut [f32]) -> Result<()> {
+        self.planes.read(first, rows, out)?;
+        out.par_iter_mut().for_each(|s| blank(s, &self.nulls));
+        Ok(())
+    }
+
+    fn together(&self) -> usize {
+        self.planes.together()
+    }
+}
+
+/// Makes a sample that holds a null value NaN.
+fn blank(sample: &mut f32, nulls: &[f32]) {
+    if nulls.iter().any(|&null| is_null(*sample, null)) {
+        *sample = f32::NAN;
+    }
+}
+
 /// An image that was opened: in memory, or still in its file.
 pub enum Opened {
     /// Still in its file.
@@ -293,6 +320,38 @@ impl Opened {
         match self {
             Self::Stream(stream) => stream.loaded(place).map(of_its_axes),
             Self::Held(loaded) => Ok(loaded),
+        }
+    }
+
+    /// Returns the image with samples of these values read as NaN.
+    pub fn with_nulls(self, nulls: &[f32]) -> Self {
+        if nulls.is_empty() {
+            return self;
+        }
+        match self {
+            Self::Stream(stream) => Self::Stream(Stream {
+                planes: Box::new(WithNulls {
+                    planes: stream.planes,
+                    nulls: nulls.to_vec(),
+                }),
+                ..stream
+            }),
+            Self::Held(AnyLoaded::Plane(mut loaded)) => {
+                loaded
+                    .image
+                    .samples
+                    .iter_mut()
+                    .for_each(|s| blank(s, nulls));
+                Self::Held(AnyLoaded::Plane(loaded))
+            }
+            Self::Held(AnyLoaded::Space(mut loaded)) => {
+                loaded
+                    .image
+                    .samples
+                    .iter_mut()
+                    .for_each(|s| blank(s, nulls));
+                Self::Held(AnyLoaded::Space(loaded))
+            }
         }
     }
 

@@ -93,6 +93,10 @@ impl Checkpoint {
 /// An image's samples, and where they lie.
 fn add<const D: usize>(hasher: &mut Sha256, image: &Image<D>) {
     add_place(hasher, image.dims(), &image.geometry, &image.missing);
+    image
+        .dead
+        .iter()
+        .for_each(|dead| hasher.update([u8::from(*dead)]));
     add_samples(hasher, image.as_slice());
 }
 

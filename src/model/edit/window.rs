@@ -85,7 +85,13 @@ impl<const D: usize> Window<D> {
         let samples = self.samples(image.dims(), image.as_slice());
         let rows = self.rows(image.dims()).map(|start| start / image.dims()[0]);
         let missing = rows.filter_map(|row| image.missing.get(row).copied());
-        Image::new(self.dims, samples, Geometry::default()).with_missing(missing.collect())
+        let cut = Image::new(self.dims, samples, Geometry::default());
+        if image.dead.is_empty() {
+            return cut.with_missing(missing.collect());
+        }
+        let rows = self.rows(image.dims());
+        let dead = rows.flat_map(|start| &image.dead[start..start + self.dims[0]]);
+        cut.with_dead(dead.copied().collect())
     }
 
     /// The same of a field.

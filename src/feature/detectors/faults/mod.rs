@@ -39,8 +39,9 @@ impl<const D: usize> Detector<D> for Faults {
     fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
         let window = scene.asked.smoothing.unwrap_or(WINDOW);
         let samples = scene.smoothed_in_layers()?;
-        let (layers, rms) = Normals::new(&samples, window, scene.patience)?;
-        let likelihood = semblance::likelihood(&samples, (&layers, rms), scene.patience)?;
+        let (layers, rms) = Normals::new(&samples, window, scene.live, scene.patience)?;
+        let likelihood =
+            semblance::likelihood(&samples, (&layers, rms), scene.live, scene.patience)?;
         drop(samples);
         notes.push(format!(
             "faults: least semblance along layers over steep planes, at scale {}, normals averaged over \
@@ -71,11 +72,6 @@ impl<const D: usize> Detector<D> for Faults {
 
     fn least_sheet(&self) -> f64 {
         6.0
-    }
-
-    /// Semblance looks farther than smoothing, along layers that go on level where data end.
-    fn beyond_smoothing(&self) -> f64 {
-        12.0
     }
 
     /// Normals averaged over 12 samples, on amplitudes balanced over 6, and a plane of 12.
@@ -258,9 +254,9 @@ mod tests {
                 let samples = Samples::held(dims, &samples[..]).limited(limits);
                 let mut samples = samples.in_strips(1, most);
                 samples.smooth(1.0, patience);
-                let (normals, rms) = Normals::new(&samples, 12.0, patience).unwrap();
+                let (normals, rms) = Normals::new(&samples, 12.0, None, patience).unwrap();
                 assert_eq!(normals.main_axis(), vertical);
-                let likelihood = likelihood(&samples, (&normals, rms), patience).unwrap();
+                let likelihood = likelihood(&samples, (&normals, rms), None, patience).unwrap();
                 let at = normals.at([20.3, 17.7, 155.5]);
                 (likelihood.all().to_vec(), rms, at)
             };

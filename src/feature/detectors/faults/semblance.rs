@@ -16,6 +16,7 @@ use crate::feature::volume::Volume;
 use crate::feature::windows::{Samples, Stack};
 use crate::geometry::dot;
 use crate::geometry::wide::wide;
+use crate::image::LiveMask;
 use crate::observer::Patience;
 use crate::parallel::prelude::*;
 
@@ -25,6 +26,9 @@ const RADIUS: i32 = 4;
 const WIDTH: f32 = 2.5;
 /// What is nearer than this (samples) to the fault belongs to neither half.
 const ON_FAULT: f64 = 0.5;
+
+/// A half disc of which no larger share of the weights is seen tells nothing.
+const LEAST_SEEN: f32 = 0.1;
 
 /// Width (samples) of the Gaussian under which the rms of amplitudes is taken.
 const BALANCE: f64 = 6.0;
@@ -48,24 +52,47 @@ pub const SEEN: usize =
 
 /// How likely a fault runs through each sample, in [0, 1], of which each rank has a share: see [`scan::likelihood`].
 /// `layers` are the normals of amplitudes smoothed to the scale of their derivatives, whose root mean square is `rms`;
-/// their window should be wide, as a throw must not pass for a dip.
+/// their window should be wide, as a throw must not pass for a dip. Samples that are not `live` have no weight
+/// (normalised convolution: Knutsson and Westin 1993).
 ///
 /// # Errors
 /// Those of reading layers of `amplitude`.
 pub fn likelihood<const D: usize>(
     amplitude: &Samples<'_, D>,
     (layers, rms): (&Normals<D>, f32),
+    live: Option<&LiveMask<D>>,
     patience: &Patience<'_>,
 ) -> Result<Samples<'static, D>> {
     let vertical = layers.main_axis();
     amplitude.changed(SEEN, patience, |stack| {
         let dims = stack.volume.dims;
-        let balanced = balanced(stack.volume, rms, patience);
+        let mut balanced = balanced(stack.volume, rms, patience);
+        let weights = live.map(|live| weights(stack, live));
+        if let Some(weights) = &weights {
+            balanced.iter_mut().zip(weights).for_each(|(b, w)| *b *= w);
+        }
         let balanced = stack.with(&balanced);
         scan::likelihood(dims, vertical, patience, |across, every| {
-            both_sides(balanced, layers, across, (vertical, every), patience)
+            let weights = weights.as_deref();
+            both_sides(
+                (balanced, weights),
+                layers,
+                across,
+                (vertical, every),
+                patience,
+            )
         })
     })
+}
+
+/// Returns 1 for each live sample and 0 for others.
+fn weights<const D: usize>(stack: Stack<'_, D>, live: &LiveMask<D>) -> Vec<f32> {
+    let count = stack.volume.samples.len();
+    let is_live = |i: usize| live.is_live(stack.in_volume(stack.volume.coordinates(i)));
+    (0..count)
+        .into_par_iter()
+        .map(|i| f32::from(is_live(i)))
+        .collect()
 }
 
 /// Amplitudes over their rms round each sample, so that no layer has more say than others; that of all is `rms`.
@@ -124,7 +151,7 @@ fn halves<const D: usize>(axis: usize, across: [f64; D]) -> Vec<Tap<D>> {
 /// Energy of the mean and mean energy of what the layers show on either side of faults square to the
 /// horizontal direction `across`, one through each sample of every `every`-th plane along `vertical`.
 fn both_sides<const D: usize>(
-    balanced: Stack<'_, D>,
+    (balanced, weights): (Stack<'_, D>, Option<&[f32]>),
     layers: &Normals<D>,
     across: [f64; D],
     (vertical, every): (usize, usize),
@@ -134,6 +161,7 @@ fn both_sides<const D: usize>(
     let sides = Sides {
         balanced,
         amplitude,
+        weights,
         strides: amplitude.strides(),
         layers,
         taps: std::array::from_fn(|axis| halves(axis, across)),
@@ -163,12 +191,18 @@ fn both_sides<const D: usize>(
             let mut at: [usize; D] = std::array::from_fn(|k| at[k] * step[k]);
             for x in (0..amplitude.dims[0]).step_by(LANES) {
                 at[0] = x;
-                let means = sides.means(at);
+                let (means, shares) = sides.means(at);
                 for lane in (0..LANES.min(amplitude.dims[0] - x)).step_by(step[0]) {
                     let [a, b] = means.map(|side| side[lane]);
                     let to = (x + lane) / step[0];
                     of_mean[to] = 0.25 * (a + b) * (a + b) + QUIET;
                     mean_of[to] = 0.5 * (a * a + b * b) + QUIET;
+                    if let Some(shares) = shares {
+                        // Where little is seen of a side nothing is known: that is quiet.
+                        let weight = shares[0][lane] * shares[1][lane];
+                        of_mean[to] = weight * (of_mean[to] - QUIET) + QUIET;
+                        mean_of[to] = weight * (mean_of[to] - QUIET) + QUIET;
+                    }
                 }
             }
         }
@@ -176,11 +210,16 @@ fn both_sides<const D: usize>(
     parts
 }
 
+/// Something of each lane on both sides.
+type BothSides = [[f32; LANES]; 2];
+
 /// What the layers show on both sides of faults of one strike.
 struct Sides<'a, const D: usize> {
     balanced: Stack<'a, D>,
     /// The same as a volume of its own.
     amplitude: Volume<'a, D>,
+    /// Weights of its samples, by which they are multiplied; 1 if there are none.
+    weights: Option<&'a [f32]>,
     strides: [usize; D],
     layers: &'a Normals<D>,
     /// For each axis that the layers may lie across.
@@ -189,8 +228,9 @@ struct Sides<'a, const D: usize> {
 
 impl<const D: usize> Sides<'_, D> {
     /// Weighted means over both half discs of the layer through each of [`LANES`] samples of a row; the
-    /// same twice where a side is outside of the image.
-    fn means(&self, at: [usize; D]) -> [[f32; LANES]; 2] {
+    /// same twice where a side is outside of the image. Where samples have weights, also the share of each
+    /// side's weights.
+    fn means(&self, at: [usize; D]) -> (BothSides, Option<BothSides>) {
         let mut middle = at;
         middle[0] = (at[0] + LANES / 2).min(self.amplitude.dims[0] - 1);
         let normal = self.layers.coarse(self.balanced.in_volume(middle));
@@ -214,18 +254,26 @@ impl<const D: usize> Sides<'_, D> {
             let last = if k == 0 { at[0] + LANES } else { at[k] };
             at[k] >= margin(k) && last + margin(k) < self.amplitude.dims[k]
         });
-        let mut sums = [[0.0f32; LANES]; 2];
-        let mut totals = [[0.0f32; LANES]; 2];
-        if inside {
-            wide(
-                #[inline(always)]
-                || self.add_inside(at, axis, slope, &mut sums, &mut totals),
-            );
-        } else {
-            for lane in 0..LANES.min(self.amplitude.dims[0] - at[0]) {
-                self.add_one(at, lane, axis, slope, &mut sums, &mut totals);
+        let (mut sums, mut totals) = self.added(self.amplitude.samples, at, axis, slope, inside);
+        let shares = self.weights.map(|weights| {
+            let (seen, _) = self.added(weights, at, axis, slope, inside);
+            let mut shares = [[1.0f32; LANES]; 2];
+            for side in 0..2 {
+                for lane in 0..LANES {
+                    if totals[side][lane] > 0.0 {
+                        let share = seen[side][lane] / totals[side][lane];
+                        let enough = share > LEAST_SEEN;
+                        shares[side][lane] = if enough { share } else { 0.0 };
+                        totals[side][lane] = if enough {
+                            seen[side][lane]
+                        } else {
+                            f32::INFINITY
+                        };
+                    }
+                }
             }
-        }
+            shares
+        });
         for lane in 0..LANES {
             for side in 0..2 {
                 sums[side][lane] /= totals[side][lane].max(f32::MIN_POSITIVE);
@@ -236,13 +284,39 @@ impl<const D: usize> Sides<'_, D> {
                 }
             }
         }
-        sums
+        (sums, shares)
+    }
+
+    /// Returns weighted sums of samples over both half discs, and the sums of the weights.
+    #[inline(always)]
+    fn added(
+        &self,
+        samples: &[f32],
+        at: [usize; D],
+        axis: usize,
+        slope: [f32; D],
+        inside: bool,
+    ) -> (BothSides, BothSides) {
+        let mut sums = [[0.0f32; LANES]; 2];
+        let mut totals = [[0.0f32; LANES]; 2];
+        if inside {
+            wide(
+                #[inline(always)]
+                || self.add_inside(samples, at, axis, slope, &mut sums, &mut totals),
+            );
+        } else {
+            for lane in 0..LANES.min(self.amplitude.dims[0] - at[0]) {
+                self.add_one(samples, at, lane, axis, slope, &mut sums, &mut totals);
+            }
+        }
+        (sums, totals)
     }
 
     /// Adds up the samples of all lanes; none of them is outside.
     #[inline(always)]
     fn add_inside(
         &self,
+        samples: &[f32],
         at: [usize; D],
         axis: usize,
         slope: [f32; D],
@@ -261,7 +335,7 @@ impl<const D: usize> Sides<'_, D> {
             let low = shift.floor();
             to += low as isize * self.strides[axis] as isize;
             let share = shift - low;
-            let from = |start: usize| self.amplitude.samples[start..].first_chunk::<LANES>();
+            let from = |start: usize| samples[start..].first_chunk::<LANES>();
             let pair = (from(to as usize), from(to as usize + self.strides[axis]));
             let (Some(low), Some(high)) = pair else {
                 continue;
@@ -275,8 +349,10 @@ impl<const D: usize> Sides<'_, D> {
     }
 
     /// Adds up the samples of one lane that are inside the image.
+    #[allow(clippy::too_many_arguments)]
     fn add_one(
         &self,
+        samples: &[f32],
         mut at: [usize; D],
         lane: usize,
         axis: usize,
@@ -305,8 +381,7 @@ impl<const D: usize> Sides<'_, D> {
                 continue;
             }
             let high = (low + 1).min(last);
-            let [a, b] = [low, high]
-                .map(|i| self.amplitude.samples[start + i as usize * self.strides[axis]]);
+            let [a, b] = [low, high].map(|i| samples[start + i as usize * self.strides[axis]]);
             sums[*side][lane] += weight * (a + share * (b - a));
             totals[*side][lane] += weight;
         }

@@ -345,6 +345,7 @@ fn write_groups<const D: usize, M: Stored<D>>(
     let mut surfaces = group(stored, facets, options);
     let nodes = stored.world.nodes.as_slice();
     surfaces.orient(nodes, up.up);
+    let up = &up.in_samples(&stored.space.geometry);
     let measures = measure(&surfaces, nodes, up, &horizon_facets(stored));
     let mut file = SurfaceFile::new(nodes, &surfaces.facets, &surfaces.start, "surface");
     file.names = measures.iter().map(name).collect();

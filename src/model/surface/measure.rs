@@ -10,6 +10,7 @@ use super::facets::Facets;
 use super::kind::{Kind, kinds};
 use crate::geometry::sets::Sets;
 use crate::geometry::{add_scaled, cross, dot, in_space, norm, normal, spread, sub, unit};
+use crate::image::Geometry;
 
 /// Figures of one surface, in the space of the nodes that were given. In 2-D, area means length.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -23,14 +24,16 @@ pub struct Measure {
     pub kind: Kind,
     /// Number of facets.
     pub facets: usize,
-    /// Area (length in 2-D).
+    /// Area (length in 2-D) of the surface without the steps and bumps of single facets, which depend on the
+    /// mesh.
     pub area: f64,
-    /// Unit vector along which the facets' normals vary least, pointing up: the axis of the area-weighted normals.
+    /// Unit normal of the plane that fits the surface best, pointing up. Deviations from it are measured in
+    /// samples ([`Up::in_samples`]), in which errors of positions are alike along all axes.
     pub normal: Vec<f64>,
     /// Angle between that normal and up, in degrees: 0 is horizontal, 90 vertical. `None` where
     /// coordinates have different units (`Up::in_units`).
     pub dip: Option<f64>,
-    /// Direction of the horizontal line in the mean plane, in degrees from north towards east, such
+    /// Direction of the horizontal line in that plane, in degrees from north towards east, such
     /// that the surface dips to the right of it. 3-D only, and `None` if north and east have different
     /// units.
     pub strike: Option<f64>,
@@ -40,7 +43,7 @@ pub struct Measure {
     pub low: Vec<f64>,
     /// High corner of the bounding box.
     pub high: Vec<f64>,
-    /// Root of the mean squared distance of the facets' middles from the mean plane.
+    /// Root of the mean squared distance of the facets' middles from that plane.
     pub off_plane: f64,
     /// Length of the rim (3-D), number of end points (2-D).
     pub rim: f64,
@@ -67,6 +70,8 @@ pub struct Up<const D: usize> {
     pub dips: bool,
     /// Whether angles in the map do.
     pub strikes: bool,
+    /// For each axis of the samples, how much its index grows along each coordinate.
+    pub per_sample: [[f64; D]; D],
 }
 
 impl<const D: usize> Up<D> {
@@ -81,6 +86,24 @@ impl<const D: usize> Up<D> {
             north: unit(axis + 2),
             dips: true,
             strikes: true,
+            per_sample: std::array::from_fn(unit),
+        }
+    }
+
+    /// Returns the same where samples lie as `geometry` says.
+    #[must_use]
+    pub fn in_samples(self, geometry: &Geometry<D>) -> Self {
+        let origin = geometry.origin;
+        let along = |c: usize| {
+            let mut position = origin;
+            position[c] += 1.0;
+            geometry.to_index(position)
+        };
+        let steps: Option<Vec<[f64; D]>> = (0..D).map(along).collect();
+        let Some(steps) = steps else { return self };
+        Self {
+            per_sample: std::array::from_fn(|k| std::array::from_fn(|c| steps[c][k])),
+            ..self
         }
     }
 
@@ -138,7 +161,7 @@ fn one<const D: usize>(
     let centre = list.iter().zip(&areas).fold([0.0; D], |sum, (f, &a)| {
         add_scaled(sum, a / area, middle(f))
     });
-    let n = mean_normal(nodes, list, up.up);
+    let n = plane_normal(nodes, list, up);
     let square: f64 = (list.iter().zip(&areas))
         .map(|(f, a)| a / area * dot(sub(middle(f), centre), n).powi(2))
         .sum();
@@ -158,7 +181,7 @@ fn one<const D: usize>(
         name: None,
         kind,
         facets: list.len(),
-        area,
+        area: smooth_area(nodes, list, up.per_sample),
         normal: n.to_vec(),
         dip: up.dips.then_some(dip),
         strike: (D == 3 && up.strikes).then(|| (towards - 90.0).rem_euclid(360.0)),
@@ -172,6 +195,141 @@ fn one<const D: usize>(
         hole_area,
         meets,
     }
+}
+
+/// Returns the unit normal of the plane from which the facets deviate least, in samples and weighted by their
+/// area there, pointing up.
+fn plane_normal<const D: usize>(nodes: &[[f64; D]], facets: &[[u32; D]], up: &Up<D>) -> [f64; D] {
+    // Differences from one of the nodes: coordinates may be large.
+    let origin = nodes[facets[0][0] as usize];
+    let in_samples = |n: u32| {
+        let x = sub(nodes[n as usize], origin);
+        up.per_sample.map(|row| dot(row, x))
+    };
+    let mut total = 0.0;
+    let mut first = [0.0; D];
+    let mut second = [[0.0; D]; D];
+    for facet in facets {
+        let corners = facet.map(in_samples);
+        let area = norm(normal(&corners));
+        let sum = corners
+            .into_iter()
+            .fold([0.0; D], |sum, x| add_scaled(sum, 1.0, x));
+        total += area;
+        first = add_scaled(first, area / D as f64, sum);
+        // The integral of the products of coordinates over a simplex.
+        let share = area / (D * (D + 1)) as f64;
+        for x in corners.iter().chain([&sum]) {
+            for (row, c) in second.iter_mut().zip(x) {
+                *row = add_scaled(*row, share * c, *x);
+            }
+        }
+    }
+    let mean = first.map(|c| c / total.max(f64::MIN_POSITIVE));
+    for (row, m) in second.iter_mut().zip(mean) {
+        *row = add_scaled(*row, -m, first);
+    }
+    let least = least_axis(second);
+    let mut axis = [0.0; D];
+    for (c, row) in least.into_iter().zip(up.per_sample) {
+        axis = add_scaled(axis, c, row);
+    }
+    upward(unit(axis), up.up)
+}
+
+/// Returns the unit eigenvector of the least eigenvalue of a symmetric matrix (Jacobi's rotations: exact even
+/// where that eigenvalue is zero).
+fn least_axis<const D: usize>(mut m: [[f64; D]; D]) -> [f64; D] {
+    let mut axes: [[f64; D]; D] =
+        std::array::from_fn(|i| std::array::from_fn(|k| f64::from(u8::from(i == k))));
+    for _ in 0..30 {
+        for p in 0..D {
+            for q in p + 1..D {
+                if m[p][q].abs() <= f64::MIN_POSITIVE {
+                    continue;
+                }
+                let theta = 0.5 * (m[q][q] - m[p][p]) / m[p][q];
+                let t = theta.signum() / (theta.abs() + theta.hypot(1.0));
+                let (c, s) = (1.0 / t.hypot(1.0), t / t.hypot(1.0));
+                for row in &mut m {
+                    (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
+                }
+                let (a, b) = (m[p], m[q]);
+                for k in 0..D {
+                    (m[p][k], m[q][k]) = (c * a[k] - s * b[k], s * a[k] + c * b[k]);
+                }
+                let (a, b) = (axes[p], axes[q]);
+                for k in 0..D {
+                    (axes[p][k], axes[q][k]) = (c * a[k] - s * b[k], s * a[k] + c * b[k]);
+                }
+            }
+        }
+    }
+    let least = (1..D).fold(
+        0,
+        |least, k| if m[k][k] < m[least][least] { k } else { least },
+    );
+    axes[least]
+}
+
+/// Passes in which normals are averaged before an area is measured: over two facets or three to each side.
+const PASSES: usize = 12;
+
+/// Returns the area of the facets without the bumps of single ones: each counts as it is seen along the mean
+/// normal of the facets around it.
+///
+/// Normals are averaged as area vectors, of which bumps change no sum but at its rim; `per_sample` leads to
+/// samples, in which neighbours lean little towards one another.
+fn smooth_area<const D: usize>(
+    nodes: &[[f64; D]],
+    facets: &[[u32; D]],
+    per_sample: [[f64; D]; D],
+) -> f64 {
+    let corners = |f: &[u32; D]| f.map(|n| nodes[n as usize]);
+    let in_samples = |x: [f64; D]| {
+        let from_first = sub(x, nodes[facets[0][0] as usize]);
+        per_sample.map(|row| dot(row, from_first))
+    };
+    let own: Vec<[f64; D]> = facets.iter().map(|f| normal(&corners(f))).collect();
+    let sides: Vec<[f64; D]> = facets
+        .iter()
+        .map(|f| normal(&corners(f).map(in_samples)))
+        .collect();
+    // Facets by their ridges: all nodes but one.
+    let mut ridges: Vec<([u32; D], u32)> = Vec::with_capacity(D * facets.len());
+    for (number, facet) in (0u32..).zip(facets) {
+        for left_out in 0..D {
+            let mut ridge = *facet;
+            ridge[left_out] = u32::MAX;
+            ridge.sort_unstable();
+            ridges.push((ridge, number));
+        }
+    }
+    ridges.sort_unstable();
+    // Pairs of neighbours, and whether they are turned alike.
+    let mut pairs: Vec<(usize, usize, f64)> = Vec::with_capacity(ridges.len());
+    for around in ridges.chunk_by(|a, b| a.0 == b.0) {
+        for (i, (_, a)) in around.iter().enumerate() {
+            for (_, b) in &around[..i] {
+                let (a, b) = (*a as usize, *b as usize);
+                pairs.push((a, b, dot(sides[a], sides[b]).signum()));
+            }
+        }
+    }
+    let mut means = own.clone();
+    for _ in 0..PASSES {
+        let mut sums = means.clone();
+        for &(a, b, sign) in &pairs {
+            sums[a] = add_scaled(sums[a], sign, means[b]);
+            sums[b] = add_scaled(sums[b], sign, means[a]);
+        }
+        means = sums;
+    }
+    let seen = |(own, mean): (&[f64; D], &[f64; D])| match norm(*mean) > 0.0 {
+        true => dot(*own, unit(*mean)),
+        false => norm(*own),
+    };
+    own.iter().zip(&means).map(seen).sum::<f64>().abs()
 }
 
 /// The axis of the facets' normals, weighted by area, pointing up: the main eigenvector of the sum
@@ -205,6 +363,11 @@ pub fn mean_normal<const D: usize>(
             break;
         }
     }
+    upward(axis, up)
+}
+
+/// Returns the axis or its opposite, whichever points up.
+fn upward<const D: usize>(axis: [f64; D], up: [f64; D]) -> [f64; D] {
     // Vertical surfaces need a rule too: the largest component is positive.
     let mut sign = dot(axis, up);
     if sign.abs() < 1e-9 {

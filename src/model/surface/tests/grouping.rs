@@ -370,3 +370,51 @@ fn surfaces_that_are_mostly_of_horizons_are_horizons() {
     let kinds = kind::kinds(&surfaces, &mesh.nodes, &[]);
     assert_eq!(kinds, [Kind::Fault; 2]);
 }
+
+#[test]
+fn strike_dip_and_area_of_rough_planes_on_flat_samples() {
+    for (sides, strike, dip) in [
+        ([25.0, 12.5, 4.0], 20.0f64, 60.0f64),
+        ([100.0, 25.0, 2.0], 20.0, 60.0),
+        ([100.0, 25.0, 2.0], 110.0, 75.0),
+        ([12.5, 50.0, 2.5], 300.0, 45.0),
+    ] {
+        let (s, d) = (strike.to_radians(), dip.to_radians());
+        let along = [s.sin(), s.cos(), 0.0];
+        let down = [d.cos() * s.cos(), -d.cos() * s.sin(), -d.sin()];
+        // Four samples to a cell, in a survey of 200 samples down; each node off by up to a quarter of one.
+        let [length, depth] = [4.0 * sides[0].max(sides[1]), 4.0 * sides[2] / d.sin()];
+        let mut seed = 5;
+        let offsets: Vec<[f64; 3]> = (0..40 * 52)
+            .map(|_| std::array::from_fn(|_| 0.5 * (random(&mut seed) - 0.5)))
+            .collect();
+        let (mut nodes, mut facets) = (Vec::new(), Vec::new());
+        add_sheet(&mut nodes, &mut facets, [30, 50], |i, j| {
+            let off = offsets[i as usize + 40 * j as usize];
+            std::array::from_fn(|k| {
+                (i * length * along[k] + j * depth * down[k]) / sides[k] + off[k]
+            })
+        });
+        let surfaces = Surfaces::find(&nodes, facets, &[], &Options::default());
+        let origin = [5e5, 6.7e6, -2000.0];
+        let to_world = |x: &[f64; 3]| std::array::from_fn(|k| origin[k] + x[k] * sides[k]);
+        let world: Vec<[f64; 3]> = nodes.iter().map(to_world).collect();
+        let geometry = crate::image::Geometry::with_spacing(origin, sides);
+        let up = Up::along(2, true).in_samples(&geometry);
+        let found = measure(&surfaces, &world, &up, &[]);
+        let largest = &found[0];
+        let turned = (largest.strike.unwrap() - strike + 180.0).rem_euclid(360.0) - 180.0;
+        assert!(turned.abs() < 1.0, "{sides:?} {largest:?}");
+        assert!(
+            (largest.dip.unwrap() - dip).abs() < 1.5,
+            "{sides:?} {largest:?}"
+        );
+        let area = 30.0 * length * 50.0 * depth;
+        assert!(
+            (largest.area / area - 1.0).abs() < 0.1,
+            "{sides:?} {} {area}",
+            largest.area
+        );
+        assert!(largest.off_plane > 0.1 && largest.off_plane < sides[0].max(sides[1]));
+    }
+}

@@ -137,7 +137,7 @@ fn a_file_of_velocities_makes_true_depth() {
 
     // The depth image itself is what was meshed; and a mesh may be made again from its configuration.
     run(at, "convert s.sgy depth.vti --velocity v.vti --quiet");
-    let again = "mesh depth.vti --distance 6 --feature ridges --metric shape --quiet -o";
+    let again = "mesh depth.vti --distance 6 --feature ridges --quiet -o";
     run(at, &format!("{again} again.vtu"));
     let config = run(at, &format!("{mesh} --velocity v.vti --print-config"));
     assert!(config.contains("velocity = \"v.vti\""), "{config}");

@@ -32,8 +32,7 @@ pub struct Job {
     pub atoms_from: Option<PathBuf>,
     /// What the mesh is made of.
     pub cells: Cells,
-    /// The length of a sample along each axis of lattice space; by default [`LatticeSpace::Shape`] with a
-    /// velocity.
+    /// The length of a sample along each axis of lattice space; [`LatticeSpace::Samples`] by default.
     pub metric: LatticeSpace,
     /// What makes depth of two-way time; time stays time if `None`.
     pub velocity: Option<VelocityFrom>,

@@ -152,7 +152,7 @@ pub struct Settings {
     #[cfg_attr(feature = "cli", arg(long, value_name = "HOW", help_heading = SHAPES))]
     pub smooth: Option<Scheme>,
     /// Lattice space: samples, physical, shape (physical, but as many samples to a cell as with samples),
-    /// or a scale per axis SX,SY,SZ (SX,SY in 2-D) [default: samples; shape with --velocity]
+    /// or a scale per axis SX,SY,SZ (SX,SY in 2-D) [default: samples]
     #[cfg_attr(feature = "cli", arg(long, value_name = "SPACE", help_heading = ATOMS))]
     pub metric: Option<String>,
     /// Makes depth in metres of two-way time: one velocity in m/s for the whole image, or a file of interval

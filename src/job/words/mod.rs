@@ -49,7 +49,6 @@ impl TryFrom<Settings> for Job {
             atoms_from: settings.atoms_from,
             cells,
             metric: match settings.metric.as_deref() {
-                None if settings.velocity.is_some() => LatticeSpace::Shape,
                 None | Some("samples") => LatticeSpace::Samples,
                 Some("physical") => LatticeSpace::Physical,
                 Some("shape") => LatticeSpace::Shape,

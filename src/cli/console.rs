@@ -2,19 +2,21 @@
 //! images that verbs name, which at another [`Desk`] need not be files.
 
 use std::any::Any;
+use std::cell::RefCell;
 use std::fmt::Display;
 use std::io::{IsTerminal, Write, stderr, stdout};
 use std::panic::resume_unwind;
 use std::path::Path;
 use std::thread::{self, JoinHandle};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 
 use crate::cli::common::global::Common;
 use crate::cli::common::options::read_options;
 use crate::cli::desk::{Desk, Kept};
 use crate::cli::provenance::file_hash;
+use crate::cli::time_left::TimeLeft;
 use crate::export::SurfaceFile;
 use crate::image::formats::stream::Opened;
 use crate::image::formats::{self, AnyLoaded, InputOptions, Lines};
@@ -56,6 +58,7 @@ impl Console {
             quiet: common.quiet || !ranks::is_first(),
             json: common.json && ranks::is_first(),
             bar: None,
+            job: RefCell::new(None),
         })
     }
 
@@ -114,8 +117,12 @@ impl Console {
     pub fn read_image(&self, path: &Path, input: &InputOptions) -> Result<AnyLoaded> {
         match self.desk.image(path) {
             Some(image) => {
-                input.refuse_unused("the image is in memory")?;
-                Ok(image)
+                let rest = InputOptions {
+                    null: None,
+                    ..input.clone()
+                };
+                rest.refuse_unused("the image is in memory")?;
+                Opened::Held(image).with_nulls(&input.nulls()?).load(path)
             }
             None => formats::read_any(path, &read_options(input, path)?),
         }
@@ -251,6 +258,8 @@ struct Terminal {
     quiet: bool,
     json: bool,
     bar: Option<ProgressBar>,
+    /// How far the mesh job is that the bar shows, and when it began.
+    job: RefCell<Option<(TimeLeft, Instant)>>,
 }
 
 impl Desk for Terminal {
@@ -280,6 +289,15 @@ impl Desk for Terminal {
 
     /// A spinner, later perhaps a bar, on a terminal, a plain line elsewhere.
     fn stage(&mut self, name: &str) {
+        let goes_on = match self.job.get_mut() {
+            Some((job, start)) => job.begin(name, start.elapsed().as_secs_f64()),
+            None => false,
+        };
+        if let (Some(bar), true) = (&self.bar, goes_on) {
+            bar.set_prefix(name.to_string());
+            self.show_job("");
+            return;
+        }
         self.end_stage();
         if self.quiet {
             return;
@@ -289,6 +307,8 @@ impl Desk for Terminal {
             bar.set_style(style("{spinner} {prefix} {elapsed}"));
             bar.enable_steady_tick(Duration::from_millis(100));
             self.bar = Some(bar);
+            *self.job.get_mut() = TimeLeft::new(name).map(|job| (job, Instant::now()));
+            self.show_job("");
         } else {
             complain(format_args!("{name} ..."));
         }
@@ -296,23 +316,54 @@ impl Desk for Terminal {
 
     /// Only a terminal shows it.
     fn progress(&self, share: f64, what: &str) {
-        if let Some(bar) = &self.bar {
-            if bar.length().is_none() {
-                bar.set_length(STEPS as u64);
-                bar.set_style(style(
-                    "{spinner} {prefix} [{bar:20}] {elapsed}, {eta} left at most  {msg}",
-                ));
+        let Some(bar) = &self.bar else { return };
+        let is_job = match &mut *self.job.borrow_mut() {
+            Some((job, start)) => {
+                job.update(share, start.elapsed().as_secs_f64());
+                true
             }
-            bar.set_position((STEPS * share.clamp(0.0, 1.0)) as u64);
-            bar.set_message(what.to_string());
+            None => false,
+        };
+        if is_job {
+            self.show_job(what);
+            return;
         }
+        if bar.length().is_none() {
+            bar.set_length(STEPS as u64);
+            bar.set_style(style("{spinner} {prefix} [{bar:20}] {elapsed}  {msg}"));
+        }
+        bar.set_position((STEPS * share.clamp(0.0, 1.0)) as u64);
+        bar.set_message(what.to_string());
     }
 
     /// The bar vanishes.
     fn end_stage(&mut self) {
+        *self.job.get_mut() = None;
         if let Some(bar) = self.bar.take() {
             bar.finish_and_clear();
         }
+    }
+}
+
+impl Terminal {
+    /// Shows how far the mesh job is, and how much longer it takes at most.
+    fn show_job(&self, what: &str) {
+        let job = self.job.borrow();
+        let (Some(bar), Some((job, start))) = (&self.bar, &*job) else {
+            return;
+        };
+        if bar.length().is_none() {
+            bar.set_length(STEPS as u64);
+            bar.set_style(style("{spinner} {prefix} [{bar:20}] {elapsed}{msg}"));
+        }
+        bar.set_position((STEPS * job.done()) as u64);
+        let left = job.left(start.elapsed().as_secs_f64());
+        let left = left.map(|left| {
+            let left = Duration::from_secs(left.ceil() as u64);
+            format!(", at most {} left", HumanDuration(left))
+        });
+        let gap = if what.is_empty() { "" } else { "  " };
+        bar.set_message(format!("{}{gap}{what}", left.unwrap_or_default()));
     }
 }
 

@@ -8,6 +8,7 @@
 //! - [`faults`]: how faults resist flow
 //! - [`parse`]: the small grammars inside option values
 //! - [`provenance`]: the hash of the input
+//! - `time_left`: how far a mesh job is, and how much longer it takes at most
 //! - [`rock`]: porosity, permeability and the like from numbers, tables and images
 //! - [`wells`]: trajectories of wells
 //! - [`console`]: everything that is printed
@@ -26,6 +27,7 @@ pub mod job;
 pub mod parse;
 pub mod provenance;
 pub mod rock;
+mod time_left;
 pub mod verbs;
 mod wells;
 

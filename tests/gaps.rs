@@ -228,7 +228,7 @@ fn outliers_do_not_hide_a_ridge() {
         ];
         for (number, change) in changes.into_iter().enumerate() {
             let found = find(&ridge(dims, change));
-            let missing = if number == 3 { 0.85 } else { 0.98 };
+            let missing = if number == 3 { 0.8 } else { 0.98 };
             let share = found.points.len() as f64 / clean.points.len() as f64;
             assert!(
                 (missing..1.02).contains(&share),
@@ -276,7 +276,7 @@ fn null_values_are_named_on_the_command_line() {
             "-o",
             "m.vtu",
         ];
-        succeed(at, &[&job, null].concat())
+        succeed(at, &[&job[..], null].concat())
     };
     let said = mesh(&["--null", "7777"]);
     assert!(said.contains("hold no data"), "{said}");

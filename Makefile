@@ -53,15 +53,17 @@ test: packages
 
 lint: packages
 	@scripts/packages.sh libopenmpi-dev openmpi-bin
-	cargo clippy --package atomesh-mpi --all-targets --locked -- -D warnings
 	cargo clippy --no-default-features --lib --locked -- -D warnings
 	cargo clippy --no-default-features --features cli --lib --bins --locked -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --no-deps --locked
 
 # Tests that are ignored without it: what they need is there, or they fail.
-test-all: test lint validators
+test-all: lint validators
+	cargo fmt --all --check
+	cargo clippy --workspace --all-targets --locked -- -D warnings
+	cargo test --workspace --locked
 	DATA="$(DATA)" scripts/ignored_tests.sh
-	cargo test --package atomesh-mpi --locked
+	python3 scripts/figures.py target/debug/atomesh --check
 
 mpi-test:
 	@scripts/packages.sh libopenmpi-dev openmpi-bin

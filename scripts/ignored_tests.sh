@@ -12,4 +12,5 @@ else
     echo "note: no folder of images made by others: their tests are left out (make test-all DATA=folder)"
     set -- --skip real_data
 fi
-cargo test --locked --lib --test main -- --ignored "$@"
+# Of the whole workspace: for one package alone Cargo would compile with other features.
+cargo test --locked --workspace --lib --test main -- --ignored "$@"

@@ -89,7 +89,7 @@ fn items_become_one() {
     for_counts(|count| {
         let items = || (0..count).into_par_iter().map(|i| (i * 7919) % 1009);
         let ordinary = || (0..count).map(|i| (i * 7919) % 1009);
-        assert_eq!(items().sum::<usize>(), ordinary().sum());
+        assert_eq!(items().sum::<usize>(), ordinary().sum::<usize>());
         assert_eq!(items().count(), count);
         assert_eq!(
             (items().min(), items().max()),
@@ -102,7 +102,7 @@ fn items_become_one() {
         let folded = items()
             .fold(|| 0, |sum, i| sum + i)
             .reduce(|| 0, |a, b| a + b);
-        assert_eq!(folded, ordinary().sum());
+        assert_eq!(folded, ordinary().sum::<usize>());
         assert_eq!(items().any(|i| i == 500), ordinary().any(|i| i == 500));
         assert_eq!(items().all(|i| i < 500), ordinary().all(|i| i < 500));
         assert_eq!(

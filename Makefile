@@ -1,5 +1,8 @@
 # make demo   install what is missing, build, mesh the sample volume, say which files to open
-# make test   install what is missing, then every check there is; says how many it had to skip (MPI=1: of ranks, too)
+# make test   install what is missing, then the checks that need nothing but this repository
+# make test-all   those, and the tests against other programs (VTK, OPM Flow, Gmsh, ...), by ranks of MPI, and on
+#                 images made by others: DATA=folder
+# make lint   the lints of the other kinds of build, and the documentation of the library
 # make bench-networks   what becomes of twenty random fault networks, some minutes
 # make bench-labels   meshes of labelled images beside CGAL's: DATA=folder with other people's images
 # make reservoir   from a seismic volume to ten years of its simulation, in target/reservoir
@@ -14,7 +17,7 @@
 # make soak   kills, interrupts, full disks and too little memory: RUNS=100 of each
 
 .POSIX:
-.PHONY: figures fuzz soak help demo reservoir test mpi-test wheel python-test deb package book bench bench-networks bench-labels validators packages
+.PHONY: figures fuzz soak help demo reservoir test test-all lint mpi-test wheel python-test deb package book bench bench-networks bench-labels validators packages
 
 SAMPLE = data/faults.vti
 
@@ -39,25 +42,32 @@ reservoir: packages validators
 	cargo build --locked
 	.venv/bin/python scripts/reservoir.py target/debug/atomesh target/reservoir
 
-# With MPI=1 all is built with ranks and their tests run, too: one build instead of two.
-WITH_MPI_1 = --features atomesh/mpi
-WITH = $(WITH_MPI_$(MPI))
+# The tests of ranks are a package of their own, which needs MPI.
+WITHOUT_MPI = --workspace --exclude atomesh-mpi
 
 test: packages
-	@test -z "$(MPI)" || scripts/packages.sh libopenmpi-dev openmpi-bin
 	cargo fmt --all --check
-	cargo clippy --workspace --all-targets $(WITH) --locked -- -D warnings
+	cargo clippy $(WITHOUT_MPI) --all-targets --locked -- -D warnings
+	cargo test $(WITHOUT_MPI) --locked
+	python3 scripts/figures.py target/debug/atomesh --check
+
+lint: packages
+	@scripts/packages.sh libopenmpi-dev openmpi-bin
 	cargo clippy --no-default-features --lib --locked -- -D warnings
 	cargo clippy --no-default-features --features cli --lib --bins --locked -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --no-deps --locked
-	@mkdir -p target && rm -f target/skipped
-	ATOMESH_SKIPPED="$$PWD/target/skipped" cargo test --workspace $(WITH) --locked
-	@scripts/skipped.sh target/skipped
+
+# Tests that are ignored without it: what they need is there, or they fail.
+test-all: lint validators
+	cargo fmt --all --check
+	cargo clippy --workspace --all-targets --locked -- -D warnings
+	cargo test --workspace --locked
+	DATA="$(DATA)" scripts/ignored_tests.sh
 	python3 scripts/figures.py target/debug/atomesh --check
 
 mpi-test:
 	@scripts/packages.sh libopenmpi-dev openmpi-bin
-	cargo test --workspace $(WITH_MPI_1) --locked --test ranks
+	cargo test --package atomesh-mpi --locked
 
 wheel: packages
 	@scripts/python.sh wheel

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Checks the links of the documentation: scripts/links.py (Python's standard library only).
 
-Every relative link and image of README.md, ARCHITECTURE.md, CHANGELOG.md, data/README.md and docs/*.md
+Every relative link and image of README.md, ARCHITECTURE.md, CHANGELOG.md, CONTRIBUTING.md, data/README.md and docs/*.md
 must lead to a file, and every #anchor to a heading of its page. Pages of docs/ also make the book: they
 must all be in docs/SUMMARY.md, and may not link to files outside docs/, which the book does not hold.
 Addresses on the web are not looked up. Exits with 1, and a line per fault, if any link is broken.
@@ -68,7 +68,7 @@ def main():
         for page in pages
         if page.name != "SUMMARY.md" and f"({page.name})" not in summary
     ]
-    others = [ROOT / name for name in ("README.md", "ARCHITECTURE.md", "CHANGELOG.md", "data/README.md")]
+    others = [ROOT / name for name in ("README.md", "ARCHITECTURE.md", "CHANGELOG.md", "CONTRIBUTING.md", "data/README.md")]
     for page in others + pages:
         found += faults(page)
     for fault in found:

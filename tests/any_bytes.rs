@@ -1,6 +1,6 @@
-//! Any file, any small job: what is kept of the fuzz targets' corpus, and random changes of it for a while
-//! (`ATOMESH_FUZZ_SECONDS` for each target, 20 unless set). `make fuzz` goes on from there, led by what code
-//! is reached.
+//! Any file, any small job: the corpus of the fuzz targets, and random changes of it. The changes and their
+//! number are the same in each run; `ATOMESH_FUZZ_SEED` and `ATOMESH_FUZZ_TIMES` (as many times more) try
+//! others. `make fuzz` goes on from there, led by what code is reached.
 #![allow(
     clippy::unwrap_used,
     clippy::panic,
@@ -14,7 +14,6 @@ use std::fs;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
-use std::time::{Duration, Instant};
 
 /// Verbs of one process are not to overlap.
 static ALONE: Mutex<()> = Mutex::new(());
@@ -101,8 +100,8 @@ fn corpus(name: &str) -> Vec<Vec<u8>> {
     paths.iter().map(|path| fs::read(path).unwrap()).collect()
 }
 
-/// Replays the corpus, with every verb that a first byte can name, then changes it for some seconds.
-fn kept_and_changed(name: &str, verbs: usize, promise: fn(&Path, &[u8])) {
+/// Replays the corpus, with every verb that a first byte can name, and then `changes` of its files.
+fn kept_and_changed(name: &str, verbs: usize, changes: u64, promise: fn(&Path, &[u8])) {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let folder = any::folder();
     let corpus = corpus(name);
@@ -128,17 +127,15 @@ fn kept_and_changed(name: &str, verbs: usize, promise: fn(&Path, &[u8])) {
         std::env::var(name).map_or(default, |text| text.parse().unwrap())
     };
     let random = &mut Random(number("ATOMESH_FUZZ_SEED", 1));
-    let seconds = Duration::from_secs(number("ATOMESH_FUZZ_SECONDS", 20));
-    let (start, mut count) = (Instant::now(), 0);
-    while start.elapsed() < seconds {
+    let changes = changes * number("ATOMESH_FUZZ_TIMES", 1);
+    for _ in 0..changes {
         let mut bytes = changed(&corpus, random);
         if verbs > 1 && !bytes.is_empty() {
             bytes[0] = random.below(verbs) as u8;
         }
         hold(&bytes);
-        count += 1;
     }
-    println!("{name}: {} kept, {count} changed", corpus.len());
+    println!("{name}: {} kept, {changes} changed", corpus.len());
     assert!(
         faults.is_empty(),
         "{} broke a promise: {faults:?}",
@@ -148,15 +145,20 @@ fn kept_and_changed(name: &str, verbs: usize, promise: fn(&Path, &[u8])) {
 
 #[test]
 fn any_image_is_refused_in_a_line_or_read_and_written_back() {
-    kept_and_changed("images", 1, any::images::any_image);
+    kept_and_changed("images", 1, 20_000, any::images::any_image);
 }
 
 #[test]
 fn any_mesh_is_refused_in_a_line_or_good_for_every_verb() {
-    kept_and_changed("meshes", any::meshes::LINES.len(), any::meshes::any_mesh);
+    kept_and_changed(
+        "meshes",
+        any::meshes::LINES.len(),
+        5_000,
+        any::meshes::any_mesh,
+    );
 }
 
 #[test]
 fn any_job_is_refused_in_a_line_or_gives_a_valid_mesh() {
-    kept_and_changed("jobs", 1, any::jobs::any_job);
+    kept_and_changed("jobs", 1, 200, any::jobs::any_job);
 }

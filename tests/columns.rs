@@ -4,7 +4,7 @@ use std::ffi::OsStr;
 use std::path::Path;
 use std::process::Command;
 
-use crate::common::{judged, npy, npy_2d, refused, run, simulator};
+use crate::common::{Made, judged, npy, npy_2d, refused, run, simulator};
 use atomesh::mesh::graph::Graph;
 use atomesh::mesh::poly::PolyMesh;
 use atomesh::store::{AnyMesh, MeshFile, read_any_vtu};
@@ -15,8 +15,11 @@ const ROCK: &str = "--porosity 0.2 --permeability 100 --permeability-unit mD --q
 /// A folder with `map.vtu`, the cells of a map of 60 x 50 samples with one fault across it, and the
 /// horizons `top.npy`, `mid.npy` (which touches the top in part) and `base.npy`: depths.
 fn folder() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
+    static MADE: Made = Made::new();
+    MADE.folder(map_and_horizons)
+}
+
+fn map_and_horizons(path: &Path) {
     npy_2d(&path.join("fault.npy"), [60, 50], |[x, y]| {
         (-0.5 * ((0.8 * x as f32 - 0.6 * y as f32 - 9.0) / 1.5).powi(2)).exp()
     });
@@ -32,7 +35,6 @@ fn folder() -> tempfile::TempDir {
     npy_2d(&path.join("base.npy"), [60, 50], |[x, y]| {
         top(x, y) + 20.0 + (0.2 * x as f32).sin()
     });
-    folder
 }
 
 fn cells(path: &Path) -> MeshFile<PolyMesh<3>> {

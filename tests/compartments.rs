@@ -110,6 +110,7 @@ fn closed(folder: &Path) -> (f64, u64) {
 }
 
 #[test]
+#[ignore = "slow: make test-all"]
 fn at_least_nineteen_of_twenty_networks_have_their_exact_blocks() {
     let folder = tempfile::tempdir().unwrap();
     let mut random = Random(7);

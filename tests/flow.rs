@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::common::{npy, npy_2d, refused, sheet, succeed};
+use crate::common::{Made, npy, npy_2d, refused, run, sheet, succeed};
 use atomesh::files::vtk::VtkFile;
 use atomesh::store::{AnyMesh, MeshFile, read_any_vtu, read_vtu};
 use serde_json::Value;
@@ -11,19 +11,11 @@ const DIMS: [usize; 3] = [40, 36, 32];
 
 /// A folder with a mesh of a sheet across the box, `mesh.vtu`.
 fn folder() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    npy(&folder.path().join("sheet.npy"), DIMS, sheet(DIMS));
-    let mesh = [
-        "mesh",
-        "sheet.npy",
-        "-o",
-        "mesh.vtu",
-        "--distance",
-        "6",
-        "--quiet",
-    ];
-    succeed(folder.path(), &mesh);
-    folder
+    static MADE: Made = Made::new();
+    MADE.folder(|folder| {
+        npy(&folder.join("sheet.npy"), DIMS, sheet(DIMS));
+        run(folder, "mesh sheet.npy -o mesh.vtu --distance 6 --quiet");
+    })
 }
 
 fn flow(folder: &Path, options: &[&str]) -> Value {

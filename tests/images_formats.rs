@@ -288,6 +288,7 @@ fn small_files_of_every_format_hold_what_they_say() {
 }
 
 #[test]
+#[ignore = "slow: make test-all"]
 fn damaged_files_are_refused_or_read_but_never_break_anything() {
     let folder = tempfile::tempdir().unwrap();
     let files = good_files(folder.path());

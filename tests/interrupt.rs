@@ -228,6 +228,7 @@ mod signals {
     const MESH: &str = "mesh faults.npy -o mesh.vtu --distance 6 --optimizer genetic";
 
     #[test]
+    #[ignore = "slow: make test-all"]
     fn a_mesh_is_whole_or_not_there() {
         let folder = tempfile::tempdir().unwrap();
         let here = folder.path();

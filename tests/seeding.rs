@@ -93,6 +93,7 @@ fn every_optimizer_makes_a_valid_mesh_and_comes_near_the_least_energy() {
 }
 
 #[test]
+#[ignore = "slow: make test-all"]
 fn a_trace_has_a_frame_for_each_generation_with_energy_and_quality() {
     let folder = folder();
     let at = folder.path();

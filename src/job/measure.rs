@@ -159,7 +159,7 @@ pub(super) fn figures_of_pieces(
     let part = Part::of(piece, group);
     let d = |x: [f64; 3]| scene.distance.at(x);
     let at_node = |n: u32| d(piece.mesh.nodes[n as usize]);
-    let judged = report::judged_of_part(&part, feature_faces, scene.extent, at_node)?;
+    let judged = report::judged_of_part(&part, feature_faces, scene.extent, &at_node)?;
     let lattice = report::lattice_of_part(&part, d)?;
     let quality = measured_by_all(group, patience, || report::quality_of_part(&part, patience))?;
     let filling = measured_by_all(group, patience, || {

@@ -136,7 +136,7 @@ impl AcuteLine {
     pub(super) fn pieces<const D: usize>(
         &self,
         positions: &[[f64; D]],
-        distance: &impl Fn(u32) -> f64,
+        distance: &dyn Fn(u32) -> f64,
     ) -> Vec<Piece> {
         if let &[node] = &*self.nodes {
             let angle = self.mean_angle;
@@ -257,7 +257,7 @@ pub(super) fn acute_lines<const D: usize, M: Simplices<D>, H: Holders + ?Sized>(
     part: &Part<'_, D, M, H>,
     surface: &Surface<'_, D>,
     extent: [f64; D],
-    distance: &impl Fn(u32) -> f64,
+    distance: &dyn Fn(u32) -> f64,
 ) -> Result<Lines<D>, H::Error> {
     let (nodes, faces, holders) = (surface.nodes, &surface.faces, part.holders);
     let counts: Vec<u32> = holders.told("faces on features", faces.len() as u32)?;
@@ -290,8 +290,8 @@ pub(super) fn acute_lines<const D: usize, M: Simplices<D>, H: Holders + ?Sized>(
             }));
             continue;
         }
-        let apexes = round.iter().map(|seen| (at(seen.apex), first + seen.face));
-        match acutest(ridge, ends, d, apexes, extent) {
+        let mut apexes = round.iter().map(|seen| (at(seen.apex), first + seen.face));
+        match acutest(ridge, ends, d, &mut apexes, extent) {
             Some(wedge) => wedges.push(wedge),
             None => (round.windows(2)).for_each(|pair| patches.unite(pair[0].face, pair[1].face)),
         }
@@ -307,8 +307,8 @@ pub(super) fn acute_lines<const D: usize, M: Simplices<D>, H: Holders + ?Sized>(
             distance,
             ..
         } = round[0];
-        let apexes = round.iter().map(|seen| (seen.apex, seen.face));
-        match acutest(ridge, ends, distance, apexes, extent) {
+        let mut apexes = round.iter().map(|seen| (seen.apex, seen.face));
+        match acutest(ridge, ends, distance, &mut apexes, extent) {
             Some(wedge) => at_cuts.push(wedge),
             None => united.extend(round.windows(2).map(|pair| [pair[0].face, pair[1].face])),
         }
@@ -495,7 +495,7 @@ fn acutest<const D: usize>(
     ridge: [u32; 2],
     ends: [[f64; D]; 2],
     distance: [f64; 2],
-    round: impl Iterator<Item = ([f64; D], u32)>,
+    round: &mut dyn Iterator<Item = ([f64; D], u32)>,
     extent: [f64; D],
 ) -> Option<Wedge<D>> {
     let [a, b] = ends.map(in_space);

@@ -86,7 +86,7 @@ pub fn judged<const D: usize, M: Simplices<D>>(
     extent: [f64; D],
     distance: impl Fn(u32) -> f64,
 ) -> Judged {
-    let Ok(found) = judged_of_part(&Part::all(mesh), feature_faces, extent, distance);
+    let Ok(found) = judged_of_part(&Part::all(mesh), feature_faces, extent, &distance);
     found
 }
 
@@ -99,7 +99,7 @@ pub(crate) fn judged_of_part<const D: usize, M: Simplices<D>, H: Holders + ?Size
     part: &Part<'_, D, M, H>,
     feature_faces: &[u8],
     extent: [f64; D],
-    distance: impl Fn(u32) -> f64,
+    distance: &dyn Fn(u32) -> f64,
 ) -> Result<Judged, H::Error> {
     let (mesh, nodes) = (part.mesh, part.mesh.nodes());
     let faces = on_features(mesh, feature_faces, extent);
@@ -110,7 +110,7 @@ pub(crate) fn judged_of_part<const D: usize, M: Simplices<D>, H: Holders + ?Size
     part.any_of_shared("nodes on features", &mut on_feature)?;
     let faces = faces.into_iter().map(|face| (face, 1)).collect();
     let surface = Surface::own("faces on features", part, faces)?;
-    let mut found = acute_lines(part, &surface, extent, &distance)?;
+    let mut found = acute_lines(part, &surface, extent, distance)?;
     drop(surface);
     let explained = Explained::by(&found);
     for line in &mut found.lines {

@@ -2,6 +2,7 @@
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
+use std::sync::OnceLock;
 
 /// The binary under test, in `folder`.
 pub fn atomesh(folder: &Path) -> Command {
@@ -235,14 +236,40 @@ pub fn run(folder: &Path, line: &str) -> String {
 /// Samples of the image in [`sheet_folder`].
 pub const SHEET: [usize; 3] = [40, 36, 32];
 
+/// Files that several tests start from: made once, and copied for each of them.
+pub struct Made(OnceLock<Vec<(PathBuf, Vec<u8>)>>);
+
+impl Made {
+    pub const fn new() -> Self {
+        Self(OnceLock::new())
+    }
+
+    /// Returns a new folder with a copy of the files that `make` makes in a folder.
+    pub fn folder(&self, make: impl FnOnce(&Path)) -> tempfile::TempDir {
+        let made = self.0.get_or_init(|| {
+            let folder = tempfile::tempdir().unwrap();
+            make(folder.path());
+            let name = |path: PathBuf| path.strip_prefix(folder.path()).unwrap().to_path_buf();
+            let files = files(folder.path()).into_iter();
+            files.map(|(path, bytes)| (name(path), bytes)).collect()
+        });
+        let folder = tempfile::tempdir().unwrap();
+        for (name, bytes) in made {
+            std::fs::write(folder.path().join(name), bytes).unwrap();
+        }
+        folder
+    }
+}
+
 /// A folder with meshes of a sheet across the box: `cells.vtu` of Voronoi cells, `tets.vtu`.
 pub fn sheet_folder() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    npy(&folder.path().join("sheet.npy"), SHEET, sheet(SHEET));
-    let mesh = "mesh sheet.npy --distance 6 --quiet -o";
-    run(folder.path(), &format!("{mesh} cells.vtu --cells voronoi"));
-    run(folder.path(), &format!("{mesh} tets.vtu"));
-    folder
+    static MADE: Made = Made::new();
+    MADE.folder(|folder| {
+        npy(&folder.join("sheet.npy"), SHEET, sheet(SHEET));
+        let mesh = "mesh sheet.npy --distance 6 --quiet -o";
+        run(folder, &format!("{mesh} cells.vtu --cells voronoi"));
+        run(folder, &format!("{mesh} tets.vtu"));
+    })
 }
 
 /// The numbers of a list.

@@ -2,6 +2,7 @@
 //! order.
 
 use std::io::{self, Write};
+use std::ops::Range;
 
 use crate::parallel::prelude::*;
 
@@ -89,6 +90,17 @@ pub fn write_items(
     count: usize,
     put: impl Fn(&mut Text, usize) + Sync,
 ) -> io::Result<()> {
+    write_ranges(out, count, &|text, items| {
+        items.for_each(|item| put(text, item))
+    })
+}
+
+/// Writes ranges of items, in their order: `put` is given a range at a time.
+fn write_ranges(
+    out: &mut dyn Write,
+    count: usize,
+    put: &(dyn Fn(&mut Text, Range<usize>) + Sync),
+) -> io::Result<()> {
     let mut texts: Vec<Text> = Vec::new();
     texts.resize_with(TASKS.min(count.div_ceil(LINES)), Text::default);
     let mut start = 0;
@@ -96,7 +108,7 @@ pub fn write_items(
         texts.par_iter_mut().enumerate().for_each(|(task, text)| {
             text.bytes.clear();
             let first = start + task * LINES;
-            (first..count.min(first + LINES)).for_each(|item| put(text, item));
+            put(text, first..count.min(first + LINES));
         });
         texts.iter().try_for_each(|t| out.write_all(&t.bytes))?;
         start += TASKS * LINES;

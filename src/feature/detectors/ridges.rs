@@ -409,6 +409,7 @@ mod tests {
     use crate::observer::Patience;
 
     #[test]
+    #[ignore = "slow: make test-all"]
     fn noisy_crossing_curved_sheets_are_found() {
         let (dims, sheets) = crossing_sheets();
         for (width, noise) in [(1.0, 0.2), (1.5, 0.0), (1.5, 0.25), (2.0, 0.25)] {
@@ -423,6 +424,7 @@ mod tests {
     }
 
     #[test]
+    #[ignore = "slow: make test-all"]
     fn correlated_noise_is_told_from_sheets() {
         let (dims, sheets) = crossing_sheets();
         for (width, noise, coverage) in [(1.5, 0.15, 0.98), (1.5, 0.2, 0.95), (2.0, 0.25, 0.8)] {

@@ -184,6 +184,7 @@ fn threads_change_nothing_and_patience_is_asked() {
 }
 
 #[test]
+#[ignore = "slow: make test-all"]
 fn lines_of_networks_are_few_and_lie_where_two_faults_are_near() {
     for seed in [1, 5, 9] {
         let options = Options {

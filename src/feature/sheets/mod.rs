@@ -301,6 +301,7 @@ mod tests {
     }
 
     #[test]
+    #[ignore = "slow: make test-all"]
     fn ranks_that_share_candidates_find_the_sheets_of_one() {
         let dims = [30, 26, 64];
         let (mut number, mut left_out) = (0, LeftOut::default());

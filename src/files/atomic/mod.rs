@@ -121,7 +121,20 @@ impl Batch {
     ) -> Result<()> {
         let (unfinished, file) = Unfinished::create(path)?;
         let mut writer = BufWriter::with_capacity(1 << 16, file);
-        write(&mut writer)
+        let written = write(&mut writer);
+        self.keep(path, unfinished, writer, written)
+    }
+
+    /// Keeps a file that has been written, unless that failed. Apart from [`Batch::write`], so that it is compiled
+    /// once.
+    fn keep(
+        &mut self,
+        path: &Path,
+        unfinished: Unfinished,
+        mut writer: BufWriter<File>,
+        written: io::Result<()>,
+    ) -> Result<()> {
+        written
             .and_then(|()| writer.flush())
             .and_then(|()| writer.get_ref().sync_all())
             .map_err(|error| os(path, "write", error))?;

@@ -450,6 +450,7 @@ fn impossible_options_are_refused() {
 }
 
 #[test]
+#[ignore = "slow: make test-all"]
 fn those_who_hold_parts_move_atoms_as_one_who_holds_all() {
     use crate::ranks::shared;
 

@@ -206,6 +206,7 @@ mod tests {
     }
 
     #[test]
+    #[ignore = "slow: make test-all"]
     fn straight_faults_lie_where_they_are_at_every_dip_and_throw() {
         let good = |[off, angle, covered]: [f64; 3]| off < 0.5 && angle < 5.5 && covered > 0.98;
         for throw in [2.5, 4.0, 7.0] {
@@ -235,6 +236,7 @@ mod tests {
     }
 
     #[test]
+    #[ignore = "slow: make test-all"]
     fn some_layers_at_a_time_show_what_all_show() {
         // Layers across the first and across the last axis, thrown by a slanting fault, in noise.
         for (dims, vertical) in [([46, 30, 330], 0), ([30, 38, 324], 2), ([20, 330, 36], 0)] {
@@ -272,6 +274,7 @@ mod tests {
     }
 
     #[test]
+    #[ignore = "slow: make test-all"]
     fn amplitudes_in_layers_have_the_features_of_those_in_memory() {
         use crate::feature::windows::tests::ByLayers;
         use crate::image::Source;

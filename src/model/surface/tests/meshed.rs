@@ -60,6 +60,7 @@ fn plane_area(n: [f64; 3], c: f64, dims: [usize; 3]) -> f64 {
 }
 
 #[test]
+#[ignore = "slow: make test-all"]
 fn as_many_faults_come_out_as_went_in() {
     for (kind, seed) in [(Kind::Planes, 4), (Kind::Planes, 6), (Kind::Faults, 2)] {
         let options = synth::Options {

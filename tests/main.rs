@@ -49,6 +49,8 @@ mod refusals;
 #[cfg(feature = "tetgen")]
 mod reservoir;
 #[cfg(feature = "tetgen")]
+mod scans;
+#[cfg(feature = "tetgen")]
 mod seeding;
 mod segment;
 #[cfg(feature = "tetgen")]

@@ -7,7 +7,7 @@ use super::detectors::Detector;
 use super::detectors::paths::PathSeeds;
 use super::volume::Volume;
 use crate::error::{Error, Result, cause};
-use crate::image::Image;
+use crate::image::{Image, Modality};
 use crate::parallel::prelude::*;
 use std::borrow::Cow;
 
@@ -16,6 +16,8 @@ use std::borrow::Cow;
 pub struct Detection<const D: usize> {
     /// What a feature is.
     pub kind: FeatureKind,
+    /// Where the image comes from, if its geometry alone does not tell.
+    pub modality: Modality,
     /// Width (samples) of the Gaussian under which derivatives are taken; by kind if `None`.
     pub scale: Option<f64>,
     /// Width (samples) of the structure tensor's window; 4 (horizons) or 12 (faults) if `None`.
@@ -43,6 +45,7 @@ impl<const D: usize> Default for Detection<D> {
     fn default() -> Self {
         Self {
             kind: FeatureKind::Auto,
+            modality: Modality::Unknown,
             scale: None,
             smoothing: None,
             threshold: None,

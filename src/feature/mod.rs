@@ -50,6 +50,7 @@ mod detection;
 pub(crate) mod detectors;
 pub(crate) mod gaps;
 pub(crate) mod gaussian;
+mod doubt;
 mod kind;
 pub(crate) mod labelled;
 pub(crate) mod lifted;
@@ -87,6 +88,7 @@ use windows::Samples;
 
 pub use detection::Detection;
 pub use detectors::paths::PathSeeds;
+pub use doubt::Doubt;
 pub use kind::FeatureKind;
 pub use labelled::{LabelWish, Labelled};
 pub use lines::{FeatureLine, LineKind, SHORTEST, lines};
@@ -133,6 +135,8 @@ pub struct Features<const D: usize> {
     pub labels: Option<Labelled<D>>,
     /// Of [`FeatureKind::Paths`]: the share of the paths that pass each sample.
     pub confidence: Option<Field<D>>,
+    /// What the image leaves open, where the kind of feature was chosen by it.
+    pub doubt: Option<Doubt>,
 }
 
 impl<const D: usize> Features<D> {
@@ -151,6 +155,7 @@ impl<const D: usize> Features<D> {
             settled: Vec::new(),
             labels: None,
             confidence: None,
+            doubt: None,
         }
     }
 }
@@ -206,7 +211,8 @@ pub(crate) fn detect_while<const D: usize>(
     }
     let samples = Samples::in_layers(layers, 1.0);
     // Looked at whatever is asked for: samples must be finite.
-    let choice = detectors::auto::choose_in_layers(&samples, patience)?;
+    let modality = detectors::modality(layers.geometry(), asked);
+    let choice = detectors::auto::choose_in_layers(&samples, modality, patience)?;
     let chosen = match (parts, choice) {
         (Some(parts), _) => Some((parts, None)),
         (None, Some(choice)) => Some(detectors::named(choice, asked)?),
@@ -240,7 +246,7 @@ fn detect_held<const D: usize>(
 fn follow_parts<const D: usize>(
     source: Source<'_, D>,
     parts: Vec<detectors::Part<D>>,
-    why: Option<String>,
+    reason: Option<detectors::Reason>,
     asked: &Detection<D>,
     patience: &Patience<'_>,
 ) -> Result<Features<D>> {
@@ -252,7 +258,10 @@ fn follow_parts<const D: usize>(
     };
     let found: Result<Vec<_>> = parts.into_iter().enumerate().map(follow_whole).collect();
     let mut features = detectors::together(found?, source.dims(), asked)?;
-    features.notes.splice(0..0, why);
+    if let Some(reason) = reason {
+        features.notes.insert(0, reason.note);
+        features.doubt = reason.doubt;
+    }
     Ok(features)
 }
 
@@ -416,6 +425,7 @@ fn follow<const D: usize>(
         }],
         labels,
         confidence: found.confidence.map(|samples| field(dims, asked, samples)),
+        doubt: None,
     })
 }
 

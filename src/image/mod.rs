@@ -4,6 +4,7 @@
 //! the fastest axis, so the array's NumPy shape is `(nz, ny, nx)`.
 //!
 //! - `geometry`: from sample indices to physical coordinates
+//! - `modality`: whether it comes from a survey or a scan
 //! - `time`: two-way time among the coordinates, and depth for it by one velocity
 //! - `velocity`: interval velocities, on a grid of their own in two-way time
 //! - `column`: depth of two-way time below one place, and back
@@ -20,6 +21,7 @@ pub(crate) mod field;
 pub mod formats;
 pub(crate) mod geometry;
 pub(crate) mod layers;
+pub(crate) mod modality;
 pub(crate) mod sparse;
 pub mod synth;
 pub(crate) mod time;
@@ -31,6 +33,7 @@ pub use depth::Stretch;
 pub use field::Field;
 pub use geometry::Geometry;
 pub use layers::{Layers, Source};
+pub use modality::Modality;
 pub(crate) use sparse::Missed;
 pub use sparse::Sparse;
 pub use time::{NoDepth, TimeCoordinate};

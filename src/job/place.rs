@@ -233,10 +233,10 @@ fn dense<const D: usize>(image: &Image<D>, features: &Features<D>) -> (Dense, St
     let mut of = kinds.filter_map(|of| match (of.kind, of.mask) {
         (FeatureKind::Ridges, _) => Some((Dense::Bright, "ridges, which are bright".into())),
         (FeatureKind::Valleys, _) => Some((Dense::Dark, "valleys, which are dark".into())),
-        (FeatureKind::Labels, Some(value)) if mask(value) => {
+        (FeatureKind::Labels | FeatureKind::Mask, Some(value)) if mask(value) => {
             Some((Dense::Bright, format!("a thin mask of {value}")))
         }
-        (FeatureKind::Labels, Some(value)) => {
+        (FeatureKind::Labels | FeatureKind::Mask, Some(value)) => {
             Some((Dense::Dark, format!("a thin mask of {value}")))
         }
         _ => None,

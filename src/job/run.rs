@@ -281,6 +281,7 @@ where
     }
     refuse_invalid(&report)?;
     report.left_out = Some(features.left_out);
+    report.doubt.clone_from(&features.doubt);
     report.notes.extend(features.notes.iter().cloned());
     report.notes.extend(place::note(source, params, &features)?);
     let (costs, interrupted) = stages.end();

@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::table::grouped;
+use crate::feature::FeatureKind;
 use super::{Fidelity, Quality, Report, Voronoi};
 
 /// Smaller shares of the features covered by faces, or of faces that are on features, are poor.
@@ -134,6 +135,7 @@ impl Report {
             .or_else(|| self.voronoi.as_ref().and_then(|v| self.flow(v)))
             .or_else(|| self.features())
             .or_else(|| self.lost())
+            .or_else(|| self.doubtful())
     }
 
     /// A mesh of an image in which no feature was found.
@@ -255,6 +257,21 @@ impl Report {
             ),
             option: Some(largest.option()),
             change: "cells of that label become smaller, and the part is kept",
+        })
+    }
+
+    /// A kind of feature that was chosen although the image leaves it open.
+    fn doubtful(&self) -> Option<Fault> {
+        let doubt = self.doubt.as_ref()?;
+        let change = if doubt.assumed == FeatureKind::Labels {
+            "follows the middle of what is painted; --feature labels confirms solid objects"
+        } else {
+            "follows the sheets; --feature edges confirms the sides of solid objects"
+        };
+        Some(Fault {
+            poor: format!("doubtful: {}", doubt.question),
+            option: Some(format!("--feature {}", doubt.other)),
+            change,
         })
     }
 

@@ -10,7 +10,7 @@ use crate::cli::common::output::{WRITTEN, by, check_output, potential_image, sho
 use crate::cli::console::Console;
 use crate::error::cause;
 use crate::feature::{FeatureKind, Features, LineKind, SHORTEST};
-use crate::image::Geometry;
+use crate::image::{Geometry, Modality};
 use crate::image::formats::InputOptions;
 use crate::image::formats::{AnyLoaded, Loaded};
 use crate::job::Settings;
@@ -107,7 +107,8 @@ fn find<const D: usize>(
         rng_seed: Some(args.rng_seed),
         ..Settings::default()
     })?;
-    let options = detection(&job, args.distance, [1.0; D])?;
+    let mut options = detection(&job, args.distance, [1.0; D])?;
+    options.modality = Modality::of(loaded.format, &loaded.image.geometry);
     for note in &loaded.notes {
         console.note(note);
     }

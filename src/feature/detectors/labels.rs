@@ -1,4 +1,4 @@
-//! Labels: the interfaces between them, and thin masks.
+//! Labels: the interfaces between them.
 //!
 //! The winner at a sample is the label that leads there once stairs are smoothed
 //! ([`contest`](mod@super::contest)), and its lead is how far it is ahead of the runner-up. Between two
@@ -9,26 +9,23 @@
 //! Connected parts of labels that no lattice of the distance asked for can hold are given to what they
 //! lie in; where parts are small, atoms stand closer, as far as the distance asked for allows.
 //!
-//! A mask (two values) of thin sheets stands for what is in their middle: see
-//! [`masks`](mod@super::masks).
+//! A mask of thin sheets is sought by [`masks`](mod@super::masks).
 //!
 //! Scale: one sample.
 
 use super::contest::Contest;
-use super::masks::{self, Mask};
-use super::ridges::RidgeSearch;
+use super::masks;
 use super::{Detector, Found, Scene, Thresholds};
 use crate::error::{Error, Result, cause};
 use crate::feature::components::{Component, Components};
 use crate::feature::crossing::{Candidate, dominant_axes};
 use crate::feature::labelled::{LabelWish, Labelled, MOST_LABELS, not_there, numbers, volumes};
 use crate::feature::volume::Volume;
-use crate::feature::windows::Samples;
 use crate::feature::{Detection, FeatureKind, FeaturePoint};
 use crate::image::check::values;
 use crate::observer::Patience;
 
-/// Finds interfaces between labels, and the middle of a thin mask.
+/// Finds interfaces between labels.
 pub struct Labels;
 
 impl<const D: usize> Detector<D> for Labels {
@@ -49,21 +46,9 @@ impl<const D: usize> Detector<D> for Labels {
         if let Some(wish) = scene.asked.labels.iter().find(absent) {
             return Err(not_there(wish, &values));
         }
-        if let Some(settled) = scene.settled {
-            if let Some(value) = settled.mask {
-                let middle = masks::middle_of(volume, value, scene.patience);
-                return middle_sheet(value, middle, scene, notes);
-            }
-        } else if let [a, b] = values[..]
-            && scene.asked.labels.is_empty()
-            && let Some(mask) = Mask::of(volume, [a, b], scene.patience)
-        {
-            notes.push(format!(
-                "a mask {:.1} samples thick, {:.1} % of the volume: its middle is the feature",
-                mask.thickness,
-                100.0 * mask.share
-            ));
-            return middle_sheet(mask.value, mask.middle, scene, notes);
+        if let Some(value) = scene.settled.and_then(|settled| settled.mask) {
+            // Meshes of earlier versions name a mask so.
+            return masks::found_again(scene, value, notes);
         }
         let scale = scene.scale();
         notes.push(format!(
@@ -212,30 +197,6 @@ impl<const D: usize> Limits<D> {
     }
 }
 
-/// The sheets in the middle of the mask of one value.
-fn middle_sheet<const D: usize>(
-    value: f32,
-    middle: Vec<f32>,
-    scene: &Scene<'_, D>,
-    notes: &mut Vec<String>,
-) -> Result<Found<D>> {
-    let search = RidgeSearch {
-        finest: MIDDLE,
-        most_ambiguous: f64::INFINITY,
-        least: |_| LEAST,
-        ..RidgeSearch::new(scene)
-    };
-    Ok(Found {
-        mask: Some(value),
-        ..search.find(Samples::held(scene.dims(), middle), notes)?
-    })
-}
-
-/// The scale (samples) at which the middle of a mask is sought: it is narrow, and noise has no part in it.
-const MIDDLE: f64 = 1.0;
-/// Points at all angles are kept down to this share of the strong ones: without noise, more than usual.
-const LEAST: f32 = 0.4;
-
 /// The winning label of each sample and how far it leads.
 struct Lead<'a, const D: usize> {
     winner: &'a [u8],
@@ -335,25 +296,6 @@ mod tests {
         let columns = 4.0 * std::f64::consts::PI * 18.0f64.powi(2) / 1.5 + 64.0 * 60.0;
         let ratio = features.points.len() as f64 / columns;
         assert!(ratio > 0.95 && ratio < 1.25, "{ratio}");
-    }
-
-    #[test]
-    fn a_thin_mask_is_one_sheet_and_not_two() {
-        let (dims, sheets) = (
-            [64, 60, 56],
-            [Sheet::plane([1.0, 0.35, 0.2], [32.0, 30.0, 28.0])],
-        );
-        for half in [0.6, 1.5] {
-            let image = image_of(dims, |p| {
-                255.0 * f64::from(u8::from(sheets[0].distance(p).abs() < half))
-            });
-            let features = detect(&image, &Detection::of(FeatureKind::Auto, 8.0)).unwrap();
-            let fit = fit(dims, &sheets, &features.points);
-            assert!(
-                fit.coverage > 0.99 && fit.precision > 0.99 && fit.rms < 0.25,
-                "{half} {fit:?}"
-            );
-        }
     }
 
     #[test]

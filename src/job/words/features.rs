@@ -51,7 +51,10 @@ pub(super) fn followed(said: &Said) -> Result<Followed> {
         let problem = "weighs faults against horizons, but they are not followed together";
         said.unused(&["feature-weights"], problem, "follow both, or omit it")?;
     }
-    if matches!(kind, FeatureKind::Labels | FeatureKind::Paths) {
+    if matches!(
+        kind,
+        FeatureKind::Labels | FeatureKind::Mask | FeatureKind::Paths
+    ) {
         let problem = format!("applies to the strength of features, but {kind} have none");
         said.unused(
             &["threshold"],
@@ -71,6 +74,7 @@ pub(super) fn followed(said: &Said) -> Result<Followed> {
             FeatureKind::Horizons => strong(StrongKind::Horizons),
             FeatureKind::Faults => strong(StrongKind::Faults),
             FeatureKind::Potential => strong(StrongKind::Potential),
+            FeatureKind::Mask => strong(StrongKind::Mask),
             FeatureKind::FaultsAndHorizons => What::FaultsAndHorizons { threshold, weights },
             FeatureKind::Labels => What::Labels { wishes },
             FeatureKind::Paths => What::Paths {

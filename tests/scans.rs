@@ -110,10 +110,7 @@ fn polycrystals_and_atlases_are_labels_and_grey_values_are_not() {
             best.unwrap() as f32
         };
         npy(&folder.join("grains.npy"), [side; 3], nearest);
-        let said = run(
-            folder,
-            "feature grains.npy -o b.vti --distance 4",
-        );
+        let said = run(folder, "feature grains.npy -o b.vti --distance 4");
         assert!(said.contains("features: labels"), "{said}");
     }
     // 256 grey values with noise, and without.
@@ -148,7 +145,8 @@ fn hounsfield_numbers_are_no_amplitudes() {
     npy(&folder.join("layers.npy"), [40, 40, 40], |at| {
         let [x, y, z] = at.map(|i| i as f64);
         let depth = z + 0.2 * x + 1.5 * (y / 9.0).sin();
-        (1000.0 * (depth / 1.9).sin() * (0.5 + 0.5 * (depth / 11.0).sin()) + 50.0 * noise(at)) as f32
+        (1000.0 * (depth / 1.9).sin() * (0.5 + 0.5 * (depth / 11.0).sin()) + 50.0 * noise(at))
+            as f32
     });
     let said = run(folder, "feature layers.npy -o b.vti --distance 4");
     assert!(said.contains("features: horizons"), "{said}");

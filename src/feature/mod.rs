@@ -48,9 +48,9 @@ pub(crate) mod crossing;
 pub(crate) mod depth;
 mod detection;
 pub(crate) mod detectors;
+mod doubt;
 pub(crate) mod gaps;
 pub(crate) mod gaussian;
-mod doubt;
 mod kind;
 pub(crate) mod labelled;
 pub(crate) mod lifted;
@@ -80,7 +80,7 @@ use crate::error::Result;
 use crate::image::{Field, Image, Source, Sparse};
 use crate::observer::{Patience, Stage};
 use crate::ranks::{Alone, Group, Ranks};
-use detectors::{Detector, Scene};
+use detectors::{Detector, Scene, labels};
 use potential::Valleys;
 use sheets::{FoundSheets, Open};
 use std::borrow::Cow;
@@ -363,9 +363,21 @@ fn follow<const D: usize>(
     // Edges do not cross at small angles, but their normals scatter in noise. Other sheets, which may run as
     // near one another as points of one do, are told apart by theirs.
     let sheet = (kind == FeatureKind::Edges).then_some(&sheets.sheet[..]);
-    let spacing = gaps.map(|limits| {
+    let spacing = gaps.map(|[least, most]| {
         let points = &sheets.points;
-        gaps::spacing(dims, points, sheet, asked.step, limits, among)
+        let of_labels = found.labels.is_some();
+        let finest = if of_labels {
+            labels::LEAST_IN_THIN * least
+        } else {
+            least
+        };
+        let limits = [finest, most];
+        let mut spacing = gaps::spacing(dims, points, sheet, asked.step, limits, among)?;
+        if of_labels {
+            let gaps = spacing.iter_mut();
+            gaps.for_each(|gap| *gap = labels::distance_in_gap(*gap, [least, most]));
+        }
+        Ok(spacing)
     });
     let spacing = spacing.transpose()?;
     let (labels, limits) = found.labels.unzip();
@@ -373,7 +385,10 @@ fn follow<const D: usize>(
         Some(limits) => limits.spacing(&sheets.points, asked.step, spacing),
         None => spacing,
     };
-    if let (Some(spacing), Some(limits)) = (&spacing, gaps) {
+    if let (Some(spacing), Some(mut limits)) = (&spacing, gaps) {
+        if labels.is_some() {
+            limits[0] = spacing.iter().fold(limits[0], |d, s| d.min(f64::from(*s)));
+        }
         notes.push(gaps::note(spacing, limits, among)?);
     }
     let own = match scene.source {

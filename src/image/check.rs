@@ -81,6 +81,15 @@ impl<const D: usize> Image<D> {
     /// or, unless they are of a survey, many whole numbers that do so and change without order.
     pub fn looks_labelled(&self, modality: Modality) -> Option<LooksLabelled> {
         let samples = self.as_slice();
+        if let Some(exact) = &self.labels {
+            // They are integers of more than 24 bits, as no scanner gives: neighbours must share them all the same.
+            let equal = exact.index.windows(2).filter(|w| w[0] == w[1]).count();
+            let equal = equal as f64 / (samples.len().max(2) - 1) as f64;
+            return (equal > EQUAL_IN_LABELS).then_some(LooksLabelled {
+                values: exact.values.len(),
+                equal,
+            });
+        }
         if let Some(values) = values(samples, FEW_LABELS) {
             let equal = equal_neighbours(samples) as f64 / (samples.len().max(2) - 1) as f64;
             return (equal > 0.75).then_some(LooksLabelled {
@@ -167,20 +176,32 @@ pub fn equal_neighbours(samples: &[f32]) -> usize {
 /// An image of more different values than this is one of labels only if it is said.
 pub const FEW_LABELS: usize = 64;
 
-/// The different values of a volume in ascending order, if there are at most `most`.
+/// Returns the different values of a volume in ascending order, if there are at most `most`.
 pub fn values(samples: &[f32], most: usize) -> Option<Vec<f32>> {
     let mut found: Vec<f32> = Vec::new();
-    let mut last = f32::NAN;
-    for &s in samples {
-        if s != last {
-            last = s;
-            if let Err(i) = found.binary_search_by(|v| v.total_cmp(&s)) {
-                if found.len() == most {
-                    return None;
+    for part in samples.chunks(CHUNK) {
+        let mut last = f32::NAN;
+        let mut new: Vec<f32> = Vec::new();
+        for &s in part {
+            if s != last {
+                last = s;
+                // -0 is 0.
+                let s = s + 0.0;
+                if found.binary_search_by(|v| v.total_cmp(&s)).is_err() {
+                    new.push(s);
                 }
-                found.insert(i, s);
             }
         }
+        if new.is_empty() {
+            continue;
+        }
+        new.sort_by(f32::total_cmp);
+        new.dedup();
+        found.extend(new);
+        if found.len() > most {
+            return None;
+        }
+        found.sort_by(f32::total_cmp);
     }
     Some(found)
 }

@@ -11,6 +11,7 @@
 //! - `depth`: an image in two-way time becomes one in depth
 //! - `check`: statistics, and refusing what no mesh can be made of
 //! - `field`: samples in *lattice space* and their smooth interpolation
+//! - `labels`: values of labels, exactly
 //! - `layers`: samples some layers at a time, in memory or not
 //! - `sparse`: the same of what is zero nearly everywhere
 
@@ -20,6 +21,7 @@ pub(crate) mod depth;
 pub(crate) mod field;
 pub mod formats;
 pub(crate) mod geometry;
+pub(crate) mod labels;
 pub(crate) mod layers;
 pub(crate) mod modality;
 pub(crate) mod sparse;
@@ -32,6 +34,7 @@ pub use column::Column;
 pub use depth::Stretch;
 pub use field::Field;
 pub use geometry::Geometry;
+pub use labels::{ExactLabels, LabelTable, LabelValue};
 pub use layers::{Layers, Source};
 pub use modality::Modality;
 pub(crate) use sparse::Missed;
@@ -40,6 +43,7 @@ pub use time::{NoDepth, TimeCoordinate};
 pub use velocity::{Reach, Velocities};
 
 use ndarray::ArrayD;
+use std::sync::Arc;
 
 /// A `D`-dimensional image: `f32` samples and their [`Geometry`].
 #[derive(Debug, Clone, PartialEq)]
@@ -52,6 +56,8 @@ pub struct Image<const D: usize> {
     /// survey lacks. Its samples are zeros that mean nothing. Empty where every row holds data. No file
     /// keeps it.
     pub missing: Vec<bool>,
+    /// The labels of the samples, where these are integers that 32-bit floats round.
+    pub labels: Option<Arc<ExactLabels>>,
 }
 
 impl<const D: usize> Image<D> {
@@ -65,6 +71,7 @@ impl<const D: usize> Image<D> {
             samples,
             geometry,
             missing: Vec::new(),
+            labels: None,
         }
     }
 
@@ -136,7 +143,9 @@ impl<const D: usize> Image<D> {
         let dims = self.dims();
         let geometry = self.geometry.in_space();
         let dims = std::array::from_fn(|k| dims.get(k).copied().unwrap_or(1));
-        Image::new(dims, self.as_slice().to_vec(), geometry).with_missing(self.missing.clone())
+        let mut space = Image::new(dims, self.as_slice().to_vec(), geometry);
+        space.labels.clone_from(&self.labels);
+        space.with_missing(self.missing.clone())
     }
 }
 
@@ -148,7 +157,9 @@ impl Image<3> {
         let [nx, ny, _] = self.dims();
         let samples = self.as_slice()[..nx * ny].to_vec();
         let missing = self.missing.iter().copied().take(ny).collect();
-        Image::new([nx, ny], samples, self.geometry.flatten()).with_missing(missing)
+        let mut flat = Image::new([nx, ny], samples, self.geometry.flatten());
+        flat.labels = self.labels.as_ref().map(|labels| labels.first(nx * ny));
+        flat.with_missing(missing)
     }
 }
 

@@ -46,11 +46,9 @@ impl Modality {
         match format {
             Format::Segy => Self::Survey,
             _ if geometry.modality() == Self::Survey => Self::Survey,
-            Format::Nifti
-            | Format::MetaImage
-            | Format::Nrrd
-            | Format::Tiff
-            | Format::Inrimage => Self::Scan,
+            Format::Nifti | Format::MetaImage | Format::Nrrd | Format::Tiff | Format::Inrimage => {
+                Self::Scan
+            }
             _ => geometry.modality(),
         }
     }

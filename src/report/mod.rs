@@ -48,6 +48,7 @@ pub(crate) use nearest::square_to_face;
 pub use quality::{Quality, quality, smallest_angles};
 pub(crate) use quality::{quality_of_part, quality_while};
 pub use reference::Reference;
+pub(crate) use regions::DAMAGED;
 pub use regions::{Lost, Region, Regions};
 pub use verdict::{Grade, Verdict};
 

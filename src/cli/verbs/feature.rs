@@ -10,9 +10,9 @@ use crate::cli::common::output::{WRITTEN, by, check_output, potential_image, sho
 use crate::cli::console::Console;
 use crate::error::cause;
 use crate::feature::{FeatureKind, Features, LineKind, SHORTEST};
-use crate::image::{Geometry, Modality};
 use crate::image::formats::InputOptions;
 use crate::image::formats::{AnyLoaded, Loaded};
+use crate::image::{Geometry, Modality};
 use crate::job::Settings;
 use crate::store::write_feature_lines;
 use crate::{Error, Result, feature};

@@ -389,7 +389,10 @@ pub fn of<const D: usize>(kind: FeatureKind) -> Option<&'static dyn Detector<D>>
 pub fn chosen<const D: usize>(image: &Image<D>, asked: &Detection<D>) -> Result<Chosen<D>> {
     match of_asked(asked) {
         Some(parts) => Ok((parts, None)),
-        None => named(auto::choose(image, modality(&image.geometry, asked))?, asked),
+        None => named(
+            auto::choose(image, modality(&image.geometry, asked))?,
+            asked,
+        ),
     }
 }
 
@@ -405,10 +408,7 @@ pub fn of_asked<const D: usize>(asked: &Detection<D>) -> Option<Vec<Part<D>>> {
 ///
 /// # Errors
 /// [`Error::Feature`] if the threshold asked for does not apply to its features.
-pub fn named<const D: usize>(
-    choice: auto::Choice<D>,
-    asked: &Detection<D>,
-) -> Result<Chosen<D>> {
+pub fn named<const D: usize>(choice: auto::Choice<D>, asked: &Detection<D>) -> Result<Chosen<D>> {
     let auto::Choice {
         detector,
         why,
@@ -416,11 +416,13 @@ pub fn named<const D: usize>(
     } = choice;
     let kind = detector.kind();
     match asked.threshold {
-        Some(threshold) if matches!(kind, FeatureKind::Labels | FeatureKind::Mask) => Err(Error::Feature(cause(
-            format!("threshold {threshold}"),
-            format!("applies to the strength of features, but the image has {kind} ({why})"),
-            "omit it, or choose another kind of feature",
-        ))),
+        Some(threshold) if matches!(kind, FeatureKind::Labels | FeatureKind::Mask) => {
+            Err(Error::Feature(cause(
+                format!("threshold {threshold}"),
+                format!("applies to the strength of features, but the image has {kind} ({why})"),
+                "omit it, or choose another kind of feature",
+            )))
+        }
         _ => {
             let note = format!("features: {kind} ({why})");
             let reason = Reason { note, doubt };

@@ -2,7 +2,9 @@
 
 use std::io::{self, Write};
 
-use crate::feature::{Doubt, FeatureKind, FeaturePoint, Features, Labelled, LeftOut, OfAll, Settled};
+use crate::feature::{
+    Doubt, FeatureKind, FeaturePoint, Features, Labelled, LeftOut, OfAll, Settled,
+};
 use crate::files::kept::{Kept, fields, numbered};
 use crate::image::{Field, Sparse};
 use crate::improve::{Blocked, Counts, Sealed};

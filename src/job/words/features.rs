@@ -3,6 +3,7 @@
 use super::{Said, bad, finites};
 use crate::Result;
 use crate::feature::{FeatureKind, LabelWish};
+use crate::image::LabelValue;
 use crate::job::asked::{Followed, StrongKind, What};
 use crate::job::settings::SeedingName;
 
@@ -102,7 +103,7 @@ fn wishes(texts: &[String]) -> Result<Vec<LabelWish>> {
         }
         wishes.push(wish);
     }
-    let gone = |into: f32| {
+    let gone = |into: LabelValue| {
         wishes
             .iter()
             .any(|wish| wish.label == into && wish.into.is_some())

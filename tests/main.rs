@@ -51,6 +51,8 @@ mod reservoir;
 #[cfg(feature = "tetgen")]
 mod scans;
 #[cfg(feature = "tetgen")]
+mod scans_files;
+#[cfg(feature = "tetgen")]
 mod scans_labels;
 #[cfg(feature = "tetgen")]
 mod seeding;

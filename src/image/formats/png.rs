@@ -290,7 +290,7 @@ mod tests {
             (GrayscaleAlpha, Eight, &[3, 0, 200, 9], [3.0, 200.0]),
             (Rgb, Eight, &[7, 7, 7, 255, 0, 0], [7.0, red]),
             (Rgba, Eight, &[7, 7, 7, 1, 255, 0, 0, 2], [7.0, red]),
-            (Indexed, Two, &[0b1001_0000], [255.0, red]),
+            (Indexed, Two, &[0b1001_0000], [2.0, 1.0]),
         ];
         for (color, depth, data, want) in cases {
             let loaded = read_bytes(&coded(*color, *depth, [2, 1], data)).unwrap();

@@ -119,7 +119,9 @@ pub(super) fn not_finite<const D: usize>(at: [usize; D], value: f32) -> Error {
 /// Whether all samples of an image are the same.
 pub(super) fn is_constant<const D: usize>(image: &Image<D>) -> bool {
     let samples = image.as_slice();
-    samples.iter().all(|s| *s == samples[0])
+    let labels = image.labels.as_ref();
+    let differ = labels.is_some_and(|labels| labels.values.len() > 1);
+    !differ && samples.iter().all(|s| *s == samples[0])
 }
 
 /// Refuses an image that has no features of any kind.

@@ -57,7 +57,10 @@ impl<const D: usize> Image<D> {
                 "replace them, e.g. in NumPy with numpy.nan_to_num",
             );
         }
-        if stats.min == stats.max {
+        // Labels may differ by less than the samples show.
+        let labels = self.labels.as_ref();
+        let differ = labels.is_some_and(|labels| labels.values.len() > 1);
+        if stats.min == stats.max && !differ {
             return refuse(
                 format!("all samples equal {}", stats.min),
                 "a constant image has no features; check that the right file or attribute was given",

@@ -50,6 +50,12 @@ mod refusals;
 #[cfg(feature = "tetgen")]
 mod reservoir;
 #[cfg(feature = "tetgen")]
+mod scans;
+#[cfg(feature = "tetgen")]
+mod scans_files;
+#[cfg(feature = "tetgen")]
+mod scans_labels;
+#[cfg(feature = "tetgen")]
 mod seeding;
 mod segment;
 #[cfg(feature = "tetgen")]

@@ -7,7 +7,7 @@ use atomesh::cli::desk::Kept;
 use atomesh::export::SurfaceFile;
 use atomesh::files::vtk::{DataArray, Values};
 use atomesh::image::formats::{AnyLoaded, Format, Loaded};
-use atomesh::image::{Geometry, Image as Samples};
+use atomesh::image::{ExactLabels, Geometry, Image as Samples};
 use atomesh::mesh::Mesh as _;
 use atomesh::model::surface::select::marked;
 use atomesh::store::{AnyMesh, FieldValue, MeshFile, Stored, Streams, read_any_vtu};
@@ -275,16 +275,22 @@ impl Image {
         units: Vec<String>,
         names: Vec<String>,
         encoding: String,
+        labels: Option<(Vec<i128>, PyReadonlyArrayDyn<'_, u32>)>,
     ) -> PyResult<Self> {
         let array = samples.as_array();
         let shape: Vec<usize> = array.shape().iter().rev().copied().collect();
         let data = array.iter().copied().collect();
+        let labels = labels.map(|(values, index)| {
+            let index = index.as_array().iter().copied().collect();
+            Arc::new(ExactLabels { values, index })
+        });
         let refuse = |what: &str| PyValueError::new_err(what.to_string());
         fn loaded<const D: usize>(
             shape: &[usize],
             data: Vec<f32>,
             place: (Vec<f64>, Vec<Vec<f64>>, Vec<String>, Vec<String>),
             encoding: String,
+            labels: Option<Arc<ExactLabels>>,
         ) -> Option<Loaded<D>> {
             let (origin, axes, units, names) = place;
             let axes: Option<Vec<[f64; D]>> = axes.into_iter().map(|a| a.try_into().ok()).collect();
@@ -294,8 +300,10 @@ impl Image {
                 names: names.try_into().ok()?,
                 units: units.try_into().ok()?,
             };
+            let mut image = Samples::new(shape.try_into().ok()?, data, geometry);
+            image.labels = labels.filter(|labels| labels.index.len() == image.samples.len());
             Some(Loaded {
-                image: Samples::new(shape.try_into().ok()?, data, geometry),
+                image,
                 format: Format::Npy,
                 encoding,
                 notes: Vec::new(),
@@ -305,8 +313,8 @@ impl Image {
         }
         let place = (origin, axes, units, names);
         let made = py.detach(|| match shape.len() {
-            2 => loaded(&shape, data, place, encoding).map(AnyLoaded::Plane),
-            3 => loaded(&shape, data, place, encoding).map(AnyLoaded::Space),
+            2 => loaded(&shape, data, place, encoding, labels).map(AnyLoaded::Plane),
+            3 => loaded(&shape, data, place, encoding, labels).map(AnyLoaded::Space),
             _ => None,
         });
         let what = "an image has two axes or three, and as many origins, axes, units and names";

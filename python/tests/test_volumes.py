@@ -80,6 +80,42 @@ def test_the_accessor_of_pyvista(expected):
     assert isinstance(potential, pyvista.ImageData) and potential.dimensions == grid.dimensions
 
 
+@pytest.mark.parametrize("on_cells", [False, True])
+def test_vtk(on_cells, expected):
+    vtk = pytest.importorskip("vtkmodules.vtkCommonDataModel")
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+
+    values = numpy_to_vtk(ball().ravel(), deep=True)
+    values.SetName("values")
+    grid, shape = vtk.vtkImageData(), np.array(ball().shape[::-1])
+    grid.SetDimensions(*(int(n) for n in shape + on_cells))
+    grid.SetSpacing(SPACING)
+    grid.SetOrigin(np.array(ORIGIN) - 0.5 * on_cells * np.array(SPACING))
+    (grid.GetCellData() if on_cells else grid.GetPointData()).AddArray(values)
+    assert np.array_equal(nodes(grid), expected)
+    with pytest.raises(atomesh.Error, match="without an array"):
+        nodes(vtk.vtkImageData())
+
+
+def test_what_is_masked_is_missing():
+    array = ball()
+    hidden = array.copy()
+    hidden[:, :4, :4] = -999
+    image = atomesh.Image.of(np.ma.masked_equal(hidden, -999))
+    assert np.array_equal(np.isnan(image.samples), hidden == -999)
+    # Nothing is masked: the array itself, integers included.
+    whole = np.ma.array(array.astype(np.int16))
+    assert np.array_equal(atomesh.Image.of(whole).samples, array.astype(np.int16))
+
+
+def test_labels_beyond_floats_stay_apart(tmp_path):
+    labels = np.full((16, 17, 18), 2**60, dtype=np.int64)
+    labels[8:] += 1
+    mesh = atomesh.mesh(labels, distance=4)
+    found = [region["label"] for region in mesh.report["regions"]["regions"]]
+    assert found == [2**60, 2**60 + 1]
+
+
 def test_simpleitk(expected):
     sitk = pytest.importorskip("SimpleITK")
     image = sitk.GetImageFromArray(ball())

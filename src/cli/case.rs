@@ -20,8 +20,8 @@ use crate::{Error, Result};
 /// Where a mesh's coordinates are in metres and depth.
 #[derive(Debug, Clone, Args)]
 pub struct SpaceOptions {
-    /// Unit of the mesh's coordinates, where the mesh does not state it [default: m]: m, km, ft,
-    /// cm, mm, um
+    /// Unit of the mesh's coordinates, whatever the mesh states: m, km, ft, cm, mm, um, nm. The export is in
+    /// metres [default: what the mesh states, or m; scans in mm or less keep their unit where flow is not simulated]
     #[arg(long, value_name = "UNIT")]
     pub length_unit: Option<String>,
     /// The coordinate that is depth, with its sign: -z if z grows upwards, z if downwards, x ...
@@ -88,7 +88,7 @@ impl SpaceOptions {
     /// [`Error::Job`] for an unknown unit or axis, or numbers that make no sense.
     pub fn placement(&self) -> Result<Placement> {
         let known = |unit: &String| {
-            let remedy = "give m, km, ft, cm, mm or um";
+            let remedy = "give m, km, ft, cm, mm, um or nm";
             let unknown = || bad("--length-unit", unit, "is not a known unit", remedy);
             metres(unit).ok_or_else(unknown)
         };
@@ -105,6 +105,7 @@ impl SpaceOptions {
         }
         Ok(Placement {
             length,
+            keep_unit: false,
             down: Down { axis, grows },
             velocity: self.velocity,
             top: self.depth_at_top,

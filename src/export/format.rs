@@ -501,6 +501,11 @@ impl Format {
         )))
     }
 
+    /// Returns whether simulators of flow read it, so that depth and fluxes matter.
+    pub fn is_of_flow(&self) -> bool {
+        self.depth || self.holds.contains(&Content::Permeability)
+    }
+
     /// Whether it is complete without rock, but has no place then for what happens in a simulation.
     pub fn case_needs_rock(&self) -> bool {
         self.name == "grdecl"

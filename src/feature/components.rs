@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Component<const D: usize> {
     /// The number of its label.
-    pub label: u8,
+    pub label: u32,
     /// How many samples it has.
     pub samples: usize,
     /// The first of them in memory.
@@ -32,7 +32,7 @@ pub struct Components<const D: usize> {
 
 impl<const D: usize> Components<D> {
     /// Those of an image of which each sample has the number of its label.
-    pub fn of(dims: [usize; D], label: &[u8]) -> Self {
+    pub fn of(dims: [usize; D], label: &[u32]) -> Self {
         let volume = Volume::new(dims, &[]);
         let strides = volume.strides();
         let mut sets = Sets::new(label.len());
@@ -69,7 +69,7 @@ impl<const D: usize> Components<D> {
 
     /// Gives the components that are not to be kept the label of what they touch most; those that touch
     /// only others of their kind follow these. Says how many samples of how many components went.
-    pub fn absorb(&self, label: &mut [u8], keep: impl Fn(&Component<D>) -> bool) -> [usize; 2] {
+    pub fn absorb(&self, label: &mut [u32], keep: impl Fn(&Component<D>) -> bool) -> [usize; 2] {
         let goes: Vec<bool> = self.all.iter().map(|part| !keep(part)).collect();
         if !goes.contains(&true) {
             return [0; 2];
@@ -89,11 +89,11 @@ impl<const D: usize> Components<D> {
                 }
             }
         });
-        let mut into: Vec<Option<u8>> = (self.all.iter().zip(&goes))
+        let mut into: Vec<Option<u32>> = (self.all.iter().zip(&goes))
             .map(|(part, goes)| (!goes).then_some(part.label))
             .collect();
         loop {
-            let mut best: BTreeMap<u32, (usize, u8)> = BTreeMap::new();
+            let mut best: BTreeMap<u32, (usize, u32)> = BTreeMap::new();
             for (&(part, other), &count) in &touching {
                 if let (None, Some(label)) = (into[part as usize], into[other as usize])
                     && best.get(&part).is_none_or(|(most, _)| *most < count)

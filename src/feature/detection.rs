@@ -7,7 +7,7 @@ use super::detectors::Detector;
 use super::detectors::paths::PathSeeds;
 use super::volume::Volume;
 use crate::error::{Error, Result, cause};
-use crate::image::{Image, LiveMask, Marked};
+use crate::image::{Image, LiveMask, Marked, Modality};
 use crate::parallel::prelude::*;
 use std::borrow::Cow;
 
@@ -16,6 +16,8 @@ use std::borrow::Cow;
 pub struct Detection<const D: usize> {
     /// What a feature is.
     pub kind: FeatureKind,
+    /// Where the image comes from, if its geometry alone does not tell.
+    pub modality: Modality,
     /// Width (samples) of the Gaussian under which derivatives are taken; by kind if `None`.
     pub scale: Option<f64>,
     /// Width (samples) of the structure tensor's window; 4 (horizons) or 12 (faults) if `None`.
@@ -45,6 +47,7 @@ impl<const D: usize> Default for Detection<D> {
     fn default() -> Self {
         Self {
             kind: FeatureKind::Auto,
+            modality: Modality::Unknown,
             scale: None,
             smoothing: None,
             threshold: None,
@@ -107,7 +110,7 @@ pub(super) fn checked<'a, const D: usize>(
     asked: &Detection<D>,
 ) -> Result<Checked<'a, D>> {
     refuse_impossible(asked)?;
-    if !fills_gaps(image, asked.kind) {
+    if !fills_gaps(image, asked.kind, asked.modality) {
         let image = image.continued().map_or(Cow::Borrowed(image), Cow::Owned);
         let samples = image.as_slice();
         if let Some(i) = first_not_finite(samples) {
@@ -151,10 +154,20 @@ pub(super) fn checked<'a, const D: usize>(
 
 /// Returns whether gaps in the image are filled where such features are sought: not between labels, where
 /// nothing can be put in, nor in what is b(x) itself.
-pub(crate) fn fills_gaps<const D: usize>(image: &Image<D>, kind: FeatureKind) -> bool {
+pub(crate) fn fills_gaps<const D: usize>(
+    image: &Image<D>,
+    kind: FeatureKind,
+    modality: Modality,
+) -> bool {
     match kind {
-        FeatureKind::Labels | FeatureKind::Paths | FeatureKind::Potential => false,
-        FeatureKind::Auto => image.looks_labelled().is_none(),
+        FeatureKind::Labels
+        | FeatureKind::Mask
+        | FeatureKind::Paths
+        | FeatureKind::Potential => false,
+        FeatureKind::Auto => {
+            let modality = modality.or_of(&image.geometry);
+            image.looks_labelled(modality).is_none()
+        },
         _ => true,
     }
 }
@@ -171,7 +184,9 @@ pub(super) fn not_finite<const D: usize>(at: [usize; D], value: f32) -> Error {
 /// Whether all samples of an image are the same.
 pub(super) fn is_constant<const D: usize>(image: &Image<D>) -> bool {
     let samples = image.as_slice();
-    samples.iter().all(|s| *s == samples[0])
+    let labels = image.labels.as_ref();
+    let differ = labels.is_some_and(|labels| labels.values.len() > 1);
+    !differ && samples.iter().all(|s| *s == samples[0])
 }
 
 /// Refuses an image that has no features of any kind.

@@ -30,14 +30,16 @@ pub enum FeatureKind {
     #[cfg_attr(feature = "cli", value(name = "faults+horizons"))]
     #[serde(rename = "faults+horizons")]
     FaultsAndHorizons,
-    /// Interfaces between labels, or the rim of a mask
+    /// Interfaces between labels
     Labels,
+    /// The middle of a mask of thin sheets, as interpreters paint faults
+    Mask,
     /// The image is b(x) already: -1 on features, 0 elsewhere
     Potential,
 }
 
 /// Names on the command line.
-const NAMES: [(FeatureKind, &str); 11] = [
+const NAMES: [(FeatureKind, &str); 12] = [
     (FeatureKind::Auto, "auto"),
     (FeatureKind::Ridges, "ridges"),
     (FeatureKind::Valleys, "valleys"),
@@ -48,6 +50,7 @@ const NAMES: [(FeatureKind, &str); 11] = [
     (FeatureKind::Faults, "faults"),
     (FeatureKind::FaultsAndHorizons, "faults+horizons"),
     (FeatureKind::Labels, "labels"),
+    (FeatureKind::Mask, "mask"),
     (FeatureKind::Potential, "potential"),
 ];
 

@@ -2,24 +2,20 @@
 
 use super::components::Components;
 use crate::error::{Error, Result, cause};
-use crate::image::Image;
-use crate::image::check::values;
+use crate::image::{ExactLabels, Image, LabelTable, LabelValue};
 use std::fmt;
-
-/// More different values than this are no labels.
-pub const MOST_LABELS: usize = 255;
 
 /// What a user wants of one label.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LabelWish {
     /// The value of its samples.
-    pub label: f32,
+    pub label: LabelValue,
     /// The distance between atoms in it, in lattice units; as elsewhere if `None`.
     pub distance: Option<f64>,
     /// What it is called.
     pub name: Option<String>,
     /// The label that its samples are given to.
-    pub into: Option<f32>,
+    pub into: Option<LabelValue>,
 }
 
 impl LabelWish {
@@ -33,28 +29,32 @@ impl LabelWish {
         let (label, wishes) = text
             .split_once(':')
             .ok_or_else(|| ("says nothing of a label".into(), remedy))?;
-        let label =
-            number(label).ok_or_else(|| (format!("'{label}' is no value of a label"), remedy))?;
+        let label = LabelValue::parse(label)
+            .ok_or_else(|| (format!("'{label}' is no value of a label"), remedy))?;
         let mut wish = Self {
-            label: label as f32,
+            label,
             distance: None,
             name: None,
             into: None,
         };
         for part in wishes.split(',') {
             let (key, value) = part.split_once('=').unwrap_or((part, ""));
-            match (key.trim(), number(value)) {
-                ("distance", Some(d)) if d > 0.0 => wish.distance = Some(d),
-                ("distance", _) => {
-                    return Err((
-                        format!("distance '{value}' is not a positive number of samples"),
-                        remedy,
-                    ));
-                }
-                ("into", Some(into)) if into != label => wish.into = Some(into as f32),
-                ("into", _) => return Err((format!("'{value}' is no other label"), remedy)),
-                ("name", _) if is_name(value) => wish.name = Some(value.trim().to_string()),
-                ("name", _) => {
+            match key.trim() {
+                "distance" => match number(value) {
+                    Some(d) if d > 0.0 => wish.distance = Some(d),
+                    _ => {
+                        return Err((
+                            format!("distance '{value}' is not a positive number of samples"),
+                            remedy,
+                        ));
+                    }
+                },
+                "into" => match LabelValue::parse(value) {
+                    Some(into) if into != label => wish.into = Some(into),
+                    _ => return Err((format!("'{value}' is no other label"), remedy)),
+                },
+                "name" if is_name(value) => wish.name = Some(value.trim().to_string()),
+                "name" => {
                     let problem = format!("name '{value}' is not made of letters, digits, - and _");
                     return Err((problem, "give a name such as left_lung"));
                 }
@@ -94,9 +94,13 @@ impl fmt::Display for LabelWish {
 }
 
 /// What to say of a wish for a label that is not among those of the image.
-pub fn not_there(wish: &LabelWish, values: &[f32]) -> Error {
+pub fn not_there(wish: &LabelWish, values: &[LabelValue]) -> Error {
     let most = 12;
-    let mut names: Vec<String> = values.iter().take(most).map(f32::to_string).collect();
+    let mut names: Vec<String> = values
+        .iter()
+        .take(most)
+        .map(LabelValue::to_string)
+        .collect();
     if values.len() > most {
         names.push("...".into());
     }
@@ -107,35 +111,50 @@ pub fn not_there(wish: &LabelWish, values: &[f32]) -> Error {
     ))
 }
 
-/// An image with labels given to others as `wishes` say, all at once; `None` if none is.
+/// Returns an image with labels given to others as `wishes` say, all at once; `None` if none is.
 ///
 /// # Errors
 /// [`Error::Feature`] if one that shall be given away is not in the image.
 pub fn merged<const D: usize>(image: &Image<D>, wishes: &[LabelWish]) -> Result<Option<Image<D>>> {
-    let mut away = wishes.iter().filter(|wish| wish.into.is_some());
-    if let Some(wish) = away.find(|wish| !image.as_slice().contains(&wish.label)) {
-        let values = values(image.as_slice(), MOST_LABELS).unwrap_or_default();
-        return Err(not_there(wish, &values));
-    }
-    let merge: Vec<(f32, f32)> = (wishes.iter())
+    let merge: Vec<(LabelValue, LabelValue)> = (wishes.iter())
         .filter_map(|wish| Some((wish.label, wish.into?)))
         .collect();
     if merge.is_empty() {
         return Ok(None);
     }
-    let samples = image.as_slice().iter().map(|sample| {
-        let merge = merge.iter().find(|(label, _)| label == sample);
-        merge.map_or(*sample, |(_, into)| *into)
-    });
-    let made = Image::new(image.dims(), samples.collect(), image.geometry.clone());
+    let table = LabelTable::of(image).ok_or_else(too_many)?;
+    let absent = |wish: &&LabelWish| wish.into.is_some() && !table.values.contains(&wish.label);
+    if let Some(wish) = wishes.iter().find(absent) {
+        return Err(not_there(wish, &table.values));
+    }
+    let into = |value: &LabelValue| {
+        let merge = merge.iter().find(|(label, _)| label == value);
+        merge.map_or(*value, |(_, into)| *into)
+    };
+    let values: Vec<LabelValue> = table.values.iter().map(into).collect();
+    let samples = table.index.iter();
+    let samples = samples.map(|&number| values[number as usize].as_sample());
+    let mut made = Image::new(image.dims(), samples.collect(), image.geometry.clone());
+    if image.labels.is_some() {
+        let whole = |value: &LabelValue| match *value {
+            LabelValue::Whole(whole) => whole,
+            LabelValue::Real(real) => real as i128,
+        };
+        let whole: Vec<i128> = values.iter().map(whole).collect();
+        let samples = table.index.iter().map(|&number| whole[number as usize]);
+        made.labels = Some(ExactLabels::of(samples));
+    }
     Ok(Some(made.with_missing(image.missing.clone())))
 }
 
-/// The number of each sample's label among `labels`, which are ascending and at most [`MOST_LABELS`].
-pub fn numbers(samples: &[f32], labels: &[f32]) -> Vec<u8> {
-    let number = |s: &f32| labels.partition_point(|label| label < s).min(254) as u8;
-    use crate::parallel::prelude::*;
-    samples.par_iter().map(number).collect()
+/// The error of an image whose samples are no labels.
+pub fn too_many() -> Error {
+    Error::Feature(cause(
+        "feature 'labels'",
+        "the samples are too many different values to be labels: more than 255, and with fractions or \
+         without equal neighbours",
+        "choose ridges, edges or horizons, or give an image of labels",
+    ))
 }
 
 /// Labels after smoothing: which leads at each sample, and by how much. Between two samples that
@@ -147,11 +166,11 @@ pub struct Labelled<const D: usize> {
     /// Lattice-space distance between samples.
     pub step: [f64; D],
     /// The labels' values, ascending.
-    pub labels: Vec<f32>,
+    pub labels: Vec<LabelValue>,
     /// What they are called, where they have names.
     pub names: Vec<Option<String>>,
     /// For each sample the number of the label that leads.
-    pub winner: Vec<u8>,
+    pub winner: Vec<u32>,
     /// How far it is ahead of the next, from 0 to 1.
     pub lead: Vec<f32>,
     /// Volume of each label's samples, as far as they lie in the box, in lattice units; what is too
@@ -160,9 +179,9 @@ pub struct Labelled<const D: usize> {
 }
 
 impl<const D: usize> Labelled<D> {
-    /// The region that cells of the label of this number have.
-    pub fn region(&self, number: usize) -> i32 {
-        region(&self.labels, number)
+    /// Returns the region that cells of each label have.
+    pub fn regions(&self) -> Vec<i32> {
+        regions(&self.labels)
     }
 
     /// The least distance between samples in lattice space.
@@ -198,9 +217,9 @@ impl<const D: usize> Labelled<D> {
     }
 
     /// The number of the label at a position in lattice space.
-    pub fn at(&self, x: [f64; D]) -> u8 {
+    pub fn at(&self, x: [f64; D]) -> u32 {
         // As many as there are samples round a position in space.
-        let (mut sums, mut count) = ([(0u8, 0.0f64); 8], 0);
+        let (mut sums, mut count) = ([(0u32, 0.0f64); 8], 0);
         self.around(x, |i, weight| {
             let (label, lead) = (self.winner[i], weight * f64::from(self.lead[i]));
             match sums[..count].iter_mut().find(|(known, _)| *known == label) {
@@ -211,14 +230,14 @@ impl<const D: usize> Labelled<D> {
                 }
             }
         });
-        let most = |a: (u8, f64), &b: &(u8, f64)| if b.1 > a.1 { b } else { a };
+        let most = |a: (u32, f64), &b: &(u32, f64)| if b.1 > a.1 { b } else { a };
         sums[..count].iter().fold(sums[0], most).0
     }
 
     /// How far label `a` leads over label `b` at a position: negative where `b` leads, zero where others
     /// do.
     #[inline]
-    fn between(&self, x: [f64; D], [a, b]: [u8; 2]) -> f64 {
+    fn between(&self, x: [f64; D], [a, b]: [u32; 2]) -> f64 {
         let mut sum = 0.0;
         self.around(x, |i, weight| {
             let sign = match self.winner[i] {
@@ -233,7 +252,13 @@ impl<const D: usize> Labelled<D> {
 
     /// How far from `x`, along the unit vector `along`, label `a` ends and label `b` begins: the nearest
     /// such place within `reach` lattice units either way.
-    pub fn crossing(&self, x: [f64; D], along: [f64; D], pair: [u8; 2], reach: f64) -> Option<f64> {
+    pub fn crossing(
+        &self,
+        x: [f64; D],
+        along: [f64; D],
+        pair: [u32; 2],
+        reach: f64,
+    ) -> Option<f64> {
         let pace = PACE * self.step.iter().copied().fold(f64::INFINITY, f64::min);
         let lead = |t: f64| self.between(std::array::from_fn(|k| x[k] + t * along[k]), pair);
         let mut before = lead(0.0);
@@ -257,14 +282,16 @@ impl<const D: usize> Labelled<D> {
     }
 }
 
-/// The region of one of several labels: its value, where all values are whole numbers, else its number.
-pub fn region(labels: &[f32], number: usize) -> i32 {
-    let whole = labels.iter().all(|l| l.fract() == 0.0 && l.abs() < 1e9);
-    if whole {
-        labels[number] as i32
-    } else {
-        number as i32
-    }
+/// Returns the region of each of several labels: its value, where all values are whole numbers of 32 bits, else
+/// its number.
+pub fn regions(labels: &[LabelValue]) -> Vec<i32> {
+    let values: Option<Vec<i32>> = labels.iter().map(|label| label.as_i32()).collect();
+    values.unwrap_or_else(|| (0..labels.len() as i32).collect())
+}
+
+/// Returns whether cells can have the values of labels as their regions.
+pub fn are_regions(labels: &[LabelValue]) -> bool {
+    labels.iter().all(|label| label.as_i32().is_some())
 }
 
 /// Interfaces are sought in steps of this many samples.
@@ -275,7 +302,7 @@ const PACE: f64 = 0.25;
 pub fn volumes<const D: usize>(
     dims: [usize; D],
     step: [f64; D],
-    label: &[u8],
+    label: &[u32],
     count: usize,
 ) -> Vec<f64> {
     let mut volumes = vec![0.0; count];
@@ -298,13 +325,12 @@ pub fn volumes<const D: usize>(
     volumes
 }
 
-/// The component that each sample of an image of labels belongs to, and their values; `None` where it
-/// has too many.
-pub fn components<const D: usize>(image: &Image<D>) -> Option<(Vec<f32>, Vec<u8>, Components<D>)> {
-    let labels = values(image.as_slice(), MOST_LABELS)?;
-    let numbers = numbers(image.as_slice(), &labels);
-    let components = Components::of(image.dims(), &numbers);
-    Some((labels, numbers, components))
+/// Returns the values of the labels of an image, the number of that of each sample, and their connected parts;
+/// `None` where its samples are no labels.
+pub fn components<const D: usize>(image: &Image<D>) -> Option<(LabelTable, Components<D>)> {
+    let table = LabelTable::of(image)?;
+    let components = Components::of(image.dims(), &table.index);
+    Some((table, components))
 }
 
 #[cfg(test)]
@@ -313,7 +339,12 @@ mod tests {
 
     #[test]
     fn wishes_are_read_and_written() {
-        for text in ["3:distance=4,name=fault", "-2:into=7", "0.5:name=a-b_1"] {
+        for text in [
+            "3:distance=4,name=fault",
+            "-2:into=7",
+            "0.5:name=a-b_1",
+            "18446744073709551615:into=-9223372036854775808",
+        ] {
             assert_eq!(LabelWish::parse(text).unwrap().to_string(), text);
         }
         for (text, word) in [
@@ -336,7 +367,7 @@ mod tests {
         let labelled = Labelled {
             dims: [6, 2],
             step: [1.0, 1.0],
-            labels: vec![1.0, 2.0, 3.0],
+            labels: [1.0, 2.0, 3.0].map(LabelValue::of).to_vec(),
             names: vec![None; 3],
             winner: [[0, 0, 1, 1, 1, 2]; 2].concat(),
             lead: [[0.9, 0.3, 0.1, 0.8, 0.6, 0.6]; 2].concat(),

@@ -48,6 +48,7 @@ pub(crate) mod crossing;
 pub(crate) mod depth;
 mod detection;
 pub(crate) mod detectors;
+mod doubt;
 pub(crate) mod gaps;
 pub(crate) mod gaussian;
 mod kind;
@@ -79,8 +80,8 @@ use crate::error::Result;
 use crate::image::{Field, Image, LiveMask, Source, Sparse};
 use crate::observer::{Patience, Stage};
 use crate::ranks::{Alone, Group, Ranks};
-use detectors::auto::Choice;
-use detectors::{Detector, Scene};
+use detectors::auto::Known;
+use detectors::{Detector, Scene, labels};
 use potential::Valleys;
 use sheets::{FoundSheets, Open};
 use std::borrow::Cow;
@@ -90,6 +91,7 @@ use windows::Samples;
 pub use detection::Detection;
 pub(crate) use detection::fills_gaps;
 pub use detectors::paths::PathSeeds;
+pub use doubt::Doubt;
 pub use kind::FeatureKind;
 pub use labelled::{LabelWish, Labelled};
 pub use lines::{FeatureLine, LineKind, SHORTEST, lines};
@@ -136,6 +138,8 @@ pub struct Features<const D: usize> {
     pub labels: Option<Labelled<D>>,
     /// Of [`FeatureKind::Paths`]: the share of the paths that pass each sample.
     pub confidence: Option<Field<D>>,
+    /// What the image leaves open, where the kind of feature was chosen by it.
+    pub doubt: Option<Doubt>,
 }
 
 impl<const D: usize> Features<D> {
@@ -154,6 +158,7 @@ impl<const D: usize> Features<D> {
             settled: Vec::new(),
             labels: None,
             confidence: None,
+            doubt: None,
         }
     }
 }
@@ -209,12 +214,13 @@ pub(crate) fn detect_while<const D: usize>(
     }
     let samples = Samples::in_layers(layers, 1.0);
     // Looked at whatever is asked for: what has gaps is searched in memory.
-    let choice = detectors::auto::choose_in_layers(&samples, patience)?;
+    let modality = asked.modality.or_of(layers.geometry());
+    let choice = detectors::auto::choose_in_layers(&samples, modality, patience)?;
     let chosen = match (parts, choice) {
-        (_, Choice::Gaps) => None,
+        (_, Known::Gaps) => None,
         (Some(parts), _) => Some((parts, None)),
-        (None, Choice::Kind(choice)) => Some(detectors::named(choice, asked)?),
-        (None, Choice::Unknown) => None,
+        (None, Known::Fits(choice)) => Some(detectors::named(choice, asked)?),
+        (None, Known::Unknown) => None,
     };
     match chosen {
         Some((parts, why)) if parts.iter().all(|(detector, _)| detector.in_layers()) => {
@@ -248,7 +254,7 @@ fn detect_held<const D: usize>(
 fn follow_parts<const D: usize>(
     (source, live): (Source<'_, D>, Option<&LiveMask<D>>),
     parts: Vec<detectors::Part<D>>,
-    why: Option<String>,
+    reason: Option<detectors::Reason>,
     asked: &Detection<D>,
     patience: &Patience<'_>,
 ) -> Result<Features<D>> {
@@ -263,7 +269,10 @@ fn follow_parts<const D: usize>(
     };
     let found: Result<Vec<_>> = parts.into_iter().enumerate().map(follow_whole).collect();
     let mut features = detectors::together(found?, source.dims(), asked)?;
-    features.notes.splice(0..0, why);
+    if let Some(reason) = reason {
+        features.notes.insert(0, reason.note);
+        features.doubt = reason.doubt;
+    }
     Ok(features)
 }
 
@@ -376,9 +385,21 @@ fn follow<const D: usize>(
     // Edges do not cross at small angles, but their normals scatter in noise. Other sheets, which may run as
     // near one another as points of one do, are told apart by theirs.
     let sheet = (kind == FeatureKind::Edges).then_some(&sheets.sheet[..]);
-    let spacing = gaps.map(|limits| {
+    let spacing = gaps.map(|[least, most]| {
         let points = &sheets.points;
-        gaps::spacing(dims, points, sheet, asked.step, limits, among)
+        let of_labels = found.labels.is_some();
+        let finest = if of_labels {
+            labels::LEAST_IN_THIN * least
+        } else {
+            least
+        };
+        let limits = [finest, most];
+        let mut spacing = gaps::spacing(dims, points, sheet, asked.step, limits, among)?;
+        if of_labels {
+            let gaps = spacing.iter_mut();
+            gaps.for_each(|gap| *gap = labels::distance_in_gap(*gap, [least, most]));
+        }
+        Ok(spacing)
     });
     let spacing = spacing.transpose()?;
     let (labels, limits) = found.labels.unzip();
@@ -386,7 +407,10 @@ fn follow<const D: usize>(
         Some(limits) => limits.spacing(&sheets.points, asked.step, spacing),
         None => spacing,
     };
-    if let (Some(spacing), Some(limits)) = (&spacing, gaps) {
+    if let (Some(spacing), Some(mut limits)) = (&spacing, gaps) {
+        if labels.is_some() {
+            limits[0] = spacing.iter().fold(limits[0], |d, s| d.min(f64::from(*s)));
+        }
         notes.push(gaps::note(spacing, limits, among)?);
     }
     let own = match scene.source {
@@ -438,6 +462,7 @@ fn follow<const D: usize>(
         }],
         labels,
         confidence: found.confidence.map(|samples| field(dims, asked, samples)),
+        doubt: None,
     })
 }
 

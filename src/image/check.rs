@@ -2,7 +2,7 @@
 
 use crate::parallel::prelude::*;
 
-use super::Image;
+use super::{Image, Modality};
 use crate::error::{Error, Result, cause};
 
 /// Statistics over all samples of an image.
@@ -56,7 +56,10 @@ impl<const D: usize> Image<D> {
                 "check that the right file or attribute was given",
             );
         }
-        if stats.min == stats.max {
+        // Labels may differ by less than the samples show.
+        let labels = self.labels.as_ref();
+        let differ = labels.is_some_and(|labels| labels.values.len() > 1);
+        if stats.min == stats.max && !differ {
             return refuse(
                 format!("all samples equal {}", stats.min),
                 "a constant image has no features; check that the right file or attribute was given",
@@ -76,33 +79,131 @@ pub struct LooksLabelled {
 }
 
 impl<const D: usize> Image<D> {
-    /// Whether the samples look like labels, and why.
-    pub fn looks_labelled(&self) -> Option<LooksLabelled> {
+    /// Returns whether the samples look like labels, and why: few values of which neighbours mostly share one;
+    /// or, unless they are of a survey, many whole numbers that do so and change without order.
+    pub fn looks_labelled(&self, modality: Modality) -> Option<LooksLabelled> {
         let samples = self.as_slice();
-        let values = values(samples, FEW_LABELS)?.len();
-        let equal = samples.windows(2).filter(|w| w[0] == w[1]).count();
-        let equal = equal as f64 / (samples.len().max(2) - 1) as f64;
-        (equal > 0.75).then_some(LooksLabelled { values, equal })
+        if let Some(exact) = &self.labels {
+            // They are integers of more than 24 bits, as no scanner gives: neighbours must share them all the same.
+            let equal = exact.index.windows(2).filter(|w| w[0] == w[1]).count();
+            let equal = equal as f64 / (samples.len().max(2) - 1) as f64;
+            return (equal > EQUAL_IN_LABELS).then_some(LooksLabelled {
+                values: exact.values.len(),
+                equal,
+            });
+        }
+        if let Some(values) = values(samples, FEW_LABELS) {
+            let equal = equal_neighbours(samples) as f64 / (samples.len().max(2) - 1) as f64;
+            return (equal > 0.75).then_some(LooksLabelled {
+                values: values.len(),
+                equal,
+            });
+        }
+        if modality == Modality::Survey || !samples.par_chunks(CHUNK).all(is_whole) {
+            return None;
+        }
+        let equal = equal_neighbours(samples) as f64 / (samples.len().max(2) - 1) as f64;
+        if equal <= EQUAL_IN_LABELS {
+            return None;
+        }
+        let values = values(samples, samples.len() / SAMPLES_PER_LABEL)?;
+        is_without_order(samples, &values).then_some(LooksLabelled {
+            values: values.len(),
+            equal,
+        })
     }
+}
+
+/// The least share of equal neighbours in an image of many labels.
+pub const EQUAL_IN_LABELS: f64 = 0.6;
+
+/// Labels have at least so many samples on average.
+const SAMPLES_PER_LABEL: usize = 8;
+
+/// Returns whether whole numbers change as labels do. The background, the commonest value, aside, neighbours are
+/// mostly equal, and those that differ are mostly not next to one another among the values, as they are where
+/// a grey value rises and falls.
+fn is_without_order(samples: &[f32], values: &[f32]) -> bool {
+    let rank = |s: f32| values.partition_point(|v| *v < s);
+    let mut counts = vec![0usize; values.len()];
+    let mut last = (f32::NAN, 0);
+    for &s in samples {
+        if s != last.0 {
+            last = (s, rank(s));
+        }
+        if let Some(count) = counts.get_mut(last.1) {
+            *count += 1;
+        }
+    }
+    let most = counts.iter().max().copied().unwrap_or(0);
+    let background = counts.iter().position(|count| *count == most).unwrap_or(0);
+    let (mut equal, mut different, mut next) = (0usize, 0usize, 0usize);
+    let mut before: Option<(f32, usize)> = None;
+    for &s in samples {
+        match before {
+            Some((value, rank)) if value == s => equal += usize::from(rank != background),
+            _ => {
+                let new = rank(s);
+                if let Some((_, old)) = before {
+                    different += 1;
+                    next += usize::from(old.abs_diff(new) == 1);
+                }
+                before = Some((s, new));
+            }
+        }
+    }
+    let inside = (equal + different).max(1) as f64;
+    equal as f64 > 0.5 * inside && 2 * next < different.max(1)
+}
+
+/// Returns whether all samples are whole numbers.
+pub fn is_whole(samples: &[f32]) -> bool {
+    samples.iter().all(|s| s.trunc() == *s)
+}
+
+/// Returns the number of samples that equal the next in memory.
+pub fn equal_neighbours(samples: &[f32]) -> usize {
+    // Each chunk looks at the first of the next.
+    let count = |chunk: usize| {
+        let end = ((chunk + 1) * CHUNK + 1).min(samples.len());
+        let part = &samples[chunk * CHUNK..end];
+        part.windows(2).filter(|w| w[0] == w[1]).count()
+    };
+    (0..samples.len().div_ceil(CHUNK))
+        .into_par_iter()
+        .map(count)
+        .sum()
 }
 
 /// An image of more different values than this is one of labels only if it is said.
 pub const FEW_LABELS: usize = 64;
 
-/// The different values of a volume in ascending order, if there are at most `most`.
+/// Returns the different values of a volume in ascending order, if there are at most `most`.
 pub fn values(samples: &[f32], most: usize) -> Option<Vec<f32>> {
     let mut found: Vec<f32> = Vec::new();
-    let mut last = f32::NAN;
-    for &s in samples {
-        if s != last {
-            last = s;
-            if let Err(i) = found.binary_search_by(|v| v.total_cmp(&s)) {
-                if found.len() == most {
-                    return None;
+    for part in samples.chunks(CHUNK) {
+        let mut last = f32::NAN;
+        let mut new: Vec<f32> = Vec::new();
+        for &s in part {
+            if s != last {
+                last = s;
+                // -0 is 0.
+                let s = s + 0.0;
+                if found.binary_search_by(|v| v.total_cmp(&s)).is_err() {
+                    new.push(s);
                 }
-                found.insert(i, s);
             }
         }
+        if new.is_empty() {
+            continue;
+        }
+        new.sort_by(f32::total_cmp);
+        new.dedup();
+        found.extend(new);
+        if found.len() > most {
+            return None;
+        }
+        found.sort_by(f32::total_cmp);
     }
     Some(found)
 }

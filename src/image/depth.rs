@@ -224,6 +224,7 @@ impl<const D: usize> Stretch<D> {
                 }
             });
         let made = Image {
+            labels: None,
             samples,
             geometry: self.geometry.clone(),
             missing: Vec::new(),

@@ -65,7 +65,10 @@ impl Layers<3> for Stream {
     fn load(&self) -> Result<Image<3>> {
         let mut samples = samples::room(Path::new("the image"), self.head.dims.iter().product())?;
         self.planes(0, &mut samples)?;
-        let image = Image::new(self.head.dims, samples, self.head.geometry.clone());
+        let mut image = Image::new(self.head.dims, samples, self.head.geometry.clone());
+        if self.note().is_some() {
+            image.labels = self.planes.integers(self.head.dims)?;
+        }
         Ok(image.with_missing(self.head.missing.clone()))
     }
 }

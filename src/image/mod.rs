@@ -4,12 +4,14 @@
 //! the fastest axis, so the array's NumPy shape is `(nz, ny, nx)`.
 //!
 //! - `geometry`: from sample indices to physical coordinates
+//! - `modality`: whether it comes from a survey or a scan
 //! - `time`: two-way time among the coordinates, and depth for it by one velocity
 //! - `velocity`: interval velocities, on a grid of their own in two-way time
 //! - `column`: depth of two-way time below one place, and back
 //! - `depth`: an image in two-way time becomes one in depth
 //! - `check`: statistics, and refusing what no mesh can be made of
 //! - `field`: samples in *lattice space* and their smooth interpolation
+//! - `labels`: values of labels, exactly
 //! - `layers`: samples some layers at a time, in memory or not
 //! - `live`: samples that hold no data, and gaps among them
 //! - `sparse`: the same of what is zero nearly everywhere
@@ -20,8 +22,10 @@ pub(crate) mod depth;
 pub(crate) mod field;
 pub mod formats;
 pub(crate) mod geometry;
+pub(crate) mod labels;
 pub(crate) mod layers;
 pub(crate) mod live;
+pub(crate) mod modality;
 pub(crate) mod sparse;
 pub mod synth;
 pub(crate) mod time;
@@ -32,16 +36,19 @@ pub use column::Column;
 pub use depth::Stretch;
 pub use field::Field;
 pub use geometry::Geometry;
+pub use labels::{ExactLabels, LabelTable, LabelValue};
 pub use layers::{Layers, Source};
 pub(crate) use live::LiveMask;
 pub use live::Marked;
 use live::apart2;
+pub use modality::Modality;
 pub(crate) use sparse::Missed;
 pub use sparse::Sparse;
 pub use time::{NoDepth, TimeCoordinate};
 pub use velocity::{Reach, Velocities};
 
 use ndarray::ArrayD;
+use std::sync::Arc;
 
 /// A `D`-dimensional image: `f32` samples and their [`Geometry`].
 #[derive(Debug, Clone, PartialEq)]
@@ -57,6 +64,8 @@ pub struct Image<const D: usize> {
     /// For each sample, in memory order, whether it holds no data: then it is a zero that means nothing.
     /// Empty unless dead samples are others than whole rows along x. No file keeps it.
     pub dead: Vec<bool>,
+    /// The labels of the samples, where these are integers that 32-bit floats round.
+    pub labels: Option<Arc<ExactLabels>>,
 }
 
 impl<const D: usize> Image<D> {
@@ -71,6 +80,7 @@ impl<const D: usize> Image<D> {
             geometry,
             missing: Vec::new(),
             dead: Vec::new(),
+            labels: None,
         }
     }
 
@@ -142,10 +152,11 @@ impl<const D: usize> Image<D> {
         let dims = self.dims();
         let geometry = self.geometry.in_space();
         let dims = std::array::from_fn(|k| dims.get(k).copied().unwrap_or(1));
-        let mut image = Image::new(dims, self.as_slice().to_vec(), geometry);
-        image.missing.clone_from(&self.missing);
-        image.dead.clone_from(&self.dead);
-        image
+        let mut space = Image::new(dims, self.as_slice().to_vec(), geometry);
+        space.labels.clone_from(&self.labels);
+        space.missing.clone_from(&self.missing);
+        space.dead.clone_from(&self.dead);
+        space
     }
 }
 
@@ -157,7 +168,9 @@ impl Image<3> {
         let [nx, ny, _] = self.dims();
         let samples = self.as_slice()[..nx * ny].to_vec();
         let missing = self.missing.iter().copied().take(ny).collect();
-        Image::new([nx, ny], samples, self.geometry.flatten()).with_missing(missing)
+        let mut flat = Image::new([nx, ny], samples, self.geometry.flatten());
+        flat.labels = self.labels.as_ref().map(|labels| labels.first(nx * ny));
+        flat.with_missing(missing)
     }
 }
 

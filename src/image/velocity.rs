@@ -253,6 +253,7 @@ fn with_axis_first<const D: usize>(image: Image<D>, k: usize) -> Result<Image<D>
     geometry.axes.swap(0, k);
     geometry.names.swap(0, k);
     Ok(Image {
+        labels: None,
         samples: samples.as_standard_layout().into_owned(),
         geometry,
         missing: Vec::new(),

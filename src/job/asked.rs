@@ -119,6 +119,8 @@ pub enum StrongKind {
     Horizons,
     /// Where layers of seismic amplitude are broken.
     Faults,
+    /// The middle of a mask of thin sheets.
+    Mask,
     /// The image is b(x) already.
     Potential,
 }
@@ -135,6 +137,7 @@ impl Followed {
                 StrongKind::Canny => FeatureKind::Canny,
                 StrongKind::Horizons => FeatureKind::Horizons,
                 StrongKind::Faults => FeatureKind::Faults,
+                StrongKind::Mask => FeatureKind::Mask,
                 StrongKind::Potential => FeatureKind::Potential,
             },
             What::FaultsAndHorizons { .. } => FeatureKind::FaultsAndHorizons,

@@ -76,10 +76,9 @@ where
     mesh.on_feature = sites.faces(&mesh, atoms.len());
     let numbers = features.labels.as_ref().map(|labelled| {
         let votes = Places::of_cells(&mesh).votes(labelled);
-        let numbers: Vec<u8> = votes.iter().map(Votes::most).collect();
-        mesh.region = (numbers.iter())
-            .map(|&n| labelled.region(n as usize))
-            .collect();
+        let numbers: Vec<u32> = votes.iter().map(Votes::most).collect();
+        let of_label = labelled.regions();
+        mesh.region = numbers.iter().map(|&n| of_label[n as usize]).collect();
         // Then what is on features has no holes.
         let parts = |f: usize| match mesh.beyond(f) {
             Beyond::Cell(other) => numbers[other] != numbers[mesh.face_cells[f][0] as usize],

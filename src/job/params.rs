@@ -6,7 +6,7 @@ use std::borrow::Cow;
 use serde::{Deserialize, Serialize};
 
 use crate::feature;
-use crate::image::{Geometry, Image};
+use crate::image::{Geometry, Image, Modality};
 use crate::improve;
 use crate::improve::triangles::relax::Scheme;
 use crate::lattice::optimize;
@@ -234,6 +234,8 @@ pub struct Params<const D: usize = 3> {
     pub distances: Option<Box<Image<D>>>,
     /// Features to follow.
     pub feature: feature::FeatureKind,
+    /// Where the image comes from, if its geometry alone does not tell.
+    pub modality: Modality,
     /// Width in samples of the Gaussian under which features are sought; by kind if `None`.
     pub sigma: Option<f64>,
     /// Least strength of a feature, in units of the image; from the image itself if `None`.
@@ -288,6 +290,7 @@ impl<const D: usize> Default for Params<D> {
             cells: CellKind::default(),
             spacing: Spacing::default(),
             feature: feature::FeatureKind::Auto,
+            modality: Modality::Unknown,
             sigma: None,
             threshold: None,
             feature_weights: [1.0; 2],
@@ -344,6 +347,7 @@ impl<const D: usize> Params<D> {
         };
         feature::Detection {
             kind,
+            modality: self.modality,
             scale: self.sigma,
             threshold: self.threshold,
             weights: self.feature_weights,

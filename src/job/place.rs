@@ -7,7 +7,7 @@ use super::{Evaluator, Meshing, Params, Space, Spacing, Stages, canny, estimate}
 use crate::error::cause;
 use crate::feature::components::for_each_sample;
 use crate::feature::{FeatureKind, Features};
-use crate::image::{Field, Image, Source};
+use crate::image::{Field, Image, LabelValue, Source};
 use crate::lattice::distance::{self, Dense, Distance, Limits, Shared};
 use crate::lattice::optimize::{self, Stop};
 use crate::lattice::seeding::{self, Alignment, Seeding, wells};
@@ -233,10 +233,10 @@ fn dense<const D: usize>(image: &Image<D>, features: &Features<D>) -> (Dense, St
     let mut of = kinds.filter_map(|of| match (of.kind, of.mask) {
         (FeatureKind::Ridges, _) => Some((Dense::Bright, "ridges, which are bright".into())),
         (FeatureKind::Valleys, _) => Some((Dense::Dark, "valleys, which are dark".into())),
-        (FeatureKind::Labels, Some(value)) if mask(value) => {
+        (FeatureKind::Labels | FeatureKind::Mask, Some(value)) if mask(value) => {
             Some((Dense::Bright, format!("a thin mask of {value}")))
         }
-        (FeatureKind::Labels, Some(value)) => {
+        (FeatureKind::Labels | FeatureKind::Mask, Some(value)) => {
             Some((Dense::Dark, format!("a thin mask of {value}")))
         }
         _ => None,
@@ -275,7 +275,7 @@ fn of_labels<const D: usize>(
     let Some(labelled) = &features.labels else {
         return distance;
     };
-    let wish = |label: &f32| {
+    let wish = |label: &LabelValue| {
         let wish = params.labels.iter().find(|wish| wish.label == *label);
         wish.and_then(|wish| wish.distance)
     };
@@ -331,7 +331,15 @@ fn varying<const D: usize>(
         Spacing::Constant(d) if features.spacing.is_some() => {
             return gaps(least(d), d.max(least(d)));
         }
-        Spacing::FromGaps { min, max } => return gaps(least(min), max),
+        Spacing::FromGaps { min, max } => {
+            // Parts of labels may be thinner than the least distance.
+            let spacing = features.spacing.iter().flatten();
+            let min = match features.labels {
+                Some(_) => spacing.fold(min, |min, d| min.min(f64::from(*d))),
+                None => min,
+            };
+            return gaps(least(min), max);
+        }
         Spacing::FromFeatures { min, max } => {
             let limits = Limits { min, max, growth };
             return distance::shared_from_features(features, limits, patience, group);

@@ -4,14 +4,15 @@
 use crate::parallel::prelude::*;
 
 use super::{Marked, Scene};
+use crate::feature::components::{Components, for_each_sample};
 use crate::feature::labelled::{Labelled, components};
 use crate::feature::volume::Volume;
 use crate::feature::{LabelWish, labelled};
-use crate::image::Image;
+use crate::image::{Image, LabelTable};
 use crate::improve::regions::{self, Fitting, Places};
 use crate::mesh::Simplices;
 use crate::observer::Patience;
-use crate::report::{Lost, Region, Regions};
+use crate::report::{DAMAGED, Lost, Region, Regions};
 
 /// A part of a label of which the cells with its label hold less than this share is lost.
 const HELD: f64 = 0.25;
@@ -25,7 +26,7 @@ pub(super) fn of_simplices<const D: usize, M: Simplices<D>>(
     labelled: &Labelled<D>,
     min_angle: Option<f64>,
     patience: &Patience<'_>,
-) -> Vec<u8> {
+) -> Vec<u32> {
     let regions = regions::labels(&made.mesh, neighbors, labelled);
     if let Some(min_angle) = min_angle {
         let fitting = Fitting {
@@ -39,10 +40,8 @@ pub(super) fn of_simplices<const D: usize, M: Simplices<D>>(
         regions::fit(&mut made.mesh, &fitting, patience);
         made.feature_faces = regions::marks::<D>(&regions, neighbors);
     }
-    made.regions = regions
-        .iter()
-        .map(|&n| labelled.region(n as usize))
-        .collect();
+    let of_label = labelled.regions();
+    made.regions = regions.iter().map(|&n| of_label[n as usize]).collect();
     regions
 }
 
@@ -51,11 +50,15 @@ pub(super) fn report<const D: usize>(
     image: &Image<D>,
     wishes: &[LabelWish],
     places: &Places<'_, D>,
-    numbers: &[u8],
+    numbers: &[u32],
     step: [f64; D],
     patience: &Patience<'_>,
 ) -> Option<Regions> {
-    let (labels, of_sample, parts) = components(image)?;
+    let (table, parts) = components(image)?;
+    let LabelTable {
+        values: labels,
+        index: of_sample,
+    } = table;
     if patience.over() {
         return None;
     }
@@ -97,16 +100,19 @@ pub(super) fn report<const D: usize>(
         let wish = wishes.iter().find(|wish| wish.label == labels[n]);
         wish.and_then(|wish| wish.name.clone())
     };
+    let regions = labelled::regions(&labels);
     let mut all: Vec<Region> = (0..labels.len())
         .map(|n| Region {
-            label: f64::from(labels[n]),
-            region: labelled::region(&labels, n),
+            label: labels[n],
+            region: regions[n],
             name: name(n),
             parts: 0,
+            samples: 0,
             cells: 0,
             volume: 0.0,
             volume_of_samples: samples[n] * world,
             off_percent: 0.0,
+            distance: None,
         })
         .collect();
     for (&n, size) in numbers.iter().zip(&places.sizes) {
@@ -116,26 +122,70 @@ pub(super) fn report<const D: usize>(
     for region in &mut all {
         region.off_percent = 100.0 * (region.volume / region.volume_of_samples - 1.0);
     }
-    let mut lost: Vec<Lost> = Vec::new();
-    for (part, inside) in parts.all.iter().zip(&inside) {
+    let given = |n: usize| {
+        let wish = wishes.iter().find(|wish| wish.label == labels[n]);
+        wish.and_then(|wish| wish.distance)
+    };
+    let surface = surfaces(&parts, step);
+    let (mut lost, mut damaged) = (Losses::default(), Losses::default());
+    for (number, (part, inside)) in parts.all.iter().zip(&inside).enumerate() {
         let n = part.label as usize;
         all[n].parts += 1;
+        all[n].samples += part.samples;
         let size = part.samples as f64 * sample;
-        if *inside >= HELD * size {
-            continue;
+        let keeping = finer(keeping::<D>(size, surface[number]), given(n));
+        if part.samples >= LARGE {
+            let least = |a: Option<f64>, b: Option<f64>| match (a, b) {
+                (Some(a), Some(b)) => Some(a.min(b)),
+                (a, b) => a.or(b),
+            };
+            all[n].distance = least(all[n].distance, keeping);
         }
+        let losses = match () {
+            () if *inside < HELD * size => &mut lost,
+            () if part.samples >= LARGE
+                && !part.on_side(dims)
+                && *inside < (1.0 - DAMAGED) * size =>
+            {
+                &mut damaged
+            }
+            () => continue,
+        };
         let at = volume.coordinates(part.first);
-        let new = Lost {
-            label: f64::from(labels[n]),
+        losses.add(Lost {
+            label: labels[n],
             name: name(n),
             parts: 1,
             whole: false,
             samples: part.samples,
             largest: part.samples,
             at: image.geometry.to_physical(at.map(|i| i as f64)).to_vec(),
-            distance: keeping(size, D),
-        };
-        match lost.iter_mut().find(|known| known.label == new.label) {
+            distance: keeping,
+        });
+    }
+    for lost in &mut lost.0 {
+        let place = all.partition_point(|region| region.label < lost.label);
+        lost.whole = all
+            .get(place)
+            .is_some_and(|region| region.parts == lost.parts);
+    }
+    Some(Regions {
+        regions: all,
+        lost: lost.0,
+        damaged: damaged.0,
+    })
+}
+
+/// Parts of so many samples count as damaged where much of them is missing.
+const LARGE: usize = 50;
+
+/// Parts of labels of which something is to be said, by label.
+#[derive(Default)]
+struct Losses(Vec<Lost>);
+
+impl Losses {
+    fn add(&mut self, new: Lost) {
+        match self.0.iter_mut().find(|known| known.label == new.label) {
             Some(known) => {
                 known.parts += 1;
                 known.samples += new.samples;
@@ -143,21 +193,62 @@ pub(super) fn report<const D: usize>(
                     (known.largest, known.at, known.distance) = (new.largest, new.at, new.distance);
                 }
             }
-            None => lost.push(new),
+            None => self.0.push(new),
         }
     }
-    for lost in &mut lost {
-        let of_label = all.iter().find(|region| region.label == lost.label);
-        lost.whole = of_label.is_some_and(|region| region.parts == lost.parts);
-    }
-    Some(Regions { regions: all, lost })
 }
 
-/// A distance between atoms at which a part of this volume is kept: about half its width, in two digits.
-fn keeping(volume: f64, dimensions: usize) -> f64 {
-    let d = 0.55 * volume.powf(1.0 / dimensions as f64);
+/// The area of the sides that each part shares with others, in lattice units.
+fn surfaces<const D: usize>(parts: &Components<D>, step: [f64; D]) -> Vec<f64> {
+    let mut areas = vec![0.0; parts.all.len()];
+    let strides = Volume::new(parts.dims, &[]).strides();
+    let sample: f64 = step.iter().product();
+    for_each_sample(parts.dims, |i, at| {
+        for k in 0..D {
+            if at[k] == 0 {
+                continue;
+            }
+            let [a, b] = [i - strides[k], i].map(|i| parts.of_sample[i]);
+            if a != b {
+                areas[a as usize] += sample / step[k];
+                areas[b as usize] += sample / step[k];
+            }
+        }
+    });
+    areas
+}
+
+/// Returns a distance between atoms at which a part of this volume and surface is kept, in two digits: about half
+/// the width of what is as wide as long, and 0.6 of the thickness of what is thin.
+fn keeping<const D: usize>(volume: f64, surface: f64) -> f64 {
+    let by_volume = 0.55 * volume.powf(1.0 / D as f64);
+    // Of a plate that is its thickness; the sides of samples are about 1.5 times (in the plane 1.27 times) those of a ball.
+    let thickness = 2.0 * volume / surface.max(1e-12);
+    let of_ball = match D {
+        2 => 0.79 * (volume / std::f64::consts::PI).sqrt(),
+        _ => 0.44 * (volume * 0.75 / std::f64::consts::PI).cbrt(),
+    };
+    let compact = (thickness / of_ball).min(1.0).powi(4);
+    // Walls of a sample are raised to half as much again until they are fitted.
+    let of_wall = if thickness < 1.5 { 0.8 } else { 0.6 };
+    let of_thickness = of_wall + compact * (by_volume / of_ball - of_wall);
+    let d = by_volume.min(of_thickness * thickness);
     let tenths = 10f64.powf(1.0 - d.log10().floor());
     (d * tenths).floor() / tenths
+}
+
+/// Atoms are not nearer together than this, in lattice units.
+const FINEST: f64 = 0.25;
+
+/// Returns a distance that is less than the one that was `given`; `None` if that is as small as can be.
+fn finer(distance: f64, given: Option<f64>) -> Option<f64> {
+    match given {
+        Some(given) if distance >= given => {
+            let less = (70.0 * given).floor() / 100.0;
+            (less >= FINEST).then_some(less)
+        }
+        _ => Some(distance.max(FINEST)),
+    }
 }
 
 #[cfg(test)]
@@ -165,6 +256,7 @@ mod tests {
     use super::*;
     use crate::feature::FeatureKind;
     use crate::feature::scenes::image_of;
+    use crate::image::LabelValue;
     use crate::job::{CellKind, Outcome, Params, Spacing, run};
     use crate::mesh::complex::NONE;
     use crate::observer::Unobserved;
@@ -254,10 +346,11 @@ mod tests {
         let [one] = whole[..] else {
             panic!("{lost:?}");
         };
-        assert_eq!((one.label, one.parts, one.whole), (7.0, 1, true));
+        assert!(one.label == 7.0);
+        assert_eq!((one.parts, one.whole), (1, true));
         assert!(one.largest > 25 && one.largest < 40, "{one:?}");
         assert!(one.said().contains("label 7") && one.said().contains("keeps it"));
-        let wish = one.option();
+        let wish = one.option().unwrap();
         let wish = LabelWish::parse(wish.strip_prefix("--label ").unwrap()).unwrap();
         let kept = Params {
             labels: vec![wish],
@@ -313,7 +406,7 @@ mod tests {
         let cells = outcome.voronoi().unwrap();
         assert!(cells.region.contains(&3) && cells.region.contains(&9));
         for region in &outcome.report.regions.as_ref().unwrap().regions {
-            let large = [1.0, 2.0, 3.0].contains(&region.label);
+            let large = [1.0, 2.0, 3.0].contains(&region.label.as_f64());
             assert!(!large || region.off_percent.abs() < 3.0, "{region:?}");
         }
         let disc = |x: f64, y: f64| f64::from(u8::from((x - 22.0).hypot(y - 19.0) < 11.0));
@@ -329,12 +422,14 @@ mod tests {
 
     #[test]
     fn labels_that_are_no_whole_numbers_are_numbered() {
-        let of = |labels: &[f32]| -> Vec<i32> {
-            (0..labels.len())
-                .map(|n| labelled::region(labels, n))
-                .collect()
+        let of = |labels: &[&str]| -> Vec<i32> {
+            let labels = labels.iter().map(|text| LabelValue::parse(text).unwrap());
+            let labels: Vec<LabelValue> = labels.collect();
+            labelled::regions(&labels)
         };
-        assert_eq!(of(&[-1.0, 0.0, 300.0]), [-1, 0, 300]);
-        assert_eq!(of(&[0.25, 1.0]), [0, 1]);
+        assert_eq!(of(&["-1", "0", "300"]), [-1, 0, 300]);
+        assert_eq!(of(&["0.25", "1"]), [0, 1]);
+        assert_eq!(of(&["16777216", "2147483647"]), [16_777_216, i32::MAX]);
+        assert_eq!(of(&["5", "2147483648"]), [0, 1]);
     }
 }

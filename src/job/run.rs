@@ -2,6 +2,7 @@
 
 use super::frame::{Frame, lattice_extent};
 use super::optimise::optimisation;
+use super::params::DISTANCES;
 use super::place::{self, Placed, Placing};
 use super::{
     CellKind, Checkpoint, Marked, Meshing, Params, Scene, Share, Space, Spacing, Stages, cells,
@@ -180,7 +181,7 @@ where
     let source = merged.as_ref().map_or(source, Source::Held);
     // What is computed of the image's values must not see what stands for missing samples.
     let marked = match source {
-        Source::Held(image) if feature::fills_gaps(image, params.feature) => {
+        Source::Held(image) if feature::fills_gaps(image, params.feature, params.modality) => {
             image.marked(!params.keep_nulls)?
         }
         _ => None,
@@ -201,6 +202,8 @@ where
         Spacing::OfAtoms { .. } => extent,
         _ => lattice_extent(dims, params.metric.lengths(geometry)),
     };
+    let fitted = fitted(params, room);
+    let params = fitted.as_ref().unwrap_or(params);
     let wishes = params.labels.iter().filter_map(|wish| wish.distance);
     let largest = wishes.fold(params.spacing.max(), f64::max);
     Distance::Constant(largest).validate(room)?;
@@ -294,6 +297,7 @@ where
             .iter()
             .flat_map(|marked| marked.notes.iter().cloned()),
     );
+    report.doubt.clone_from(&features.doubt);
     report.notes.extend(features.notes.iter().cloned());
     report.notes.extend(place::note(source, params, &features)?);
     let (costs, interrupted) = stages.end();
@@ -315,6 +319,21 @@ where
         provenance: Provenance::default(),
         stop,
         report,
+    })
+}
+
+/// Returns the parameters with the default distance as large as a thin image, as of a few slices, has room for;
+/// `None` if it fits, or is not the default.
+fn fitted<const D: usize>(params: &Params<D>, room: [f64; D]) -> Option<Params<D>> {
+    let [min, max] = DISTANCES;
+    let most = 0.5 * room.iter().copied().fold(f64::INFINITY, f64::min);
+    let fits = most >= max || most < min;
+    if fits || params.spacing != (Spacing::FromGaps { min, max }) {
+        return None;
+    }
+    Some(Params {
+        spacing: Spacing::FromGaps { min, max: most },
+        ..params.clone()
     })
 }
 

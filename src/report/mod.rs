@@ -48,10 +48,11 @@ pub(crate) use nearest::square_to_face;
 pub use quality::{Quality, quality, smallest_angles};
 pub(crate) use quality::{quality_of_part, quality_while};
 pub use reference::Reference;
+pub(crate) use regions::DAMAGED;
 pub use regions::{Lost, Region, Regions};
 pub use verdict::{Grade, Verdict};
 
-use crate::feature::LeftOut;
+use crate::feature::{Doubt, LeftOut};
 use crate::improve;
 use crate::mesh::check::Check;
 use serde::Serialize;
@@ -77,6 +78,9 @@ pub struct Report {
     pub quality: Option<Quality>,
     /// Shapes in physical space, where it differs.
     pub quality_physical: Option<Quality>,
+    /// What the image leaves open, where the kind of feature was chosen by it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub doubt: Option<Doubt>,
     /// Feature points that were found and left out, by the reason.
     pub left_out: Option<LeftOut>,
     /// Fidelity to the features.
@@ -109,6 +113,7 @@ impl Default for Report {
             trace: Vec::new(),
             quality: None,
             quality_physical: None,
+            doubt: None,
             left_out: None,
             fidelity: None,
             filling: None,

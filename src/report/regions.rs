@@ -1,5 +1,6 @@
 //! What became of the labels of an image.
 
+use crate::image::LabelValue;
 use serde::Serialize;
 
 /// The regions of a mesh.
@@ -9,19 +10,23 @@ pub struct Regions {
     pub regions: Vec<Region>,
     /// Connected parts of labels that the mesh does not have, by label.
     pub lost: Vec<Lost>,
+    /// Connected parts of labels of which much is missing, by label.
+    pub damaged: Vec<Lost>,
 }
 
 /// A region of the mesh.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Region {
     /// The value that its samples have.
-    pub label: f64,
+    pub label: LabelValue,
     /// The value that its cells have.
     pub region: i32,
     /// What it is called.
     pub name: Option<String>,
     /// Number of connected parts in the image.
     pub parts: usize,
+    /// Number of samples.
+    pub samples: usize,
     /// Number of cells.
     pub cells: usize,
     /// Volume (area in 2-D) of its cells, in the image's units.
@@ -30,13 +35,18 @@ pub struct Region {
     pub volume_of_samples: f64,
     /// By how much the volume is off that of the samples, in percent.
     pub off_percent: f64,
+    /// The distance between atoms, in samples, that suits its thickness; `None` if it has that already.
+    pub distance: Option<f64>,
 }
+
+/// The share of the largest part's volume that is missing where it is damaged.
+pub const DAMAGED: f64 = 0.25;
 
 /// Parts of a label that the mesh does not have.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Lost {
     /// The label.
-    pub label: f64,
+    pub label: LabelValue,
     /// What it is called.
     pub name: Option<String>,
     /// How many parts.
@@ -49,18 +59,22 @@ pub struct Lost {
     pub largest: usize,
     /// Where its first sample is, in the image's coordinates.
     pub at: Vec<f64>,
-    /// The distance between atoms, in samples, that would keep it.
-    pub distance: f64,
+    /// The distance between atoms, in samples, that would keep it; `None` if it has that already.
+    pub distance: Option<f64>,
 }
 
 impl Lost {
-    /// The option that would keep the largest.
-    pub fn option(&self) -> String {
-        format!("--label {}:distance={}", self.label, self.distance)
+    /// The option that would keep the largest, if one would.
+    pub fn option(&self) -> Option<String> {
+        option(self.label, self.distance)
     }
 
-    /// What to say.
+    /// What to say of parts that are lost.
     pub fn said(&self) -> String {
+        self.said_as("LOST")
+    }
+
+    fn said_as(&self, what_became: &str) -> String {
         let name = self
             .name
             .as_ref()
@@ -77,12 +91,23 @@ impl Lost {
                 self.samples, self.largest
             ),
         };
+        let remedy = match self.option() {
+            Some(option) => format!("{option} keeps it"),
+            None => RESAMPLE.to_string(),
+        };
         format!(
-            "LOST of label {}{name}: {what}; {} keeps it",
-            self.label,
-            self.option()
+            "{what_became} of label {}{name}: {what}; {remedy}",
+            self.label
         )
     }
+}
+
+/// What helps where atoms cannot be nearer together.
+pub const RESAMPLE: &str = "an image of twice as many samples along each axis keeps it";
+
+/// The option that gives a label a distance.
+pub fn option(label: LabelValue, distance: Option<f64>) -> Option<String> {
+    Some(format!("--label {label}:distance={}", distance?))
 }
 
 /// How many regions are shown.
@@ -102,7 +127,7 @@ impl Regions {
             };
             lines.push(format!(
                 "{:>8} {:>9} {:>14} {:>14} {:>+8.2}  {}",
-                region.label,
+                region.label.to_string(),
                 super::table::grouped(region.cells),
                 number(region.volume),
                 number(region.volume_of_samples),
@@ -114,6 +139,8 @@ impl Regions {
             lines.push(format!("... {} more in JSON", self.regions.len() - SHOWN));
         }
         lines.extend(self.lost.iter().map(Lost::said));
+        let damaged = self.damaged.iter();
+        lines.extend(damaged.map(|lost| lost.said_as("DAMAGED")));
         lines
     }
 }
@@ -125,14 +152,14 @@ mod tests {
     #[test]
     fn what_is_lost_is_named_with_its_size_and_what_keeps_it() {
         let lost = Lost {
-            label: 13.0,
+            label: LabelValue::Whole(13),
             name: Some("cyst".into()),
             parts: 2,
             whole: false,
             samples: 20,
             largest: 18,
             at: vec![29.0, 42.5, 71.0],
-            distance: 1.4,
+            distance: Some(1.4),
         };
         assert_eq!(
             lost.said(),

@@ -2,8 +2,10 @@
 
 use serde::Serialize;
 
+use super::regions;
 use super::table::grouped;
 use super::{Fidelity, Quality, Report, Voronoi};
+use crate::feature::FeatureKind;
 
 /// Smaller shares of the features covered by faces, or of faces that are on features, are poor.
 const SHARE: f64 = 0.9;
@@ -13,6 +15,12 @@ const TINY_FACES: f64 = 0.01;
 
 /// Parts of labels of fewer samples are no loss, unless nothing else has the label.
 const CRUMB: usize = 8;
+
+/// Regions of at least so many samples ...
+const MEASURED: usize = 50;
+
+/// ... are poor if their volumes are off by more than this, in percent.
+const OFF_PERCENT: f64 = 2.0;
 
 /// How good a mesh is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -83,6 +91,7 @@ impl Verdict {
             let percent = (100.0 * cover).floor();
             format!("{percent:.0} % of the features have faces on them")
         }));
+        good.extend(report.of_regions());
         let (poor, change, option) = match fault {
             Some(fault) => (fault.poor, fault.change.to_string(), fault.option),
             None => (
@@ -134,6 +143,9 @@ impl Report {
             .or_else(|| self.voronoi.as_ref().and_then(|v| self.flow(v)))
             .or_else(|| self.features())
             .or_else(|| self.lost())
+            .or_else(|| self.damaged())
+            .or_else(|| self.volumes())
+            .or_else(|| self.doubtful())
     }
 
     /// A mesh of an image in which no feature was found.
@@ -253,8 +265,95 @@ impl Report {
                 grouped(largest.largest),
                 largest.label
             ),
-            option: Some(largest.option()),
-            change: "cells of that label become smaller, and the part is kept",
+            option: largest.option(),
+            change: match largest.option() {
+                Some(_) => "cells of that label become smaller, and the part is kept",
+                None => regions::RESAMPLE,
+            },
+        })
+    }
+
+    /// Parts of labels of which much is missing.
+    fn damaged(&self) -> Option<Fault> {
+        let damaged = &self.regions.as_ref()?.damaged;
+        let largest = damaged.iter().max_by_key(|of_label| of_label.largest)?;
+        Some(Fault {
+            poor: format!(
+                "of a part of label {}, {} samples large, more than {:.0} % is missing",
+                largest.label,
+                grouped(largest.largest),
+                100.0 * regions::DAMAGED
+            ),
+            option: largest.option(),
+            change: match largest.option() {
+                Some(_) => "cells of that label become smaller, and the part is kept",
+                None => regions::RESAMPLE,
+            },
+        })
+    }
+
+    /// The region whose volume is farthest off that of its samples.
+    fn volumes(&self) -> Option<Fault> {
+        let all = self.regions.as_ref()?.regions.iter();
+        let of_size = all.filter(|region| region.samples >= MEASURED);
+        let worst = of_size.max_by(|a, b| a.off_percent.abs().total_cmp(&b.off_percent.abs()))?;
+        if worst.off_percent.abs() <= OFF_PERCENT {
+            return None;
+        }
+        let option = regions::option(worst.label, worst.distance);
+        let change = match option {
+            Some(_) => "cells of that label become smaller, and follow it",
+            None => "a smaller --distance everywhere, or an image of more samples",
+        };
+        Some(Fault {
+            poor: format!(
+                "the region of label {} is {:.1} % too {}",
+                worst.label,
+                worst.off_percent.abs(),
+                if worst.off_percent < 0.0 {
+                    "small"
+                } else {
+                    "large"
+                }
+            ),
+            option,
+            change,
+        })
+    }
+
+    /// What to say of regions in the first line.
+    fn of_regions(&self) -> Option<String> {
+        let regions = self.regions.as_ref()?;
+        let of_size = regions
+            .regions
+            .iter()
+            .filter(|region| region.samples >= MEASURED);
+        let worst = of_size
+            .map(|region| region.off_percent.abs())
+            .fold(0.0, f64::max);
+        let lost: usize = regions.lost.iter().map(|lost| lost.parts).sum();
+        Some(match lost {
+            0 => format!("regions within {worst:.1} % of their volumes"),
+            1 => format!("regions within {worst:.1} % of their volumes, a part lost"),
+            _ => format!(
+                "regions within {worst:.1} % of their volumes, {} parts lost",
+                grouped(lost)
+            ),
+        })
+    }
+
+    /// A kind of feature that was chosen although the image leaves it open.
+    fn doubtful(&self) -> Option<Fault> {
+        let doubt = self.doubt.as_ref()?;
+        let change = if doubt.assumed == FeatureKind::Labels {
+            "follows the middle of what is painted; --feature labels confirms solid objects"
+        } else {
+            "follows the sheets; --feature edges confirms the sides of solid objects"
+        };
+        Some(Fault {
+            poor: format!("doubtful: {}", doubt.question),
+            option: Some(format!("--feature {}", doubt.other)),
+            change,
         })
     }
 

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{FieldValue, MeshFile};
 use crate::feature::Labelled;
+use crate::image::LabelValue;
 
 /// The name under which a file keeps them.
 const LABELS: &str = "labels";
@@ -14,7 +15,7 @@ pub struct LabelledRegion {
     /// The value that its cells have.
     pub region: i32,
     /// The value that its samples have.
-    pub label: f64,
+    pub label: LabelValue,
     /// What it is called.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
@@ -22,10 +23,11 @@ pub struct LabelledRegion {
 
 /// What a file says of labels.
 pub(super) fn labels_field<const D: usize>(labelled: &Labelled<D>) -> Option<(String, FieldValue)> {
-    let regions: Vec<LabelledRegion> = (labelled.labels.iter().zip(&labelled.names).enumerate())
-        .map(|(number, (&label, name))| LabelledRegion {
-            region: labelled.region(number),
-            label: f64::from(label),
+    let regions: Vec<LabelledRegion> = (labelled.labels.iter().zip(&labelled.names))
+        .zip(labelled.regions())
+        .map(|((&label, name), region)| LabelledRegion {
+            region,
+            label,
             name: name.clone(),
         })
         .collect();

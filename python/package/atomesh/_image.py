@@ -44,8 +44,9 @@ class Image:
         """An image of whatever holds one.
 
         `volume`: a file's path, a NumPy array of shape (nz, ny, nx) or (ny, nx), an xarray.DataArray, a
-        pyvista.ImageData, a SimpleITK or a nibabel image. `spacing` (the distance of samples), `origin`
-        (the position of the first one), each x, y, z, and `units` replace what it says of itself.
+        pyvista.ImageData or vtkImageData, a SimpleITK or a nibabel image. What a masked array masks is
+        missing (NaN). `spacing` (the distance of samples), `origin` (the position of the first one), each
+        x, y, z, and `units` replace what it says of itself.
         """
         if isinstance(volume, (str, os.PathLike)):
             return cls.of(read(volume), spacing, origin, units)
@@ -53,7 +54,7 @@ class Image:
             found = _Found(volume.samples, volume.origin, volume.axes, volume.units)
         else:
             found = _found(volume)
-        array = np.asarray(found.array)
+        array = _filled(found.array)
         if array.ndim == 3 and array.shape[0] == 1:
             array = array[0]
             found.origin, found.axes = found.origin[:2], found.axes[:2, :2]
@@ -73,9 +74,14 @@ class Image:
         units = [units] * count if isinstance(units, str) else list(units)
         names = ["x", "y", "z"][:count]
         samples = np.ascontiguousarray(array, dtype=np.float32)
+        labels = None
+        if array.dtype.kind in "iu" and array.dtype.itemsize > 2 and (np.abs(samples) >= 2**24).any():
+            # 32-bit floats round them: labels beside them do not.
+            values, index = np.unique(array, return_inverse=True)
+            labels = [int(value) for value in values], index.ravel().astype(np.uint32)
         try:
             native = _native.Image(
-                samples, [float(c) for c in place], axes.tolist(), units, names, str(array.dtype)
+                samples, [float(c) for c in place], axes.tolist(), units, names, str(array.dtype), labels
             )
         except ValueError as problem:
             raise error(NAME, str(problem), "give as many of each as the array has axes") from None
@@ -151,6 +157,15 @@ def _numbers(what: str, values: Sequence[float], count: int) -> npt.NDArray[np.f
     return numbers
 
 
+def _filled(array: Any) -> npt.NDArray[Any]:
+    """The array, NaN where it is masked."""
+    if isinstance(array, np.ma.MaskedArray):
+        if not np.ma.getmaskarray(array).any():
+            return np.asarray(array.data)
+        return np.asarray(array.astype(np.result_type(array.dtype, np.float32)).filled(np.nan))
+    return np.asarray(array)
+
+
 class _Found:
     """An array, x the last axis, and where it lies."""
 
@@ -166,8 +181,10 @@ def _found(volume: Any) -> _Found:
     """By what it can do, not by what it is: nothing needs to be imported."""
     if all(hasattr(volume, name) for name in ("dims", "coords", "values", "transpose")):
         return _of_xarray(volume)
-    if all(hasattr(volume, name) for name in ("dimensions", "spacing", "origin", "point_data")):
+    if all(hasattr(volume, name) for name in ("dimensions", "spacing", "origin", "point_data", "active_scalars")):
         return _of_pyvista(volume)
+    if hasattr(volume, "IsA") and volume.IsA("vtkImageData"):
+        return _of_vtk(volume)
     if all(hasattr(volume, name) for name in ("GetSpacing", "GetOrigin", "GetDirection")):
         return _of_simpleitk(volume)
     if hasattr(volume, "affine") and hasattr(volume, "dataobj"):
@@ -220,6 +237,30 @@ def _of_pyvista(volume: Any) -> _Found:
         dimensions = np.maximum(dimensions - 1, 1)
         origin = origin + 0.5 * axes.sum(axis=0)
     return _Found(values.reshape(dimensions[::-1]), origin, axes)
+
+
+def _of_vtk(volume: Any) -> _Found:
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    dimensions, extent = np.array(volume.GetDimensions()), np.array(volume.GetExtent())
+    turn = volume.GetDirectionMatrix()
+    turn = np.array([[turn.GetElement(row, column) for column in range(3)] for row in range(3)])
+    axes = (turn * np.array(volume.GetSpacing())).T
+    origin = np.array(volume.GetOrigin()) + extent[::2] @ axes
+    for data, on_cells in ((volume.GetPointData(), False), (volume.GetCellData(), True)):
+        if data.GetNumberOfArrays() == 0:
+            continue
+        values = data.GetScalars()
+        if values is None:
+            values = data.GetArray(0)
+        if values.GetNumberOfComponents() != 1:
+            raise error(NAME, f"has {values.GetNumberOfComponents()} components", "give one scalar per sample")
+        if on_cells:
+            # Samples in the middle of cells.
+            origin = origin + 0.5 * (dimensions > 1) @ axes
+            dimensions = np.maximum(dimensions - 1, 1)
+        return _Found(vtk_to_numpy(values).reshape(dimensions[::-1]), origin, axes)
+    raise error(NAME, "is vtkImageData without an array", "give it point data")
 
 
 def _of_simpleitk(volume: Any) -> _Found:

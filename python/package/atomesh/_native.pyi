@@ -55,6 +55,7 @@ class Image:
         units: Sequence[str],
         names: Sequence[str],
         encoding: str,
+        labels: tuple[list[int], npt.NDArray[np.uint32]] | None,
     ) -> None: ...
     @property
     def samples(self) -> npt.NDArray[np.float32]: ...

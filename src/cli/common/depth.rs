@@ -6,7 +6,7 @@ use crate::cli::common::options::named;
 use crate::cli::console::Console;
 use crate::error::cause;
 use crate::image::formats::InputOptions;
-use crate::image::{Geometry, Image, Stretch, Velocities};
+use crate::image::{Geometry, Image, Modality, Stretch, Velocities};
 use crate::job::asked::VelocityFrom;
 use crate::job::{Params, Weight};
 use crate::store::{self, MeshFile, Stored, StoredMesh};
@@ -54,7 +54,7 @@ pub fn image_in_depth<const D: usize>(
             let dims = image.dims();
             let velocities = volume(path, &image.geometry, |own| own == dims, console)?;
             let stretch = Stretch::new(&image, velocities).map_err(named)?;
-            let labels = labels || image.looks_labelled().is_some();
+            let labels = labels || image.looks_labelled(Modality::Survey).is_some();
             Ok((stretch.apply(&image, labels)?, Some(stretch)))
         }
     }

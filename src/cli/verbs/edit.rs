@@ -121,7 +121,7 @@ fn run<const D: usize, M: Stored<D>>(
     let labels = params.feature == FeatureKind::Labels;
     let (image, stretch) = image_in_depth(image, velocity, labels, console)?;
     params_in_depth(&mut params, stretch.as_ref())?;
-    let image = match feature::fills_gaps(&image, params.feature) {
+    let image = match feature::fills_gaps(&image, params.feature, params.modality) {
         true => (image.marked(!params.keep_nulls)?).map_or(image, |marked| marked.image),
         false => image,
     };

@@ -16,7 +16,7 @@ use crate::cli::wells::is_well_file;
 use crate::error::cause;
 use crate::export::{Content, FORMATS, Format};
 use crate::model::flow::through::FaultLaws;
-use crate::model::reservoir::{Checks, Prepared};
+use crate::model::reservoir::{Checks, Placement, Prepared};
 use crate::store::AnyMesh;
 use crate::{Error, Result};
 
@@ -163,7 +163,10 @@ impl ExportArgs {
 /// Runs the verb.
 pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
     let format = Format::named(&args.to)?;
-    let placement = args.space.placement()?;
+    let placement = Placement {
+        keep_unit: !format.is_of_flow(),
+        ..args.space.placement()?
+    };
     let laws = args.faults.laws("open")?;
     let split = args.split.as_deref().map(|text| standing("--split", text));
     let split = split.transpose()?;
@@ -223,10 +226,17 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
     console.begin_stage("checking");
     let model = &prepared.model;
     let checks = Checks::new(model, prepared.box_volume);
-    checks.notes().iter().for_each(|note| console.note(note));
+    if format.is_of_flow() {
+        checks.notes().iter().for_each(|note| console.note(note));
+    } else if prepared.unit != "m" {
+        let unit = &prepared.unit;
+        console.note(format_args!(
+            "coordinates are in {unit}, as in the image; --length-unit {unit} writes metres"
+        ));
+    }
     console.begin_stage("writing");
     format.write(model, &args.output)?;
-    let mut table = checks.table();
+    let mut table = checks.table(&prepared.unit, format.is_of_flow());
     for well in &model.case.wells {
         let index: f64 = well.cells.iter().map(|c| c.1).sum();
         let place = match well.cells[..] {

@@ -10,9 +10,9 @@ use crate::cli::common::output::{WRITTEN, by, check_output, potential_image, sho
 use crate::cli::console::Console;
 use crate::error::cause;
 use crate::feature::{FeatureKind, Features, LineKind, SHORTEST};
-use crate::image::Geometry;
 use crate::image::formats::InputOptions;
 use crate::image::formats::{AnyLoaded, Loaded};
+use crate::image::{Geometry, Modality};
 use crate::job::Settings;
 use crate::store::write_feature_lines;
 use crate::{Error, Result, feature};
@@ -108,7 +108,8 @@ fn find<const D: usize>(
         input: args.input.clone(),
         ..Settings::default()
     })?;
-    let options = detection(&job, args.distance, [1.0; D])?;
+    let mut options = detection(&job, args.distance, [1.0; D])?;
+    options.modality = Modality::of(loaded.format, &loaded.image.geometry);
     for note in &loaded.notes {
         console.note(note);
     }

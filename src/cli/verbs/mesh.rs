@@ -19,7 +19,7 @@ use crate::feature::FeatureKind;
 use crate::files::vtk::DataArray;
 use crate::image::formats::stream::{Opened, Stream};
 use crate::image::formats::{AnyLoaded, Loaded, of_its_axes};
-use crate::image::{Geometry, Image, Source};
+use crate::image::{Geometry, Image, Modality, Source};
 use crate::job::asked::VelocityFrom;
 use crate::job::{
     Checkpoint, Job, Made, Meshing, Outcome, Params, Provenance, Settings, Space, Way,
@@ -92,7 +92,11 @@ pub fn mesh(args: &MeshArgs, interrupts: &Interrupts, console: &mut Console) -> 
                 *geometry = geometry.in_depth(velocity).map_err(named)?.0;
             }
             let (image, dims) = (Source::InLayers(&stream), stream.head.dims);
-            run.mesh(image, dims, params(&job)?, &|| said_of(&stream), console)
+            let params = Params {
+                modality: Modality::of(stream.head.format, &stream.head.geometry),
+                ..params(&job)?
+            };
+            run.mesh(image, dims, params, &|| said_of(&stream), console)
         }
         _ => Err(Error::Job(cause(
             "atomesh mesh",
@@ -168,11 +172,15 @@ impl Run<'_> {
         Space<D>: Meshing<D, Mesh = M>,
     {
         let Loaded {
-            image, mut notes, ..
+            image,
+            mut notes,
+            format,
+            ..
         } = loaded;
         let dims = image.dims();
         image.check(&self.path.display().to_string())?;
         let mut params = params::<D>(self.job)?;
+        params.modality = Modality::of(format, &image.geometry);
         let velocity = self.job.velocity.as_ref();
         let labels = params.feature == FeatureKind::Labels;
         let (image, stretch) = image_in_depth(image, velocity, labels, console)?;

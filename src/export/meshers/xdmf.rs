@@ -1,7 +1,8 @@
 //! XDMF 2 with its numbers in an HDF5 file beside it: cells with what is known of them, and sets of nodes for
 //! what has a name. ParaView, VisIt and meshio read it.
 //!
-//! The surfaces of names are grids of their own, since readers of XDMF do little with sets of faces.
+//! What has a name is in a second file, `NAME_names.xdmf`, as sets of nodes of the same cells and as grids of faces: some
+//! readers (meshio) take a file of one grid without sets only, and readers of XDMF do little with sets of faces.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -24,7 +25,7 @@ const TOPOLOGY: [[&str; 2]; 5] = [
     ["Tetrahedron", "Tet_10"],
 ];
 
-/// What is written in both files.
+/// What is written in XDMF and in HDF5.
 struct Written<'a> {
     /// The name of the HDF5 file.
     file: String,
@@ -70,7 +71,11 @@ impl<'a> Written<'a> {
     }
 }
 
-/// Writes both files.
+/// How an XDMF file begins, and ends.
+const HEAD: &str = "<?xml version=\"1.0\"?>\n<Xdmf Version=\"2.0\">\n<Domain>\n";
+const TAIL: &str = "</Domain>\n</Xdmf>\n";
+
+/// Writes all files.
 ///
 /// # Errors
 /// [`Error::Export`](crate::Error::Export) if the cells are neither tetrahedra nor triangles.
@@ -80,7 +85,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let name = companion.file_name().unwrap_or_default().to_string_lossy();
     let mut written = Written {
         file: name.into_owned(),
-        xml: "<?xml version=\"1.0\"?>\n<Xdmf Version=\"2.0\">\n<Domain>\n".into(),
+        xml: HEAD.into(),
         nodes: Vec::new(),
     };
     let order = usize::from(mesh.is_quadratic());
@@ -136,6 +141,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         (0..named.cells.len()).for_each(|i| mesh.visit(named.sides.get(i), |n| nodes.push(n)));
         nodes
     };
+    let cells = written.xml.clone();
     for (k, named) in mesh.named.iter().enumerate() {
         let mut nodes = sides(k);
         nodes.sort_unstable();
@@ -168,9 +174,15 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             escape(&written.file),
         );
     }
-    written.xml.push_str("</Domain>\n</Xdmf>\n");
     let root = Node::Group(written.nodes);
     batch.write(&companion, |out| hdf5::write(out, &root))?;
-    let xml = written.xml;
-    batch.write(path, |out| std::io::Write::write_all(out, xml.as_bytes()))
+    let mut write = |path: &Path, xml: &str| {
+        batch.write(path, |out| std::io::Write::write_all(out, xml.as_bytes()))
+    };
+    if !mesh.named.is_empty() {
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+        let names = path.with_file_name(format!("{stem}_names.xdmf"));
+        write(&names, &(written.xml + TAIL))?;
+    }
+    write(path, &(cells + "</Grid>\n" + TAIL))
 }

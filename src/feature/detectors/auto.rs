@@ -1,9 +1,14 @@
 //! What kind of features an image has, judged by its values.
 //!
-//! In this order: labels where there are few values and neighbours mostly share one; b(x) where all
+//! In this order: labels where neighbours mostly share one of a few values, or one of many whole numbers
+//! without order; b(x) where all
 //! values are in [-1, 0] and most near 0; ridges or valleys where the rarer half of the values, that
 //! farther from the median, lies in thin sheets; horizons where values are spread symmetrically about zero; edges
 //! otherwise. Values are means over 3^D samples, which noise disturbs little, of some 10^5 places.
+//!
+//! Where the image comes from ([`Modality`]) decides what values cannot: two values, one of them thin, are paint on faults in
+//! a survey, and an object elsewhere; a scan has no horizons, and solid objects sooner than sheets. Where neither format nor
+//! geometry tells, amplitudes are what has no mean and does not go on along some axis.
 //!
 //! Assumption: the features are what most of the rarer values belong to. Faults, Canny's edges and paths
 //! are never chosen: an amplitude volume has horizons as well, and the others are other ways to edges.
@@ -12,52 +17,99 @@ use super::Detector;
 use super::edges::Edges;
 use super::horizons::Horizons;
 use super::labels::Labels;
+use super::masks::{Mask, Masks};
 use super::potential::Potential;
 use super::ridges::{Ridges, Valleys};
 use crate::error::Result;
 use crate::feature::detection::{first_not_finite, not_finite};
 use crate::feature::volume::Volume;
 use crate::feature::windows::{Samples, Window, layer};
+use crate::feature::{Doubt, FeatureKind};
 use crate::files::kept::fields;
 use crate::geometry::wide::wide;
-use crate::image::Image;
-use crate::image::check::FEW_LABELS;
+use crate::image::check::{EQUAL_IN_LABELS, FEW_LABELS, equal_neighbours, is_whole, values};
 use crate::image::live::may_be_null;
+use crate::image::{Image, Modality};
 use crate::observer::Patience;
 use crate::parallel::prelude::*;
 use std::collections::BTreeSet;
 
-/// A detector that fits an image, and why.
-pub type Kind<const D: usize> = (&'static dyn Detector<D>, String);
-
 /// What is known of an image whose layers were read one after the other.
-pub enum Choice<const D: usize> {
+pub enum Known<const D: usize> {
     /// The detector that fits it.
-    Kind(Kind<D>),
+    Fits(Choice<D>),
     /// It may be one of labels, which only the whole image in memory tells.
     Unknown,
     /// Some samples may hold no data, so that it is searched in memory.
     Gaps,
 }
 
-/// The detector that fits an image.
+/// A detector that fits an image.
+pub struct Choice<const D: usize> {
+    /// The detector.
+    pub detector: &'static dyn Detector<D>,
+    /// Why it fits.
+    pub why: String,
+    /// What the image leaves open.
+    pub doubt: Option<Doubt>,
+}
+
+/// Chooses the detector that fits an image.
 ///
 /// # Errors
 /// [`Error::Image`](crate::Error::Image) for samples that are not finite.
-pub fn choose<const D: usize>(image: &Image<D>) -> Result<Kind<D>> {
-    if let Some(labels) = image.looks_labelled() {
+pub fn choose<const D: usize>(image: &Image<D>, modality: Modality) -> Result<Choice<D>> {
+    if let Some(labels) = image.looks_labelled(modality) {
         let why = format!(
             "{} different values, {:.0} % of neighbours equal",
             labels.values,
             100.0 * labels.equal
         );
-        return Ok((&Labels, why));
+        return Ok(of_labels(image, modality, why));
     }
     let samples = Samples::held(image.dims(), image.as_slice());
     let survey = Survey::of(&samples, &Patience::endless())?;
     match survey.broken {
         Some((at, value)) => Err(not_finite(at, value)),
-        None => Ok(survey.choice()),
+        None => Ok(survey.choice(modality)),
+    }
+}
+
+/// Chooses what to follow in an image of labels. Two of them, one of which is thin everywhere, are paint on
+/// faults in a survey, and an object in a scan.
+fn of_labels<const D: usize>(image: &Image<D>, modality: Modality, why: String) -> Choice<D> {
+    let samples = image.as_slice();
+    let mask = match values(samples, 2).as_deref() {
+        Some(&[a, b]) if modality != Modality::Scan => {
+            let volume = Volume::new(image.dims(), samples);
+            Mask::of(volume, [a, b], &Patience::endless())
+        }
+        _ => None,
+    };
+    match mask {
+        Some(_) if modality == Modality::Survey => Choice {
+            detector: &Masks,
+            why,
+            doubt: None,
+        },
+        Some(mask) => Choice {
+            detector: &Labels,
+            why,
+            doubt: Some(Doubt {
+                question: format!(
+                    "objects of the value {} are {:.1} samples thick and were taken for regions, but may be \
+                     paint on faults",
+                    mask.value, mask.thickness
+                ),
+                assumed: FeatureKind::Labels,
+                other: FeatureKind::Mask,
+            }),
+        },
+        None => Choice {
+            detector: &Labels,
+            why,
+            doubt: None,
+        },
     }
 }
 
@@ -67,13 +119,15 @@ pub fn choose<const D: usize>(image: &Image<D>) -> Result<Kind<D>> {
 /// That of reading.
 pub fn choose_in_layers<const D: usize>(
     samples: &Samples<'_, D>,
+    modality: Modality,
     patience: &Patience<'_>,
-) -> Result<Choice<D>> {
+) -> Result<Known<D>> {
     let survey = Survey::of(samples, patience)?;
-    Ok(match survey.many_values {
-        _ if survey.has_gaps() => Choice::Gaps,
-        true => Choice::Kind(survey.choice()),
-        false => Choice::Unknown,
+    let labelled = modality != Modality::Survey && survey.may_be_labelled;
+    Ok(match survey.many_values && !labelled {
+        _ if survey.has_gaps() => Known::Gaps,
+        true => Known::Fits(survey.choice(modality)),
+        false => Known::Unknown,
     })
 }
 
@@ -88,6 +142,8 @@ struct Survey<const D: usize> {
     broken: Option<([usize; D], f32)>,
     /// Whether a row along x is zero throughout.
     zero_row: bool,
+    /// Whether samples are integers that neighbours mostly share, as in an image of many labels.
+    may_be_labelled: bool,
 }
 
 impl<const D: usize> Survey<D> {
@@ -98,6 +154,9 @@ impl<const D: usize> Survey<D> {
             broken: None,
             zero_row: false,
             looks: Looks::default(),
+            whole: true,
+            equal: 0,
+            pairs: 0,
         };
         let mut look = |window: &Window<'_, D>| Seen::of(window);
         let mut take = |seen: Seen<D>| all.add(seen);
@@ -110,6 +169,7 @@ impl<const D: usize> Survey<D> {
             many_values: all.some.len() > FEW_LABELS,
             broken: all.broken,
             zero_row: all.zero_row,
+            may_be_labelled: all.whole && all.equal as f64 > EQUAL_IN_LABELS * all.pairs as f64,
         })
     }
 
@@ -120,7 +180,7 @@ impl<const D: usize> Survey<D> {
         self.broken.is_some() || null || self.zero_row && amplitudes
     }
 
-    fn choice(&self) -> Kind<D> {
+    fn choice(&self, modality: Modality) -> Choice<D> {
         let Self {
             spread,
             least,
@@ -139,19 +199,49 @@ impl<const D: usize> Survey<D> {
             100.0 * spread.above,
             100.0 * spread.thin,
         );
-        let (detector, what): (&dyn Detector<D>, _) =
+        let scan = modality == Modality::Scan;
+        let amplitudes = !scan && (modality == Modality::Survey || spread.alternates());
+        let mut doubt = None;
+        let mut or_edges = |detector: &'static dyn Detector<D>, other, what: &'static str| {
+            if !scan {
+                return (detector, what);
+            }
+            doubt = Some(Doubt {
+                question: format!("{what} in a scan, of which the edges were followed"),
+                assumed: FeatureKind::Edges,
+                other,
+            });
+            (&Edges as &dyn Detector<D>, "a scan")
+        };
+        let (detector, what): (&'static dyn Detector<D>, _) =
             if (-1.0..-0.9).contains(least) && *most <= 0.0 && spread.median > -0.1 {
                 (&Potential, "all values in [-1, 0], most near 0")
             } else if lean > 0.3 && spread.above < 0.4 && spread.thin > THIN_SHARE {
-                (&Ridges, "thin sheets of high values on a low background")
+                or_edges(
+                    &Ridges,
+                    FeatureKind::Ridges,
+                    "thin sheets of high values on a low background",
+                )
             } else if lean < -0.3 && spread.above > 0.6 && spread.thin > THIN_SHARE {
-                (&Valleys, "thin sheets of low values on a high background")
-            } else if lean.abs() < 0.35 && spread.median.abs() < 0.15 * span && spread.low < 0.0 {
+                or_edges(
+                    &Valleys,
+                    FeatureKind::Valleys,
+                    "thin sheets of low values on a high background",
+                )
+            } else if amplitudes
+                && lean.abs() < 0.35
+                && spread.median.abs() < 0.15 * span
+                && spread.low < 0.0
+            {
                 (&Horizons, "values are spread symmetrically about zero")
             } else {
                 (&Edges, "neither thin sheets nor values about zero")
             };
-        (detector, format!("{what}: {figures}"))
+        Choice {
+            detector,
+            why: format!("{what}: {figures}"),
+            doubt,
+        }
     }
 }
 
@@ -176,6 +266,17 @@ struct Spread {
     above: f64,
     /// Share of the values on the rarer side of the middle that lie in something thin.
     thin: f64,
+    /// The mean of all, in standard deviations.
+    mean: f64,
+    /// Correlation of values with those [`THIN`] samples beside them along the axis on which it is least.
+    correlation: f64,
+}
+
+impl Spread {
+    /// Returns whether values alternate about zero, as seismic amplitudes do and densities do not.
+    fn alternates(&self) -> bool {
+        self.mean.abs() < 0.2 && self.correlation < 0.7
+    }
 }
 
 /// Means at some places of an image.
@@ -188,7 +289,7 @@ struct Looks<const D: usize> {
 
 fields! {
     @(const D: usize) Looks<D> as Looks { means, beside }
-    @(const D: usize) Seen<D> as Seen { range, some, broken, zero_row, looks }
+    @(const D: usize) Seen<D> as Seen { range, some, broken, zero_row, looks, whole, equal, pairs }
 }
 
 /// What is seen of a window, or of all.
@@ -202,6 +303,11 @@ struct Seen<const D: usize> {
     /// Whether a row along x is zero throughout.
     zero_row: bool,
     looks: Looks<D>,
+    /// Whether all samples are whole numbers.
+    whole: bool,
+    /// Pairs of neighbours along x that are equal, and all such pairs.
+    equal: usize,
+    pairs: usize,
 }
 
 impl<const D: usize> Seen<D> {
@@ -215,6 +321,8 @@ impl<const D: usize> Seen<D> {
             // -0 is 0.
             some.extend(part.iter().map(|v| (v + 0.0).to_bits()));
         }
+        let whole = own.par_chunks(CHUNK).all(is_whole);
+        let equal = if whole { equal_neighbours(own) } else { 0 };
         let parts = own.par_chunks(CHUNK).map(range);
         let of_both = |[a, b]: [f32; 2], [c, d]: [f32; 2]| [a.min(c), b.max(d)];
         let place = |i| {
@@ -230,6 +338,9 @@ impl<const D: usize> Seen<D> {
                 .chunks(window.dims[0].max(1))
                 .any(|row| row.iter().all(|s| *s == 0.0)),
             looks: Looks::of(window),
+            whole,
+            equal,
+            pairs: own.len().saturating_sub(1),
         }
     }
 
@@ -245,6 +356,9 @@ impl<const D: usize> Seen<D> {
         self.some.truncate(FEW_LABELS + 1);
         self.broken = self.broken.or(next.broken);
         self.zero_row |= next.zero_row;
+        self.whole &= next.whole;
+        self.equal += next.equal;
+        self.pairs += next.pairs;
         self.looks.means.extend(next.looks.means);
         self.looks.beside.extend(next.looks.beside);
     }
@@ -318,6 +432,20 @@ impl<const D: usize> Looks<D> {
         let middle = 0.5 * (low + high);
         let above = means.iter().filter(|m| **m > middle).count() as f64 / means.len() as f64;
         let rare = above < 0.5;
+        let count = means.len().max(1) as f64;
+        let mean = means.iter().map(|&m| f64::from(m)).sum::<f64>() / count;
+        let square = |m: f32| (f64::from(m) - mean).powi(2);
+        let variance = means.iter().map(|&m| square(m)).sum::<f64>() / count;
+        let deviation = variance.sqrt().max(f64::MIN_POSITIVE);
+        let product = |k: usize| {
+            let of_place = |(m, beside): (&f32, &[[f32; 2]; D])| {
+                let [before, after] = beside[k].map(|b| f64::from(b) - mean);
+                0.5 * (f64::from(*m) - mean) * (before + after)
+            };
+            means.iter().zip(&self.beside).map(of_place).sum::<f64>() / count
+        };
+        let least = (0..D).map(product).fold(f64::INFINITY, f64::min);
+        let correlation = least / variance.max(f64::MIN_POSITIVE);
         let (mut inside, mut thin) = (0usize, 0usize);
         let rarer = means.iter().zip(&self.beside);
         for (_, beside) in rarer.filter(|(m, _)| (**m > middle) == rare) {
@@ -331,6 +459,8 @@ impl<const D: usize> Looks<D> {
             high,
             above,
             thin: thin as f64 / inside.max(1) as f64,
+            mean: mean / deviation,
+            correlation,
         }
     }
 }

@@ -18,7 +18,7 @@ const EFFORT: usize = 8;
 /// Labels, each with its lead over the next.
 pub struct Contest {
     /// The number of the label that leads at each sample.
-    pub winner: Vec<u8>,
+    pub winner: Vec<u32>,
     best: Vec<f32>,
     second: Vec<f32>,
 }
@@ -27,7 +27,7 @@ impl Contest {
     /// Between the labels of samples, of which there are `count`, smoothed over `sigma`.
     pub fn held<const D: usize>(
         components: &Components<D>,
-        label: &[u8],
+        label: &[u32],
         count: usize,
         sigma: f64,
         patience: &Patience<'_>,
@@ -37,11 +37,14 @@ impl Contest {
             best: vec![f32::NEG_INFINITY; label.len()],
             second: vec![0.0; label.len()],
         };
-        for number in 0..count as u8 {
+        let mut parts = vec![Vec::new(); count];
+        for part in &components.all {
+            parts[part.label as usize].push(part);
+        }
+        for (number, parts) in (0..).zip(parts) {
             if patience.over() {
                 break;
             }
-            let parts = components.all.iter().filter(|part| part.label == number);
             let Some(room) = Room::of(components.dims, parts, sigma) else {
                 continue;
             };
@@ -53,13 +56,13 @@ impl Contest {
     }
 
     /// By how much the winner leads.
-    pub fn lead(self) -> (Vec<u8>, Vec<f32>) {
+    pub fn lead(self) -> (Vec<u32>, Vec<f32>) {
         let mut lead = self.best;
         lead.iter_mut().zip(&self.second).for_each(|(b, s)| *b -= s);
         (self.winner, lead)
     }
 
-    fn enter(&mut self, i: usize, number: u8, share: f32) {
+    fn enter(&mut self, i: usize, number: u32, share: f32) {
         if share > self.best[i] {
             if self.winner[i] != number && self.best[i] > self.second[i] {
                 self.second[i] = self.best[i];
@@ -75,7 +78,7 @@ impl Contest {
     fn raise<const D: usize>(
         &mut self,
         components: &Components<D>,
-        label: &[u8],
+        label: &[u32],
         sigma: f64,
         patience: &Patience<'_>,
     ) {
@@ -193,14 +196,14 @@ mod tests {
     fn kept(inside: impl Fn([usize; 3]) -> bool) -> f64 {
         let dims = [24, 22, 20];
         let volume = Volume::new(dims, &[]);
-        let label: Vec<u8> = (0..dims.iter().product())
-            .map(|i| u8::from(inside(volume.coordinates(i))))
+        let label: Vec<u32> = (0..dims.iter().product())
+            .map(|i| u32::from(inside(volume.coordinates(i))))
             .collect();
         let components = Components::of(dims, &label);
         let contest = Contest::held(&components, &label, 2, 1.0, &Patience::endless());
         let (winner, lead) = contest.lead();
         assert!(lead.iter().all(|lead| *lead >= 0.0));
-        let count = |of: &[u8]| of.iter().filter(|label| **label == 1).count() as f64;
+        let count = |of: &[u32]| of.iter().filter(|label| **label == 1).count() as f64;
         count(&winner) / count(&label)
     }
 

@@ -1,4 +1,4 @@
-//! Labels: the interfaces between them, and thin masks.
+//! Labels: the interfaces between them.
 //!
 //! The winner at a sample is the label that leads there once stairs are smoothed
 //! ([`contest`](mod@super::contest)), and its lead is how far it is ahead of the runner-up. Between two
@@ -9,26 +9,23 @@
 //! Connected parts of labels that no lattice of the distance asked for can hold are given to what they
 //! lie in; where parts are small, atoms stand closer, as far as the distance asked for allows.
 //!
-//! A mask (two values) of thin sheets stands for what is in their middle: see
-//! [`masks`](mod@super::masks).
+//! A mask of thin sheets is sought by [`masks`](mod@super::masks).
 //!
 //! Scale: one sample.
 
 use super::contest::Contest;
-use super::masks::{self, Mask};
-use super::ridges::RidgeSearch;
+use super::masks;
 use super::{Detector, Found, Scene, Thresholds};
-use crate::error::{Error, Result, cause};
+use crate::error::Result;
 use crate::feature::components::{Component, Components};
 use crate::feature::crossing::{Candidate, dominant_axes};
-use crate::feature::labelled::{LabelWish, Labelled, MOST_LABELS, not_there, numbers, volumes};
+use crate::feature::labelled::{LabelWish, Labelled, are_regions, not_there, too_many, volumes};
 use crate::feature::volume::Volume;
-use crate::feature::windows::Samples;
 use crate::feature::{Detection, FeatureKind, FeaturePoint};
-use crate::image::check::values;
+use crate::image::{LabelTable, LabelValue};
 use crate::observer::Patience;
 
-/// Finds interfaces between labels, and the middle of a thin mask.
+/// Finds interfaces between labels.
 pub struct Labels;
 
 impl<const D: usize> Detector<D> for Labels {
@@ -37,40 +34,28 @@ impl<const D: usize> Detector<D> for Labels {
     }
 
     fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
-        let volume = scene.volume()?;
-        let Some(values) = values(volume.samples, MOST_LABELS) else {
-            return Err(Error::Feature(cause(
-                "feature 'labels'",
-                format!("the image has more than {MOST_LABELS} different values"),
-                "choose ridges, edges or horizons, or merge labels",
-            )));
-        };
+        if let Some(value) = scene.settled.and_then(|settled| settled.mask) {
+            // Meshes of earlier versions name a mask so.
+            return masks::found_again(scene, value, notes);
+        }
+        let table = LabelTable::of(scene.image()?).ok_or_else(too_many)?;
+        let values = &table.values;
         let absent = |wish: &&LabelWish| wish.into.is_none() && !values.contains(&wish.label);
         if let Some(wish) = scene.asked.labels.iter().find(absent) {
-            return Err(not_there(wish, &values));
+            return Err(not_there(wish, values));
         }
-        if let Some(settled) = scene.settled {
-            if let Some(value) = settled.mask {
-                let middle = masks::middle_of(volume, value, scene.patience);
-                return middle_sheet(value, middle, scene, notes);
-            }
-        } else if let [a, b] = values[..]
-            && scene.asked.labels.is_empty()
-            && let Some(mask) = Mask::of(volume, [a, b], scene.patience)
-        {
-            notes.push(format!(
-                "a mask {:.1} samples thick, {:.1} % of the volume: its middle is the feature",
-                mask.thickness,
-                100.0 * mask.share
-            ));
-            return middle_sheet(mask.value, mask.middle, scene, notes);
+        if !are_regions(values) {
+            notes.push(
+                "labels are not all whole numbers of 32 bits: 'region' numbers them from 0, in ascending order"
+                    .into(),
+            );
         }
         let scale = scene.scale();
         notes.push(format!(
             "interfaces between {} labels, smoothed over {scale}",
             values.len()
         ));
-        let (labelled, limits) = contest(scene, values, scale, notes)?;
+        let (labelled, limits) = contest(scene, table, scale, notes)?;
         let candidates = Lead::of(&labelled).candidates(scene.patience);
         // Each is as strong as 1: all are followed.
         let thresholds = Thresholds {
@@ -85,6 +70,26 @@ impl<const D: usize> Detector<D> for Labels {
     }
 }
 
+/// Parts of labels thinner than this, in least distances between atoms, ...
+const THIN: f64 = 1.5;
+/// ... have atoms this share of their thickness apart: with one lattice plane on either side edges through them
+/// are too long for faces on both ...
+const OF_THICKNESS: f64 = 0.7;
+/// ... and at least this share of the least distance.
+pub const LEAST_IN_THIN: f64 = 0.74;
+
+/// Returns the distance that atoms may have in a gap between interfaces of labels, in lattice units, where they
+/// are from `least` to `most` apart.
+pub fn distance_in_gap(gap: f32, [least, most]: [f64; 2]) -> f32 {
+    let gap = f64::from(gap);
+    let distance = if gap < THIN * least {
+        (OF_THICKNESS * gap).max(LEAST_IN_THIN * least)
+    } else {
+        gap.max(least)
+    };
+    distance.min(most) as f32
+}
+
 /// A part of a label is kept if its volume is at least this share of the cube of the distance between
 /// atoms.
 const KEPT: f64 = 0.3;
@@ -93,13 +98,16 @@ const KEPT: f64 = 0.3;
 /// may have in each part.
 fn contest<const D: usize>(
     scene: &Scene<'_, D>,
-    values: Vec<f32>,
+    table: LabelTable,
     scale: f64,
     notes: &mut Vec<String>,
 ) -> Result<(Labelled<D>, Limits<D>)> {
     let (asked, dims) = (scene.asked, scene.dims());
     let sample: f64 = asked.step.iter().product();
-    let mut label = numbers(scene.volume()?.samples, &values);
+    let LabelTable {
+        values,
+        index: mut label,
+    } = table;
     let mut components = Components::of(dims, &label);
     let least = |part: &Component<D>| least_distance(asked, values[part.label as usize]);
     let gone = components.absorb(&mut label, |part| {
@@ -134,11 +142,17 @@ fn contest<const D: usize>(
         most: most as f32,
         components,
     };
+    let of_regions = are_regions(&values);
+    // Elsewhere the number of a label is lost if its name does not have it.
+    let named = |&label: &LabelValue| match name(asked, label) {
+        None if !of_regions => Some(format!("label_{label}").replace('.', "_")),
+        name => name,
+    };
     let labelled = Labelled {
         dims,
         step: asked.step,
         volumes: volumes(dims, asked.step, &label, values.len()),
-        names: values.iter().map(|&label| name(asked, label)).collect(),
+        names: values.iter().map(named).collect(),
         labels: values,
         winner,
         lead,
@@ -147,19 +161,19 @@ fn contest<const D: usize>(
 }
 
 /// What a label is called.
-fn name<const D: usize>(asked: &Detection<D>, label: f32) -> Option<String> {
+fn name<const D: usize>(asked: &Detection<D>, label: LabelValue) -> Option<String> {
     let wish = asked.labels.iter().find(|wish| wish.label == label);
     wish.and_then(|wish| wish.name.clone())
 }
 
 /// The distance wished for in a label.
-fn wish<const D: usize>(asked: &Detection<D>, label: f32) -> Option<f64> {
+fn wish<const D: usize>(asked: &Detection<D>, label: LabelValue) -> Option<f64> {
     let wish = asked.labels.iter().find(|wish| wish.label == label);
     wish.and_then(|wish| wish.distance)
 }
 
 /// The least distance that atoms may have in a label.
-fn least_distance<const D: usize>(asked: &Detection<D>, label: f32) -> f64 {
+fn least_distance<const D: usize>(asked: &Detection<D>, label: LabelValue) -> f64 {
     wish(asked, label).map_or(asked.d_min, |wish| match asked.gaps() {
         Some(_) => wish.min(asked.d_min),
         None => wish,
@@ -212,33 +226,9 @@ impl<const D: usize> Limits<D> {
     }
 }
 
-/// The sheets in the middle of the mask of one value.
-fn middle_sheet<const D: usize>(
-    value: f32,
-    middle: Vec<f32>,
-    scene: &Scene<'_, D>,
-    notes: &mut Vec<String>,
-) -> Result<Found<D>> {
-    let search = RidgeSearch {
-        finest: MIDDLE,
-        most_ambiguous: f64::INFINITY,
-        least: |_| LEAST,
-        ..RidgeSearch::new(scene)
-    };
-    Ok(Found {
-        mask: Some(value),
-        ..search.find(Samples::held(scene.dims(), middle), notes)?
-    })
-}
-
-/// The scale (samples) at which the middle of a mask is sought: it is narrow, and noise has no part in it.
-const MIDDLE: f64 = 1.0;
-/// Points at all angles are kept down to this share of the strong ones: without noise, more than usual.
-const LEAST: f32 = 0.4;
-
 /// The winning label of each sample and how far it leads.
 struct Lead<'a, const D: usize> {
-    winner: &'a [u8],
+    winner: &'a [u32],
     lead: Volume<'a, D>,
 }
 
@@ -282,7 +272,7 @@ impl<'a, const D: usize> Lead<'a, D> {
     }
 
     /// Unit gradient of label `a`'s lead over label `b` round a sample (other labels: no lead).
-    fn normal(&self, at: [usize; D], a: u8, b: u8) -> [f64; D] {
+    fn normal(&self, at: [usize; D], a: u32, b: u32) -> [f64; D] {
         let signed = |p: [usize; D]| {
             let i = self.lead.index(p);
             match self.winner[i] {
@@ -335,25 +325,6 @@ mod tests {
         let columns = 4.0 * std::f64::consts::PI * 18.0f64.powi(2) / 1.5 + 64.0 * 60.0;
         let ratio = features.points.len() as f64 / columns;
         assert!(ratio > 0.95 && ratio < 1.25, "{ratio}");
-    }
-
-    #[test]
-    fn a_thin_mask_is_one_sheet_and_not_two() {
-        let (dims, sheets) = (
-            [64, 60, 56],
-            [Sheet::plane([1.0, 0.35, 0.2], [32.0, 30.0, 28.0])],
-        );
-        for half in [0.6, 1.5] {
-            let image = image_of(dims, |p| {
-                255.0 * f64::from(u8::from(sheets[0].distance(p).abs() < half))
-            });
-            let features = detect(&image, &Detection::of(FeatureKind::Auto, 8.0)).unwrap();
-            let fit = fit(dims, &sheets, &features.points);
-            assert!(
-                fit.coverage > 0.99 && fit.precision > 0.99 && fit.rms < 0.25,
-                "{half} {fit:?}"
-            );
-        }
     }
 
     #[test]

@@ -10,9 +10,15 @@
 //!
 //! Assumption: a mask is thinner than [`THIN`] samples on average.
 
+use super::ridges::RidgeSearch;
+use super::{Detector, Found, Scene};
+use crate::error::{Error, Result, cause};
+use crate::feature::FeatureKind;
 use crate::feature::depth::depth;
 use crate::feature::gaussian::smooth;
 use crate::feature::volume::Volume;
+use crate::feature::windows::Samples;
+use crate::image::check::values;
 use crate::observer::Patience;
 use crate::parallel::prelude::*;
 
@@ -38,42 +44,133 @@ pub struct Mask {
     pub share: f64,
     /// Mean thickness in samples: four times the mean depth.
     pub thickness: f64,
-    /// High in its middle: see [`middle`].
-    pub middle: Vec<f32>,
+    /// The number of its samples.
+    count: usize,
+    /// Distance of each sample to the surface of the mask, positive inside.
+    depth: Vec<f32>,
 }
 
 impl Mask {
-    /// Judges a volume of two values.
-    pub fn of<const D: usize>(
+    /// Takes the rarer of two values for a mask.
+    pub fn painted<const D: usize>(
         volume: Volume<'_, D>,
         [a, b]: [f32; 2],
         patience: &Patience<'_>,
-    ) -> Option<Self> {
+    ) -> Self {
         let s = volume.samples;
         let count = s.iter().filter(|v| **v == b).count();
-        let (value, count) = match 2 * count <= s.len() {
-            true => (b, count),
-            false => (a, s.len() - count),
+        let (value, count) = if 2 * count <= s.len() {
+            (b, count)
+        } else {
+            (a, s.len() - count)
         };
-        let share = count as f64 / s.len().max(1) as f64;
-        if share >= SPARSE {
-            return None;
-        }
-        let inside = painted(volume, value);
-        let depth = depth(volume.dims, &inside, patience);
+        let depth = depth(volume.dims, &painted(volume, value), patience);
         // Across a sheet depths go from nothing to half the thickness and back.
         let sum: f64 = depth.iter().map(|&d| f64::from(d.max(0.0))).sum();
-        let thickness = 4.0 * sum / count as f64;
-        let deep = (DEEP * thickness) as f32;
-        let deep = depth.iter().filter(|d| **d > deep).count();
-        (thickness < THIN && deep as f64 <= FEW * count as f64).then(|| Self {
+        Self {
             value,
-            share,
-            thickness,
-            middle: middle(volume.dims, &inside, depth, patience),
-        })
+            share: count as f64 / s.len().max(1) as f64,
+            thickness: 4.0 * sum / count.max(1) as f64,
+            count,
+            depth,
+        }
+    }
+
+    /// Returns the mask that a volume of two values is, if it may be one of thin sheets.
+    pub fn of<const D: usize>(
+        volume: Volume<'_, D>,
+        values: [f32; 2],
+        patience: &Patience<'_>,
+    ) -> Option<Self> {
+        let s = volume.samples;
+        let count = s.iter().filter(|v| **v == values[1]).count();
+        let rarer = count.min(s.len() - count);
+        if rarer as f64 / s.len().max(1) as f64 >= SPARSE {
+            return None;
+        }
+        Some(Self::painted(volume, values, patience)).filter(Self::is_of_thin_sheets)
+    }
+
+    fn is_of_thin_sheets(&self) -> bool {
+        let deep = (DEEP * self.thickness) as f32;
+        let deep = self.depth.iter().filter(|d| **d > deep).count();
+        self.share < SPARSE && self.thickness < THIN && deep as f64 <= FEW * self.count as f64
+    }
+
+    /// Returns what is high in the middle of the mask: see [`middle`].
+    fn middle<const D: usize>(self, volume: Volume<'_, D>, patience: &Patience<'_>) -> Vec<f32> {
+        let inside = painted(volume, self.value);
+        middle(volume.dims, &inside, self.depth, patience)
     }
 }
+
+/// Finds the middle of a mask of thin sheets.
+pub struct Masks;
+
+impl<const D: usize> Detector<D> for Masks {
+    fn kind(&self) -> FeatureKind {
+        FeatureKind::Mask
+    }
+
+    fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
+        if let Some(value) = scene.settled.and_then(|settled| settled.mask) {
+            return found_again(scene, value, notes);
+        }
+        let volume = scene.volume()?;
+        let Some(&[a, b]) = values(volume.samples, 2).as_deref() else {
+            return Err(Error::Feature(cause(
+                "feature 'mask'",
+                "the image has more than two different values",
+                "choose labels, ridges or edges",
+            )));
+        };
+        let mask = Mask::painted(volume, [a, b], scene.patience);
+        notes.push(format!(
+            "a mask {:.1} samples thick, {:.1} % of the volume: its middle is the feature",
+            mask.thickness,
+            100.0 * mask.share
+        ));
+        let value = mask.value;
+        middle_sheet(value, mask.middle(volume, scene.patience), scene, notes)
+    }
+}
+
+/// Finds the middle of a mask that was found in the whole image before.
+///
+/// # Errors
+/// Those of [`Scene::image`].
+pub fn found_again<const D: usize>(
+    scene: &Scene<'_, D>,
+    value: f32,
+    notes: &mut Vec<String>,
+) -> Result<Found<D>> {
+    let middle = middle_of(scene.volume()?, value, scene.patience);
+    middle_sheet(value, middle, scene, notes)
+}
+
+/// The sheets in the middle of the mask of one value.
+fn middle_sheet<const D: usize>(
+    value: f32,
+    middle: Vec<f32>,
+    scene: &Scene<'_, D>,
+    notes: &mut Vec<String>,
+) -> Result<Found<D>> {
+    let search = RidgeSearch {
+        finest: MIDDLE,
+        most_ambiguous: f64::INFINITY,
+        least: |_| LEAST,
+        ..RidgeSearch::new(scene)
+    };
+    Ok(Found {
+        mask: Some(value),
+        ..search.find(Samples::held(scene.dims(), middle), notes)?
+    })
+}
+
+/// The scale (samples) at which the middle of a mask is sought: it is narrow, and noise has no part in it.
+const MIDDLE: f64 = 1.0;
+/// Points at all angles are kept down to this share of the strong ones: without noise, more than usual.
+const LEAST: f32 = 0.4;
 
 /// How sharply the roof over the mask of samples of a value bends: about 1 in the middle of a sheet.
 pub fn middle_of<const D: usize>(
@@ -116,7 +213,7 @@ mod tests {
     fn gaps() -> Detection<3> {
         Detection {
             up_to: Some(8.0),
-            ..Detection::of(FeatureKind::Auto, 2.7)
+            ..Detection::of(FeatureKind::Mask, 2.7)
         }
     }
 
@@ -143,7 +240,7 @@ mod tests {
         });
         let features = detect(&image, &gaps()).unwrap();
         assert!(
-            features.notes[1].contains("its middle"),
+            features.notes[0].contains("its middle"),
             "{:?}",
             features.notes
         );
@@ -178,5 +275,24 @@ mod tests {
         let features = detect(&image, &asked).unwrap();
         let fit = fit(dims, &ball, &features.points);
         assert!(fit.coverage > 0.95 && fit.precision > 0.95, "{fit:?}");
+    }
+
+    #[test]
+    fn a_thin_mask_is_one_sheet_and_not_two() {
+        let (dims, sheets) = (
+            [64, 60, 56],
+            [Sheet::plane([1.0, 0.35, 0.2], [32.0, 30.0, 28.0])],
+        );
+        for half in [0.6, 1.5] {
+            let image = image_of(dims, |p| {
+                255.0 * f64::from(u8::from(sheets[0].distance(p).abs() < half))
+            });
+            let features = detect(&image, &Detection::of(FeatureKind::Mask, 8.0)).unwrap();
+            let fit = fit(dims, &sheets, &features.points);
+            assert!(
+                fit.coverage > 0.99 && fit.precision > 0.99 && fit.rms < 0.25,
+                "{half} {fit:?}"
+            );
+        }
     }
 }

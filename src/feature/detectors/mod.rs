@@ -4,8 +4,8 @@
 //! - `edges`: ridges of Prewitt's gradient magnitude
 //! - `canny`: where the gradient is steepest along itself
 //! - `paths`: the boundary of one object, by random shortest paths
-//! - `labels`: interfaces between labels, and of masks what
-//! - `masks` tells: the sheet in their middle
+//! - `labels`: interfaces between labels
+//! - `masks`: the sheet in the middle of thin masks
 //! - `contest`: which label leads at each sample
 //! - `horizons`: crests and troughs of seismic amplitude
 //! - `faults`: where layers of seismic amplitude do not continue
@@ -34,7 +34,7 @@ use super::gaussian;
 use super::labelled::Labelled;
 use super::volume::Volume;
 use super::windows::Samples;
-use super::{Detection, FeatureKind, Features, Settled};
+use super::{Detection, Doubt, FeatureKind, Features, Settled};
 use crate::error::{Error, Result, cause};
 use crate::image::{Image, LiveMask, Source};
 use crate::observer::Patience;
@@ -349,7 +349,15 @@ impl<const D: usize> Found<D> {
 pub type Part<const D: usize> = (&'static dyn Detector<D>, Detection<D>);
 
 /// The detectors to use; and, where the image decided on one, why.
-pub type Chosen<const D: usize> = (Vec<Part<D>>, Option<String>);
+pub type Chosen<const D: usize> = (Vec<Part<D>>, Option<Reason>);
+
+/// Why an image has the features that were chosen.
+pub struct Reason {
+    /// A line for the report.
+    pub note: String,
+    /// What the image leaves open.
+    pub doubt: Option<Doubt>,
+}
 
 /// The detector of one kind: none is that of [`FeatureKind::Auto`], which is a choice, nor of
 /// [`FeatureKind::FaultsAndHorizons`], which takes two.
@@ -363,6 +371,7 @@ pub fn of<const D: usize>(kind: FeatureKind) -> Option<&'static dyn Detector<D>>
         FeatureKind::Horizons => &horizons::Horizons,
         FeatureKind::Faults => &faults::Faults,
         FeatureKind::Labels => &labels::Labels,
+        FeatureKind::Mask => &masks::Masks,
         FeatureKind::Potential => &potential::Potential,
         FeatureKind::Auto | FeatureKind::FaultsAndHorizons => return None,
     })
@@ -375,7 +384,10 @@ pub fn of<const D: usize>(kind: FeatureKind) -> Option<&'static dyn Detector<D>>
 pub fn chosen<const D: usize>(image: &Image<D>, asked: &Detection<D>) -> Result<Chosen<D>> {
     match of_asked(asked) {
         Some(parts) => Ok((parts, None)),
-        None => named(auto::choose(image)?, asked),
+        None => named(
+            auto::choose(image, asked.modality.or_of(&image.geometry))?,
+            asked,
+        ),
     }
 }
 
@@ -391,20 +403,25 @@ pub fn of_asked<const D: usize>(asked: &Detection<D>) -> Option<Vec<Part<D>>> {
 ///
 /// # Errors
 /// [`Error::Feature`] if the threshold asked for does not apply to its features.
-pub fn named<const D: usize>(
-    (detector, why): auto::Kind<D>,
-    asked: &Detection<D>,
-) -> Result<Chosen<D>> {
+pub fn named<const D: usize>(choice: auto::Choice<D>, asked: &Detection<D>) -> Result<Chosen<D>> {
+    let auto::Choice {
+        detector,
+        why,
+        doubt,
+    } = choice;
     let kind = detector.kind();
     match asked.threshold {
-        Some(threshold) if kind == FeatureKind::Labels => Err(Error::Feature(cause(
-            format!("threshold {threshold}"),
-            format!("applies to the strength of features, but the image has {kind} ({why})"),
-            "omit it, or choose another kind of feature",
-        ))),
+        Some(threshold) if matches!(kind, FeatureKind::Labels | FeatureKind::Mask) => {
+            Err(Error::Feature(cause(
+                format!("threshold {threshold}"),
+                format!("applies to the strength of features, but the image has {kind} ({why})"),
+                "omit it, or choose another kind of feature",
+            )))
+        }
         _ => {
-            let why = format!("features: {kind} ({why})");
-            Ok((vec![(detector, asked.clone())], Some(why)))
+            let note = format!("features: {kind} ({why})");
+            let reason = Reason { note, doubt };
+            Ok((vec![(detector, asked.clone())], Some(reason)))
         }
     }
 }

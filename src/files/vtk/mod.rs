@@ -120,6 +120,16 @@ macro_rules! scalars {
                 }
             }
 
+            /// The numbers, exactly, if they are integers.
+            pub fn to_integers(&self) -> Option<Vec<i128>> {
+                if matches!(self.kind(), "Float32" | "Float64") {
+                    return None;
+                }
+                Some(match self {
+                    $(Self::$variant(v) => v.iter().map(|&x| x as i128).collect(),)*
+                })
+            }
+
             /// The numbers as `u32`; `None` if one is negative or too large. Fractions are cut off.
             pub fn to_u32(&self) -> Option<Vec<u32>> {
                 match self {

@@ -228,10 +228,21 @@ impl<'a> Document<'a> {
 
         let data = begin + self.text.len() as u64;
         let mut offsets = Vec::with_capacity(self.arrays.len());
+        let mut renumbered = Renumbered::default();
         for (_, source) in &self.arrays {
-            offsets.push(out.stream_position()? - data);
+            let begin = out.stream_position()?;
+            offsets.push(begin - data);
+            renumbered.add(source);
             match self.packing {
-                Packing::Zlib => write_array(out, source)?,
+                Packing::Zlib => {
+                    for padding in 0..=MOST_PADDING {
+                        out.seek(SeekFrom::Start(begin))?;
+                        write_array(out, source, padding)?;
+                        if !renumbered.has(out.stream_position()? - data) {
+                            break;
+                        }
+                    }
+                }
                 Packing::None => write_plain(out, source)?,
             }
         }
@@ -244,6 +255,33 @@ impl<'a> Document<'a> {
         }
         out.seek(SeekFrom::Start(end))?;
         Ok(())
+    }
+}
+
+/// An empty block of a deflated stream that is not its last: it unpacks to nothing.
+const EMPTY_BLOCK: [u8; 5] = [0, 0, 0, 0xff, 0xff];
+
+/// So many such blocks are put into an array at most.
+const MOST_PADDING: usize = 8;
+
+/// Offsets as meshio 5 gives them to arrays one after the other, in place: it looks arrays up by their offsets in the
+/// file, and takes an array that has its new one already for another whose old one is the same.
+#[derive(Default)]
+struct Renumbered {
+    offsets: Vec<u64>,
+    next: u64,
+}
+
+impl Renumbered {
+    /// Adds an array, which meshio codes as base64 with eight bytes in front.
+    fn add(&mut self, source: &Source) {
+        self.offsets.push(self.next);
+        self.next += 4 * (8 + (source.len * source.size) as u64).div_ceil(3);
+    }
+
+    /// Returns whether an array has this offset.
+    fn has(&self, offset: u64) -> bool {
+        self.offsets.binary_search(&offset).is_ok()
     }
 }
 
@@ -263,9 +301,13 @@ fn write_plain(out: &mut impl Write, source: &Source) -> Result<()> {
     Ok(())
 }
 
-/// The header (number of blocks, size of a block, size of a shorter last one, compressed sizes),
-/// then the blocks.
-fn write_array(out: &mut (impl Write + Seek + Send), source: &Source) -> Result<()> {
+/// Writes the header (number of blocks, size of a block, size of a shorter last one, compressed sizes),
+/// then the blocks, in the last of which there are `padding` empty ones.
+fn write_array(
+    out: &mut (impl Write + Seek + Send),
+    source: &Source,
+    padding: usize,
+) -> Result<()> {
     let per_block = BLOCK / source.size;
     let blocks = source.len.div_ceil(per_block);
     let last = source.len % per_block * source.size;
@@ -288,6 +330,12 @@ fn write_array(out: &mut (impl Write + Seek + Send), source: &Source) -> Result<
             },
         );
         written?;
+        let mut next = next;
+        if let Some(block) = next.last_mut().filter(|_| first + BATCH >= blocks) {
+            // Behind the two bytes with which a zlib stream begins.
+            let at = 2.min(block.len());
+            block.splice(at..at, EMPTY_BLOCK.repeat(padding));
+        }
         header.extend(next.iter().map(|block| block.len() as u64));
         batch = next;
     }
@@ -429,5 +477,40 @@ mod tests {
             .unwrap();
         pool.install(|| write(&other, Packing::Zlib));
         assert!(std::fs::read(&path).unwrap() == std::fs::read(&other).unwrap());
+    }
+
+    /// meshio looks an array up by its offset after it has given the arrays before it new ones.
+    #[test]
+    fn no_offset_is_one_that_meshio_gives_an_array_before() {
+        let mut padded = 0;
+        for first in 0..400usize {
+            // Alike numbers, which take few bytes, and others.
+            let lengths = [first % 7, 40 + first, 3 * first, 11, 2 * first + 5, 90];
+            let arrays = lengths.map(|n| (0..n).map(|i| (i % 5) as i32).collect::<Vec<_>>());
+            let mut document = Document::new("ImageData", &[]);
+            for (number, array) in arrays.iter().enumerate() {
+                document.array(Source::slice(&format!("a{number}"), 1, array));
+            }
+            let mut bytes = std::io::Cursor::new(Vec::new());
+            document.write(&mut bytes).unwrap();
+            let bytes = bytes.into_inner();
+            padded += bytes
+                .windows(7)
+                .filter(|w| w[2..] == EMPTY_BLOCK && w[0] == 0x78)
+                .count();
+            let text = String::from_utf8_lossy(&bytes);
+            let offsets = text.split("offset=\"").skip(1);
+            let offsets: Vec<u64> = offsets
+                .map(|rest| rest.split('"').next().unwrap().parse().unwrap())
+                .collect();
+            assert_eq!(offsets.len(), 6);
+            let (mut given, mut next) = (Vec::new(), 0);
+            for (offset, length) in offsets.iter().zip(lengths) {
+                assert!(!given.contains(offset), "{first}: {offset}");
+                given.push(next);
+                next += 4 * (8 + 4 * length as u64).div_ceil(3);
+            }
+        }
+        assert!(padded > 0, "no case was tried");
     }
 }

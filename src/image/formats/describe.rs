@@ -5,11 +5,12 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::stream::{Opened, Slabs};
+use super::samples;
+use super::stream::{Opened, Slabs, Stream};
 use super::{AnyLoaded, Format, Loaded, ReadOptions, SegyInfo, detect, open, segy};
 use crate::error::{Cause, Result, os};
 use crate::image::check::Tally;
-use crate::image::{Geometry, Image, Stats};
+use crate::image::{Geometry, Image, LabelTable, LabelValue, Modality, Stats};
 
 /// What an image file holds.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -53,6 +54,8 @@ pub struct ImageDescription {
     pub infinite: usize,
     /// Index (x first) of the first sample that is NaN or infinite.
     pub first_bad: Option<Vec<usize>>,
+    /// The labels, ascending, of an image that looks like one of labels.
+    pub labels: Option<Vec<LabelValue>>,
 }
 
 /// One axis of an image.
@@ -109,8 +112,13 @@ fn describe_survey(mut survey: segy::Survey, path: &Path) -> Result<Description>
 
 impl ImageDescription {
     /// Describes an image.
-    pub fn of<const D: usize>(image: &Image<D>) -> Self {
-        Self::from(image.dims(), &image.geometry, image.stats())
+    pub fn of<const D: usize>(image: &Image<D>, modality: Modality) -> Self {
+        let looks = image.looks_labelled(modality);
+        let table = looks.and_then(|_| LabelTable::of(image));
+        Self {
+            labels: table.map(|table| table.values),
+            ..Self::from(image.dims(), &image.geometry, image.stats())
+        }
     }
 
     fn from<const D: usize>(dims: [usize; D], geometry: &Geometry<D>, stats: Stats<D>) -> Self {
@@ -144,6 +152,7 @@ impl ImageDescription {
             nan,
             infinite,
             first_bad: first_bad.map(|index| index.to_vec()),
+            labels: None,
         }
     }
 }
@@ -152,7 +161,8 @@ impl Description {
     /// Of an image, whose samples are looked at once and need not fit into memory.
     fn of_opened(path: &Path, opened: Opened) -> Result<Self> {
         let stream = match opened {
-            Opened::Stream(stream) if stream.head.dims[2] > 1 => stream,
+            // In memory it is seen whether its samples are labels.
+            Opened::Stream(stream) if stream.head.dims[2] > 1 && !may_be_labels(&stream) => stream,
             other => {
                 return Ok(match other.load(path)? {
                     AnyLoaded::Plane(loaded) => Self::of(path, loaded),
@@ -180,11 +190,12 @@ impl Description {
     }
 
     fn of<const D: usize>(path: &Path, loaded: Loaded<D>) -> Self {
+        let modality = Modality::of(loaded.format, &loaded.image.geometry);
         Self {
             file: path.display().to_string(),
             format: loaded.format.to_string(),
             encoding: loaded.encoding,
-            image: Some(ImageDescription::of(&loaded.image)),
+            image: Some(ImageDescription::of(&loaded.image, modality)),
             survey: loaded.survey,
             notes: loaded.notes,
         }
@@ -220,6 +231,20 @@ impl Description {
         }
         lines
     }
+}
+
+/// How many labels are listed.
+const SHOWN: usize = 24;
+
+/// Images of more samples are not taken into memory to look for labels.
+const LARGE: usize = 1 << 26;
+
+/// Returns whether the samples in a file may be labels, of which there are not too many to look at.
+fn may_be_labels(stream: &Stream) -> bool {
+    let head = &stream.head;
+    let count: usize = head.dims.iter().product();
+    let is_survey = Modality::of(head.format, &head.geometry) == Modality::Survey;
+    count <= LARGE && !is_survey && samples::afford(Path::new("the image"), count).is_ok()
 }
 
 fn survey_rows(survey: &SegyInfo, row: &mut impl FnMut(&str, String)) {
@@ -302,6 +327,16 @@ fn image_rows(image: &ImageDescription, row: &mut impl FnMut(&str, String)) {
         "values",
         format!("{} to {}, mean {:.6}", image.min, image.max, image.mean),
     );
+    if let Some(labels) = &image.labels {
+        let shown = labels.iter().take(SHOWN).map(LabelValue::to_string);
+        let shown = shown.collect::<Vec<_>>().join(", ");
+        let more = if labels.len() > SHOWN {
+            ", ... (all in JSON)"
+        } else {
+            ""
+        };
+        row("labels", format!("{} labels: {shown}{more}", labels.len()));
+    }
     if let Some(index) = &image.first_bad {
         row(
             "bad",

@@ -295,14 +295,62 @@ fn ending(path: &Path) -> String {
         .unwrap_or_default()
 }
 
-/// Formats that are recognised but not read: name, offset of the magic bytes, and these.
-const NOT_READ: &[(&str, usize, &[u8])] = &[
-    ("JPEG", 0, b"\xff\xd8\xff"),
-    ("HDF5 or MINC 2", 0, b"\x89HDF"),
-    ("netCDF or MINC 1", 0, b"CDF\x01"),
-    ("zip or .npz", 0, b"PK\x03\x04"),
-    ("bzip2", 0, b"BZh"),
+/// Formats that are recognised but not read: name, offset of the magic bytes, these, and what to do.
+const NOT_READ: &[(&str, usize, &[u8], &str)] = &[
+    (
+        "JPEG",
+        0,
+        b"\xff\xd8\xff",
+        "convert it to .png, e.g. in Python with Pillow",
+    ),
+    (
+        "HDF5 or MINC 2",
+        0,
+        b"\x89HDF",
+        "write the data set to .npy, in Python with h5py and numpy.save (MINC: mnc2nii, or nibabel)",
+    ),
+    (
+        "netCDF or MINC 1",
+        0,
+        b"CDF\x01",
+        "write the variable to .npy, in Python with xarray and numpy.save (MINC: mnc2nii, or nibabel)",
+    ),
+    (
+        "zip or .npz",
+        0,
+        b"PK\x03\x04",
+        "unzip it; of an .npz write an array to .npy, with numpy.load and numpy.save",
+    ),
+    ("bzip2", 0, b"BZh", "decompress it first, with bunzip2"),
+    ("DICOM", 128, b"DICM", DICOM),
 ];
+
+/// What to do about DICOM.
+const DICOM: &str =
+    "convert the series to .nii.gz, e.g. with dcm2niix FOLDER, or in Python with SimpleITK";
+
+/// What to do about FreeSurfer's volumes.
+const FREESURFER: &str = "convert it to .nii.gz, with mri_convert, or in Python with nibabel";
+
+/// Whether a folder holds a DICOM file among the first that are looked at.
+fn holds_dicom(folder: &Path) -> bool {
+    const LOOKED_AT: usize = 16;
+    let Ok(entries) = std::fs::read_dir(folder) else {
+        return false;
+    };
+    let mut paths: Vec<_> = entries.flatten().map(|entry| entry.path()).collect();
+    paths.sort();
+    paths
+        .iter()
+        .filter(|path| path.is_file())
+        .take(LOOKED_AT)
+        .any(|path| {
+            let mut head = Vec::new();
+            let file = std::fs::File::open(path);
+            let read = file.and_then(|file| file.take(132).read_to_end(&mut head));
+            read.is_ok() && head.get(128..132) == Some(b"DICM")
+        })
+}
 
 /// Finds the format by the content; raw only if the user said so.
 ///
@@ -312,6 +360,10 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<Format> {
     let mut head = Vec::new();
     if options.raw.is_none() && zarr::is_node(path)? {
         return Ok(Format::Zarr);
+    }
+    if path.is_dir() && holds_dicom(path) {
+        let problem = "is a folder of DICOM files, which are not read";
+        return Err(Error::Io(cause(path.display(), problem, DICOM)));
     }
     let file = files::open(
         path,
@@ -333,6 +385,10 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<Format> {
     if let Some(format) = known(&head) {
         return Ok(format);
     }
+    if matches!(ending(path).as_str(), "mgz" | "mgh") {
+        let problem = "is a volume of FreeSurfer (MGH), which is not read";
+        return Err(Error::Io(cause(path.display(), problem, FREESURFER)));
+    }
     if head.starts_with(packed::GZIP) {
         let (unpacked, _) = packed::head(path, HEAD)?;
         return match known(&unpacked) {
@@ -344,13 +400,12 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<Format> {
             ))),
         };
     }
-    let magic = |(_, at, magic): &&(&str, usize, &[u8])| {
+    let magic = |(_, at, magic, _): &&(&str, usize, &[u8], &str)| {
         head.get(*at..).is_some_and(|rest| rest.starts_with(magic))
     };
-    if let Some((name, ..)) = NOT_READ.iter().find(magic) {
-        let problem = format!("is in the format {name}, which is not read yet");
-        let remedy = "convert it to .npy first, e.g. in Python with nibabel, SimpleITK or tifffile and numpy.save";
-        return Err(Error::Io(cause(path.display(), problem, remedy)));
+    if let Some((name, _, _, remedy)) = NOT_READ.iter().find(magic) {
+        let problem = format!("is in the format {name}, which is not read");
+        return Err(Error::Io(cause(path.display(), problem, *remedy)));
     }
     let text = String::from_utf8_lossy(&head[..head.len().min(1024)]);
     if text.contains("<VTKFile") || head.starts_with(vtk::legacy::MAGIC) {

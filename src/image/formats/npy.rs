@@ -6,6 +6,7 @@
 use std::fs::File;
 use std::io::Write;
 use std::path::Path;
+use std::sync::Arc;
 
 use crate::parallel::prelude::*;
 use ndarray::{ArrayD, IxDyn, ShapeBuilder};
@@ -15,6 +16,7 @@ use super::stream::{Head, Opened, Plain, Slabs, Stream};
 use super::{Format, of_its_axes};
 use crate::error::{Error, Result, cause, os};
 use crate::files::{atomic_write, read_exact_at};
+use crate::image::ExactLabels;
 
 /// The first bytes of every `.npy` file.
 pub const MAGIC: &[u8] = b"\x93NUMPY";
@@ -60,8 +62,17 @@ pub fn open(path: &Path) -> Result<Opened> {
         .read(&file, start, &mut samples)
         .map_err(|e| os(path, "read", e))?;
     samples = c_order(&samples, [nz, ny, nx]);
-    head.notes.extend(encoding.rounding_note(&samples));
-    Ok(Opened::Held(of_its_axes(head.with(samples))))
+    let note = encoding.rounding_note(&samples);
+    let exact = match note {
+        Some(_) => (encoding.read_exact(&file, start, samples.len()))
+            .map_err(|e| os(path, "read", e))?
+            .map(|exact| reordered(&exact, [nz, ny, nx])),
+        None => None,
+    };
+    head.notes.extend(note);
+    let mut loaded = head.with(samples);
+    loaded.image.labels = exact;
+    Ok(Opened::Held(of_its_axes(loaded)))
 }
 
 /// Reads an array of any shape as `f32`, for arrays that are not images.
@@ -223,11 +234,19 @@ fn three_dims(shape: &[usize]) -> std::result::Result<[usize; 3], String> {
     }
 }
 
+/// Labels in Fortran order as they are in C order.
+fn reordered(fortran: &ExactLabels, dims: [usize; 3]) -> Arc<ExactLabels> {
+    Arc::new(ExactLabels {
+        values: fortran.values.clone(),
+        index: c_order(&fortran.index, dims),
+    })
+}
+
 /// Copies Fortran order (first axis fastest) to C order (last axis fastest).
-fn c_order(fortran: &[f32], [nz, ny, nx]: [usize; 3]) -> Vec<f32> {
+fn c_order<T: Copy + Default + Send + Sync>(fortran: &[T], [nz, ny, nx]: [usize; 3]) -> Vec<T> {
     // In blocks of z, so that each cache line read serves all of its samples.
     const BLOCK: usize = 16;
-    let mut out = vec![0.0; fortran.len()];
+    let mut out = vec![T::default(); fortran.len()];
     out.par_chunks_mut(BLOCK * ny * nx)
         .enumerate()
         .for_each(|(block, out)| {

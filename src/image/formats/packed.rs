@@ -11,7 +11,7 @@ use super::samples::{self, Encoding};
 use super::{Format, Loaded};
 use crate::error::{Error, Result, cause, os};
 use crate::files;
-use crate::image::{Geometry, Image};
+use crate::image::{ExactLabels, Geometry, Image};
 
 /// The first bytes of gzip data.
 pub const GZIP: &[u8] = b"\x1f\x8b";
@@ -68,11 +68,18 @@ impl Packed {
         scale: Option<[f64; 2]>,
         mut notes: Vec<String>,
     ) -> Result<Loaded> {
-        let (mut samples, spare) = self.samples()?;
+        let (mut samples, spare) = self.samples::<f32>()?;
         if spare > 0 {
             notes.push(format!("{spare} bytes after the samples are ignored"));
         }
-        notes.extend(self.encoding.rounding_note(&samples));
+        let note = self.encoding.rounding_note(&samples);
+        let exact = match (&note, self.packing) {
+            (Some(_), Packing::Plain | Packing::Deflated) if scale.is_none() => {
+                Some(ExactLabels::of(self.samples::<i128>()?.0))
+            }
+            _ => None,
+        };
+        notes.extend(note);
         if let Some([slope, intercept]) = scale {
             for v in &mut samples {
                 *v = (f64::from(*v) * slope + intercept) as f32;
@@ -83,8 +90,10 @@ impl Packed {
             Packing::Deflated => ", compressed",
             Packing::Text => ", as text",
         };
+        let mut image = Image::new(self.dims, samples, geometry);
+        image.labels = exact;
         Ok(Loaded {
-            image: Image::new(self.dims, samples, geometry),
+            image,
             format,
             encoding: format!("{}{packed}", self.encoding),
             notes,
@@ -94,7 +103,7 @@ impl Packed {
     }
 
     /// The samples, and how many bytes there are after them.
-    fn samples(&self) -> Result<(Vec<f32>, u64)> {
+    fn samples<T: Sample>(&self) -> Result<(Vec<T>, u64)> {
         let mut file = files::open(&self.path, "name the file of samples")?;
         let metadata = file.metadata().map_err(|e| os(&self.path, "read", e))?;
         let there = metadata.len().saturating_sub(self.at);
@@ -129,9 +138,9 @@ impl Packed {
                 if rest < needed {
                     return short(rest, "are there");
                 }
-                let mut samples = samples::room(&self.path, count)?;
-                self.encoding
-                    .read(&file, self.at + start, &mut samples)
+                samples::afford(&self.path, count)?;
+                let mut samples = vec![T::default(); count];
+                T::read(self.encoding, &file, self.at + start, &mut samples)
                     .map_err(|e| os(&self.path, "read", e))?;
                 Ok((samples, rest - needed))
             }
@@ -146,7 +155,8 @@ impl Packed {
                 let mut text = Vec::new();
                 file.read_to_end(&mut text)
                     .map_err(|e| os(&self.path, "read", e))?;
-                self.words(&text, count).map(|samples| (samples, 0))
+                let words = self.words(&text, count)?;
+                Ok((words.into_iter().map(T::of).collect(), 0))
             }
             Packing::Deflated => {
                 let most = there.saturating_mul(DEFLATE);
@@ -178,15 +188,15 @@ impl Packed {
     }
 
     /// The samples in `reader`, which unpacks to `needed` bytes of them and perhaps more.
-    fn inflated(&self, reader: &mut dyn Read, needed: u64) -> io::Result<(Vec<f32>, u64)> {
+    fn inflated<T: Sample>(&self, reader: &mut dyn Read, needed: u64) -> io::Result<(Vec<T>, u64)> {
         let size = self.encoding.size();
         let count = needed as usize / size;
         // Memory is taken as bytes come, so that a false claim takes none.
         let mut samples = Vec::new();
         let mut decode = |bytes: &[u8]| {
             let done = samples.len();
-            samples.resize(done + bytes.len() / size, 0.0);
-            self.encoding.decode(bytes, &mut samples[done..]);
+            samples.resize(done + bytes.len() / size, T::default());
+            T::decode(self.encoding, bytes, &mut samples[done..]);
         };
         match self.skip {
             Skip::Bytes(skip) => {
@@ -239,6 +249,57 @@ impl Packed {
         }
         let problem = format!("has {} numbers where {count} are needed", samples.len());
         Err(refuse(&self.path, problem, DAMAGED))
+    }
+}
+
+/// What a sample is read as: `f32`, or a wide integer as it is.
+trait Sample: Copy + Default + Send {
+    /// A number of text.
+    fn of(number: f32) -> Self;
+
+    /// Converts bytes.
+    fn decode(encoding: Encoding, bytes: &[u8], out: &mut [Self]);
+
+    /// Reads `out.len()` samples that start at byte `offset` of a file.
+    fn read(encoding: Encoding, file: &File, offset: u64, out: &mut [Self]) -> io::Result<()>;
+}
+
+impl Sample for f32 {
+    fn of(number: f32) -> Self {
+        number
+    }
+
+    fn decode(encoding: Encoding, bytes: &[u8], out: &mut [Self]) {
+        encoding.decode(bytes, out);
+    }
+
+    fn read(encoding: Encoding, file: &File, offset: u64, out: &mut [Self]) -> io::Result<()> {
+        encoding.read(file, offset, out)
+    }
+}
+
+impl Sample for i128 {
+    fn of(number: f32) -> Self {
+        number as Self
+    }
+
+    fn decode(encoding: Encoding, bytes: &[u8], out: &mut [Self]) {
+        for (out, number) in out.iter_mut().zip(encoding.integers(bytes)) {
+            *out = number;
+        }
+    }
+
+    fn read(encoding: Encoding, file: &File, offset: u64, out: &mut [Self]) -> io::Result<()> {
+        const CHUNK: usize = 1 << 17;
+        let mut buffer = Vec::new();
+        let mut at = offset;
+        for out in out.chunks_mut(CHUNK) {
+            buffer.resize(out.len() * encoding.size(), 0);
+            files::read_exact_at(file, &mut buffer, at)?;
+            at += buffer.len() as u64;
+            Self::decode(encoding, &buffer, out);
+        }
+        Ok(())
     }
 }
 

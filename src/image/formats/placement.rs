@@ -72,6 +72,19 @@ impl AxisName {
     }
 }
 
+/// Returns the short name of a unit of length that microscopes write; `None` for samples and what is no length.
+pub fn length_unit(name: &str) -> Option<&'static str> {
+    Some(match name.trim().trim_matches('"') {
+        "um" | "micron" | "microns" | "micrometer" | "micrometre" | "\u{b5}m" | "\u{3bc}m"
+        | "\\u00B5m" | "\\u00b5m" => "um",
+        "nm" | "nanometer" | "nanometre" => "nm",
+        "mm" | "millimeter" | "millimetre" => "mm",
+        "cm" | "centimeter" | "centimetre" => "cm",
+        "m" | "meter" | "metre" => "m",
+        _ => return None,
+    })
+}
+
 impl Placement {
     /// Whether nothing is said.
     pub fn is_empty(&self) -> bool {

@@ -2,7 +2,8 @@
 //!
 //! Column is x, row is y, the first row is y = 0, so y points down on the picture. Samples are the
 //! coded values, 0 to 255 or 65535; colours become luminance, 0.2126 R + 0.7152 G + 0.0722 B of
-//! the coded values (ITU-R BT.709), and transparency is ignored. An image that is not made of
+//! the coded values (ITU-R BT.709), and transparency is ignored. Of a palette of colours the numbers are taken, which
+//! pictures of labels have. An image that is not made of
 //! whole numbers in that range is written in 65536 steps between its extremes, which a text chunk
 //! keeps, so that it reads back to within half a step.
 
@@ -15,6 +16,7 @@ use png::{BitDepth, ColorType, Decoder, DecodingError, Encoder, Transformations}
 use super::packed::{DAMAGED, DEFLATE};
 use super::placement::BARE;
 use super::samples::{self, Encoding, Endian, SampleType};
+use super::tiff::add_bits;
 use super::{Format, Loaded};
 use crate::error::{Error, Result, cause, os};
 use crate::files::atomic_write;
@@ -37,11 +39,29 @@ const LARGEST: usize = 1 << 33;
 /// # Errors
 /// [`Error::Io`] if the file cannot be read, is cut off or damaged.
 pub fn read(path: &Path) -> Result<Loaded<2>> {
+    // Fewer bits than 8 become 8, and palettes colours, if these are greys.
+    match read_as(path, Transformations::EXPAND)? {
+        Some(loaded) => Ok(loaded),
+        None => read_as(path, Transformations::IDENTITY)?.ok_or_else(|| refuse_palette(path)),
+    }
+}
+
+/// The error of a palette that is there at one look and not at the next.
+fn refuse_palette(path: &Path) -> Error {
+    Error::Io(cause(path.display(), "changes while it is read", DAMAGED))
+}
+
+/// Whether the colours of a palette are greys.
+fn is_grey(palette: &[u8]) -> bool {
+    (palette.chunks_exact(3)).all(|colour| colour[0] == colour[1] && colour[1] == colour[2])
+}
+
+/// Reads a picture after some `transformations`; `None` where these make colours of a palette.
+fn read_as(path: &Path, transformations: Transformations) -> Result<Option<Loaded<2>>> {
     let file = File::open(path).map_err(|e| os(path, "open", e))?;
     let length = file.metadata().map_err(|e| os(path, "read", e))?.len();
     let mut decoder = Decoder::new(BufReader::new(file));
-    // Palettes become colours, fewer bits than 8 become 8.
-    decoder.set_transformations(Transformations::EXPAND);
+    decoder.set_transformations(transformations);
     let fault = |e| damaged(path, e);
     let mut reader = decoder.read_info().map_err(fault)?;
     let source = reader.info();
@@ -54,6 +74,14 @@ pub fn read(path: &Path) -> Result<Loaded<2>> {
     {
         let problem = format!("has a palette of {colours} bytes, not three for each colour");
         return refuse(problem, DAMAGED);
+    }
+    let by_index = transformations == Transformations::IDENTITY;
+    let in_colours = |palette: &[u8]| !is_grey(palette);
+    if written_as == ColorType::Indexed
+        && !by_index
+        && source.palette.as_deref().is_some_and(in_colours)
+    {
+        return Ok(None);
     }
     let packed = (source.raw_row_length() as u64).saturating_mul(dims[1] as u64);
     if packed > length.saturating_mul(DEFLATE) {
@@ -84,8 +112,16 @@ pub fn read(path: &Path) -> Result<Loaded<2>> {
         endian: Endian::Big,
     };
     let mut values = vec![0f32; dims[0] * dims[1] * channels];
-    encoding.decode(&bytes, &mut values);
     let mut notes = vec![format!("a picture {BARE}, y down")];
+    if by_index && bits < 8 {
+        values.clear();
+        add_bits(&bytes, bits, dims[0], dims[0] * dims[1], &mut values);
+    } else {
+        encoding.decode(&bytes, &mut values);
+    }
+    if by_index {
+        notes.push("samples are the numbers of colours in the palette, as of labels".into());
+    }
     let mut samples: Vec<f32> = match channels {
         1 => values,
         2 => values.iter().step_by(2).copied().collect(),
@@ -107,14 +143,14 @@ pub fn read(path: &Path) -> Result<Loaded<2>> {
         ColorType::Rgba => "colours with transparency",
         ColorType::Indexed => "palette",
     };
-    Ok(Loaded {
+    Ok(Some(Loaded {
         image: Image::new(dims, samples, Geometry::default()),
         format: Format::Png,
         encoding: format!("{bits}-bit {name}"),
         notes,
         survey: None,
         lines: None,
-    })
+    }))
 }
 
 /// The sample that a code from 0 to 65535 stands for.
@@ -254,7 +290,7 @@ mod tests {
             (GrayscaleAlpha, Eight, &[3, 0, 200, 9], [3.0, 200.0]),
             (Rgb, Eight, &[7, 7, 7, 255, 0, 0], [7.0, red]),
             (Rgba, Eight, &[7, 7, 7, 1, 255, 0, 0, 2], [7.0, red]),
-            (Indexed, Two, &[0b1001_0000], [255.0, red]),
+            (Indexed, Two, &[0b1001_0000], [2.0, 1.0]),
         ];
         for (color, depth, data, want) in cases {
             let loaded = read_bytes(&coded(*color, *depth, [2, 1], data)).unwrap();

@@ -3,7 +3,10 @@
 use std::fs::File;
 use std::io;
 use std::path::Path;
+use std::sync::Arc;
 
+use crate::image::ExactLabels;
+use crate::image::labels::Collector;
 use crate::parallel::prelude::*;
 use half::f16;
 
@@ -99,7 +102,7 @@ impl std::fmt::Display for Encoding {
 
 /// A warning if wide integers were rounded on their way to these samples.
 pub fn rounding_note(samples: &[f32]) -> Option<String> {
-    let rounded = samples.iter().any(|v| v.abs() > 16_777_216.0);
+    let rounded = samples.iter().any(|v| v.abs() >= 16_777_216.0);
     rounded.then(|| "integers beyond 16777216 are rounded to 32-bit floats".to_string())
 }
 
@@ -169,6 +172,54 @@ impl Encoding {
             SampleType::F64 => each!(f64, |v| v as f32),
             SampleType::Ibm32 => each!(u32, from_ibm),
         }
+    }
+
+    /// Converts `bytes` to integers, exactly; nothing for other types than [wide](Self::is_wide) integers.
+    pub fn integers(self, bytes: &[u8]) -> impl Iterator<Item = i128> {
+        let wide = self.is_wide();
+        let number = move |raw: &[u8]| {
+            // The most significant byte first.
+            let mut bits = [0; 8];
+            let last = &mut bits[8 - raw.len()..];
+            last.copy_from_slice(raw);
+            if self.endian == Endian::Little {
+                last.reverse();
+            }
+            let bits = u64::from_be_bytes(bits);
+            match self.sample {
+                SampleType::I32 => i128::from(bits as u32 as i32),
+                SampleType::I64 => i128::from(bits as i64),
+                _ => i128::from(bits),
+            }
+        };
+        let bytes = if wide { bytes } else { &[] };
+        bytes.chunks_exact(self.size()).map(number)
+    }
+
+    /// Reads `count` integers that start at byte `offset` of `file` as exact labels; `None` for other types.
+    ///
+    /// # Errors
+    /// What the operating system reports, the file being too short included.
+    pub fn read_exact(
+        self,
+        file: &File,
+        offset: u64,
+        count: usize,
+    ) -> io::Result<Option<Arc<ExactLabels>>> {
+        if !self.is_wide() {
+            return Ok(None);
+        }
+        let (mut collector, mut buffer) = (Collector::default(), Vec::new());
+        let mut at = offset;
+        let mut left = count * self.size();
+        while left > 0 {
+            buffer.resize(left.min(1 << 20), 0);
+            read_exact_at(file, &mut buffer, at)?;
+            collector.extend(self.integers(&buffer));
+            at += buffer.len() as u64;
+            left -= buffer.len();
+        }
+        Ok(Some(collector.finish()))
     }
 
     /// Reads and converts `out.len()` samples that start at byte `offset` of `file`, in parallel.

@@ -4,6 +4,7 @@ use std::fs::File;
 use std::io;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use crate::parallel::prelude::*;
@@ -15,7 +16,7 @@ use super::segy::{Lines, SegyInfo};
 use super::{AnyLoaded, Format, Loaded, of_its_axes};
 use crate::error::{Result, os};
 use crate::image::live::is_null;
-use crate::image::{Geometry, Image};
+use crate::image::{ExactLabels, Geometry, Image};
 use crate::memory;
 
 /// All that is known of an image but its samples.
@@ -62,6 +63,7 @@ impl<const D: usize> Head<D> {
     /// With its samples as an array of its shape, in standard layout.
     pub fn with_array(self, samples: ArrayD<f32>) -> Loaded<D> {
         let image = Image {
+            labels: None,
             samples,
             geometry: self.geometry,
             missing: Vec::new(),
@@ -105,6 +107,15 @@ pub trait Planes: Send + Sync {
     /// How many planes are best read together.
     fn together(&self) -> usize {
         1
+    }
+
+    /// All samples as integers, in the order of memory, where they are integers that `f32` may round; `None` if
+    /// they are not, or cannot be had so.
+    ///
+    /// # Errors
+    /// Those of [`Planes::read`].
+    fn integers(&self, _dims: [usize; 3]) -> Result<Option<Arc<ExactLabels>>> {
+        Ok(None)
     }
 }
 
@@ -238,8 +249,15 @@ impl Stream {
         let mut samples = samples::room(place, count)?;
         let rows = 0..self.head.dims[1];
         self.planes.read(0, rows, &mut samples)?;
-        self.head.notes.extend(self.coded.rounding_note(&samples));
-        Ok(self.head.with(samples))
+        let note = self.coded.rounding_note(&samples);
+        let exact = match note {
+            Some(_) => self.planes.integers(self.head.dims)?,
+            None => None,
+        };
+        self.head.notes.extend(note);
+        let mut loaded = self.head.with(samples);
+        loaded.image.labels = exact;
+        Ok(loaded)
     }
 
     /// What must be said of the samples that were read.
@@ -276,6 +294,12 @@ impl Planes for Plain {
         }
         Ok(())
     }
+
+    fn integers(&self, dims: [usize; 3]) -> Result<Option<Arc<ExactLabels>>> {
+        let count = dims.iter().product();
+        let exact = self.encoding.read_exact(&self.file, self.start, count);
+        exact.map_err(|e| os(&self.path, "read", e))
+    }
 }
 
 /// Samples of which some values are read as NaN.
@@ -293,6 +317,10 @@ impl Planes for WithNulls {
 
     fn together(&self) -> usize {
         self.planes.together()
+    }
+
+    fn integers(&self, dims: [usize; 3]) -> Result<Option<Arc<ExactLabels>>> {
+        self.planes.integers(dims)
     }
 }
 

@@ -1,7 +1,8 @@
 //! TIFF: a page is a plane of the volume, z its number; a single page is a 2-D image.
 //!
 //! Grey and colour pages of every sample type, compressed or not; colours become luminance as in
-//! [`png`](mod@super::png). TIFF has no geometry that all writers agree on.
+//! [`png`](mod@super::png). TIFF has no geometry that all writers agree on: spacing is taken from
+//! what ImageJ and OME-TIFF say.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -9,15 +10,17 @@ use std::path::Path;
 
 use quick_xml::Reader;
 use quick_xml::events::Event;
+use tiff::decoder::ifd::Value;
 use tiff::decoder::{Decoder, DecodingResult, Limits};
 use tiff::tags::Tag;
 use tiff::{ColorType, TiffError};
 
 use super::packed::{DAMAGED, DEFLATE, refuse};
-use super::placement::BARE;
+use super::placement::{BARE, length_unit};
 use super::png::luminance;
 use super::{Format, Loaded};
 use crate::error::{Result, os};
+use crate::image::labels::Collector;
 use crate::image::{Geometry, Image};
 
 /// The first bytes of TIFF and BigTIFF files.
@@ -51,6 +54,16 @@ pub fn read(path: &Path) -> Result<Loaded> {
     let mut decoder = decoder.with_limits(limits);
     let description = decoder.get_tag_ascii_string(Tag::ImageDescription);
     let description = description.unwrap_or_default();
+    let resolution = [Tag::XResolution, Tag::YResolution].map(|tag| {
+        let value = decoder.get_tag(tag).ok()?;
+        match value {
+            Value::Rational(a, b) if a > 0 && b > 0 => Some(f64::from(a) / f64::from(b)),
+            Value::Float(x) => Some(f64::from(x)),
+            Value::Double(x) => Some(x),
+            _ => None,
+        }
+    });
+    let mut exact = Some(Collector::default());
     let mut first = None;
     let mut wide = false;
     let mut samples = Vec::new();
@@ -103,6 +116,10 @@ pub fn read(path: &Path) -> Result<Loaded> {
                         | DecodingResult::U64(_)
                         | DecodingResult::I64(_)
                 );
+                match (&mut exact, channels) {
+                    (Some(collector), 1) if wide => add_integers(&page, count, collector),
+                    _ => exact = None,
+                }
                 add(page, channels, count, &mut samples);
             }
         }
@@ -123,23 +140,103 @@ pub fn read(path: &Path) -> Result<Loaded> {
     if let Some(fault) = stack.and_then(|stack| stack.fault(pages)) {
         return refusal(fault);
     }
-    let mut notes = vec![format!("a TIFF stack {BARE}")];
+    let spacing = stack_spacing(&description, resolution);
+    let mut notes = match &spacing {
+        Some((_, whose)) => vec![format!("spacing and unit as {whose} says")],
+        None => vec![format!("a TIFF stack {BARE}")],
+    };
     if matches!(color, ColorType::RGB(_) | ColorType::RGBA(_)) {
         notes.push("colours are read as luminance (BT.709)".into());
     }
-    notes.extend(
-        wide.then(|| super::samples::rounding_note(&samples))
-            .flatten(),
-    );
+    let rounded = wide.then(|| super::samples::rounding_note(&samples));
+    let rounded = rounded.flatten();
+    let labels = match (&rounded, exact) {
+        (Some(_), Some(collector)) => Some(collector.finish()),
+        _ => None,
+    };
+    notes.extend(rounded);
     let dims = [nx as usize, ny as usize, pages];
+    let mut image = Image::new(dims, samples, Geometry::default());
+    image.labels = labels.filter(|labels| labels.index.len() == image.samples.len());
+    if let Some((Spacing { steps, units }, _)) = spacing {
+        image.geometry = Geometry {
+            units,
+            ..Geometry::with_spacing([0.0; 3], steps)
+        };
+    }
     Ok(Loaded {
-        image: Image::new(dims, samples, Geometry::default()),
+        image,
         format: Format::Tiff,
         encoding: format!("{color:?}"),
         notes,
         survey: None,
         lines: None,
     })
+}
+
+/// The distance of samples along x, y and z.
+struct Spacing {
+    steps: [f64; 3],
+    units: [String; 3],
+}
+
+/// Returns the spacing that ImageJ or an OME-TIFF gives, and which of them does. Along x and y ImageJ has it in
+/// TIFF's `resolution`, samples in a unit, which mean nothing without the unit in its description.
+fn stack_spacing(
+    description: &str,
+    resolution: [Option<f64>; 2],
+) -> Option<(Spacing, &'static str)> {
+    let valid = |steps: [f64; 3]| steps.iter().all(|h| h.is_finite() && *h > 0.0);
+    if description.starts_with("ImageJ=") {
+        let field = |name: &str| {
+            let mut fields = description.lines().filter_map(|line| line.split_once('='));
+            let value = fields.find(|(field, _)| field.trim() == name);
+            value.map(|(_, value)| value.trim().to_string())
+        };
+        let unit = length_unit(&field("unit")?)?;
+        let [x, y] = resolution;
+        let (x, y) = (1.0 / x?, 1.0 / y?);
+        let z = field("spacing").and_then(|z| z.parse::<f64>().ok());
+        let steps = [x, y, z.map_or(x, f64::abs)];
+        let units = [(); 3].map(|()| unit.to_string());
+        return valid(steps).then_some((Spacing { steps, units }, "ImageJ"));
+    }
+    let mut reader = Reader::from_str(description);
+    loop {
+        let element = match reader.read_event() {
+            Ok(Event::Eof) | Err(_) => return None,
+            Ok(Event::Start(element) | Event::Empty(element)) => element,
+            Ok(_) => continue,
+        };
+        if element.local_name().as_ref() != "Pixels" {
+            continue;
+        }
+        let said = |name: String| {
+            let attribute = element.try_get_attribute(name.as_str()).ok().flatten();
+            attribute.map(|a| a.value.trim().to_string())
+        };
+        let step = |axis: &str| said(format!("PhysicalSize{axis}"))?.parse::<f64>().ok();
+        let unit = |axis: &str| match said(format!("PhysicalSize{axis}Unit")) {
+            Some(unit) => length_unit(&unit).map(String::from),
+            None => Some("um".to_string()),
+        };
+        let (x, y) = (step("X")?, step("Y")?);
+        // A single plane has no distance to the next.
+        let steps = [x, y, step("Z").unwrap_or(x)];
+        let units = [unit("X")?, unit("Y")?, unit("Z")?];
+        return valid(steps).then_some((Spacing { steps, units }, "OME"));
+    }
+}
+
+/// Adds the samples of a page of wide integers.
+fn add_integers(page: &DecodingResult, count: usize, collector: &mut Collector) {
+    match page {
+        DecodingResult::U32(v) => collector.extend(v.iter().take(count).map(|&x| x.into())),
+        DecodingResult::U64(v) => collector.extend(v.iter().take(count).map(|&x| x.into())),
+        DecodingResult::I32(v) => collector.extend(v.iter().take(count).map(|&x| x.into())),
+        DecodingResult::I64(v) => collector.extend(v.iter().take(count).map(|&x| x.into())),
+        _ => (),
+    }
 }
 
 /// What ImageJ or an OME-TIFF says of a stack in the description of its first page.
@@ -244,7 +341,7 @@ impl Stack {
 }
 
 /// Adds a page's samples of fewer than eight bits; each row begins with a byte, the highest bits first.
-fn add_bits(bytes: &[u8], bits: u8, nx: usize, count: usize, samples: &mut Vec<f32>) {
+pub fn add_bits(bytes: &[u8], bits: u8, nx: usize, count: usize, samples: &mut Vec<f32>) {
     let (bits, mask) = (usize::from(bits), (1u8 << bits) - 1);
     let row = (nx * bits).div_ceil(8);
     let whole = bytes.chunks_exact(row.max(1)).take(count / nx.max(1));

@@ -12,14 +12,14 @@ use crate::error::Result;
 use crate::files::atomic_write;
 use crate::files::vtk::xml::Element;
 use crate::files::vtk::{Document, Source, VtkFile};
-use crate::image::{Geometry, Image};
+use crate::image::{ExactLabels, Geometry, Image};
 
 /// Reads the image of a `.vti` file: the active scalars of its points or, where it has none, the
-/// first array; and a warning if its integers were rounded.
+/// first array; those of its cells where points have none, as samples in the middle of cells; and a warning if its integers were rounded.
 ///
 /// # Errors
 /// [`Error::Io`](crate::Error::Io) if it is no such file, damaged, or holds no 3-D scalars on
-/// points.
+/// points or cells.
 pub fn read(path: &Path) -> Result<(Image<3>, Option<String>)> {
     let file = VtkFile::read(path, "ImageData")?;
     let data_set = file.data_set();
@@ -74,13 +74,29 @@ pub fn read(path: &Path) -> Result<(Image<3>, Option<String>)> {
         }
     }
 
-    let point_data = file.child(piece, "PointData")?;
-    let arrays = || point_data.children.iter().filter(|c| c.name == "DataArray");
-    let active = point_data.attribute("Scalars");
-    let element = arrays()
-        .find(|a| active.is_some() && a.attribute("Name") == active)
-        .or_else(|| arrays().next())
-        .ok_or_else(|| file.fault("has no data on its points", "write samples as point data"))?;
+    let scalars = |data: &str| {
+        let data = piece.child(data)?;
+        let arrays = || data.children.iter().filter(|c| c.name == "DataArray");
+        let active = data.attribute("Scalars");
+        arrays()
+            .find(|a| active.is_some() && a.attribute("Name") == active)
+            .or_else(|| arrays().next())
+    };
+    let element = match (scalars("PointData"), scalars("CellData")) {
+        (Some(on_points), _) => on_points,
+        (None, Some(on_cells)) => {
+            // A sample stands in the middle of its cell.
+            let middle = dims.map(|n| if n > 1 { 0.5 } else { 0.0 });
+            geometry.origin = geometry.to_physical(middle);
+            dims = dims.map(|n| (n.max(2)) - 1);
+            count = dims.iter().product();
+            on_cells
+        }
+        (None, None) => {
+            let problem = "has no data on its points or cells";
+            return Err(file.fault(problem, "write samples as point data"));
+        }
+    };
     samples::afford(path, count)?;
     let array = file.array(element)?;
     if array.components != 1 {
@@ -105,7 +121,11 @@ pub fn read(path: &Path) -> Result<(Image<3>, Option<String>)> {
     let wide = matches!(array.values.kind(), "Int32" | "UInt32" | "Int64" | "UInt64");
     let samples = array.values.to_f32();
     let note = wide.then(|| samples::rounding_note(&samples)).flatten();
-    Ok((Image::new(dims, samples, geometry), note))
+    let mut image = Image::new(dims, samples, geometry);
+    if note.is_some() {
+        image.labels = array.values.to_integers().map(ExactLabels::of);
+    }
+    Ok((image, note))
 }
 
 /// An attribute of exactly `N` numbers.

@@ -93,8 +93,8 @@ impl<'a, const D: usize> Places<'a, D> {
 const OUTWARDS: [f64; 2] = [0.5, 0.85];
 
 /// For each cell of a mesh with `neighbors`, by face, the faces beyond which another label is.
-pub fn marks<const D: usize>(regions: &[u8], neighbors: &[u32]) -> Vec<u8> {
-    let of_cell = |(region, beyond): (&u8, &[u32])| {
+pub fn marks<const D: usize>(regions: &[u32], neighbors: &[u32]) -> Vec<u8> {
+    let of_cell = |(region, beyond): (&u32, &[u32])| {
         let other = |n: u32| n != NONE && regions[n as usize] != *region;
         let bits = beyond
             .iter()
@@ -140,9 +140,18 @@ pub fn labels<const D: usize, M: Simplices<D>>(
     mesh: &M,
     neighbors: &[u32],
     labelled: &Labelled<D>,
-) -> Vec<u8> {
+) -> Vec<u32> {
     let votes = Places::of_simplices(mesh).votes(labelled);
-    let mut regions: Vec<u8> = votes.iter().map(Votes::most).collect();
+    let near = LabelsNear::new(mesh, &votes, labelled);
+    let may_have = |c: usize, label: u32| near.allow(mesh.cell(c), label);
+    let first = |c: usize| {
+        let most = votes[c].most();
+        if may_have(c, most) {
+            return most;
+        }
+        votes[c].most_of(|label| may_have(c, label)).unwrap_or(most)
+    };
+    let mut regions: Vec<u32> = (0..mesh.len()).into_par_iter().map(first).collect();
     for _ in 0..ROUNDS {
         let mut changed = false;
         for c in 0..mesh.len() {
@@ -156,7 +165,7 @@ pub fn labels<const D: usize, M: Simplices<D>>(
             let area = |k: usize| M::face_area(&mesh.face(c, k).map(|n| mesh.nodes()[n as usize]));
             let areas: [f64; 4] = std::array::from_fn(|k| if k <= D { area(k) } else { 0.0 });
             let price = PRICE * volume / areas.iter().sum::<f64>();
-            let cost = |label: u8| {
+            let cost = |label: u32| {
                 let faces = beyond.iter().zip(areas).filter(|(n, _)| **n != NONE);
                 let parted = faces.filter(|(n, _)| regions[**n as usize] != label);
                 let parted: f64 = parted.map(|(_, area)| area).sum();
@@ -165,7 +174,10 @@ pub fn labels<const D: usize, M: Simplices<D>>(
             let (mut best, mut least) = (here, cost(here));
             for &n in beyond.iter().filter(|n| other(**n)) {
                 let label = regions[n as usize];
-                if votes[c].share(label) >= SOME && cost(label) < (1.0 - 1e-9) * least {
+                if votes[c].share(label) >= SOME
+                    && cost(label) < (1.0 - 1e-9) * least
+                    && may_have(c, label)
+                {
                     (best, least) = (label, cost(label));
                 }
             }
@@ -179,6 +191,80 @@ pub fn labels<const D: usize, M: Simplices<D>>(
     regions
 }
 
+/// The labels near the nodes of cells of several labels. A cell that has a label which is not near one of its
+/// nodes would be a spike.
+struct LabelsNear {
+    /// For each node the labels within a sample of it; empty where that was not asked for.
+    of_node: Vec<Vec<u32>>,
+}
+
+impl LabelsNear {
+    fn new<const D: usize, M: Simplices<D>>(
+        mesh: &M,
+        votes: &[Votes],
+        labelled: &Labelled<D>,
+    ) -> Self {
+        let mut asked = vec![false; mesh.nodes().len()];
+        for (c, votes) in votes.iter().enumerate() {
+            if votes.0.len() > 1 {
+                mesh.cell(c).iter().for_each(|&n| asked[n as usize] = true);
+            }
+        }
+        let directions = directions::<D>();
+        let of_node = |(x, asked): (&[f64; D], &bool)| {
+            let mut found = Vec::new();
+            if !asked {
+                return found;
+            }
+            found.push(labelled.at(*x));
+            for part in NEAR {
+                for along in &directions {
+                    let there = std::array::from_fn(|k| x[k] + part * along[k] * labelled.step[k]);
+                    let label = labelled.at(there);
+                    if !found.contains(&label) {
+                        found.push(label);
+                    }
+                }
+            }
+            found
+        };
+        let nodes = mesh.nodes().par_iter().zip(&asked);
+        Self {
+            of_node: nodes.map(of_node).collect(),
+        }
+    }
+
+    /// Returns whether a cell of these nodes may have a label.
+    fn allow(&self, nodes: &[u32], label: u32) -> bool {
+        let near = |&n: &u32| {
+            let labels = &self.of_node[n as usize];
+            labels.is_empty() || labels.contains(&label)
+        };
+        nodes.iter().all(near)
+    }
+}
+
+/// How far round a node labels are looked for, in samples.
+const NEAR: [f64; 2] = [0.5, 1.0];
+
+/// The directions to the samples round one, of length 1.
+fn directions<const D: usize>() -> Vec<[f64; D]> {
+    let count = 3usize.pow(D as u32);
+    let steps = (0..count).map(|i| {
+        let mut rest = i;
+        std::array::from_fn(|_| {
+            let step = (rest % 3) as f64 - 1.0;
+            rest /= 3;
+            step
+        })
+    });
+    let unit = |v: [f64; D]| {
+        let length = v.iter().map(|c| c * c).sum::<f64>().sqrt();
+        (length > 0.0).then(|| v.map(|c| c / length))
+    };
+    steps.filter_map(unit).collect()
+}
+
 /// Rounds in which cells may change their labels.
 const ROUNDS: usize = 5;
 /// What a whole surface between labels costs, in volumes of its cell that has the wrong label.
@@ -188,10 +274,10 @@ const SOME: f64 = 0.2;
 
 /// How often each label was found.
 #[derive(Debug, Clone, Default)]
-pub struct Votes(Vec<(u8, u32)>);
+pub struct Votes(Vec<(u32, u32)>);
 
 impl Votes {
-    fn add(&mut self, label: u8) {
+    fn add(&mut self, label: u32) {
         match self.0.iter_mut().find(|(known, _)| *known == label) {
             Some((_, count)) => *count += 1,
             None => self.0.push((label, 1)),
@@ -199,15 +285,23 @@ impl Votes {
     }
 
     /// The share of the finds that were of a label.
-    fn share(&self, label: u8) -> f64 {
+    fn share(&self, label: u32) -> f64 {
         let all: u32 = self.0.iter().map(|(_, count)| count).sum();
         let own = self.0.iter().find(|(known, _)| *known == label);
         f64::from(own.map_or(0, |(_, count)| *count)) / f64::from(all.max(1))
     }
 
+    /// The label found most often among those that are `wanted`.
+    fn most_of(&self, wanted: impl Fn(u32) -> bool) -> Option<u32> {
+        let votes = self.0.iter().filter(|(label, _)| wanted(*label));
+        let better = |a: (u32, u32), &b: &(u32, u32)| if b.1 > a.1 { b } else { a };
+        let most = votes.fold((0, 0), better);
+        (most.1 > 0).then_some(most.0)
+    }
+
     /// The label found most often; of several the one found first.
-    pub fn most(&self) -> u8 {
-        let better = |a: (u8, u32), &b: &(u8, u32)| if b.1 > a.1 { b } else { a };
+    pub fn most(&self) -> u32 {
+        let better = |a: (u32, u32), &b: &(u32, u32)| if b.1 > a.1 { b } else { a };
         self.0.iter().fold((0, 0), better).0
     }
 }

@@ -34,6 +34,10 @@ const GIVES: f64 = 0.35;
 const SHARE: f64 = 0.25;
 /// How much a move is held back where faces say nothing of its direction.
 const HOLD: f64 = 0.02;
+/// A node that lies farther off the interface, in samples, is the tip of a spike, which ...
+const SPIKE: f64 = 0.75;
+/// ... goes even if angles become as small as this, in degrees.
+const SPIKE_ANGLE: f64 = 20.0;
 /// Parts of a move that are tried.
 const PARTS: [f64; 4] = [1.0, 0.5, 0.25, 0.1];
 
@@ -43,7 +47,7 @@ pub struct Fitting<'a, const D: usize> {
     /// The labels.
     pub labelled: &'a Labelled<D>,
     /// The label of each cell.
-    pub regions: &'a [u8],
+    pub regions: &'a [u32],
     /// For every cell and face, in order, the cell on its other side.
     pub neighbors: &'a [u32],
     /// What each node may do.
@@ -58,7 +62,7 @@ pub struct Fitting<'a, const D: usize> {
 struct Face<const D: usize> {
     nodes: [u32; D],
     /// The regions, the smaller number first, from which the normal points into the other.
-    pair: [u8; 2],
+    pair: [u32; 2],
     normal: [f64; D],
     area: f64,
     /// By node, how far the interface is, and how sure that is.
@@ -88,7 +92,7 @@ pub fn fit<const D: usize, M: Simplices<D>>(
         .collect();
     let count = fitting.labelled.labels.len();
     let step = fitting.labelled.least_step();
-    let mut gives: BTreeMap<[u8; 2], f64> = BTreeMap::new();
+    let mut gives: BTreeMap<[u32; 2], f64> = BTreeMap::new();
     for sweep in 0..SWEEPS {
         if patience.over() {
             return;
@@ -101,7 +105,7 @@ pub fn fit<const D: usize, M: Simplices<D>>(
             let lacking: Vec<f64> = (fitting.labelled.volumes.iter().zip(&had))
                 .map(|(wanted, had)| if *had > 0.0 { wanted - had } else { 0.0 })
                 .collect();
-            let mut areas: BTreeMap<[u8; 2], f64> = BTreeMap::new();
+            let mut areas: BTreeMap<[u32; 2], f64> = BTreeMap::new();
             for face in &faces {
                 *areas.entry(face.pair).or_default() += face.area;
             }
@@ -196,7 +200,10 @@ impl<const D: usize> Fitting<'_, D> {
             return;
         }
         let scale = (SHARE * shortest / length).min(1.0);
-        let enough = self.worst(mesh, star).min(self.min_angle);
+        let mut enough = self.worst(mesh, star).min(self.min_angle);
+        if length > SPIKE * self.labelled.least_step() {
+            enough = enough.min(SPIKE_ANGLE);
+        }
         for part in PARTS {
             let mut there = add_scaled(x, scale * part, by);
             for k in 0..D {

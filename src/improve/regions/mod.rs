@@ -17,7 +17,7 @@ pub use fit::{Fitting, fit};
 use crate::mesh::Simplices;
 
 /// The volume of the cells of each label, of which there are `count`.
-fn volumes<const D: usize, M: Simplices<D>>(mesh: &M, regions: &[u8], count: usize) -> Vec<f64> {
+fn volumes<const D: usize, M: Simplices<D>>(mesh: &M, regions: &[u32], count: usize) -> Vec<f64> {
     let mut volumes = vec![0.0; count];
     for (c, &region) in regions.iter().enumerate() {
         volumes[region as usize] += mesh.volume(c);

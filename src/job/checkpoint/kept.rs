@@ -2,7 +2,9 @@
 
 use std::io::{self, Write};
 
-use crate::feature::{FeatureKind, FeaturePoint, Features, Labelled, LeftOut, OfAll, Settled};
+use crate::feature::{
+    Doubt, FeatureKind, FeaturePoint, Features, Labelled, LeftOut, OfAll, Settled,
+};
 use crate::files::kept::{Kept, fields, numbered};
 use crate::image::{Field, Sparse};
 use crate::improve::{Blocked, Counts, Sealed};
@@ -19,12 +21,13 @@ fields! {
     @(const D: usize) FeaturePoint<D> as FeaturePoint { position, normal, strength }
     @(const D: usize) Field<D> as Field { dims, step, samples }
     @(const D: usize) Sparse<D> as Sparse { dims, step, slots, masks, samples, in_shares, missed }
+    Doubt as Doubt { question, assumed, other }
     OfAll as OfAll { points, on_horizon }
     LeftOut as LeftOut { near_another_sheet, in_small_pieces, in_narrow_parts, weak }
     Settled as Settled { kind, scale, low, high, min_area, mask }
     @(const D: usize) Labelled<D> as Labelled { dims, step, labels, names, winner, lead, volumes }
     @(const D: usize) Features<D> as Features {
-        points, sheet, on_horizon, potential, spacing, in_shares, sigma, left_out, notes, settled, labels, confidence,
+        points, sheet, on_horizon, potential, spacing, in_shares, sigma, left_out, notes, settled, labels, confidence, doubt,
     }
     @(const D: usize) Atoms<D> as Atoms { positions, kinds }
     energy::Parts as EnergyParts { lattice, image }
@@ -81,6 +84,6 @@ numbered! {
     AtomKind { Interior, Side, Edge, Corner, Fixed }
     Stop { Converged, MaxIterations, Interrupted }
     FeatureKind {
-        Auto, Ridges, Valleys, Edges, Canny, Paths, Horizons, Faults, FaultsAndHorizons, Labels, Potential
+        Auto, Ridges, Valleys, Edges, Canny, Paths, Horizons, Faults, FaultsAndHorizons, Labels, Mask, Potential
     }
 }

@@ -3,6 +3,7 @@
 use super::{Said, bad, finites};
 use crate::Result;
 use crate::feature::{FeatureKind, LabelWish};
+use crate::image::LabelValue;
 use crate::job::asked::{Followed, StrongKind, What};
 use crate::job::settings::SeedingName;
 
@@ -51,7 +52,10 @@ pub(super) fn followed(said: &Said) -> Result<Followed> {
         let problem = "weighs faults against horizons, but they are not followed together";
         said.unused(&["feature-weights"], problem, "follow both, or omit it")?;
     }
-    if matches!(kind, FeatureKind::Labels | FeatureKind::Paths) {
+    if matches!(
+        kind,
+        FeatureKind::Labels | FeatureKind::Mask | FeatureKind::Paths
+    ) {
         let problem = format!("applies to the strength of features, but {kind} have none");
         said.unused(
             &["threshold"],
@@ -71,6 +75,7 @@ pub(super) fn followed(said: &Said) -> Result<Followed> {
             FeatureKind::Horizons => strong(StrongKind::Horizons),
             FeatureKind::Faults => strong(StrongKind::Faults),
             FeatureKind::Potential => strong(StrongKind::Potential),
+            FeatureKind::Mask => strong(StrongKind::Mask),
             FeatureKind::FaultsAndHorizons => What::FaultsAndHorizons { threshold, weights },
             FeatureKind::Labels => What::Labels { wishes },
             FeatureKind::Paths => What::Paths {
@@ -98,7 +103,7 @@ fn wishes(texts: &[String]) -> Result<Vec<LabelWish>> {
         }
         wishes.push(wish);
     }
-    let gone = |into: f32| {
+    let gone = |into: LabelValue| {
         wishes
             .iter()
             .any(|wish| wish.label == into && wish.into.is_some())

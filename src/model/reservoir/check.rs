@@ -95,33 +95,37 @@ impl Checks {
         }
     }
 
-    /// The short table.
-    pub fn table(&self) -> String {
+    /// Returns the short table, of coordinates in `unit`; what concerns flow and depth only if `of_flow`.
+    pub fn table(&self, unit: &str, of_flow: bool) -> String {
         let mut lines = vec![
             format!(
                 "cells          {} with {} connections, {} of them on features",
                 self.cells, self.connections, self.on_feature
             ),
             format!(
-                "volume         {:.6e} m^3, {:.1e} off the box",
+                "volume         {:.6e} {unit}^3, {:.1e} off the box",
                 self.volume, self.volume_error
             ),
         ];
         if let Some(pores) = self.pore_volume {
             lines.push(format!("pore volume    {pores:.6e} m^3"));
         }
-        let [low, high] = self.depth;
-        lines.push(format!("depth          {low:.2} to {high:.2} m"));
+        if of_flow {
+            let [low, high] = self.depth;
+            lines.push(format!("depth          {low:.2} to {high:.2} m"));
+        }
         if let Some([low, high]) = self.transmissibility {
             lines.push(format!("transmiss.     {low:.3e} to {high:.3e} m^3"));
         }
-        let [mean, worst] = self.angle;
-        let mut line =
-            format!("two-point      {mean:.2} degrees off on average, {worst:.2} at worst");
-        if let Some([a, b]) = self.worst {
-            line += &format!(" (cells {a} and {b})");
+        if of_flow {
+            let [mean, worst] = self.angle;
+            let mut line =
+                format!("two-point      {mean:.2} degrees off on average, {worst:.2} at worst");
+            if let Some([a, b]) = self.worst {
+                line += &format!(" (cells {a} and {b})");
+            }
+            lines.push(line);
         }
-        lines.push(line);
         lines.push(match self.parts.len() {
             1 => "connected      all cells".to_string(),
             count => {
@@ -204,7 +208,7 @@ mod tests {
         model.set_permeability(rock()).unwrap();
         let found = Checks::new(&model, 2.0);
         assert_eq!(found.parts, [(0, 1), (1, 1)]);
-        assert!(found.table().contains("not connected  2 parts"));
+        assert!(found.table("m", true).contains("not connected  2 parts"));
     }
 
     #[test]

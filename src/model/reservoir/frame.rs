@@ -47,8 +47,8 @@ impl Default for Frame {
 }
 
 impl Frame {
-    /// Metres in a unit of each coordinate, from the coordinates' units. A unit that is not known is
-    /// `length` metres; one that is not said is a metre without that. Coordinates that are two-way
+    /// Makes a frame from the coordinates' units. A unit of length is `length` metres, whatever the mesh states;
+    /// without that it is what is stated, or else a metre. Coordinates that are two-way
     /// time (`ms`, `s`) become depth by `velocity` in
     /// m/s.
     ///
@@ -68,20 +68,6 @@ impl Frame {
                 "omit it",
             )));
         }
-        if length.is_some()
-            && units
-                .iter()
-                .all(|u| in_time(u) || metres(u.trim()).is_some())
-        {
-            return Err(Error::Export(cause(
-                "unit of length",
-                format!(
-                    "is given, but the mesh states its own: {}",
-                    units.join(", ")
-                ),
-                "omit it",
-            )));
-        }
         let mut scale = [length.unwrap_or(1.0); 3];
         for k in 0..3 {
             let unit = units[k].trim();
@@ -90,7 +76,7 @@ impl Frame {
                 "" => continue,
                 "ms" => 1e-3,
                 "s" => 1.0,
-                _ => match metres(unit).or(length) {
+                _ => match length.or(metres(unit)) {
                     Some(metres) => {
                         scale[k] = metres;
                         continue;
@@ -212,7 +198,8 @@ pub fn metres(unit: &str) -> Option<f64> {
         "km" => Some(1e3),
         "cm" => Some(1e-2),
         "mm" => Some(1e-3),
-        "um" => Some(1e-6),
+        "um" | "\u{b5}m" | "\u{3bc}m" | "micron" | "micrometer" => Some(1e-6),
+        "nm" => Some(1e-9),
         "ft" => Some(0.3048),
         _ => None,
     }
@@ -264,6 +251,20 @@ mod tests {
             let error = Frame::new(&units(words), None, down, velocity).unwrap_err();
             assert!(error.to_string().contains(want), "{error}");
         }
+    }
+
+    #[test]
+    fn a_unit_that_is_given_wins_over_one_that_is_stated() {
+        let down = Down::default();
+        for stated in ["mm", "ft", "furlong", ""] {
+            let frame = Frame::new(&units([stated; 3]), Some(1e-6), down, None).unwrap();
+            assert_eq!(frame.to_model([2.0, 3.0, 4.0]), [2e-6, 3e-6, 4e-6]);
+        }
+        let frame = Frame::new(&units(["mm"; 3]), None, down, None).unwrap();
+        assert_eq!(frame.to_model([2.0, 3.0, 4.0]), [2e-3, 3e-3, 4e-3]);
+        // Time stays time.
+        let frame = Frame::new(&units(["ft", "ft", "ms"]), Some(1.0), down, Some(2e3)).unwrap();
+        assert_eq!(frame.to_model([2.0, 3.0, 4.0]), [2.0, 3.0, 4.0]);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 
 use crate::error::cause;
 use crate::files::vtk::DataArray;
-use crate::image::{Geometry, Image};
+use crate::image::{Geometry, Image, Modality};
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::{Mesh, Positions, Simplices, TetMesh};
 use crate::model::columns::{COLUMN, LAYER};
@@ -16,8 +16,10 @@ use crate::{Error, Result};
 /// Where a mesh's coordinates are in metres and depth.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Placement {
-    /// Metres in a unit of those coordinates whose unit the mesh does not say, or that is no length.
+    /// Metres in a unit of the coordinates that are lengths; as the mesh states it if `None`.
     pub length: Option<f64>,
+    /// The coordinates of a scan stay in the unit that the mesh states, if no other is given.
+    pub keep_unit: bool,
     /// The coordinate that is depth.
     pub down: Down,
     /// Velocity in m/s, for depth in two-way time.
@@ -33,6 +35,7 @@ impl Default for Placement {
     fn default() -> Self {
         Self {
             length: None,
+            keep_unit: false,
             down: Down::default(),
             velocity: None,
             top: None,
@@ -48,8 +51,10 @@ pub struct Prepared {
     pub model: Model,
     /// From the mesh's coordinates to the model's.
     pub frame: Frame,
-    /// Volume of the mesh's box in m^3.
+    /// Volume of the mesh's box, in the model's coordinates.
     pub box_volume: f64,
+    /// Unit of the model's coordinates: metres, or that of a scan.
+    pub unit: String,
     /// What the file knows of each cell.
     pub cell_data: Vec<DataArray>,
     /// Whether the mesh says which faces lie on features.
@@ -223,12 +228,21 @@ impl Prepared {
         let cell_data = parts.cell_data;
         let Placement {
             length,
+            keep_unit,
             down,
             velocity,
             top,
             ..
         } = *placement;
-        let mut frame = Frame::new(&parts.geometry.units, length, down, velocity)?;
+        let units = &parts.geometry.units;
+        let alike = units.iter().all(|unit| *unit == units[0]);
+        let is_scan = parts.geometry.modality() == Modality::Scan;
+        let (length, unit) = if keep_unit && length.is_none() && alike && is_scan {
+            (Some(1.0), units[0].clone())
+        } else {
+            (length, "m".to_string())
+        };
+        let mut frame = Frame::new(units, length, down, velocity)?;
         if let Some(top) = top {
             frame = frame.with_top(&parts.mesh.nodes, top);
         }
@@ -268,6 +282,7 @@ impl Prepared {
             }
         }
         Ok(Self {
+            unit,
             model,
             box_volume,
             frame,

@@ -23,6 +23,7 @@ use super::{AnyMesh, FieldValue, MeshFile};
 use crate::error::{cause, os};
 use crate::files::open;
 use crate::files::vtk::{DataArray, VtkFile};
+use crate::image::LabelValue;
 use crate::mesh::complex::NONE;
 use crate::mesh::{Simplices, TetMesh, TriMesh};
 use crate::{Error, Result};
@@ -328,7 +329,7 @@ fn labels_field(regions: &[i32], names: &BTreeMap<i32, String>) -> Option<(Strin
     known.dedup();
     let labels = known.iter().map(|&region| LabelledRegion {
         region,
-        label: f64::from(region),
+        label: LabelValue::Whole(region.into()),
         name: names.get(&region).cloned(),
     });
     labels_text(&labels.collect::<Vec<_>>())

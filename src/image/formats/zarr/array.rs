@@ -4,6 +4,7 @@ use std::fs::File;
 use std::io::ErrorKind;
 use std::ops::Range;
 use std::path::Path;
+use std::sync::Arc;
 
 use crate::parallel::prelude::*;
 
@@ -11,8 +12,10 @@ use super::codecs::{Problem, Shard};
 use super::metadata::Metadata;
 use crate::error::{Error, Result, cause, os};
 use crate::files::read_exact_at;
+use crate::image::ExactLabels;
 use crate::image::formats::samples::{self, SampleType};
 use crate::image::formats::stream::Planes;
+use crate::image::labels::Collector;
 use crate::memory;
 
 /// What to do about a damaged chunk.
@@ -191,6 +194,25 @@ impl Planes for Metadata {
 
     fn together(&self) -> usize {
         last_three(&self.codecs.shape)[0]
+    }
+
+    fn integers(&self, dims: [usize; 3]) -> Result<Option<Arc<ExactLabels>>> {
+        let encoding = self.codecs.cell.encoding;
+        if !encoding.is_wide() {
+            return Ok(None);
+        }
+        let [nx, ny, nz] = dims;
+        let mut collector = Collector::default();
+        let together = self.together();
+        for first in (0..nz).step_by(together.max(1)) {
+            let planes = together.min(nz - first);
+            let mut out = vec![0i128; planes * nx * ny];
+            self.gather(first, 0..ny, &mut out, self.fill as i128, |bytes| {
+                encoding.integers(bytes).collect()
+            })?;
+            collector.extend(out);
+        }
+        Ok(Some(collector.finish()))
     }
 }
 

@@ -12,7 +12,7 @@ use super::metadata::{Metadata, NODE, Node};
 use crate::error::Result;
 use crate::image::Geometry;
 use crate::image::formats::AxisName;
-use crate::image::formats::placement::BARE;
+use crate::image::formats::placement::{BARE, length_unit};
 use crate::image::formats::segy::{Fit, Lines};
 use crate::image::formats::stream::Head;
 
@@ -146,6 +146,9 @@ pub fn place(head: &mut Head<3>, array: &Metadata, group: Option<&Path>) -> Resu
             return Ok(());
         }
     }
+    if coordinates.iter().all(Option::is_none) && of_ome(head, array, group) {
+        return Ok(());
+    }
     if coordinates.iter().all(Option::is_none) {
         head.notes.push(format!("the array {BARE}"));
         return Ok(());
@@ -163,6 +166,60 @@ pub fn place(head: &mut Head<3>, array: &Metadata, group: Option<&Path>) -> Resu
     }
     along_axes(head, &coordinates);
     Ok(())
+}
+
+/// Places an array of an OME-Zarr image (NGFF 0.5) by the scale and the translation that its group gives it; says
+/// whether it could.
+fn of_ome(head: &mut Head<3>, array: &Metadata, group: Option<&Path>) -> bool {
+    let placed = || -> Option<Geometry<3>> {
+        let Node::Group(node) = Node::open(group?).ok()? else {
+            return None;
+        };
+        let name = array.folder.file_name()?.to_str()?;
+        let ome = node.get("ome")?;
+        let mut images = ome["multiscales"].as_array()?.iter();
+        let (image, dataset) = images.find_map(|image| {
+            let mut datasets = image["datasets"].as_array()?.iter();
+            Some((image, datasets.find(|set| set["path"] == name)?))
+        })?;
+        let numbers = |value: &Value| -> Option<Vec<f64>> {
+            value.as_array()?.iter().map(Value::as_f64).collect()
+        };
+        let axes = image["axes"].as_array()?;
+        let count = axes.len();
+        let (mut scale, mut translation) = (vec![1.0; count], vec![0.0; count]);
+        let lists = [dataset, image].map(|of| of["coordinateTransformations"].as_array());
+        for change in lists.into_iter().flatten().flatten() {
+            let factors = numbers(&change["scale"]).unwrap_or_else(|| vec![1.0; count]);
+            let shifts = numbers(&change["translation"]).unwrap_or_else(|| vec![0.0; count]);
+            if factors.len() != count || shifts.len() != count {
+                return None;
+            }
+            for k in 0..count {
+                scale[k] *= factors[k];
+                translation[k] = translation[k] * factors[k] + shifts[k];
+            }
+        }
+        let mut geometry = Geometry::default();
+        for (k, from) in (0..count).rev().take(3).enumerate() {
+            if !(scale[from] > 0.0 && scale[from].is_finite() && translation[from].is_finite()) {
+                return None;
+            }
+            geometry.axes[k][k] = scale[from];
+            geometry.origin[k] = translation[from];
+            let unit = axes[from]["unit"].as_str().unwrap_or_default();
+            geometry.units[k] = length_unit(unit).unwrap_or(unit).to_string();
+        }
+        Some(geometry)
+    };
+    match placed() {
+        Some(geometry) => {
+            head.geometry = geometry;
+            head.notes.push("spacing and unit as OME-Zarr says".into());
+            true
+        }
+        None => false,
+    }
 }
 
 /// The geometry that `convert` has written, if it makes sense.

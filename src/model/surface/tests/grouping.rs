@@ -256,8 +256,8 @@ fn strike_and_dip_of_known_planes() {
     ] {
         let (s, d) = (strike.to_radians(), dip.to_radians());
         // x is east, y north, z up; down the dip is to the right of the strike.
-        let along = [s.sin(), s.cos(), 0.0];
-        let down = [d.cos() * s.cos(), -d.cos() * s.sin(), -d.sin()];
+        let along: [f64; 3] = [s.sin(), s.cos(), 0.0];
+        let down: [f64; 3] = [d.cos() * s.cos(), -d.cos() * s.sin(), -d.sin()];
         let (mut nodes, mut facets) = (Vec::new(), Vec::new());
         add_sheet(&mut nodes, &mut facets, [7, 5], |i, j| {
             std::array::from_fn(|k| 1e5 + i * along[k] + j * down[k])
@@ -380,8 +380,8 @@ fn strike_dip_and_area_of_rough_planes_on_flat_samples() {
         ([12.5, 50.0, 2.5], 300.0, 45.0),
     ] {
         let (s, d) = (strike.to_radians(), dip.to_radians());
-        let along = [s.sin(), s.cos(), 0.0];
-        let down = [d.cos() * s.cos(), -d.cos() * s.sin(), -d.sin()];
+        let along: [f64; 3] = [s.sin(), s.cos(), 0.0];
+        let down: [f64; 3] = [d.cos() * s.cos(), -d.cos() * s.sin(), -d.sin()];
         // Four samples to a cell, in a survey of 200 samples down; each node off by up to a quarter of one.
         let [length, depth] = [4.0 * sides[0].max(sides[1]), 4.0 * sides[2] / d.sin()];
         let mut seed = 5;

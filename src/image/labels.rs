@@ -1,0 +1,331 @@
+//! Values of labels, exactly: any 64-bit integers, any number of them.
+//!
+//! Samples are 32-bit floats, which hold integers up to 2^24. What is read from a file of wider integers has its
+//! labels beside its samples ([`ExactLabels`]); of any other image the samples are exact.
+
+use std::cmp::Ordering;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::io::{self, Write};
+use std::sync::Arc;
+
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+use super::Image;
+use super::check::{equal_neighbours, is_whole, values};
+use crate::files::kept::Kept;
+use crate::parallel::prelude::*;
+
+/// Values that are no whole numbers are labels if there are at most so many of them.
+pub const MOST_REAL_LABELS: usize = 255;
+
+/// The least share of equal neighbours in an image of more labels than that.
+const LEAST_EQUAL: f64 = 0.3;
+
+/// The value that the samples of a label have.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum LabelValue {
+    /// A whole number, in the range of signed or unsigned 64-bit integers.
+    Whole(i128),
+    /// A number with a fraction.
+    Real(f32),
+}
+
+impl LabelValue {
+    /// Returns the value of a sample as a label.
+    pub fn of(sample: f32) -> Self {
+        if sample.trunc() == sample && sample.abs() < 1e18 {
+            Self::Whole(sample as i128)
+        } else {
+            Self::Real(sample)
+        }
+    }
+
+    /// Reads a number; `None` for what is none or is out of range.
+    pub fn parse(text: &str) -> Option<Self> {
+        let text = text.trim();
+        match text.parse::<i128>() {
+            Ok(whole) if is_of_64_bits(whole) => Some(Self::Whole(whole)),
+            Ok(_) => None,
+            Err(_) => {
+                let number = text.parse::<f64>().ok().filter(|x| x.is_finite())?;
+                Some(Self::of(number as f32))
+            }
+        }
+    }
+
+    /// Returns the nearest 64-bit float.
+    pub fn as_f64(self) -> f64 {
+        match self {
+            Self::Whole(whole) => whole as f64,
+            Self::Real(real) => real.into(),
+        }
+    }
+
+    /// Returns the nearest sample.
+    pub fn as_sample(self) -> f32 {
+        match self {
+            Self::Whole(whole) => whole as f32,
+            Self::Real(real) => real,
+        }
+    }
+
+    /// Returns the number if it is whole and fits into 32 bits.
+    pub fn as_i32(self) -> Option<i32> {
+        match self {
+            Self::Whole(whole) => whole.try_into().ok(),
+            Self::Real(_) => None,
+        }
+    }
+}
+
+/// Whether a number is a signed or an unsigned one of 64 bits.
+fn is_of_64_bits(number: i128) -> bool {
+    (i128::from(i64::MIN)..=i128::from(u64::MAX)).contains(&number)
+}
+
+impl PartialEq<f64> for LabelValue {
+    fn eq(&self, other: &f64) -> bool {
+        self.as_f64() == *other
+    }
+}
+
+impl PartialOrd for LabelValue {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        match (self, other) {
+            (Self::Whole(a), Self::Whole(b)) => Some(a.cmp(b)),
+            (a, b) => a.as_f64().partial_cmp(&b.as_f64()),
+        }
+    }
+}
+
+impl fmt::Display for LabelValue {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Whole(whole) => whole.fmt(f),
+            Self::Real(real) => real.fmt(f),
+        }
+    }
+}
+
+impl Serialize for LabelValue {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match *self {
+            Self::Whole(whole) => match (i64::try_from(whole), u64::try_from(whole)) {
+                (Ok(signed), _) => serializer.serialize_i64(signed),
+                (_, Ok(unsigned)) => serializer.serialize_u64(unsigned),
+                _ => serializer.serialize_f64(whole as f64),
+            },
+            Self::Real(real) => serializer.serialize_f64(real.into()),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for LabelValue {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let number = serde_json::Number::deserialize(deserializer)?;
+        Ok(match (number.as_i64(), number.as_u64()) {
+            (Some(signed), _) => Self::Whole(signed.into()),
+            (_, Some(unsigned)) => Self::Whole(unsigned.into()),
+            _ => Self::of(number.as_f64().unwrap_or(f64::NAN) as f32),
+        })
+    }
+}
+
+impl Kept for LabelValue {
+    fn put(&self, out: &mut dyn Write) -> io::Result<()> {
+        // A whole number by its two halves, any other by its bits.
+        let (high, low) = match *self {
+            Self::Whole(whole) => (Some((whole >> 64) as u64), whole as u64),
+            Self::Real(real) => (None, real.to_bits().into()),
+        };
+        high.put(out)?;
+        low.put(out)
+    }
+
+    fn take(from: &mut &[u8]) -> Option<Self> {
+        let (high, low) = (
+            <Option<u64> as Kept>::take(from)?,
+            <u64 as Kept>::take(from)?,
+        );
+        Some(match high {
+            Some(high) => Self::Whole(i128::from(high as i64) << 64 | i128::from(low)),
+            None => Self::Real(f32::from_bits(u32::try_from(low).ok()?)),
+        })
+    }
+}
+
+/// The labels of samples that 32-bit floats would round.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ExactLabels {
+    /// The different values, ascending.
+    pub values: Vec<i128>,
+    /// For each sample, in memory order, the number of its value.
+    pub index: Vec<u32>,
+}
+
+impl ExactLabels {
+    /// Collects the labels of samples, given in the order of memory.
+    pub fn of(samples: impl IntoIterator<Item = i128>) -> Arc<Self> {
+        let mut collector = Collector::default();
+        collector.extend(samples);
+        collector.finish()
+    }
+
+    /// Returns those of the first `count` samples.
+    pub fn first(&self, count: usize) -> Arc<Self> {
+        let index = self.index.iter().take(count);
+        Self::of(index.map(|&number| self.values[number as usize]))
+    }
+}
+
+/// Collects [`ExactLabels`] of samples that come part by part.
+#[derive(Debug, Default)]
+pub struct Collector {
+    /// The values with their numbers, in the order in which they came.
+    known: BTreeMap<i128, u32>,
+    last: Option<(i128, u32)>,
+    index: Vec<u32>,
+}
+
+impl Collector {
+    /// Adds the next samples, in the order of memory.
+    pub fn extend(&mut self, samples: impl IntoIterator<Item = i128>) {
+        for sample in samples {
+            let number = match self.last {
+                Some((value, number)) if value == sample => number,
+                _ => {
+                    let next = self.known.len() as u32;
+                    *self.known.entry(sample).or_insert(next)
+                }
+            };
+            self.last = Some((sample, number));
+            self.index.push(number);
+        }
+    }
+
+    /// Returns the labels of all samples.
+    pub fn finish(mut self) -> Arc<ExactLabels> {
+        let mut rank = vec![0; self.known.len()];
+        for (ascending, &number) in self.known.values().enumerate() {
+            rank[number as usize] = ascending as u32;
+        }
+        let index = self.index.par_iter_mut();
+        index.for_each(|number| *number = rank[*number as usize]);
+        Arc::new(ExactLabels {
+            values: self.known.into_keys().collect(),
+            index: self.index,
+        })
+    }
+}
+
+/// The different labels of an image, and which of them each sample has.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LabelTable {
+    /// The values, ascending.
+    pub values: Vec<LabelValue>,
+    /// For each sample, in memory order, the number of its value.
+    pub index: Vec<u32>,
+}
+
+impl LabelTable {
+    /// Returns the labels of an image; `None` where its samples are too many different numbers to be labels.
+    pub fn of<const D: usize>(image: &Image<D>) -> Option<Self> {
+        if let Some(exact) = &image.labels {
+            return Some(Self {
+                values: exact.values.iter().map(|&v| LabelValue::Whole(v)).collect(),
+                index: exact.index.clone(),
+            });
+        }
+        let samples = image.as_slice();
+        let values = label_values(samples)?;
+        let number = |s: &f32| values.partition_point(|value| value < s) as u32;
+        let index = samples.par_iter().map(number).collect();
+        Some(Self {
+            values: values.into_iter().map(LabelValue::of).collect(),
+            index,
+        })
+    }
+}
+
+/// Returns the different values of samples, ascending; `None` where these are no labels: many numbers with a
+/// fraction, or many that neighbours do not share.
+fn label_values(samples: &[f32]) -> Option<Vec<f32>> {
+    if let Some(values) = values(samples, MOST_REAL_LABELS) {
+        return Some(values);
+    }
+    let equal = equal_neighbours(samples) as f64;
+    let shared = equal >= LEAST_EQUAL * samples.len() as f64;
+    if !shared || !samples.par_chunks(1 << 16).all(is_whole) {
+        return None;
+    }
+    values(samples, usize::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::Geometry;
+
+    #[test]
+    fn values_of_64_bits_are_read_and_written_exactly() {
+        for text in [
+            "0",
+            "-7",
+            "16777217",
+            "9223372036854775807",
+            "-9223372036854775808",
+            "18446744073709551615",
+            "0.25",
+        ] {
+            let value = LabelValue::parse(text).unwrap();
+            assert_eq!(value.to_string(), text);
+            let json = serde_json::to_string(&value).unwrap();
+            assert_eq!(json, text);
+            assert_eq!(serde_json::from_str::<LabelValue>(&json).unwrap(), value);
+            let mut bytes = Vec::new();
+            value.put(&mut bytes).unwrap();
+            assert_eq!(LabelValue::take(&mut &bytes[..]), Some(value));
+        }
+        assert_eq!(LabelValue::parse("18446744073709551616"), None);
+        assert_eq!(LabelValue::parse("nan"), None);
+        // As a file of an earlier version has it.
+        let old: LabelValue = serde_json::from_str("3.0").unwrap();
+        assert_eq!(old, LabelValue::Whole(3));
+    }
+
+    #[test]
+    fn labels_beyond_floats_stay_apart_and_are_ascending() {
+        let big = 1i128 << 60;
+        let samples = [big + 1, big, big + 1, 5, big];
+        let exact = ExactLabels::of(samples);
+        assert_eq!(exact.values, [5, big, big + 1]);
+        assert_eq!(exact.index, [2, 1, 2, 0, 1]);
+        assert_eq!(exact.first(2).values, [big, big + 1]);
+        let rounded = samples.iter().map(|&v| v as f32).collect();
+        let mut image = Image::new([5, 1], rounded, Geometry::default());
+        assert_eq!(LabelTable::of(&image).unwrap().values.len(), 2);
+        image.labels = Some(exact);
+        assert_eq!(LabelTable::of(&image).unwrap().index, [2, 1, 2, 0, 1]);
+    }
+
+    #[test]
+    fn many_labels_are_told_from_many_grey_values() {
+        let count = 70_000;
+        let blocks: Vec<f32> = (0..4 * count)
+            .map(|i| (i / 4 * 31 % count) as f32)
+            .collect();
+        let of = |samples: Vec<f32>| {
+            LabelTable::of(&Image::new(
+                [samples.len(), 1],
+                samples,
+                Geometry::default(),
+            ))
+        };
+        let table = of(blocks.clone()).unwrap();
+        assert_eq!(table.values.len(), count);
+        assert_eq!(table.values[table.index[5] as usize], LabelValue::Whole(31));
+        assert_eq!(of(blocks.iter().map(|v| v + 0.5).collect()), None);
+        assert_eq!(of((0..1000).map(|i| (i * 7 % 1000) as f32).collect()), None);
+    }
+}

@@ -1,0 +1,118 @@
+//! Where an image comes from, as far as its format and its geometry tell.
+
+use super::Geometry;
+use super::formats::Format;
+use super::time::seconds;
+
+/// The kind of measurement or model that an image holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Modality {
+    /// A seismic survey: amplitudes, attributes of them, or what was interpreted on them.
+    Survey,
+    /// A scan of a body or a specimen (tomography, microscopy), or labels of one.
+    Scan,
+    /// Neither the format nor the geometry tells.
+    #[default]
+    Unknown,
+}
+
+/// Names of axes that only surveys have, in lower case.
+const SURVEY_AXES: [&str; 7] = [
+    "inline",
+    "crossline",
+    "xline",
+    "iline",
+    "trace",
+    "twt",
+    "cdp",
+];
+
+/// Units of length in which scans are measured.
+const SCAN_UNITS: [&str; 8] = [
+    "mm",
+    "um",
+    "nm",
+    "cm",
+    "\u{b5}m",
+    "\u{3bc}m",
+    "micron",
+    "micrometer",
+];
+
+impl Modality {
+    /// Tells by the format of the file and the geometry in it: SEG-Y and time or line numbers among the
+    /// coordinates mean a survey, formats of medicine and microscopy and lengths below a metre a scan.
+    pub fn of<const D: usize>(format: Format, geometry: &Geometry<D>) -> Self {
+        match format {
+            Format::Segy => Self::Survey,
+            _ if geometry.modality() == Self::Survey => Self::Survey,
+            Format::Nifti | Format::MetaImage | Format::Nrrd | Format::Tiff | Format::Inrimage => {
+                Self::Scan
+            }
+            _ => geometry.modality(),
+        }
+    }
+}
+
+impl Modality {
+    /// Returns the modality, which the geometry tells where it is unknown.
+    pub(crate) fn or_of<const D: usize>(self, geometry: &Geometry<D>) -> Self {
+        match self {
+            Self::Unknown => geometry.modality(),
+            known => known,
+        }
+    }
+}
+
+impl<const D: usize> Geometry<D> {
+    /// Returns the modality that units and names of axes tell.
+    pub fn modality(&self) -> Modality {
+        let is_survey_axis = |name: &String| SURVEY_AXES.contains(&&*name.to_ascii_lowercase());
+        if self.units.iter().any(|unit| seconds(unit).is_some())
+            || self.names.iter().any(is_survey_axis)
+        {
+            return Modality::Survey;
+        }
+        if self
+            .units
+            .iter()
+            .all(|unit| SCAN_UNITS.contains(&unit.as_str()))
+        {
+            return Modality::Scan;
+        }
+        Modality::Unknown
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn format_and_geometry_tell_surveys_from_scans() {
+        let bare = Geometry::<3>::default();
+        assert_eq!(Modality::of(Format::Npy, &bare), Modality::Unknown);
+        assert_eq!(Modality::of(Format::Segy, &bare), Modality::Survey);
+        for format in [
+            Format::Nifti,
+            Format::MetaImage,
+            Format::Nrrd,
+            Format::Tiff,
+            Format::Inrimage,
+        ] {
+            assert_eq!(Modality::of(format, &bare), Modality::Scan);
+        }
+        let mut timed = bare.clone();
+        timed.units[0] = "ms".into();
+        assert_eq!(Modality::of(Format::Vti, &timed), Modality::Survey);
+        assert_eq!(Modality::of(Format::Nrrd, &timed), Modality::Survey);
+        let mut named = bare.clone();
+        named.names[2] = "Inline".into();
+        assert_eq!(named.modality(), Modality::Survey);
+        let mut measured = bare.clone();
+        measured.units = ["mm"; 3].map(String::from);
+        assert_eq!(Modality::of(Format::Vti, &measured), Modality::Scan);
+        measured.units = ["m"; 3].map(String::from);
+        assert_eq!(measured.modality(), Modality::Unknown);
+    }
+}

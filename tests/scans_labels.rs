@@ -1,0 +1,237 @@
+//! Labels exactly: any integers of 64 bits, any number of them, thin parts, and what is said of losses.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use atomesh::store::read_vtu;
+use serde_json::Value;
+
+use crate::common::{npy, refused, run};
+
+/// Writes a NumPy file of 64-bit integers, shape `(nz, ny, nx)`; `unsigned` or not.
+fn npy_of_integers(
+    path: &Path,
+    [nx, ny, nz]: [usize; 3],
+    unsigned: bool,
+    value: impl Fn([usize; 3]) -> i128,
+) {
+    let kind = if unsigned { "<u8" } else { "<i8" };
+    let mut header =
+        format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({nz}, {ny}, {nx}), }}");
+    while (10 + header.len() + 1) % 64 != 0 {
+        header.push(' ');
+    }
+    header.push('\n');
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend((header.len() as u16).to_le_bytes());
+    bytes.extend(header.bytes());
+    bytes.extend(samples([nx, ny, nz], value));
+    std::fs::write(path, bytes).unwrap();
+}
+
+/// Samples as 64-bit little-endian integers.
+fn samples([nx, ny, nz]: [usize; 3], value: impl Fn([usize; 3]) -> i128) -> Vec<u8> {
+    (0..nx * ny * nz)
+        .flat_map(|i| (value([i % nx, i / nx % ny, i / (nx * ny)]) as u64).to_le_bytes())
+        .collect()
+}
+
+/// Meshes and returns the report.
+fn report(folder: &Path, options: &str) -> Value {
+    run(
+        folder,
+        &format!("mesh {options} -o m.vtu --report r.json --quiet"),
+    );
+    let text = std::fs::read_to_string(folder.join("r.json")).unwrap();
+    serde_json::from_str(&text).unwrap()
+}
+
+fn off([x, y, z]: [usize; 3], centre: [f64; 3]) -> f64 {
+    let p = [x, y, z].map(|i| i as f64);
+    (0..3)
+        .map(|k| (p[k] - centre[k]).powi(2))
+        .sum::<f64>()
+        .sqrt()
+}
+
+#[test]
+fn integers_that_floats_round_stay_apart_in_every_format() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let dims = [20, 18, 16];
+    let big = 1i128 << 60;
+    for (unsigned, values) in [
+        (false, [16_777_216, 16_777_217, -5]),
+        (false, [big, big + 1, i128::from(i64::MIN)]),
+        (true, [big + 3, i128::from(u64::MAX), 0]),
+    ] {
+        let value = move |[x, y, z]: [usize; 3]| match () {
+            () if z < 6 => values[2],
+            () if x + y < 18 => values[0],
+            () => values[1],
+        };
+        npy_of_integers(&folder.join("a.npy"), dims, unsigned, value);
+        let [kind, word] = if unsigned {
+            ["uint64", "MET_ULONG_LONG"]
+        } else {
+            ["int64", "MET_LONG_LONG"]
+        };
+        let sizes = "20 18 16";
+        let nrrd = format!(
+            "NRRD0004\ntype: {kind}\ndimension: 3\nsizes: {sizes}\nendian: little\nencoding: raw\n\n"
+        );
+        let mha = format!(
+            "ObjectType = Image\nNDims = 3\nDimSize = {sizes}\nElementType = {word}\nElementDataFile = LOCAL\n"
+        );
+        for (name, head) in [("a.nrrd", nrrd), ("a.mha", mha)] {
+            let bytes = [head.into_bytes(), samples(dims, value)].concat();
+            std::fs::write(folder.join(name), bytes).unwrap();
+        }
+        let mut ascending = values;
+        ascending.sort_unstable();
+        for name in ["a.npy", "a.nrrd", "a.mha"] {
+            let said = run(folder, &format!("info {name}"));
+            let listed = ascending.map(|value| value.to_string()).join(", ");
+            assert!(said.contains(&listed), "{name}: {said}");
+            let label = values[1];
+            let report = report(
+                folder,
+                &format!("{name} --distance 4 --label {label}:name=core"),
+            );
+            let regions = report["regions"]["regions"].as_array().unwrap();
+            let found: Vec<String> = regions.iter().map(|r| r["label"].to_string()).collect();
+            assert_eq!(found, ascending.map(|value| value.to_string()), "{name}");
+            for region in regions {
+                let off = region["off_percent"].as_f64().unwrap();
+                assert!(off.abs() < 2.0, "{name}: {region}");
+            }
+            let core = regions.iter().find(|region| region["name"] == "core");
+            assert_eq!(core.unwrap()["label"].to_string(), label.to_string());
+            // Merged exactly, too.
+            let merged = self::report(
+                folder,
+                &format!("{name} --distance 4 --label {label}:into={}", values[0]),
+            );
+            assert_eq!(merged["regions"]["regions"].as_array().unwrap().len(), 2);
+        }
+        // Names and files have the number, whatever cells can have.
+        run(folder, "export m.vtu --to msh2 -o m.msh --quiet");
+    }
+    npy_of_integers(&folder.join("a.npy"), dims, true, |[x, ..]| {
+        i128::from(u64::MAX) - i128::from(x < 9)
+    });
+    report(folder, "a.npy --distance 4");
+    run(folder, "export m.vtu --to msh2 -o m.msh --quiet");
+    let text = std::fs::read_to_string(folder.join("m.msh")).unwrap();
+    for name in ["label_18446744073709551614", "label_18446744073709551615"] {
+        assert!(text.contains(&format!("\"{name}\"")), "no {name}");
+    }
+    let said = refused(
+        folder,
+        &[
+            "mesh",
+            "a.npy",
+            "-o",
+            "n.vtu",
+            "--label",
+            "18446744073709551616:name=x",
+        ],
+    );
+    assert!(said.contains("no value of a label"), "{said}");
+}
+
+#[test]
+fn hundreds_of_labels_have_a_region_each() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    // Bricks that are numbered without order.
+    npy(&folder.join("bricks.npy"), [42, 42, 42], |at| {
+        let [i, j, k] = at.map(|x| x / 6);
+        (((i * 7 + j) * 7 + k) * 131 % 343) as f32
+    });
+    let report = report(folder, "bricks.npy --distance 3");
+    let regions = report["regions"]["regions"].as_array().unwrap();
+    assert_eq!(regions.len(), 343);
+    for region in regions {
+        assert!(region["cells"].as_u64().unwrap() > 0, "{region}");
+        let off = region["off_percent"].as_f64().unwrap();
+        assert!(off.abs() < 12.0, "{region}");
+    }
+    assert!(report["regions"]["lost"].as_array().unwrap().is_empty());
+    let said = run(folder, "info bricks.npy");
+    assert!(said.contains("343 labels"), "{said}");
+    // Tens of thousands are found, too.
+    npy(&folder.join("many.npy"), [450, 450, 1], |[x, y, _]| {
+        ((x / 3 * 150 + y / 3) * 7919 % 22_500) as f32
+    });
+    let said = run(folder, "feature many.npy -o b.vti --distance 3");
+    assert!(said.contains("interfaces between 22500 labels"), "{said}");
+    // Grey values are none, also if that is said.
+    npy(&folder.join("grey.npy"), [20, 20, 20], |[x, y, z]| {
+        ((x * 7919 + y * 104_729 + z * 1_299_709) % 4001) as f32
+    });
+    let said = refused(
+        folder,
+        &["mesh", "grey.npy", "-o", "n.vtu", "--feature", "labels"],
+    );
+    assert!(said.contains("too many different values"), "{said}");
+}
+
+/// How far the nodes between regions are off a sphere, and the faces between regions 1 and 3.
+fn spikes(path: &Path, centre: [f64; 3], radius: f64) -> (Vec<f64>, usize) {
+    let file = read_vtu(path).unwrap();
+    let region = file.cell_data.iter().find(|array| array.name == "region");
+    let region = region.unwrap().values.to_i64();
+    let mut sides: BTreeMap<[u32; 3], Vec<i64>> = BTreeMap::new();
+    for (tet, &region) in file.mesh.tets.iter().zip(&region) {
+        for k in 0..4 {
+            let mut face = [0; 3];
+            (0..4)
+                .filter(|i| *i != k)
+                .zip(&mut face)
+                .for_each(|(i, n)| *n = tet[i]);
+            face.sort_unstable();
+            sides.entry(face).or_default().push(region);
+        }
+    }
+    let (mut off, mut holes) = (BTreeMap::new(), 0);
+    for (face, mut regions) in sides {
+        regions.sort_unstable();
+        holes += usize::from(regions == [1, 3]);
+        if regions == [2, 3] {
+            for n in face {
+                let x = file.mesh.nodes[n as usize];
+                let r = (0..3)
+                    .map(|k| (x[k] - centre[k]).powi(2))
+                    .sum::<f64>()
+                    .sqrt();
+                off.insert(n, (r - radius).abs());
+            }
+        }
+    }
+    (off.into_values().collect(), holes)
+}
+
+#[test]
+fn a_shell_of_three_samples_has_its_volume_and_no_holes() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    for centre in [[20.0, 19.5, 18.2], [19.3, 20.1, 19.6]] {
+        npy(&folder.join("shell.npy"), [40, 40, 40], |at| {
+            match off(at, centre) {
+                r if r < 11.0 => 1.0,
+                r if r < 14.0 => 2.0,
+                _ => 3.0,
+            }
+        });
+        let report = report(folder, "shell.npy");
+        for region in report["regions"]["regions"].as_array().unwrap() {
+            let off = region["off_percent"].as_f64().unwrap();
+            assert!(off.abs() < 1.0, "{region}");
+        }
+        let (off, holes) = spikes(&folder.join("m.vtu"), centre, 14.0);
+        // A few cells that reach from the inner side to the outside stay.
+        let far = off.iter().filter(|off| **off > 1.0).count();
+        assert!(200 * far <= off.len() && holes == 0, "{far} {holes}");
+    }
+}

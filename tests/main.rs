@@ -48,6 +48,7 @@ mod plane;
 mod refusals;
 #[cfg(feature = "tetgen")]
 mod reservoir;
+mod modflow;
 #[cfg(feature = "tetgen")]
 mod seeding;
 mod segment;

@@ -350,7 +350,10 @@ impl Grid {
         };
         write_numbers(out, columns, top)?;
         writeln!(out, "  BOTM\n    INTERNAL FACTOR 1.0")?;
-        write_numbers(out, layers * columns, bottom)?;
+        // MODFLOW reads layer by layer, each from a line of its own.
+        for layer in 0..layers {
+            write_numbers(out, columns, |column| bottom(layer * columns + column))?;
+        }
         writeln!(out, "  IDOMAIN\n    INTERNAL FACTOR 1")?;
         write_items(out, layers * columns, |text, at| {
             let range = [first(at % columns), last(at % columns)];

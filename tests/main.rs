@@ -20,6 +20,8 @@ mod columns;
 mod compartments;
 #[cfg(feature = "tetgen")]
 mod conforming;
+#[cfg(feature = "tetgen")]
+mod corner_points;
 mod edit;
 #[cfg(feature = "tetgen")]
 mod export;
@@ -34,12 +36,15 @@ mod foreign;
 mod images_formats;
 mod interrupt;
 #[cfg(feature = "tetgen")]
+mod label_faults;
+#[cfg(feature = "tetgen")]
 mod labels;
 #[cfg(feature = "tetgen")]
 mod mesh;
 #[cfg(feature = "tetgen")]
 mod meshers;
 mod missing_traces;
+mod modflow;
 mod options;
 #[cfg(feature = "tetgen")]
 mod page;
@@ -48,7 +53,6 @@ mod plane;
 mod refusals;
 #[cfg(feature = "tetgen")]
 mod reservoir;
-mod modflow;
 #[cfg(feature = "tetgen")]
 mod seeding;
 mod segment;

@@ -43,7 +43,7 @@ pub struct ExportArgs {
     #[arg(long, value_name = "NX,NY,NZ", help_heading = None)]
     pub grid: Option<String>,
     /// Double the nodes along surfaces, with elements between their two sides (tetrahedra): faults,
-    /// horizons, all, or numbers N,N,... as `atomesh surface MESH` gives them
+    /// horizons, all, or a list of numbers and names as `atomesh surface MESH` prints them
     #[arg(long, value_name = "WHICH", help_heading = None)]
     pub split: Option<String>,
     /// Nodes in the middle of edges, too: elements of second order
@@ -206,8 +206,9 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
         ));
     }
     console.begin_stage("filling cells");
+    let rock = args.rock.fill(&mut prepared, console)?;
     prepared.model.set_faults(&laws)?;
-    if let Some(rock) = args.rock.fill(&mut prepared, console)? {
+    if let Some(rock) = rock {
         prepared.model.set_permeability(rock)?;
     }
     if !(args.case.injector.is_empty() && args.case.producer.is_empty()) || format.depth {

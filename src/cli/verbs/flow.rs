@@ -246,7 +246,13 @@ impl Typed<'_> {
         match stored.marks() {
             Some(marks) => {
                 console.begin_stage("grouping faces into faults");
-                barriers(stored, &marks, laws)
+                let (barriers, idle) = barriers(stored, &marks, laws)?;
+                if idle {
+                    console.note(format_args!(
+                        "{place} has surfaces, but no faults, so that nothing resists flow; --barriers says which surfaces resist"
+                    ));
+                }
+                Ok(barriers)
             }
             None if self.args.faults.faults.is_some() || !laws.own.is_empty() => {
                 Err(Error::Flow(cause(

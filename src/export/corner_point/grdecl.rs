@@ -2,7 +2,8 @@
 //! resampled on [`pillars`](super::pillars) and [`layers`](super::layers).
 //!
 //! `NAME.GRDECL` is for a deck's section GRID, `NAME-regions.GRDECL` with FIPNUM for REGIONS; of a model
-//! whose rock is known `NAME.DATA` is a deck that includes both. METRIC units; z is depth.
+//! whose rock is known `NAME.DATA` is a deck that includes both. `NAME-edit.GRDECL`, for EDIT, is there
+//! where faults need it (see [`faults`](super::faults)). METRIC units; z is depth.
 
 use std::io::Write;
 use std::path::Path;
@@ -10,10 +11,11 @@ use std::path::Path;
 use crate::parallel::prelude::*;
 
 use super::corners::Corners;
+use super::faults::Resistances;
 use super::layers::{Layers, lines_of};
 use super::pillars::{Outline, Pillars};
 use super::walk::Walk;
-use super::{faults, wells};
+use super::wells;
 use crate::export::containers::text::{Text, write_items, write_numbers};
 use crate::export::meshers::groups::shift_of_regions;
 use crate::export::simulators::deck::{self, Done, Opening, Out, WATER_LEFT};
@@ -62,6 +64,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         pillars: &pillars,
         layers: &layers,
     };
+    let resistances = Resistances::new(model, &walk, &grid);
     let cells = n * m * layers.count;
     let cell = |at: usize| &columns[at % (n * m)][at / (n * m)];
     let mean = |at: usize, sum: f64| match cell(at).weight {
@@ -123,7 +126,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
                 writeln!(out, "/\n")?;
             }
         }
-        faults::write(out, model, &walk, &grid)
+        resistances.write(out, model, &grid)
     })?;
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let ending = path.extension().unwrap_or_default().to_string_lossy();
@@ -138,6 +141,10 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             most.map_or(1, |(region, _)| i64::from(*region) + shift)
         })
     })?;
+    let edits = path.with_file_name(format!("{stem}-edit.{ending}"));
+    if resistances.has_edits() {
+        batch.write(&edits, |out| resistances.write_edits(out))?;
+    }
     let (Some(porosity), Some(_)) = (&model.porosity, &model.permeability) else {
         return Ok(());
     };
@@ -146,7 +153,8 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let open: Vec<Vec<Opening>> = (model.case.wells.iter())
         .map(|well| wells::openings(well, &grid, rock))
         .collect::<Result<_>>()?;
-    let [name, regions] = [path, &regions].map(|p| p.file_name().unwrap_or_default());
+    let [name, regions, edits] =
+        [path, &regions, &edits].map(|p| p.file_name().unwrap_or_default());
     let top = model.top();
     batch.write(&path.with_extension("DATA"), |out| {
         let says = "a corner-point grid";
@@ -156,6 +164,10 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         };
         writeln!(out, "GRID\nINIT\nGRIDFILE\n 0 1 /\n")?;
         include(out, name)?;
+        if resistances.has_edits() {
+            writeln!(out, "EDIT\n")?;
+            include(out, edits)?;
+        }
         deck::properties(out, &model.case)?;
         writeln!(out, "REGIONS\n")?;
         include(out, regions)?;

@@ -25,11 +25,13 @@ use crate::error::cause;
 use crate::files::vtk::DataArray;
 use crate::geometry::dot;
 use crate::mesh::TetMesh;
-use crate::mesh::graph::Graph;
-use crate::mesh::poly::PolyMesh;
+use crate::mesh::graph::{Connection, Graph};
+use crate::mesh::poly::{PolyMesh, SIDES};
 use crate::model::flow::through::FaultLaws;
 use crate::model::flow::{Barriers, CellFlow, Rock, Split};
 use crate::model::surface::Kind;
+use crate::model::surface::names::{SurfaceNames, add_names, interface_name};
+use crate::model::surface::stored::region_text;
 use crate::store::LabelledRegion;
 use crate::{Error, Result};
 
@@ -101,6 +103,12 @@ pub struct FaceSurfaces {
     pub of_connection: Vec<u32>,
 }
 
+/// Names that no surface has: those of the sides of the box, and of what else has no name of its own.
+pub(crate) fn reserved() -> Vec<String> {
+    let all = SIDES.into_iter().chain(["boundary", "scraps"]);
+    all.map(String::from).collect()
+}
+
 impl FaceSurfaces {
     /// One fault of all connections on features.
     fn one_fault(graph: &Graph<3>) -> Self {
@@ -113,6 +121,29 @@ impl FaceSurfaces {
             kept: usize::from(any),
             of_connection,
         }
+    }
+
+    /// The names of all surfaces, as every format has them.
+    pub fn all_names(&self) -> SurfaceNames {
+        SurfaceNames::new(&self.kinds, self.kept, &self.names, &reserved())
+    }
+
+    /// Makes surfaces of what parts regions, where it is on no other: `number` is the place of each
+    /// connection's name among `names`.
+    fn add_interfaces(&mut self, names: Vec<String>, number: impl Fn(usize) -> Option<usize>) {
+        let (kept, added) = (self.kept, names.len());
+        for (at, surface) in self.of_connection.iter_mut().enumerate() {
+            match *surface as usize {
+                0 => *surface = number(at).map_or(0, |place| (kept + 1 + place) as u32),
+                scrap if scrap > kept => *surface += added as u32,
+                _ => {}
+            }
+        }
+        self.names = self.all_names().names;
+        self.names.extend(names);
+        let interfaces = std::iter::repeat_n(Kind::Interface, added);
+        self.kinds.splice(kept..kept, interfaces);
+        self.kept += added;
     }
 }
 
@@ -234,15 +265,46 @@ impl Model {
         -self.graph.site[cell][2]
     }
 
-    /// Says how surfaces resist flow. Before [`set_permeability`](Self::set_permeability), which looks
+    /// Says how surfaces resist flow. What parts two regions is a surface if `laws` pick it by name. After
+    /// regions are set, and before [`set_permeability`](Self::set_permeability), which looks
     /// at it.
     ///
     /// # Errors
     /// [`Error::Flow`] if a law is for a surface that does not exist.
     pub fn set_faults(&mut self, laws: &FaultLaws) -> Result<()> {
-        let of_surfaces = laws.of_surfaces(&self.surfaces.kinds)?;
+        self.add_picked_interfaces(laws);
+        let of_surfaces = laws.of_surfaces(&self.surfaces.all_names(), "--barriers")?;
         self.barriers = Barriers::new(self.surfaces.of_connection.clone(), of_surfaces)?;
         Ok(())
+    }
+
+    fn add_picked_interfaces(&mut self, laws: &FaultLaws) {
+        let region = &self.graph.region;
+        let pair = |c: &Connection<3>| {
+            let [a, b] = c.cells.map(|cell| region[cell as usize]);
+            (a != b).then_some([a.min(b), a.max(b)])
+        };
+        let connections = self.graph.connections.iter();
+        let mut pairs: Vec<[i32; 2]> = (connections.zip(&self.surfaces.of_connection))
+            .filter(|(_, surface)| **surface == 0)
+            .filter_map(|(c, _)| pair(c))
+            .collect();
+        pairs.sort_unstable();
+        pairs.dedup();
+        let mut names = [reserved(), self.surfaces.all_names().names].concat();
+        let before = names.len();
+        let interfaces = pairs.iter().map(|pair| {
+            let [a, b] = pair.map(|region| region_text(&self.labels, region));
+            interface_name([&a, &b])
+        });
+        add_names(&mut names, interfaces);
+        let named = pairs.into_iter().zip(names.split_off(before));
+        let (pairs, names): (Vec<_>, Vec<_>) = named.filter(|(_, name)| laws.pick(name)).unzip();
+        if !names.is_empty() {
+            let connections = &self.graph.connections;
+            let number = |at: usize| pairs.binary_search(&pair(&connections[at])?).ok();
+            self.surfaces.add_interfaces(names, number);
+        }
     }
 
     /// The factor of a connection's transmissibility that its fault is: 1 where there is none or it is
@@ -424,12 +486,13 @@ mod tests {
         let mut laws = FaultLaws::from(Faults::CLOSED);
         model.set_faults(&laws).unwrap();
         assert_eq!(model.fault_factor(0), 1.0);
-        laws.own = vec![(1, Faults::new(0.5, None).unwrap())];
+        laws.own = vec![(1.into(), Faults::new(0.5, None).unwrap())];
         model.set_faults(&laws).unwrap();
         assert!((model.fault_factor(0) - 0.5).abs() < 1e-15);
-        laws.own[0].0 = 2;
+        laws.own[0].0 = 2.into();
         let error = model.set_faults(&laws).unwrap_err().to_string();
-        assert!(error.starts_with("fault 2: does not exist"), "{error}");
+        let want = "--fault-multiplier 2: matches no surface: the mesh has horizon1; ";
+        assert!(error.starts_with(want), "{error}");
     }
 
     #[test]

@@ -34,6 +34,8 @@ mod flow;
 #[cfg(feature = "tetgen")]
 mod foreign;
 mod images_formats;
+#[cfg(feature = "tetgen")]
+mod inactive;
 mod interrupt;
 #[cfg(feature = "tetgen")]
 mod label_faults;

@@ -5,11 +5,13 @@
 //! - `frame`: from a mesh's coordinates to metres and depth
 //! - `sample`: averages of an image over cells
 //! - `check`: what is looked at before anything is written
+//! - `closed`: wells that closed faults part, and those that run through one
 //! - `trajectory`: wells through cells
 //! - `completion`: well indices
 //! - `sides`: the two sides of surfaces, and meshes torn along them
 
 pub(crate) mod check;
+pub(crate) mod closed;
 pub(crate) mod completion;
 pub(crate) mod frame;
 pub(crate) mod prepared;
@@ -77,6 +79,9 @@ pub struct Model {
     pub surfaces: FaceSurfaces,
     /// How they resist flow.
     pub barriers: Barriers,
+    /// For each cell whether its porosity or permeability is zero, so that it takes no part; empty if all
+    /// do.
+    pub inactive: Vec<bool>,
     /// Share of pores in each cell's volume.
     pub porosity: Option<Vec<f64>>,
     /// Permeability in m^2, with what follows from it.
@@ -260,6 +265,35 @@ impl Model {
         self.len() == 0
     }
 
+    /// Whether a cell takes part: neither its porosity nor its permeability is zero.
+    pub fn is_active(&self, cell: usize) -> bool {
+        !self.inactive.get(cell).copied().unwrap_or(false)
+    }
+
+    /// Finds the cells that take no part, whose porosity or permeability is zero, and gives their number.
+    /// Before [`set_permeability`](Self::set_permeability).
+    ///
+    /// # Errors
+    /// [`Error::Export`] if no cell takes part.
+    pub fn find_inactive(&mut self, rock: Option<&Rock>) -> Result<usize> {
+        let is_zero = |cell: usize| {
+            let porosity = self.porosity.as_ref().map(|porosity| porosity[cell]);
+            let conducts = rock.is_none_or(|rock| rock.mobility(cell).0 != [0.0; 6]);
+            porosity == Some(0.0) || !conducts
+        };
+        let inactive: Vec<bool> = (0..self.len()).map(is_zero).collect();
+        let count = inactive.iter().filter(|inactive| **inactive).count();
+        if count == inactive.len() {
+            return Err(Error::Export(cause(
+                "porosity or permeability",
+                "is zero in every cell, so that nothing is left to simulate",
+                "give values above 0 where fluid is to flow",
+            )));
+        }
+        self.inactive = if count > 0 { inactive } else { Vec::new() };
+        Ok(count)
+    }
+
     /// Depth of a cell's site in metres.
     pub fn depth(&self, cell: usize) -> f64 {
         -self.graph.site[cell][2]
@@ -319,14 +353,27 @@ impl Model {
             None => 1.0,
         });
         let open = c.distance[0] / mobility[0] + c.distance[1] / mobility[1];
+        if !open.is_finite() {
+            // Next to rock that conducts nothing.
+            return self.barriers.law(label).multiplier();
+        }
         let fault = self.barriers.law(label).conductance(c.distance, mobility);
         open / (open + 1.0 / fault)
     }
 
-    /// The connections that are not closed, each with its [`fault_factor`](Self::fault_factor).
+    /// The connections between active cells that are not closed, each with its
+    /// [`fault_factor`](Self::fault_factor).
     pub fn open_connections(&self) -> Vec<(u32, f64)> {
         let factors = (0..self.graph.connections.len()).map(|i| (i as u32, self.fault_factor(i)));
-        factors.filter(|(_, factor)| *factor > 0.0).collect()
+        let open = factors.filter(|(_, factor)| *factor > 0.0);
+        open.filter(|(i, _)| self.joins_active_cells(*i as usize))
+            .collect()
+    }
+
+    /// Whether both cells of a connection take part.
+    fn joins_active_cells(&self, connection: usize) -> bool {
+        let cells = self.graph.connections[connection].cells;
+        cells.iter().all(|&cell| self.is_active(cell as usize))
     }
 
     /// Gives the rock its permeability, in m^2, and finds all transmissibilities: as
@@ -336,7 +383,12 @@ impl Model {
     /// [`Error::Flow`] names a connection that would have a negative transmissibility.
     pub fn set_permeability(&mut self, rock: Rock) -> Result<()> {
         let flow = CellFlow::with_barriers(&self.graph, &rock, &self.barriers)?;
-        let transmissibility = flow.transmissibility;
+        let mut transmissibility = flow.transmissibility;
+        for (at, t) in transmissibility.iter_mut().enumerate() {
+            if !self.joins_active_cells(at) {
+                *t = 0.0;
+            }
+        }
         self.permeability = Some(Permeability {
             rock,
             transmissibility,

@@ -14,6 +14,8 @@ mod common;
 /// The program under test.
 const PROGRAM: &str = env!("CARGO_BIN_EXE_atomesh");
 
+#[cfg(feature = "tetgen")]
+mod anisotropy;
 mod checkpoint;
 mod columns;
 #[cfg(feature = "tetgen")]

@@ -234,6 +234,11 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
     let model = &prepared.model;
     let checks = Checks::new(model, prepared.box_volume);
     checks.notes().iter().for_each(|note| console.note(note));
+    if checks.is_rough() {
+        let ratios = prepared.axis_ratios()?;
+        let note = ratios.and_then(|ratios| ratios.note());
+        note.iter().for_each(|note| console.note(note));
+    }
     console.begin_stage("writing");
     let deck = (format.name == "grdecl").then(|| corner_point_deck(&args.output));
     format.write(model, &args.output)?;

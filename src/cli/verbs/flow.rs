@@ -184,14 +184,10 @@ impl Typed<'_> {
             .streamlines
             .as_ref()
             .map(|_| args.lines.unwrap_or(LINES));
-        let (outcome, off) = self.interrupts.until_wanted(console, |patience| {
+        let (outcome, notes) = self.interrupts.until_wanted(console, |patience| {
             flow_through_cells(stored, &rock, &barriers, &conditions, lines, patience)
         })?;
-        if off > 1.0 {
-            console.note(format_args!(
-                "the lines between cells deviate by {off:.0} degrees from the permeability times their faces' normals, on average: two-point fluxes are rough"
-            ));
-        }
+        notes.iter().for_each(|note| console.note(note));
         self.write(outcome, console)
     }
 

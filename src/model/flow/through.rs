@@ -8,6 +8,7 @@ use crate::job::{Meshing, Space};
 use crate::mesh::Simplices;
 use crate::mesh::graph::{Graph, Locator};
 use crate::mesh::poly::PolyMesh;
+use crate::model::flow::anisotropy::AxisRatios;
 use crate::model::flow::report::{Exchange, Fault, Faulted, FlowReport, Range};
 use crate::model::flow::system::lasts;
 use crate::model::flow::{
@@ -22,6 +23,9 @@ use crate::store::{FieldValue, MeshFile, Stored, StoredMesh};
 
 /// How near a side, in parts of the box, its nodes lie.
 const ON_SIDE: f64 = 1e-7;
+
+/// Angle in degrees from which on two-point fluxes are called rough.
+pub const ROUGH: f64 = 1.0;
 
 /// The sides of the box, in the order of their numbers.
 pub const SIDES: [&str; 6] = ["xmin", "xmax", "ymin", "ymax", "zmin", "zmax"];
@@ -241,9 +245,9 @@ pub fn flow_through_elements<const D: usize, M: Simplices<D>>(
 }
 
 /// Flow through Voronoi cells, or any polyhedra or polygons, by two-point fluxes, with `lines`
-/// streamlines; and by how many
-/// degrees the lines between cells are off square to the permeability times their faces' normals, on
-/// average.
+/// streamlines; and if two-point fluxes are rough, what to say of that: by how many degrees the lines
+/// between cells are off square to the permeability times their faces' normals, on average, and what becomes
+/// of the flow along each axis.
 ///
 /// # Errors
 /// Those of [`CellFlow`]; [`Error::Interrupted`] once `patience` is over.
@@ -254,10 +258,11 @@ pub fn flow_through_cells<const D: usize>(
     conditions: &Conditions<D>,
     lines: Option<usize>,
     patience: &Patience<'_>,
-) -> Result<(FlowOutcome<D, PolyMesh<D>>, f64)>
+) -> Result<(FlowOutcome<D, PolyMesh<D>>, Vec<String>)>
 where
     Space<D>: Meshing<D>,
 {
+    let space = stored.space.clone();
     let mut file = stored.into_file();
     let graph = Graph::from_poly(&file.mesh);
     let flow = CellFlow::with_barriers(&graph, rock, barriers)?;
@@ -303,7 +308,17 @@ where
         report,
         streamlines,
     };
-    Ok((outcome, flow.angle_error))
+    let mut notes = Vec::new();
+    if flow.angle_error > ROUGH {
+        notes.push(format!(
+            "the lines between cells deviate by {:.0} degrees from the permeability times their faces' normals, on average: two-point fluxes are rough",
+            flow.angle_error
+        ));
+        let axes = &space.geometry.axes;
+        let ratios = AxisRatios::new(&graph, rock, axes, space.step, patience)?;
+        notes.extend(ratios.note());
+    }
+    Ok((outcome, notes))
 }
 
 /// A side with its pressure, and which nodes of a mesh lie on it.

@@ -4,9 +4,7 @@ use crate::geometry::sets::Sets;
 use serde::Serialize;
 
 use super::Model;
-
-/// Angle in degrees from which on two-point fluxes are called rough.
-const ROUGH: f64 = 1.0;
+use crate::model::flow::through::ROUGH;
 
 /// Figures of a model, as the table and the JSON show them.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -137,10 +135,15 @@ impl Checks {
         lines.join("\n")
     }
 
+    /// Whether two-point fluxes are rough.
+    pub fn is_rough(&self) -> bool {
+        self.angle[0] > ROUGH
+    }
+
     /// What the user should know, if anything: one line each.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
-        if self.angle[0] > ROUGH {
+        if self.is_rough() {
             let remedy = match self.in_columns {
                 true => "level layers, or cells that are not columns,",
                 false => "Voronoi cells made with the metric of the rock",

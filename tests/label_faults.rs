@@ -1,6 +1,7 @@
 //! Faults in images of labels, blocks by layers: what parts two labels is closed by its name or by the pair of its
 //! regions, in `flow` and in exports alike.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use crate::common::{npy, refused, run};
@@ -169,7 +170,7 @@ fn what_is_multiplied_is_what_lies_between_the_regions() {
     };
     let open = connections("O", "");
     let half = connections("H", "--fault-multiplier ?/1?:0.5");
-    assert_eq!(open.len(), half.len());
+    let half: BTreeMap<Vec<String>, f64> = half.into_iter().collect();
     let fip = |name: &str| -> Vec<i64> {
         let text = std::fs::read_to_string(folder.join(format!("{name}.DATA"))).unwrap();
         let block = text.split_once("\nFIPNUM\n").unwrap().1;
@@ -180,7 +181,9 @@ fn what_is_multiplied_is_what_lies_between_the_regions() {
             .collect()
     };
     let regions = fip("H");
-    for ((cells, open), (_, half)) in open.iter().zip(&half) {
+    // Decks omit what is less than 1e-6.
+    for (cells, open) in open.iter().filter(|(_, t)| *t > 2.1e-6) {
+        let half = half[cells];
         let [a, b] = [0, 3].map(|at| regions[cells[at].parse::<usize>().unwrap() - 1] / 10);
         let want = if a == b { 1.0 } else { 0.5 };
         assert!(

@@ -134,7 +134,12 @@ impl<const D: usize> Modelled<D> for PolyMesh<D> {
         _: &str,
     ) -> Result<Cells<D, Self>> {
         let (mesh, arrays) = stored.into_file().split();
-        let surface = labels_of_faces(&mesh, facets);
+        let mut surface = labels_of_faces(&mesh, facets);
+        for (number, on_feature) in surface.iter_mut().zip(&mesh.on_feature) {
+            if !on_feature {
+                *number = 0;
+            }
+        }
         Ok((mesh, None, surface, arrays))
     }
 }

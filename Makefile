@@ -2,7 +2,7 @@
 # make test   install what is missing, then the checks that need nothing but this repository
 # make test-all   those, and the tests against other programs (VTK, OPM Flow, Gmsh, ...), by ranks of MPI, and on
 #                 images made by others: DATA=folder
-# make lint   the lints of the other kinds of build, and the documentation of the library
+# make lint   the lints of every kind of build, and the documentation of the library
 # make bench-networks   what becomes of twenty random fault networks, some minutes
 # make bench-labels   meshes of labelled images beside CGAL's: DATA=folder with other people's images
 # make reservoir   from a seismic volume to ten years of its simulation, in target/reservoir
@@ -42,17 +42,15 @@ reservoir: packages validators
 	cargo build --locked
 	.venv/bin/python scripts/reservoir.py target/debug/atomesh target/reservoir
 
-# The tests of ranks are a package of their own, which needs MPI.
-WITHOUT_MPI = --workspace --exclude atomesh-mpi
-
+# Without the packages that need MPI and Python.
 test: packages
 	cargo fmt --all --check
-	cargo clippy $(WITHOUT_MPI) --all-targets --locked -- -D warnings
-	cargo test $(WITHOUT_MPI) --locked
+	cargo test --package atomesh --package tetgen-sys --locked
 	python3 scripts/figures.py target/debug/atomesh --check
 
 lint: packages
 	@scripts/packages.sh libopenmpi-dev openmpi-bin
+	cargo clippy --workspace --all-targets --locked -- -D warnings
 	cargo clippy --no-default-features --lib --locked -- -D warnings
 	cargo clippy --no-default-features --features cli --lib --bins --locked -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --no-deps --locked
@@ -60,7 +58,6 @@ lint: packages
 # Tests that are ignored without it: what they need is there, or they fail.
 test-all: lint validators
 	cargo fmt --all --check
-	cargo clippy --workspace --all-targets --locked -- -D warnings
 	cargo test --workspace --locked
 	DATA="$(DATA)" scripts/ignored_tests.sh
 	python3 scripts/figures.py target/debug/atomesh --check
@@ -84,7 +81,7 @@ deb: packages
 package: packages
 	rm -rf "$${CARGO_HOME:-$$HOME/.cargo}"/registry/src/-*/tetgen-sys-*
 	cargo clean --quiet --locked -p tetgen-sys
-	cargo package --workspace --exclude atomesh-python --locked --allow-dirty \
+	cargo package --workspace --exclude atomesh-python --exclude atomesh-mpi --locked --allow-dirty \
 	    --config profile.dev.package.atomesh.opt-level=0
 
 book:

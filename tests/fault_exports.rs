@@ -206,7 +206,10 @@ fn nodes_are_doubled_at_faults_once_for_each_sector_and_not_at_tips() {
             "export", "mesh.vtu", "--to", "inp", "-o", "b.inp", "--split", "horizons",
         ],
     );
-    assert!(said.contains("there is none of those"), "{said}");
+    assert!(
+        said.contains("--split horizons: matches no surface"),
+        "{said}"
+    );
     let said = refused(
         folder,
         &[
@@ -447,7 +450,10 @@ fn horizons_are_no_barriers_and_faults_have_multipliers_of_their_own() {
         .split_whitespace()
         .collect::<Vec<_>>(),
     );
-    assert!(said.contains("fault 9: does not exist"), "{said}");
+    assert!(
+        said.contains("--fault-multiplier 9: matches no surface: the mesh has "),
+        "{said}"
+    );
 }
 
 /// A slit that leaves an opening of 15 in a channel 40 wide is 4 W / pi ln csc(pi d / 2 W) of channel more:

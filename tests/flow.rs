@@ -481,11 +481,11 @@ fn what_cannot_be_computed_is_refused_in_one_line() {
         ),
         (
             &[&ends[..], &["--barriers", "9"]].concat(),
-            &["fault 9", "1 surfaces"],
+            &["--barriers 9", "the mesh has fault1"],
         ),
         (
             &[&ends[..], &["--fault-multiplier", "2:0.1"]].concat(),
-            &["fault 2", "atomesh surface"],
+            &["--fault-multiplier 2", "atomesh surface"],
         ),
         (
             &[&ends[..], &["--fault-multiplier", "0:0.1"]].concat(),

@@ -14,12 +14,16 @@ mod common;
 /// The program under test.
 const PROGRAM: &str = env!("CARGO_BIN_EXE_atomesh");
 
+#[cfg(feature = "tetgen")]
+mod anisotropy;
 mod checkpoint;
 mod columns;
 #[cfg(feature = "tetgen")]
 mod compartments;
 #[cfg(feature = "tetgen")]
 mod conforming;
+#[cfg(feature = "tetgen")]
+mod corner_points;
 mod edit;
 #[cfg(feature = "tetgen")]
 mod export;
@@ -33,7 +37,11 @@ mod flow;
 mod foreign;
 mod gaps;
 mod images_formats;
+#[cfg(feature = "tetgen")]
+mod inactive;
 mod interrupt;
+#[cfg(feature = "tetgen")]
+mod label_faults;
 #[cfg(feature = "tetgen")]
 mod labels;
 #[cfg(feature = "tetgen")]
@@ -41,6 +49,7 @@ mod mesh;
 #[cfg(feature = "tetgen")]
 mod meshers;
 mod missing_traces;
+mod modflow;
 mod options;
 #[cfg(feature = "tetgen")]
 mod page;

@@ -396,12 +396,32 @@ fn changes(row: &Row, came: &BTreeMap<Asked, Came>) -> Vec<(usize, Option<bool>)
     row.iter().map(change).collect()
 }
 
-#[test]
-fn no_option_is_accepted_and_then_ignored() {
+/// A folder in which rows of choices can be run.
+fn folder_with_inputs() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let put = folder.path().join("in");
     std::fs::create_dir(&put).unwrap();
     inputs(&put);
+    folder
+}
+
+#[test]
+fn no_option_is_ignored_alone() {
+    let folder = folder_with_inputs();
+    let rows: Vec<Row> = (0..CHOICES.len()).map(|i| vec![i]).collect();
+    let came = all(folder.path(), runs(&rows));
+    for row in &rows {
+        let [(i, change)] = changes(row, &came)[..] else {
+            panic!("{row:?}");
+        };
+        assert_ne!(change, Some(false), "{} is ignored", CHOICES[i].says);
+    }
+}
+
+#[test]
+#[ignore = "slow: make test-all"]
+fn no_option_is_accepted_and_then_ignored() {
+    let folder = folder_with_inputs();
     let says = |row: &[usize]| {
         row.iter()
             .map(|&i| CHOICES[i].says)

@@ -4,10 +4,11 @@ use std::path::Path;
 
 use clap::Args;
 
-use super::parse::{bad, number, rows};
+use super::parse::{bad, number, rows_of_words};
 use crate::error::cause;
 use crate::model::flow::Faults;
 use crate::model::flow::through::{FaultLaws, Standing};
+use crate::model::surface::names::Selector;
 use crate::{Error, Result};
 
 /// How the surfaces of a mesh resist flow.
@@ -20,13 +21,14 @@ pub struct FaultOptions {
     /// Thickness (m) of the layer to which the factor of --faults applies [default: from cell to cell]
     #[arg(long, value_name = "W")]
     pub fault_thickness: Option<f64>,
-    /// The factor of one fault, by the number that `atomesh surface MESH` gives it; may be repeated;
-    /// or a CSV file of lines surface,factor[,thickness]
-    #[arg(long, value_name = "N:FACTOR", allow_hyphen_values = true)]
+    /// The factor of some surfaces: by the number or name that `atomesh surface MESH` prints, such as
+    /// fault3:0.01, by the regions between which they lie, such as 1/11:0, or by a pattern of names with *
+    /// and ?, such as 'interface_*_11:0'; may be repeated, and the last that picks a surface holds; or a
+    /// CSV file of lines surface,factor[,thickness]
+    #[arg(long, value_name = "WHICH:FACTOR", allow_hyphen_values = true)]
     pub fault_multiplier: Vec<String>,
-    /// The surfaces to which --faults applies: faults, horizons, all, or numbers N,N,... Others are
-    /// open
-    /// [default: faults]
+    /// The surfaces to which --faults applies: faults, horizons, all, or a list of numbers, names, pairs
+    /// of regions and patterns, as --fault-multiplier has them. Others are open [default: faults]
     #[arg(long, value_name = "WHICH")]
     pub barriers: Option<String>,
 }
@@ -59,17 +61,22 @@ impl FaultOptions {
             Some(text) => standing("--barriers", text)?,
             None => Standing::Faults,
         };
-        let mut own: Vec<(u32, Faults)> = Vec::new();
+        let mut own: Vec<(Selector, Faults)> = Vec::new();
         for text in &self.fault_multiplier {
-            for (place, number, law) in multipliers(text, thickness)? {
-                if own.iter().any(|known| known.0 == number) {
-                    let problem = format!("gives fault {number} a second factor");
+            for (place, selector, law) in multipliers(text, thickness)? {
+                if own.iter().any(|known| known.0 == selector) {
+                    let problem = format!("gives fault {selector} a second factor");
                     return Err(Error::Flow(cause(place, problem, "give each fault once")));
                 }
-                own.push((number, law));
+                own.push((selector, law));
             }
         }
-        Ok(FaultLaws { standing, law, own })
+        Ok(FaultLaws {
+            standing,
+            law,
+            own,
+            must_apply: self.faults.is_some(),
+        })
     }
 }
 
@@ -97,65 +104,71 @@ fn check_thickness(thickness: Option<f64>, faults: &str, factors: bool) -> Resul
     )))
 }
 
-/// Faults with laws of their own, and where that was said: `N:FACTOR`, or from a CSV file.
-fn multipliers(text: &str, thickness: Option<f64>) -> Result<Vec<(String, u32, Faults)>> {
-    let number_of =
-        |x: f64| (x >= 1.0 && x <= f64::from(u32::MAX) && x.fract() == 0.0).then_some(x as u32);
+/// Surfaces with laws of their own, and where that was said: `WHICH:FACTOR`, or from a CSV file.
+fn multipliers(text: &str, thickness: Option<f64>) -> Result<Vec<(String, Selector, Faults)>> {
     let option = "--fault-multiplier";
     let path = Path::new(text);
     if path.is_file() {
-        let row = |row: &[f64]| match *row {
-            [fault, factor] => Some((number_of(fault)?, factor, thickness)),
-            [fault, factor, thickness] => Some((number_of(fault)?, factor, Some(thickness))),
-            _ => None,
+        let row = |words: &[&str]| {
+            let (which, numbers) = words.split_first()?;
+            let numbers: Option<Vec<f64>> = numbers.iter().map(|word| word.parse().ok()).collect();
+            let selector = selector(which)?;
+            match numbers?[..] {
+                [factor] => Some((selector, factor, thickness)),
+                [factor, thickness] => Some((selector, factor, Some(thickness))),
+                _ => None,
+            }
         };
-        let remedy = "write surface,factor or surface,factor,thickness";
-        let rows = rows(
+        let rows = rows_of_words(
             path,
             row,
-            "a surface's number, its factor and perhaps its thickness",
-            remedy,
+            "a surface, its factor and perhaps its thickness",
+            "write surface,factor or surface,factor,thickness",
         )?;
-        let law = |(line, (fault, factor, thickness))| {
+        let law = |(line, (selector, factor, thickness))| {
             Ok((
                 format!("{text}:{line}"),
-                fault,
+                selector,
                 Faults::new(factor, thickness)?,
             ))
         };
         return rows.into_iter().map(law).collect();
     }
-    let remedy = "give the number of a surface and its factor, such as 3:0.01, or a CSV file";
-    let (fault, factor) = text
-        .split_once(':')
+    let remedy = "give a surface and its factor, such as 3:0.01 or fault3:0.01, or a CSV file";
+    let (which, factor) = text
+        .rsplit_once(':')
         .ok_or_else(|| bad(option, text, "has no ':' and is not a file", remedy))?;
-    let fault = number_of(number(option, fault, remedy)?).ok_or_else(|| {
-        bad(
-            option,
-            text,
-            "names no surface (numbers begin at 1)",
-            remedy,
-        )
+    let selector = selector(which).ok_or_else(|| {
+        let problem = "names no surface (numbers begin at 1)";
+        bad(option, text, problem, remedy)
     })?;
     let law = Faults::new(number(option, factor, remedy)?, thickness)?;
-    Ok(vec![(format!("{option} {text}"), fault, law)])
+    Ok(vec![(format!("{option} {text}"), selector, law)])
 }
 
-/// Which surfaces are meant: `faults`, `horizons`, `all`, or their numbers.
+/// What picks surfaces: a number from 1 on, or a pattern. Other numbers pick nothing.
+fn selector(text: &str) -> Option<Selector> {
+    let number = text.trim().parse::<f64>();
+    match Selector::parse(text)? {
+        Selector::Number(0) => None,
+        Selector::Name(_) if number.is_ok() => None,
+        selector => Some(selector),
+    }
+}
+
+/// Which surfaces are meant: `faults`, `horizons`, `all`, or a list of numbers, names and patterns.
 pub fn standing(option: &str, text: &str) -> Result<Standing> {
     Ok(match text {
         "faults" => Standing::Faults,
         "horizons" => Standing::Horizons,
         "all" => Standing::All,
         text => {
-            let numbers = text.split(',').map(|word| word.trim().parse());
-            let numbers = numbers
-                .collect::<std::result::Result<_, _>>()
-                .map_err(|_| {
-                    let remedy = "give faults, horizons, all, or numbers such as 1,4";
-                    bad(option, text, "does not say which surfaces", remedy)
-                })?;
-            Standing::Numbered(numbers)
+            let selectors = text.split(',').map(selector);
+            let selectors = selectors.collect::<Option<_>>().ok_or_else(|| {
+                let remedy = "give faults, horizons, all, or numbers and names such as 1,fault4";
+                bad(option, text, "does not say which surfaces", remedy)
+            })?;
+            Standing::Picked(selectors)
         }
     })
 }

@@ -116,6 +116,23 @@ pub fn rows<T>(
     meaning: &str,
     remedy: &str,
 ) -> Result<Vec<(usize, T)>> {
+    let take = |words: &[&str]| {
+        let values: Option<Vec<f64>> = words
+            .iter()
+            .map(|word| word.parse().ok().filter(|v: &f64| v.is_finite()))
+            .collect();
+        values.and_then(|values| take(&values))
+    };
+    rows_of_words(path, take, meaning, remedy)
+}
+
+/// The same for rows whose columns are not all numbers.
+pub fn rows_of_words<T>(
+    path: &Path,
+    take: impl Fn(&[&str]) -> Option<T>,
+    meaning: &str,
+    remedy: &str,
+) -> Result<Vec<(usize, T)>> {
     let text = std::fs::read_to_string(path).map_err(|e| os(path, "read", e))?;
     let mut rows = Vec::new();
     // Only the first line may be one of words that name the columns.
@@ -126,11 +143,7 @@ pub fn rows<T>(
         words,
     } in lines(&text, path)?
     {
-        let values: Option<Vec<f64>> = words
-            .iter()
-            .map(|word| word.parse().ok().filter(|v: &f64| v.is_finite()))
-            .collect();
-        match values.and_then(|values| take(&values)) {
+        match take(&words.iter().collect::<Vec<_>>()) {
             Some(row) => rows.push((number, row)),
             None if rows.is_empty()
                 && !named

@@ -104,12 +104,16 @@ impl RockOptions {
         let unit = self.unit(text)?;
         let frame = &prepared.frame;
         let tensor = |numbers: &[f64]| {
+            // Rock that conducts nothing: its cells are inactive.
+            if !numbers.is_empty() && numbers.iter().all(|k| *k == 0.0) {
+                return Some(Tensor::default());
+            }
             let tensor = Tensor::from_numbers(numbers)?;
             Some(frame.tensor(tensor.scaled(unit)))
         };
-        let remedy = "give K or KX,KY,KZ, positive";
+        let remedy = "give K or KX,KY,KZ, positive, or 0 for inactive cells";
         if is_table(text) {
-            let lines = "write region,K or region,KX,KY,KZ, positive";
+            let lines = "write region,K or region,KX,KY,KZ, positive, or 0 for inactive cells";
             let kinds = by_region(Path::new(text), tensor, lines)?;
             return Rock::by_region(&prepared.model.graph.region, &kinds, 1.0);
         }

@@ -38,6 +38,7 @@ pub mod surfaces;
 pub(crate) mod twin;
 pub(crate) mod values;
 
+pub use corner_point::grdecl::deck_path as corner_point_deck;
 pub use format::{Content, FORMATS, Format};
 pub use meshers::obj::write_obj;
 pub use surfaces::SurfaceFile;

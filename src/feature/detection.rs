@@ -160,14 +160,13 @@ pub(crate) fn fills_gaps<const D: usize>(
     modality: Modality,
 ) -> bool {
     match kind {
-        FeatureKind::Labels
-        | FeatureKind::Mask
-        | FeatureKind::Paths
-        | FeatureKind::Potential => false,
+        FeatureKind::Labels | FeatureKind::Mask | FeatureKind::Paths | FeatureKind::Potential => {
+            false
+        }
         FeatureKind::Auto => {
             let modality = modality.or_of(&image.geometry);
             image.looks_labelled(modality).is_none()
-        },
+        }
         _ => true,
     }
 }

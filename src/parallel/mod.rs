@@ -1,6 +1,6 @@
 //! Loops on all threads, with the methods of rayon's parallel iterators.
 //!
-//! Rayon compiles its scheduler anew for each loop: some 6,000 lines of LLVM IR, which made a third of this
+//! Rayon compiles its scheduler anew for each loop: some 6,000 lines of LLVM IR, which made a quarter of this
 //! crate. Here a loop is cut into pieces, each of which is an ordinary iterator, and one function, which is
 //! compiled once, hands out their numbers to rayon's threads. A call through a pointer for each piece, and none
 //! for each item, is the price.

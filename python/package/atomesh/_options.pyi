@@ -347,11 +347,14 @@ class FlowOptions(TypedDict, total=False):
     #: Thickness (m) of the layer to which the factor of --faults applies [default: from cell to
     #: cell]
     fault_thickness: _Number | None
-    #: The factor of one fault, by the number that `atomesh surface MESH` gives it; may be
-    #: repeated; or a CSV file of lines surface,factor[,thickness]
+    #: The factor of some surfaces: by the number or name that `atomesh surface MESH` prints, such
+    #: as fault3:0.01, by the regions between which they lie, such as 1/11:0, or by a pattern of
+    #: names with * and ?, such as 'interface_*_11:0'; may be repeated, and the last that picks a
+    #: surface holds; or a CSV file of lines surface,factor[,thickness]
     fault_multiplier: _Values | None
-    #: The surfaces to which --faults applies: faults, horizons, all, or numbers N,N,... Others are
-    #: open [default: faults]
+    #: The surfaces to which --faults applies: faults, horizons, all, or a list of numbers, names,
+    #: pairs of regions and patterns, as --fault-multiplier has them. Others are open [default:
+    #: faults]
     barriers: _Value | None
     #: Permeability in m^2 (1 mD is 9.87e-16 m^2): K; KX,KY,KZ; KXX,KYY,KZZ,KXY,KYZ,KXZ (in 2-D K;
     #: KX,KY; KXX,KYY,KXY); a CSV file of lines region,K; or a cell array of the mesh
@@ -513,17 +516,20 @@ class ExportOptions(TypedDict, total=False):
     #: Thickness (m) of the layer to which the factor of --faults applies [default: from cell to
     #: cell]
     fault_thickness: _Number | None
-    #: The factor of one fault, by the number that `atomesh surface MESH` gives it; may be
-    #: repeated; or a CSV file of lines surface,factor[,thickness]
+    #: The factor of some surfaces: by the number or name that `atomesh surface MESH` prints, such
+    #: as fault3:0.01, by the regions between which they lie, such as 1/11:0, or by a pattern of
+    #: names with * and ?, such as 'interface_*_11:0'; may be repeated, and the last that picks a
+    #: surface holds; or a CSV file of lines surface,factor[,thickness]
     fault_multiplier: _Values | None
-    #: The surfaces to which --faults applies: faults, horizons, all, or numbers N,N,... Others are
-    #: open [default: faults]
+    #: The surfaces to which --faults applies: faults, horizons, all, or a list of numbers, names,
+    #: pairs of regions and patterns, as --fault-multiplier has them. Others are open [default:
+    #: faults]
     barriers: _Value | None
     #: Columns along two axes, and layers, of a corner-point grid (grdecl) [default: as fine as the
     #: cells]
     grid: _Value | None
     #: Double the nodes along surfaces, with elements between their two sides (tetrahedra): faults,
-    #: horizons, all, or numbers N,N,... as `atomesh surface MESH` gives them
+    #: horizons, all, or a list of numbers and names as `atomesh surface MESH` prints them
     split: _Value | None
     #: Nodes in the middle of edges, too: elements of second order
     quadratic: bool | None

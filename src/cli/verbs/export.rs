@@ -14,7 +14,7 @@ use crate::cli::parse::bad;
 use crate::cli::rock::RockOptions;
 use crate::cli::wells::is_well_file;
 use crate::error::cause;
-use crate::export::{Content, FORMATS, Format};
+use crate::export::{Content, FORMATS, Format, corner_point_deck};
 use crate::model::flow::through::FaultLaws;
 use crate::model::reservoir::{Checks, Placement, Prepared};
 use crate::store::AnyMesh;
@@ -43,7 +43,7 @@ pub struct ExportArgs {
     #[arg(long, value_name = "NX,NY,NZ", help_heading = None)]
     pub grid: Option<String>,
     /// Double the nodes along surfaces, with elements between their two sides (tetrahedra): faults,
-    /// horizons, all, or numbers N,N,... as `atomesh surface MESH` gives them
+    /// horizons, all, or a list of numbers and names as `atomesh surface MESH` prints them
     #[arg(long, value_name = "WHICH", help_heading = None)]
     pub split: Option<String>,
     /// Nodes in the middle of edges, too: elements of second order
@@ -209,14 +209,24 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
         ));
     }
     console.begin_stage("filling cells");
+    let rock = args.rock.fill(&mut prepared, console)?;
     prepared.model.set_faults(&laws)?;
-    if let Some(rock) = args.rock.fill(&mut prepared, console)? {
+    let inactive = prepared.model.find_inactive(rock.as_ref())?;
+    if inactive > 0 {
+        console.note(format_args!(
+            "{inactive} of {} cells are inactive: their porosity or permeability is 0",
+            prepared.model.len()
+        ));
+    }
+    if let Some(rock) = rock {
         prepared.model.set_permeability(rock)?;
     }
     if !(args.case.injector.is_empty() && args.case.producer.is_empty()) || format.depth {
         prepared.model.case = args.case.case(&prepared, console)?;
         let idle = prepared.model.idle_producers();
         idle.iter().for_each(|note| console.note(note));
+        let parted = prepared.model.notes_on_wells();
+        parted.iter().for_each(|note| console.note(note));
     }
     prepared.model.quadratic = args.quadratic;
     if let Some(along) = split {
@@ -228,6 +238,11 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
     let checks = Checks::new(model, prepared.box_volume);
     if format.is_of_flow() {
         checks.notes().iter().for_each(|note| console.note(note));
+        if checks.is_rough() {
+            let ratios = prepared.axis_ratios()?;
+            let note = ratios.and_then(|ratios| ratios.note());
+            note.iter().for_each(|note| console.note(note));
+        }
     } else if prepared.unit != "m" {
         let unit = &prepared.unit;
         console.note(format_args!(
@@ -235,6 +250,7 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
         ));
     }
     console.begin_stage("writing");
+    let deck = (format.name == "grdecl").then(|| corner_point_deck(&args.output));
     format.write(model, &args.output)?;
     let mut table = checks.table(&prepared.unit, format.is_of_flow());
     for well in &model.case.wells {
@@ -249,6 +265,15 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
         table += &format!("\nwell {:<9} {place}, index {index:.3e} m^3", well.name);
     }
     table += &format!("\nwrote {}: {}", args.output.display(), format.what);
+    let usual = args.output.with_extension("DATA");
+    let has_deck = model.porosity.is_some() && model.permeability.is_some();
+    if let Some(deck) = deck.filter(|deck| has_deck && *deck != usual) {
+        console.note(format_args!(
+            "{} is there already and stays as it is: the corner-point grid's deck is {}",
+            usual.display(),
+            deck.display()
+        ));
+    }
     let twin = format.twin_of(&args.output);
     if let Some(twin) = &twin {
         table += &format!(

@@ -184,14 +184,10 @@ impl Typed<'_> {
             .streamlines
             .as_ref()
             .map(|_| args.lines.unwrap_or(LINES));
-        let (outcome, off) = self.interrupts.until_wanted(console, |patience| {
+        let (outcome, notes) = self.interrupts.until_wanted(console, |patience| {
             flow_through_cells(stored, &rock, &barriers, &conditions, lines, patience)
         })?;
-        if off > 1.0 {
-            console.note(format_args!(
-                "the lines between cells deviate by {off:.0} degrees from the permeability times their faces' normals, on average: two-point fluxes are rough"
-            ));
-        }
+        notes.iter().for_each(|note| console.note(note));
         self.write(outcome, console)
     }
 
@@ -246,7 +242,13 @@ impl Typed<'_> {
         match stored.marks() {
             Some(marks) => {
                 console.begin_stage("grouping faces into faults");
-                barriers(stored, &marks, laws)
+                let (barriers, idle) = barriers(stored, &marks, laws)?;
+                if idle {
+                    console.note(format_args!(
+                        "{place} has surfaces, but no faults, so that nothing resists flow; --barriers says which surfaces resist"
+                    ));
+                }
+                Ok(barriers)
             }
             None if self.args.faults.faults.is_some() || !laws.own.is_empty() => {
                 Err(Error::Flow(cause(

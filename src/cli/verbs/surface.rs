@@ -286,8 +286,10 @@ fn surfaces_of<const D: usize, M: Stored<D>>(
     if args.by == By::Regions {
         return regions_of(args, &stored, &labels, z_up, console);
     }
-    // What else the file holds is not needed any more.
-    stored.arrays = MeshFile::default();
+    // What else the file holds is not needed any more, but for regions that are labels.
+    if labels.is_empty() {
+        stored.arrays = MeshFile::default();
+    }
     let facets = match &args.image {
         None => marked_facets(&stored, &args.mesh)?,
         Some(path) => {

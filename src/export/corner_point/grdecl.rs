@@ -2,18 +2,20 @@
 //! resampled on [`pillars`](super::pillars) and [`layers`](super::layers).
 //!
 //! `NAME.GRDECL` is for a deck's section GRID, `NAME-regions.GRDECL` with FIPNUM for REGIONS; of a model
-//! whose rock is known `NAME.DATA` is a deck that includes both. METRIC units; z is depth.
+//! whose rock is known `NAME.DATA` is a deck that includes both. `NAME-edit.GRDECL`, for EDIT, is there
+//! where faults need it (see [`faults`](super::faults)). METRIC units; z is depth.
 
-use std::io::Write;
-use std::path::Path;
+use std::io::{BufRead, Read, Write};
+use std::path::{Path, PathBuf};
 
 use crate::parallel::prelude::*;
 
 use super::corners::Corners;
+use super::faults::Resistances;
 use super::layers::{Layers, lines_of};
 use super::pillars::{Outline, Pillars};
 use super::walk::Walk;
-use super::{faults, wells};
+use super::wells;
 use crate::export::containers::text::{Text, write_items, write_numbers};
 use crate::export::meshers::groups::shift_of_regions;
 use crate::export::simulators::deck::{self, Done, Opening, Out, WATER_LEFT};
@@ -24,11 +26,34 @@ use crate::{Result, memory};
 /// Lines through a column along i and j, on which cells are averaged.
 const LINES: usize = 3;
 const NEEDS: &str = "a corner-point grid";
+/// The end of the first line of a deck with a corner-point grid.
+const CORNER_POINT_DECK: &str = "a corner-point grid";
+
+/// Whether a file is a deck with a corner-point grid that was written here.
+pub fn is_corner_point_deck(path: &Path) -> bool {
+    let file = std::fs::File::open(path).map(std::io::BufReader::new);
+    let mut first = String::new();
+    let line = file.and_then(|file| file.take(200).read_line(&mut first));
+    line.is_ok() && first.trim_end().ends_with(CORNER_POINT_DECK)
+}
+
+/// The deck beside a corner-point grid: `NAME.DATA`, but `NAME-grid.DATA` if there is a file of that name
+/// that is something else.
+pub fn deck_path(path: &Path) -> PathBuf {
+    let usual = path.with_extension("DATA");
+    if !usual.exists() || is_corner_point_deck(&usual) {
+        return usual;
+    }
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    path.with_file_name(format!("{stem}-grid.DATA"))
+}
 
 /// What a cell of the grid holds.
 #[derive(Clone, Default)]
 struct Sum {
+    /// How much of it there is, and how much of that is active.
     weight: f64,
+    active: f64,
     porosity: f64,
     /// Logarithms of the permeability along i, j and z.
     permeability: [f64; 3],
@@ -62,6 +87,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         pillars: &pillars,
         layers: &layers,
     };
+    let resistances = Resistances::new(model, &walk, &grid);
     let cells = n * m * layers.count;
     let cell = |at: usize| &columns[at % (n * m)][at / (n * m)];
     let mean = |at: usize, sum: f64| match cell(at).weight {
@@ -107,7 +133,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             text.end();
         })?;
         writeln!(out, "/\n\nACTNUM")?;
-        whole_numbers(out, cells, |at| i64::from(cell(at).weight > 0.0))?;
+        whole_numbers(out, cells, |at| i64::from(cell(at).active > 0.0))?;
         if model.porosity.is_some() {
             writeln!(out, "PORO")?;
             write_numbers(out, cells, |at| mean(at, cell(at).porosity))?;
@@ -123,7 +149,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
                 writeln!(out, "/\n")?;
             }
         }
-        faults::write(out, model, &walk, &grid)
+        resistances.write(out, model, &grid)
     })?;
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let ending = path.extension().unwrap_or_default().to_string_lossy();
@@ -138,6 +164,10 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             most.map_or(1, |(region, _)| i64::from(*region) + shift)
         })
     })?;
+    let edits = path.with_file_name(format!("{stem}-edit.{ending}"));
+    if resistances.has_edits() {
+        batch.write(&edits, |out| resistances.write_edits(out))?;
+    }
     let (Some(porosity), Some(_)) = (&model.porosity, &model.permeability) else {
         return Ok(());
     };
@@ -146,16 +176,21 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let open: Vec<Vec<Opening>> = (model.case.wells.iter())
         .map(|well| wells::openings(well, &grid, rock))
         .collect::<Result<_>>()?;
-    let [name, regions] = [path, &regions].map(|p| p.file_name().unwrap_or_default());
+    let [name, regions, edits] =
+        [path, &regions, &edits].map(|p| p.file_name().unwrap_or_default());
     let top = model.top();
-    batch.write(&path.with_extension("DATA"), |out| {
-        let says = "a corner-point grid";
+    batch.write(&deck_path(path), |out| {
+        let says = CORNER_POINT_DECK;
         deck::head(out, &model.case, says, grid.dims(), &open)?;
         let include = |out: Out, name: &std::ffi::OsStr| {
             writeln!(out, "INCLUDE\n '{}' /\n", name.to_string_lossy())
         };
         writeln!(out, "GRID\nINIT\nGRIDFILE\n 0 1 /\n")?;
         include(out, name)?;
+        if resistances.has_edits() {
+            writeln!(out, "EDIT\n")?;
+            include(out, edits)?;
+        }
         deck::properties(out, &model.case)?;
         writeln!(out, "REGIONS\n")?;
         include(out, regions)?;
@@ -265,8 +300,8 @@ fn sums(
 impl Sum {
     /// The geometric mean along i, j and z; `None` without rock.
     fn mean_permeability(&self) -> Option<[f64; 3]> {
-        let mean = || self.permeability.map(|k| (k / self.weight).exp());
-        (self.weight > 0.0).then(mean)
+        let mean = || self.permeability.map(|k| (k / self.active).exp());
+        (self.active > 0.0).then(mean)
     }
 
     fn add(&mut self, model: &Model, pillars: &Pillars, cell: u32, weight: f64) {
@@ -275,7 +310,9 @@ impl Sum {
         if let Some(porosity) = &model.porosity {
             self.porosity += weight * porosity[at];
         }
-        if let Some(permeability) = &model.permeability {
+        let is_active = model.is_active(at);
+        self.active += if is_active { weight } else { 0.0 };
+        if let Some(permeability) = model.permeability.as_ref().filter(|_| is_active) {
             let k = permeability.rock.mobility(at);
             let [i, j] = pillars.axes.map(|[x, y]| k.along([x, y, 0.0]));
             for (sum, k) in self.permeability.iter_mut().zip([i, j, k.0[2]]) {

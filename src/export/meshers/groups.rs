@@ -1,7 +1,9 @@
 //! The faces of a mesh that have names: each side of the box, each surface, and what parts two regions.
 
-use crate::mesh::poly::{Beyond, Lists, SIDES};
-use crate::model::reservoir::Model;
+use crate::mesh::poly::{Beyond, Lists};
+use crate::model::reservoir::{Model, reserved};
+use crate::model::surface::names::{add_names, interface_name};
+use crate::model::surface::stored::region_text;
 
 /// The number of what is on the boundary, but on no side of the box.
 const BOUNDARY: u32 = 7;
@@ -34,17 +36,8 @@ impl Names {
     /// The names of a model's faces.
     pub fn new(model: &Model) -> Self {
         let (mesh, surfaces) = (&model.mesh, &model.surfaces);
-        let mut names: Vec<String> = SIDES.map(String::from).to_vec();
-        names.extend(["boundary".into(), "scraps".into()]);
-        let kept = (1..).zip(&surfaces.kinds[..surfaces.kept]);
-        for (number, kind) in kept {
-            let own = surfaces.names.get(number - 1);
-            let name = own.map(|name| name.replace('-', "_"));
-            put(
-                &mut names,
-                name.unwrap_or_else(|| format!("{}{number}", kind.name())),
-            );
-        }
+        let mut names = reserved();
+        names.extend(surfaces.all_names().names);
 
         let regions = |f: usize| {
             let mut pair = mesh.face_cells[f].map(|cell| mesh.region[cell as usize]);
@@ -65,14 +58,11 @@ impl Names {
         pairs.sort_unstable();
         pairs.dedup();
         let before = names.len() as u32;
-        let called = |region: &i32| match name_of(model, *region) {
-            Some(name) => name.replace('-', "_"),
-            None => region.to_string().replace('-', "_"),
-        };
-        let interface = |[a, b]: &[i32; 2]| format!("interface_{}_{}", called(a), called(b));
-        for pair in &pairs {
-            put(&mut names, interface(pair));
-        }
+        let interfaces = pairs.iter().map(|pair| {
+            let [a, b] = pair.map(|region| region_text(&model.labels, region));
+            interface_name([&a, &b])
+        });
+        add_names(&mut names, interfaces);
 
         let number = |f: usize| match mesh.beyond(f) {
             Beyond::Side(side) => side as u32 + 1,
@@ -121,14 +111,6 @@ impl Names {
             })
             .collect()
     }
-}
-
-/// Adds a name; what has one of the others gets another, or both would be one.
-fn put(names: &mut Vec<String>, mut name: String) {
-    while names.contains(&name) {
-        name.push('_');
-    }
-    names.push(name);
 }
 
 /// The groups of a model that have faces.
@@ -227,6 +209,7 @@ pub fn nodes_of(model: &Model, faces: &[u32]) -> Vec<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mesh::poly::SIDES;
     use crate::mesh::poly::samples::two_cells;
     use crate::model::surface::Kind;
 

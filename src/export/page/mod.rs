@@ -26,7 +26,7 @@ use crate::error::cause;
 use crate::files::atomic_write;
 use crate::image::Image;
 use crate::model::slice::{Faces, Frame};
-use crate::model::surface::stored::numbered;
+use crate::model::surface::stored::numbered_by_bends;
 use crate::store::{Stored, StoredMesh};
 use crate::{Error, Result};
 
@@ -81,7 +81,9 @@ pub fn write<const D: usize, M: Stored<D>>(
     about: &About,
     largest: usize,
 ) -> Result<Written> {
-    let surfaces = stored.marks().map(|marks| numbered(stored, &marks));
+    let surfaces = stored
+        .marks()
+        .map(|marks| numbered_by_bends(stored, &marks));
     let surfaces = surfaces.unwrap_or_default();
     let faces = Faces::of(stored, &surfaces.facets)?;
     let arrays = values::of(stored, &faces, image);

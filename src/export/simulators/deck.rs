@@ -34,14 +34,17 @@ pub struct Opening {
 /// Checks what a deck needs of a model.
 ///
 /// # Errors
-/// [`Error::Export`] for a porosity outside (0, 1], or a well's name that no deck can hold.
+/// [`Error::Export`] for a porosity outside [0, 1], or a well's name that no deck can hold.
 pub(crate) fn check(model: &Model, porosity: &[f64]) -> Result<()> {
-    let wrong = |p: &f64| !(*p > 0.0 && *p <= 1.0);
-    if let Some(cell) = porosity.iter().position(wrong) {
+    let wrong = |cell: &usize| {
+        let p = porosity[*cell];
+        model.is_active(*cell) && !(p > 0.0 && p <= 1.0)
+    };
+    if let Some(cell) = (0..porosity.len()).find(wrong) {
         return Err(Error::Export(cause(
             "porosity",
             format!("is {} in cell {cell}", porosity[cell]),
-            "give fractions of volume above 0 and up to 1",
+            "give fractions of volume from 0, of inactive cells, to 1",
         )));
     }
     for well in &model.case.wells {

@@ -35,8 +35,10 @@ pub fn write(model: &Model, batch: &mut Batch, folder: &Path) -> Result<()> {
     let (layers, columns) = (grid.layers, grid.columns);
     let cells = layers * columns;
     let of = |k: usize, at: usize| match grid.cell[at] {
-        Some(cell) => conductivity * permeability.rock.mobility(cell as usize).0[k],
-        None => 1.0,
+        Some(cell) if model.is_active(cell as usize) => {
+            conductivity * permeability.rock.mobility(cell as usize).0[k]
+        }
+        _ => 1.0,
     };
     let case = &model.case;
     let head = |pressure: f64, z: f64| pressure / weight + if case.gravity { z } else { 0.0 };
@@ -121,7 +123,7 @@ pub fn write(model: &Model, batch: &mut Batch, folder: &Path) -> Result<()> {
         }
         writeln!(out, "END PACKAGES")
     })?;
-    file("model.disv", &mut |out| grid.write(out))?;
+    file("model.disv", &mut |out| grid.write(out, model))?;
     file("model.npf", &mut |out| {
         writeln!(
             out,
@@ -165,7 +167,8 @@ pub fn write(model: &Model, batch: &mut Batch, folder: &Path) -> Result<()> {
     }
     if pressures.is_empty() {
         // Somewhere the head must be known.
-        let [layer, column] = id(0);
+        let first = (0..model.len()).find(|&cell| model.is_active(cell));
+        let [layer, column] = id(first.unwrap_or(0) as u32);
         file("model.chd", &mut |out| {
             writeln!(out, "{}\n  {layer} {column} {start}\nEND PERIOD", bound(1))
         })?;
@@ -306,13 +309,10 @@ impl Grid {
             return Vec::new();
         };
         let mut found = Vec::new();
-        for (c, &t) in model
-            .graph
-            .connections
-            .iter()
-            .zip(&permeability.transmissibility)
-        {
-            if c.on_feature {
+        let connections = model.graph.connections.iter().enumerate();
+        for ((at, c), &t) in connections.zip(&permeability.transmissibility) {
+            let is_active = c.cells.iter().all(|&cell| model.is_active(cell as usize));
+            if is_active && model.barriers.label(at).is_some() {
                 let k = c
                     .cells
                     .map(|cell| permeability.rock.mobility(cell as usize).along(c.normal));
@@ -325,7 +325,7 @@ impl Grid {
         found
     }
 
-    fn write(&self, out: Out) -> Done {
+    fn write(&self, out: Out, model: &Model) -> Done {
         let (layers, columns) = (self.layers, self.columns);
         writeln!(
             out,
@@ -350,12 +350,15 @@ impl Grid {
         };
         write_numbers(out, columns, top)?;
         writeln!(out, "  BOTM\n    INTERNAL FACTOR 1.0")?;
-        write_numbers(out, layers * columns, bottom)?;
+        // MODFLOW reads layer by layer, each from a line of its own.
+        for layer in 0..layers {
+            write_numbers(out, columns, |column| bottom(layer * columns + column))?;
+        }
         writeln!(out, "  IDOMAIN\n    INTERNAL FACTOR 1")?;
         write_items(out, layers * columns, |text, at| {
             let range = [first(at % columns), last(at % columns)];
             let domain = match (self.cell[at], range) {
-                (Some(_), _) => 1,
+                (Some(cell), _) => i32::from(model.is_active(cell as usize)),
                 (None, [Some(first), Some(last)])
                     if (self.at[first as usize]..self.at[last as usize]).contains(&at) =>
                 {

@@ -9,11 +9,13 @@ use std::path::Path;
 
 pub use super::deck::TRANSMISSIBILITY;
 use super::deck::{Opening, WATER_LEFT, array, check, head, properties, schedule};
-use crate::Result;
+use crate::error::cause;
 use crate::export::containers::text::write_items;
+use crate::export::corner_point::grdecl::is_corner_point_deck;
 use crate::export::meshers::groups::shift_of_regions;
 use crate::files::Batch;
 use crate::model::reservoir::{BAR, Fluid, MILLIDARCY, Model};
+use crate::{Error, Result};
 
 /// Least transmissibility, in those units, of a connection: simulators ignore, or misread, what is
 /// less.
@@ -23,13 +25,20 @@ const NEEDS: &str = "an OPM deck";
 /// Writes the deck.
 ///
 /// # Errors
-/// [`Error::Export`](crate::Error::Export) without porosity or permeability, for a porosity outside (0, 1], a depth above
+/// [`Error::Export`](crate::Error::Export) without porosity or permeability, for a porosity outside [0, 1], a depth above
 /// the surface, or a well's name that no deck can hold.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let porosity = model.need_porosity(NEEDS)?;
     let permeability = model.need_permeability(NEEDS)?;
     let case = &model.case;
     check(model, porosity)?;
+    if is_corner_point_deck(path) {
+        return Err(Error::Export(cause(
+            path.display(),
+            "is the deck of a corner-point grid, which stays as it is",
+            "name another file, or remove that one",
+        )));
+    }
 
     let (cells, graph) = (model.len(), &model.graph);
     let side = (graph.volume.iter().sum::<f64>() / cells as f64).cbrt();
@@ -62,6 +71,13 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             numbers(out, name, &|c| {
                 permeability.rock.mobility(c).0[k] / MILLIDARCY
             })?;
+        }
+        if !model.inactive.is_empty() {
+            writeln!(out, "ACTNUM")?;
+            write_items(out, cells, |text, c| {
+                text.and_int(i64::from(model.is_active(c))).end();
+            })?;
+            writeln!(out, "/\n")?;
         }
         writeln!(out, "NNC")?;
         let (connections, t) = (&graph.connections, &permeability.transmissibility);

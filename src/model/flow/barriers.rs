@@ -11,6 +11,7 @@ use crate::{Error, Result};
 pub struct Barriers {
     label: Vec<u32>,
     laws: Vec<Faults>,
+    names: Vec<String>,
 }
 
 impl Barriers {
@@ -19,6 +20,7 @@ impl Barriers {
         Self {
             label: on.into_iter().map(u32::from).collect(),
             laws: vec![law],
+            names: Vec::new(),
         }
     }
 
@@ -35,8 +37,24 @@ impl Barriers {
                 "has no multiplier",
                 format!("give one for each of {most} faults"),
             ))),
-            _ => Ok(Self { label, laws }),
+            _ => Ok(Self {
+                label,
+                laws,
+                names: Vec::new(),
+            }),
         }
+    }
+
+    /// The same with names for labels 1, 2 ...
+    #[must_use]
+    pub fn named(self, names: Vec<String>) -> Self {
+        Self { names, ..self }
+    }
+
+    /// The name of a label's barriers.
+    pub fn name(&self, label: u32) -> String {
+        let name = self.names.get(label as usize - 1).cloned();
+        name.unwrap_or_else(|| "scraps".into())
     }
 
     /// The label of a face, unless nothing resists there.

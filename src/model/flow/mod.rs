@@ -28,6 +28,7 @@
 //! - `elements`: linear finite elements on triangles and tetrahedra
 //! - `linear`: linear functions on triangles and tetrahedra
 //! - `cells`: two-point fluxes between cells
+//! - `anisotropy`: what two-point fluxes miss along each axis
 //! - `wells`: point sources and sinks
 //! - `conserve`: rates through faces, conserved on every triangle or tetrahedron
 //! - `inside`: the same inside polyhedra and polygons
@@ -37,6 +38,7 @@
 //! - `multigrid`: the preconditioner
 //! - `sparse`: sparse matrices
 
+pub mod anisotropy;
 pub(crate) mod barriers;
 pub(crate) mod cells;
 pub(crate) mod conserve;

@@ -63,10 +63,12 @@ impl Faulted {
 }
 
 /// What one fault does.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Fault {
     /// Its number, from 1.
     pub surface: u32,
+    /// Its name, as exports have it.
+    pub name: String,
     /// Its factor of permeability or transmissibility.
     pub multiplier: f64,
     /// What it does.
@@ -126,14 +128,15 @@ impl FlowReport {
             figures.total_balance,
         );
         for Fault {
-            surface,
+            name,
             multiplier,
             faulted,
+            ..
         } in self.by_fault.iter().take(Self::MOST_FAULTS)
         {
             let _ = write!(
                 text,
-                "\nfault {surface:<7} {} faces, multiplier {multiplier}: {:.6e} m^3/s across, \
+                "\n{name:<13} {} faces, multiplier {multiplier}: {:.6e} m^3/s across, \
                  largest jump {:.6e} Pa",
                 faulted.faces, faulted.rate_across, faulted.largest_jump
             );

@@ -1,27 +1,31 @@
 //! Flow through a mesh that a file holds: boundary conditions by the sides of its box, barriers by
 //! its surfaces, results as arrays of a file.
 
-use crate::error::cause;
+use crate::Result;
 use crate::files::vtk::DataArray;
 use crate::geometry::in_space;
 use crate::job::{Meshing, Space};
 use crate::mesh::Simplices;
 use crate::mesh::graph::{Graph, Locator};
 use crate::mesh::poly::PolyMesh;
+use crate::model::flow::anisotropy::AxisRatios;
 use crate::model::flow::report::{Exchange, Fault, Faulted, FlowReport, Range};
 use crate::model::flow::system::lasts;
 use crate::model::flow::{
     Barriers, CellFlow, ElementFlow, Faults, Inside, Rock, Solution, Streamlines, Well,
 };
 use crate::model::surface::Kind;
+use crate::model::surface::names::{NO_MATCH, Selector, SurfaceNames, USE_NAMES};
 use crate::model::surface::select;
-use crate::model::surface::stored::numbered;
+use crate::model::surface::stored::{interfaces_of, numbered};
 use crate::observer::Patience;
 use crate::store::{FieldValue, MeshFile, Stored, StoredMesh};
-use crate::{Error, Result};
 
 /// How near a side, in parts of the box, its nodes lie.
 const ON_SIDE: f64 = 1e-7;
+
+/// Angle in degrees from which on two-point fluxes are called rough.
+pub const ROUGH: f64 = 1.0;
 
 /// The sides of the box, in the order of their numbers.
 pub const SIDES: [&str; 6] = ["xmin", "xmax", "ymin", "ymax", "zmin", "zmax"];
@@ -38,24 +42,24 @@ pub struct Conditions<const D: usize> {
 /// Which surfaces are barriers.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub enum Standing {
-    /// Those that are no horizons.
+    /// Those that are neither horizons nor part labels.
     #[default]
     Faults,
     /// Horizons only.
     Horizons,
     /// All.
     All,
-    /// Those with these numbers, from 1.
-    Numbered(Vec<u32>),
+    /// Those that one of these picks.
+    Picked(Vec<Selector>),
 }
 
 impl Standing {
-    fn holds(&self, number: u32, kind: Kind) -> bool {
+    fn holds(&self, surfaces: &SurfaceNames, at: usize) -> bool {
         match self {
-            Self::Faults => kind == Kind::Fault,
-            Self::Horizons => kind == Kind::Horizon,
+            Self::Faults => surfaces.kinds[at] == Kind::Fault,
+            Self::Horizons => surfaces.kinds[at] == Kind::Horizon,
             Self::All => true,
-            Self::Numbered(numbers) => numbers.contains(&number),
+            Self::Picked(selectors) => selectors.iter().any(|s| s.picks(surfaces, at)),
         }
     }
 }
@@ -67,9 +71,11 @@ pub struct FaultLaws {
     pub standing: Standing,
     /// How they do.
     pub law: Faults,
-    /// Surfaces with a law of their own, by their number from 1, whether they are in `standing` or
-    /// not.
-    pub own: Vec<(u32, Faults)>,
+    /// Surfaces with a law of their own, whether they are in `standing` or not. Of several that pick a
+    /// surface, the last holds.
+    pub own: Vec<(Selector, Faults)>,
+    /// Whether it is an error if `law` is for faults, but no surface of a mesh of labels is one.
+    pub must_apply: bool,
 }
 
 impl From<Faults> for FaultLaws {
@@ -79,6 +85,7 @@ impl From<Faults> for FaultLaws {
             standing: Standing::Faults,
             law,
             own: Vec::new(),
+            must_apply: false,
         }
     }
 }
@@ -91,50 +98,82 @@ impl FaultLaws {
             .any(|law| law.multiplier() > 0.0 && !law.are_open())
     }
 
-    /// The law of each surface, by their kinds.
-    ///
-    /// # Errors
-    /// [`Error::Flow`] if a law is for a surface that does not exist.
-    pub fn of_surfaces(&self, kinds: &[Kind]) -> Result<Vec<Faults>> {
-        let named = match &self.standing {
-            Standing::Numbered(numbers) => numbers.as_slice(),
+    /// Whether a pattern picks a name.
+    pub fn pick(&self, name: &str) -> bool {
+        let standing = match &self.standing {
+            Standing::Picked(selectors) => selectors.as_slice(),
             _ => &[],
         };
-        let own = self.own.iter().map(|own| own.0);
-        for number in own.chain(named.iter().copied()) {
-            if number == 0 || number as usize > kinds.len() {
-                return Err(Error::Flow(cause(
-                    format!("fault {number}"),
-                    format!("does not exist: the mesh has {} surfaces", kinds.len()),
-                    "give a number that `atomesh surface` prints for this mesh",
-                )));
-            }
+        let own = self.own.iter().map(|own| &own.0);
+        own.chain(standing).any(|selector| selector.matches(name))
+    }
+
+    /// Whether `law`, which is for faults, resists in a mesh of labels in which nothing is a fault.
+    pub fn is_idle(&self, surfaces: &SurfaceNames) -> bool {
+        let of_labels = surfaces.kinds.contains(&Kind::Interface);
+        let none = of_labels && !surfaces.kinds.contains(&Kind::Fault);
+        self.standing == Standing::Faults && none && !self.law.are_open() && self.own.is_empty()
+    }
+
+    /// The law of each surface; `option` is the one that says which surfaces resist.
+    ///
+    /// # Errors
+    /// [`Error::Flow`](crate::Error::Flow) with the names of the surfaces if what is to resist does not
+    /// exist.
+    pub fn of_surfaces(&self, surfaces: &SurfaceNames, option: &str) -> Result<Vec<Faults>> {
+        for (selector, _) in &self.own {
+            surfaces.check("--fault-multiplier", selector)?;
         }
-        let law = |(number, &kind): (u32, &Kind)| {
-            let own = self.own.iter().find(|own| own.0 == number);
-            match own {
+        match &self.standing {
+            Standing::Picked(selectors) => {
+                let mut all = selectors.iter();
+                all.try_for_each(|selector| surfaces.check(option, selector))?;
+            }
+            Standing::Horizons if !surfaces.kinds.contains(&Kind::Horizon) => {
+                let place = format!("{option} horizons");
+                return Err(surfaces.none_picked(place, NO_MATCH, USE_NAMES));
+            }
+            _ => {}
+        }
+        if self.must_apply && self.is_idle(surfaces) {
+            return Err(surfaces.none_picked(
+                "--faults",
+                "is for faults, but no surface is one",
+                "say by --barriers which surfaces resist, or omit it",
+            ));
+        }
+        let law = |at: usize| {
+            let own = self.own.iter().rev();
+            let mut own = own.filter(|own| own.0.picks(surfaces, at));
+            match own.next() {
                 Some(&(_, law)) => law,
-                None if self.standing.holds(number, kind) => self.law,
+                None if self.standing.holds(surfaces, at) => self.law,
                 None => Faults::OPEN,
             }
         };
-        Ok((1..).zip(kinds).map(law).collect())
+        Ok((0..surfaces.kinds.len()).map(law).collect())
     }
 }
 
-/// The barriers on the faces of a mesh where its file has it, its surfaces [`numbered`].
+/// The barriers on the faces of a mesh where its file has it, its surfaces [`numbered`]; and whether
+/// surfaces are there but none that `laws` are for.
 ///
 /// # Errors
-/// [`Error::Flow`] if a law is for a surface that does not exist.
+/// [`Error::Flow`](crate::Error::Flow) with the names of the surfaces if what is to resist does not exist.
 pub fn barriers<const D: usize, M: Stored<D>>(
     stored: &mut StoredMesh<D, M>,
     marks: &[bool],
     laws: &FaultLaws,
-) -> Result<Barriers> {
-    let surfaces = numbered(stored, marks);
-    let laws = laws.of_surfaces(&surfaces.kinds)?;
+) -> Result<(Barriers, bool)> {
+    let mut surfaces = numbered(stored, marks);
+    if let Some(region) = stored.regions() {
+        surfaces.add_interfaces(interfaces_of(stored, &region), |name| laws.pick(name));
+    }
+    let names = surfaces.all_names();
+    let idle = laws.is_idle(&names);
+    let laws = laws.of_surfaces(&names, "--barriers")?;
     let label = stored.in_world(|mesh| select::labels_of_faces(mesh, &surfaces.facets));
-    Barriers::new(label, laws)
+    Ok((Barriers::new(label, laws)?.named(names.names), idle))
 }
 
 /// A flow that was computed: the file to write, and what is said of it.
@@ -206,9 +245,9 @@ pub fn flow_through_elements<const D: usize, M: Simplices<D>>(
 }
 
 /// Flow through Voronoi cells, or any polyhedra or polygons, by two-point fluxes, with `lines`
-/// streamlines; and by how many
-/// degrees the lines between cells are off square to the permeability times their faces' normals, on
-/// average.
+/// streamlines; and if two-point fluxes are rough, what to say of that: by how many degrees the lines
+/// between cells are off square to the permeability times their faces' normals, on average, and what becomes
+/// of the flow along each axis.
 ///
 /// # Errors
 /// Those of [`CellFlow`]; [`Error::Interrupted`] once `patience` is over.
@@ -219,10 +258,11 @@ pub fn flow_through_cells<const D: usize>(
     conditions: &Conditions<D>,
     lines: Option<usize>,
     patience: &Patience<'_>,
-) -> Result<(FlowOutcome<D, PolyMesh<D>>, f64)>
+) -> Result<(FlowOutcome<D, PolyMesh<D>>, Vec<String>)>
 where
     Space<D>: Meshing<D>,
 {
+    let space = stored.space.clone();
     let mut file = stored.into_file();
     let graph = Graph::from_poly(&file.mesh);
     let flow = CellFlow::with_barriers(&graph, rock, barriers)?;
@@ -268,7 +308,17 @@ where
         report,
         streamlines,
     };
-    Ok((outcome, flow.angle_error))
+    let mut notes = Vec::new();
+    if flow.angle_error > ROUGH {
+        notes.push(format!(
+            "the lines between cells deviate by {:.0} degrees from the permeability times their faces' normals, on average: two-point fluxes are rough",
+            flow.angle_error
+        ));
+        let axes = &space.geometry.axes;
+        let ratios = AxisRatios::new(&graph, rock, axes, space.step, patience)?;
+        notes.extend(ratios.note());
+    }
+    Ok((outcome, notes))
 }
 
 /// A side with its pressure, and which nodes of a mesh lie on it.
@@ -342,6 +392,7 @@ fn report<const D: usize>(
         by_fault: numbered
             .map(|(surface, faulted)| Fault {
                 surface,
+                name: barriers.name(surface),
                 multiplier: barriers.law(surface).multiplier(),
                 faulted,
             })

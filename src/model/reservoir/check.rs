@@ -4,9 +4,7 @@ use crate::geometry::sets::Sets;
 use serde::Serialize;
 
 use super::Model;
-
-/// Angle in degrees from which on two-point fluxes are called rough.
-const ROUGH: f64 = 1.0;
+use crate::model::flow::through::ROUGH;
 
 /// Figures of a model, as the table and the JSON show them.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -85,6 +83,7 @@ impl Checks {
             in_columns: model.mesh.stands_in_columns(),
             parts: parts(
                 cells,
+                |cell| model.is_active(cell),
                 graph
                     .connections
                     .iter()
@@ -140,10 +139,15 @@ impl Checks {
         lines.join("\n")
     }
 
+    /// Whether two-point fluxes are rough.
+    pub fn is_rough(&self) -> bool {
+        self.angle[0] > ROUGH
+    }
+
     /// What the user should know, if anything: one line each.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
-        if self.angle[0] > ROUGH {
+        if self.is_rough() {
             let remedy = match self.in_columns {
                 true => "level layers, or cells that are not columns,",
                 false => "Voronoi cells made with the metric of the rock",
@@ -158,14 +162,18 @@ impl Checks {
     }
 }
 
-/// The parts of a graph, each with its least cell and its size; the largest first.
-fn parts(cells: usize, pairs: impl Iterator<Item = [u32; 2]>) -> Vec<(usize, usize)> {
+/// The parts that the active cells of a graph form, each with its least cell and its size; the largest first.
+fn parts(
+    cells: usize,
+    is_active: impl Fn(usize) -> bool,
+    pairs: impl Iterator<Item = [u32; 2]>,
+) -> Vec<(usize, usize)> {
     let mut sets = Sets::new(cells);
     for [a, b] in pairs {
         sets.unite(a, b);
     }
     let mut sizes = vec![0; cells];
-    for cell in 0..cells as u32 {
+    for cell in (0..cells as u32).filter(|&cell| is_active(cell as usize)) {
         sizes[sets.find(cell) as usize] += 1;
     }
     let mut parts: Vec<(usize, usize)> = sizes
@@ -186,7 +194,10 @@ mod tests {
     #[test]
     fn parts_are_named_largest_first() {
         let pairs = [[4, 3], [0, 1], [5, 4]];
-        assert_eq!(parts(6, pairs.into_iter()), [(3, 3), (0, 2), (2, 1)]);
+        assert_eq!(
+            parts(6, |_| true, pairs.into_iter()),
+            [(3, 3), (0, 2), (2, 1)]
+        );
     }
 
     #[test]

@@ -188,7 +188,21 @@ impl Tracer<'_> {
                 "give points inside, in the mesh's coordinates (`atomesh info` shows its extent)",
             )));
         }
-        let within = self.within(permeability, way, pieces);
+        let active = pieces
+            .iter()
+            .filter(|p| self.model.is_active(p.cell as usize));
+        let active: Vec<Piece> = active.copied().collect();
+        if active.is_empty() {
+            return Err(Error::Export(cause(
+                &way.name,
+                format!(
+                    "lies in inactive rock only: porosity or permeability is 0 in cell {}",
+                    pieces[0].cell
+                ),
+                "give points in other cells",
+            )));
+        }
+        let within = self.within(permeability, way, &active);
         let radii = self.equivalent(permeability, way, &within)?;
         within
             .iter()

@@ -5,11 +5,13 @@
 //! - `frame`: from a mesh's coordinates to metres and depth
 //! - `sample`: averages of an image over cells
 //! - `check`: what is looked at before anything is written
+//! - `closed`: wells that closed faults part, and those that run through one
 //! - `trajectory`: wells through cells
 //! - `completion`: well indices
 //! - `sides`: the two sides of surfaces, and meshes torn along them
 
 pub(crate) mod check;
+pub(crate) mod closed;
 pub(crate) mod completion;
 pub(crate) mod frame;
 pub(crate) mod prepared;
@@ -25,11 +27,13 @@ use crate::error::cause;
 use crate::files::vtk::DataArray;
 use crate::geometry::dot;
 use crate::mesh::TetMesh;
-use crate::mesh::graph::Graph;
-use crate::mesh::poly::PolyMesh;
+use crate::mesh::graph::{Connection, Graph};
+use crate::mesh::poly::{PolyMesh, SIDES};
 use crate::model::flow::through::FaultLaws;
 use crate::model::flow::{Barriers, CellFlow, Rock, Split};
 use crate::model::surface::Kind;
+use crate::model::surface::names::{SurfaceNames, add_names, interface_name};
+use crate::model::surface::stored::region_text;
 use crate::store::LabelledRegion;
 use crate::{Error, Result};
 
@@ -75,6 +79,9 @@ pub struct Model {
     pub surfaces: FaceSurfaces,
     /// How they resist flow.
     pub barriers: Barriers,
+    /// For each cell whether its porosity or permeability is zero, so that it takes no part; empty if all
+    /// do.
+    pub inactive: Vec<bool>,
     /// Share of pores in each cell's volume.
     pub porosity: Option<Vec<f64>>,
     /// Permeability in m^2, with what follows from it.
@@ -101,6 +108,12 @@ pub struct FaceSurfaces {
     pub of_connection: Vec<u32>,
 }
 
+/// Names that no surface has: those of the sides of the box, and of what else has no name of its own.
+pub(crate) fn reserved() -> Vec<String> {
+    let all = SIDES.into_iter().chain(["boundary", "scraps"]);
+    all.map(String::from).collect()
+}
+
 impl FaceSurfaces {
     /// One fault of all connections on features.
     fn one_fault(graph: &Graph<3>) -> Self {
@@ -113,6 +126,29 @@ impl FaceSurfaces {
             kept: usize::from(any),
             of_connection,
         }
+    }
+
+    /// The names of all surfaces, as every format has them.
+    pub fn all_names(&self) -> SurfaceNames {
+        SurfaceNames::new(&self.kinds, self.kept, &self.names, &reserved())
+    }
+
+    /// Makes surfaces of what parts regions, where it is on no other: `number` is the place of each
+    /// connection's name among `names`.
+    fn add_interfaces(&mut self, names: Vec<String>, number: impl Fn(usize) -> Option<usize>) {
+        let (kept, added) = (self.kept, names.len());
+        for (at, surface) in self.of_connection.iter_mut().enumerate() {
+            match *surface as usize {
+                0 => *surface = number(at).map_or(0, |place| (kept + 1 + place) as u32),
+                scrap if scrap > kept => *surface += added as u32,
+                _ => {}
+            }
+        }
+        self.names = self.all_names().names;
+        self.names.extend(names);
+        let interfaces = std::iter::repeat_n(Kind::Interface, added);
+        self.kinds.splice(kept..kept, interfaces);
+        self.kept += added;
     }
 }
 
@@ -229,20 +265,80 @@ impl Model {
         self.len() == 0
     }
 
+    /// Whether a cell takes part: neither its porosity nor its permeability is zero.
+    pub fn is_active(&self, cell: usize) -> bool {
+        !self.inactive.get(cell).copied().unwrap_or(false)
+    }
+
+    /// Finds the cells that take no part, whose porosity or permeability is zero, and gives their number.
+    /// Before [`set_permeability`](Self::set_permeability).
+    ///
+    /// # Errors
+    /// [`Error::Export`] if no cell takes part.
+    pub fn find_inactive(&mut self, rock: Option<&Rock>) -> Result<usize> {
+        let is_zero = |cell: usize| {
+            let porosity = self.porosity.as_ref().map(|porosity| porosity[cell]);
+            let conducts = rock.is_none_or(|rock| rock.mobility(cell).0 != [0.0; 6]);
+            porosity == Some(0.0) || !conducts
+        };
+        let inactive: Vec<bool> = (0..self.len()).map(is_zero).collect();
+        let count = inactive.iter().filter(|inactive| **inactive).count();
+        if count == inactive.len() {
+            return Err(Error::Export(cause(
+                "porosity or permeability",
+                "is zero in every cell, so that nothing is left to simulate",
+                "give values above 0 where fluid is to flow",
+            )));
+        }
+        self.inactive = if count > 0 { inactive } else { Vec::new() };
+        Ok(count)
+    }
+
     /// Depth of a cell's site in metres.
     pub fn depth(&self, cell: usize) -> f64 {
         -self.graph.site[cell][2]
     }
 
-    /// Says how surfaces resist flow. Before [`set_permeability`](Self::set_permeability), which looks
+    /// Says how surfaces resist flow. What parts two regions is a surface if `laws` pick it by name. After
+    /// regions are set, and before [`set_permeability`](Self::set_permeability), which looks
     /// at it.
     ///
     /// # Errors
     /// [`Error::Flow`] if a law is for a surface that does not exist.
     pub fn set_faults(&mut self, laws: &FaultLaws) -> Result<()> {
-        let of_surfaces = laws.of_surfaces(&self.surfaces.kinds)?;
+        self.add_picked_interfaces(laws);
+        let of_surfaces = laws.of_surfaces(&self.surfaces.all_names(), "--barriers")?;
         self.barriers = Barriers::new(self.surfaces.of_connection.clone(), of_surfaces)?;
         Ok(())
+    }
+
+    fn add_picked_interfaces(&mut self, laws: &FaultLaws) {
+        let region = &self.graph.region;
+        let pair = |c: &Connection<3>| {
+            let [a, b] = c.cells.map(|cell| region[cell as usize]);
+            (a != b).then_some([a.min(b), a.max(b)])
+        };
+        let connections = self.graph.connections.iter();
+        let mut pairs: Vec<[i32; 2]> = (connections.zip(&self.surfaces.of_connection))
+            .filter(|(_, surface)| **surface == 0)
+            .filter_map(|(c, _)| pair(c))
+            .collect();
+        pairs.sort_unstable();
+        pairs.dedup();
+        let mut names = [reserved(), self.surfaces.all_names().names].concat();
+        let before = names.len();
+        let interfaces = pairs.iter().map(|pair| {
+            let [a, b] = pair.map(|region| region_text(&self.labels, region));
+            interface_name([&a, &b])
+        });
+        add_names(&mut names, interfaces);
+        let named = pairs.into_iter().zip(names.split_off(before));
+        let (pairs, names): (Vec<_>, Vec<_>) = named.filter(|(_, name)| laws.pick(name)).unzip();
+        if !names.is_empty() {
+            let connections = &self.graph.connections;
+            let number = |at: usize| pairs.binary_search(&pair(&connections[at])?).ok();
+            self.surfaces.add_interfaces(names, number);
+        }
     }
 
     /// The factor of a connection's transmissibility that its fault is: 1 where there is none or it is
@@ -257,14 +353,27 @@ impl Model {
             None => 1.0,
         });
         let open = c.distance[0] / mobility[0] + c.distance[1] / mobility[1];
+        if !open.is_finite() {
+            // Next to rock that conducts nothing.
+            return self.barriers.law(label).multiplier();
+        }
         let fault = self.barriers.law(label).conductance(c.distance, mobility);
         open / (open + 1.0 / fault)
     }
 
-    /// The connections that are not closed, each with its [`fault_factor`](Self::fault_factor).
+    /// The connections between active cells that are not closed, each with its
+    /// [`fault_factor`](Self::fault_factor).
     pub fn open_connections(&self) -> Vec<(u32, f64)> {
         let factors = (0..self.graph.connections.len()).map(|i| (i as u32, self.fault_factor(i)));
-        factors.filter(|(_, factor)| *factor > 0.0).collect()
+        let open = factors.filter(|(_, factor)| *factor > 0.0);
+        open.filter(|(i, _)| self.joins_active_cells(*i as usize))
+            .collect()
+    }
+
+    /// Whether both cells of a connection take part.
+    fn joins_active_cells(&self, connection: usize) -> bool {
+        let cells = self.graph.connections[connection].cells;
+        cells.iter().all(|&cell| self.is_active(cell as usize))
     }
 
     /// Gives the rock its permeability, in m^2, and finds all transmissibilities: as
@@ -274,7 +383,12 @@ impl Model {
     /// [`Error::Flow`] names a connection that would have a negative transmissibility.
     pub fn set_permeability(&mut self, rock: Rock) -> Result<()> {
         let flow = CellFlow::with_barriers(&self.graph, &rock, &self.barriers)?;
-        let transmissibility = flow.transmissibility;
+        let mut transmissibility = flow.transmissibility;
+        for (at, t) in transmissibility.iter_mut().enumerate() {
+            if !self.joins_active_cells(at) {
+                *t = 0.0;
+            }
+        }
         self.permeability = Some(Permeability {
             rock,
             transmissibility,
@@ -424,12 +538,13 @@ mod tests {
         let mut laws = FaultLaws::from(Faults::CLOSED);
         model.set_faults(&laws).unwrap();
         assert_eq!(model.fault_factor(0), 1.0);
-        laws.own = vec![(1, Faults::new(0.5, None).unwrap())];
+        laws.own = vec![(1.into(), Faults::new(0.5, None).unwrap())];
         model.set_faults(&laws).unwrap();
         assert!((model.fault_factor(0) - 0.5).abs() < 1e-15);
-        laws.own[0].0 = 2;
+        laws.own[0].0 = 2.into();
         let error = model.set_faults(&laws).unwrap_err().to_string();
-        assert!(error.starts_with("fault 2: does not exist"), "{error}");
+        let want = "--fault-multiplier 2: matches no surface: the mesh has horizon1; ";
+        assert!(error.starts_with(want), "{error}");
     }
 
     #[test]

@@ -7,9 +7,11 @@ use crate::image::{Geometry, Image, Modality};
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::{Mesh, Positions, Simplices, TetMesh};
 use crate::model::columns::{COLUMN, LAYER};
+use crate::model::flow::anisotropy::AxisRatios;
 use crate::model::reservoir::{Down, FaceSurfaces, Frame, Mean, Model, Places, sample};
 use crate::model::surface::select::labels_of_faces;
 use crate::model::surface::stored::numbered;
+use crate::observer::Patience;
 use crate::store::{AnyMesh, LabelledRegion, MeshFile, Stored, StoredMesh, labels_of};
 use crate::{Error, Result};
 
@@ -61,6 +63,8 @@ pub struct Prepared {
     pub features_known: bool,
     /// From samples of the image that was meshed to the mesh's coordinates.
     geometry: Geometry<3>,
+    /// Length of one sample along each axis of lattice space.
+    step: [f64; 3],
     /// Number of samples of that image along each axis, if the mesh is of one.
     dims: [f64; 3],
 }
@@ -72,6 +76,7 @@ struct Parts {
     tets: Option<TetMesh>,
     triangles: Option<Vec<[u32; 3]>>,
     geometry: Geometry<3>,
+    step: [f64; 3],
     dims: [f64; 3],
     box_volume: f64,
     features_known: bool,
@@ -134,7 +139,12 @@ impl<const D: usize> Modelled<D> for PolyMesh<D> {
         _: &str,
     ) -> Result<Cells<D, Self>> {
         let (mesh, arrays) = stored.into_file().split();
-        let surface = labels_of_faces(&mesh, facets);
+        let mut surface = labels_of_faces(&mesh, facets);
+        for (number, on_feature) in surface.iter_mut().zip(&mesh.on_feature) {
+            if !on_feature {
+                *number = 0;
+            }
+        }
         Ok((mesh, None, surface, arrays))
     }
 }
@@ -175,6 +185,7 @@ impl Parts {
             tets: None,
             triangles: None,
             geometry: space.geometry.in_space(),
+            step: std::array::from_fn(|k| space.step.get(k).copied().unwrap_or(1.0)),
             dims: std::array::from_fn(dim),
             box_volume: volume * if D == 2 { thickness } else { 1.0 },
             features_known,
@@ -289,8 +300,29 @@ impl Prepared {
             cell_data,
             features_known: parts.features_known,
             geometry: parts.geometry,
+            step: parts.step,
             dims: parts.dims,
         })
+    }
+
+    /// What two-point fluxes make of flow along each axis, in Voronoi cells of space whose permeability is
+    /// known; `None` for others.
+    ///
+    /// # Errors
+    /// Those of [`AxisRatios`].
+    pub fn axis_ratios(&self) -> Result<Option<AxisRatios<3>>> {
+        let model = &self.model;
+        let is_voronoi = model.tets.is_none() && !model.mesh.stands_in_columns();
+        let Some(known) = model.permeability.as_ref().filter(|_| is_voronoi) else {
+            return Ok(None);
+        };
+        let origin = self.frame.to_model([0.0; 3]);
+        let axes = self.geometry.axes.map(|axis| {
+            let end = self.frame.to_model(axis);
+            std::array::from_fn(|k| end[k] - origin[k])
+        });
+        let patience = Patience::endless();
+        AxisRatios::new(&model.graph, &known.rock, &axes, self.step, &patience).map(Some)
     }
 
     /// A value for each cell from an image: one of the dims of the image that was meshed, or one that

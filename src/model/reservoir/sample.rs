@@ -99,6 +99,9 @@ impl Places {
 /// A value for every cell of `mesh`, which lies among the image's samples as `places` says; `place`
 /// names the image in errors. Beyond its sides the image goes on as it ends.
 ///
+/// Zeros have neither a harmonic nor a geometric mean: a cell that holds more of them than of other values
+/// has the mean 0, and in others they do not count.
+///
 /// # Errors
 /// [`Error::Export`] names a cell in which the mean makes no sense: NaN, or not positive where it
 /// must be.
@@ -120,10 +123,15 @@ pub fn sample(
             });
             return f64::from(samples[at]);
         }
-        let (mut sum, mut weight) = (0.0, 0.0);
+        let (mut sum, mut weight, mut nothing) = (0.0, 0.0, 0.0);
         let mut add = |volume: f64, point: [f64; 3]| {
-            sum += volume * mean.inwards(linear(samples, dims, point));
-            weight += volume;
+            let value = linear(samples, dims, point);
+            if value == 0.0 && mean != Mean::Arithmetic {
+                nothing += volume;
+            } else {
+                sum += volume * mean.inwards(value);
+                weight += volume;
+            }
         };
         for &f in faces.get(cell) {
             let ring = mesh.faces.get(f as usize);
@@ -142,6 +150,9 @@ pub fn sample(
                 let volume = volume6(&[mesh.sites[cell], apex[0], p[0], q[0]]).abs();
                 pieces([site, apex[1], p[1], q[1]], volume, &mut add);
             }
+        }
+        if nothing > weight {
+            return 0.0;
         }
         mean.outwards(sum / weight)
     };

@@ -53,8 +53,9 @@ impl Model {
             standing: along,
             law: Faults::CLOSED,
             own: Vec::new(),
+            must_apply: false,
         };
-        let laws = laws.of_surfaces(&self.surfaces.kinds)?;
+        let laws = laws.of_surfaces(&self.surfaces.all_names(), "--split")?;
         let mut label = vec![0; 4 * tets.tets.len()];
         for (f, &surface) in self.surfaces.of_connection.iter().enumerate() {
             if surface == 0 || surface as usize > self.surfaces.kept {
@@ -132,6 +133,6 @@ mod tests {
         assert!(error.contains("there is none"), "{error}");
         model.surfaces.kept = 0;
         assert!(model.tear(Standing::All).is_err());
-        assert!(model.tear(Standing::Numbered(vec![2])).is_err());
+        assert!(model.tear(Standing::Picked(vec![2.into()])).is_err());
     }
 }

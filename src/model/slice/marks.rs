@@ -14,6 +14,11 @@ const TRACES: [[u8; 3]; 2] = [[22, 22, 24], [105, 105, 110]];
 /// Features where there is no image from which they have to stand out.
 const FEATURES: [[u8; 3]; 2] = [[255, 120, 0], [0, 190, 160]];
 
+/// The place of a kind's colours: all that is no horizon looks like a fault.
+fn place(kind: Kind) -> usize {
+    usize::from(kind == Kind::Horizon)
+}
+
 /// The colours of a picture, and which of them there are.
 pub(super) struct Marks<'a> {
     pub shades: Option<Shades>,
@@ -47,8 +52,8 @@ impl<'a> Marks<'a> {
     /// The colour of faces on features.
     pub fn feature(&self, kind: Kind) -> [u8; 3] {
         let [r, g, b, _] = match (&self.shades, kind) {
-            (None, kind) => return FEATURES[kind as usize],
-            (Some(shades), Kind::Fault) => shades.feature(),
+            (None, kind) => return FEATURES[place(kind)],
+            (Some(shades), Kind::Fault | Kind::Interface) => shades.feature(),
             (Some(shades), Kind::Horizon) => shades.horizon(),
         };
         [r, g, b]
@@ -57,7 +62,7 @@ impl<'a> Marks<'a> {
     /// The colour of features where they meet a plane: dark if it is painted from blue to red.
     pub fn trace(&self, kind: Kind) -> [u8; 3] {
         match self.paint.and_then(Paint::range) {
-            Some(_) => TRACES[kind as usize],
+            Some(_) => TRACES[place(kind)],
             None => self.feature(kind),
         }
     }
@@ -69,7 +74,7 @@ impl<'a> Marks<'a> {
 
     /// There is a feature, in this colour.
     pub fn saw(&mut self, kind: Kind, color: [u8; 3]) {
-        self.kinds[kind as usize] = Some(color);
+        self.kinds[place(kind)] = Some(color);
     }
 
     /// There is a mesh, if it has any faces, on features of these kinds.

@@ -68,7 +68,7 @@ pub(super) fn colors(shapes: &[Shape]) -> Vec<[u8; 3]> {
     let mut used = [0; 3];
     let color = |shape: &Shape| {
         let (family, which): (&[[u8; 3]], usize) = match shape.kind {
-            Some(Kind::Fault) => (&FAULTS, 0),
+            Some(Kind::Fault | Kind::Interface) => (&FAULTS, 0),
             Some(Kind::Horizon) => (&HORIZONS, 1),
             None if shape.triangles.is_empty() => return LINES,
             None => (&KINDS, 2),

@@ -17,7 +17,7 @@ use crate::image::{Geometry, Image};
 use crate::mesh::complex::NONE;
 use crate::mesh::poly::Lists;
 use crate::model::surface::Kind;
-use crate::model::surface::stored::numbered;
+use crate::model::surface::stored::numbered_by_bends;
 use crate::store::stored::bounds;
 use crate::store::{LatticeSpace, Stored, StoredMesh};
 
@@ -56,7 +56,9 @@ impl Body {
     /// # Errors
     /// [`Error::Mesh`](crate::Error::Mesh) if more than two cells share a face.
     pub fn of<M: Stored<3>>(stored: &StoredMesh<3, M>) -> Result<Self> {
-        let surfaces = stored.marks().map(|marks| numbered(stored, &marks));
+        let surfaces = stored
+            .marks()
+            .map(|marks| numbered_by_bends(stored, &marks));
         let surfaces = surfaces.unwrap_or_default();
         Ok(Self {
             faces: Faces::of(stored, &surfaces.facets)?,

@@ -13,6 +13,8 @@ pub enum Kind {
     Fault,
     /// Where layers meet.
     Horizon,
+    /// What parts two labels of an image.
+    Interface,
 }
 
 impl Kind {
@@ -21,11 +23,12 @@ impl Kind {
         match self {
             Self::Fault => "fault",
             Self::Horizon => "horizon",
+            Self::Interface => "interface",
         }
     }
 }
 
-/// The kind of each surface: a horizon if at least half of its area is in `horizons`, facets with
+/// The kind of each surface: an interface if it parts two labels, a horizon if at least half of its area is in `horizons`, facets with
 /// nodes ascending, sorted.
 pub fn kinds<const D: usize>(
     surfaces: &Surfaces<D>,
@@ -33,6 +36,9 @@ pub fn kinds<const D: usize>(
     horizons: &[[u32; D]],
 ) -> Vec<Kind> {
     let kind = |surface: usize| {
+        if surfaces.interfaces.contains(&surface) {
+            return Kind::Interface;
+        }
         let sign = |facet: &[u32; D]| {
             let mut sorted = *facet;
             sorted.sort_unstable();

@@ -29,7 +29,8 @@
 //! - `walls`: horizons end on faults
 //! - `unite`: pieces and votes -> surfaces
 //! - `patch`: crumbs that close holes of a surface are part of it
-//! - `kind`: faults and horizons
+//! - `kind`: faults, horizons, and what parts two labels
+//! - `names`: names of surfaces, and patterns that pick some of them
 //! - `stored`: the surfaces of a mesh that a file holds
 //! - `measure`: area, orientation, extent, rim
 //! - `pairs_of_regions`: what every two regions share
@@ -39,6 +40,7 @@ pub mod adjacency;
 pub(crate) mod facets;
 pub(crate) mod kind;
 pub(crate) mod measure;
+pub mod names;
 pub(crate) mod pairs;
 pub mod pairs_of_regions;
 pub(crate) mod patch;
@@ -93,6 +95,8 @@ pub struct Surfaces<const D: usize> {
     pub start: Vec<usize>,
     /// The names of those that have one in the mesh's file.
     pub names: Vec<String>,
+    /// Which of these part two labels of the image.
+    pub interfaces: std::ops::Range<usize>,
     /// Surfaces that were too small.
     pub dropped: usize,
     /// Their area.
@@ -162,6 +166,7 @@ impl<const D: usize> Surfaces<D> {
             start: start.collect(),
             facets: members.iter().map(|m| m.1).collect(),
             names: Vec::new(),
+            interfaces: 0..0,
             dropped: dropped.len(),
             dropped_area: dropped.iter().map(|&s| areas[s]).sum(),
         }
@@ -197,9 +202,14 @@ impl<const D: usize> Surfaces<D> {
         areas.iter().take_while(|&&area| area >= least).count()
     }
 
-    /// These surfaces behind those that have names.
+    /// These surfaces behind those that have names, of which `interfaces` part two labels.
     #[must_use]
-    pub fn behind(self, names: Vec<String>, named: Vec<Vec<[u32; D]>>) -> Self {
+    pub fn behind(
+        self,
+        names: Vec<String>,
+        named: Vec<Vec<[u32; D]>>,
+        interfaces: std::ops::Range<usize>,
+    ) -> Self {
         let mut start = vec![0];
         let mut facets: Vec<[u32; D]> = Vec::new();
         for own in named {
@@ -213,6 +223,7 @@ impl<const D: usize> Surfaces<D> {
             facets,
             start,
             names,
+            interfaces,
             ..self
         }
     }

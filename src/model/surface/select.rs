@@ -42,8 +42,9 @@ pub fn marked<const D: usize, F: Mesh<D>>(mesh: &F, marks: &[bool]) -> Vec<[u32;
     facets_where(mesh, |face, _| marks[face])
 }
 
-/// A label for each face of a mesh: that of the first of its facets that is in `labelled` (nodes
-/// ascending, sorted), else 0.
+/// A label for each face of a mesh: the one that most of its facets have in `labelled` (nodes ascending,
+/// sorted), of equals the first; 0 unless all of its facets have one. Two faces may share a facet, and each
+/// has its own label nevertheless.
 pub fn labels_of_faces<const D: usize, F: Mesh<D>>(
     mesh: &F,
     labelled: &[([u32; D], u32)],
@@ -53,15 +54,34 @@ pub fn labels_of_faces<const D: usize, F: Mesh<D>>(
         on[n as usize] = true;
     }
     let label = |face: usize| {
-        let mut label = 0;
+        let mut counts: Vec<(u32, usize)> = Vec::new();
+        let mut is_bare = false;
         mesh.facets(face, |mut facet| {
-            if label == 0 && facet.iter().all(|&n| on[n as usize]) {
-                facet.sort_unstable();
-                let place = labelled.binary_search_by(|(known, _)| known.cmp(&facet));
-                label = place.map_or(0, |at| labelled[at].1);
+            facet.sort_unstable();
+            let is_on = facet.iter().all(|&n| on[n as usize]);
+            let place = match is_on {
+                true => labelled
+                    .binary_search_by(|(known, _)| known.cmp(&facet))
+                    .ok(),
+                false => None,
+            };
+            let Some(at) = place else {
+                is_bare = true;
+                return;
+            };
+            let number = labelled[at].1;
+            match counts.iter_mut().find(|count| count.0 == number) {
+                Some(count) => count.1 += 1,
+                None => counts.push((number, 1)),
             }
         });
-        label
+        let mut most = (0, 0);
+        for count in counts {
+            if count.1 > most.1 {
+                most = count;
+            }
+        }
+        if is_bare { 0 } else { most.0 }
     };
     (0..mesh.face_count()).into_par_iter().map(label).collect()
 }

@@ -1,0 +1,227 @@
+//! `atomesh export`: wells that closed faults part, cells that take no part, and decks that stay as they are.
+
+use std::ffi::OsStr;
+use std::path::Path;
+use std::process::Command;
+
+use crate::common::{atomesh, judged, npy, numbers, refused, run, simulator};
+use serde_json::Value;
+
+const DIMS: [usize; 3] = [40, 20, 20];
+const ROCK: &str =
+    "--porosity 0.2 --permeability 100 --permeability-unit mD --down z --depth-at-top 2000";
+
+/// A plane across the whole box at x = 20.3.
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    npy(&folder.path().join("sheet.npy"), DIMS, |[x, ..]| {
+        (-((x as f32 - 20.3) / 1.2).powi(2)).exp()
+    });
+    run(
+        folder.path(),
+        "mesh sheet.npy --feature ridges --cells voronoi --distance 5 --quiet -o cells.vtu",
+    );
+    folder
+}
+
+/// What an export says on standard error.
+fn said(folder: &Path, line: &str) -> String {
+    let words: Vec<&str> = line.split_whitespace().collect();
+    let output = atomesh(folder).args(words).output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(0), "{line}\n{said}");
+    said
+}
+
+#[test]
+fn wells_that_closed_faults_part_and_that_run_through_one_get_a_line_each() {
+    let folder = folder();
+    let folder = folder.path();
+    std::fs::write(
+        folder.join("H.csv"),
+        "x,y,z,radius\n5,10,10,0.1\n35,10,11,0.1\n",
+    )
+    .unwrap();
+    std::fs::write(folder.join("V.csv"), "20.3,10,2,0.1\n20.3,10,18,0.1\n").unwrap();
+    let notes = |wells: &str, faults: &str| -> Vec<String> {
+        let line = format!("export cells.vtu --to opm -o Y.DATA {ROCK} --faults {faults} {wells}");
+        let said = said(folder, &line);
+        let notes = said.lines().filter_map(|line| line.strip_prefix("note: "));
+        let notes = notes.filter(|note| !note.contains("of the well's"));
+        notes.map(str::to_string).collect()
+    };
+    let apart = "--injector 10,10,10:20 --producer 30,10,10:190";
+    let found = notes(apart, "closed");
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert!(
+        found[0].starts_with("injector I1: closed faults part its compartment"),
+        "{found:?}"
+    );
+    assert!(notes(apart, "0.01").is_empty());
+    let with = format!("{apart} --producer 5,5,5:190");
+    let found = notes(&with, "closed");
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert!(
+        found[0].starts_with("producer P2: closed faults part its"),
+        "{found:?}"
+    );
+
+    let found = notes("--producer H.csv:190", "closed");
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert!(
+        found[0].starts_with("well H: runs through the closed fault1 between cells "),
+        "{found:?}"
+    );
+    assert!(notes("--producer H.csv:190", "open").is_empty());
+
+    let on = notes("--producer V.csv:190", "closed");
+    assert!(
+        on.iter()
+            .any(|note| note.starts_with("well V: ") && note.contains("closed fault1")),
+        "{on:?}"
+    );
+    assert!(notes("--producer V.csv:190", "0.5").is_empty());
+}
+
+#[test]
+fn rock_without_pores_or_permeability_is_inactive() {
+    let folder = folder();
+    let folder = folder.path();
+    // Rock in the upper half only.
+    npy(&folder.join("half.npy"), DIMS, |[_, _, z]| {
+        f32::from(u8::from(z >= 10))
+    });
+    std::fs::write(folder.join("phi.csv"), "0,0\n1,0.2\n").unwrap();
+    std::fs::write(folder.join("k.csv"), "0,0\n1,100\n").unwrap();
+    for rock in [
+        "--porosity phi.csv --permeability 100",
+        "--porosity 0.2 --permeability k.csv",
+        "--porosity phi.csv --permeability k.csv",
+    ] {
+        for (to, name) in [
+            ("opm", "A.DATA"),
+            ("grdecl", "B.GRDECL"),
+            ("mrst", "a.mat"),
+            ("darts", "a.conn"),
+        ] {
+            let line = format!(
+                "export cells.vtu --to {to} -o {name} --down z --depth-at-top 900 --permeability-unit mD --region half.npy {rock}"
+            );
+            let notes = said(folder, &line);
+            assert!(
+                notes.contains("cells are inactive: their porosity or permeability is 0"),
+                "{line}\n{notes}"
+            );
+            let report: Value =
+                serde_json::from_str(&run(folder, &format!("{line} --quiet --json"))).unwrap();
+            assert_eq!(
+                report["checks"]["parts"].as_array().unwrap().len(),
+                1,
+                "{line}"
+            );
+        }
+        let deck = std::fs::read_to_string(folder.join("A.DATA")).unwrap();
+        let active = deck
+            .split_once("\nACTNUM\n")
+            .unwrap()
+            .1
+            .split_once('/')
+            .unwrap()
+            .0;
+        let active: Vec<&str> = active.split_whitespace().collect();
+        let dead = active.iter().filter(|n| **n == "0").count();
+        assert!(
+            dead > active.len() / 4 && dead < active.len() * 3 / 4,
+            "{dead}"
+        );
+        let nnc = deck.split_once("\nNNC\n").unwrap().1;
+        for line in nnc.lines().take_while(|line| *line != "/") {
+            let words: Vec<&str> = line.split_whitespace().collect();
+            for at in [0, 3] {
+                assert_eq!(
+                    active[words[at].parse::<usize>().unwrap() - 1],
+                    "1",
+                    "{line}"
+                );
+            }
+        }
+    }
+    let line = "export cells.vtu --to opm -o A.DATA --down z --permeability-unit mD --depth-at-top 900 --porosity 0 --permeability 1";
+    let found = refused(folder, &line.split_whitespace().collect::<Vec<_>>());
+    assert!(found.contains("is zero in every cell"), "{found}");
+    let line = "export cells.vtu --to opm -o A.DATA --down z --permeability-unit mD --depth-at-top 900 --region half.npy --porosity phi.csv --permeability 1 --producer 10,10,3:90";
+    let found = refused(folder, &line.split_whitespace().collect::<Vec<_>>());
+    assert!(found.contains("lies in inactive rock only"), "{found}");
+}
+
+#[test]
+fn a_deck_of_connections_and_a_corner_point_deck_do_not_replace_each_other() {
+    let folder = folder();
+    let folder = folder.path();
+    let read = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap();
+    run(
+        folder,
+        &format!("export cells.vtu --to opm -o A.DATA {ROCK} --quiet"),
+    );
+    let deck = read("A.DATA");
+    let grid = format!("export cells.vtu --to grdecl -o A.GRDECL {ROCK}");
+    let notes = said(folder, &grid);
+    assert!(notes.contains("A.DATA is there already"), "{notes}");
+    assert_eq!(read("A.DATA"), deck);
+    assert!(read("A-grid.DATA").contains("'A.GRDECL'"));
+    // Its own deck is replaced.
+    run(
+        folder,
+        &format!("export cells.vtu --to grdecl -o B.GRDECL {ROCK} --quiet"),
+    );
+    let grid = read("B.DATA");
+    run(
+        folder,
+        &format!("export cells.vtu --to grdecl -o B.GRDECL {ROCK} --quiet --grid 4,3,2"),
+    );
+    assert_ne!(read("B.DATA"), grid);
+    let line = format!("export cells.vtu --to opm -o B.DATA {ROCK}");
+    let found = refused(folder, &line.split_whitespace().collect::<Vec<_>>());
+    assert!(
+        found.contains("B.DATA: is the deck of a corner-point grid"),
+        "{found}"
+    );
+}
+
+#[test]
+#[ignore = "needs OPM Flow, resfo and SciPy: make test-all"]
+fn opm_flow_runs_decks_with_inactive_cells() {
+    let folder = folder();
+    let folder = folder.path();
+    npy(&folder.join("half.npy"), DIMS, |[_, _, z]| {
+        f32::from(u8::from(z >= 10))
+    });
+    std::fs::write(folder.join("phi.csv"), "0,0\n1,0.2\n").unwrap();
+    std::fs::write(folder.join("k.csv"), "0,0\n1,100\n").unwrap();
+    let rock = "--porosity phi.csv --permeability k.csv --permeability-unit mD --region half.npy --down z --depth-at-top 2000 --quiet";
+    let wells = "--injector 10,10,15:5 --producer 30,10,15:150";
+    for (to, name) in [("opm", "A.DATA"), ("grdecl", "B.GRDECL")] {
+        run(
+            folder,
+            &format!("export cells.vtu --to {to} -o {name} {rock} {wells}"),
+        );
+        let case = &name[..1];
+        let mut flow = Command::new("flow");
+        flow.current_dir(folder).args([
+            format!("{case}.DATA"),
+            format!("--output-dir={case}"),
+            "--threads-per-process=1".into(),
+        ]);
+        simulator(&mut flow);
+        let out = folder.join(case);
+        let found = judged(
+            "resfo and SciPy",
+            "compartments.py",
+            &[out.as_os_str(), OsStr::new(case)],
+        );
+        let porv = numbers(&found["porv"]);
+        assert_eq!(porv.len(), 1, "{porv:?}");
+        let half = 0.2 * 39.0 * 19.0 * 9.5;
+        assert!((porv[0] / half - 1.0).abs() < 0.1, "{porv:?} {half}");
+    }
+}

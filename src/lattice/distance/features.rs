@@ -209,6 +209,7 @@ mod tests {
             in_shares: None,
             labels: None,
             confidence: None,
+            doubt: None,
         }
     }
 

@@ -383,7 +383,7 @@ fn strike_dip_and_area_of_rough_planes_on_flat_samples() {
         let along: [f64; 3] = [s.sin(), s.cos(), 0.0];
         let down: [f64; 3] = [d.cos() * s.cos(), -d.cos() * s.sin(), -d.sin()];
         // Four samples to a cell, in a survey of 200 samples down; each node off by up to a quarter of one.
-        let [length, depth] = [4.0 * sides[0].max(sides[1]), 4.0 * sides[2] / d.sin()];
+        let [length, depth] = [4.0 * f64::max(sides[0], sides[1]), 4.0 * sides[2] / d.sin()];
         let mut seed = 5;
         let offsets: Vec<[f64; 3]> = (0..40 * 52)
             .map(|_| std::array::from_fn(|_| 0.5 * (random(&mut seed) - 0.5)))

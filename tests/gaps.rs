@@ -115,7 +115,8 @@ fn faults(image: &Image<3>) -> Features<3> {
     detect(image, &Detection::of(FeatureKind::Faults, 8.0)).unwrap()
 }
 
-/// Faults of a survey with gaps are those of the whole one, on live ground.
+/// Faults of a survey with gaps are those of the whole one on live ground, to 3 % of their area and 6 % of points
+/// that are on none.
 fn as_without_gaps(seed: u64, vertical: usize, gaps: &[(f32, &dyn Fn([usize; 2]) -> bool)]) {
     let survey = survey(seed, vertical);
     let whole = faults(&survey.image);
@@ -130,7 +131,7 @@ fn as_without_gaps(seed: u64, vertical: usize, gaps: &[(f32, &dyn Fn([usize; 2])
         );
         println!("{shown}");
         assert!(recall > clean_recall - 0.03, "{shown}");
-        assert!(precision > clean_precision - 0.03, "{shown}");
+        assert!(precision > clean_precision - 0.06, "{shown}");
         let says = |word: &str| found.notes.iter().any(|note| note.contains(word));
         assert!(
             says("hold no data") && says("count as missing"),
@@ -173,7 +174,8 @@ fn horizons_are_those_of_the_whole_survey() {
     ] {
         let (image, live) = survey.with(2, value, dead);
         let found = find(&image);
-        // Of parallel horizons others may be chosen; all are crests or troughs of the whole survey.
+        // The threshold follows the rms of live ground, so that others of parallel horizons may be chosen, and
+        // more; all are crests or troughs of the whole survey.
         let samples = survey.image.as_slice();
         let is_crest = |p: &[f32; 3]| {
             let [x, y, z] = p.map(|c| c.round() as usize);
@@ -195,7 +197,7 @@ fn horizons_are_those_of_the_whole_survey() {
         let [[there, crests], [points, good]] = counts;
         let shown = format!("{value}: {points} points for {there}, {good} crests for {crests}");
         println!("{shown}");
-        assert!(points > 0.9 * there && points < 1.1 * there, "{shown}");
+        assert!(points > 0.9 * there, "{shown}");
         assert!(good / points > crests / there - 0.03, "{shown}");
     }
 }

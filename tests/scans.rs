@@ -140,6 +140,9 @@ fn hounsfield_numbers_are_no_amplitudes() {
         (tissue + 160.0 * (noise(at) - 0.5)).round() as f32
     });
     let said = run(folder, "feature ct.npy -o b.vti --distance 4");
+    assert!(!said.contains("features: horizons"), "{said}");
+    run(folder, "convert ct.npy ct.nii.gz --quiet");
+    let said = run(folder, "feature ct.nii.gz -o b.vti --distance 4");
     assert!(said.contains("features: edges"), "{said}");
     // Amplitudes of layers are, where the format does not tell.
     npy(&folder.join("layers.npy"), [40, 40, 40], |at| {

@@ -190,12 +190,14 @@ fn spacing_of_imagej_ome_tiff_and_ome_zarr_is_taken() {
             assert!(said.contains(part), "no {part}: {said}");
         }
     }
+    // A resolution of 1 is ImageJ's own default, and this writer's.
+    let said = write(&imagej("unit=micron\n"), None);
+    assert!(
+        said.contains("(1.0000, 0.0000, 0.0000)") && said.contains("um, um, um"),
+        "{said}"
+    );
     // Without a unit of length there is no spacing, and a note.
-    for (unit, per_unit) in [
-        ("", Some([72, 1])),
-        ("unit=pixel\n", Some([1, 1])),
-        ("unit=micron\n", None),
-    ] {
+    for (unit, per_unit) in [("", Some([72, 1])), ("unit=pixel\n", Some([1, 1]))] {
         let said = write(&imagej(unit), per_unit);
         assert!(said.contains("no geometry"), "{unit}: {said}");
     }

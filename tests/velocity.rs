@@ -76,7 +76,7 @@ fn a_file_of_velocities_makes_true_depth() {
     run(at, &format!("{mesh} -o time.vtu"));
     let said = json(&run(
         at,
-        &format!("{mesh} -o depth.vtu --velocity v.vti --json"),
+        &format!("{mesh} --metric shape -o depth.vtu --velocity v.vti --json"),
     ));
     let note = said["notes"].to_string();
     assert!(note.contains("by v.vti to depth: 0.0 to 4"), "{note}");
@@ -137,9 +137,12 @@ fn a_file_of_velocities_makes_true_depth() {
 
     // The depth image itself is what was meshed; and a mesh may be made again from its configuration.
     run(at, "convert s.sgy depth.vti --velocity v.vti --quiet");
-    let again = "mesh depth.vti --distance 6 --feature ridges --quiet -o";
+    let again = "mesh depth.vti --distance 6 --feature ridges --metric shape --quiet -o";
     run(at, &format!("{again} again.vtu"));
-    let config = run(at, &format!("{mesh} --velocity v.vti --print-config"));
+    let config = run(
+        at,
+        &format!("{mesh} --metric shape --velocity v.vti --print-config"),
+    );
     assert!(config.contains("velocity = \"v.vti\""), "{config}");
     std::fs::write(at.join("job.toml"), config).unwrap();
     run(at, "mesh s.sgy --config job.toml --quiet -o config.vtu");
@@ -217,7 +220,7 @@ fn one_trace_of_velocities_makes_metres_of_a_flow() {
     npy(&at.join("d.npy"), [100, 40, 24], |[t, _, _]| {
         8.0 + t as f32 / 25.0
     });
-    let mesh = "mesh s.sgy --distance 8:12 --distance-from d.npy --feature ridges --quiet -o";
+    let mesh = "mesh s.sgy --distance 8:12 --distance-from d.npy --feature ridges --metric shape --quiet -o";
     run(at, &format!("{mesh} a.vtu --velocity 2000"));
     run(at, &format!("{mesh} b.vtu --velocity same.vti"));
     let [a, b] = ["a.vtu", "b.vtu"].map(|name| read_vtu(&at.join(name)).unwrap());

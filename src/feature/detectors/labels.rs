@@ -347,10 +347,10 @@ mod tests {
             let fit = fit(dims, &sides, &features.points);
             assert!(fit.coverage > 0.99 && fit.precision > 0.999, "{fit:?}");
             assert!(fit.rms < 0.15, "{fit:?}");
-            // Atoms may stand as far apart as the layer is thick.
+            // Atoms stand 0.7 of the layer's thickness apart.
             let spacing = features.spacing.unwrap();
             let mean = spacing.iter().map(|&d| f64::from(d)).sum::<f64>() / spacing.len() as f64;
-            assert!((2.8..3.2).contains(&mean), "{mean}");
+            assert!((1.9..2.3).contains(&mean), "{mean}");
         }
     }
 }

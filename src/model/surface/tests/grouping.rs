@@ -227,8 +227,8 @@ fn in_two_dimensions_lines_cross_too() {
     }
     let mut dips: Vec<f64> = found.iter().map(|m| m.dip.unwrap()).collect();
     dips.sort_by(f64::total_cmp);
-    // The arms rise by 0.048 on the mean.
-    let tilt = 0.048f64.atan().to_degrees();
+    // The line that fits arms of 0.004 r^2 best rises by 0.004 (3/4) 12.
+    let tilt = 0.036f64.atan().to_degrees();
     assert!(
         (dips[0] - 10.0 - tilt).abs() < 0.1 && (dips[1] - 55.0 - tilt).abs() < 0.1,
         "{dips:?}"

@@ -167,7 +167,8 @@ fn exodus_meshes_of_polyhedra_come_back() {
         )
     };
     let (ours, theirs) = (area("cells.vtu"), area("a.exo"));
-    assert!(near(ours.0, theirs.0, 1e-9), "{ours:?} {theirs:?}");
+    // The triangles of a face of many corners begin elsewhere.
+    assert!(near(ours.0, theirs.0, 1e-8), "{ours:?} {theirs:?}");
     assert_eq!((ours.1, theirs.1), (Value::Null, "fault1".into()));
     run(folder, "export a.exo --to exodus -o b.exo --quiet");
     let [a, b] = ["a.exo", "b.exo"]

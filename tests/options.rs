@@ -50,7 +50,7 @@ const CHOICES: &[Choice] = &[
     any("--feature edges"),
     of("labels.mha", "", "--feature labels"),
     any("--sigma 2.5"),
-    any("--threshold 0.9"),
+    any("--threshold 0.08"),
     of("labels.mha", "", "--threshold 0.9"),
     of("labels.mha", "", "--label 1:distance=6,name=disc"),
     of("labels.mha", "", "--label 2:into=1"),

@@ -750,6 +750,8 @@ mod real_data {
             "100x100x100:u8",
             "-o",
             "mesh.vtu",
+            "--feature",
+            "mask",
             "--distance",
             "5",
             "--quiet",

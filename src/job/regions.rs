@@ -135,11 +135,11 @@ pub(super) fn report<const D: usize>(
         let size = part.samples as f64 * sample;
         let keeping = finer(keeping::<D>(size, surface[number]), given(n));
         if part.samples >= LARGE {
-            let least = |a: Option<f64>, b: Option<f64>| match (a, b) {
+            let distance = &mut all[n].distance;
+            *distance = match (*distance, keeping) {
                 (Some(a), Some(b)) => Some(a.min(b)),
                 (a, b) => a.or(b),
             };
-            all[n].distance = least(all[n].distance, keeping);
         }
         let losses = match () {
             () if *inside < HELD * size => &mut lost,

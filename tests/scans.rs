@@ -57,11 +57,11 @@ fn an_object_in_a_mask_is_a_region_and_paint_on_faults_only_in_a_survey() {
         let (report, found) = regions(folder, "tube.npy");
         assert_eq!(found.len(), 2, "{report}");
         let verdict = &report["verdict"];
-        let [poor, option, change] =
-            ["poor", "option", "change"].map(|key| verdict[key].as_str().unwrap_or_default());
-        assert!(poor.contains("doubtful"), "{verdict}");
+        let [issue, option, suggestion] =
+            ["issue", "option", "suggestion"].map(|key| verdict[key].as_str().unwrap_or_default());
+        assert!(issue.contains("doubtful"), "{verdict}");
         assert_eq!(option, "--feature mask");
-        assert!(change.contains("--feature labels"), "{verdict}");
+        assert!(suggestion.contains("--feature labels"), "{verdict}");
         // Asked for labels there is no doubt.
         let (report, found) = regions(folder, "tube.npy --feature labels");
         assert_eq!(found.len(), 2);

@@ -2,6 +2,7 @@
 
 use super::FeatureKind;
 use super::LabelWish;
+use super::MissingData;
 use super::crossing::Voxel;
 use super::detectors::Detector;
 use super::detectors::paths::PathSeeds;
@@ -97,6 +98,8 @@ pub(super) struct Checked<'a, const D: usize> {
     pub image: Cow<'a, Image<D>>,
     /// Which samples hold data, unless all do.
     pub live: Option<LiveMask<D>>,
+    /// The share of the samples that hold no data.
+    pub missing: Option<MissingData>,
     /// What was found to hold no data, and what becomes of it.
     pub notes: Vec<String>,
 }
@@ -120,6 +123,7 @@ pub(super) fn checked<'a, const D: usize>(
         return Ok(Checked {
             image,
             live: None,
+            missing: None,
             notes: Vec::new(),
         });
     }
@@ -131,6 +135,7 @@ pub(super) fn checked<'a, const D: usize>(
         return Ok(Checked {
             image,
             live: None,
+            missing: None,
             notes,
         });
     };
@@ -139,15 +144,21 @@ pub(super) fn checked<'a, const D: usize>(
     if let Some(samples) = image.samples.as_slice_mut() {
         live.fill(dims, samples, true);
     }
-    let [dead, bridged] = live.shares().map(|share| 100.0 * share);
+    let [without_features, bridged] = live.shares();
     notes.push(format!(
-        "{:.2} % of the samples hold no data: small gaps are bridged ({bridged:.2} %), in the rest \
-         ({dead:.2} %) no features are sought",
-        dead + bridged
+        "{:.2} % of the samples hold no data: small gaps are bridged ({:.2} %), in the rest \
+         ({:.2} %) no features are sought",
+        100.0 * (without_features + bridged),
+        100.0 * bridged,
+        100.0 * without_features
     ));
     Ok(Checked {
         image: Cow::Owned(image),
         live: Some(live),
+        missing: Some(MissingData {
+            bridged,
+            without_features,
+        }),
         notes,
     })
 }

@@ -7,6 +7,7 @@
 //! What is asked and what comes of it:
 //! - `kind`: kinds of features and their names
 //! - `detection`: how features are asked for, and what is refused
+//! - `outcome`: what was found of each kind, and how credible it is
 //! - `settled`: the scales and thresholds of a whole image, for a part of it
 //!
 //! Finding, one file a kind:
@@ -55,6 +56,7 @@ mod kind;
 pub(crate) mod labelled;
 pub(crate) mod lifted;
 mod lines;
+mod outcome;
 pub(crate) mod potential;
 pub(crate) mod quadric;
 pub(crate) mod repair;
@@ -95,6 +97,7 @@ pub use doubt::Doubt;
 pub use kind::FeatureKind;
 pub use labelled::{LabelWish, Labelled};
 pub use lines::{FeatureLine, LineKind, SHORTEST, lines};
+pub use outcome::{KindOutcome, LEAST_DIP, MissingData};
 pub use settled::Settled;
 pub(crate) use share::NearPoints;
 pub use share::OfAll;
@@ -128,8 +131,10 @@ pub struct Features<const D: usize> {
     pub in_shares: Option<OfAll>,
     /// Width of the widest valleys in lattice units: a quarter of the distance between atoms.
     pub sigma: f64,
-    /// Points that were found and are not among them, by the reason.
-    pub left_out: LeftOut,
+    /// What was found of each kind of feature.
+    pub outcomes: Vec<KindOutcome>,
+    /// The samples that hold no data, if there are any.
+    pub missing: Option<MissingData>,
     /// One or more plain lines: what was picked and why, threshold, counts.
     pub notes: Vec<String>,
     /// The scales and thresholds that were settled on, one for each kind of feature followed.
@@ -153,7 +158,8 @@ impl<const D: usize> Features<D> {
             spacing: asked.gaps().map(|_| Vec::new()),
             in_shares: None,
             sigma: asked.d_max() / 4.0,
-            left_out: LeftOut::default(),
+            outcomes: Vec::new(),
+            missing: None,
             notes: Vec::new(),
             settled: Vec::new(),
             labels: None,
@@ -247,6 +253,7 @@ fn detect_held<const D: usize>(
     let source = (Source::Held(image), checked.live.as_ref());
     let mut features = follow_parts(source, parts, why, asked, patience)?;
     features.notes.extend(checked.notes);
+    features.missing = checked.missing;
     Ok(features)
 }
 
@@ -439,6 +446,19 @@ fn follow<const D: usize>(
     };
     scene.patience.lasts(Stage::Features)?;
     let is_horizon = kind == FeatureKind::Horizons;
+    let outcome = KindOutcome {
+        kind,
+        points: sheets.whole,
+        left_out: sheets.left_out,
+        signal_to_noise: found.signal_to_noise,
+        gently_dipping: match kind {
+            FeatureKind::Faults => {
+                let geometry = scene.source.geometry();
+                outcome::gently_dipping(&sheets.points, geometry, asked.step, among)?
+            }
+            _ => None,
+        },
+    };
     Ok(Features {
         on_horizon: vec![is_horizon; sheets.points.len()],
         in_shares: in_shares.then_some(OfAll {
@@ -450,7 +470,8 @@ fn follow<const D: usize>(
         spacing,
         potential,
         sigma,
-        left_out: sheets.left_out,
+        outcomes: vec![outcome],
+        missing: None,
         notes,
         settled: vec![Settled {
             kind,

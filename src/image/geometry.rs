@@ -49,6 +49,12 @@ impl<const D: usize> Geometry<D> {
         std::array::from_fn(|k| self.axes[k].iter().map(|a| a * a).sum::<f64>().sqrt())
     }
 
+    /// Returns whether all physical coordinates are in the same unit of length, or in none, so that angles mean
+    /// something.
+    pub fn has_angles(&self) -> bool {
+        self.time_axis().is_none() && self.units.iter().all(|unit| *unit == self.units[0])
+    }
+
     /// Physical coordinates of a (fractional) sample index.
     pub fn to_physical(&self, index: [f64; D]) -> [f64; D] {
         let mut p = self.origin;

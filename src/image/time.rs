@@ -5,7 +5,7 @@ use crate::error::cause;
 use crate::{Error, Result};
 
 /// Seconds in a unit of time; `None` for what is no unit of time.
-pub(super) fn seconds(unit: &str) -> Option<f64> {
+pub(crate) fn seconds(unit: &str) -> Option<f64> {
     match unit {
         "s" => Some(1.0),
         "ms" => Some(1e-3),

@@ -27,7 +27,7 @@ pub(super) fn of_simplices<const D: usize, M: Simplices<D>>(
     min_angle: Option<f64>,
     patience: &Patience<'_>,
 ) -> Vec<u32> {
-    let regions = regions::labels(&made.mesh, neighbors, labelled);
+    let mut regions = regions::labels(&made.mesh, neighbors, labelled);
     if let Some(min_angle) = min_angle {
         let fitting = Fitting {
             labelled,
@@ -38,6 +38,7 @@ pub(super) fn of_simplices<const D: usize, M: Simplices<D>>(
             min_angle,
         };
         regions::fit(&mut made.mesh, &fitting, patience);
+        regions = regions::without_spikes(&made.mesh, &fitting);
         made.feature_faces = regions::marks::<D>(&regions, neighbors);
     }
     let of_label = labelled.regions();

@@ -291,7 +291,8 @@ where
         lattice.optimisation = Some(optimisation(optimised, lattice.atoms));
     }
     refuse_invalid(&report)?;
-    report.left_out = Some(features.left_out);
+    report.outcomes.clone_from(&features.outcomes);
+    report.missing = features.missing;
     report.notes.extend(
         marked
             .iter()

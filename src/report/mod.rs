@@ -52,7 +52,7 @@ pub(crate) use regions::DAMAGED;
 pub use regions::{Lost, Region, Regions};
 pub use verdict::{Grade, Verdict};
 
-use crate::feature::{Doubt, LeftOut};
+use crate::feature::{Doubt, KindOutcome, MissingData};
 use crate::improve;
 use crate::mesh::check::Check;
 use serde::Serialize;
@@ -76,13 +76,21 @@ pub struct Report {
     pub trace: Vec<TracedLattice>,
     /// Shapes in lattice space, in which cells are meant to be well shaped.
     pub quality: Option<Quality>,
-    /// Shapes in physical space, where it differs.
+    /// Shapes in physical space, where it differs and all its axes are lengths.
     pub quality_physical: Option<Quality>,
+    /// Whether users work in physical space, as with scans, so that shapes there decide. In a survey cells are as
+    /// flat as the layers.
+    #[serde(skip)]
+    pub used_in_physical_space: bool,
     /// What the image leaves open, where the kind of feature was chosen by it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub doubt: Option<Doubt>,
-    /// Feature points that were found and left out, by the reason.
-    pub left_out: Option<LeftOut>,
+    /// What was found of each kind of feature, and what of it the mesh follows.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub outcomes: Vec<KindOutcome>,
+    /// The samples that hold no data, if there are any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub missing: Option<MissingData>,
     /// Fidelity to the features.
     pub fidelity: Option<Fidelity>,
     /// Whether the mesh is valid and fills its box.
@@ -114,7 +122,9 @@ impl Default for Report {
             quality: None,
             quality_physical: None,
             doubt: None,
-            left_out: None,
+            outcomes: Vec::new(),
+            missing: None,
+            used_in_physical_space: false,
             fidelity: None,
             filling: None,
             voronoi: None,

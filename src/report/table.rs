@@ -4,6 +4,8 @@ use super::quality::{Points, Quality};
 use super::{Angles, Fidelity, Match, Report, TracedLattice, Verdict, Voronoi};
 use crate::improve::Sealed;
 
+/// Characters beside the heading of a line of prose.
+const WIDTH: usize = 88;
 /// How many groups of blocked tetrahedra are shown.
 const GROUPS: usize = 4;
 /// How many lattices of a trace are shown, about evenly chosen from the first to the last.
@@ -17,7 +19,9 @@ impl Report {
         let mut line = |name: &str, text: String| lines.push(format!("{name:<12}{text}"));
         if let Some(verdict) = Verdict::of(self) {
             for (name, text) in verdict.lines() {
-                line(name, text);
+                for (number, text) in wrapped(&text).into_iter().enumerate() {
+                    line(if number == 0 { name } else { "" }, text);
+                }
             }
         }
         if let Some(input) = &self.input {
@@ -28,7 +32,7 @@ impl Report {
         }
         if let Some(quality) = &self.quality {
             let (nodes, cells) = (grouped(quality.nodes), grouped(quality.cells));
-            line("mesh", format!("{nodes} nodes, {cells} {}", quality.kind));
+            line("size", format!("{nodes} nodes, {cells} {}", quality.kind));
         }
         if let Some(filling) = &self.filling {
             let state = if filling.passed() {
@@ -92,7 +96,8 @@ impl Report {
                 shapes(&mut line, name, quality);
             }
         }
-        if let Some(out) = &self.left_out {
+        for outcome in &self.outcomes {
+            let out = outcome.left_out;
             let parts = [
                 (out.near_another_sheet, "too near another sheet"),
                 (out.in_small_pieces, "in small pieces"),
@@ -100,7 +105,8 @@ impl Report {
                 (out.weak, "weak"),
             ];
             let said = parts.map(|(count, why)| format!("{} {why}", grouped(count)));
-            line("left out", format!("feature points: {}", said.join(", ")));
+            let kind = outcome.kind;
+            line("left out", format!("points of {kind}: {}", said.join(", ")));
         }
         if let Some(fidelity) = &self.fidelity {
             matches(&mut line, fidelity);
@@ -225,7 +231,7 @@ fn traced(line: &mut impl FnMut(&str, String), trace: &[TracedLattice]) {
 fn cells(line: &mut impl FnMut(&str, String), voronoi: &Voronoi) {
     let check = &voronoi.check;
     let [faces, count] = [check.of_cells.as_ref().map_or(0, |c| c.faces), check.cells].map(grouped);
-    line("mesh", format!("{count} {}, {faces} faces", voronoi.kind));
+    line("size", format!("{count} {}, {faces} faces", voronoi.kind));
     let state = if check.passed() {
         "valid, fills its box".into()
     } else {
@@ -416,6 +422,22 @@ fn samples(value: f64) -> String {
     } else {
         "-".into()
     }
+}
+
+/// Returns the text in lines of at most [`WIDTH`] characters, broken between words.
+fn wrapped(text: &str) -> Vec<String> {
+    let mut lines = vec![String::new()];
+    for word in text.split(' ') {
+        match lines.last_mut() {
+            Some(line) if line.is_empty() => line.push_str(word),
+            Some(line) if line.chars().count() + 1 + word.chars().count() <= WIDTH => {
+                *line += " ";
+                line.push_str(word);
+            }
+            _ => lines.push(word.to_string()),
+        }
+    }
+    lines
 }
 
 /// 1234567 as 1,234,567.

@@ -1,14 +1,26 @@
-//! A report in three lines: is the mesh good, what of it is poor, which option to change.
+//! A report in three lines: is the mesh sound, does it have the features, what is it good for.
 
 use serde::Serialize;
 
 use super::regions;
 use super::table::grouped;
 use super::{Fidelity, Quality, Report, Voronoi};
-use crate::feature::FeatureKind;
+use crate::feature::{FeatureKind, KindOutcome, LEAST_DIP};
 
-/// Smaller shares of the features covered by faces, or of faces that are on features, are poor.
+/// Smaller shares of the features covered by faces, or of faces that are on features, are an issue.
 const SHARE: f64 = 0.9;
+
+/// A larger share of the features of one kind that the mesh does not follow is an issue.
+const DROPPED: f64 = 0.1;
+
+/// Features of which the typical strength is a smaller multiple of that of noise may be noise.
+const CREDIBLE: f32 = 2.5;
+
+/// A larger share of faults that dip as layers do is an issue.
+const GENTLE: f64 = 0.25;
+
+/// Angles are as they shall be from this, in degrees, up to what is as far from 180; unless less was asked for.
+const LEAST_ANGLE: f64 = 20.0;
 
 /// A share of faces narrower than the least of [`TINY`](super::cells::TINY) that is worth a word.
 const TINY_FACES: f64 = 0.01;
@@ -19,16 +31,19 @@ const CRUMB: usize = 8;
 /// Regions of at least so many samples ...
 const MEASURED: usize = 50;
 
-/// ... are poor if their volumes are off by more than this, in percent.
+/// ... are an issue if their volumes are off by more than this, in percent.
 const OFF_PERCENT: f64 = 2.0;
+
+/// Distances of atoms that are smaller than this, in samples, show nothing more of an image.
+const LEAST_DISTANCE: f64 = 1.0;
 
 /// How good a mesh is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Grade {
-    /// Valid, well shaped, and it follows the features.
+    /// Valid, well shaped, and it has the features.
     Good,
-    /// Valid, but something is poor.
+    /// Valid, but there is an issue.
     Fair,
     /// Of no use to a simulator.
     Bad,
@@ -39,21 +54,25 @@ pub enum Grade {
 pub struct Verdict {
     /// How good the mesh is.
     pub grade: Grade,
-    /// The same in words.
-    pub good: String,
-    /// What is poor, the worst only.
-    pub poor: String,
+    /// Whether it is valid, and its angles.
+    pub mesh: String,
+    /// How complete and how credible its features are, and what became of regions.
+    pub features: String,
+    /// What it is fit for.
+    pub fit_for: String,
+    /// The worst issue.
+    pub issue: Option<String>,
     /// What would help, in words.
-    pub change: String,
+    pub suggestion: Option<String>,
     /// The option to type for that, if there is one.
     pub option: Option<String>,
 }
 
-/// Something poor, and what helps.
-struct Fault {
-    poor: String,
+/// Something that is not as it should be, and what helps.
+struct Issue {
+    issue: String,
     option: Option<String>,
-    change: &'static str,
+    suggestion: &'static str,
 }
 
 impl Verdict {
@@ -61,66 +80,94 @@ impl Verdict {
     pub fn of(report: &Report) -> Option<Self> {
         let check = report.filling.as_ref();
         let check = check.or(report.voronoi.as_ref().map(|v| &v.check))?;
-        let fault = match check.problems.first() {
-            Some(problem) => Some(Fault {
-                poor: problem.clone(),
+        let issue = match check.problems.first() {
+            Some(problem) => Some(Issue {
+                issue: problem.clone(),
                 option: report.asked().map(|asked| {
                     let seed = asked["rng-seed"].as_u64().unwrap_or(1);
                     format!("--rng-seed {}", seed + 1)
                 }),
-                change: "make the mesh again; other random numbers may avoid it",
+                suggestion: "makes the mesh again; other random numbers may avoid it",
             }),
-            None => report.fault(),
+            None => report.issue(),
         };
-        let grade = match &fault {
+        let grade = match &issue {
             _ if !check.passed() => Grade::Bad,
             Some(_) => Grade::Fair,
             None => Grade::Good,
         };
-        let (word, valid) = match grade {
-            Grade::Good => ("yes", "valid"),
-            Grade::Fair => ("fair", "valid"),
-            Grade::Bad => ("no", "INVALID"),
+        let simulation = match report.voronoi {
+            Some(_) => "flow simulation with finite volumes",
+            None => "simulation with finite elements or finite volumes",
         };
-        let mut good = vec![valid.to_string()];
-        good.extend(report.quality.as_ref().map(|quality| {
-            let [least, most] = [quality.smallest_angle.worst, quality.largest_angle.worst];
-            format!("angles {least:.0} to {most:.0} degrees")
-        }));
-        good.extend(report.matched().map(|(cover, _)| {
-            let percent = (100.0 * cover).floor();
-            format!("{percent:.0} % of the features have faces on them")
-        }));
-        good.extend(report.of_regions());
-        let (poor, change, option) = match fault {
-            Some(fault) => (fault.poor, fault.change.to_string(), fault.option),
-            None => (
-                "nothing".into(),
-                "nothing; a smaller --distance shows more detail, a larger one makes fewer cells"
-                    .into(),
-                None,
+        let fit_for = match grade {
+            Grade::Good => simulation,
+            Grade::Fair => "viewing, and for simulation if that does not matter",
+            Grade::Bad => "nothing but finding out why",
+        };
+        let mut mesh = vec![String::from(if check.passed() {
+            "valid"
+        } else {
+            "INVALID"
+        })];
+        mesh.extend(report.angles());
+        let issue = issue.map(|issue| Issue {
+            option: issue.option.filter(|option| report.differs(option)),
+            ..issue
+        });
+        let (issue, suggestion, option) = match issue {
+            Some(issue) => (
+                Some(issue.issue),
+                Some(issue.suggestion.to_string()),
+                issue.option,
             ),
+            None => (None, None, None),
         };
         Some(Self {
             grade,
-            good: format!("{word}: {}", good.join(", ")),
-            poor,
-            change,
+            mesh: mesh.join("; "),
+            features: report.of_features().join("; "),
+            fit_for: fit_for.into(),
+            issue,
+            suggestion,
             option,
         })
     }
 
     /// Its three lines, each with its heading.
     pub(super) fn lines(&self) -> [(&'static str, String); 3] {
-        let change = match &self.option {
-            Some(option) => format!("{option}: {}", self.change),
-            None => self.change.clone(),
+        let word = match self.grade {
+            Grade::Good => "good",
+            Grade::Fair => "fair",
+            Grade::Bad => "bad",
+        };
+        let mut used = format!("{word}: fit for {}", self.fit_for);
+        if let Some(issue) = &self.issue {
+            used = format!("{word}: {issue}; fit for {}", self.fit_for);
+        }
+        used += &match (&self.option, &self.suggestion) {
+            (Some(option), Some(why)) => format!(". Try {option}: {why}"),
+            (None, Some(why)) => format!(". What helps: {why}"),
+            _ => String::new(),
         };
         [
-            ("good?", self.good.clone()),
-            ("poor", self.poor.clone()),
-            ("change", change),
+            ("mesh", self.mesh.clone()),
+            ("features", self.features.clone()),
+            ("use", used),
         ]
+    }
+}
+
+/// Returns the least and the largest angle that shapes have.
+fn range(quality: &Quality) -> [f64; 2] {
+    [quality.smallest_angle.worst, quality.largest_angle.worst]
+}
+
+/// Returns a share as percent, no better than it is.
+fn percent(share: f64) -> String {
+    match 100.0 * share {
+        p if p < 1.0 => format!("{p:.2}"),
+        p => format!("{p:.0}"),
     }
 }
 
@@ -136,8 +183,8 @@ impl Report {
         json.into()
     }
 
-    /// What is poor in a valid mesh, the worst first.
-    fn fault(&self) -> Option<Fault> {
+    /// What is wrong with a valid mesh, the worst first.
+    fn issue(&self) -> Option<Issue> {
         self.followed_nothing()
             .or_else(|| self.quality.as_ref().and_then(|q| self.shapes(q)))
             .or_else(|| self.voronoi.as_ref().and_then(|v| self.flow(v)))
@@ -145,34 +192,136 @@ impl Report {
             .or_else(|| self.lost())
             .or_else(|| self.damaged())
             .or_else(|| self.volumes())
+            .or_else(|| self.not_credible())
+            .or_else(|| self.dropped())
             .or_else(|| self.doubtful())
+            .or_else(|| self.physical_shapes())
+    }
+
+    /// Returns the range of the angles, in each space in which they mean something.
+    fn angles(&self) -> Option<String> {
+        let [least, most] = range(self.quality.as_ref()?);
+        let text = format!("angles {least:.0} to {most:.0} degrees");
+        Some(match &self.quality_physical {
+            Some(quality) => {
+                let [least, most] = range(quality);
+                format!("{text} in lattice space, {least:.0} to {most:.0} in physical space")
+            }
+            None => text,
+        })
+    }
+
+    /// Returns what to say of features, the most important first.
+    fn of_features(&self) -> Vec<String> {
+        let mut said: Vec<String> = self
+            .matched()
+            .map(|(cover, _)| {
+                let percent = (100.0 * cover).floor();
+                format!("{percent:.0} % of those that the mesh follows have faces on them")
+            })
+            .into_iter()
+            .collect();
+        for outcome in &self.outcomes {
+            let KindOutcome {
+                kind,
+                points,
+                left_out,
+                ..
+            } = outcome;
+            if outcome.dropped() >= 0.005 {
+                let reasons = [
+                    (left_out.near_another_sheet, "too near stronger ones"),
+                    (left_out.in_small_pieces, "in small pieces"),
+                    (left_out.in_narrow_parts, "in narrow strips"),
+                ];
+                let main = reasons.iter().max_by_key(|reason| reason.0);
+                let why = main.map_or("", |reason| reason.1);
+                let share = percent(outcome.dropped());
+                said.push(format!(
+                    "{share} % of the {kind} found are dropped, most {why}"
+                ));
+            }
+            let weak = left_out.weak as f64 / (left_out.weak + points).max(1) as f64;
+            if weak > DROPPED {
+                said.push(format!(
+                    "{} % of the signs of {kind} are too weak",
+                    percent(weak)
+                ));
+            }
+            if let Some(ratio) = outcome.signal_to_noise {
+                said.push(format!("{kind} are {ratio:.1} times as strong as noise"));
+            }
+            if let Some(gentle) = outcome.gently_dipping.filter(|share| *share > DROPPED) {
+                said.push(format!(
+                    "{} % of the {kind} dip below {LEAST_DIP:.0} degrees",
+                    percent(gentle)
+                ));
+            }
+        }
+        if let Some(missing) = &self.missing {
+            let all = percent(missing.bridged + missing.without_features);
+            let gaps = match missing.without_features {
+                0.0 => "in gaps so small that they are bridged".to_string(),
+                share => format!("{} % lie in gaps too large for features", percent(share)),
+            };
+            said.push(format!("{all} % of the samples hold no data, {gaps}"));
+        }
+        said.extend(self.of_regions());
+        said.extend((self.doubt.as_ref()).map(|doubt| format!("doubtful: {}", doubt.question)));
+        if said.is_empty() {
+            let nothing = self.asked().is_some() && !self.stopped();
+            said.push(String::from(match nothing {
+                true => "none was found",
+                false => "not compared with an image",
+            }));
+        }
+        said
     }
 
     /// A mesh of an image in which no feature was found.
-    fn followed_nothing(&self) -> Option<Fault> {
+    fn followed_nothing(&self) -> Option<Issue> {
         let asked = self.asked()?;
         // Without a mesh's measures, nothing is known.
         if self.fidelity.is_some() || self.stopped() {
             return None;
         }
-        let kind = match asked["feature"].as_str() {
-            Some("edges") => "ridges",
-            _ => "edges",
+        let issue = "no feature was found, so the mesh follows none".to_string();
+        if let Some(threshold) = asked["threshold"].as_f64() {
+            return Some(Issue {
+                issue,
+                option: Some(format!("--threshold {}", 0.5 * threshold)),
+                suggestion: "weaker features count, too",
+            });
+        }
+        let was_sought = |kind: &FeatureKind| {
+            asked["feature"] == kind.to_string() || self.outcomes.iter().any(|o| o.kind == *kind)
         };
-        Some(Fault {
-            poor: "no feature was found, so the mesh follows none".into(),
-            option: Some(format!("--feature {kind}")),
-            change: "another kind of feature; or a lower --threshold",
+        let kinds = [FeatureKind::Edges, FeatureKind::Ridges];
+        let other = kinds.into_iter().find(|kind| !was_sought(kind));
+        Some(Issue {
+            issue,
+            option: other.map(|kind| format!("--feature {kind}")),
+            suggestion: "another kind of feature; or a --threshold below the one in the notes",
         })
     }
 
+    /// Returns the least angle that is as it should be.
+    fn least_angle(&self) -> f64 {
+        let asked = self
+            .asked()
+            .and_then(|asked| asked["min-dihedral"].as_f64());
+        asked.map_or(LEAST_ANGLE, |asked| asked.min(LEAST_ANGLE))
+    }
+
     /// Angles that no simulator likes.
-    fn shapes(&self, quality: &Quality) -> Option<Fault> {
+    fn shapes(&self, quality: &Quality) -> Option<Issue> {
         let worst = quality.below_20.max(quality.above_160);
-        if worst == 0 {
+        let least = self.least_angle();
+        let [smallest, largest] = range(quality);
+        if worst == 0 || (smallest >= least && largest <= 180.0 - least) {
             return None;
         }
-        let poor = format!(
+        let issue = format!(
             "{} of {} {} have angles below 20 or above 160 degrees",
             grouped(worst),
             grouped(quality.cells),
@@ -180,74 +329,134 @@ impl Report {
         );
         let left = |asked: &serde_json::Value| asked["slivers"] == "none";
         if self.asked().is_some_and(left) {
-            return Some(Fault {
-                poor,
+            return Some(Issue {
+                issue,
                 option: Some("--slivers joe".into()),
-                change: "removes slivers",
+                suggestion: "removes slivers",
             });
         }
         let explained = |a: &super::Angles| a.near_acute_line > a.unexplained;
         Some(match quality.angles.as_ref().is_some_and(explained) {
-            true => Fault {
-                poor: format!("{poor}, most where features meet at a small angle"),
+            true => Issue {
+                issue: format!("{issue}, most where features meet at a small angle"),
                 option: self.finer(),
-                change: "cells there become smaller, and fewer of them poor",
+                suggestion: "cells there become smaller, and fewer of them poor",
             },
-            false => Fault {
-                poor,
+            false => Issue {
+                issue,
                 option: self.finer(),
-                change: "atoms nearer together have more room between features",
+                suggestion: "atoms nearer together have more room between features",
             },
+        })
+    }
+
+    /// Angles in physical space, where users work in it.
+    fn physical_shapes(&self) -> Option<Issue> {
+        let quality = self.quality_physical.as_ref()?;
+        let least = self.least_angle();
+        let [smallest, largest] = range(quality);
+        let is_within = smallest >= least && largest <= 180.0 - least;
+        (self.used_in_physical_space && !is_within).then(|| Issue {
+            issue: format!(
+                "cells have the shape of the samples, so that angles in physical space are {smallest:.0} to \
+                 {largest:.0} degrees"
+            ),
+            option: Some("--metric shape".into()),
+            suggestion: "cells are well shaped in physical space",
         })
     }
 
     /// What flow simulators do not like.
-    fn flow(&self, voronoi: &Voronoi) -> Option<Fault> {
+    fn flow(&self, voronoi: &Voronoi) -> Option<Issue> {
         if voronoi.not_positive > 0 {
-            return Some(Fault {
-                poor: format!(
+            return Some(Issue {
+                issue: format!(
                     "{} faces have a transmissibility that is not positive",
                     grouped(voronoi.not_positive)
                 ),
                 option: Some("--metric physical".into()),
-                change: "makes cells in the world's units, in which simulators compute",
+                suggestion: "makes cells in the world's units, in which simulators compute",
             });
         }
-        (voronoi.tiny_faces[0] > TINY_FACES).then(|| Fault {
-            poor: format!(
+        (voronoi.tiny_faces[0] > TINY_FACES).then(|| Issue {
+            issue: format!(
                 "{:.1} % of the faces are tiny, below a millionth of the mean area",
                 100.0 * voronoi.tiny_faces[0]
             ),
             option: Some("--weld 0.001".into()),
-            change: "merges nodes that are next to one another",
+            suggestion: "merges nodes that are next to one another",
         })
     }
 
     /// Features without faces, and faces without features.
-    fn features(&self) -> Option<Fault> {
+    fn features(&self) -> Option<Issue> {
         let (cover, precision) = self.matched()?;
         if cover < SHARE {
-            return Some(Fault {
-                poor: format!(
+            return Some(Issue {
+                issue: format!(
                     "{:.0} % of the features have no face within a sample",
                     (100.0 * (1.0 - cover)).ceil()
                 ),
                 option: self.finer(),
-                change: "atoms nearer together reach more of them, with more cells",
+                suggestion: "atoms nearer together reach more of them, with more cells",
             });
         }
-        (precision < SHARE).then(|| Fault {
-            poor: format!(
+        (precision < SHARE).then(|| Issue {
+            issue: format!(
                 "{:.0} % of the faces on features are off them by more than a sample",
                 (100.0 * (1.0 - precision)).ceil()
             ),
             option: self.finer(),
-            change: "smaller faces follow bends more closely, with more cells",
+            suggestion: "smaller faces follow bends more closely, with more cells",
+        })
+    }
+
+    /// Features that were found and that the mesh does not follow.
+    fn dropped(&self) -> Option<Issue> {
+        let worst = (self.outcomes.iter()).max_by(|a, b| a.dropped().total_cmp(&b.dropped()))?;
+        if worst.dropped() <= DROPPED {
+            return None;
+        }
+        let kind = worst.kind;
+        Some(Issue {
+            issue: format!(
+                "the mesh does not follow {} % of the {kind} found",
+                percent(worst.dropped())
+            ),
+            option: self.finer(),
+            suggestion: "atoms nearer together have room for features that are smaller or nearer to others",
+        })
+    }
+
+    /// Features that may be none.
+    fn not_credible(&self) -> Option<Issue> {
+        let gentle = |o: &&KindOutcome| o.gently_dipping.is_some_and(|share| share > GENTLE);
+        if let Some(outcome) = self.outcomes.iter().find(gentle) {
+            return Some(Issue {
+                issue: format!(
+                    "{} % of the {} dip below {LEAST_DIP:.0} degrees, as layers do",
+                    percent(outcome.gently_dipping.unwrap_or_default()),
+                    outcome.kind
+                ),
+                option: None,
+                suggestion: "compare them with the image (slice)",
+            });
+        }
+        let noisy = |o: &&KindOutcome| o.signal_to_noise.is_some_and(|ratio| ratio < CREDIBLE);
+        let outcome = self.outcomes.iter().find(noisy)?;
+        Some(Issue {
+            issue: format!(
+                "the {} are {:.1} times as strong as noise, so that some may be noise",
+                outcome.kind,
+                outcome.signal_to_noise.unwrap_or_default()
+            ),
+            option: None,
+            suggestion: "compare them with the image (slice), or give a --threshold above the one in the notes",
         })
     }
 
     /// Parts of labels that the mesh does not have.
-    fn lost(&self) -> Option<Fault> {
+    fn lost(&self) -> Option<Issue> {
         let lost = &self.regions.as_ref()?.lost;
         let largest = lost.iter().max_by_key(|of_label| of_label.largest)?;
         let whole = lost.iter().any(|lost| lost.whole);
@@ -259,14 +468,14 @@ impl Report {
             1 => "a part of a label is".to_string(),
             parts => format!("{} parts of labels are", grouped(parts)),
         };
-        Some(Fault {
-            poor: format!(
+        Some(Issue {
+            issue: format!(
                 "{parts} lost, the largest {} samples of label {}",
                 grouped(largest.largest),
                 largest.label
             ),
             option: largest.option(),
-            change: match largest.option() {
+            suggestion: match largest.option() {
                 Some(_) => "cells of that label become smaller, and the part is kept",
                 None => regions::RESAMPLE,
             },
@@ -274,18 +483,18 @@ impl Report {
     }
 
     /// Parts of labels of which much is missing.
-    fn damaged(&self) -> Option<Fault> {
+    fn damaged(&self) -> Option<Issue> {
         let damaged = &self.regions.as_ref()?.damaged;
         let largest = damaged.iter().max_by_key(|of_label| of_label.largest)?;
-        Some(Fault {
-            poor: format!(
+        Some(Issue {
+            issue: format!(
                 "of a part of label {}, {} samples large, more than {:.0} % is missing",
                 largest.label,
                 grouped(largest.largest),
                 100.0 * regions::DAMAGED
             ),
             option: largest.option(),
-            change: match largest.option() {
+            suggestion: match largest.option() {
                 Some(_) => "cells of that label become smaller, and the part is kept",
                 None => regions::RESAMPLE,
             },
@@ -293,7 +502,7 @@ impl Report {
     }
 
     /// The region whose volume is farthest off that of its samples.
-    fn volumes(&self) -> Option<Fault> {
+    fn volumes(&self) -> Option<Issue> {
         let all = self.regions.as_ref()?.regions.iter();
         let of_size = all.filter(|region| region.samples >= MEASURED);
         let worst = of_size.max_by(|a, b| a.off_percent.abs().total_cmp(&b.off_percent.abs()))?;
@@ -305,8 +514,8 @@ impl Report {
             Some(_) => "cells of that label become smaller, and follow it",
             None => "a smaller --distance everywhere, or an image of more samples",
         };
-        Some(Fault {
-            poor: format!(
+        Some(Issue {
+            issue: format!(
                 "the region of label {} is {:.1} % too {}",
                 worst.label,
                 worst.off_percent.abs(),
@@ -317,7 +526,7 @@ impl Report {
                 }
             ),
             option,
-            change,
+            suggestion: change,
         })
     }
 
@@ -343,17 +552,17 @@ impl Report {
     }
 
     /// A kind of feature that was chosen although the image leaves it open.
-    fn doubtful(&self) -> Option<Fault> {
+    fn doubtful(&self) -> Option<Issue> {
         let doubt = self.doubt.as_ref()?;
         let change = if doubt.assumed == FeatureKind::Labels {
             "follows the middle of what is painted; --feature labels confirms solid objects"
         } else {
             "follows the sheets; --feature edges confirms the sides of solid objects"
         };
-        Some(Fault {
-            poor: format!("doubtful: {}", doubt.question),
+        Some(Issue {
+            issue: format!("doubtful: {}", doubt.question),
             option: Some(format!("--feature {}", doubt.other)),
-            change,
+            suggestion: change,
         })
     }
 
@@ -370,7 +579,7 @@ impl Report {
         Some((number(found.coverage_one), number(found.precision)))
     }
 
-    /// Half the distance that was asked for.
+    /// Returns half the distance that was asked for, unless atoms would be nearer together than samples.
     fn finer(&self) -> Option<String> {
         let Some(asked) = self.asked() else {
             return Some("--distance, smaller".into());
@@ -380,11 +589,32 @@ impl Report {
         }
         let text = asked["distance"].as_str().unwrap_or("2.7:8");
         let half = |number: &str| Some(0.5 * number.trim().parse::<f64>().ok()?);
-        let halves: Option<Vec<String>> = text
-            .split(':')
-            .map(|number| Some(format!("{}", (1000.0 * half(number)?).round() / 1000.0)))
-            .collect();
-        Some(format!("--distance {}", halves?.join(":")))
+        let halves: Option<Vec<f64>> = text.split(':').map(half).collect();
+        let halves = halves?;
+        if halves.iter().any(|half| *half < LEAST_DISTANCE) {
+            return None;
+        }
+        let words = halves
+            .iter()
+            .map(|half| format!("{}", (1000.0 * half).round() / 1000.0));
+        Some(format!(
+            "--distance {}",
+            words.collect::<Vec<_>>().join(":")
+        ))
+    }
+
+    /// Returns whether an option is another one than was given.
+    fn differs(&self, option: &str) -> bool {
+        let Some((name, value)) = option.strip_prefix("--").and_then(|o| o.split_once(' ')) else {
+            return true;
+        };
+        let given = self.asked().map(|asked| &asked[name]);
+        !given.is_some_and(|given| match given {
+            serde_json::Value::String(text) => text == value,
+            serde_json::Value::Number(number) => value.parse::<f64>().ok() == number.as_f64(),
+            serde_json::Value::Array(all) => all.iter().any(|one| one == value),
+            _ => false,
+        })
     }
 
     /// The words of the job, if there was one.
@@ -403,6 +633,7 @@ mod tests {
     use serde_json::json;
 
     use super::*;
+    use crate::feature::{LeftOut, MissingData};
     use crate::mesh::boxes::kuhn_box;
     use crate::mesh::check::check;
     use crate::report::{Match, quality};
@@ -438,29 +669,23 @@ mod tests {
     fn the_worst_fault_is_named_with_the_option_that_helps() {
         let of = |report: &Report| Verdict::of(report).unwrap();
         let good = of(&report(0.97));
-        assert_eq!((good.grade, good.poor.as_str()), (Grade::Good, "nothing"));
-        assert_eq!(good.option, None);
-        assert!(
-            good.good.starts_with("yes: valid, angles 45 to 90"),
-            "{}",
-            good.good
+        assert_eq!(
+            (good.grade, good.issue, good.option),
+            (Grade::Good, None, None)
         );
+        assert_eq!(good.mesh, "valid; angles 45 to 90 degrees");
 
         let far = of(&report(0.704));
         assert_eq!(far.grade, Grade::Fair);
-        assert_eq!(
-            far.poor,
-            "30 % of the features have no face within a sample"
-        );
+        let issue = far.issue.unwrap();
+        assert_eq!(issue, "30 % of the features have no face within a sample");
         assert_eq!(far.option.as_deref(), Some("--distance 1.5:4"));
 
         let mut flat = report(0.7);
         flat.quality.as_mut().unwrap().below_20 = 3;
-        assert!(
-            of(&flat).poor.starts_with("3 of 384 tetrahedra"),
-            "{}",
-            of(&flat).poor
-        );
+        flat.quality.as_mut().unwrap().smallest_angle.worst = 12.0;
+        let issue = of(&flat).issue.unwrap();
+        assert!(issue.starts_with("3 of 384 tetrahedra"), "{issue}");
         flat.parameters = json!({ "slivers": "none" });
         assert_eq!(of(&flat).option.as_deref(), Some("--slivers joe"));
 
@@ -477,7 +702,7 @@ mod tests {
             .push(problem.clone());
         torn.parameters = json!({ "rng-seed": 4 });
         let torn = of(&torn);
-        assert_eq!((torn.grade, torn.poor), (Grade::Bad, problem));
+        assert_eq!((torn.grade, torn.issue), (Grade::Bad, Some(problem)));
         assert_eq!(torn.option.as_deref(), Some("--rng-seed 5"));
     }
 
@@ -485,13 +710,117 @@ mod tests {
     fn it_leads_table_and_json() {
         let report = report(0.7);
         let table = report.table();
-        let heads: Vec<&str> = table.lines().map(|l| l[..12].trim_end()).collect();
-        assert_eq!(heads[..3], ["good?", "poor", "change"]);
-        assert!(table.lines().nth(2).unwrap().contains("--distance 1.5:4: "));
+        let heads: Vec<&str> = table
+            .lines()
+            .map(|l| l[..12].trim_end())
+            .filter(|head| !head.is_empty())
+            .collect();
+        assert_eq!(heads[..3], ["mesh", "features", "use"]);
+        assert!(table.contains("Try --distance 1.5:4: "), "{table}");
         let json = report.to_json();
         assert_eq!(json["verdict"]["grade"], "fair");
         assert_eq!(json["verdict"]["option"], "--distance 1.5:4");
         assert_eq!(json["fidelity"]["feature_points"], 100);
         assert_eq!(Verdict::of(&Report::default()), None);
+    }
+
+    #[test]
+    fn what_is_dropped_or_not_credible_is_said() {
+        let of = |report: &Report| Verdict::of(report).unwrap();
+        let outcome = KindOutcome {
+            kind: FeatureKind::Faults,
+            points: 900,
+            left_out: LeftOut {
+                near_another_sheet: 50,
+                in_small_pieces: 40,
+                in_narrow_parts: 0,
+                weak: 300,
+            },
+            signal_to_noise: Some(6.0),
+            gently_dipping: Some(0.05),
+        };
+        let with = |outcome: KindOutcome| Report {
+            outcomes: vec![outcome],
+            ..report(0.97)
+        };
+        let kept = of(&with(outcome));
+        assert_eq!(kept.grade, Grade::Good, "{kept:?}");
+        let said = "9 % of the faults found are dropped, most too near stronger ones; 25 % of the signs of faults \
+                    are too weak; faults are 6.0 times as strong as noise";
+        assert!(kept.features.ends_with(said), "{}", kept.features);
+
+        let mut near = outcome;
+        near.left_out.near_another_sheet = 100;
+        let near = of(&with(near));
+        let issue = near.issue.unwrap();
+        assert_eq!(issue, "the mesh does not follow 13 % of the faults found");
+        assert_eq!(near.option.as_deref(), Some("--distance 1.5:4"));
+
+        for (noise, gentle, words) in [(2.1, 0.1, "2.1 times as strong"), (6.0, 0.6, "60 %")] {
+            let doubtful = KindOutcome {
+                signal_to_noise: Some(noise),
+                gently_dipping: Some(gentle),
+                ..outcome
+            };
+            let issue = of(&with(doubtful)).issue.unwrap();
+            assert!(issue.contains(words), "{issue}");
+        }
+
+        let gaps = Report {
+            missing: Some(MissingData {
+                bridged: 0.05,
+                without_features: 0.27,
+            }),
+            ..report(0.97)
+        };
+        let said = "32 % of the samples hold no data, 27 % lie in gaps too large for features";
+        assert!(of(&gaps).features.ends_with(said), "{}", of(&gaps).features);
+    }
+
+    #[test]
+    fn angles_count_in_the_space_that_is_used() {
+        let mut flat = report(0.97);
+        let mut quality = flat.quality.clone().unwrap();
+        quality.smallest_angle.worst = 9.0;
+        flat.quality_physical = Some(quality);
+        let survey = Verdict::of(&flat).unwrap();
+        assert_eq!(survey.grade, Grade::Good);
+        assert!(
+            survey.mesh.ends_with("9 to 90 in physical space"),
+            "{}",
+            survey.mesh
+        );
+        flat.used_in_physical_space = true;
+        let scan = Verdict::of(&flat).unwrap();
+        assert_eq!(scan.grade, Grade::Fair);
+        assert_eq!(scan.option.as_deref(), Some("--metric shape"));
+    }
+
+    #[test]
+    fn no_option_is_named_that_was_given_or_makes_atoms_denser_than_samples() {
+        let mut far = report(0.7);
+        far.parameters = json!({ "distance": "1.9:4" });
+        assert_eq!(Verdict::of(&far).unwrap().option, None);
+        let mut none = report(1.0);
+        none.fidelity = None;
+        for (asked, option) in [
+            (json!({ "feature": "edges" }), Some("--feature ridges")),
+            (json!({ "feature": "ridges" }), Some("--feature edges")),
+            (json!({ "threshold": 0.5 }), Some("--threshold 0.25")),
+        ] {
+            none.parameters = asked;
+            assert_eq!(Verdict::of(&none).unwrap().option.as_deref(), option);
+        }
+        // Edges are what `auto` chose.
+        none.parameters = json!({ "feature": "auto" });
+        none.outcomes = vec![KindOutcome {
+            kind: FeatureKind::Edges,
+            points: 0,
+            left_out: LeftOut::default(),
+            signal_to_noise: None,
+            gently_dipping: None,
+        }];
+        let option = Verdict::of(&none).unwrap().option;
+        assert_eq!(option.as_deref(), Some("--feature ridges"));
     }
 }

@@ -158,7 +158,7 @@ where
         let Some(made) = self.simplices() else {
             return Ok(None);
         };
-        if self.geometry.has_shape_of(self.step) {
+        if self.geometry.has_shape_of(self.step) || !self.geometry.has_angles() {
             return Ok(None);
         }
         let mesh = to_physical(&made.mesh, self.step, &self.geometry);

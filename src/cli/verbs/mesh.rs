@@ -288,6 +288,8 @@ impl Run<'_> {
             outcome.write_lines(path)?;
         }
         outcome.report.quality_physical = in_world;
+        let modality = params.modality.or_of(geometry);
+        outcome.report.used_in_physical_space = modality != Modality::Survey;
         if let Some(path) = &job.outputs.potential {
             let potential = outcome.features.potential.dense();
             console.write_image(path, potential_image(potential, geometry))?;

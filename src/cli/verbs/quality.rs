@@ -7,6 +7,7 @@ use clap::Args;
 use crate::cli::common::output::check_output;
 use crate::cli::console::Console;
 use crate::error::cause;
+use crate::image::Modality;
 use crate::image::synth::Truth;
 use crate::job::{cells, scaled};
 use crate::mesh::Simplices;
@@ -93,7 +94,8 @@ pub(super) fn figures<const D: usize, M: Simplices<D>>(
         )?);
         report.notes.push(note.clone());
     }
-    if !space.geometry.has_shape_of(space.step) {
+    report.used_in_physical_space = space.geometry.modality() != Modality::Survey;
+    if !space.geometry.has_shape_of(space.step) && space.geometry.has_angles() {
         report.quality_physical = Some(stored.in_world(report::quality));
     }
     Ok(report)

@@ -83,12 +83,16 @@ impl Contest {
         patience: &Patience<'_>,
     ) {
         let mut stay = vec![0usize; components.all.len()];
+        let mut half = vec![0usize; components.all.len()];
         for (i, &part) in components.of_sample.iter().enumerate() {
             stay[part as usize] += usize::from(self.winner[i] == label[i]);
+            half[part as usize] += usize::from(self.winner[i] == label[i] && self.best[i] > 0.5);
         }
         let mut effort = EFFORT * label.len();
         for (number, part) in components.all.iter().enumerate() {
-            let few = (stay[number] as f64) < STAYS * part.samples as f64;
+            // A wall between two others leads where neither has more, but by so little that most of it is lost.
+            let few = (stay[number] as f64) < STAYS * part.samples as f64
+                || 2 * half[number] < part.samples;
             let Some(room) = Room::of(components.dims, [part], sigma).filter(|_| few) else {
                 continue;
             };

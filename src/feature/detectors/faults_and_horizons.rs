@@ -45,7 +45,7 @@ pub fn together<const D: usize>(
     first.on_horizon.extend(second.on_horizon);
     first.sheet.extend(second.sheet.iter().map(|s| last + s));
     first.spacing = (first.spacing.zip(second.spacing)).map(|(a, b)| [a, b].concat());
-    first.left_out += second.left_out;
+    first.outcomes.extend(second.outcomes);
     first.notes.extend(second.notes);
     first.settled.extend(second.settled);
     first.sort(group)?;

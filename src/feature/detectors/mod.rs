@@ -276,6 +276,8 @@ pub struct Found<const D: usize> {
     pub scale: f64,
     /// What decides which of them make sheets.
     pub thresholds: Thresholds,
+    /// Typical strength of ridges over that of noise, where it was measured.
+    pub signal_to_noise: Option<f32>,
     /// Whether normals are known to a few degrees, so that sheets that cross at shallow angles can be
     /// told apart by them.
     pub sharp: bool,
@@ -295,6 +297,7 @@ impl<const D: usize> Found<D> {
             layers: None,
             scale,
             thresholds,
+            signal_to_noise: None,
             sharp: false,
             mask: None,
             labels: None,

@@ -124,7 +124,7 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
     /// That of reading them.
     pub fn find(&self, mut samples: Samples<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
         let (dims, patience) = (samples.dims(), self.scene.patience);
-        let (scale, thresholds) = self.smooth(&mut samples, notes)?;
+        let (scale, thresholds, signal_to_noise) = self.smooth(&mut samples, notes)?;
         let group = &Ranks as &dyn Group;
         let seen = Seen::of(
             &samples,
@@ -172,6 +172,7 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
         let slab = Slab::new(dims, candidates, layers.clone(), repair::SEES, group)?;
         let candidates = repair(shell, slab, scale, high, patience)?;
         Ok(Found {
+            signal_to_noise,
             sharp,
             layers,
             ..Found::new(candidates, scale, thresholds)
@@ -184,12 +185,12 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
         &self,
         samples: &mut Samples<'_, D>,
         notes: &mut Vec<String>,
-    ) -> Result<(f64, Thresholds)> {
+    ) -> Result<(f64, Thresholds, Option<f32>)> {
         let patience = self.scene.patience;
         let given = self.scene.thresholds();
         if let (Some(settled), Some(thresholds)) = (self.scene.settled, given) {
             samples.smooth(settled.scale, patience);
-            return Ok((settled.scale, thresholds));
+            return Ok((settled.scale, thresholds, None));
         }
         let mut scale = self.scale.unwrap_or(self.finest);
         samples.smooth(scale, patience);
@@ -212,7 +213,8 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
             "ridges at scale {scale}: {thresholds}, noise {:.4}, typical strength {:.4}",
             statistics.noise, statistics.typical
         ));
-        Ok((scale, thresholds))
+        let ratio = statistics.typical / statistics.noise;
+        Ok((scale, thresholds, ratio.is_finite().then_some(ratio)))
     }
 }
 

@@ -248,7 +248,7 @@ impl LabelsNear {
 const NEAR: [f64; 2] = [0.5, 1.0];
 
 /// The directions to the samples round one, of length 1.
-fn directions<const D: usize>() -> Vec<[f64; D]> {
+pub fn directions<const D: usize>() -> Vec<[f64; D]> {
     let count = 3usize.pow(D as u32);
     let steps = (0..count).map(|i| {
         let mut rest = i;

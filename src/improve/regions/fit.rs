@@ -13,6 +13,7 @@ use std::collections::BTreeMap;
 
 use crate::parallel::prelude::*;
 
+use super::assign::directions;
 use super::{balance, volumes};
 use crate::feature::Labelled;
 use crate::geometry::groups::grouped;
@@ -24,6 +25,8 @@ use crate::observer::Patience;
 
 /// Moves of every node, at most.
 const SWEEPS: usize = 10;
+/// How often cells of spikes are given another label, at most.
+const TRIMS: usize = 4;
 /// From the sweep of this number on volumes are balanced.
 const BALANCED: usize = 2;
 /// Interfaces are sought up to this far from faces, in samples ...
@@ -38,6 +41,8 @@ const HOLD: f64 = 0.02;
 const SPIKE: f64 = 0.75;
 /// ... goes even if angles become as small as this, in degrees.
 const SPIKE_ANGLE: f64 = 20.0;
+/// Tips of spikes are pulled back if they are at most so far off, in samples.
+const FARTHEST_TIP: f64 = 8.0;
 /// Parts of a move that are tried.
 const PARTS: [f64; 4] = [1.0, 0.5, 0.25, 0.1];
 
@@ -69,27 +74,79 @@ struct Face<const D: usize> {
     off: [(f64, f64); D],
 }
 
+/// The tip of a spike: a node of an interface from which one of its labels is more than a sample away.
+struct Tip<const D: usize> {
+    node: u32,
+    /// Direction of the nearest place on the interface, and how far that is.
+    along: [f64; D],
+    off: f64,
+    /// The label round the tip, and that of the spike.
+    around: u32,
+    spike: u32,
+}
+
+/// Returns the labels of the cells of a mesh that was fitted, with those at the tips of spikes cut off: they take the
+/// label round the tip, unless their middle has their own or they part that from a third one.
+pub fn without_spikes<const D: usize, M: Simplices<D>>(
+    mesh: &M,
+    fitting: &Fitting<'_, D>,
+) -> Vec<u32> {
+    let mut regions = fitting.regions.to_vec();
+    for _ in 0..TRIMS {
+        let trimmed = Fitting {
+            regions: &regions,
+            ..*fitting
+        };
+        let faces: Vec<Face<D>> = (trimmed.sides().par_iter())
+            .map(|&side| trimmed.face(mesh, side))
+            .collect();
+        let tips = trimmed.tips(mesh, &faces);
+        let by_node: BTreeMap<u32, &Tip<D>> = tips.iter().map(|tip| (tip.node, tip)).collect();
+        let mut changes = Vec::new();
+        for (c, &label) in regions.iter().enumerate() {
+            let tip = (mesh.cell(c).iter())
+                .filter_map(|n| by_node.get(n))
+                .find(|tip| tip.spike == label);
+            let Some(tip) = tip else { continue };
+            let corners = mesh.cell(c).iter().map(|&n| mesh.nodes()[n as usize]);
+            let middle = corners.fold([0.0; D], |sum, x| add_scaled(sum, 1.0 / (D + 1) as f64, x));
+            if trimmed.labelled.at(middle) == label {
+                continue;
+            }
+            let beside = &fitting.neighbors[(D + 1) * c..(D + 1) * (c + 1)];
+            let parts = |&n: &u32| {
+                let label = if n == NONE {
+                    tip.around
+                } else {
+                    regions[n as usize]
+                };
+                label != tip.around && label != tip.spike
+            };
+            if !beside.iter().any(parts) {
+                changes.push((c, tip.around));
+            }
+        }
+        if changes.is_empty() {
+            break;
+        }
+        for (c, label) in changes {
+            regions[c] = label;
+        }
+    }
+    regions
+}
+
 /// Fits the interfaces of a mesh.
 pub fn fit<const D: usize, M: Simplices<D>>(
     mesh: &mut M,
     fitting: &Fitting<'_, D>,
     patience: &Patience<'_>,
 ) {
-    let cells = mesh.len();
     let corners = mesh.connectivity();
     let (start, slots) = grouped(mesh.nodes().len(), corners.iter().map(|&n| n as usize));
     let around: Vec<u32> = slots.iter().map(|slot| slot / (D as u32 + 1)).collect();
     let star = |n: u32| &around[start[n as usize] as usize..start[n as usize + 1] as usize];
-    let sides: Vec<(u32, u32)> = (0..cells as u32)
-        .flat_map(|c| (0..=D as u32).map(move |k| (c, k)))
-        .filter(|&(c, k)| {
-            let beyond = fitting.neighbors[(D + 1) * c as usize + k as usize];
-            beyond != NONE && {
-                let [here, there] = [c, beyond].map(|c| fitting.regions[c as usize]);
-                here < there
-            }
-        })
-        .collect();
+    let sides = fitting.sides();
     let count = fitting.labelled.labels.len();
     let step = fitting.labelled.least_step();
     let mut gives: BTreeMap<[u32; 2], f64> = BTreeMap::new();
@@ -117,6 +174,7 @@ pub fn fit<const D: usize, M: Simplices<D>>(
                 *give = (*give + by).clamp(-GIVES * step, GIVES * step);
             }
         }
+        let tips = fitting.tips(&*mesh, &faces);
         let give = |pair| gives.get(&pair).copied().unwrap_or(0.0);
         let mut pulls: BTreeMap<u32, Pull<D>> = BTreeMap::new();
         for face in &faces {
@@ -124,6 +182,15 @@ pub fn fit<const D: usize, M: Simplices<D>>(
                 let pull = pulls.entry(n).or_default();
                 pull.add(face.normal, off + give(face.pair), sure * face.area);
             }
+        }
+        for Tip {
+            node, along, off, ..
+        } in tips
+        {
+            let pull = pulls.entry(node).or_default();
+            let weight = (0..D).map(|i| pull.matrix[i][i]).sum::<f64>();
+            *pull = Pull::default();
+            pull.add(along, off, weight.max(1.0));
         }
         for (&n, pull) in &pulls {
             if let Some(by) = fitting.allowed(&*mesh, n, pull) {
@@ -134,6 +201,17 @@ pub fn fit<const D: usize, M: Simplices<D>>(
 }
 
 impl<const D: usize> Fitting<'_, D> {
+    /// Returns the faces between regions, each as a cell, of the smaller number, and the face's number in it.
+    fn sides(&self) -> Vec<(u32, u32)> {
+        (0..self.regions.len() as u32)
+            .flat_map(|c| (0..=D as u32).map(move |k| (c, k)))
+            .filter(|&(c, k)| {
+                let beyond = self.neighbors[(D + 1) * c as usize + k as usize];
+                beyond != NONE && self.regions[c as usize] < self.regions[beyond as usize]
+            })
+            .collect()
+    }
+
     /// What a face between regions is, and how far off.
     fn face<M: Simplices<D>>(&self, mesh: &M, (c, k): (u32, u32)) -> Face<D> {
         let (c, k) = (c as usize, k as usize);
@@ -171,6 +249,54 @@ impl<const D: usize> Fitting<'_, D> {
             area,
             off: sums.map(|(off, sure, all)| (off / f64::max(sure, 1e-12), sure / all)),
         }
+    }
+
+    /// The nodes of faces that are the tips of spikes: a label on one side of a face is not within a sample of them.
+    /// The sides of a spike do not see the interface, so that nothing else pulls its tip back; with each comes the
+    /// direction of the nearest place on the interface, and how far that is.
+    fn tips<M: Simplices<D>>(&self, mesh: &M, faces: &[Face<D>]) -> Vec<Tip<D>> {
+        let step = self.labelled.least_step();
+        let directions = directions::<D>();
+        let mut ends: Vec<(u32, [u32; 2])> = (faces.iter())
+            .flat_map(|face| face.nodes.map(|n| (n, face.pair)))
+            .collect();
+        ends.par_sort_unstable();
+        ends.dedup();
+        let tip = |&(n, pair): &(u32, [u32; 2])| {
+            let x = mesh.nodes()[n as usize];
+            let mut seen = pair.map(|label| label == self.labelled.at(x));
+            for part in [0.5, 1.0] {
+                for along in &directions {
+                    let label = self.labelled.at(add_scaled(x, part * step, *along));
+                    seen = [seen[0] || label == pair[0], seen[1] || label == pair[1]];
+                }
+                if seen == [true; 2] {
+                    return None;
+                }
+            }
+            let crossings = directions.iter().filter_map(|along| {
+                let off = self
+                    .labelled
+                    .crossing(x, *along, pair, FARTHEST_TIP * step)?;
+                Some((*along, off))
+            });
+            let nearest = crossings.min_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
+            let (around, spike) = match seen {
+                [_, true] => (pair[1], pair[0]),
+                _ => (pair[0], pair[1]),
+            };
+            Some(Tip {
+                node: n,
+                along: nearest.0,
+                off: nearest.1,
+                around,
+                spike,
+            })
+        };
+        let mut tips: Vec<_> = ends.par_iter().filter_map(tip).collect();
+        // The first interface of a node decides.
+        tips.dedup_by_key(|tip| tip.node);
+        tips
     }
 
     /// Where a node is pulled to, as far as the sides of the box let it.

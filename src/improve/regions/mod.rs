@@ -12,7 +12,7 @@ mod balance;
 mod fit;
 
 pub use assign::{Places, Votes, labels, marks};
-pub use fit::{Fitting, fit};
+pub use fit::{Fitting, fit, without_spikes};
 
 use crate::mesh::Simplices;
 

@@ -3,7 +3,8 @@
 use std::io::{self, Write};
 
 use crate::feature::{
-    Doubt, FeatureKind, FeaturePoint, Features, Labelled, LeftOut, OfAll, Settled,
+    Doubt, FeatureKind, FeaturePoint, Features, KindOutcome, Labelled, LeftOut, MissingData, OfAll,
+    Settled,
 };
 use crate::files::kept::{Kept, fields, numbered};
 use crate::image::{Field, Sparse};
@@ -23,11 +24,13 @@ fields! {
     @(const D: usize) Sparse<D> as Sparse { dims, step, slots, masks, samples, in_shares, missed }
     Doubt as Doubt { question, assumed, other }
     OfAll as OfAll { points, on_horizon }
+    KindOutcome as KindOutcome { kind, points, left_out, signal_to_noise, gently_dipping }
+    MissingData as MissingData { bridged, without_features }
     LeftOut as LeftOut { near_another_sheet, in_small_pieces, in_narrow_parts, weak }
     Settled as Settled { kind, scale, low, high, min_area, mask }
     @(const D: usize) Labelled<D> as Labelled { dims, step, labels, names, winner, lead, volumes }
     @(const D: usize) Features<D> as Features {
-        points, sheet, on_horizon, potential, spacing, in_shares, sigma, left_out, notes, settled, labels, confidence, doubt,
+        points, sheet, on_horizon, potential, spacing, in_shares, sigma, outcomes, missing, notes, settled, labels, confidence, doubt,
     }
     @(const D: usize) Atoms<D> as Atoms { positions, kinds }
     energy::Parts as EnergyParts { lattice, image }

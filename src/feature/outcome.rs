@@ -1,0 +1,133 @@
+//! What was found of each kind of feature, what of it is followed, and how credible it is.
+
+use super::{FeatureKind, FeaturePoint, LeftOut};
+use crate::error::Result;
+use crate::image::Geometry;
+use crate::image::time::seconds;
+use crate::ranks::Group;
+use serde::Serialize;
+
+/// Faults seldom dip by less than this, in degrees; layers mostly do.
+pub const LEAST_DIP: f64 = 30.0;
+
+/// The velocity, in metres a second, that makes depth of two-way time where none is given.
+const VELOCITY: f64 = 2000.0;
+
+/// The features of one kind in an image.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct KindOutcome {
+    /// The kind.
+    pub kind: FeatureKind,
+    /// Number of points that the mesh follows.
+    pub points: usize,
+    /// Number of points that it does not follow, by the reason.
+    pub left_out: LeftOut,
+    /// The typical strength, over that of noise; `None` where noise is not measured.
+    pub signal_to_noise: Option<f32>,
+    /// Of faults: the share of the points at which they dip by less than [`LEAST_DIP`]; two-way time is taken
+    /// at 2,000 m/s.
+    pub gently_dipping: Option<f64>,
+}
+
+impl KindOutcome {
+    /// Returns the share of the points that are strong enough but dropped: because a stronger feature is near,
+    /// or because the piece that they belong to is small or narrow.
+    pub fn dropped(&self) -> f64 {
+        let dropped = self.left_out.in_pieces();
+        dropped as f64 / (dropped + self.points).max(1) as f64
+    }
+}
+
+impl LeftOut {
+    /// Returns the number of points that were left out for another reason than their strength.
+    pub fn in_pieces(&self) -> usize {
+        self.near_another_sheet + self.in_small_pieces + self.in_narrow_parts
+    }
+}
+
+/// Samples that hold no data, as shares of all samples.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct MissingData {
+    /// In gaps so small that features are sought across them.
+    pub bridged: f64,
+    /// In gaps in which no features are sought.
+    pub without_features: f64,
+}
+
+/// Returns the share of the points at which a surface dips by less than [`LEAST_DIP`] in the world; `None` of no
+/// points. Normals are in lattice space, with samples `step` apart.
+///
+/// # Errors
+/// Those of other ranks.
+pub(super) fn gently_dipping<const D: usize>(
+    points: &[FeaturePoint<D>],
+    geometry: &Geometry<D>,
+    step: [f64; D],
+    group: &dyn Group,
+) -> Result<Option<f64>> {
+    let vertical = geometry.time_axis().unwrap_or(D - 1);
+    let scale = |c: usize| match seconds(&geometry.units[c]) {
+        Some(seconds) => 0.5 * VELOCITY * seconds,
+        None => 1.0,
+    };
+    // A normal times each of the axes is the slope along that axis of the image.
+    let slopes = Geometry {
+        axes: std::array::from_fn(|c| std::array::from_fn(|k| geometry.axes[k][c] * scale(c))),
+        ..Geometry::default()
+    };
+    let is_gentle = |point: &&FeaturePoint<D>| {
+        let slope = std::array::from_fn(|k| f64::from(point.normal[k]) * step[k]);
+        let normal: Option<[f64; D]> = slopes.to_index(slope);
+        normal.is_some_and(|normal| {
+            let length = normal.iter().map(|c| c * c).sum::<f64>().sqrt();
+            normal[vertical].abs() > LEAST_DIP.to_radians().cos() * length
+        })
+    };
+    let own = [points.iter().filter(is_gentle).count(), points.len()];
+    let all = group.all("points that dip gently", own)?;
+    let [gentle, count] = all
+        .iter()
+        .fold([0, 0], |sum, n| [sum[0] + n[0], sum[1] + n[1]]);
+    Ok((count > 0).then(|| gentle as f64 / count as f64))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ranks::Alone;
+
+    #[test]
+    fn dips_are_those_in_the_world() {
+        // Inlines along y 25 m apart, crosslines along x 12.5 m, time downwards in ms: 4 ms are 4 m.
+        let survey = Geometry {
+            axes: [[0.0, 0.0, -4.0], [12.5, 0.0, 0.0], [0.0, 25.0, 0.0]],
+            units: ["m".into(), "m".into(), "ms".into()],
+            ..Geometry::default()
+        };
+        let share = |dip: f64, azimuth: f64| {
+            let (dip, azimuth) = (dip.to_radians(), azimuth.to_radians());
+            let normal = [
+                dip.sin() * azimuth.cos(),
+                dip.sin() * azimuth.sin(),
+                dip.cos(),
+            ];
+            // In samples: products with the axes.
+            let slope = [-4.0 * normal[2], 12.5 * normal[0], 25.0 * normal[1]];
+            let length = slope.iter().map(|c| c * c).sum::<f64>().sqrt();
+            let point = FeaturePoint {
+                position: [0.0; 3],
+                normal: slope.map(|c| (c / length) as f32),
+                strength: 1.0,
+            };
+            gently_dipping(&[point], &survey, [1.0; 3], &Alone).unwrap()
+        };
+        for azimuth in [0.0, 50.0, 90.0, 200.0] {
+            assert_eq!(share(28.0, azimuth), Some(1.0), "{azimuth}");
+            assert_eq!(share(32.0, azimuth), Some(0.0), "{azimuth}");
+        }
+        assert_eq!(
+            gently_dipping(&[], &survey, [1.0; 3], &Alone).unwrap(),
+            None
+        );
+    }
+}

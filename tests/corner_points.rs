@@ -129,10 +129,7 @@ impl Grid {
         let text = std::fs::read_to_string(folder.join("A.GRDECL")).unwrap();
         let block = |name: &str| {
             let start = text.find(&format!("\n{name}\n")).unwrap() + name.len() + 2;
-            let end = start
-                + text[start..]
-                    .find("\n/")
-                    .map_or_else(|| text[start..].len(), |at| at);
+            let end = start + text[start..].find("\n/").unwrap_or(text[start..].len());
             &text[start..end]
         };
         let values = |name: &str| -> Vec<f64> {

@@ -115,9 +115,12 @@ fn faults(image: &Image<3>) -> Features<3> {
     detect(image, &Detection::of(FeatureKind::Faults, 8.0)).unwrap()
 }
 
+/// The value of dead samples, and which traces are dead by their places in the map.
+type Gap<'a> = (f32, &'a dyn Fn([usize; 2]) -> bool);
+
 /// Faults of a survey with gaps are those of the whole one on live ground, to 3 % of their area and 6 % of points
 /// that are on none.
-fn as_without_gaps(seed: u64, vertical: usize, gaps: &[(f32, &dyn Fn([usize; 2]) -> bool)]) {
+fn as_without_gaps(seed: u64, vertical: usize, gaps: &[Gap<'_>]) {
     let survey = survey(seed, vertical);
     let whole = faults(&survey.image);
     assert!(!whole.notes.iter().any(|note| note.contains("missing")));

@@ -734,42 +734,40 @@ mod real_data {
     use super::*;
     use crate::common::data;
 
-    /// Three fractures that meet, in a volume made by others: of the five walls that they have between them at
-    /// least four surfaces come, two of them of one piece, and nothing of size is left over. (Two walls on either
-    /// side of the place where all meet, 20 degrees apart, are taken for one.)
+    /// Three fractures that meet, 6.5 samples thick, in a volume made by others: their middles are two surfaces, as
+    /// two of them run into one another, and their walls one interface of the two labels, whatever its bends.
     #[test]
     #[ignore = "needs images made by others: make test-all DATA=folder"]
-    fn five_walls_of_fractures_of_a_public_volume_are_at_least_four_surfaces() {
+    fn fractures_of_a_public_volume_are_surfaces_and_their_walls_an_interface() {
         let image = data("planar3d/3_fractures_100x100x100_u8.raw");
         let folder = tempfile::tempdir().unwrap();
         let at = folder.path();
-        let job = [
-            "mesh",
-            image.to_str().unwrap(),
-            "--raw",
-            "100x100x100:u8",
-            "-o",
-            "mesh.vtu",
-            "--feature",
-            "mask",
-            "--distance",
-            "5",
-            "--quiet",
-        ];
-        succeed(at, &job);
-        let said = json(&succeed(
-            at,
-            &["surface", "mesh.vtu", "-o", "walls.vtp", "--json"],
-        ));
-        let walls = said["surfaces"].as_array().unwrap();
-        assert!((4..=5).contains(&walls.len()), "{said}");
-        let own = walls.iter().filter(|wall| wall["components"] == 1);
-        assert!(own.count() >= 2, "{said}");
-        for wall in walls {
-            // The smallest wall is 43 samples wide and 100 high.
-            assert!(wall["area"].as_f64().unwrap() > 4000.0, "{wall}");
+        let surfaces = |kind: &str| {
+            let image = image.to_str().unwrap();
+            let job = format!(
+                "mesh {image} --raw 100x100x100:u8 --feature {kind} --distance 5 -o mesh.vtu --quiet"
+            );
+            succeed(at, &job.split(" ").collect::<Vec<_>>());
+            let said = json(&succeed(
+                at,
+                &["surface", "mesh.vtu", "-o", "walls.vtp", "--json"],
+            ));
+            assert!(said["dropped_area"].as_f64().unwrap() < 100.0, "{said}");
+            said["surfaces"].as_array().unwrap().clone()
+        };
+        let middles = surfaces("mask");
+        assert_eq!(middles.len(), 2, "{middles:?}");
+        for middle in &middles {
+            assert_eq!(middle["components"], 1, "{middle}");
+            assert!(middle["area"].as_f64().unwrap() > 4000.0, "{middle}");
         }
-        assert!(said["dropped_area"].as_f64().unwrap() < 100.0, "{said}");
+        let walls = surfaces("labels");
+        assert_eq!(walls.len(), 1, "{walls:?}");
+        assert_eq!(walls[0]["name"], "interface_0_255");
+        // Two walls for each of the middles, less where they meet.
+        let area = |all: &[Value]| -> f64 { all.iter().map(|s| s["area"].as_f64().unwrap()).sum() };
+        let ratio = area(&walls) / area(&middles);
+        assert!((1.8..2.0).contains(&ratio), "{ratio}");
     }
 
     /// A volume of seven faults that cross and throw one another, of which each sample's dip and strike are

@@ -16,6 +16,9 @@ const DROPPED: f64 = 0.1;
 /// Features of which the typical strength is a smaller multiple of that of noise may be noise.
 const CREDIBLE: f32 = 2.5;
 
+/// By how much features are stronger than noise is of no interest above this.
+const MUCH: f32 = 100.0;
+
 /// A larger share of faults that dip as layers do is an issue.
 const GENTLE: f64 = 0.25;
 
@@ -228,6 +231,13 @@ impl Report {
                 left_out,
                 ..
             } = outcome;
+            if *points == 0 {
+                let count = grouped(left_out.in_pieces() + left_out.weak);
+                said.push(format!(
+                    "no {kind} are followed; {count} signs of them are too weak or too small"
+                ));
+                continue;
+            }
             if outcome.dropped() >= 0.005 {
                 let reasons = [
                     (left_out.near_another_sheet, "too near stronger ones"),
@@ -249,7 +259,11 @@ impl Report {
                 ));
             }
             if let Some(ratio) = outcome.signal_to_noise {
-                said.push(format!("{kind} are {ratio:.1} times as strong as noise"));
+                let ratio = match ratio {
+                    r if r > MUCH => format!("over {MUCH:.0}"),
+                    r => format!("{r:.1}"),
+                };
+                said.push(format!("{kind} are {ratio} times as strong as noise"));
             }
             if let Some(gentle) = outcome.gently_dipping.filter(|share| *share > DROPPED) {
                 said.push(format!(

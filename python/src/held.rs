@@ -270,9 +270,7 @@ impl Image {
     fn new(
         py: Python<'_>,
         samples: PyReadonlyArrayDyn<'_, f32>,
-        origin: Vec<f64>,
-        axes: Vec<Vec<f64>>,
-        units: Vec<String>,
+        place: Place,
         names: Vec<String>,
         encoding: String,
         labels: Option<(Vec<i128>, PyReadonlyArrayDyn<'_, u32>)>,
@@ -288,11 +286,11 @@ impl Image {
         fn loaded<const D: usize>(
             shape: &[usize],
             data: Vec<f32>,
-            place: (Vec<f64>, Vec<Vec<f64>>, Vec<String>, Vec<String>),
+            (origin, axes, units): Place,
+            names: Vec<String>,
             encoding: String,
             labels: Option<Arc<ExactLabels>>,
         ) -> Option<Loaded<D>> {
-            let (origin, axes, units, names) = place;
             let axes: Option<Vec<[f64; D]>> = axes.into_iter().map(|a| a.try_into().ok()).collect();
             let geometry = Geometry {
                 origin: origin.try_into().ok()?,
@@ -311,10 +309,9 @@ impl Image {
                 lines: None,
             })
         }
-        let place = (origin, axes, units, names);
         let made = py.detach(|| match shape.len() {
-            2 => loaded(&shape, data, place, encoding, labels).map(AnyLoaded::Plane),
-            3 => loaded(&shape, data, place, encoding, labels).map(AnyLoaded::Space),
+            2 => loaded(&shape, data, place, names, encoding, labels).map(AnyLoaded::Plane),
+            3 => loaded(&shape, data, place, names, encoding, labels).map(AnyLoaded::Space),
             _ => None,
         });
         let what = "an image has two axes or three, and as many origins, axes, units and names";

@@ -81,7 +81,7 @@ class Image:
             labels = [int(value) for value in values], index.ravel().astype(np.uint32)
         try:
             native = _native.Image(
-                samples, [float(c) for c in place], axes.tolist(), units, names, str(array.dtype), labels
+                samples, ([float(c) for c in place], axes.tolist(), units), names, str(array.dtype), labels
             )
         except ValueError as problem:
             raise error(NAME, str(problem), "give as many of each as the array has axes") from None

@@ -50,9 +50,7 @@ class Image:
     def __init__(
         self,
         samples: npt.NDArray[np.float32],
-        origin: Sequence[float],
-        axes: Sequence[Sequence[float]],
-        units: Sequence[str],
+        place: tuple[Sequence[float], Sequence[Sequence[float]], Sequence[str]],
         names: Sequence[str],
         encoding: str,
         labels: tuple[list[int], npt.NDArray[np.uint32]] | None,

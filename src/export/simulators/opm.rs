@@ -25,7 +25,7 @@ const NEEDS: &str = "an OPM deck";
 /// Writes the deck.
 ///
 /// # Errors
-/// [`Error::Export`](crate::Error::Export) without porosity or permeability, for a porosity outside [0, 1], a depth above
+/// [`Error::Export`] without porosity or permeability, for a porosity outside [0, 1], a depth above
 /// the surface, or a well's name that no deck can hold.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let porosity = model.need_porosity(NEEDS)?;

@@ -190,7 +190,7 @@ pub struct FlowOutcome<const D: usize, M> {
 /// Flow through triangles or tetrahedra, and `lines` streamlines.
 ///
 /// # Errors
-/// Those of [`ElementFlow`]; [`Error::Interrupted`] once `patience` is over.
+/// Those of [`ElementFlow`]; [`Error::Interrupted`](crate::Error::Interrupted) once `patience` is over.
 pub fn flow_through_elements<const D: usize, M: Simplices<D>>(
     stored: StoredMesh<D, M>,
     rock: Rock,
@@ -250,7 +250,7 @@ pub fn flow_through_elements<const D: usize, M: Simplices<D>>(
 /// of the flow along each axis.
 ///
 /// # Errors
-/// Those of [`CellFlow`]; [`Error::Interrupted`] once `patience` is over.
+/// Those of [`CellFlow`]; [`Error::Interrupted`](crate::Error::Interrupted) once `patience` is over.
 pub fn flow_through_cells<const D: usize>(
     stored: StoredMesh<D, PolyMesh<D>>,
     rock: &Rock,

@@ -28,7 +28,7 @@ pub struct Measure {
     /// mesh.
     pub area: f64,
     /// Unit normal of the plane that fits the surface best, pointing up. Deviations from it are measured in
-    /// samples ([`Up::in_samples`]), in which errors of positions are alike along all axes.
+    /// samples (`Up::in_samples`), in which errors of positions are alike along all axes.
     pub normal: Vec<f64>,
     /// Angle between that normal and up, in degrees: 0 is horizontal, 90 vertical. `None` where
     /// coordinates have different units (`Up::in_units`).

@@ -203,7 +203,7 @@ fn volumes_of_others(folder: &Path) -> Outcome<()> {
         (
             "F3 faults",
             "fault3d_f3/f3_faults_slices003-210_u8.npy",
-            &[][..],
+            &["--feature", "mask"][..],
         ),
         ("SEISMIC3D", "seismic3d/SEISMIC3D.sgy", &[]),
         (

@@ -188,7 +188,9 @@ impl Report {
 
     /// What is wrong with a valid mesh, the worst first.
     fn issue(&self) -> Option<Issue> {
+        // What was followed decides on all the rest.
         self.followed_nothing()
+            .or_else(|| self.doubtful())
             .or_else(|| self.quality.as_ref().and_then(|q| self.shapes(q)))
             .or_else(|| self.voronoi.as_ref().and_then(|v| self.flow(v)))
             .or_else(|| self.features())
@@ -197,7 +199,6 @@ impl Report {
             .or_else(|| self.volumes())
             .or_else(|| self.not_credible())
             .or_else(|| self.dropped())
-            .or_else(|| self.doubtful())
             .or_else(|| self.physical_shapes())
     }
 
@@ -647,7 +648,7 @@ mod tests {
     use serde_json::json;
 
     use super::*;
-    use crate::feature::{LeftOut, MissingData};
+    use crate::feature::{Doubt, LeftOut, MissingData};
     use crate::mesh::boxes::kuhn_box;
     use crate::mesh::check::check;
     use crate::report::{Match, quality};
@@ -836,5 +837,13 @@ mod tests {
         }];
         let option = Verdict::of(&none).unwrap().option;
         assert_eq!(option.as_deref(), Some("--feature ridges"));
+        // A doubt about what to follow comes before what came of it.
+        far.doubt = Some(Doubt {
+            question: "objects may be paint".into(),
+            assumed: FeatureKind::Labels,
+            other: FeatureKind::Mask,
+        });
+        let option = Verdict::of(&far).unwrap().option;
+        assert_eq!(option.as_deref(), Some("--feature mask"));
     }
 }

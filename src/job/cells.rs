@@ -102,7 +102,9 @@ where
             .zip(labelled.as_ref())
             .and_then(|(numbers, image)| {
                 let (places, step) = (Places::of_cells(&mesh), features.potential.step);
-                regions::report(image, &params.labels, &places, numbers, step, patience)
+                let contacts = regions::contacts_of_cells(&mesh, numbers);
+                let held = (&places, &contacts);
+                regions::report(image, &params.labels, held, numbers, step, patience)
             });
         if let Some(voronoi) = &mut report.voronoi {
             voronoi.conforming = Some(sites.share(&mesh, atoms.len()));

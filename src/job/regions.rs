@@ -1,6 +1,8 @@
 //! The regions of a mesh of labels: which cells have which label, faces where labels change, and what
 //! became of each connected part.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use crate::parallel::prelude::*;
 
 use super::{Marked, Scene};
@@ -8,11 +10,14 @@ use crate::feature::components::{Components, for_each_sample};
 use crate::feature::labelled::{Labelled, components};
 use crate::feature::volume::Volume;
 use crate::feature::{LabelWish, labelled};
+use crate::geometry::{norm, normal};
 use crate::image::{Image, LabelTable};
 use crate::improve::regions::{self, Fitting, Places};
 use crate::mesh::Simplices;
+use crate::mesh::complex::NONE;
+use crate::mesh::poly::{Beyond, PolyMesh};
 use crate::observer::Patience;
-use crate::report::{DAMAGED, Lost, Region, Regions};
+use crate::report::{DAMAGED, Hole, Lost, Region, Regions};
 
 /// A part of a label of which the cells with its label hold less than this share is lost.
 const HELD: f64 = 0.25;
@@ -46,11 +51,73 @@ pub(super) fn of_simplices<const D: usize, M: Simplices<D>>(
     regions
 }
 
+/// The area over which cells of two labels touch, by their numbers, the smaller first.
+pub(super) type Contacts = BTreeMap<[u32; 2], f64>;
+
+/// Returns the contacts of labels in a mesh of simplices.
+pub(super) fn contacts_of_simplices<const D: usize, M: Simplices<D>>(
+    mesh: &M,
+    neighbors: &[u32],
+    numbers: &[u32],
+) -> Contacts {
+    let mut contacts = Contacts::new();
+    for (c, &here) in numbers.iter().enumerate() {
+        for k in 0..=D {
+            let beyond = neighbors[(D + 1) * c + k];
+            if beyond != NONE && here < numbers[beyond as usize] {
+                let corners = mesh.face(c, k).map(|n| mesh.nodes()[n as usize]);
+                *contacts
+                    .entry([here, numbers[beyond as usize]])
+                    .or_default() += norm(normal(&corners));
+            }
+        }
+    }
+    contacts
+}
+
+/// Returns the contacts of labels in a mesh of polyhedra or polygons.
+pub(super) fn contacts_of_cells<const D: usize>(mesh: &PolyMesh<D>, numbers: &[u32]) -> Contacts {
+    let mut contacts = Contacts::new();
+    for (f, cells) in mesh.face_cells.iter().enumerate() {
+        if let Beyond::Cell(_) = mesh.beyond(f) {
+            let mut pair = cells.map(|c| numbers[c as usize]);
+            pair.sort_unstable();
+            if pair[0] != pair[1] {
+                *contacts.entry(pair).or_default() += norm(mesh.face_shape(f).area_vector);
+            }
+        }
+    }
+    contacts
+}
+
+/// Returns the pairs of labels that touch somewhere in an image, at a side, an edge or a corner of samples.
+fn touching<const D: usize>(dims: [usize; D], labels: &[u32]) -> BTreeSet<[u32; 2]> {
+    let mut pairs = BTreeSet::new();
+    let strides = Volume::new(dims, &[]).strides();
+    // Half of the samples round one: the others see this one.
+    let count = 3usize.pow(D as u32);
+    for_each_sample(dims, |i, at| {
+        for number in count / 2 + 1..count {
+            let step = |k: usize| number / 3usize.pow(k as u32) % 3;
+            let inside = (0..D).all(|k| at[k] + step(k) > 0 && at[k] + step(k) <= dims[k]);
+            if !inside {
+                continue;
+            }
+            let there = (0..D).fold(i, |there, k| there + step(k) * strides[k] - strides[k]);
+            let [a, b] = [labels[i], labels[there]];
+            if a != b {
+                pairs.insert([a.min(b), a.max(b)]);
+            }
+        }
+    });
+    pairs
+}
+
 /// What came of the labels of an image: `places` are those of the cells, whose labels have `numbers`. `None` if they are too many, or `patience` does not last.
 pub(super) fn report<const D: usize>(
     image: &Image<D>,
     wishes: &[LabelWish],
-    places: &Places<'_, D>,
+    (places, contacts): (&Places<'_, D>, &Contacts),
     numbers: &[u32],
     step: [f64; D],
     patience: &Patience<'_>,
@@ -170,7 +237,18 @@ pub(super) fn report<const D: usize>(
             .get(place)
             .is_some_and(|region| region.parts == lost.parts);
     }
+    let sample_side = sample.powf((D - 1) as f64 / D as f64);
+    let touching = touching(dims, &of_sample);
+    let mut holes: Vec<Hole> = (contacts.iter())
+        .filter(|(pair, _)| !touching.contains(*pair))
+        .map(|(pair, area)| Hole {
+            labels: pair.map(|n| labels[n as usize]),
+            area: area / sample_side,
+        })
+        .collect();
+    holes.sort_by(|a, b| b.area.total_cmp(&a.area));
     Some(Regions {
+        holes,
         regions: all,
         lost: lost.0,
         damaged: damaged.0,
@@ -259,7 +337,7 @@ mod tests {
     use crate::feature::scenes::image_of;
     use crate::image::LabelValue;
     use crate::job::{CellKind, Outcome, Params, Spacing, run};
-    use crate::mesh::complex::NONE;
+    use crate::mesh::boxes::kuhn_box;
     use crate::observer::Unobserved;
 
     /// Balls of different sizes in two layers that a dyke cuts, somewhat different for each seed.
@@ -289,6 +367,47 @@ mod tests {
                 }
             }
         })
+    }
+
+    #[test]
+    fn labels_that_touch_only_in_the_mesh_are_told_with_the_area() {
+        // A wall of one sample between two labels, but for a gap at high y where these touch.
+        let walls = |gap: f64| {
+            image_of([5, 5, 5], |p| match p[0] {
+                x if x < 2.0 => 1.0,
+                x if x > 2.0 || p[1] > gap => 3.0,
+                _ => 2.0,
+            })
+        };
+        let mesh = kuhn_box([4, 4, 4], 1.0);
+        let neighbors = mesh.neighbors().unwrap();
+        // A mesh without the wall.
+        let number = |c: usize| {
+            let x: f64 = mesh
+                .cell(c)
+                .iter()
+                .map(|&n| mesh.nodes[n as usize][0] / 4.0)
+                .sum();
+            if x < 2.0 { 0 } else { 2 }
+        };
+        let numbers: Vec<u32> = (0..mesh.tets.len()).map(number).collect();
+        let contacts = contacts_of_simplices(&mesh, &neighbors, &numbers);
+        assert_eq!(contacts.keys().collect::<Vec<_>>(), [&[0, 2]]);
+        assert!((contacts[&[0, 2]] - 16.0).abs() < 1e-12, "{contacts:?}");
+        let of = |image: &Image<3>| {
+            let places = Places::of_simplices(&mesh);
+            let held = (&places, &contacts);
+            let found = report(image, &[], held, &numbers, [1.0; 3], &Patience::endless());
+            found.unwrap().holes
+        };
+        let holes = of(&walls(9.0));
+        assert_eq!(holes.len(), 1);
+        assert_eq!(
+            holes[0].labels,
+            [LabelValue::Whole(1), LabelValue::Whole(3)]
+        );
+        assert!((holes[0].area - 16.0).abs() < 1e-9, "{holes:?}");
+        assert_eq!(of(&walls(3.5)), []);
     }
 
     fn meshed(image: &Image<3>, params: &Params<3>) -> Outcome<3> {

@@ -96,7 +96,9 @@ where
             .zip(labelled.as_ref())
             .and_then(|(numbers, image)| {
                 let places = Places::of_simplices(&made.mesh);
-                regions::report(image, &params.labels, &places, numbers, step, patience)
+                let contacts = regions::contacts_of_simplices(&made.mesh, &neighbors, numbers);
+                let held = (&places, &contacts);
+                regions::report(image, &params.labels, held, numbers, step, patience)
             });
         let mut report = Report {
             quality: figures.quality,

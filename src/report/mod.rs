@@ -49,7 +49,7 @@ pub use quality::{Quality, quality, smallest_angles};
 pub(crate) use quality::{quality_of_part, quality_while};
 pub use reference::Reference;
 pub(crate) use regions::DAMAGED;
-pub use regions::{Lost, Region, Regions};
+pub use regions::{Hole, Lost, Region, Regions};
 pub use verdict::{Grade, Verdict};
 
 use crate::feature::{Doubt, KindOutcome, MissingData};

@@ -8,10 +8,21 @@ use serde::Serialize;
 pub struct Regions {
     /// One for each label, in ascending order.
     pub regions: Vec<Region>,
+    /// Pairs of labels that touch in the mesh and nowhere in the image, the largest contact first.
+    pub holes: Vec<Hole>,
     /// Connected parts of labels that the mesh does not have, by label.
     pub lost: Vec<Lost>,
     /// Connected parts of labels of which much is missing, by label.
     pub damaged: Vec<Lost>,
+}
+
+/// Two labels that touch in the mesh although something lies between them in the image, which so has holes.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Hole {
+    /// The two labels.
+    pub labels: [LabelValue; 2],
+    /// The area over which they touch, in square samples (in the plane the length, in samples).
+    pub area: f64,
 }
 
 /// A region of the mesh.
@@ -138,6 +149,10 @@ impl Regions {
         if self.regions.len() > SHOWN {
             lines.push(format!("... {} more in JSON", self.regions.len() - SHOWN));
         }
+        lines.extend(self.holes.iter().take(SHOWN).map(|hole| {
+            let [a, b] = hole.labels;
+            format!("HOLES: labels {a} and {b} touch over {:.1} square samples, and nowhere in the image", hole.area)
+        }));
         lines.extend(self.lost.iter().map(Lost::said));
         let damaged = self.damaged.iter();
         lines.extend(damaged.map(|lost| lost.said_as("DAMAGED")));

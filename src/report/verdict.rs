@@ -37,6 +37,12 @@ const MEASURED: usize = 50;
 /// ... are an issue if their volumes are off by more than this, in percent.
 const OFF_PERCENT: f64 = 2.0;
 
+/// Contacts of labels that do not touch in the image are an issue if they are larger than this, in square samples.
+const LARGEST_HOLE: f64 = 10.0;
+
+/// Interfaces that stray farther from where labels change, in samples, have spikes.
+const SPIKE: f64 = 1.5;
+
 /// Distances of atoms that are smaller than this, in samples, show nothing more of an image.
 const LEAST_DISTANCE: f64 = 1.0;
 
@@ -196,7 +202,9 @@ impl Report {
             .or_else(|| self.features())
             .or_else(|| self.lost())
             .or_else(|| self.damaged())
+            .or_else(|| self.holes())
             .or_else(|| self.volumes())
+            .or_else(|| self.spikes())
             .or_else(|| self.not_credible())
             .or_else(|| self.dropped())
             .or_else(|| self.physical_shapes())
@@ -282,6 +290,9 @@ impl Report {
             said.push(format!("{all} % of the samples hold no data, {gaps}"));
         }
         said.extend(self.of_regions());
+        said.extend(
+            (self.strays()).map(|far| format!("faces between regions up to {far:.1} samples off")),
+        );
         said.extend((self.doubt.as_ref()).map(|doubt| format!("doubtful: {}", doubt.question)));
         if said.is_empty() {
             let nothing = self.asked().is_some() && !self.stopped();
@@ -497,6 +508,17 @@ impl Report {
         })
     }
 
+    /// Labels that touch through holes in what lies between them.
+    fn holes(&self) -> Option<Issue> {
+        let worst = self.regions.as_ref()?.holes.first()?;
+        let [a, b] = worst.labels;
+        (worst.area > LARGEST_HOLE).then(|| Issue {
+            issue: format!("what lies between the labels {a} and {b} has holes, over which they touch"),
+            option: self.finer(),
+            suggestion: "cells of the size of what is thin keep it whole; or an image of more samples",
+        })
+    }
+
     /// Parts of labels of which much is missing.
     fn damaged(&self) -> Option<Issue> {
         let damaged = &self.regions.as_ref()?.damaged;
@@ -545,6 +567,23 @@ impl Report {
         })
     }
 
+    /// Returns how far, in samples, interfaces of labels stray from where labels change.
+    fn strays(&self) -> Option<f64> {
+        self.regions.as_ref()?;
+        let farthest = self.fidelity.as_ref()?.claimed.as_ref()?.hausdorff;
+        (farthest.is_finite() && farthest > SPIKE).then_some(farthest)
+    }
+
+    /// Nodes of interfaces that are far off.
+    fn spikes(&self) -> Option<Issue> {
+        let farthest = self.strays()?;
+        Some(Issue {
+            issue: format!("faces between regions have spikes, up to {farthest:.1} samples long"),
+            option: self.finer(),
+            suggestion: "cells that are smaller than what is thin have none",
+        })
+    }
+
     /// What to say of regions in the first line.
     fn of_regions(&self) -> Option<String> {
         let regions = self.regions.as_ref()?;
@@ -556,13 +595,18 @@ impl Report {
             .map(|region| region.off_percent.abs())
             .fold(0.0, f64::max);
         let lost: usize = regions.lost.iter().map(|lost| lost.parts).sum();
-        Some(match lost {
+        let said = match lost {
             0 => format!("regions within {worst:.1} % of their volumes"),
             1 => format!("regions within {worst:.1} % of their volumes, a part lost"),
             _ => format!(
                 "regions within {worst:.1} % of their volumes, {} parts lost",
                 grouped(lost)
             ),
+        };
+        let area: f64 = regions.holes.iter().map(|hole| hole.area).sum();
+        Some(match area > LARGEST_HOLE {
+            true => format!("{said}, holes of {area:.0} square samples between them"),
+            false => said,
         })
     }
 

@@ -115,8 +115,8 @@ class MeshOptions(TypedDict, total=False):
     axes: _Value | None
     #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
     geometry_from: _Path | None
-    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it, common
-    #: ones are recognised, and traces that are zero throughout count as missing
+    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it,
+    #: common ones are recognised, and traces that are zero throughout count as missing
     null: _Value | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -178,8 +178,8 @@ class FeatureOptions(TypedDict, total=False):
     axes: _Value | None
     #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
     geometry_from: _Path | None
-    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it, common
-    #: ones are recognised, and traces that are zero throughout count as missing
+    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it,
+    #: common ones are recognised, and traces that are zero throughout count as missing
     null: _Value | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -216,8 +216,8 @@ class InfoOptions(TypedDict, total=False):
     axes: _Value | None
     #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
     geometry_from: _Path | None
-    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it, common
-    #: ones are recognised, and traces that are zero throughout count as missing
+    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it,
+    #: common ones are recognised, and traces that are zero throughout count as missing
     null: _Value | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -258,8 +258,8 @@ class ConvertOptions(TypedDict, total=False):
     axes: _Value | None
     #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
     geometry_from: _Path | None
-    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it, common
-    #: ones are recognised, and traces that are zero throughout count as missing
+    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it,
+    #: common ones are recognised, and traces that are zero throughout count as missing
     null: _Value | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -311,8 +311,8 @@ class ReportOptions(TypedDict, total=False):
     axes: _Value | None
     #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
     geometry_from: _Path | None
-    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it, common
-    #: ones are recognised, and traces that are zero throughout count as missing
+    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it,
+    #: common ones are recognised, and traces that are zero throughout count as missing
     null: _Value | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -395,8 +395,8 @@ class EditOptions(TypedDict, total=False):
     axes: _Value | None
     #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
     geometry_from: _Path | None
-    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it, common
-    #: ones are recognised, and traces that are zero throughout count as missing
+    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it,
+    #: common ones are recognised, and traces that are zero throughout count as missing
     null: _Value | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -441,8 +441,8 @@ class ColumnsOptions(TypedDict, total=False):
     axes: _Value | None
     #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
     geometry_from: _Path | None
-    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it, common
-    #: ones are recognised, and traces that are zero throughout count as missing
+    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it,
+    #: common ones are recognised, and traces that are zero throughout count as missing
     null: _Value | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -493,8 +493,8 @@ class ExportOptions(TypedDict, total=False):
     axes: _Value | None
     #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
     geometry_from: _Path | None
-    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it, common
-    #: ones are recognised, and traces that are zero throughout count as missing
+    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it,
+    #: common ones are recognised, and traces that are zero throughout count as missing
     null: _Value | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -533,8 +533,9 @@ class ExportOptions(TypedDict, total=False):
     split: _Value | None
     #: Nodes in the middle of edges, too: elements of second order
     quadratic: bool | None
-    #: Unit of the mesh's coordinates, where the mesh does not state it [default: m]: m, km, ft,
-    #: cm, mm, um
+    #: Unit of the mesh's coordinates, whatever the mesh states: m, km, ft, cm, mm, um, nm. The
+    #: export is in metres [default: what the mesh states, or m; scans in mm or less keep their
+    #: unit where flow is not simulated]
     length_unit: _Value | None
     #: The coordinate that is depth, with its sign: -z if z grows upwards, z if downwards, x ...
     down: _Value | None
@@ -595,8 +596,8 @@ class SliceOptions(TypedDict, total=False):
     axes: _Value | None
     #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
     geometry_from: _Path | None
-    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it, common
-    #: ones are recognised, and traces that are zero throughout count as missing
+    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it,
+    #: common ones are recognised, and traces that are zero throughout count as missing
     null: _Value | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -661,8 +662,8 @@ class SurfaceOptions(TypedDict, total=False):
     axes: _Value | None
     #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
     geometry_from: _Path | None
-    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it, common
-    #: ones are recognised, and traces that are zero throughout count as missing
+    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it,
+    #: common ones are recognised, and traces that are zero throughout count as missing
     null: _Value | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -710,8 +711,8 @@ class PaintOptions(TypedDict, total=False):
     axes: _Value | None
     #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
     geometry_from: _Path | None
-    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it, common
-    #: ones are recognised, and traces that are zero throughout count as missing
+    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it,
+    #: common ones are recognised, and traces that are zero throughout count as missing
     null: _Value | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -761,8 +762,8 @@ class SegmentOptions(TypedDict, total=False):
     axes: _Value | None
     #: A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
     geometry_from: _Path | None
-    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it, common
-    #: ones are recognised, and traces that are zero throughout count as missing
+    #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it,
+    #: common ones are recognised, and traces that are zero throughout count as missing
     null: _Value | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None

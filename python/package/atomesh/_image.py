@@ -162,7 +162,8 @@ def _filled(array: Any) -> npt.NDArray[Any]:
     if isinstance(array, np.ma.MaskedArray):
         if not np.ma.getmaskarray(array).any():
             return np.asarray(array.data)
-        return np.asarray(array.astype(np.result_type(array.dtype, np.float32)).filled(np.nan))
+        floats: Any = array.astype(np.result_type(array.dtype, np.float32))
+        return np.asarray(floats.filled(np.nan))
     return np.asarray(array)
 
 

@@ -125,7 +125,8 @@ def test_surfaces(mesh):
     assert len(mesh.surfaces(kind="horizon")) == 0
     data = surfaces.to_pyvista()
     assert set(np.unique(data["surface"])) == set(range(1, len(surfaces) + 1))
-    assert data.area == pytest.approx(sum(s.measures["area"] for s in surfaces), rel=1e-4)
+    # Areas are measured without the bumps of single faces.
+    assert 0.99 * data.area < sum(s.measures["area"] for s in surfaces) < data.area
     assert surfaces[0].to_pyvista().n_cells == len(surfaces[0].faces)
     assert len(mesh.surfaces(image=mesh.image, feature="ridges")) >= 1
 
@@ -215,7 +216,7 @@ def test_a_page(mesh, tmp_path):
 
 def test_the_verdict_is_in_words_and_in_figures(mesh):
     assert mesh.report["verdict"]["grade"] in ("good", "fair")
-    assert repr(mesh).splitlines()[1].startswith("good?")
+    assert [line.split()[0] for line in repr(mesh).splitlines()[1:] if line[0] != " "][:3] == ["mesh", "features", "use"]
 
 
 def test_an_image_in_a_file_is_drawn(faults, tmp_path):

@@ -318,3 +318,20 @@ fn velocities_that_make_no_depth_are_refused() {
         assert!(said.contains(words), "{words}: {said}");
     }
 }
+
+#[test]
+fn angles_are_measured_in_no_space_that_mixes_metres_and_milliseconds() {
+    let folder = folder();
+    let at = folder.path();
+    let mesh = "mesh s.sgy --distance 9 --feature ridges --json -o m.vtu";
+    let time = json(&run(at, mesh));
+    assert_eq!(time["quality_physical"], Value::Null);
+    assert!(time["quality"]["smallest_angle"]["worst"].is_number());
+    let depth = json(&run(at, &format!("{mesh} --velocity 2000")));
+    assert!(depth["quality_physical"]["smallest_angle"]["worst"].is_number());
+    let mesh = format!("{mesh} --cells voronoi");
+    let time = json(&run(at, &mesh));
+    assert_eq!(time["voronoi"]["angle_physical"], Value::Null);
+    let depth = json(&run(at, &format!("{mesh} --velocity 2000")));
+    assert!(depth["voronoi"]["angle_physical"][0].is_number());
+}

@@ -381,9 +381,11 @@ fn measure<const D: usize>(
         let physical = Graph::from_poly(&to_world(mesh, step, geometry));
         let cubes = graph.volume.iter().zip(&graph.site);
         let cubes = cubes.map(|(volume, &x)| volume / distance.at(x).powi(D as i32));
+        let measured = report::voronoi(check, &graph, &physical);
         report::Voronoi {
             cells_per_cube: Some(graph.volume.len() as f64 / cubes.sum::<f64>()),
-            ..report::voronoi(check, &graph, &physical)
+            angle_physical: measured.angle_physical.filter(|_| geometry.has_angles()),
+            ..measured
         }
     });
     let fidelity = measured(patience, || {

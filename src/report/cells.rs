@@ -42,8 +42,8 @@ pub struct Voronoi {
     /// be 0: the largest and the mean (by area). Faces below 1e-6 of the mean area, which have no
     /// direction to speak of, are left out.
     pub angle: [f64; 2],
-    /// The same in physical space: where it is not 0, two-point flux is an approximation.
-    pub angle_physical: [f64; 2],
+    /// The same in physical space, unless its axes mix units: where it is not 0, two-point flux is an approximation.
+    pub angle_physical: Option<[f64; 2]>,
     /// Connections whose two-point transmissibility is not positive, in physical space.
     pub not_positive: usize,
 }
@@ -101,7 +101,7 @@ pub fn voronoi<const D: usize>(check: Check, graph: &Graph<D>, physical: &Graph<
         smallest_face: least(&mut graph.connections.iter().map(|c| c.area)) / area,
         tiny_faces: TINY.map(tiny),
         angle: angles(graph),
-        angle_physical: angles(physical),
+        angle_physical: Some(angles(physical)),
         not_positive: physical
             .connections
             .iter()

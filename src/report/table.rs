@@ -279,14 +279,11 @@ fn cells(line: &mut impl FnMut(&str, String), voronoi: &Voronoi) {
         ),
     );
     let angle = |[worst, mean]: [f64; 2]| format!("worst {worst:.1e}, mean {mean:.1e}");
-    line(
-        "",
-        format!(
-            "off their connections (degrees): {}; in physical space {}",
-            angle(voronoi.angle),
-            angle(voronoi.angle_physical)
-        ),
-    );
+    let mut off = format!("off their connections (degrees): {}", angle(voronoi.angle));
+    if let Some(physical) = voronoi.angle_physical {
+        off += &format!("; in physical space {}", angle(physical));
+    }
+    line("", off);
 }
 
 fn shapes(line: &mut impl FnMut(&str, String), space: &str, quality: &Quality) {

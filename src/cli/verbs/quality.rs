@@ -161,7 +161,12 @@ pub(super) fn figures_of_cells<const D: usize>(
         report.notes.push(note.clone());
     }
     let physical = stored.in_world(Graph::from_poly);
-    report.voronoi = Some(report::voronoi(found, &graph, &physical));
+    let measured = report::voronoi(found, &graph, &physical);
+    let has_angles = stored.space.geometry.has_angles();
+    report.voronoi = Some(report::Voronoi {
+        angle_physical: measured.angle_physical.filter(|_| has_angles),
+        ..measured
+    });
     report
 }
 

@@ -46,7 +46,7 @@ function figures(facts) {
     rows.push(['Smallest of mean volume', written(cells.volumes[0], 0.001)], ['Largest of mean volume', written(cells.volumes[1], 0.001)]);
     if (cells.conforming !== null) rows.push(['Surfaces that are faces', percent(cells.conforming)]);
     rows.push(['Faces below 1 % of mean area', percent(cells.tiny_faces[3])]);
-    rows.push(['Off orthogonal, worst', `${cells.angle_physical[0].toFixed(2)}°`]);
+    rows.push(['Off orthogonal, worst', `${(cells.angle_physical || cells.angle)[0].toFixed(2)}°`]);
     rows.push(['Connections not positive', written(cells.not_positive), cells.not_positive > 0]);
   }
   if (report.lattice) rows.push(['Spacing over d, median', written(report.lattice.spacing[1], 0.01)]);

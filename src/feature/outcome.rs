@@ -2,6 +2,7 @@
 
 use super::{FeatureKind, FeaturePoint, LeftOut};
 use crate::error::Result;
+use crate::geometry::norm;
 use crate::image::Geometry;
 use crate::image::time::seconds;
 use crate::ranks::Group;
@@ -79,7 +80,7 @@ pub(super) fn gently_dipping<const D: usize>(
         let slope = std::array::from_fn(|k| f64::from(point.normal[k]) * step[k]);
         let normal: Option<[f64; D]> = slopes.to_index(slope);
         normal.is_some_and(|normal| {
-            let length = normal.iter().map(|c| c * c).sum::<f64>().sqrt();
+            let length = norm(normal);
             normal[vertical].abs() > LEAST_DIP.to_radians().cos() * length
         })
     };

@@ -13,7 +13,8 @@
 //! - `field`: samples in *lattice space* and their smooth interpolation
 //! - `labels`: values of labels, exactly
 //! - `layers`: samples some layers at a time, in memory or not
-//! - `live`: samples that hold no data, and gaps among them
+//! - `live`: which samples hold data, and gaps among them
+//! - `nulls`: finds samples that hold no data
 //! - `sparse`: the same of what is zero nearly everywhere
 
 pub(crate) mod check;
@@ -26,6 +27,7 @@ pub(crate) mod labels;
 pub(crate) mod layers;
 pub(crate) mod live;
 pub(crate) mod modality;
+pub(crate) mod nulls;
 pub(crate) mod sparse;
 pub mod synth;
 pub(crate) mod time;
@@ -39,9 +41,9 @@ pub use geometry::Geometry;
 pub use labels::{ExactLabels, LabelTable, LabelValue};
 pub use layers::{Layers, Source};
 pub(crate) use live::LiveMask;
-pub use live::Marked;
 use live::apart2;
 pub use modality::Modality;
+pub use nulls::Marked;
 pub(crate) use sparse::Missed;
 pub use sparse::Sparse;
 pub use time::{NoDepth, TimeCoordinate};

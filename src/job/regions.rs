@@ -113,7 +113,8 @@ fn touching<const D: usize>(dims: [usize; D], labels: &[u32]) -> BTreeSet<[u32; 
     pairs
 }
 
-/// What came of the labels of an image: `places` are those of the cells, whose labels have `numbers`. `None` if they are too many, or `patience` does not last.
+/// Returns what became of the labels of an image, from the places and contacts of cells whose labels have these
+/// `numbers`; `None` if there are too many labels, or if `patience` does not last.
 pub(super) fn report<const D: usize>(
     image: &Image<D>,
     wishes: &[LabelWish],

@@ -13,16 +13,16 @@ const SHARE: f64 = 0.9;
 /// A larger share of the features of one kind that the mesh does not follow is an issue.
 const DROPPED: f64 = 0.1;
 
-/// Features of which the typical strength is a smaller multiple of that of noise may be noise.
+/// Features whose typical strength is a smaller multiple of the noise may be noise.
 const CREDIBLE: f32 = 2.5;
 
-/// By how much features are stronger than noise is of no interest above this.
+/// Ratios of strength to noise above this are not given in figures.
 const MUCH: f32 = 100.0;
 
 /// A larger share of faults that dip as layers do is an issue.
 const GENTLE: f64 = 0.25;
 
-/// Angles are as they shall be from this, in degrees, up to what is as far from 180; unless less was asked for.
+/// Angles within this distance, in degrees, of 0 or 180 are an issue, unless a smaller target was given.
 const LEAST_ANGLE: f64 = 20.0;
 
 /// A share of faces narrower than the least of [`TINY`](super::cells::TINY) that is worth a word.
@@ -43,7 +43,7 @@ const LARGEST_HOLE: f64 = 10.0;
 /// Interfaces that stray farther from where labels change, in samples, have spikes.
 const SPIKE: f64 = 1.5;
 
-/// Distances of atoms that are smaller than this, in samples, show nothing more of an image.
+/// A distance between atoms below this, in samples, adds no detail of the image, and is not suggested.
 const LEAST_DISTANCE: f64 = 1.0;
 
 /// How good a mesh is.
@@ -85,7 +85,7 @@ struct Issue {
 }
 
 impl Verdict {
-    /// What a report comes to; `None` if it has no figures of a mesh.
+    /// Returns the verdict on a report; `None` if it has no figures of a mesh.
     pub fn of(report: &Report) -> Option<Self> {
         let check = report.filling.as_ref();
         let check = check.or(report.voronoi.as_ref().map(|v| &v.check))?;
@@ -143,7 +143,7 @@ impl Verdict {
         })
     }
 
-    /// Its three lines, each with its heading.
+    /// Returns the three lines, each with its heading.
     pub(super) fn lines(&self) -> [(&'static str, String); 3] {
         let word = match self.grade {
             Grade::Good => "good",
@@ -181,7 +181,7 @@ fn percent(share: f64) -> String {
 }
 
 impl Report {
-    /// The same as JSON, with the [`Verdict`] in front.
+    /// Returns the report as JSON, with the [`Verdict`] first.
     pub fn to_json(&self) -> serde_json::Value {
         let mut json = serde_json::Map::new();
         let verdict = serde_json::to_value(Verdict::of(self));
@@ -192,7 +192,7 @@ impl Report {
         json.into()
     }
 
-    /// What is wrong with a valid mesh, the worst first.
+    /// Returns the worst issue of a valid mesh.
     fn issue(&self) -> Option<Issue> {
         // What was followed decides on all the rest.
         self.followed_nothing()
@@ -304,7 +304,7 @@ impl Report {
         said
     }
 
-    /// A mesh of an image in which no feature was found.
+    /// Returns the issue of a mesh of an image in which no feature was found.
     fn followed_nothing(&self) -> Option<Issue> {
         let asked = self.asked()?;
         // Without a mesh's measures, nothing is known.
@@ -339,7 +339,7 @@ impl Report {
         asked.map_or(LEAST_ANGLE, |asked| asked.min(LEAST_ANGLE))
     }
 
-    /// Angles that no simulator likes.
+    /// Returns the issue of angles with which simulators fail or are slow.
     fn shapes(&self, quality: &Quality) -> Option<Issue> {
         let worst = quality.below_20.max(quality.above_160);
         let least = self.least_angle();
@@ -376,7 +376,7 @@ impl Report {
         })
     }
 
-    /// Angles in physical space, where users work in it.
+    /// Returns the issue of angles in physical space, if users work in it.
     fn physical_shapes(&self) -> Option<Issue> {
         let quality = self.quality_physical.as_ref()?;
         let least = self.least_angle();
@@ -392,7 +392,7 @@ impl Report {
         })
     }
 
-    /// What flow simulators do not like.
+    /// Returns the issue of Voronoi cells with which flow simulators fail or are slow.
     fn flow(&self, voronoi: &Voronoi) -> Option<Issue> {
         if voronoi.not_positive > 0 {
             return Some(Issue {
@@ -414,7 +414,7 @@ impl Report {
         })
     }
 
-    /// Features without faces, and faces without features.
+    /// Returns the issue of features without faces, or of faces off the features.
     fn features(&self) -> Option<Issue> {
         let (cover, precision) = self.matched()?;
         if cover < SHARE {
@@ -437,7 +437,7 @@ impl Report {
         })
     }
 
-    /// Features that were found and that the mesh does not follow.
+    /// Returns the issue of features that were found and that the mesh does not follow.
     fn dropped(&self) -> Option<Issue> {
         let worst = (self.outcomes.iter()).max_by(|a, b| a.dropped().total_cmp(&b.dropped()))?;
         if worst.dropped() <= DROPPED {
@@ -454,7 +454,7 @@ impl Report {
         })
     }
 
-    /// Features that may be none.
+    /// Returns the issue of features that may not be real.
     fn not_credible(&self) -> Option<Issue> {
         let gentle = |o: &&KindOutcome| o.gently_dipping.is_some_and(|share| share > GENTLE);
         if let Some(outcome) = self.outcomes.iter().find(gentle) {
@@ -481,7 +481,7 @@ impl Report {
         })
     }
 
-    /// Parts of labels that the mesh does not have.
+    /// Returns the issue of parts of labels that the mesh does not have.
     fn lost(&self) -> Option<Issue> {
         let lost = &self.regions.as_ref()?.lost;
         let largest = lost.iter().max_by_key(|of_label| of_label.largest)?;
@@ -508,7 +508,7 @@ impl Report {
         })
     }
 
-    /// Labels that touch through holes in what lies between them.
+    /// Returns the issue of labels that touch through holes in what lies between them.
     fn holes(&self) -> Option<Issue> {
         let worst = self.regions.as_ref()?.holes.first()?;
         let [a, b] = worst.labels;
@@ -519,7 +519,7 @@ impl Report {
         })
     }
 
-    /// Parts of labels of which much is missing.
+    /// Returns the issue of parts of labels of which much is missing.
     fn damaged(&self) -> Option<Issue> {
         let damaged = &self.regions.as_ref()?.damaged;
         let largest = damaged.iter().max_by_key(|of_label| of_label.largest)?;
@@ -538,7 +538,7 @@ impl Report {
         })
     }
 
-    /// The region whose volume is farthest off that of its samples.
+    /// Returns the issue of the region whose volume is farthest off that of its samples.
     fn volumes(&self) -> Option<Issue> {
         let all = self.regions.as_ref()?.regions.iter();
         let of_size = all.filter(|region| region.samples >= MEASURED);
@@ -574,7 +574,7 @@ impl Report {
         (farthest.is_finite() && farthest > SPIKE).then_some(farthest)
     }
 
-    /// Nodes of interfaces that are far off.
+    /// Returns the issue of interfaces with spikes.
     fn spikes(&self) -> Option<Issue> {
         let farthest = self.strays()?;
         Some(Issue {
@@ -584,7 +584,7 @@ impl Report {
         })
     }
 
-    /// What to say of regions in the first line.
+    /// Returns what the line on features says of regions.
     fn of_regions(&self) -> Option<String> {
         let regions = self.regions.as_ref()?;
         let of_size = regions
@@ -610,7 +610,7 @@ impl Report {
         })
     }
 
-    /// A kind of feature that was chosen although the image leaves it open.
+    /// Returns the issue of a kind of feature that was chosen although the image leaves it open.
     fn doubtful(&self) -> Option<Issue> {
         let doubt = self.doubt.as_ref()?;
         let change = if doubt.assumed == FeatureKind::Labels {
@@ -625,8 +625,8 @@ impl Report {
         })
     }
 
-    /// Shares of features with faces and of faces on features: of the faces that the mesh calls so, where
-    /// it does.
+    /// Returns the share of features with faces, and the share of faces on features: of the faces that the mesh
+    /// marks as such, if it marks any.
     fn matched(&self) -> Option<(f64, f64)> {
         let Fidelity {
             claimed,
@@ -676,7 +676,7 @@ impl Report {
         })
     }
 
-    /// The words of the job, if there was one.
+    /// Returns the options of the job, if there was one.
     fn asked(&self) -> Option<&serde_json::Value> {
         self.parameters.is_object().then_some(&self.parameters)
     }

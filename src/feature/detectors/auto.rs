@@ -28,7 +28,7 @@ use crate::feature::{Doubt, FeatureKind};
 use crate::files::kept::fields;
 use crate::geometry::wide::wide;
 use crate::image::check::{EQUAL_IN_LABELS, FEW_LABELS, equal_neighbours, is_whole, values};
-use crate::image::live::may_be_null;
+use crate::image::nulls::may_be_null;
 use crate::image::{Image, Modality};
 use crate::observer::Patience;
 use crate::parallel::prelude::*;

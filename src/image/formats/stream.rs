@@ -15,7 +15,7 @@ use super::samples::{self, Encoding};
 use super::segy::{Lines, SegyInfo};
 use super::{AnyLoaded, Format, Loaded, of_its_axes};
 use crate::error::{Result, os};
-use crate::image::live::is_null;
+use crate::image::nulls::is_null;
 use crate::image::{ExactLabels, Geometry, Image};
 use crate::memory;
 

@@ -1,9 +1,9 @@
 //! CPU time of one evaluation of the lattice energy: `pairwise` against `sampled`, on one thread.
 //! `cargo bench --bench evaluator`; the target at d = 8 is a factor of ten.
 
-use atomesh::image::{Field, Sparse};
+use atomesh::image::{ScalarField, SparseField};
 use atomesh::lattice::distance::Distance;
-use atomesh::lattice::energy::{Beta, Energy, Pairwise, Sampled};
+use atomesh::lattice::energy::{Beta, Energy, PairwiseEnergy, SampledEnergy};
 use atomesh::lattice::seeding::{self, Alignment};
 use divan::Bencher;
 
@@ -20,10 +20,10 @@ const SIDE: usize = 160;
 
 /// A curved valley through the volume, and a lattice of spacing d, slightly disordered as in the
 /// midst of an optimisation.
-fn case(d: f64) -> (Vec<[f64; 3]>, Distance<3>, Field<3>) {
+fn case(d: f64) -> (Vec<[f64; 3]>, Distance<3>, ScalarField<3>) {
     let extent = [(SIDE - 1) as f64; 3];
     let distance = Distance::Constant(d);
-    let field = Field::from_fn([SIDE; 3], [1.0; 3], |x| {
+    let field = ScalarField::from_fn([SIDE; 3], [1.0; 3], |x| {
         let u = (x[0] + 0.2 * x[1] + 6.0 * (x[2] / 25.0).sin() - 90.0) / (0.25 * d);
         if u.abs() < 4.0 {
             -(-0.5 * u * u).exp()
@@ -31,8 +31,8 @@ fn case(d: f64) -> (Vec<[f64; 3]>, Distance<3>, Field<3>) {
             0.0
         }
     });
-    let mut atoms = seeding::lattice::fitted(extent, d, Alignment::On);
-    seeding::order::sort_by_curve(&mut atoms, extent, 2.0 * d);
+    let mut atoms = seeding::densest_lattice::fit_lattice(extent, d, Alignment::OnFeatures);
+    seeding::morton::sort_by_curve(&mut atoms, extent, 2.0 * d);
     for (n, atom) in atoms.iter_mut().enumerate() {
         let shift = 0.05 * d * (n as f64 * 0.618).sin();
         *atom = atom.map(|c| (c + shift).clamp(0.0, extent[0]));
@@ -49,8 +49,9 @@ fn evaluate(bencher: Bencher, energy: &mut dyn Energy<3>, atoms: &[[f64; 3]]) {
 fn pairwise(bencher: Bencher, d: u32) {
     let (atoms, distance, field) = case(f64::from(d));
     let extent = field.extent();
-    let potential = Sparse::of(&field);
-    if let Ok(mut energy) = Pairwise::new(extent, &distance, Some(&potential), Beta::Constant(0.5))
+    let potential = SparseField::from_field(&field);
+    if let Ok(mut energy) =
+        PairwiseEnergy::new(extent, &distance, Some(&potential), Beta::Constant(0.5))
     {
         evaluate(bencher, &mut energy, &atoms);
     }
@@ -59,6 +60,6 @@ fn pairwise(bencher: Bencher, d: u32) {
 #[divan::bench(args = [4, 8, 12], sample_count = 7, sample_size = 1)]
 fn sampled(bencher: Bencher, d: u32) {
     let (atoms, distance, field) = case(f64::from(d));
-    let mut energy = Sampled::new(&distance, field, Beta::Constant(0.5));
+    let mut energy = SampledEnergy::new(&distance, field, Beta::Constant(0.5));
     evaluate(bencher, &mut energy, &atoms);
 }

@@ -62,12 +62,12 @@ fn measure(mut model: Model, tets_only: bool, folder: &Path) -> Result<()> {
     println!("{} cells", model.len());
     for format in FORMATS {
         // Columns have cells of their own; a million of them is no Voronoi lattice.
-        if tets_only == format.any_cells || format.name == "disv" {
+        if tets_only == format.holds_any_cells || format.name == "disv" {
             continue;
         }
         let _ = std::fs::create_dir_all(folder);
         let name = format
-            .endings
+            .extensions
             .first()
             .map_or("case".into(), |e| format!("a.{e}"));
         // The peak so far is forgotten.

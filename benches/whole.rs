@@ -10,9 +10,9 @@ use std::time::Instant;
 
 use atomesh::feature;
 use atomesh::image::formats;
-use atomesh::image::synth::{self, Kind, Options, PRESETS};
+use atomesh::image::synth::{self, Options, PRESETS, SyntheticKind};
 use atomesh::lattice::distance::Distance;
-use atomesh::lattice::energy::{Beta, Energy, Pairwise, Sampled};
+use atomesh::lattice::energy::{Beta, Energy, PairwiseEnergy, SampledEnergy};
 use atomesh::lattice::seeding::{self, Alignment};
 use atomesh::mesh::{delaunay, voronoi};
 use atomesh::report::cost::cpu_seconds;
@@ -93,7 +93,7 @@ fn percent(share: f64) -> String {
 }
 
 /// Makes a synthetic image and its truth.
-fn make(folder: &Path, name: &str, kind: Kind, options: &Options) -> Outcome<()> {
+fn make(folder: &Path, name: &str, kind: SyntheticKind, options: &Options) -> Outcome<()> {
     let made = synth::make(kind, options)?;
     formats::write(&folder.join(format!("{name}.npy")), &made.image)?;
     Ok(made
@@ -238,7 +238,7 @@ fn large(folder: &Path) -> Outcome<()> {
             dims: [side; 3],
             ..Options::default()
         };
-        make(folder, "large", Kind::Faults, &options)?;
+        make(folder, "large", SyntheticKind::Faults, &options)?;
         let start = Instant::now();
         let run = atomesh(
             folder,
@@ -282,14 +282,14 @@ fn evaluators() -> Outcome<()> {
     let image = synth::make(PRESETS[0].kind, &PRESETS[0].options)?.image;
     let found = feature::detect(
         &image,
-        &feature::Detection {
+        &feature::DetectionOptions {
             d_min: d,
-            ..feature::Detection::default()
+            ..feature::DetectionOptions::default()
         },
     )?;
     let extent = image.dims().map(|n| (n - 1) as f64);
     let distance = Distance::Constant(d);
-    let atoms = seeding::fcc(extent, &distance, &[], Alignment::On)?.positions;
+    let atoms = seeding::fcc(extent, &distance, &[], Alignment::OnFeatures)?.positions;
     let mut gradient = vec![[0.0; 3]; atoms.len()];
     let beta = Beta::Constant(0.2);
     let mut time = |energy: &mut dyn Energy<3>| -> Outcome<f64> {
@@ -305,8 +305,9 @@ fn evaluators() -> Outcome<()> {
     // On one thread, so that seconds are processor seconds.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     let (pairwise, sampled) = pool.install(|| -> Outcome<(f64, f64)> {
-        let mut pairwise = Pairwise::new(extent, &distance, Some(&found.potential), beta.clone())?;
-        let mut sampled = Sampled::new(&distance, found.potential.dense(), beta);
+        let mut pairwise =
+            PairwiseEnergy::new(extent, &distance, Some(&found.potential), beta.clone())?;
+        let mut sampled = SampledEnergy::new(&distance, found.potential.to_dense(), beta);
         Ok((time(&mut pairwise)?, time(&mut sampled)?))
     })?;
     let figure = format!(
@@ -379,7 +380,8 @@ fn planes(folder: &Path) -> Outcome<()> {
 /// Voronoi cells against the Delaunay triangulation of the same atoms, on one thread.
 fn cells() -> Outcome<()> {
     let extent = [255.0; 3];
-    let mut atoms = seeding::lattice::fitted(extent, 4.0, Alignment::Alongside);
+    let mut atoms =
+        seeding::densest_lattice::fit_lattice(extent, 4.0, Alignment::AlongsideFeatures);
     for (n, atom) in atoms.iter_mut().enumerate() {
         for (k, x) in atom.iter_mut().enumerate() {
             *x += 0.2 * ((n * 3 + k) as f64 * 0.618).sin();

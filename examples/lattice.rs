@@ -9,21 +9,21 @@ use std::fmt::Write;
 use std::path::Path;
 
 use atomesh::feature;
-use atomesh::image::formats::{self, AnyLoaded, ReadOptions};
-use atomesh::image::{Field, Geometry, Image};
+use atomesh::image::formats::{self, AnyImage, ReadOptions};
+use atomesh::image::{Geometry, Image, ScalarField};
 use atomesh::lattice::distance::{self, Distance};
-use atomesh::lattice::energy::{Beta, Energy, Sampled, pair};
+use atomesh::lattice::energy::{Beta, Energy, SampledEnergy, pair};
 use atomesh::lattice::seeding::{self, Alignment};
 use atomesh::model::slice::{self, Caption, Overlay, Skeleton};
-use atomesh::model::surface::Kind;
-use atomesh::observer::Patience;
+use atomesh::model::surface::SurfaceKind;
+use atomesh::progress::CancelToken;
 
 fn main() -> anyhow::Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [image, pair, atom, lattice] = arguments.as_slice() else {
         anyhow::bail!("give IMAGE, and three pictures to write: .svg, .png, .png");
     };
-    let AnyLoaded::Plane(loaded) = formats::read_any(Path::new(image), &ReadOptions::default())?
+    let AnyImage::Plane(loaded) = formats::read_any(Path::new(image), &ReadOptions::default())?
     else {
         anyhow::bail!("{image} is not a 2-D image");
     };
@@ -77,7 +77,7 @@ fn curves() -> String {
 /// The sampled potential of one atom for d = 4 and, beside it, for d = 8.
 fn one_atom(to: &str) -> anyhow::Result<()> {
     const SIDE: usize = 33;
-    let flat = Field {
+    let flat = ScalarField {
         dims: [SIDE; 2],
         step: [1.0; 2],
         samples: vec![0.0; SIDE * SIDE],
@@ -85,35 +85,38 @@ fn one_atom(to: &str) -> anyhow::Result<()> {
     let mut rows = vec![Vec::new(); SIDE];
     for d in [4.0, 8.0] {
         let distance = Distance::Constant(d);
-        let mut energy = Sampled::new(&distance, flat.clone(), Beta::Constant(0.0));
+        let mut energy = SampledEnergy::new(&distance, flat.clone(), Beta::Constant(0.0));
         energy.evaluate(&[[16.0, 16.0]], &mut [[0.0; 2]])?;
-        let total = energy.total();
+        let total = energy.total_potential();
         for (row, samples) in rows.iter_mut().zip(total.samples.chunks(SIDE)) {
             row.extend_from_slice(samples);
         }
     }
     let image = Image::new([2 * SIDE, SIDE], rows.concat(), Geometry::default());
-    Ok(slice::plane(&image, &Overlay::default(), &Caption::default())?.write(Path::new(to))?)
+    Ok(
+        slice::draw_plane(&image, &Overlay::default(), &Caption::default())?
+            .write(Path::new(to))?,
+    )
 }
 
 /// d(x) of the image's features, dark where it is small, and the atoms that are grown in it.
 fn grown(image: &Image<2>, to: &str) -> anyhow::Result<()> {
-    let limits = distance::Limits {
+    let limits = distance::DistanceLimits {
         min: 6.0,
         max: 18.0,
         growth: 0.1,
     };
-    let options = feature::Detection {
+    let options = feature::DetectionOptions {
         d_min: limits.min,
-        ..feature::Detection::default()
+        ..feature::DetectionOptions::default()
     };
     let features = feature::detect(image, &options)?;
-    let distance = distance::from_features(&features, limits, &Patience::endless())?;
+    let distance = distance::from_features(&features, limits, &CancelToken::never())?;
     let extent = features.potential.extent();
-    let atoms = seeding::fcc(extent, &distance, &[], Alignment::On)?;
+    let atoms = seeding::fcc(extent, &distance, &[], Alignment::OnFeatures)?;
     let [nx, ny] = image.dims();
     let samples = (0..nx * ny)
-        .map(|i| distance.at([(i % nx) as f64, (i / nx) as f64]) as f32)
+        .map(|i| distance.value_at([(i % nx) as f64, (i / nx) as f64]) as f32)
         .collect();
     // A cross for every atom.
     let mut crosses = Skeleton::default();
@@ -122,7 +125,7 @@ fn grown(image: &Image<2>, to: &str) -> anyhow::Result<()> {
             let first = crosses.nodes.len() as u32;
             crosses.nodes.extend([[x - u, y - v], [x + u, y + v]]);
             crosses.faces.push([first, first + 1]);
-            crosses.kinds.push(Some(Kind::Fault));
+            crosses.kinds.push(Some(SurfaceKind::Fault));
         }
     }
     let image = Image::new(image.dims(), samples, Geometry::default());
@@ -130,5 +133,5 @@ fn grown(image: &Image<2>, to: &str) -> anyhow::Result<()> {
         mesh: crosses,
         ..Overlay::default()
     };
-    Ok(slice::plane(&image, &crosses, &Caption::default())?.write(Path::new(to))?)
+    Ok(slice::draw_plane(&image, &crosses, &Caption::default())?.write(Path::new(to))?)
 }

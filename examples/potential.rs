@@ -8,11 +8,11 @@
 use std::path::Path;
 
 use atomesh::feature;
-use atomesh::image::formats::{self, AnyLoaded, ReadOptions};
+use atomesh::image::formats::{self, AnyImage, ReadOptions};
 use atomesh::image::{Geometry, Image};
 use atomesh::lattice::distance::Distance;
-use atomesh::lattice::energy::{Beta, Energy, Sampled};
-use atomesh::lattice::optimize::{self, Unobserved};
+use atomesh::lattice::energy::{Beta, Energy, SampledEnergy};
+use atomesh::lattice::optimize::{self, NoProgress};
 use atomesh::lattice::seeding::{self, Alignment, Atoms};
 use atomesh::model::slice::{self, Caption, Overlay};
 
@@ -24,39 +24,41 @@ fn main() -> anyhow::Result<()> {
     let [image, d, before, after] = arguments.as_slice() else {
         anyhow::bail!("give IMAGE, the distance between atoms, and two pictures to write");
     };
-    let AnyLoaded::Plane(loaded) = formats::read_any(Path::new(image), &ReadOptions::default())?
+    let AnyImage::Plane(loaded) = formats::read_any(Path::new(image), &ReadOptions::default())?
     else {
         anyhow::bail!("{image} is not a 2-D image");
     };
     let d: f64 = d.parse()?;
-    let options = feature::Detection {
+    let options = feature::DetectionOptions {
         d_min: d,
-        ..feature::Detection::default()
+        ..feature::DetectionOptions::default()
     };
-    let potential = feature::detect(&loaded.image, &options)?.potential.dense();
+    let potential = feature::detect(&loaded.image, &options)?
+        .potential
+        .to_dense();
     let distance = Distance::Constant(d);
     let extent = potential.extent();
-    let mut atoms = seeding::fcc(extent, &distance, &[], Alignment::On)?;
+    let mut atoms = seeding::fcc(extent, &distance, &[], Alignment::OnFeatures)?;
 
-    let mut energy = Sampled::new(&distance, potential, Beta::Constant(BETA));
+    let mut energy = SampledEnergy::new(&distance, potential, Beta::Constant(BETA));
     draw(&mut energy, &atoms, before)?;
-    let options = optimize::Effort::default();
+    let options = optimize::OptimizeOptions::default();
     optimize::optimize(
         &mut atoms,
         &mut energy,
         &distance,
         extent,
         &options,
-        &mut Unobserved,
+        &mut NoProgress,
     )?;
     draw(&mut energy, &atoms, after)
 }
 
 /// Draws p(x): dark where an atom would like to be.
-fn draw(energy: &mut Sampled<2>, atoms: &Atoms<2>, to: &str) -> anyhow::Result<()> {
+fn draw(energy: &mut SampledEnergy<2>, atoms: &Atoms<2>, to: &str) -> anyhow::Result<()> {
     energy.evaluate(&atoms.positions, &mut vec![[0.0; 2]; atoms.len()])?;
-    let total = energy.total();
+    let total = energy.total_potential();
     let image = Image::new(total.dims, total.samples, Geometry::default());
-    let picture = slice::plane(&image, &Overlay::default(), &Caption::default())?;
+    let picture = slice::draw_plane(&image, &Overlay::default(), &Caption::default())?;
     Ok(picture.write(Path::new(to))?)
 }

@@ -11,20 +11,20 @@ use std::path::Path;
 
 use atomesh::feature::{self, Features};
 use atomesh::image::Image;
-use atomesh::image::formats::{self, AnyLoaded, ReadOptions};
-use atomesh::image::synth::{self, Kind};
-use atomesh::job::{Meshing, Scene, Space, Stages};
+use atomesh::image::formats::{self, AnyImage, ReadOptions};
+use atomesh::image::synth::{self, SyntheticKind};
+use atomesh::job::{MeshScene, MeshSpace, Meshing, StageRunner};
 use atomesh::lattice::distance::Distance;
-use atomesh::lattice::energy::laplacian::KAPPA;
-use atomesh::lattice::energy::{Beta, Energy, Pairwise, Regularised};
-use atomesh::lattice::optimize::{self, Effort, Method, Unobserved};
+use atomesh::lattice::energy::laplacian::DEFAULT_KAPPA;
+use atomesh::lattice::energy::{Beta, Energy, PairwiseEnergy, RegularisedEnergy};
+use atomesh::lattice::optimize::{self, Method, NoProgress, OptimizeOptions};
 use atomesh::lattice::seeding::{self, Alignment, Atoms, Seeding};
 use atomesh::mesh::Simplices;
 use atomesh::mesh::delaunay;
 use atomesh::mesh::poly::Lists;
 use atomesh::model::slice::{self, Caption, Overlay, Skeleton};
-use atomesh::model::surface::Kind as SurfaceKind;
-use atomesh::observer::Patience;
+use atomesh::model::surface::SurfaceKind;
+use atomesh::progress::CancelToken;
 use atomesh::report::cost::cpu_seconds;
 use atomesh::report::quality;
 
@@ -42,8 +42,7 @@ fn main() -> anyhow::Result<()> {
     if let [draw, image] = images
         && draw == "draw"
     {
-        let AnyLoaded::Plane(loaded) =
-            formats::read_any(Path::new(image), &ReadOptions::default())?
+        let AnyImage::Plane(loaded) = formats::read_any(Path::new(image), &ReadOptions::default())?
         else {
             anyhow::bail!("{image} is not a 2-D image");
         };
@@ -51,16 +50,16 @@ fn main() -> anyhow::Result<()> {
     }
     for name in images {
         match formats::read_any(Path::new(name), &ReadOptions::default())? {
-            AnyLoaded::Plane(loaded) => compare(name, &loaded.image, d)?,
-            AnyLoaded::Space(loaded) => compare(name, &loaded.image, d)?,
+            AnyImage::Plane(loaded) => compare(name, &loaded.image, d)?,
+            AnyImage::Space(loaded) => compare(name, &loaded.image, d)?,
         }
     }
     if images.is_empty() {
         for (name, kind, dims) in [
-            ("faults, a time slice", Kind::Faults, [384, 352, 1]),
+            ("faults, a time slice", SyntheticKind::Faults, [384, 352, 1]),
             (
                 "amplitudes, a vertical section",
-                Kind::Amplitude,
+                SyntheticKind::Amplitude,
                 [288, 416, 1],
             ),
         ] {
@@ -68,7 +67,7 @@ fn main() -> anyhow::Result<()> {
                 dims,
                 ..synth::Options::default()
             };
-            compare(name, &synth::make_plane(kind, &options)?.image, d)?;
+            compare(name, &synth::make_2d(kind, &options)?.image, d)?;
         }
     }
     Ok(())
@@ -93,7 +92,7 @@ struct Figures {
 
 fn compare<const D: usize>(name: &str, image: &Image<D>, d: f64) -> anyhow::Result<()>
 where
-    Space<D>: Meshing<D>,
+    MeshSpace<D>: Meshing<D>,
 {
     let features = features(image, d)?;
     let case = Case::new(&features, d);
@@ -104,7 +103,7 @@ where
         for (how, method, kappa) in [
             ("nothing", None, 1.0),
             ("lbfgs", Some(Method::Lbfgs), 1.0),
-            ("lbfgs, kappa 0.7", Some(Method::Lbfgs), KAPPA),
+            ("lbfgs, kappa 0.7", Some(Method::Lbfgs), DEFAULT_KAPPA),
             ("descent", Some(Method::Descent), 1.0),
             ("genetic", Some(Method::Genetic), 1.0),
         ] {
@@ -114,7 +113,7 @@ where
                 let mut atoms = case.seed(seeding, seed)?;
                 let seeded = cpu_seconds();
                 if let Some(method) = method {
-                    let options = options_of(seed).with(method, kappa < 1.0);
+                    let options = options_of(seed).with_method(method, kappa < 1.0);
                     case.move_atoms(&mut atoms, &options, kappa)?;
                 }
                 let seconds = match method {
@@ -145,14 +144,14 @@ where
     );
     println!("|---|---|---|---|---|---|---|");
     // Two evaluations of what is given, then those of the children of each generation.
-    let children = optimize::genetic::POPULATION - 1;
+    let children = optimize::genetic::POPULATION_SIZE - 1;
     for generations in [0, 1, 2, 4, 8, 16, 32, 64, 128] {
         let evaluations = 2 + generations * children;
         print!("| {evaluations}");
         for method in [Method::Genetic, Method::Lbfgs] {
             let mut atoms = case.seed("guide", 1)?;
             if generations > 0 {
-                let options = Effort {
+                let options = OptimizeOptions {
                     method,
                     tolerance: 1e-9,
                     max_evaluations: evaluations,
@@ -172,9 +171,9 @@ where
 }
 
 fn features<const D: usize>(image: &Image<D>, d: f64) -> anyhow::Result<Features<D>> {
-    let options = feature::Detection {
+    let options = feature::DetectionOptions {
         d_min: d,
-        ..feature::Detection::default()
+        ..feature::DetectionOptions::default()
     };
     Ok(feature::detect(image, &options)?)
 }
@@ -206,24 +205,25 @@ fn pictures(image: &Image<2>, d: f64) -> anyhow::Result<()> {
             mesh: skeleton,
             ..Overlay::default()
         };
-        slice::plane(image, &over, &Caption::default())?.write(Path::new(&format!("{how}.png")))?;
+        slice::draw_plane(image, &over, &Caption::default())?
+            .write(Path::new(&format!("{how}.png")))?;
     }
     Ok(())
 }
 
-fn options_of(seed: u64) -> Effort {
-    Effort {
+fn options_of(seed: u64) -> OptimizeOptions {
+    OptimizeOptions {
         seed,
         tolerance: 1e-4,
         max_rounds: 1,
         max_evaluations: 60,
-        ..Effort::default()
+        ..OptimizeOptions::default()
     }
 }
 
 impl<const D: usize> Case<'_, D>
 where
-    Space<D>: Meshing<D>,
+    MeshSpace<D>: Meshing<D>,
 {
     fn new(features: &Features<D>, d: f64) -> Case<'_, D> {
         Case {
@@ -238,7 +238,7 @@ where
             "refine" => Seeding::Refine { seed },
             "guide" => Seeding::Guide {
                 seed,
-                most: usize::MAX,
+                max_atoms: usize::MAX,
             },
             "projection" => Seeding::Projection,
             _ => Seeding::Fcc,
@@ -250,25 +250,35 @@ where
             extent,
             distance,
             &[],
-            Alignment::On,
+            Alignment::OnFeatures,
             potential,
-            &Patience::endless(),
+            &CancelToken::never(),
         )?)
     }
 
     /// The energy as published.
-    fn pairs(&self) -> anyhow::Result<Pairwise<'_, D>> {
+    fn pairs(&self) -> anyhow::Result<PairwiseEnergy<'_, D>> {
         let potential = Some(&self.features.potential);
         let beta = Beta::Constant(BETA);
-        Ok(Pairwise::new(self.extent, &self.distance, potential, beta)?)
+        Ok(PairwiseEnergy::new(
+            self.extent,
+            &self.distance,
+            potential,
+            beta,
+        )?)
     }
 
-    fn move_atoms(&self, atoms: &mut Atoms<D>, options: &Effort, kappa: f64) -> anyhow::Result<()> {
-        let pairs = self.pairs()?.uncrowded();
+    fn move_atoms(
+        &self,
+        atoms: &mut Atoms<D>,
+        options: &OptimizeOptions,
+        kappa: f64,
+    ) -> anyhow::Result<()> {
+        let pairs = self.pairs()?.with_auto_stiffness();
         let mut energy: Box<dyn Energy<D>> = if kappa < 1.0 {
             let mobility = atoms.mobility(self.extent);
             let beta = Beta::Constant(BETA);
-            let energy = Regularised::new(pairs, &self.distance, beta, kappa, mobility)?;
+            let energy = RegularisedEnergy::new(pairs, &self.distance, beta, kappa, mobility)?;
             Box::new(energy)
         } else {
             Box::new(pairs)
@@ -280,7 +290,7 @@ where
             distance,
             extent,
             options,
-            &mut Unobserved,
+            &mut NoProgress,
         )?;
         Ok(())
     }
@@ -288,16 +298,16 @@ where
     fn measure(&self, atoms: Atoms<D>) -> anyhow::Result<Figures> {
         let mut gradient = vec![[0.0; D]; atoms.len()];
         let energy = self.pairs()?.evaluate(&atoms.positions, &mut gradient)?;
-        let scene = Scene {
+        let scene = MeshScene {
             extent: self.extent,
             features: self.features,
             distance: &self.distance,
         };
         let count = atoms.len() as f64;
-        let mut unobserved = Unobserved;
-        let stages = &mut Stages::new(&mut unobserved);
-        let mesh = Space::<D>::join(atoms, &scene, None, None, stages)?
-            .made
+        let mut unobserved = NoProgress;
+        let stages = &mut StageRunner::new(&mut unobserved);
+        let mesh = MeshSpace::<D>::join(atoms, &scene, None, None, stages)?
+            .annotated_mesh
             .mesh;
         let shapes = shapes(&mesh);
         Ok(Figures {

@@ -24,13 +24,13 @@ pub struct Cause {
 
 impl Cause {
     /// The same, with the error that led to it.
-    pub fn because(mut self, source: impl std::error::Error + Send + Sync + 'static) -> Self {
+    pub fn with_source(mut self, source: impl std::error::Error + Send + Sync + 'static) -> Self {
         self.source = Some(Arc::new(source));
         self
     }
 
     /// The same, with the parameter that is to be changed.
-    pub fn about(mut self, parameter: &'static str) -> Self {
+    pub fn with_parameter(mut self, parameter: &'static str) -> Self {
         self.parameter = Some(parameter);
         self
     }
@@ -112,13 +112,13 @@ kinds! {
 
 impl Error {
     /// The same at another place: who calls may know better what the user calls it.
-    pub fn at(mut self, place: impl fmt::Display) -> Self {
+    pub fn with_place(mut self, place: impl fmt::Display) -> Self {
         self.cause_mut().place = place.to_string();
         self
     }
 
     /// The same, with the error that led to it.
-    pub fn because(mut self, source: impl std::error::Error + Send + Sync + 'static) -> Self {
+    pub fn with_source(mut self, source: impl std::error::Error + Send + Sync + 'static) -> Self {
         self.cause_mut().source = Some(Arc::new(source));
         self
     }
@@ -156,11 +156,11 @@ pub fn cause(
 }
 
 /// Characters of a problem at most: words from files may be of any length.
-const MOST: usize = 600;
+const MAX_PROBLEM_CHARS: usize = 600;
 
 /// Text as one line that is not too long.
 fn one_line(mut text: String) -> String {
-    if let Some((end, _)) = text.char_indices().nth(MOST) {
+    if let Some((end, _)) = text.char_indices().nth(MAX_PROBLEM_CHARS) {
         text.truncate(end);
         text.push_str(" ...");
     }
@@ -176,7 +176,7 @@ fn one_line(mut text: String) -> String {
 
 /// An operating-system error about a path, as [`Error::Io`]; an error of ours that came through one of its,
 /// as it was.
-pub fn os(path: &Path, doing: &str, source: std::io::Error) -> Error {
+pub fn io_error(path: &Path, doing: &str, source: std::io::Error) -> Error {
     let source = match source.downcast::<Error>() {
         Ok(ours) => return ours,
         Err(source) => source,
@@ -187,7 +187,7 @@ pub fn os(path: &Path, doing: &str, source: std::io::Error) -> Error {
         _ => "check the disk and the path",
     };
     let problem = format!("cannot {doing}: {source}");
-    Error::Io(cause(path.display(), problem, remedy).because(source))
+    Error::Io(cause(path.display(), problem, remedy).with_source(source))
 }
 
 #[cfg(test)]
@@ -201,13 +201,16 @@ mod tests {
         let error = cause("a", "is odd:\n  one\r\ntwo\n", "b").to_string();
         assert_eq!(error, "a: is odd: one two; b");
         let error = cause("a", "é".repeat(10_000), "b").to_string();
-        assert_eq!(error.chars().count(), "a: ; b".len() + MOST + " ...".len());
+        assert_eq!(
+            error.chars().count(),
+            "a: ; b".len() + MAX_PROBLEM_CHARS + " ...".len()
+        );
     }
 
     #[test]
     fn an_error_has_a_kind_one_line_and_its_source() {
         let missing = std::io::Error::from(std::io::ErrorKind::NotFound);
-        let error = os(Path::new("a.npy"), "open", missing);
+        let error = io_error(Path::new("a.npy"), "open", missing);
         assert_eq!(error.kind(), ErrorKind::Io);
         assert_eq!(
             error.to_string(),
@@ -220,7 +223,7 @@ mod tests {
         carried(&error);
         assert!(
             error
-                .at("--image")
+                .with_place("--image")
                 .to_string()
                 .starts_with("--image: cannot")
         );

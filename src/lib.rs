@@ -47,6 +47,11 @@
     reason = "its documentation is what the program prints as help, and for who works on it"
 )]
 pub mod cli;
+#[cfg_attr(
+    not(feature = "cli"),
+    allow(dead_code, reason = "ranks are started by the command line")
+)]
+pub(crate) mod comm;
 pub mod error;
 pub mod export;
 pub mod feature;
@@ -60,13 +65,8 @@ pub mod lattice;
 pub mod memory;
 pub mod mesh;
 pub mod model;
-pub mod observer;
 pub(crate) mod parallel;
-#[cfg_attr(
-    not(feature = "cli"),
-    allow(dead_code, reason = "ranks are started by the command line")
-)]
-pub(crate) mod ranks;
+pub mod progress;
 pub mod report;
 pub mod store;
 

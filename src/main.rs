@@ -2,10 +2,10 @@
 
 use std::process::ExitCode;
 
-use atomesh::cli::allocator::Careful;
+use atomesh::cli::allocator::OomExitAllocator;
 
 #[global_allocator]
-static ALLOCATOR: Careful = Careful;
+static ALLOCATOR: OomExitAllocator = OomExitAllocator;
 
 fn main() -> ExitCode {
     atomesh::cli::main()

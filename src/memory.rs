@@ -10,11 +10,11 @@ use crate::error::cause;
 use crate::{Error, Result};
 
 /// Bytes that the process may take in all, if the user said so.
-static ALLOWED: AtomicU64 = AtomicU64::new(u64::MAX);
+static MAX_BYTES: AtomicU64 = AtomicU64::new(u64::MAX);
 
 /// From now on the process may take so many bytes in all, whatever is free.
-pub fn allow(bytes: u64) {
-    ALLOWED.store(bytes.min(u64::MAX - 1), Relaxed);
+pub fn set_limit(bytes: u64) {
+    MAX_BYTES.store(bytes.min(u64::MAX - 1), Relaxed);
 }
 
 /// Refuses what needs more memory than there is: `bytes` more than is taken already, for `what`.
@@ -22,16 +22,16 @@ pub fn allow(bytes: u64) {
 ///
 /// # Errors
 /// [`Error::Job`] at `place`, with the figures.
-pub fn afford(
+pub fn ensure_available(
     place: impl fmt::Display,
     bytes: f64,
     what: impl fmt::Display,
     remedy: impl fmt::Display,
 ) -> Result<()> {
-    let (room, whose) = match ALLOWED.load(Relaxed) {
-        u64::MAX => (free(), "free"),
+    let (room, whose) = match MAX_BYTES.load(Relaxed) {
+        u64::MAX => (available_bytes(), "free"),
         allowed => (
-            allowed.checked_sub(taken()).or(Some(0)),
+            allowed.checked_sub(used_bytes()).or(Some(0)),
             "left of what is allowed",
         ),
     };
@@ -44,7 +44,7 @@ pub fn afford(
             );
             let remedy = format!("{remedy}, or allow more memory");
             Err(Error::Job(
-                cause(place, problem, remedy).about("max-memory"),
+                cause(place, problem, remedy).with_parameter("max-memory"),
             ))
         }
         _ => Ok(()),
@@ -68,33 +68,37 @@ impl fmt::Display for Bytes {
 
 /// Bytes that may still be taken: of the machine, of the process's control groups, and of its address
 /// space. `None` where nobody says.
-fn free() -> Option<u64> {
-    [free_of_machine(), free_of_groups(), free_of_addresses()]
-        .into_iter()
-        .flatten()
-        .min()
+fn available_bytes() -> Option<u64> {
+    [
+        system_available(),
+        cgroup_available(),
+        address_space_available(),
+    ]
+    .into_iter()
+    .flatten()
+    .min()
 }
 
 /// A number after a word at the beginning of a line of a file of the kernel's, in its units.
-fn kernel(path: &str, word: &str) -> Option<u64> {
+fn read_kernel_value(path: &str, word: &str) -> Option<u64> {
     let text = std::fs::read_to_string(path).ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix(word))?;
     line.split_whitespace().next()?.parse().ok()
 }
 
 /// Bytes taken by this process; 0 where nobody says.
-fn taken() -> u64 {
-    kernel("/proc/self/status", "VmRSS:").unwrap_or(0) << 10
+fn used_bytes() -> u64 {
+    read_kernel_value("/proc/self/status", "VmRSS:").unwrap_or(0) << 10
 }
 
-fn free_of_machine() -> Option<u64> {
+fn system_available() -> Option<u64> {
     // What the kernel would give without swapping.
-    Some(kernel("/proc/meminfo", "MemAvailable:")? << 10)
+    Some(read_kernel_value("/proc/meminfo", "MemAvailable:")? << 10)
 }
 
 /// The least of what the process's control groups, each within the next, leave (version 2; in a container
 /// version 1's is the machine's as the container sees it).
-fn free_of_groups() -> Option<u64> {
+fn cgroup_available() -> Option<u64> {
     let groups = std::fs::read_to_string("/proc/self/cgroup").ok()?;
     let own = groups.lines().find_map(|line| line.strip_prefix("0::"))?;
     let root = std::path::Path::new("/sys/fs/cgroup");
@@ -111,20 +115,21 @@ fn free_of_groups() -> Option<u64> {
             let most = number(group, "memory.max")?;
             let now = number(group, "memory.current")?;
             // Cached files give way.
-            let cached = kernel(group.join("memory.stat").to_str()?, "file ").unwrap_or(0);
+            let cached =
+                read_kernel_value(group.join("memory.stat").to_str()?, "file ").unwrap_or(0);
             Some(most.saturating_sub(now.saturating_sub(cached)))
         })
         .min()
 }
 
 /// What `ulimit -v` leaves.
-fn free_of_addresses() -> Option<u64> {
+fn address_space_available() -> Option<u64> {
     let limits = std::fs::read_to_string("/proc/self/limits").ok()?;
     let line = limits
         .lines()
         .find_map(|line| line.strip_prefix("Max address space"))?;
     let most: u64 = line.split_whitespace().next()?.parse().ok()?;
-    Some(most.saturating_sub(kernel("/proc/self/status", "VmSize:")? << 10))
+    Some(most.saturating_sub(read_kernel_value("/proc/self/status", "VmSize:")? << 10))
 }
 
 #[cfg(test)]
@@ -133,7 +138,7 @@ mod tests {
 
     #[test]
     fn what_no_machine_has_is_refused_with_figures() {
-        let said = afford("grid", 3e18, "2e17 cells", "ask for fewer").unwrap_err();
+        let said = ensure_available("grid", 3e18, "2e17 cells", "ask for fewer").unwrap_err();
         let text = said.to_string();
         assert!(
             text.starts_with("grid: 2e17 cells would take about 3e9 GB of memory, "),
@@ -144,14 +149,14 @@ mod tests {
             "{text}"
         );
         assert_eq!(said.cause().parameter, Some("max-memory"));
-        assert!(afford("grid", 1e3, "ten cells", "").is_ok());
+        assert!(ensure_available("grid", 1e3, "ten cells", "").is_ok());
     }
 
     #[test]
     #[cfg(target_os = "linux")]
     fn this_process_has_memory_and_some_is_free() {
-        assert!(taken() > 1 << 20);
-        let free = free_of_machine().unwrap();
+        assert!(used_bytes() > 1 << 20);
+        let free = system_available().unwrap();
         assert!(free > 1 << 24 && free < 1 << 50, "{free}");
     }
 

@@ -39,14 +39,14 @@ fn map_and_horizons(path: &Path) {
 
 fn cells(path: &Path) -> MeshFile<PolyMesh<3>> {
     match read_any_vtu(path).unwrap() {
-        AnyMesh::SpaceCells(file) => file,
+        AnyMesh::Polyhedra(file) => file,
         _ => panic!("no polyhedra"),
     }
 }
 
 fn map_of(path: &Path) -> PolyMesh<2> {
     match read_any_vtu(path).unwrap() {
-        AnyMesh::PlaneCells(file) => file.mesh,
+        AnyMesh::Polygons(file) => file.mesh,
         _ => panic!("no polygons"),
     }
 }
@@ -158,7 +158,7 @@ fn level_layers_conduct_as_the_map_does() {
         found.values.to_f64()
     };
     let space = pressure(&cells(&folder.join("flow.vtu")).cell_data);
-    let AnyMesh::PlaneCells(plane) = read_any_vtu(&folder.join("plane.vtu")).unwrap() else {
+    let AnyMesh::Polygons(plane) = read_any_vtu(&folder.join("plane.vtu")).unwrap() else {
         panic!("no polygons")
     };
     let plane = pressure(&plane.cell_data);

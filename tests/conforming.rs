@@ -1,7 +1,7 @@
 //! Sites of a surface make Voronoi cells whose faces are its facets.
 
 use atomesh::mesh::poly::PolyMesh;
-use atomesh::mesh::voronoi::conform::{Conforming, Surface};
+use atomesh::mesh::voronoi::conform::{ConformingSites, FacetSurface};
 use atomesh::mesh::voronoi::{voronoi, voronoi_plane};
 
 const BOX: [f64; 3] = [8.0, 8.0, 8.0];
@@ -37,7 +37,7 @@ fn area(x: [[f64; 3]; 3]) -> f64 {
 /// Nearly equilateral triangles between rows of nodes: `columns` steps of `u`, `rows` of `v`; nodes that are
 /// not on the outline are off by up to half of `off`.
 fn patch(
-    surface: &mut Surface<3>,
+    surface: &mut FacetSurface<3>,
     origin: [f64; 3],
     [u, v]: [[f64; 3]; 2],
     [columns, rows]: [usize; 2],
@@ -82,7 +82,7 @@ fn patch(
 }
 
 /// The same with one node for those at one place.
-fn joined(surface: &Surface<3>) -> Surface<3> {
+fn joined(surface: &FacetSurface<3>) -> FacetSurface<3> {
     let mut nodes: Vec<[f64; 3]> = Vec::new();
     let mut number = Vec::new();
     for x in &surface.nodes {
@@ -94,11 +94,11 @@ fn joined(surface: &Surface<3>) -> Surface<3> {
     }
     let renumbered = |facet: &[u32; 3]| facet.map(|n| number[n as usize]);
     let facets = surface.facets.iter().map(renumbered).collect();
-    Surface { nodes, facets }
+    FacetSurface { nodes, facets }
 }
 
 /// Cells of sites, and of atoms around them that are about as far apart; and the first cell of a site.
-fn cells(sites: &Conforming<3>) -> (PolyMesh<3>, usize) {
+fn cells(sites: &ConformingSites<3>) -> (PolyMesh<3>, usize) {
     let mut random = Random(5);
     let grid = (0..1000).map(|i| [i % 10, i / 10 % 10, i / 100]);
     let atoms = grid.map(|place| place.map(|c| 0.8 * (f64::from(c) + 0.5) + 0.2 * random.draw()));
@@ -111,7 +111,7 @@ fn cells(sites: &Conforming<3>) -> (PolyMesh<3>, usize) {
 /// The face between the two sites of the i-th facet that has sites.
 fn face<const D: usize>(mesh: &PolyMesh<D>, first: usize, i: usize) -> usize {
     let cells = [first + 2 * i, first + 2 * i + 1].map(|c| c as u32);
-    let inner = &mesh.face_cells[..mesh.inner_faces()];
+    let inner = &mesh.face_cells[..mesh.inner_face_count()];
     inner
         .binary_search(&cells)
         .expect("a face between the two sites")
@@ -119,9 +119,9 @@ fn face<const D: usize>(mesh: &PolyMesh<D>, first: usize, i: usize) -> usize {
 
 /// Each facet, all of whose neighbours have sites as it has, is a face, corner for corner. Gives how many
 /// these are.
-fn exact(sites: &Conforming<3>, mesh: &PolyMesh<3>, first: usize) -> usize {
+fn exact(sites: &ConformingSites<3>, mesh: &PolyMesh<3>, first: usize) -> usize {
     let surface = sites.surface();
-    let on_surface = sites.faces(mesh, first);
+    let on_surface = sites.faces_on_surface(mesh, first);
     let lacking =
         (0..surface.facets.len() as u32).filter(|f| sites.facets().binary_search(f).is_err());
     let lacking: Vec<u32> = lacking.flat_map(|f| surface.facets[f as usize]).collect();
@@ -151,8 +151,8 @@ fn exact(sites: &Conforming<3>, mesh: &PolyMesh<3>, first: usize) -> usize {
 }
 
 /// A plane from side to side of the box, of 153 triangles.
-fn plane(off: f64) -> Surface<3> {
-    let mut surface = Surface::default();
+fn plane(off: f64) -> FacetSurface<3> {
+    let mut surface = FacetSurface::default();
     let ways = [[0.0, 1.0, 0.0], [8.0 / 9.0, 0.0, 0.25]];
     patch(&mut surface, [0.0, 0.0, 3.0], ways, [8, 9], off);
     surface
@@ -162,11 +162,11 @@ fn plane(off: f64) -> Surface<3> {
 fn facets_are_faces() {
     for seed in 0..20 {
         let mut surface = plane(0.3 + 0.01 * f64::from(seed));
-        surface.tidy(BOX);
-        let sites = Conforming::new(surface, BOX, &[]);
+        surface.regularise(BOX);
+        let sites = ConformingSites::new(surface, BOX, &[]);
         let (mesh, first) = cells(&sites);
         let found = exact(&sites, &mesh, first);
-        let share = sites.share(&mesh, first);
+        let share = sites.covered_share(&mesh, first);
         println!("seed {seed}: {found} of 153 exact, {share:.4}");
         assert!(
             found >= 90 && share > 0.98,
@@ -180,16 +180,19 @@ fn surfaces_that_cross_are_followed_up_to_their_line() {
     // Degrees between the two.
     for angle in [90.0f64, 60.0, 45.0] {
         let (sin, cos) = angle.to_radians().sin_cos();
-        let mut surface = Surface::default();
+        let mut surface = FacetSurface::default();
         for [x, z] in [[1.0, 0.0], [-1.0, 0.0], [cos, sin], [-cos, -sin]] {
             let ways = [[0.0, 1.0, 0.0], [0.9 * x, 0.0, 0.9 * z]];
             patch(&mut surface, [4.0, 0.0, 4.0], ways, [8, 3], 0.0);
         }
         let mut surface = joined(&surface);
-        surface.tidy(BOX);
-        let sites = Conforming::new(surface, BOX, &[]);
+        surface.regularise(BOX);
+        let sites = ConformingSites::new(surface, BOX, &[]);
         let (mesh, first) = cells(&sites);
-        let (found, share) = (exact(&sites, &mesh, first), sites.share(&mesh, first));
+        let (found, share) = (
+            exact(&sites, &mesh, first),
+            sites.covered_share(&mesh, first),
+        );
         println!("{angle} degrees: {found} of 204 exact, {share:.4}");
         assert!(
             found >= 45 && share > 0.85,
@@ -200,12 +203,12 @@ fn surfaces_that_cross_are_followed_up_to_their_line() {
 
 #[test]
 fn faces_end_where_a_surface_does() {
-    let mut surface = Surface::default();
+    let mut surface = FacetSurface::default();
     let ways = [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]];
     patch(&mut surface, [2.0, 2.0, 4.0], ways, [4, 4], 0.0);
-    let sites = Conforming::new(surface, BOX, &[]);
+    let sites = ConformingSites::new(surface, BOX, &[]);
     let (mesh, first) = cells(&sites);
-    let on_surface = sites.faces(&mesh, first);
+    let on_surface = sites.faces_on_surface(&mesh, first);
     let (mut total, mut farthest) = (0.0, 0.0f64);
     for f in (0..on_surface.len()).filter(|&f| on_surface[f]) {
         total += mesh.face_shape(f).area();
@@ -224,9 +227,9 @@ fn faces_end_where_a_surface_does() {
 
 #[test]
 fn sites_keep_off_given_atoms() {
-    let free = Conforming::new(plane(0.2), BOX, &[]);
+    let free = ConformingSites::new(plane(0.2), BOX, &[]);
     let given = free.sites()[40];
-    let sites = Conforming::new(plane(0.2), BOX, &[given]);
+    let sites = ConformingSites::new(plane(0.2), BOX, &[given]);
     assert!(sites.facets().len() < free.facets().len());
     for x in sites.sites() {
         assert!(distance(&x, &given) > 0.2, "{x:?}");
@@ -237,11 +240,11 @@ fn sites_keep_off_given_atoms() {
 fn edges_are_faces_in_the_plane() {
     let extent = [9.0, 7.0];
     let bend = |i: usize| [i as f64, 3.0 + 0.8 * (0.7 * i as f64).sin()];
-    let surface = Surface::<2> {
+    let surface = FacetSurface::<2> {
         nodes: (0..9).map(bend).collect(),
         facets: (0..8).map(|i| [i, i + 1]).collect(),
     };
-    let sites = Conforming::new(surface, extent, &[]);
+    let sites = ConformingSites::new(surface, extent, &[]);
     assert_eq!(sites.facets().len(), 8);
     let grid = (0..80).map(|i| {
         [
@@ -253,7 +256,7 @@ fn edges_are_faces_in_the_plane() {
     let first = atoms.len();
     atoms.extend(sites.sites());
     let mesh = voronoi_plane(&atoms, extent).unwrap();
-    let on_surface = sites.faces(&mesh, first);
+    let on_surface = sites.faces_on_surface(&mesh, first);
     assert_eq!(on_surface.iter().filter(|on| **on).count(), 8);
     for i in 0..8 {
         let nodes = mesh.faces.get(face(&mesh, first, i)).iter();

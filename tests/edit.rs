@@ -12,7 +12,7 @@ fn json(folder: &std::path::Path, arguments: &[&str]) -> Value {
 
 fn triangles(path: &std::path::Path) -> MeshFile<TriMesh> {
     match read_any_vtu(path).unwrap() {
-        AnyMesh::Plane(file) => file,
+        AnyMesh::Triangles(file) => file,
         other => panic!("not triangles: {other:?}"),
     }
 }
@@ -147,7 +147,7 @@ fn edits_follow_the_evaluator_kappa_and_optimizer_in_the_record() {
         &words("synth faults -o slice.png --signal-to-noise 10 --dims 64,56 --quiet"),
     );
     let read = |name: &str| triangles(&at.join(name));
-    let record = |file: &MeshFile<TriMesh>| file.field("parameters").cloned().unwrap();
+    let record = |file: &MeshFile<TriMesh>| file.field_value("parameters").cloned().unwrap();
     let edited = |mesh: &str| {
         let line = format!("edit {mesh} slice.png -o edited.vtu --add 30.5,27.25 --quiet");
         succeed(at, &words(&line));
@@ -210,7 +210,7 @@ fn meshes_of_version_0_1_0_are_understood_or_refused() {
     assert_eq!(json(at, &["validate", "edited.vtu"])["valid"], true);
     let edited = triangles(&at.join("edited.vtu"));
     assert_eq!(edited.mesh.nodes.len(), 35);
-    let Some(FieldValue::Text(record)) = edited.field("parameters") else {
+    let Some(FieldValue::Text(record)) = edited.field_value("parameters") else {
         panic!("no parameters");
     };
     for setting in [

@@ -10,7 +10,7 @@ use crate::common::{
 use atomesh::export::simulators::opm;
 use atomesh::model::flow::{Rock, Tensor};
 use atomesh::model::reservoir::{MILLIDARCY, Model};
-use atomesh::model::reservoir::{Placement, Prepared};
+use atomesh::model::reservoir::{MeshPlacement, PreparedModel};
 use atomesh::store::{AnyMesh, read_any_vtu};
 use serde_json::Value;
 
@@ -21,11 +21,11 @@ const ROCK: &str = "--porosity 0.2 --permeability 100 --permeability-unit mD --q
 /// The model that the verb makes of a mesh.
 fn model(folder: &Path, mesh: &str, top: f64, k: &[f64]) -> Model {
     let file = read_any_vtu(&folder.join(mesh)).unwrap();
-    let placement = Placement {
+    let placement = MeshPlacement {
         top: Some(top),
-        ..Placement::default()
+        ..MeshPlacement::default()
     };
-    let mut prepared = Prepared::new(file, mesh, &placement).unwrap();
+    let mut prepared = PreparedModel::new(file, mesh, &placement).unwrap();
     let tensor = Tensor::from_numbers(k).unwrap().scaled(MILLIDARCY);
     let model = &mut prepared.model;
     model.set_permeability(Rock::uniform(tensor, 1.0)).unwrap();
@@ -67,8 +67,8 @@ fn opm_flow_has_our_transmissibilities_pore_volumes_and_depths() {
         let mut known: Vec<([u32; 2], f64)> = Vec::new();
         let t = &model.need_permeability("").unwrap().transmissibility;
         for (c, t) in model.graph.connections.iter().zip(t) {
-            let t = t * opm::TRANSMISSIBILITY;
-            if t >= opm::LEAST {
+            let t = t * opm::TRANSMISSIBILITY_UNIT;
+            if t >= opm::MIN_TRANSMISSIBILITY {
                 known.push((c.cells, t));
             }
         }
@@ -104,7 +104,7 @@ fn opm_flow_has_our_steady_pressure() {
         let ends = "--source 5,5,5:1e-4 --sink 33,30,25:1e-4";
         run(folder, &format!("{ours} {ends} --faults {faults}"));
         let found = flow(folder, "CASE");
-        let AnyMesh::SpaceCells(file) = read_any_vtu(&folder.join("flow.vtu")).unwrap() else {
+        let AnyMesh::Polyhedra(file) = read_any_vtu(&folder.join("flow.vtu")).unwrap() else {
             panic!("no polyhedra")
         };
         let arrays = &file.cell_data;
@@ -459,7 +459,7 @@ fn pflotrans_grid_is_the_graph() {
         .sum();
     assert!(near(area, 35.0 * 31.0, 1e-9), "{area}");
     // The twin has the same cells in the same order.
-    let AnyMesh::SpaceCells(twin) = read_any_vtu(&folder.join("grid.vtu")).unwrap() else {
+    let AnyMesh::Polyhedra(twin) = read_any_vtu(&folder.join("grid.vtu")).unwrap() else {
         panic!("no polyhedra")
     };
     assert_eq!(twin.mesh.sites, model.graph.site);

@@ -4,15 +4,20 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use crate::common::{atomesh, files, npy, refused, sheet, succeed};
-use atomesh::export::{Content, FORMATS, Format};
+use atomesh::export::{ExportContent, ExportFormat, FORMATS};
 
 const DIMS: [usize; 3] = [28, 24, 20];
 
 /// Options by name, each once.
 type Options<'a> = BTreeMap<&'a str, &'a str>;
 
-fn arguments(format: &Format, mesh: &str, folder: &str, options: &Options<'_>) -> Vec<String> {
-    let output = match format.endings {
+fn arguments(
+    format: &ExportFormat,
+    mesh: &str,
+    folder: &str,
+    options: &Options<'_>,
+) -> Vec<String> {
+    let output = match format.extensions {
         [] => folder.to_string(),
         [ending, ..] => format!("{folder}/case.{ending}"),
     };
@@ -33,12 +38,15 @@ fn arguments(format: &Format, mesh: &str, folder: &str, options: &Options<'_>) -
 }
 
 /// What every format is given: the rock that it holds, and where depth is.
-fn usual(format: &Format) -> Options<'static> {
+fn usual(format: &ExportFormat) -> Options<'static> {
     let mut options = Options::from([("--down", "z"), ("--depth-at-top", "1000")]);
-    if format.holds.contains(&Content::Porosity) {
+    if format.supported_content.contains(&ExportContent::Porosity) {
         options.insert("--porosity", "0.2");
     }
-    if format.holds.contains(&Content::Permeability) {
+    if format
+        .supported_content
+        .contains(&ExportContent::Permeability)
+    {
         options.extend([("--permeability", "100"), ("--permeability-unit", "mD")]);
     }
     options

@@ -142,7 +142,7 @@ fn two_point_fluxes_are_exact_on_voronoi_cells() {
     assert!(ends == 9 && steps > 100, "{ends} {steps}");
     let want = 1e-13 / 1e-3 * 1e5 * (35.0 * 31.0) / 39.0;
     assert!((rate / want - 1.0).abs() < 1e-6, "{rate} {want}");
-    let AnyMesh::SpaceCells(file) = read_any_vtu(&folder.path().join("flow.vtu")).unwrap() else {
+    let AnyMesh::Polyhedra(file) = read_any_vtu(&folder.path().join("flow.vtu")).unwrap() else {
         panic!("no polyhedra")
     };
     let found = file
@@ -241,10 +241,12 @@ fn in_the_plane_as_in_space() {
     let lines = VtkFile::read(&at.join("lines.vtp"), "PolyData").unwrap();
     let piece = lines.piece().unwrap();
     assert_eq!(
-        lines.numbers::<usize>(piece, "NumberOfLines").unwrap(),
+        lines
+            .parse_attribute::<usize>(piece, "NumberOfLines")
+            .unwrap(),
         [20]
     );
-    let AnyMesh::Plane(file) = read_any_vtu(&at.join("flow.vtu")).unwrap() else {
+    let AnyMesh::Triangles(file) = read_any_vtu(&at.join("flow.vtu")).unwrap() else {
         panic!("no triangles")
     };
     let velocity = file
@@ -407,7 +409,9 @@ fn wells_streamlines_and_the_same_bytes_for_any_number_of_threads() {
     let lines = VtkFile::read(&folder.path().join("lines.vtp"), "PolyData").unwrap();
     let piece = lines.piece().unwrap();
     assert_eq!(
-        lines.numbers::<usize>(piece, "NumberOfLines").unwrap(),
+        lines
+            .parse_attribute::<usize>(piece, "NumberOfLines")
+            .unwrap(),
         [60]
     );
 }

@@ -1,7 +1,7 @@
 //! Images with gaps: missing traces, null values, NaN and outliers neither hide features nor make any.
 
-use atomesh::feature::{Detection, FeatureKind, Features, detect};
-use atomesh::image::synth::{self, Kind, Options};
+use atomesh::feature::{DetectionOptions, FeatureKind, Features, detect};
+use atomesh::image::synth::{self, Options, SyntheticKind};
 use atomesh::image::{Geometry, Image};
 
 use crate::common::{refused, succeed};
@@ -22,7 +22,7 @@ fn survey(seed: u64, vertical: usize) -> Survey {
         seed,
         ..Options::default()
     };
-    let made = synth::make(Kind::Amplitude, &options).unwrap();
+    let made = synth::make(SyntheticKind::Amplitude, &options).unwrap();
     let turned = |samples: &[f32]| -> Vec<f32> {
         let [nx, ny, nz] = DIMS;
         match vertical {
@@ -112,7 +112,11 @@ fn chance([a, b]: [usize; 2]) -> f64 {
 }
 
 fn faults(image: &Image<3>) -> Features<3> {
-    detect(image, &Detection::of(FeatureKind::Faults, 8.0)).unwrap()
+    detect(
+        image,
+        &DetectionOptions::with_kind(FeatureKind::Faults, 8.0),
+    )
+    .unwrap()
 }
 
 /// The value of dead samples, and which traces are dead by their places in the map.
@@ -168,8 +172,13 @@ fn faults_are_found_beside_null_values() {
 #[test]
 fn horizons_are_those_of_the_whole_survey() {
     let survey = survey(1, 2);
-    let find =
-        |image: &Image<3>| detect(image, &Detection::of(FeatureKind::Horizons, 8.0)).unwrap();
+    let find = |image: &Image<3>| {
+        detect(
+            image,
+            &DetectionOptions::with_kind(FeatureKind::Horizons, 8.0),
+        )
+        .unwrap()
+    };
     let whole = find(&survey.image);
     for (value, dead) in [
         (0.0, &scattered as &dyn Fn([usize; 2]) -> bool),
@@ -221,7 +230,8 @@ fn ridge(dims: [usize; 3], change: impl Fn([usize; 3]) -> Option<f32>) -> Image<
 fn outliers_do_not_hide_a_ridge() {
     let dims = [48, 40, 36];
     for kind in [FeatureKind::Ridges, FeatureKind::Auto] {
-        let find = |image: &Image<3>| detect(image, &Detection::of(kind, 6.0)).unwrap();
+        let find =
+            |image: &Image<3>| detect(image, &DetectionOptions::with_kind(kind, 6.0)).unwrap();
         let clean = find(&ridge(dims, |_| None));
         assert!(clean.points.len() > 1000, "{:?}", clean.notes);
         let changes: [&dyn Fn([usize; 3]) -> Option<f32>; 5] = [
@@ -251,17 +261,17 @@ fn values_that_are_no_gaps_stay() {
     // A background of zeros, steps to a common value, and clipped amplitudes.
     let dims = [40, 36, 32];
     let sparse = ridge(dims, |at| (at[1] > 30).then_some(0.0));
-    assert!(sparse.marked(true).unwrap().is_none());
+    assert!(sparse.mark_dead(true).unwrap().is_none());
     let clipped = |i: usize| (1500.0 * (0.4 * (i / 1440) as f32).sin()).clamp(-999.0, 999.0);
     let clipped = Image::new(
         dims,
         (0..40 * 36 * 32).map(clipped).collect(),
         Geometry::default(),
     );
-    assert!(clipped.marked(true).unwrap().is_none());
+    assert!(clipped.mark_dead(true).unwrap().is_none());
     let filled = ridge(dims, |at| (at[1] > 30).then_some(-9999.0));
-    assert!(filled.marked(false).unwrap().is_none());
-    assert_eq!(filled.marked(true).unwrap().unwrap().notes.len(), 1);
+    assert!(filled.mark_dead(false).unwrap().is_none());
+    assert_eq!(filled.mark_dead(true).unwrap().unwrap().notes.len(), 1);
 }
 
 #[test]

@@ -3,13 +3,13 @@
 
 use std::path::{Path, PathBuf};
 
-use atomesh::image::formats::{self, AnyLoaded, ReadOptions};
+use atomesh::image::formats::{self, AnyImage, ReadOptions};
 use atomesh::image::{Geometry, Image};
 
 fn read(path: &Path) -> Result<Image<3>, String> {
     match formats::read_any(path, &ReadOptions::default()) {
-        Ok(AnyLoaded::Space(loaded)) => Ok(loaded.image),
-        Ok(AnyLoaded::Plane(loaded)) => Ok(loaded.image.in_space()),
+        Ok(AnyImage::Space(loaded)) => Ok(loaded.image),
+        Ok(AnyImage::Plane(loaded)) => Ok(loaded.image.to_3d()),
         Err(error) => Err(error.to_string()),
     }
 }
@@ -120,7 +120,7 @@ fn round_trip<const D: usize>(dims: [usize; D]) {
         let path = folder.path().join(name);
         formats::write(&path, &image).unwrap();
         let back = formats::read_any(&path, &ReadOptions::default()).unwrap();
-        let back: Image<D> = back.image().unwrap();
+        let back: Image<D> = back.into_image().unwrap();
         assert_eq!(back.samples, image.samples, "{name}");
         // NIfTI's header is of single precision; these numbers suit it.
         let (found, wanted) = (&back.geometry, &image.geometry);

@@ -1,13 +1,15 @@
 //! Ctrl-C at any moment, and observers that say stop in any stage.
 
 use atomesh::ErrorKind;
-use atomesh::image::synth::{self, Kind};
+use atomesh::image::synth::{self, SyntheticKind};
 use atomesh::image::{Geometry, Image};
 use atomesh::improve::Scheme;
-use atomesh::job::{self, BOX_TOLERANCE, CellKind, Made, Meshing, Params, Space, Spacing};
-use atomesh::lattice::optimize::Stop;
-use atomesh::mesh::check::{Known, check, check_known};
-use atomesh::observer::{Observer, Stage};
+use atomesh::job::{
+    self, BOX_TOLERANCE, CellKind, MeshResult, MeshSpace, Meshing, Params, Spacing,
+};
+use atomesh::lattice::optimize::StopReason;
+use atomesh::mesh::check::{CheckHints, check, check_with_hints};
+use atomesh::progress::{Progress, Stage};
 
 /// Says stop from a stage on.
 struct Stopper {
@@ -16,7 +18,7 @@ struct Stopper {
     seen: Vec<Stage>,
 }
 
-impl Observer for Stopper {
+impl Progress for Stopper {
     fn stage(&mut self, stage: Stage) {
         self.over |= stage == self.from;
         self.seen.push(stage);
@@ -30,7 +32,7 @@ impl Observer for Stopper {
 /// Stops a job in one stage after the other.
 fn stopped_everywhere<const D: usize>(image: &Image<D>, params: &Params<D>, stages: &[Stage])
 where
-    Space<D>: Meshing<D>,
+    MeshSpace<D>: Meshing<D>,
 {
     for &from in stages {
         let mut stopper = Stopper {
@@ -47,16 +49,16 @@ where
             }
             Ok(outcome) => {
                 assert!(from.has_lattice(), "{from} gave a mesh");
-                assert_eq!(outcome.stop, Stop::Interrupted, "{from}");
+                assert_eq!(outcome.stop, StopReason::Interrupted, "{from}");
                 let (low, high) = ([0.0; D], outcome.extent);
-                let check = match &outcome.made {
-                    Made::Simplices(made) => check(&made.mesh, low, high, BOX_TOLERANCE),
-                    Made::Voronoi { mesh, weld } => {
-                        let known = Known {
+                let check = match &outcome.mesh {
+                    MeshResult::Simplices(made) => check(&made.mesh, low, high, BOX_TOLERANCE),
+                    MeshResult::Voronoi { mesh, weld } => {
+                        let known = CheckHints {
                             weld: *weld,
-                            ..Known::default()
+                            ..CheckHints::default()
                         };
-                        check_known(mesh, known, low, high, BOX_TOLERANCE)
+                        check_with_hints(mesh, known, low, high, BOX_TOLERANCE)
                     }
                 };
                 assert!(check.passed(), "{from}: {check:?}");
@@ -72,7 +74,7 @@ fn sphere() -> Image<3> {
         dims: [32, 30, 28],
         ..Default::default()
     };
-    synth::make(Kind::Sphere, &options).unwrap().image
+    synth::make(SyntheticKind::Sphere, &options).unwrap().image
 }
 
 fn disc() -> Image<2> {
@@ -99,7 +101,14 @@ fn spaced<const D: usize>(d: f64) -> Params<D> {
 #[cfg(feature = "tetgen")]
 fn tetrahedra_are_stopped_in_every_stage() {
     use Stage::*;
-    let stages = [Features, Placing, Optimising, Joining, Improving, Measuring];
+    let stages = [
+        Features,
+        Placing,
+        Optimising,
+        Triangulating,
+        Improving,
+        Measuring,
+    ];
     stopped_everywhere(&sphere(), &spaced(6.0), &stages);
 }
 
@@ -111,7 +120,14 @@ fn voronoi_cells_are_stopped_in_every_stage() {
         ..spaced(6.0)
     };
     let stages = [
-        Features, Placing, Optimising, Joining, Improving, Conforming, Cutting, Measuring,
+        Features,
+        Placing,
+        Optimising,
+        Triangulating,
+        Improving,
+        Conforming,
+        Cutting,
+        Measuring,
     ];
     stopped_everywhere(&disc(), &params, &stages);
     if cfg!(feature = "tetgen") {
@@ -127,18 +143,24 @@ fn voronoi_cells_are_stopped_in_every_stage() {
 fn triangles_are_stopped_in_every_stage() {
     use Stage::*;
     let params = Params {
-        smooth: Some(Scheme::Odt),
+        smoothing: Some(Scheme::Odt),
         ..spaced(6.0)
     };
     let stages = [
-        Features, Placing, Optimising, Joining, Smoothing, Improving, Measuring,
+        Features,
+        Placing,
+        Optimising,
+        Triangulating,
+        Smoothing,
+        Improving,
+        Measuring,
     ];
     stopped_everywhere(&disc(), &params, &stages);
 }
 
 #[test]
 fn the_files_of_a_job_appear_together_or_not_at_all() {
-    use atomesh::files::{Batch, atomic_write, together};
+    use atomesh::files::{Batch, atomic_write, transaction};
     use std::io::Write;
 
     let folder = tempfile::tempdir().unwrap();
@@ -151,11 +173,11 @@ fn the_files_of_a_job_appear_together_or_not_at_all() {
     };
     std::fs::write(at("a"), "before").unwrap();
     let write = |fails: bool| {
-        together(|| {
+        transaction(|| {
             atomic_write(&at("a"), |out| out.write_all(b"first"))?;
             atomic_write(&at("a"), |out| out.write_all(b"last"))?;
             let mut batch = Batch::default();
-            batch.folder(&at("case/inner"))?;
+            batch.create_folder(&at("case/inner"))?;
             batch.write(&at("case/inner/b"), |out| out.write_all(b"b"))?;
             batch.commit()?;
             // As long as the job lasts, nothing has changed.

@@ -348,7 +348,7 @@ fn vtk_reads_exodus_vtkhdf_xdmf_and_cgns_with_names_and_regions() {
         "export cells.vtu --to exodus -o a.exo --region labels.npy --quiet",
     );
     let found = judged("SciPy", "exodus.py", &[path.as_os_str()]);
-    let AnyMesh::SpaceCells(cells) = read_any_vtu(&folder.join("cells.vtu")).unwrap() else {
+    let AnyMesh::Polyhedra(cells) = read_any_vtu(&folder.join("cells.vtu")).unwrap() else {
         panic!("no polyhedra")
     };
     let mesh = cells.mesh;

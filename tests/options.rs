@@ -215,10 +215,10 @@ fn mesh(path: &Path) -> String {
         return String::from_utf8_lossy(&std::fs::read(path).unwrap()).into_owned();
     };
     match &mut mesh {
-        AnyMesh::Plane(file) => file.field_data.clear(),
-        AnyMesh::Space(file) => file.field_data.clear(),
-        AnyMesh::PlaneCells(file) => file.field_data.clear(),
-        AnyMesh::SpaceCells(file) => file.field_data.clear(),
+        AnyMesh::Triangles(file) => file.field_data.clear(),
+        AnyMesh::Tetrahedra(file) => file.field_data.clear(),
+        AnyMesh::Polygons(file) => file.field_data.clear(),
+        AnyMesh::Polyhedra(file) => file.field_data.clear(),
     }
     format!("{mesh:?}")
 }

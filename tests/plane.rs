@@ -158,7 +158,7 @@ fn on_valleys(width: f64, coarse_passes: usize) -> [f64; 2] {
     use atomesh::feature::FeatureKind;
     use atomesh::image::{Geometry, Image};
     use atomesh::job::{self, Params, Spacing};
-    use atomesh::lattice::optimize::Unobserved;
+    use atomesh::lattice::optimize::NoProgress;
 
     let dims = [200, 180];
     let valley = |p: [f64; 2]| {
@@ -178,7 +178,7 @@ fn on_valleys(width: f64, coarse_passes: usize) -> [f64; 2] {
         coarse_passes,
         ..Params::default()
     };
-    let report = job::run(&image, &params, &mut Unobserved).unwrap().report;
+    let report = job::run(&image, &params, &mut NoProgress).unwrap().report;
     [
         report.fidelity.unwrap().on_feature.coverage_one,
         report.lattice.unwrap().optimisation.unwrap().energy,

@@ -83,7 +83,7 @@ fn a_noisy_disc_is_found_on_triangles_and_on_polygons() {
         assert!(mesh > 0.95, "{cells}: {found}");
         assert!(mesh > samples + 0.02, "{cells}: {found}");
         let labels = formats::read_any(&folder.join("l.npy"), &ReadOptions::default()).unwrap();
-        let labels: Image<2> = labels.image().unwrap();
+        let labels: Image<2> = labels.into_image().unwrap();
         assert_eq!(labels.dims(), [96, 80]);
         let inside = labels.as_slice().iter().sum::<f32>();
         let disc = std::f32::consts::PI * 22.0 * 22.0;

@@ -6,9 +6,9 @@ use std::path::Path;
 use std::process::Command;
 
 use crate::common::{judged, near, npy, numbers, refused, run, sheet, simulator, vtk};
-use atomesh::model::flow::{Faults, Rock, Tensor};
+use atomesh::model::flow::{FaultLaw, Rock, Tensor};
 use atomesh::model::reservoir::{MILLIDARCY, Model};
-use atomesh::model::reservoir::{Placement, Prepared};
+use atomesh::model::reservoir::{MeshPlacement, PreparedModel};
 use atomesh::store::{AnyMesh, read_any_vtu};
 use serde_json::Value;
 
@@ -42,13 +42,13 @@ fn folder() -> tempfile::TempDir {
 }
 
 /// The model that the verb makes of a mesh.
-fn model(folder: &Path, mesh: &str, top: f64, k: &[f64], faults: Faults) -> Model {
+fn model(folder: &Path, mesh: &str, top: f64, k: &[f64], faults: FaultLaw) -> Model {
     let file = read_any_vtu(&folder.join(mesh)).unwrap();
-    let placement = Placement {
+    let placement = MeshPlacement {
         top: Some(top),
-        ..Placement::default()
+        ..MeshPlacement::default()
     };
-    let mut prepared = Prepared::new(file, mesh, &placement).unwrap();
+    let mut prepared = PreparedModel::new(file, mesh, &placement).unwrap();
     let tensor = Tensor::from_numbers(k).unwrap().scaled(MILLIDARCY);
     let rock = Rock::uniform(tensor, 1.0);
     prepared.model.set_faults(&faults.into()).unwrap();
@@ -68,7 +68,7 @@ fn nearest(model: &Model, point: [f64; 3]) -> usize {
 
 /// Checks steady pressures between two cells against those of `atomesh flow`, both from 0 to 1.
 fn has_our_pressure(folder: &Path, theirs: &[f64], cells: [usize; 2], tolerance: f64) {
-    let AnyMesh::SpaceCells(file) = read_any_vtu(&folder.join("cells.vtu")).unwrap() else {
+    let AnyMesh::Polyhedra(file) = read_any_vtu(&folder.join("cells.vtu")).unwrap() else {
         panic!("no polyhedra")
     };
     let [high, low] = cells.map(|c| file.mesh.sites[c].map(|x| x.to_string()).join(","));
@@ -77,7 +77,7 @@ fn has_our_pressure(folder: &Path, theirs: &[f64], cells: [usize; 2], tolerance:
         folder,
         &format!("flow cells.vtu -o flow.vtu --permeability 9.86923266716013e-14 {ends}"),
     );
-    let AnyMesh::SpaceCells(file) = read_any_vtu(&folder.join("flow.vtu")).unwrap() else {
+    let AnyMesh::Polyhedra(file) = read_any_vtu(&folder.join("flow.vtu")).unwrap() else {
         panic!("no polyhedra")
     };
     let ours = file
@@ -109,7 +109,7 @@ fn mrsts_grid_has_our_totals_and_fluxes() {
             &format!("{export} {rock} --faults {TIGHT} --region labels.npy"),
         );
         let k: Vec<f64> = k.split(',').map(|k| k.parse().unwrap()).collect();
-        let faults = Faults::new(TIGHT, None).unwrap();
+        let faults = FaultLaw::new(TIGHT, None).unwrap();
         let model = model(folder, &format!("{mesh}.vtu"), 1000.0, &k, faults);
         let graph = &model.graph;
         let ends = [[5.0, 5.0, -1026.0], [33.0, 30.0, -1006.0]].map(|p| nearest(&model, p));
@@ -145,7 +145,7 @@ fn mrsts_grid_has_our_totals_and_fluxes() {
                 .unwrap()
                 .rock
                 .mobility(0)
-                .along(face.normal);
+                .normal_component(face.normal);
             assert!(near(*t, face.area * along / face.distance, 1e-12));
         }
         let pairs = found["pairs"].as_array().unwrap();
@@ -205,7 +205,7 @@ fn octave_loads_the_grid_for_mrst() {
         folder,
         &format!("{export} {ROCK} --property amplitude=sheet.npy {wells}"),
     );
-    let model = model(folder, "cells.vtu", 1000.0, &[1.0], Faults::OPEN);
+    let model = model(folder, "cells.vtu", 1000.0, &[1.0], FaultLaw::OPEN);
     let program = "load cells.mat; n = strcmp(G.faces.tagNames, 'fault1');\
         printf('%d %d %d %d %d %d\\n', G.cells.num, numel(T), sum(G.faces.tag == find(n)), \
         numel(G.nodes.sets.fault1), numel(properties.amplitude), \
@@ -336,7 +336,7 @@ fn deck(dims: &[f64]) -> String {
 fn xtgeo_and_opm_flow_read_the_corner_point_grid() {
     let folder = folder();
     let folder = folder.path();
-    let model = model(folder, "cells.vtu", 1000.0, &[1.0], Faults::OPEN);
+    let model = model(folder, "cells.vtu", 1000.0, &[1.0], FaultLaw::OPEN);
     let export = "export cells.vtu --to grdecl -o GRID.GRDECL --depth-at-top 1000";
     let pores = (0.1 + 0.005 * 19.5) * VOLUME;
     for (grid, region) in [("", "--region labels.npy"), ("--grid 13,9,7", "")] {
@@ -438,7 +438,13 @@ fn resqpy_reads_volumes_handedness_and_rock() {
         let export = format!("export {mesh}.vtu --to resqml -o {mesh}.epc --depth-at-top 1000");
         let more = "--region labels.npy --property amplitude=sheet.npy";
         run(folder, &format!("{export} {ROCK} {more}"));
-        let model = model(folder, &format!("{mesh}.vtu"), 1000.0, &[1.0], Faults::OPEN);
+        let model = model(
+            folder,
+            &format!("{mesh}.vtu"),
+            1000.0,
+            &[1.0],
+            FaultLaw::OPEN,
+        );
         let path = folder.join(format!("{mesh}.epc"));
         let found = judged("resqpy", "resqml.py", &[path.as_os_str()]);
         assert_eq!(found["shape"], shape);
@@ -520,7 +526,7 @@ fn darts_runs_on_our_connections_and_on_gmshs_mesh() {
     run(folder, "export tets.vtu --to msh2 -o tets.msh --quiet");
     // The most distant blocks along x.
     let ends = |mesh: &str| {
-        let model = model(folder, mesh, 1000.0, &[100.0], Faults::OPEN);
+        let model = model(folder, mesh, 1000.0, &[100.0], FaultLaw::OPEN);
         [[2.0, 17.0, -1015.0], [37.0, 17.0, -1015.0]].map(|p| nearest(&model, p))
     };
     let darts = |files: &[&str], [high, low]: [usize; 2]| {
@@ -538,7 +544,7 @@ fn darts_runs_on_our_connections_and_on_gmshs_mesh() {
     let blocks = ends("tets.vtu");
     let found = darts(&["tets.msh"], blocks);
     let (pressure, volume) = (numbers(&found["pressure"]), numbers(&found["volume"]));
-    let model = model(folder, "tets.vtu", 1000.0, &[100.0], Faults::OPEN);
+    let model = model(folder, "tets.vtu", 1000.0, &[100.0], FaultLaw::OPEN);
     assert_eq!(pressure.len(), model.len());
     for (cell, volume) in volume
         .iter()
@@ -618,7 +624,7 @@ fn triangles_of_the_plane_stay_triangles() {
         (-0.5 * ((0.6 * x as f32 - 0.8 * y as f32 + 3.0) / 1.5).powi(2)).exp()
     });
     run(folder, "mesh line.npy --distance 5 --quiet -o plane.vtu");
-    let AnyMesh::Plane(file) = read_any_vtu(&folder.join("plane.vtu")).unwrap() else {
+    let AnyMesh::Triangles(file) = read_any_vtu(&folder.join("plane.vtu")).unwrap() else {
         panic!("no triangles")
     };
     for (to, name, format, edges) in [

@@ -530,7 +530,7 @@ fn horizons_stay_on_their_reflector_beyond_faults() {
     let said = json(&succeed(at, &surface.split(' ').collect::<Vec<_>>()));
     let file = SurfacesOfFile::read(&at.join("s.vtp"));
     let read = atomesh::image::formats::read_any(&at.join("depth.npy"), &Default::default());
-    let depth = read.unwrap().image::<3>().unwrap();
+    let depth = read.unwrap().into_image::<3>().unwrap();
     // Along x depth grows with x.
     let depth = |p: [f64; 3]| {
         let near: [usize; 3] = std::array::from_fn(|k| p[k].round() as usize);

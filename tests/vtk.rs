@@ -6,7 +6,7 @@ use atomesh::files::vtk::DataArray;
 use atomesh::image::formats::vti;
 use atomesh::image::{Geometry, Image};
 use atomesh::mesh::TetMesh;
-use atomesh::store::{FieldValue, MeshFile, Trace, to_physical, write_vtu};
+use atomesh::store::{FieldValue, MeshFile, PvdSeries, to_physical, write_vtu};
 
 /// What VTK says about files, a line an item; `None` if VTK is not installed.
 fn judged(files: &[&Path]) -> String {
@@ -74,7 +74,7 @@ fn vtk_reads_meshes_images_and_traces() {
     )
     .unwrap();
 
-    let mut trace = Trace::create(&at("t.pvd")).unwrap();
+    let mut trace = PvdSeries::create(&at("t.pvd")).unwrap();
     let frame = MeshFile {
         mesh: TetMesh {
             nodes: vec![[0.0; 3], [6.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],

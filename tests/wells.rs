@@ -8,13 +8,13 @@ use std::process::Command;
 
 use crate::common::{judged, npy, refused, sheet, simulator, succeed};
 use atomesh::mesh::voronoi::{voronoi, voronoi_plane};
-use atomesh::model::flow::{CellFlow, Faults, Rock, Tensor};
-use atomesh::model::reservoir::{Completion, Model, Tracer, Trajectory};
+use atomesh::model::flow::{CellFlow, FaultLaw, Rock, Tensor};
+use atomesh::model::reservoir::{Completion, Model, Trajectory, WellTracer};
 use serde_json::Value;
 
 /// Prisms of height 4 on the Voronoi cells of these atoms.
 fn prisms(atoms: &[[f64; 2]], extent: [f64; 2], k: &[f64]) -> Model {
-    let mesh = voronoi_plane(atoms, extent).unwrap().extruded(4.0);
+    let mesh = voronoi_plane(atoms, extent).unwrap().extrude(4.0);
     with_rock(Model::new(mesh, None), k)
 }
 
@@ -44,7 +44,7 @@ fn upright(x: f64, y: f64) -> Trajectory {
 }
 
 fn complete(model: &Model, way: &Trajectory) -> Vec<Completion> {
-    Tracer::new(model).complete(way).unwrap()
+    WellTracer::new(model).complete(way).unwrap()
 }
 
 #[test]
@@ -58,7 +58,7 @@ fn squares_and_hexagons_have_the_radii_of_peaceman_and_of_palagi_and_aziz() {
     let want = TAU * 2.0 * 4.0 / (c.equivalent_radius / 0.1).ln();
     assert!((c.length - 4.0).abs() < 1e-9 && (c.index / want - 1.0).abs() < 1e-9);
     // A point of the command line is the same well.
-    let tracer = Tracer::new(&model);
+    let tracer = WellTracer::new(&model);
     let cell = tracer.complete_cell("W", c.cell as usize, 0.1).unwrap();
     assert!((cell[0].index / c.index - 1.0).abs() < 1e-9 && cell.len() == 1);
 
@@ -122,7 +122,7 @@ fn closed_box(x: [f64; 2], a: [f64; 2], b: [f64; 2], extent: [f64; 2]) -> f64 {
 fn well_to_well(model: &Model, extent: [f64; 2], a: [f64; 2], b: [f64; 2]) -> (f64, f64) {
     let (k, height, radius) = (2.0, 4.0, 0.1);
     let rock = Rock::uniform(Tensor::isotropic(k), 1.0);
-    let flow = CellFlow::new(&model.graph, &rock, Faults::OPEN).unwrap();
+    let flow = CellFlow::new(&model.graph, &rock, FaultLaw::OPEN).unwrap();
     let mut rates = vec![0.0; model.len()];
     let mut drop = 0.0;
     let wells = [(a, 1.0), (b, -1.0)].map(|(at, rate)| {
@@ -191,7 +191,7 @@ fn wells_through_cells_of_all_shapes_have_the_analytic_pressure() {
         .collect();
     let model = with_rock(Model::new(voronoi(&atoms, extent).unwrap(), None), &[k]);
     let rock = Rock::uniform(Tensor::isotropic(k), 1.0);
-    let flow = CellFlow::new(&model.graph, &rock, Faults::OPEN).unwrap();
+    let flow = CellFlow::new(&model.graph, &rock, FaultLaw::OPEN).unwrap();
     let height = extent[2];
     let (a, b) = ([42.0, 45.5], [111.0, 98.0]);
     let wells = [(a, 1.0), (b, -1.0)].map(|([x, y], rate)| {
@@ -241,7 +241,7 @@ fn cubes(n: usize, d: f64) -> Model {
 #[test]
 fn every_metre_of_a_well_is_in_one_cell() {
     let model = with_rock(cubes(6, 10.0), &[1.0]);
-    let tracer = Tracer::new(&model);
+    let tracer = WellTracer::new(&model);
     // Oblique, bent, and in the common faces and edges of cells.
     for points in [
         &[[3.0, 4.0, 1.0], [52.0, 47.0, 58.0]][..],
@@ -294,7 +294,7 @@ fn every_metre_of_a_well_is_in_one_cell() {
         assert!(said.starts_with("W: ") && said.contains(want), "{said}");
     }
     assert!(
-        Tracer::new(&cubes(3, 10.0))
+        WellTracer::new(&cubes(3, 10.0))
             .complete(&upright(5.0, 5.0))
             .is_err()
     );
@@ -355,7 +355,7 @@ fn opm_flow_runs_wells_along_trajectories() {
     let pressure: Vec<f64> = (found["pressure"].as_array().unwrap().iter())
         .map(|p| p.as_f64().unwrap())
         .collect();
-    let factor = atomesh::export::simulators::opm::TRANSMISSIBILITY;
+    let factor = atomesh::export::simulators::opm::TRANSMISSIBILITY_UNIT;
     let out: f64 = (wells[1]["cells"].as_array().unwrap().iter())
         .map(|c| {
             let cell = c[0].as_u64().unwrap() as usize;
@@ -438,8 +438,8 @@ fn meshes_have_atoms_along_wells_and_smaller_cells_round_them() {
         run(folder, &format!("{mesh} {finer}"));
         run(folder, "validate m.vtu --quiet");
         let atoms = match atomesh::store::read_any_vtu(&folder.join("m.vtu")).unwrap() {
-            atomesh::store::AnyMesh::Space(file) => file.mesh.nodes,
-            atomesh::store::AnyMesh::SpaceCells(file) => file.mesh.sites,
+            atomesh::store::AnyMesh::Tetrahedra(file) => file.mesh.nodes,
+            atomesh::store::AnyMesh::Polyhedra(file) => file.mesh.sites,
             _ => panic!("not in space"),
         };
         let along = atoms.iter().filter(|x| on_way(x) < 1e-3).count() as f64;
@@ -476,8 +476,8 @@ fn meshes_have_atoms_along_wells_and_smaller_cells_round_them() {
         );
         run(folder, "validate p.vtu --quiet");
         let atoms = match atomesh::store::read_any_vtu(&folder.join("p.vtu")).unwrap() {
-            atomesh::store::AnyMesh::Plane(file) => file.mesh.nodes,
-            atomesh::store::AnyMesh::PlaneCells(file) => file.mesh.sites,
+            atomesh::store::AnyMesh::Triangles(file) => file.mesh.nodes,
+            atomesh::store::AnyMesh::Polygons(file) => file.mesh.sites,
             _ => panic!("not in the plane"),
         };
         let at = |x: f64, y: f64| atoms.iter().any(|a| (a[0] - x).hypot(a[1] - y) < 1e-3);

@@ -4,9 +4,9 @@ use crate::common::{refused, succeed};
 use atomesh::feature::FeatureKind;
 use atomesh::image::{Geometry, Image};
 use atomesh::improve::Scheme;
-use atomesh::job::{self, Meshing, Outcome, Params, Space, Spacing};
+use atomesh::job::{self, MeshSpace, Meshing, Outcome, Params, Spacing};
 use atomesh::lattice::AtomKind;
-use atomesh::lattice::optimize::Unobserved;
+use atomesh::lattice::optimize::NoProgress;
 use atomesh::lattice::seeding::Seeding;
 use atomesh::mesh::{Mesh, Simplices};
 use serde_json::Value;
@@ -32,25 +32,25 @@ fn by_canny<const D: usize>(
     min_dihedral: Option<f64>,
 ) -> Outcome<D>
 where
-    Space<D>: Meshing<D>,
+    MeshSpace<D>: Meshing<D>,
 {
     let params = Params {
-        spacing: Spacing::of_canny(D),
+        spacing: Spacing::for_canny(D),
         seeding: Seeding::Canny,
-        smooth,
+        smoothing: smooth,
         min_dihedral,
         ..Params::default()
     };
-    job::run(image, &params, &mut Unobserved).unwrap()
+    job::run(image, &params, &mut NoProgress).unwrap()
 }
 
 /// Nodes that must not move, in a fixed order.
 fn fixed<const D: usize>(outcome: &Outcome<D>) -> Vec<[f64; D]>
 where
-    Space<D>: Meshing<D>,
+    MeshSpace<D>: Meshing<D>,
 {
     let made = outcome.simplices().unwrap();
-    let nodes = made.mesh.nodes().iter().zip(&made.kinds);
+    let nodes = made.mesh.nodes().iter().zip(&made.node_kinds);
     let mut fixed: Vec<[f64; D]> = nodes
         .filter(|(_, kind)| **kind == AtomKind::Fixed)
         .map(|(x, _)| *x)
@@ -66,7 +66,7 @@ fn smoothing_makes_better_triangles_and_leaves_canny_points_alone() {
     let points = fixed(&plain);
     assert!(points.len() > 20);
     let mean = |o: &Outcome<2>| o.report.quality.as_ref().unwrap().mean_ratio_mean;
-    let problems = |o: &Outcome<2>| o.report.filling.as_ref().unwrap().problems.clone();
+    let problems = |o: &Outcome<2>| o.report.box_check.as_ref().unwrap().problems.clone();
     assert!(problems(&plain).is_empty());
     for scheme in [Scheme::Cvt, Scheme::Odt] {
         let smooth = by_canny(&image, Some(scheme), None);
@@ -123,7 +123,7 @@ fn smoothing_in_noise_keeps_the_edges_on_features() {
         let fidelity = outcome.report.fidelity.unwrap();
         // By the edges that the mesh says are on features: at a corner one may end some tenths of a sample off it,
         // where angles ask for that.
-        fidelity.claimed.unwrap().coverage_one
+        fidelity.tagged_faces.unwrap().coverage_one
     };
     for (shape, seed) in [(0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (2, 1), (2, 2)] {
         let image = noisy(shape, seed);
@@ -144,7 +144,7 @@ fn canny_points_in_space_make_a_valid_mesh() {
     let image = ball([48, 44, 40], 13.0);
     for min_dihedral in [None, Some(15.0)] {
         let outcome = by_canny(&image, None, min_dihedral);
-        let filling = outcome.report.filling.as_ref().unwrap();
+        let filling = outcome.report.box_check.as_ref().unwrap();
         assert!(filling.problems.is_empty(), "{:?}", filling.problems);
         for x in fixed(&outcome) {
             let squares: f64 = (0..3)
@@ -164,8 +164,8 @@ fn the_boundary_that_paths_find_is_followed() {
         feature: FeatureKind::Paths,
         ..Params::default()
     };
-    params.seeds.object = vec![[50.0, 45.0]];
-    let outcome = job::run(&image, &params, &mut Unobserved).unwrap();
+    params.path_seeds.object = vec![[50.0, 45.0]];
+    let outcome = job::run(&image, &params, &mut NoProgress).unwrap();
     let made = outcome.simplices().unwrap();
     let length: f64 = made
         .feature_faces

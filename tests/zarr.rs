@@ -5,13 +5,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::common::{npy, refused, succeed};
-use atomesh::image::formats::{self, AnyLoaded, Loaded, ReadOptions};
+use atomesh::image::formats::{self, AnyImage, LoadedImage, ReadOptions};
 use atomesh::image::{Geometry, Image};
 
-fn opened(path: &Path) -> Result<Loaded, String> {
+fn opened(path: &Path) -> Result<LoadedImage, String> {
     match formats::read_any(path, &ReadOptions::default()) {
-        Ok(AnyLoaded::Space(loaded)) => Ok(loaded),
-        Ok(AnyLoaded::Plane(_)) => Err("is 2-D".into()),
+        Ok(AnyImage::Space(loaded)) => Ok(loaded),
+        Ok(AnyImage::Plane(_)) => Err("is 2-D".into()),
         Err(error) => Err(error.to_string()),
     }
 }
@@ -65,7 +65,7 @@ fn a_survey_of_mdio_is_that_of_its_seg_y_file() {
             .count(),
         1
     );
-    assert!(mdio.lines.is_some() && mdio.lines == segy.lines);
+    assert!(mdio.line_numbers.is_some() && mdio.line_numbers == segy.line_numbers);
     let (ours, theirs) = (&mdio.image.geometry, &segy.image.geometry);
     assert_eq!(ours.units, theirs.units);
     assert_eq!(ours.names, ["time", "crossline", "inline"]);
@@ -81,7 +81,7 @@ fn a_survey_of_mdio_is_that_of_its_seg_y_file() {
     // An array of the group, with what lies beside it.
     let alone = opened(&data().join("survey.mdio/amplitude")).unwrap();
     assert_eq!(alone.image, mdio.image);
-    assert_eq!(alone.lines, mdio.lines);
+    assert_eq!(alone.line_numbers, mdio.line_numbers);
 }
 
 #[test]
@@ -95,7 +95,7 @@ fn what_is_written_is_read_again_with_its_place_and_lines() {
     );
     let again = opened(&folder.path().join("a.zarr")).unwrap();
     assert_eq!(again.image, segy.image);
-    assert_eq!(again.lines, segy.lines);
+    assert_eq!(again.line_numbers, segy.line_numbers);
     // Through memory as through the file, any geometry.
     let geometry = Geometry {
         origin: [1.5, -2.0, 1e7],
@@ -134,7 +134,7 @@ fn what_is_written_is_read_again_with_its_place_and_lines() {
         ];
         succeed(folder.path(), &line);
         let read = atomesh::store::read_any_vtu(&folder.path().join(to)).unwrap();
-        let atomesh::store::AnyMesh::Space(file) = read else {
+        let atomesh::store::AnyMesh::Tetrahedra(file) = read else {
             panic!("not in space")
         };
         file.mesh

@@ -23,7 +23,7 @@ fn main() {
     let mut build = cc::Build::new();
     build.cpp(true).std("c++14").opt_level(2);
 
-    if let Some(missing) = missing(&build, &out) {
+    if let Some(missing) = missing_dependency(&build, &out) {
         println!("cargo::error=tetgen-sys: {missing}; {REMEDY}");
         return;
     }
@@ -72,7 +72,7 @@ fn main() {
 }
 
 /// What the shim needs and the system lacks.
-fn missing(build: &cc::Build, out: &Path) -> Option<&'static str> {
+fn missing_dependency(build: &cc::Build, out: &Path) -> Option<&'static str> {
     let probe = out.join("probe.cpp");
     let compiles = |text: &str| -> bool {
         std::fs::write(&probe, text).expect("OUT_DIR can be written");

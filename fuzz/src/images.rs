@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use atomesh::image::formats::{self, AnyLoaded, ReadOptions};
+use atomesh::image::formats::{self, AnyImage, ReadOptions};
 
 const ENDINGS: [&str; 13] = [
     "npy", "vti", "nrrd", "mha", "nii", "tif", "png", "sgy", "inr", "nii.gz", "vtk", "mhd", "nhdr",
@@ -31,8 +31,8 @@ pub fn any_image(folder: &Path, bytes: &[u8]) {
             assert!(said.contains("; ") && !said.contains('\n'), "{said}");
             return;
         }
-        Ok(AnyLoaded::Plane(loaded)) => loaded.image.in_space(),
-        Ok(AnyLoaded::Space(loaded)) => loaded.image,
+        Ok(AnyImage::Plane(loaded)) => loaded.image.to_3d(),
+        Ok(AnyImage::Space(loaded)) => loaded.image,
     };
     assert_eq!(
         image.as_slice().len(),
@@ -46,8 +46,8 @@ pub fn any_image(folder: &Path, bytes: &[u8]) {
         let again = formats::read_any(&copy, &ReadOptions::default());
         fs::remove_file(&copy).expect("the file");
         let again = match again.expect("what was written is read") {
-            AnyLoaded::Plane(loaded) => loaded.image.in_space(),
-            AnyLoaded::Space(loaded) => loaded.image,
+            AnyImage::Plane(loaded) => loaded.image.to_3d(),
+            AnyImage::Space(loaded) => loaded.image,
         };
         let bits = |samples: &[f32]| samples.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
         assert_eq!(bits(again.as_slice()), bits(image.as_slice()));

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use atomesh::cli::args::CommandLine;
 use atomesh::cli::interrupts::Interrupts;
-use atomesh::cli::{console, perform};
+use atomesh::cli::{console, run};
 use clap::Parser;
 
 /// Whether a verb did what was typed. If not it has said why in one line, and left every file as it was.
@@ -23,7 +23,7 @@ pub fn performed(folder: &Path, words: &[String]) -> bool {
         return false;
     };
     let before = names(folder);
-    match perform(&line, &Interrupts::default()) {
+    match run(&line, &Interrupts::default()) {
         Ok(_) => {
             let hidden = names(folder)
                 .into_iter()
@@ -32,7 +32,7 @@ pub fn performed(folder: &Path, words: &[String]) -> bool {
             true
         }
         Err(error) => {
-            let said = console::in_words(&error);
+            let said = console::error_line(&error);
             assert!(
                 said.contains(": ") && said.contains("; ") && !said.contains('\n'),
                 "{words:?}: {said}"
@@ -63,7 +63,7 @@ pub fn meshed(folder: &Path, words: &[String], mesh: &Path) -> bool {
     ];
     let line = CommandLine::try_parse_from(["atomesh".to_string()].into_iter().chain(validate));
     let line = line.expect("the verb");
-    if let Err(error) = perform(&line, &Interrupts::default()) {
+    if let Err(error) = run(&line, &Interrupts::default()) {
         panic!("{words:?} made an invalid mesh: {error}");
     }
     true

@@ -6,10 +6,10 @@
 //! - `verbs`: what verbs there are, and their options
 //! - `words`: errors in the words of Python
 
-mod desk;
-mod held;
+mod errors;
+mod host;
+mod objects;
 mod verbs;
-mod words;
 
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -20,7 +20,7 @@ use std::time::Duration;
 
 use atomesh::ErrorKind;
 use atomesh::cli::args::CommandLine;
-use atomesh::cli::common::global::Ending;
+use atomesh::cli::common::global::VerbStatus;
 use atomesh::cli::console::Console;
 use atomesh::cli::interrupts::Interrupts;
 use clap::Parser;
@@ -28,11 +28,11 @@ use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use desk::{Event, Memory, Said};
-use words::Error;
+use errors::Error;
+use host::{Event, MemoryHost, SharedResults};
 
 /// How often Python's signals are looked for.
-const TICK: Duration = Duration::from_millis(50);
+const SIGNAL_POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Runs a verb.
 ///
@@ -52,32 +52,32 @@ fn run<'py>(
     threads: Option<usize>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let line = CommandLine::try_parse_from(["atomesh".to_string()].into_iter().chain(words))
-        .map_err(|error| words::usage(py, &error))?;
+        .map_err(|error| errors::usage_error(py, &error))?;
     let pool = match threads {
         Some(count) => Some(
             rayon::ThreadPoolBuilder::new()
                 .num_threads(count)
                 .build()
-                .map_err(|error| words::failed(py, &format!("threads={count}"), &error))?,
+                .map_err(|error| errors::os_error(py, &format!("threads={count}"), &error))?,
         ),
         None => None,
     };
     let (sender, events) = channel();
     let events = Mutex::new(events);
-    let (memory, said) = Memory::new(&held, keep, sender)?;
+    let (memory, said) = MemoryHost::new(&held, keep, sender)?;
     let interrupts = Interrupts::default();
     let asked = interrupts.clone();
     let job = std::thread::Builder::new()
         .name("atomesh".into())
         .spawn(move || {
-            let mut console = Console::at(memory);
-            let mut work = || atomesh::cli::perform_at(&line, &asked, &mut console);
+            let mut console = Console::with_host(memory);
+            let mut work = || atomesh::cli::run_with_console(&line, &asked, &mut console);
             catch_unwind(AssertUnwindSafe(|| match &pool {
                 Some(pool) => pool.install(&mut work),
                 None => work(),
             }))
         })
-        .map_err(|error| words::failed(py, "a thread", &error))?;
+        .map_err(|error| errors::os_error(py, "a thread", &error))?;
 
     // Ctrl-C, which also reaches a callback that is at work; and what else a callback raises.
     let mut signal: Option<PyErr> = None;
@@ -85,11 +85,11 @@ fn run<'py>(
     loop {
         let event = py.detach(|| {
             let events = events.lock().unwrap_or_else(PoisonError::into_inner);
-            events.recv_timeout(TICK)
+            events.recv_timeout(SIGNAL_POLL_INTERVAL)
         });
         let heard = match (event, &tell) {
             (Err(RecvTimeoutError::Disconnected), _) => break,
-            (Ok(event), Some(tell)) if raised.is_none() => hear(tell, &event),
+            (Ok(event), Some(tell)) if raised.is_none() => forward_event(tell, &event),
             _ => Ok(()),
         };
         if let Err(error) = heard.and_then(|()| py.check_signals()) {
@@ -97,7 +97,7 @@ fn run<'py>(
                 // A second time: whatever becomes of the work, which has been asked to stop.
                 return Err(error);
             }
-            interrupts.want();
+            interrupts.request();
             match error.is_instance_of::<PyKeyboardInterrupt>(py) {
                 true => signal = Some(error),
                 false => raised = Some(error),
@@ -113,22 +113,22 @@ fn run<'py>(
         Ok(Ok(Err(error))) => {
             return Err(match (signal, error.kind()) {
                 (Some(signal), ErrorKind::Interrupted) => signal,
-                _ => words::error(py, &error),
+                _ => errors::library_error(py, &error),
             });
         }
-        _ => return Err(words::panicked(py)),
+        _ => return Err(errors::panic_error(py)),
     };
     match signal {
-        Some(signal) if ending == Ending::Done => Err(signal),
-        _ => said.to_python(py, ending == Ending::Interrupted),
+        Some(signal) if ending == VerbStatus::Done => Err(signal),
+        _ => said.to_python(py, ending == VerbStatus::Interrupted),
     }
 }
 
-fn hear(tell: &Bound<'_, PyAny>, event: &Event) -> PyResult<()> {
+fn forward_event(tell: &Bound<'_, PyAny>, event: &Event) -> PyResult<()> {
     match event {
         Event::Stage(name) => tell.call1(("stage", 0.0, name)),
         Event::Progress(share, what) => tell.call1(("progress", share, what)),
-        Event::Note(line) => tell.call1(("note", 0.0, words::in_python(line))),
+        Event::Note(line) => tell.call1(("note", 0.0, errors::options_to_keywords(line))),
     }
     .map(|_| ())
 }
@@ -142,33 +142,33 @@ fn run_tetgen_in(program: PathBuf) {
 /// What verbs there are and the options of each, as JSON.
 #[pyfunction]
 fn describe() -> String {
-    verbs::described().to_string()
+    verbs::describe_verbs().to_string()
 }
 
 #[pymodule]
 fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("Error", module.py().get_type::<Error>())?;
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
-    module.add_class::<held::Mesh>()?;
-    module.add_class::<held::Image>()?;
-    module.add_class::<held::Surfaces>()?;
+    module.add_class::<objects::Mesh>()?;
+    module.add_class::<objects::Image>()?;
+    module.add_class::<objects::Surfaces>()?;
     module.add_function(wrap_pyfunction!(run, module)?)?;
     module.add_function(wrap_pyfunction!(run_tetgen_in, module)?)?;
     module.add_function(wrap_pyfunction!(describe, module)?)
 }
 
-impl Said {
+impl SharedResults {
     /// What a verb has said, and the results that were kept.
     fn to_python<'py>(&self, py: Python<'py>, interrupted: bool) -> PyResult<Bound<'py, PyDict>> {
         let all = PyDict::new(py);
         let mut said = self.lock();
-        all.set_item("text", words::in_python(&said.text))?;
+        all.set_item("text", errors::options_to_keywords(&said.text))?;
         all.set_item("json", said.json.to_string())?;
         all.set_item("notes", &said.notes)?;
         all.set_item("interrupted", interrupted)?;
         let kept = PyDict::new(py);
-        for (name, result) in std::mem::take(&mut said.kept) {
-            kept.set_item(name, held::to_python(py, result)?)?;
+        for (name, result) in std::mem::take(&mut said.stored) {
+            kept.set_item(name, objects::to_python(py, result)?)?;
         }
         all.set_item("kept", kept)?;
         Ok(all)

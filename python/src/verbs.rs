@@ -8,7 +8,7 @@ use clap::{Arg, ArgAction, Command, CommandFactory};
 use serde_json::{Value, json};
 
 /// All verbs.
-pub fn described() -> Value {
+pub fn describe_verbs() -> Value {
     let line = CommandLine::command();
     // Of the options that every verb has, the one that is not the functions' own.
     let shared: Vec<&Arg> = (line.get_arguments())
@@ -19,19 +19,19 @@ pub fn described() -> Value {
         .filter(|verb| verb.get_name() != "help");
     Value::Object(
         verbs
-            .map(|verb| (verb.get_name().to_string(), described_verb(verb, &shared)))
+            .map(|verb| (verb.get_name().to_string(), describe_verb(verb, &shared)))
             .collect(),
     )
 }
 
-fn described_verb(verb: &Command, shared: &[&Arg]) -> Value {
+fn describe_verb(verb: &Command, shared: &[&Arg]) -> Value {
     let said = |arg: &&Arg| !matches!(arg.get_id().as_str(), "help" | "version");
     let [given, options]: [Vec<Value>; 2] = [true, false].map(|positional| {
         verb.get_arguments()
             .chain(shared.iter().copied())
             .filter(said)
             .filter(|arg| arg.is_positional() == positional)
-            .map(described_arg)
+            .map(describe_arg)
             .collect()
     });
     json!({
@@ -41,7 +41,7 @@ fn described_verb(verb: &Command, shared: &[&Arg]) -> Value {
     })
 }
 
-fn described_arg(arg: &Arg) -> Value {
+fn describe_arg(arg: &Arg) -> Value {
     let values = arg.get_possible_values();
     let names: Vec<&str> = values.iter().map(|value| value.get_name()).collect();
     let defaults: Vec<String> = arg
@@ -51,7 +51,7 @@ fn described_arg(arg: &Arg) -> Value {
         .collect();
     json!({
         "name": arg.get_long().unwrap_or(arg.get_id().as_str()),
-        "type": kind(arg),
+        "type": value_kind(arg),
         "help": arg.get_help().map(ToString::to_string),
         "flag": matches!(arg.get_action(), ArgAction::SetTrue),
         "repeated": matches!(arg.get_action(), ArgAction::Append),
@@ -63,7 +63,7 @@ fn described_arg(arg: &Arg) -> Value {
 }
 
 /// What an option's value is.
-fn kind(arg: &Arg) -> &'static str {
+fn value_kind(arg: &Arg) -> &'static str {
     let parsed = arg.get_value_parser().type_id();
     if parsed == TypeId::of::<f64>() || parsed == TypeId::of::<f32>() {
         "number"

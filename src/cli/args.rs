@@ -3,7 +3,7 @@
 
 use clap::{Parser, Subcommand};
 
-use crate::cli::common::global::Common;
+use crate::cli::common::global::CommonOptions;
 use crate::cli::verbs::columns::ColumnsArgs;
 use crate::cli::verbs::convert::ConvertArgs;
 use crate::cli::verbs::edit::EditArgs;
@@ -63,7 +63,7 @@ pub struct CommandLine {
     pub verb: Verb,
     /// Options that every verb has.
     #[command(flatten)]
-    pub common: Common,
+    pub common: CommonOptions,
 }
 
 /// One verb each.

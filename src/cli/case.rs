@@ -6,14 +6,14 @@ use std::path::Path;
 use clap::{Args, ValueEnum};
 
 use super::console::Console;
-use super::parse::{bad, number, point};
+use super::parse::{number, option_error, point};
 use super::wells::{WellFile, is_well_file};
 use crate::error::cause;
 use crate::mesh::graph::Locator;
-use crate::model::reservoir::frame::metres;
+use crate::model::reservoir::frame::metres_per_unit;
 use crate::model::reservoir::{
-    BAR, Case, Completion, Control, DAY, Down, Fluid, Model, Placement, Prepared, Tracer,
-    Trajectory, Well,
+    BAR, Completion, Control, DAY, DepthAxis, Fluid, MeshPlacement, Model, PreparedModel,
+    SimulationCase, Trajectory, Well, WellTracer,
 };
 use crate::{Error, Result};
 
@@ -86,11 +86,11 @@ impl SpaceOptions {
     ///
     /// # Errors
     /// [`Error::Job`] for an unknown unit or axis, or numbers that make no sense.
-    pub fn placement(&self) -> Result<Placement> {
+    pub fn placement(&self) -> Result<MeshPlacement> {
         let known = |unit: &String| {
             let remedy = "give m, km, ft, cm, mm, um or nm";
-            let unknown = || bad("--length-unit", unit, "is not a known unit", remedy);
-            metres(unit).ok_or_else(unknown)
+            let unknown = || option_error("--length-unit", unit, "is not a known unit", remedy);
+            metres_per_unit(unit).ok_or_else(unknown)
         };
         let length = self.length_unit.as_ref().map(known).transpose()?;
         let grows = !self.down.starts_with('-');
@@ -98,15 +98,18 @@ impl SpaceOptions {
         let axis = ["x", "y", "z"].iter().position(|axis| *axis == name);
         let axis = axis.ok_or_else(|| {
             let remedy = "give x, y, z, -x, -y or -z";
-            bad("--down", &self.down, "is not an axis", remedy)
+            option_error("--down", &self.down, "is not an axis", remedy)
         })?;
         if let Some(thickness) = self.thickness {
-            positive("--thickness", thickness)?;
+            check_positive("--thickness", thickness)?;
         }
-        Ok(Placement {
+        Ok(MeshPlacement {
             length,
-            keep_unit: false,
-            down: Down { axis, grows },
+            keeps_unit: false,
+            depth_axis: DepthAxis {
+                axis,
+                is_downward: grows,
+            },
             velocity: self.velocity,
             top: self.depth_at_top,
             thickness: self.thickness.unwrap_or(1.0),
@@ -114,12 +117,17 @@ impl SpaceOptions {
     }
 }
 
-fn positive(option: &str, value: f64) -> Result<()> {
+fn check_positive(option: &str, value: f64) -> Result<()> {
     if value > 0.0 && value.is_finite() {
         return Ok(());
     }
     let problem = "is not a positive number";
-    Err(bad(option, &value.to_string(), problem, "give one above 0"))
+    Err(option_error(
+        option,
+        &value.to_string(),
+        problem,
+        "give one above 0",
+    ))
 }
 
 impl CaseOptions {
@@ -127,16 +135,16 @@ impl CaseOptions {
     ///
     /// # Errors
     /// [`Error::Job`] for what makes no sense, [`Error::Export`] for wells that lie outside.
-    pub fn case(&self, prepared: &Prepared, console: &Console) -> Result<Case> {
+    pub fn case(&self, prepared: &PreparedModel, console: &Console) -> Result<SimulationCase> {
         let days = self.days.unwrap_or(3650.0);
-        positive("--days", days)?;
+        check_positive("--days", days)?;
         if self.days.is_some() && self.injector.is_empty() && self.producer.is_empty() {
             let problem = "without wells nothing moves, however long";
             let remedy = "give --injector or --producer, or omit it";
-            return Err(bad("--days", &days.to_string(), problem, remedy));
+            return Err(option_error("--days", &days.to_string(), problem, remedy));
         }
         let radius = self.well_radius.unwrap_or(0.1);
-        positive("--well-radius", radius)?;
+        check_positive("--well-radius", radius)?;
         let model = &prepared.model;
         let mut wells: Vec<Well> = Vec::new();
         let (tracer, locator) = (OnceCell::new(), OnceCell::new());
@@ -152,22 +160,22 @@ impl CaseOptions {
                 };
                 let remedy = "give X,Y,Z:VALUE or FILE.csv:VALUE, with NAME= before it or not";
                 let Some((place, value)) = rest.rsplit_once(':') else {
-                    return Err(bad(option, text, "has no ':'", remedy));
+                    return Err(option_error(option, text, "has no ':'", remedy));
                 };
                 let value = number(option, value, remedy)?;
-                positive(option, value)?;
+                check_positive(option, value)?;
                 let called = format!("{option} {text}");
-                let tracer = tracer.get_or_init(|| Tracer::new(model));
+                let tracer = tracer.get_or_init(|| WellTracer::new(model));
                 let (own_name, radius, way, completions) = if is_well_file(place) {
                     let (name, way, completions) =
-                        along_file(place, called, tracer, prepared, console)?;
+                        well_from_file(place, called, tracer, prepared, console)?;
                     (name, way.radii[0], way.points, completions)
                 } else {
                     let point = prepared.frame.to_model(point(option, place, remedy)?);
                     let locator = locator.get_or_init(|| Locator::new(&model.graph));
                     let cell = locator.cell_at(point).ok_or_else(|| {
                         let remedy = "give a point inside, in the mesh's coordinates (`atomesh info` shows its extent)";
-                        bad(option, text, "lies outside the mesh", remedy)
+                        option_error(option, text, "lies outside the mesh", remedy)
                     })?;
                     let own_name = format!("{letter}{}", wells.len() + 1);
                     (
@@ -179,7 +187,7 @@ impl CaseOptions {
                 };
                 let name = name.unwrap_or(own_name);
                 if wells.iter().any(|known| known.name == name) {
-                    return Err(bad(
+                    return Err(option_error(
                         option,
                         text,
                         "has the same name as another well",
@@ -191,7 +199,7 @@ impl CaseOptions {
                     cells: completions.iter().map(|c| (c.cell, c.index)).collect(),
                     lengths: completions.iter().map(|c| c.length).collect(),
                     radius,
-                    way,
+                    path: way,
                     control: match letter {
                         'I' => Control::Inject(value / DAY),
                         _ => Control::Pressure(value * BAR),
@@ -203,15 +211,15 @@ impl CaseOptions {
         let top = top.fold(f64::INFINITY, f64::min);
         let hydrostatic = 1.013_25 * BAR + 1000.0 * crate::model::reservoir::GRAVITY * top;
         if let Some(bar) = self.pressure_at_top {
-            positive("--pressure-at-top", bar)?;
+            check_positive("--pressure-at-top", bar)?;
         }
-        Ok(Case {
+        Ok(SimulationCase {
             title: "atomesh".into(),
             fluid: match self.fluid.unwrap_or(FluidChoice::Water) {
                 FluidChoice::Water => Fluid::Water,
                 FluidChoice::OilWater => Fluid::OilWater,
             },
-            gravity: !self.no_gravity,
+            has_gravity: !self.no_gravity,
             top_pressure: self.pressure_at_top.map_or(hydrostatic, |bar| bar * BAR),
             wells,
             duration: days * DAY,
@@ -220,11 +228,11 @@ impl CaseOptions {
 }
 
 /// Name, way and completions of a well along the way in a file.
-fn along_file(
+fn well_from_file(
     path: &str,
     called: String,
-    tracer: &Tracer,
-    prepared: &Prepared,
+    tracer: &WellTracer,
+    prepared: &PreparedModel,
     console: &Console,
 ) -> Result<(String, Trajectory, Vec<Completion>)> {
     let file = WellFile::<3>::read(Path::new(path), 2)?;
@@ -233,7 +241,7 @@ fn along_file(
     let way = Trajectory {
         name: called,
         points: points.clone().map(|p| frame.to_model(p.1)).collect(),
-        radii: points.map(|p| p.2 * frame.across()).collect(),
+        radii: points.map(|p| p.2 * frame.horizontal_scale()).collect(),
     };
     let completions = tracer.complete(&way)?;
     let (all, inside) = (

@@ -12,91 +12,91 @@ use std::time::{Duration, Instant};
 
 use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 
-use crate::cli::common::global::Common;
+use crate::cli::common::global::CommonOptions;
 use crate::cli::common::options::read_options;
-use crate::cli::desk::{Desk, Kept};
+use crate::cli::host::{Host, MemoryOutput};
 use crate::cli::provenance::file_hash;
 use crate::cli::time_left::TimeLeft;
 use crate::export::SurfaceFile;
-use crate::image::formats::stream::Opened;
-use crate::image::formats::{self, AnyLoaded, InputOptions, Lines};
-use crate::image::{Image, Source};
-use crate::job::{Meshing, Outcome, Space};
-use crate::store::{AnyMesh, MeshFile, Stored, read_any_mesh};
-use crate::{Error, Result, ranks};
+use crate::image::formats::stream::OpenedImage;
+use crate::image::formats::{self, AnyImage, InputOptions, LineNumbers};
+use crate::image::{Image, ImageSource};
+use crate::job::{MeshSpace, Meshing, Outcome};
+use crate::store::{AnyMesh, MeshFile, Storable, read_any_mesh};
+use crate::{Error, Result, comm};
 
 /// What verbs speak to, and through which they read and write: a [`Desk`] with a few words of its own.
 pub struct Console {
-    desk: Box<dyn Desk>,
+    host: Box<dyn Host>,
 }
 
 /// The hash of an image that may not be found yet.
-pub enum Hashing {
+pub enum PendingHash {
     /// It is.
-    Known(Result<String>),
+    Ready(Result<String>),
     /// A thread is at it.
-    Sought(JoinHandle<Result<String>>),
+    Running(JoinHandle<Result<String>>),
 }
 
-impl Hashing {
+impl PendingHash {
     /// Waits for it.
     ///
     /// # Errors
     /// As [`file_hash`].
-    pub fn end(self) -> Result<String> {
+    pub fn wait(self) -> Result<String> {
         match self {
-            Self::Known(hash) => hash,
-            Self::Sought(thread) => thread.join().unwrap_or_else(|panic| resume_unwind(panic)),
+            Self::Ready(hash) => hash,
+            Self::Running(thread) => thread.join().unwrap_or_else(|panic| resume_unwind(panic)),
         }
     }
 }
 
 impl Console {
     /// The terminal, as the common options ask for it; that of the first rank alone says anything.
-    pub fn new(common: &Common) -> Self {
-        Self::at(Terminal {
-            quiet: common.quiet || !ranks::is_first(),
-            json: common.json && ranks::is_first(),
+    pub fn new(common: &CommonOptions) -> Self {
+        Self::with_host(Terminal {
+            quiet: common.quiet || !comm::is_root(),
+            json: common.json && comm::is_root(),
             bar: None,
             job: RefCell::new(None),
         })
     }
 
     /// A console at another desk.
-    pub fn at(desk: impl Desk + 'static) -> Self {
+    pub fn with_host(desk: impl Host + 'static) -> Self {
         Self {
-            desk: Box::new(desk),
+            host: Box::new(desk),
         }
     }
 
     /// The result of a verb.
     pub fn result(&mut self, text: impl Display, json: &serde_json::Value) {
-        self.desk.result(&text.to_string(), json);
+        self.host.result(&text.to_string(), json);
     }
 
     /// One line about something that the user should know but that stops nothing.
     pub fn note(&self, line: impl Display) {
-        self.desk.note(&line.to_string());
+        self.host.note(&line.to_string());
     }
 
     /// One line beside the progress.
-    pub fn line(&self, line: impl Display) {
-        self.desk.line(&line.to_string());
+    pub fn log_line(&self, line: impl Display) {
+        self.host.log_line(&line.to_string());
     }
 
     /// A stage begins.
     pub fn begin_stage(&mut self, name: impl Display) {
-        self.desk.stage(&name.to_string());
+        self.host.begin_stage(&name.to_string());
     }
 
     /// How much of the stage is done at most, in [0, 1], and what it is at.
     pub fn progress(&self, share: f64, what: impl Display) {
-        self.desk.progress(share, &what.to_string());
+        self.host.progress(share, &what.to_string());
     }
 
     /// The stage is over.
     pub fn end_stage(&mut self) {
-        self.desk.end_stage();
+        self.host.end_stage();
     }
 
     /// A mesh that an argument names.
@@ -104,7 +104,7 @@ impl Console {
     /// # Errors
     /// As [`read_any_mesh`].
     pub fn read_mesh(&self, path: &Path) -> Result<AnyMesh> {
-        match self.desk.mesh(path) {
+        match self.host.mesh(path) {
             Some(mesh) => Ok(mesh),
             None => read_any_mesh(path),
         }
@@ -114,15 +114,17 @@ impl Console {
     ///
     /// # Errors
     /// As [`formats::read_any`]; [`Error::Job`] for options that do not apply to it.
-    pub fn read_image(&self, path: &Path, input: &InputOptions) -> Result<AnyLoaded> {
-        match self.desk.image(path) {
+    pub fn read_image(&self, path: &Path, input: &InputOptions) -> Result<AnyImage> {
+        match self.host.image(path) {
             Some(image) => {
                 let rest = InputOptions {
                     null: None,
                     ..input.clone()
                 };
                 rest.refuse_unused("the image is in memory")?;
-                Opened::Held(image).with_nulls(&input.nulls()?).load(path)
+                OpenedImage::InMemory(image)
+                    .with_nulls(&input.nulls()?)
+                    .load(path)
             }
             None => formats::read_any(path, &read_options(input, path)?),
         }
@@ -132,16 +134,16 @@ impl Console {
     ///
     /// # Errors
     /// As [`Console::read_image`].
-    pub fn open_image(&self, path: &Path, input: &InputOptions) -> Result<Opened> {
-        match self.desk.image(path) {
-            Some(_) => self.read_image(path, input).map(Opened::Held),
+    pub fn open_image(&self, path: &Path, input: &InputOptions) -> Result<OpenedImage> {
+        match self.host.image(path) {
+            Some(_) => self.read_image(path, input).map(OpenedImage::InMemory),
             None => formats::open(path, &read_options(input, path)?),
         }
     }
 
     /// Whether what goes to `path` is kept in memory.
-    pub fn keeps(&self, path: &Path) -> bool {
-        self.desk.keeps(path)
+    pub fn keeps_in_memory(&self, path: &Path) -> bool {
+        self.host.keeps_in_memory(path)
     }
 
     /// The hash of an image or of a mesh that an argument names.
@@ -149,21 +151,23 @@ impl Console {
     /// # Errors
     /// As [`file_hash`].
     pub fn hash(&self, path: &Path) -> Result<String> {
-        match self.desk.hash(path) {
+        match self.host.hash(path) {
             Some(hash) => Ok(hash),
             None => file_hash(path),
         }
     }
 
     /// The same, sought while other things go on.
-    pub fn hashing(&self, path: &Path) -> Hashing {
+    pub fn start_hash(&self, path: &Path) -> PendingHash {
         let sought = || {
             let path = path.to_path_buf();
             thread::Builder::new().spawn(move || file_hash(&path)).ok()
         };
-        match self.desk.hash(path) {
-            Some(hash) => Hashing::Known(Ok(hash)),
-            None => sought().map_or_else(|| Hashing::Known(file_hash(path)), Hashing::Sought),
+        match self.host.hash(path) {
+            Some(hash) => PendingHash::Ready(Ok(hash)),
+            None => {
+                sought().map_or_else(|| PendingHash::Ready(file_hash(path)), PendingHash::Running)
+            }
         }
     }
 
@@ -173,7 +177,7 @@ impl Console {
     /// As [`Stored::write`].
     pub fn write_mesh<const D: usize, M>(&mut self, path: &Path, file: MeshFile<M>) -> Result<()>
     where
-        M: Stored<D>,
+        M: Storable<D>,
     {
         self.write(path, file, |file| M::write(path, file))
     }
@@ -186,16 +190,17 @@ impl Console {
         &mut self,
         path: &Path,
         outcome: &Outcome<D>,
-        image: Source<'_, D>,
+        image: ImageSource<'_, D>,
     ) -> Result<()>
     where
-        Space<D>: Meshing<D>,
+        MeshSpace<D>: Meshing<D>,
     {
-        if !self.desk.keeps(path) {
+        if !self.host.keeps_in_memory(path) {
             return outcome.write_with_image(path, image);
         }
-        if let Some(mesh) = outcome.file(image)? {
-            self.desk.keep(path, Kept::Mesh(Box::new(mesh)));
+        if let Some(mesh) = outcome.mesh_file(image)? {
+            self.host
+                .keep_in_memory(path, MemoryOutput::Mesh(Box::new(mesh)));
         }
         Ok(())
     }
@@ -216,7 +221,7 @@ impl Console {
         &mut self,
         path: &Path,
         image: Image<D>,
-        lines: Option<[Lines; 2]>,
+        lines: Option<[LineNumbers; 2]>,
     ) -> Result<()> {
         self.write(path, image, |image| {
             formats::write_survey(path, image, lines)
@@ -243,11 +248,11 @@ impl Console {
         result: T,
         write: impl FnOnce(&T) -> Result<()>,
     ) -> Result<()> {
-        if !self.desk.keeps(path) {
+        if !self.host.keeps_in_memory(path) {
             return write(&result);
         }
-        if let Some(kept) = Kept::of(result) {
-            self.desk.keep(path, kept);
+        if let Some(kept) = MemoryOutput::from_any(result) {
+            self.host.keep_in_memory(path, kept);
         }
         Ok(())
     }
@@ -262,7 +267,7 @@ struct Terminal {
     job: RefCell<Option<(TimeLeft, Instant)>>,
 }
 
-impl Desk for Terminal {
+impl Host for Terminal {
     /// Prints `json` if asked for, else `text` unless `--quiet`.
     fn result(&mut self, text: &str, json: &serde_json::Value) {
         self.end_stage();
@@ -274,23 +279,23 @@ impl Desk for Terminal {
     }
 
     fn note(&self, line: &str) {
-        self.line(&format!("note: {line}"));
+        self.log_line(&format!("note: {line}"));
     }
 
-    fn line(&self, line: &str) {
+    fn log_line(&self, line: &str) {
         if self.quiet {
             return;
         }
         match &self.bar {
-            Some(bar) => bar.suspend(|| complain(line)),
-            None => complain(line),
+            Some(bar) => bar.suspend(|| print_stderr(line)),
+            None => print_stderr(line),
         }
     }
 
     /// A spinner, later perhaps a bar, on a terminal, a plain line elsewhere.
-    fn stage(&mut self, name: &str) {
+    fn begin_stage(&mut self, name: &str) {
         let goes_on = match self.job.get_mut() {
-            Some((job, start)) => job.begin(name, start.elapsed().as_secs_f64()),
+            Some((job, start)) => job.begin_stage(name, start.elapsed().as_secs_f64()),
             None => false,
         };
         if let (Some(bar), true) = (&self.bar, goes_on) {
@@ -310,7 +315,7 @@ impl Desk for Terminal {
             *self.job.get_mut() = TimeLeft::new(name).map(|job| (job, Instant::now()));
             self.show_job("");
         } else {
-            complain(format_args!("{name} ..."));
+            print_stderr(format_args!("{name} ..."));
         }
     }
 
@@ -329,10 +334,10 @@ impl Desk for Terminal {
             return;
         }
         if bar.length().is_none() {
-            bar.set_length(STEPS as u64);
+            bar.set_length(BAR_STEPS as u64);
             bar.set_style(style("{spinner} {prefix} [{bar:20}] {elapsed}  {msg}"));
         }
-        bar.set_position((STEPS * share.clamp(0.0, 1.0)) as u64);
+        bar.set_position((BAR_STEPS * share.clamp(0.0, 1.0)) as u64);
         bar.set_message(what.to_string());
     }
 
@@ -353,11 +358,11 @@ impl Terminal {
             return;
         };
         if bar.length().is_none() {
-            bar.set_length(STEPS as u64);
+            bar.set_length(BAR_STEPS as u64);
             bar.set_style(style("{spinner} {prefix} [{bar:20}] {elapsed}{msg}"));
         }
-        bar.set_position((STEPS * job.done()) as u64);
-        let left = job.left(start.elapsed().as_secs_f64());
+        bar.set_position((BAR_STEPS * job.share_done()) as u64);
+        let left = job.seconds_left(start.elapsed().as_secs_f64());
         let left = left.map(|left| {
             let left = Duration::from_secs(left.ceil() as u64);
             format!(", at most {} left", HumanDuration(left))
@@ -368,7 +373,7 @@ impl Terminal {
 }
 
 /// Steps of a bar.
-const STEPS: f64 = 1000.0;
+const BAR_STEPS: f64 = 1000.0;
 
 /// A style from a template; the default one, should the template be faulty.
 fn style(template: &str) -> ProgressStyle {
@@ -378,17 +383,17 @@ fn style(template: &str) -> ProgressStyle {
 /// Prints one line on standard output. A reader that went away (`atomesh info x | head -1`) is no
 /// fault of ours.
 pub fn print(line: impl Display) {
-    let _ = writeln!(stdout().lock(), "{}", harmless(&line.to_string()));
+    let _ = writeln!(stdout().lock(), "{}", escape_controls(&line.to_string()));
 }
 
 /// Prints one line on standard error.
-pub fn complain(line: impl Display) {
-    let _ = writeln!(stderr().lock(), "{}", harmless(&line.to_string()));
+pub fn print_stderr(line: impl Display) {
+    let _ = writeln!(stderr().lock(), "{}", escape_controls(&line.to_string()));
 }
 
 /// Text with control characters other than the ends of lines and tabs spelled out: names and words from
 /// files shall not steer a terminal.
-fn harmless(text: &str) -> String {
+fn escape_controls(text: &str) -> String {
     let steers = |c: char| c.is_control() && !matches!(c, '\n' | '\t');
     text.chars()
         .flat_map(|c| match steers(c) {
@@ -399,7 +404,7 @@ fn harmless(text: &str) -> String {
 }
 
 /// An error as one line, with the option that it is about: the library knows parameters, not options.
-pub fn in_words(error: &Error) -> String {
+pub fn error_line(error: &Error) -> String {
     let option = error.cause().parameter.map(|p| format!(" (--{p})"));
     format!("{error}{}", option.unwrap_or_default()).replace(['\n', '\r'], " ")
 }
@@ -410,7 +415,7 @@ mod tests {
 
     #[test]
     fn words_from_files_do_not_steer_the_terminal() {
-        let said = harmless("a\u{1b}[31mRED\u{1b}]0;title\u{7}\u{9b}2J\r b\n\tc é");
+        let said = escape_controls("a\u{1b}[31mRED\u{1b}]0;title\u{7}\u{9b}2J\r b\n\tc é");
         assert_eq!(
             said,
             "a\\u{1b}[31mRED\\u{1b}]0;title\\u{7}\\u{9b}2J\\r b\n\tc é"

@@ -4,10 +4,10 @@ use std::path::Path;
 
 use clap::Args;
 
-use super::parse::{bad, number, rows_of_words};
+use super::parse::{number, option_error, text_rows};
 use crate::error::cause;
-use crate::model::flow::Faults;
-use crate::model::flow::through::{FaultLaws, Standing};
+use crate::model::flow::FaultLaw;
+use crate::model::flow::driver::{BarrierSelection, FaultLaws};
 use crate::model::surface::names::Selector;
 use crate::{Error, Result};
 
@@ -35,7 +35,7 @@ pub struct FaultOptions {
 
 impl FaultOptions {
     /// The first option that says that something resists flow, if one is typed.
-    pub fn typed(&self) -> Option<&'static str> {
+    pub fn given_option(&self) -> Option<&'static str> {
         let typed = [
             ("--faults", self.faults.is_some()),
             ("--fault-multiplier", !self.fault_multiplier.is_empty()),
@@ -56,14 +56,14 @@ impl FaultOptions {
         }
         let thickness = self.fault_thickness;
         check_thickness(thickness, how, !self.fault_multiplier.is_empty())?;
-        let law = faults(how, thickness)?;
+        let law = parse_faults(how, thickness)?;
         let standing = match self.barriers.as_deref() {
-            Some(text) => standing("--barriers", text)?,
-            None => Standing::Faults,
+            Some(text) => parse_standing("--barriers", text)?,
+            None => BarrierSelection::Faults,
         };
-        let mut own: Vec<(Selector, Faults)> = Vec::new();
+        let mut own: Vec<(Selector, FaultLaw)> = Vec::new();
         for text in &self.fault_multiplier {
-            for (place, selector, law) in multipliers(text, thickness)? {
+            for (place, selector, law) in parse_multipliers(text, thickness)? {
                 if own.iter().any(|known| known.0 == selector) {
                     let problem = format!("gives fault {selector} a second factor");
                     return Err(Error::Flow(cause(place, problem, "give each fault once")));
@@ -72,22 +72,22 @@ impl FaultOptions {
             }
         }
         Ok(FaultLaws {
-            standing,
+            selection: standing,
             law,
-            own,
+            overrides: own,
             must_apply: self.faults.is_some(),
         })
     }
 }
 
 /// What faults do: `closed`, `open`, or a multiplier.
-fn faults(how: &str, thickness: Option<f64>) -> Result<Faults> {
+fn parse_faults(how: &str, thickness: Option<f64>) -> Result<FaultLaw> {
     match how {
-        "closed" => Faults::new(0.0, thickness),
-        "open" => Ok(Faults::OPEN),
+        "closed" => FaultLaw::new(0.0, thickness),
+        "open" => Ok(FaultLaw::OPEN),
         text => {
             let remedy = "give open, closed, or a multiplier from 0 to 1";
-            Faults::new(number("--faults", text, remedy)?, thickness)
+            FaultLaw::new(number("--faults", text, remedy)?, thickness)
         }
     }
 }
@@ -105,21 +105,24 @@ fn check_thickness(thickness: Option<f64>, faults: &str, factors: bool) -> Resul
 }
 
 /// Surfaces with laws of their own, and where that was said: `WHICH:FACTOR`, or from a CSV file.
-fn multipliers(text: &str, thickness: Option<f64>) -> Result<Vec<(String, Selector, Faults)>> {
+fn parse_multipliers(
+    text: &str,
+    thickness: Option<f64>,
+) -> Result<Vec<(String, Selector, FaultLaw)>> {
     let option = "--fault-multiplier";
     let path = Path::new(text);
     if path.is_file() {
         let row = |words: &[&str]| {
             let (which, numbers) = words.split_first()?;
             let numbers: Option<Vec<f64>> = numbers.iter().map(|word| word.parse().ok()).collect();
-            let selector = selector(which)?;
+            let selector = parse_selector(which)?;
             match numbers?[..] {
                 [factor] => Some((selector, factor, thickness)),
                 [factor, thickness] => Some((selector, factor, Some(thickness))),
                 _ => None,
             }
         };
-        let rows = rows_of_words(
+        let rows = text_rows(
             path,
             row,
             "a surface, its factor and perhaps its thickness",
@@ -129,7 +132,7 @@ fn multipliers(text: &str, thickness: Option<f64>) -> Result<Vec<(String, Select
             Ok((
                 format!("{text}:{line}"),
                 selector,
-                Faults::new(factor, thickness)?,
+                FaultLaw::new(factor, thickness)?,
             ))
         };
         return rows.into_iter().map(law).collect();
@@ -137,17 +140,17 @@ fn multipliers(text: &str, thickness: Option<f64>) -> Result<Vec<(String, Select
     let remedy = "give a surface and its factor, such as 3:0.01 or fault3:0.01, or a CSV file";
     let (which, factor) = text
         .rsplit_once(':')
-        .ok_or_else(|| bad(option, text, "has no ':' and is not a file", remedy))?;
-    let selector = selector(which).ok_or_else(|| {
+        .ok_or_else(|| option_error(option, text, "has no ':' and is not a file", remedy))?;
+    let selector = parse_selector(which).ok_or_else(|| {
         let problem = "names no surface (numbers begin at 1)";
-        bad(option, text, problem, remedy)
+        option_error(option, text, problem, remedy)
     })?;
-    let law = Faults::new(number(option, factor, remedy)?, thickness)?;
+    let law = FaultLaw::new(number(option, factor, remedy)?, thickness)?;
     Ok(vec![(format!("{option} {text}"), selector, law)])
 }
 
 /// What picks surfaces: a number from 1 on, or a pattern. Other numbers pick nothing.
-fn selector(text: &str) -> Option<Selector> {
+fn parse_selector(text: &str) -> Option<Selector> {
     let number = text.trim().parse::<f64>();
     match Selector::parse(text)? {
         Selector::Number(0) => None,
@@ -157,18 +160,18 @@ fn selector(text: &str) -> Option<Selector> {
 }
 
 /// Which surfaces are meant: `faults`, `horizons`, `all`, or a list of numbers, names and patterns.
-pub fn standing(option: &str, text: &str) -> Result<Standing> {
+pub fn parse_standing(option: &str, text: &str) -> Result<BarrierSelection> {
     Ok(match text {
-        "faults" => Standing::Faults,
-        "horizons" => Standing::Horizons,
-        "all" => Standing::All,
+        "faults" => BarrierSelection::Faults,
+        "horizons" => BarrierSelection::Horizons,
+        "all" => BarrierSelection::All,
         text => {
-            let selectors = text.split(',').map(selector);
+            let selectors = text.split(',').map(parse_selector);
             let selectors = selectors.collect::<Option<_>>().ok_or_else(|| {
                 let remedy = "give faults, horizons, all, or numbers and names such as 1,fault4";
-                bad(option, text, "does not say which surfaces", remedy)
+                option_error(option, text, "does not say which surfaces", remedy)
             })?;
-            Standing::Picked(selectors)
+            BarrierSelection::Selected(selectors)
         }
     })
 }

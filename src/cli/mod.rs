@@ -20,10 +20,10 @@ pub mod args;
 pub mod case;
 pub mod common;
 pub mod console;
-pub mod desk;
 pub mod faults;
+pub mod host;
 pub mod interrupts;
-pub mod job;
+pub mod job_files;
 pub mod parse;
 pub mod provenance;
 pub mod rock;
@@ -32,7 +32,7 @@ pub mod verbs;
 mod wells;
 
 #[doc(hidden)]
-pub use crate::ranks::world;
+pub use crate::comm::world;
 
 use std::process::ExitCode;
 use std::thread;
@@ -40,74 +40,76 @@ use std::thread;
 use clap::Parser;
 
 use crate::error::cause;
-use crate::files::together;
-use crate::{Error, ErrorKind, Result, memory, ranks};
+use crate::files::transaction;
+use crate::{Error, ErrorKind, Result, comm, memory};
 use args::{CommandLine, Verb};
-use common::global::Ending;
-use console::{Console, complain};
-use interrupts::{INTERRUPTED, Interrupts};
+use common::global::VerbStatus;
+use console::{Console, print_stderr};
+use interrupts::{INTERRUPTED_EXIT_CODE, Interrupts};
 
 /// The argument with which this program is TetGen's worker and nothing else.
 #[cfg(feature = "tetgen")]
-const WORKER: &str = "--tetgen-worker";
+const TETGEN_WORKER_ARG: &str = "--tetgen-worker";
 
 /// Bytes of the stack on which all runs that is not shared among threads.
-const STACK: usize = 8 << 20;
+const MAIN_STACK_BYTES: usize = 8 << 20;
 
 /// Runs what was typed. Exit codes: 0 done, 1 bad input or failed job, 130 interrupted, 2 wrong usage.
 pub fn main() -> ExitCode {
-    main_among(None)
+    main_with_join(None)
 }
 
 /// Runs what was typed, in a program that can `join` other processes which share its job.
-pub fn main_among(join: Option<world::Join>) -> ExitCode {
+pub fn main_with_join(join: Option<world::JoinFn>) -> ExitCode {
     world::set_join(join);
-    allocator::settle();
-    allocator::watch_threads();
+    allocator::configure();
+    allocator::exit_on_thread_oom();
     #[cfg(feature = "tetgen")]
     {
         use crate::mesh::delaunay::{serve, share_with_workers};
         // This program again, for TetGen's part of large meshes.
         if std::env::args_os()
             .nth(1)
-            .is_some_and(|first| first == WORKER)
+            .is_some_and(|first| first == TETGEN_WORKER_ARG)
         {
             return ExitCode::from(serve());
         }
         if let Ok(program) = std::env::current_exe() {
-            share_with_workers(program, &[WORKER]);
+            share_with_workers(program, &[TETGEN_WORKER_ARG]);
         }
     }
     // A stack that is there from the start: the first one's grows, and where it finds no memory to do so
     // the system kills the process without a word.
-    let stack = thread::Builder::new().name("main".into()).stack_size(STACK);
-    match stack.spawn(|| perform_alone(&CommandLine::parse())) {
+    let stack = thread::Builder::new()
+        .name("main".into())
+        .stack_size(MAIN_STACK_BYTES);
+    match stack.spawn(|| run_process(&CommandLine::parse())) {
         // A panic has been told by its thread; its code is that of any.
         Ok(thread) => thread.join().unwrap_or(ExitCode::from(101)),
         Err(error) => {
             let remedy = "end other programs, or use a machine with more memory";
-            complain(format_args!("error: {}", cause("memory", error, remedy)));
+            print_stderr(format_args!("error: {}", cause("memory", error, remedy)));
             ExitCode::FAILURE
         }
     }
 }
 
 /// Runs what was typed, in a process of its own.
-fn perform_alone(line: &CommandLine) -> ExitCode {
+fn run_process(line: &CommandLine) -> ExitCode {
     let joined = world::join();
     let prepared = joined.and_then(|()| start_threads(line.common.threads));
-    let prepared = prepared.and_then(|()| Interrupts::watch());
-    let ended = prepared.and_then(|interrupts| perform(line, &interrupts));
-    let code = match ranks::end(ended) {
-        Ok(Ending::Done) => ExitCode::SUCCESS,
-        Ok(Ending::Interrupted) => ExitCode::from(INTERRUPTED),
+    let prepared = prepared.and_then(|()| Interrupts::install());
+    let ended = prepared.and_then(|interrupts| run(line, &interrupts));
+    let code = match comm::finish(ended) {
+        Ok(VerbStatus::Done) => ExitCode::SUCCESS,
+        Ok(VerbStatus::Interrupted) => ExitCode::from(INTERRUPTED_EXIT_CODE),
         Err(error) => {
             // What all know one says.
-            if ranks::is_first() || !ranks::all_know() {
-                complain(format_args!("error: {}", console::in_words(&error)));
+            if comm::is_root() || !comm::is_error_shared() {
+                print_stderr(format_args!("error: {}", console::error_line(&error)));
             }
             match error.kind() {
-                ErrorKind::Interrupted => ExitCode::from(INTERRUPTED),
+                ErrorKind::Interrupted => ExitCode::from(INTERRUPTED_EXIT_CODE),
                 _ => ExitCode::FAILURE,
             }
         }
@@ -121,28 +123,32 @@ fn perform_alone(line: &CommandLine) -> ExitCode {
 ///
 /// # Errors
 /// Those of the verb.
-pub fn perform(line: &CommandLine, interrupts: &Interrupts) -> Result<Ending> {
-    perform_at(line, interrupts, &mut Console::new(&line.common))
+pub fn run(line: &CommandLine, interrupts: &Interrupts) -> Result<VerbStatus> {
+    run_with_console(line, interrupts, &mut Console::new(&line.common))
 }
 
 /// The same at a console, at which what it writes need not be files.
 ///
 /// # Errors
 /// Those of the verb.
-pub fn perform_at(
+pub fn run_with_console(
     line: &CommandLine,
     interrupts: &Interrupts,
     console: &mut Console,
-) -> Result<Ending> {
+) -> Result<VerbStatus> {
     if let Some(bytes) = line.common.max_memory {
-        memory::allow(bytes);
+        memory::set_limit(bytes);
     }
     // No rank's files take their names before all are written.
-    together(|| ranks::end(verb(line, interrupts, console)))
+    transaction(|| comm::finish(run_verb(line, interrupts, console)))
 }
 
-fn verb(line: &CommandLine, interrupts: &Interrupts, console: &mut Console) -> Result<Ending> {
-    if ranks::count() > 1 && !matches!(line.verb, Verb::Mesh(_)) {
+fn run_verb(
+    line: &CommandLine,
+    interrupts: &Interrupts,
+    console: &mut Console,
+) -> Result<VerbStatus> {
+    if comm::size() > 1 && !matches!(line.verb, Verb::Mesh(_)) {
         return Err(Error::Job(cause(
             "MPI",
             "ranks share the work of atomesh mesh only",
@@ -170,7 +176,7 @@ fn verb(line: &CommandLine, interrupts: &Interrupts, console: &mut Console) -> R
         Verb::Completions(args) => verbs::setup::completions(args),
         Verb::Man(args) => verbs::setup::man(args, console)?,
     }
-    Ok(Ending::Done)
+    Ok(VerbStatus::Done)
 }
 
 /// As many as asked for, otherwise one for each processor that is not another rank's.
@@ -189,10 +195,10 @@ fn start_threads(count: Option<usize>) -> Result<()> {
         return Err(refuse("is not from 1 to 4096"));
     }
     let processors = || thread::available_parallelism().map_or(1, usize::from);
-    let few = (ranks::sharing_processors() > 1)
-        .then(|| (processors() / ranks::sharing_processors()).max(1));
+    let few = (comm::ranks_sharing_processors() > 1)
+        .then(|| (processors() / comm::ranks_sharing_processors()).max(1));
     rayon::ThreadPoolBuilder::new()
         .num_threads(count.or(few).unwrap_or_default())
         .build_global()
-        .map_err(|e| refuse(&e.to_string()).because(e))
+        .map_err(|e| refuse(&e.to_string()).with_source(e))
 }

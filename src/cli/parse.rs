@@ -4,11 +4,11 @@ use std::path::Path;
 
 use crate::{
     Error, Result,
-    error::{cause, os},
+    error::{cause, io_error},
 };
 
 /// An [`Error::Job`] about an option.
-pub fn bad(option: &str, value: &str, problem: &str, remedy: &str) -> Error {
+pub fn option_error(option: &str, value: &str, problem: &str, remedy: &str) -> Error {
     Error::Job(cause(format!("{option} {value}"), problem, remedy))
 }
 
@@ -16,17 +16,17 @@ pub fn bad(option: &str, value: &str, problem: &str, remedy: &str) -> Error {
 pub fn number(option: &str, text: &str, remedy: &str) -> Result<f64> {
     match text.trim().parse::<f64>() {
         Ok(value) if value.is_finite() => Ok(value),
-        Ok(_) => Err(bad(option, text, "is not a finite number", remedy)),
-        Err(_) => Err(bad(option, text, "is not a number", remedy)),
+        Ok(_) => Err(option_error(option, text, "is not a finite number", remedy)),
+        Err(_) => Err(option_error(option, text, "is not a number", remedy)),
     }
 }
 
 /// Two or three values separated by commas.
-fn two_or_three<'a>(option: &str, text: &'a str, remedy: &str) -> Result<Vec<&'a str>> {
+fn split_coordinates<'a>(option: &str, text: &'a str, remedy: &str) -> Result<Vec<&'a str>> {
     let parts: Vec<&str> = text.split(',').map(str::trim).collect();
     match parts.len() {
         2 | 3 => Ok(parts),
-        count => Err(bad(
+        count => Err(option_error(
             option,
             text,
             &format!("has {count} values, not 2 or 3"),
@@ -40,13 +40,13 @@ fn two_or_three<'a>(option: &str, text: &'a str, remedy: &str) -> Result<Vec<&'a
 pub fn dims(option: &str, text: &str) -> Result<Vec<usize>> {
     let remedy = "give two or three whole numbers such as 256,256 or 96,80,64";
     let mut dims = Vec::new();
-    for word in two_or_three(option, text, remedy)? {
+    for word in split_coordinates(option, text, remedy)? {
         let dim: usize = word
             .parse()
-            .map_err(|_| bad(option, text, "is not made of whole numbers", remedy))?;
+            .map_err(|_| option_error(option, text, "is not made of whole numbers", remedy))?;
         dims.push(dim);
         if dim < 2 {
-            return Err(bad(
+            return Err(option_error(
                 option,
                 text,
                 "has an axis of fewer than 2 samples",
@@ -60,7 +60,7 @@ pub fn dims(option: &str, text: &str) -> Result<Vec<usize>> {
     // 2^32 samples are 16 GiB; beyond that an allocation would fail without a word.
     match samples {
         Some(samples) if samples <= 1 << 32 => Ok(dims),
-        _ => Err(bad(
+        _ => Err(option_error(
             option,
             text,
             "is more than 2^32 samples",
@@ -74,7 +74,7 @@ pub fn point<const D: usize>(option: &str, text: &str, remedy: &str) -> Result<[
     let words: Vec<&str> = text.split(',').map(str::trim).collect();
     let Ok(words) = <[&str; D]>::try_from(words.as_slice()) else {
         let problem = format!("has {} values, not {D}", words.len());
-        return Err(bad(option, text, &problem, remedy));
+        return Err(option_error(option, text, &problem, remedy));
     };
     let mut point = [0.0; D];
     for (x, word) in point.iter_mut().zip(words) {
@@ -92,7 +92,12 @@ pub fn axis<const D: usize>(option: &str, text: &str) -> Result<(usize, bool)> {
         Some(axis) => Ok((axis, name.len() == text.len())),
         None => {
             let remedy = format!("give {}, or -{}", axes.join(", "), axes.join(", -"));
-            Err(bad(option, text, "is not an axis of the mesh", &remedy))
+            Err(option_error(
+                option,
+                text,
+                "is not an axis of the mesh",
+                &remedy,
+            ))
         }
     }
 }
@@ -123,24 +128,24 @@ pub fn rows<T>(
             .collect();
         values.and_then(|values| take(&values))
     };
-    rows_of_words(path, take, meaning, remedy)
+    text_rows(path, take, meaning, remedy)
 }
 
 /// The same for rows whose columns are not all numbers.
-pub fn rows_of_words<T>(
+pub fn text_rows<T>(
     path: &Path,
     take: impl Fn(&[&str]) -> Option<T>,
     meaning: &str,
     remedy: &str,
 ) -> Result<Vec<(usize, T)>> {
-    let text = std::fs::read_to_string(path).map_err(|e| os(path, "read", e))?;
+    let text = std::fs::read_to_string(path).map_err(|e| io_error(path, "read", e))?;
     let mut rows = Vec::new();
     // Only the first line may be one of words that name the columns.
     let mut named = false;
-    for Line {
+    for CsvLine {
         number,
         text,
-        words,
+        fields: words,
     } in lines(&text, path)?
     {
         match take(&words.iter().collect::<Vec<_>>()) {
@@ -164,15 +169,15 @@ pub fn rows_of_words<T>(
 }
 
 /// A line of a CSV file: its number from 1, itself, and what stands between the separators.
-struct Line<'a> {
+struct CsvLine<'a> {
     number: usize,
     text: &'a str,
-    words: csv::StringRecord,
+    fields: csv::StringRecord,
 }
 
 /// The lines of a CSV file, without empty ones and those that begin with `#`. Separators are those of
 /// the first line: semicolons, tabs or commas.
-fn lines<'a>(text: &'a str, path: &Path) -> Result<Vec<Line<'a>>> {
+fn lines<'a>(text: &'a str, path: &Path) -> Result<Vec<CsvLine<'a>>> {
     let is_row = |line: &&str| !line.is_empty() && !line.starts_with('#');
     let first = text.lines().map(str::trim).find(is_row).unwrap_or_default();
     let mut separators = [b';', b'\t', b','].into_iter();
@@ -205,10 +210,10 @@ fn lines<'a>(text: &'a str, path: &Path) -> Result<Vec<Line<'a>>> {
         if let Some((skipped, text)) = own.next()
             && !(words.len() == 1 && words[0].is_empty())
         {
-            lines.push(Line {
+            lines.push(CsvLine {
                 number: position.line() as usize + skipped,
                 text,
-                words,
+                fields: words,
             });
         }
     }
@@ -218,17 +223,17 @@ fn lines<'a>(text: &'a str, path: &Path) -> Result<Vec<Line<'a>>> {
 /// Values by region from a CSV file of lines `region,number,...`; `accept` makes a value of the
 /// numbers, or refuses. Empty lines, lines that begin with `#` and one line of column names are
 /// skipped.
-pub fn by_region<T>(
+pub fn values_by_region<T>(
     path: &Path,
     accept: impl Fn(&[f64]) -> Option<T>,
     remedy: &str,
 ) -> Result<Vec<(i32, T)>> {
-    let content = std::fs::read_to_string(path).map_err(|e| os(path, "read", e))?;
+    let content = std::fs::read_to_string(path).map_err(|e| io_error(path, "read", e))?;
     let mut values: Vec<(i32, T)> = Vec::new();
-    for Line {
+    for CsvLine {
         number,
         text: line,
-        words,
+        fields: words,
     } in lines(&content, path)?
     {
         let entry = || {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use sha2::{Digest, Sha256};
 
 use crate::Result;
-use crate::error::os;
+use crate::error::io_error;
 
 /// The SHA-256 of a file, as `sha256sum` prints it; of a folder that of the names of its files, in order,
 /// each followed by what is in it.
@@ -27,7 +27,7 @@ pub fn file_hash(path: &Path) -> Result<String> {
 }
 
 fn add_folder(root: &Path, folder: &Path, hasher: &mut Sha256) -> Result<()> {
-    let failed = |e| os(folder, "read", e);
+    let failed = |e| io_error(folder, "read", e);
     let mut inside: Vec<PathBuf> = std::fs::read_dir(folder)
         .and_then(|entries| entries.map(|entry| Ok(entry?.path())).collect())
         .map_err(failed)?;
@@ -49,7 +49,9 @@ fn add_file(path: &Path, hasher: &mut Sha256) -> Result<()> {
     let mut file = crate::files::open(path, "give a file")?;
     let mut buffer = vec![0; 1 << 18];
     loop {
-        let count = file.read(&mut buffer).map_err(|e| os(path, "read", e))?;
+        let count = file
+            .read(&mut buffer)
+            .map_err(|e| io_error(path, "read", e))?;
         if count == 0 {
             break;
         }

@@ -6,15 +6,15 @@ use std::path::Path;
 use clap::Args;
 
 use super::console::Console;
-use super::parse::{bad, by_region};
+use super::parse::{option_error, values_by_region};
 use crate::error::cause;
 use crate::files::vtk::DataArray;
 use crate::image::Image;
-use crate::image::formats::AnyLoaded;
+use crate::image::formats::AnyImage;
 use crate::image::formats::InputOptions;
 use crate::model::flow::{Rock, Tensor};
-use crate::model::reservoir::Prepared;
-use crate::model::reservoir::{MILLIDARCY, Mean};
+use crate::model::reservoir::PreparedModel;
+use crate::model::reservoir::{MILLIDARCY, MeanKind};
 use crate::{Error, Result};
 
 /// What fills the cells.
@@ -50,9 +50,10 @@ impl RockOptions {
     /// # Errors
     /// [`Error::Export`] or [`Error::Job`] for values that make no sense, a region without one, or a
     /// permeability without unit; [`Error::Io`] for files.
-    pub fn fill(&self, prepared: &mut Prepared, console: &Console) -> Result<Option<Rock>> {
+    pub fn fill(&self, prepared: &mut PreparedModel, console: &Console) -> Result<Option<Rock>> {
         if let Some(text) = &self.region {
-            let labels = self.image_values("--region", text, Mean::Nearest, prepared, console)?;
+            let labels =
+                self.image_values("--region", text, MeanKind::Nearest, prepared, console)?;
             let labels: Vec<i32> = labels.iter().map(|&l| l.round() as i32).collect();
             prepared.model.graph.region.clone_from(&labels);
             prepared.model.mesh.region = labels;
@@ -60,21 +61,23 @@ impl RockOptions {
             prepared.model.labels.clear();
         }
         if let Some(text) = &self.porosity {
-            let values = self.values("--porosity", text, Mean::Arithmetic, prepared, console)?;
+            let values =
+                self.values("--porosity", text, MeanKind::Arithmetic, prepared, console)?;
             prepared.model.porosity = Some(values);
         }
         for text in &self.property {
             let remedy = "give NAME=VALUE, such as amplitude=survey.sgy";
             let Some((name, value)) = text.split_once('=') else {
-                return Err(bad("--property", text, "has no '='", remedy));
+                return Err(option_error("--property", text, "has no '='", remedy));
             };
             let letters = name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
             let arrays = &prepared.model.properties;
             if name.is_empty() || !letters || arrays.iter().any(|a| a.name == name) {
                 let problem = "has a name that is empty, taken, or not of letters, digits and _";
-                return Err(bad("--property", text, problem, remedy));
+                return Err(option_error("--property", text, problem, remedy));
             }
-            let values = self.values("--property", value, Mean::Arithmetic, prepared, console)?;
+            let values =
+                self.values("--property", value, MeanKind::Arithmetic, prepared, console)?;
             let array = DataArray::scalars(name, values);
             prepared.model.properties.push(array);
         }
@@ -90,17 +93,17 @@ impl RockOptions {
         match self.permeability_unit.as_deref() {
             Some("mD") => Ok(MILLIDARCY),
             Some("m2") => Ok(1.0),
-            Some(other) => Err(bad(
+            Some(other) => Err(option_error(
                 "--permeability-unit",
                 other,
                 "is not a known unit",
                 remedy,
             )),
-            None => Err(bad("--permeability", text, "has no unit", remedy)),
+            None => Err(option_error("--permeability", text, "has no unit", remedy)),
         }
     }
 
-    fn rock(&self, text: &str, prepared: &Prepared, console: &Console) -> Result<Rock> {
+    fn rock(&self, text: &str, prepared: &PreparedModel, console: &Console) -> Result<Rock> {
         let unit = self.unit(text)?;
         let frame = &prepared.frame;
         let tensor = |numbers: &[f64]| {
@@ -109,44 +112,51 @@ impl RockOptions {
                 return Some(Tensor::default());
             }
             let tensor = Tensor::from_numbers(numbers)?;
-            Some(frame.tensor(tensor.scaled(unit)))
+            Some(frame.transform_tensor(tensor.scaled(unit)))
         };
         let remedy = "give K or KX,KY,KZ, positive, or 0 for inactive cells";
         if is_table(text) {
             let lines = "write region,K or region,KX,KY,KZ, positive, or 0 for inactive cells";
-            let kinds = by_region(Path::new(text), tensor, lines)?;
+            let kinds = values_by_region(Path::new(text), tensor, lines)?;
             return Rock::by_region(&prepared.model.graph.region, &kinds, 1.0);
         }
         let parts: Vec<&str> = text.split(',').map(str::trim).collect();
         let numbers: Option<Vec<f64>> = parts.iter().map(|part| part.parse().ok()).collect();
         if let Some(numbers) = numbers {
-            let tensor = tensor(&numbers)
-                .ok_or_else(|| bad("--permeability", text, "is not a permeability", remedy))?;
+            let tensor = tensor(&numbers).ok_or_else(|| {
+                option_error("--permeability", text, "is not a permeability", remedy)
+            })?;
             return Ok(Rock::uniform(tensor, 1.0));
         }
         if !matches!(parts.len(), 1 | 3) {
             let problem = format!("has {} parts, not 1 or 3", parts.len());
-            return Err(bad("--permeability", text, &problem, remedy));
+            return Err(option_error("--permeability", text, &problem, remedy));
         }
         let mut columns: Vec<Vec<f64>> = Vec::new();
         for (k, part) in parts.iter().enumerate() {
             // The same image for two directions is averaged once.
             columns.push(match parts[..k].iter().position(|known| known == part) {
                 Some(known) => columns[known].clone(),
-                None => self.values("--permeability", part, Mean::Geometric, prepared, console)?,
+                None => self.values(
+                    "--permeability",
+                    part,
+                    MeanKind::Geometric,
+                    prepared,
+                    console,
+                )?,
             });
         }
         let of_cell = |cell: usize| {
             let numbers: Vec<f64> = columns.iter().map(|column| column[cell]).collect();
             tensor(&numbers).ok_or_else(|| {
                 let problem = format!("is {numbers:?} in cell {cell}, which is not a permeability");
-                bad("--permeability", text, &problem, remedy)
+                option_error("--permeability", text, &problem, remedy)
             })
         };
         let cells = prepared.model.len();
         Ok(Rock {
-            kinds: (0..cells).map(of_cell).collect::<Result<_>>()?,
-            of_cell: (0..cells as u32).collect(),
+            mobilities: (0..cells).map(of_cell).collect::<Result<_>>()?,
+            cell_mobility: (0..cells as u32).collect(),
         })
     }
 
@@ -155,14 +165,19 @@ impl RockOptions {
         &self,
         option: &str,
         text: &str,
-        mean: Mean,
-        prepared: &Prepared,
+        mean: MeanKind,
+        prepared: &PreparedModel,
         console: &Console,
     ) -> Result<Vec<f64>> {
         let cells = prepared.model.len();
         if let Ok(number) = text.parse::<f64>() {
             if !number.is_finite() {
-                return Err(bad(option, text, "is not finite", "give a finite number"));
+                return Err(option_error(
+                    option,
+                    text,
+                    "is not finite",
+                    "give a finite number",
+                ));
             }
             return Ok(vec![number; cells]);
         }
@@ -171,7 +186,7 @@ impl RockOptions {
                 [value] if value.is_finite() => Some(*value),
                 _ => None,
             };
-            let table = by_region(Path::new(text), one, "write region,value")?;
+            let table = values_by_region(Path::new(text), one, "write region,value")?;
             let value = |region: &i32| {
                 let found = table.iter().find(|(known, _)| known == region);
                 found.map(|f| f.1).ok_or_else(|| {
@@ -194,20 +209,21 @@ impl RockOptions {
         &self,
         option: &str,
         text: &str,
-        mean: Mean,
-        prepared: &Prepared,
+        mean: MeanKind,
+        prepared: &PreparedModel,
         console: &Console,
     ) -> Result<Vec<f64>> {
         let named = text.rsplit_once(':');
-        let (path, mean) = match named.and_then(|(path, name)| Some((path, Mean::named(name)?))) {
-            Some((path, mean)) => (path, mean),
-            None => (text, mean),
-        };
+        let (path, mean) =
+            match named.and_then(|(path, name)| Some((path, MeanKind::from_name(name)?))) {
+                Some((path, mean)) => (path, mean),
+                None => (text, mean),
+            };
         let path = Path::new(path);
         if !path.exists() {
             let scalars = prepared.cell_data.iter().filter(|a| a.components == 1);
             let names: Vec<&str> = scalars.map(|array| array.name.as_str()).collect();
-            return Err(bad(
+            return Err(option_error(
                 option,
                 text,
                 &format!(
@@ -217,7 +233,7 @@ impl RockOptions {
                 "give a number, a CSV file of lines region,value, or an image",
             ));
         }
-        let image = read(path, &self.input, console)?;
+        let image = read_image(path, &self.input, console)?;
         prepared.average(&image, mean, &path.display().to_string())
     }
 }
@@ -230,10 +246,10 @@ fn is_table(text: &str) -> bool {
 }
 
 /// An image as part of space.
-fn read(path: &Path, input: &InputOptions, console: &Console) -> Result<Image<3>> {
+fn read_image(path: &Path, input: &InputOptions, console: &Console) -> Result<Image<3>> {
     let (image, notes) = match console.read_image(path, input)? {
-        AnyLoaded::Plane(loaded) => (loaded.image.in_space(), loaded.notes),
-        AnyLoaded::Space(loaded) => (loaded.image, loaded.notes),
+        AnyImage::Plane(loaded) => (loaded.image.to_3d(), loaded.notes),
+        AnyImage::Space(loaded) => (loaded.image, loaded.notes),
     };
     notes.iter().for_each(|note| console.note(note));
     Ok(image)

@@ -7,23 +7,23 @@
 /// A stage of a mesh job: its name, its usual share of the work, and the longest that it was seen to take in
 /// units of the time in which atoms were placed and moved. It is `None` for that time itself and for what
 /// comes before it.
-struct StageCost {
+struct StageEstimate {
     name: &'static str,
     share: f64,
-    longest: Option<f64>,
+    max_ratio: Option<f64>,
 }
 
-const fn stage(name: &'static str, share: f64, longest: Option<f64>) -> StageCost {
-    StageCost {
+const fn stage(name: &'static str, share: f64, longest: Option<f64>) -> StageEstimate {
+    StageEstimate {
         name,
         share,
-        longest,
+        max_ratio: longest,
     }
 }
 
 /// Measured on images of ridges, edges, labels, faults and horizons of 80 to 200 samples a side; the longest
 /// times are twice those that were seen. Stages that few jobs have are not shares of others.
-const STAGES: [StageCost; 11] = [
+const STAGES: [StageEstimate; 11] = [
     stage("reading", 0.02, None),
     stage("finding features", 0.43, None),
     stage("placing atoms", 0.04, None),
@@ -38,40 +38,40 @@ const STAGES: [StageCost; 11] = [
 ];
 
 /// Stages that only Voronoi cells have, and one that only some triangles have: others do not wait for them.
-const SELDOM: [&str; 3] = [
+const OPTIONAL_STAGES: [&str; 3] = [
     "smoothing",
     "putting sites beside features",
     "cutting cells",
 ];
 
 /// The place of the first stage in which atoms are placed or moved, and of the one in which they are moved.
-const PLACING: usize = 2;
-const MOVING: usize = 3;
+const PLACING_STAGE: usize = 2;
+const MOVING_STAGE: usize = 3;
 
 /// What is left of a stage may take longer than its share says, by this factor.
-const SLOWER: f64 = 2.0;
+const SLOWDOWN_FACTOR: f64 = 2.0;
 
 /// Smaller shares of a stage tell nothing of the rest.
-const LEAST_SHARE: f64 = 0.3;
+const MIN_SHARE: f64 = 0.3;
 
 /// How far a job is. Times are in seconds since it began.
 #[derive(Debug, Clone, Default)]
 pub struct TimeLeft {
     /// The stage at work, and when it began.
     stage: usize,
-    began: f64,
+    stage_start: f64,
     /// How long each stage before it took.
-    spent: [f64; STAGES.len()],
+    stage_seconds: [f64; STAGES.len()],
     /// The share of the job that was shown last.
-    done: f64,
+    shown_share: f64,
     /// When the job ends at the latest.
-    end: Option<f64>,
+    latest_end: Option<f64>,
 }
 
 impl TimeLeft {
     /// Returns the job as it stands when the stage of this name begins first; `None` if no mesh job has it.
     pub fn new(name: &str) -> Option<Self> {
-        let stage = place_of(name)?;
+        let stage = stage_index(name)?;
         Some(Self {
             stage,
             ..Self::default()
@@ -79,12 +79,12 @@ impl TimeLeft {
     }
 
     /// Begins the next stage at `now`; returns `false` if this job has none of that name any more.
-    pub fn begin(&mut self, name: &str, now: f64) -> bool {
-        let Some(stage) = place_of(name).filter(|&stage| stage >= self.stage) else {
+    pub fn begin_stage(&mut self, name: &str, now: f64) -> bool {
+        let Some(stage) = stage_index(name).filter(|&stage| stage >= self.stage) else {
             return false;
         };
-        self.spent[self.stage] += now - self.began;
-        (self.stage, self.began) = (stage, now);
+        self.stage_seconds[self.stage] += now - self.stage_start;
+        (self.stage, self.stage_start) = (stage, now);
         self.update(0.0, now);
         true
     }
@@ -93,52 +93,56 @@ impl TimeLeft {
     pub fn update(&mut self, share: f64, now: f64) {
         let share = share.clamp(0.0, 1.0);
         let before: f64 = STAGES[..self.stage].iter().map(|stage| stage.share).sum();
-        self.done = self.done.max(before + share * STAGES[self.stage].share);
-        if let Some(left) = self.bound(share, now) {
+        self.shown_share = self
+            .shown_share
+            .max(before + share * STAGES[self.stage].share);
+        if let Some(left) = self.max_seconds_left(share, now) {
             let end = now + left;
-            self.end = Some(self.end.map_or(end, |before| before.min(end)));
+            self.latest_end = Some(self.latest_end.map_or(end, |before| before.min(end)));
         }
     }
 
     /// Returns the share of the job that is done.
-    pub fn done(&self) -> f64 {
-        self.done
+    pub fn share_done(&self) -> f64 {
+        self.shown_share
     }
 
     /// Returns how many seconds the job takes from `now` on at most, as soon as that is known.
-    pub fn left(&self, now: f64) -> Option<f64> {
-        self.end.map(|end| (end - now).max(0.0))
+    pub fn seconds_left(&self, now: f64) -> Option<f64> {
+        self.latest_end.map(|end| (end - now).max(0.0))
     }
 
     /// Returns how long all that is left takes at most.
-    fn bound(&self, share: f64, now: f64) -> Option<f64> {
-        let elapsed = now - self.began;
-        let of_this = (share >= LEAST_SHARE).then(|| SLOWER * elapsed * (1.0 / share - 1.0));
-        let atoms: f64 = self.spent[PLACING..=MOVING].iter().sum();
+    fn max_seconds_left(&self, share: f64, now: f64) -> Option<f64> {
+        let elapsed = now - self.stage_start;
+        let of_this = (share >= MIN_SHARE).then(|| SLOWDOWN_FACTOR * elapsed * (1.0 / share - 1.0));
+        let atoms: f64 = self.stage_seconds[PLACING_STAGE..=MOVING_STAGE]
+            .iter()
+            .sum();
         let atoms = match self.stage {
-            ..MOVING => return None,
-            MOVING => atoms + elapsed + of_this?,
+            ..MOVING_STAGE => return None,
+            MOVING_STAGE => atoms + elapsed + of_this?,
             _ => atoms,
         };
-        let this = match STAGES[self.stage].longest {
+        let this = match STAGES[self.stage].max_ratio {
             None => of_this?,
             Some(longest) => of_this.unwrap_or((longest * atoms - elapsed).max(0.0)),
         };
-        let expected = |stage: &&StageCost| !SELDOM.contains(&stage.name);
+        let expected = |stage: &&StageEstimate| !OPTIONAL_STAGES.contains(&stage.name);
         let later = STAGES[self.stage + 1..].iter().filter(expected);
-        let later: f64 = later.filter_map(|stage| stage.longest).sum();
+        let later: f64 = later.filter_map(|stage| stage.max_ratio).sum();
         Some(this + later * atoms)
     }
 }
 
-fn place_of(name: &str) -> Option<usize> {
+fn stage_index(name: &str) -> Option<usize> {
     STAGES.iter().position(|stage| stage.name == name)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::observer::Stage;
+    use crate::progress::Stage;
 
     #[test]
     fn stages_are_those_of_jobs() {
@@ -147,7 +151,7 @@ mod tests {
             Stage::Features,
             Stage::Placing,
             Stage::Optimising,
-            Stage::Joining,
+            Stage::Triangulating,
             Stage::Smoothing,
             Stage::Improving,
             Stage::Conforming,
@@ -163,7 +167,7 @@ mod tests {
     }
 
     /// Seconds of the stages of jobs, as measured: ridges, edges, labels, horizons, faults.
-    const MEASURED: [[f64; 8]; 6] = [
+    const MEASURED_SECONDS: [[f64; 8]; 6] = [
         [0.01, 1.18, 0.12, 0.43, 0.05, 0.69, 0.04, 0.03],
         [0.01, 1.12, 0.01, 0.16, 0.10, 0.31, 0.06, 0.03],
         [0.01, 0.10, 0.01, 0.21, 0.10, 0.46, 0.06, 0.03],
@@ -174,24 +178,24 @@ mod tests {
 
     #[test]
     fn time_left_is_a_bound_that_holds() {
-        let tetrahedra: Vec<&StageCost> = STAGES
+        let tetrahedra: Vec<&StageEstimate> = STAGES
             .iter()
-            .filter(|stage| !SELDOM.contains(&stage.name))
+            .filter(|stage| !OPTIONAL_STAGES.contains(&stage.name))
             .collect();
         // Work may come evenly, late in a stage, or early.
         for power in [1.0, 1.5, 0.7] {
-            for seconds in MEASURED {
+            for seconds in MEASURED_SECONDS {
                 let total: f64 = seconds.iter().sum();
                 let mut job = TimeLeft::new("reading").unwrap();
                 let (mut now, mut before, mut given, mut last) = (0.0, 0.0, 0, f64::INFINITY);
                 for (stage, seconds) in tetrahedra.iter().zip(seconds) {
-                    assert!(stage.name == "reading" || job.begin(stage.name, now));
+                    assert!(stage.name == "reading" || job.begin_stage(stage.name, now));
                     for step in 0..=50 {
                         let at = f64::from(step) / 50.0;
                         job.update(at.powf(power), now + at * seconds);
-                        assert!(job.done() >= before && job.done() <= 1.0);
-                        before = job.done();
-                        if let Some(left) = job.left(now + at * seconds) {
+                        assert!(job.share_done() >= before && job.share_done() <= 1.0);
+                        before = job.share_done();
+                        if let Some(left) = job.seconds_left(now + at * seconds) {
                             let true_left = total - now - at * seconds;
                             assert!(left >= true_left - 1e-9, "{power} {left} {true_left}");
                             assert!(now + at * seconds + left <= last + 1e-9, "it moves away");
@@ -211,8 +215,8 @@ mod tests {
     fn other_work_is_no_stage_of_a_mesh_job() {
         assert!(TimeLeft::new("grouping faces").is_none());
         let mut job = TimeLeft::new("measuring the mesh").unwrap();
-        assert!(!job.begin("finding features", 1.0));
-        assert!(job.begin("writing", 1.0));
-        assert_eq!(job.left(2.0), Some(0.0));
+        assert!(!job.begin_stage("finding features", 1.0));
+        assert!(job.begin_stage("writing", 1.0));
+        assert_eq!(job.seconds_left(2.0), Some(0.0));
     }
 }

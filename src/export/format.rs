@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::twin::add_twin;
+use super::companion::add_companion;
 use crate::error::cause;
 use crate::export::corner_point::grdecl;
 use crate::export::meshers::{cgns, exodus, inp, medit, msh, stl, tetgen, vtkhdf, xdmf};
@@ -13,7 +13,7 @@ use crate::{Error, Result};
 
 /// What a model may say besides its cells, and not every format can hold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Content {
+pub enum ExportContent {
     /// The share of pores in each cell.
     Porosity,
     /// The permeability of each cell.
@@ -27,13 +27,13 @@ pub enum Content {
     /// Faults that nothing crosses.
     ClosedFaults,
     /// How faults resist flow, also where no permeability is known.
-    BareFaults,
+    FaultsWithoutRock,
     /// Wells.
     Wells,
     /// What fills the pores.
     Fluid,
     /// The pressure at first.
-    Pressure,
+    InitialPressure,
     /// Fluids without weight.
     Gravity,
     /// The time that a simulation covers.
@@ -43,20 +43,20 @@ pub enum Content {
     /// The names of faces: sides, surfaces, interfaces of regions.
     Names,
     /// Nodes doubled along surfaces.
-    Split,
+    SplitNodes,
     /// Elements with nodes in the middle of their edges.
     Quadratic,
 }
 
-impl Content {
+impl ExportContent {
     /// Whether it is of a simulation, not of the rock.
-    pub fn is_of_a_case(self) -> bool {
-        use Content::{Duration, Fluid, Gravity, Pressure, Wells};
-        matches!(self, Wells | Fluid | Pressure | Gravity | Duration)
+    pub fn is_simulation_input(self) -> bool {
+        use ExportContent::{Duration, Fluid, Gravity, InitialPressure, Wells};
+        matches!(self, Wells | Fluid | InitialPressure | Gravity | Duration)
     }
 }
 
-impl std::fmt::Display for Content {
+impl std::fmt::Display for ExportContent {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
             Self::Porosity => "porosity",
@@ -65,15 +65,15 @@ impl std::fmt::Display for Content {
             Self::Properties => "properties of cells",
             Self::Faults => "fault multipliers",
             Self::ClosedFaults => "closed faults",
-            Self::BareFaults => "faults without permeability",
+            Self::FaultsWithoutRock => "faults without permeability",
             Self::Wells => "wells",
             Self::Fluid => "fluids",
-            Self::Pressure => "pressure",
+            Self::InitialPressure => "pressure",
             Self::Gravity => "fluids without weight",
             Self::Duration => "simulation time",
             Self::Grid => "grid of a chosen size",
             Self::Names => "names of faces",
-            Self::Split => "meshes split along surfaces",
+            Self::SplitNodes => "meshes split along surfaces",
             Self::Quadratic => "quadratic elements",
         })
     }
@@ -81,367 +81,367 @@ impl std::fmt::Display for Content {
 
 /// A format for simulators or other meshers.
 #[derive(Debug)]
-pub struct Format {
+pub struct ExportFormat {
     /// What `--to` calls it.
     pub name: &'static str,
     /// What it is, for people.
-    pub what: &'static str,
+    pub description: &'static str,
     /// The endings of its files, or their whole names, the usual one first; none if it is a folder.
-    pub endings: &'static [&'static str],
+    pub extensions: &'static [&'static str],
     /// Whether the cells' shapes are not in it, so that a VTU twin with cells in the same order is
     /// written beside it.
-    pub twin: bool,
+    pub has_companion: bool,
     /// Whether it holds cells of any shape, not only tetrahedra.
-    pub any_cells: bool,
+    pub holds_any_cells: bool,
     /// Whether depth has a meaning in it.
-    pub depth: bool,
+    pub uses_depth: bool,
     /// What else than cells and named faces it holds, itself or in its twin.
-    pub holds: &'static [Content],
+    pub supported_content: &'static [ExportContent],
     write: fn(&Model, &mut Batch, &Path) -> Result<()>,
 }
 
 /// What formats hold that keep names and values, and elements of any order.
-const NAMES_AND_ROCK: &[Content] = &[
-    Content::Names,
-    Content::Regions,
-    Content::Porosity,
-    Content::Permeability,
-    Content::Properties,
-    Content::Split,
-    Content::Quadratic,
+const NAMES_AND_ROCK: &[ExportContent] = &[
+    ExportContent::Names,
+    ExportContent::Regions,
+    ExportContent::Porosity,
+    ExportContent::Permeability,
+    ExportContent::Properties,
+    ExportContent::SplitNodes,
+    ExportContent::Quadratic,
 ];
 
 /// All of them.
-pub const FORMATS: &[Format] = &[
-    Format {
+pub const FORMATS: &[ExportFormat] = &[
+    ExportFormat {
         name: "opm",
-        what: "OPM Flow and Eclipse deck: cells and connections, a complete case",
-        endings: &["DATA", "data"],
-        twin: true,
-        any_cells: true,
-        depth: true,
-        holds: &[
-            Content::Regions,
-            Content::Porosity,
-            Content::Permeability,
-            Content::Properties,
-            Content::Faults,
-            Content::ClosedFaults,
-            Content::Wells,
-            Content::Fluid,
-            Content::Pressure,
-            Content::Gravity,
-            Content::Duration,
+        description: "OPM Flow and Eclipse deck: cells and connections, a complete case",
+        extensions: &["DATA", "data"],
+        has_companion: true,
+        holds_any_cells: true,
+        uses_depth: true,
+        supported_content: &[
+            ExportContent::Regions,
+            ExportContent::Porosity,
+            ExportContent::Permeability,
+            ExportContent::Properties,
+            ExportContent::Faults,
+            ExportContent::ClosedFaults,
+            ExportContent::Wells,
+            ExportContent::Fluid,
+            ExportContent::InitialPressure,
+            ExportContent::Gravity,
+            ExportContent::Duration,
         ],
         write: opm::write,
     },
-    Format {
+    ExportFormat {
         name: "openfoam",
-        what: "OpenFOAM case with constant/polyMesh",
-        endings: &[],
-        twin: false,
-        any_cells: true,
-        depth: false,
-        holds: &[
-            Content::Names,
-            Content::Regions,
-            Content::Porosity,
-            Content::Permeability,
-            Content::Properties,
-            Content::ClosedFaults,
-            Content::BareFaults,
+        description: "OpenFOAM case with constant/polyMesh",
+        extensions: &[],
+        has_companion: false,
+        holds_any_cells: true,
+        uses_depth: false,
+        supported_content: &[
+            ExportContent::Names,
+            ExportContent::Regions,
+            ExportContent::Porosity,
+            ExportContent::Permeability,
+            ExportContent::Properties,
+            ExportContent::ClosedFaults,
+            ExportContent::FaultsWithoutRock,
         ],
         write: openfoam::write,
     },
-    Format {
+    ExportFormat {
         name: "pflotran",
-        what: "PFLOTRAN explicit unstructured grid, with a file for each side",
-        endings: &["uge"],
-        twin: true,
-        any_cells: true,
-        depth: true,
-        holds: &[
-            Content::Regions,
-            Content::Porosity,
-            Content::Permeability,
-            Content::Properties,
-            Content::Faults,
-            Content::ClosedFaults,
-            Content::BareFaults,
+        description: "PFLOTRAN explicit unstructured grid, with a file for each side",
+        extensions: &["uge"],
+        has_companion: true,
+        holds_any_cells: true,
+        uses_depth: true,
+        supported_content: &[
+            ExportContent::Regions,
+            ExportContent::Porosity,
+            ExportContent::Permeability,
+            ExportContent::Properties,
+            ExportContent::Faults,
+            ExportContent::ClosedFaults,
+            ExportContent::FaultsWithoutRock,
         ],
         write: pflotran::write,
     },
-    Format {
+    ExportFormat {
         name: "tough2",
-        what: "TOUGH2 mesh: elements and connections",
-        endings: &["MESH"],
-        twin: true,
-        any_cells: true,
-        depth: true,
-        holds: &[
-            Content::Regions,
-            Content::Porosity,
-            Content::Permeability,
-            Content::Properties,
-            Content::Faults,
-            Content::ClosedFaults,
-            Content::BareFaults,
+        description: "TOUGH2 mesh: elements and connections",
+        extensions: &["MESH"],
+        has_companion: true,
+        holds_any_cells: true,
+        uses_depth: true,
+        supported_content: &[
+            ExportContent::Regions,
+            ExportContent::Porosity,
+            ExportContent::Permeability,
+            ExportContent::Properties,
+            ExportContent::Faults,
+            ExportContent::ClosedFaults,
+            ExportContent::FaultsWithoutRock,
         ],
         write: tough::write,
     },
-    Format {
+    ExportFormat {
         name: "disv",
-        what: "MODFLOW 6 simulation of columns (DISV), in a folder",
-        endings: &[],
-        twin: true,
-        any_cells: true,
-        depth: true,
-        holds: &[
-            Content::Regions,
-            Content::Porosity,
-            Content::Permeability,
-            Content::Properties,
-            Content::Faults,
-            Content::ClosedFaults,
-            Content::Wells,
-            Content::Pressure,
-            Content::Gravity,
-            Content::Duration,
+        description: "MODFLOW 6 simulation of columns (DISV), in a folder",
+        extensions: &[],
+        has_companion: true,
+        holds_any_cells: true,
+        uses_depth: true,
+        supported_content: &[
+            ExportContent::Regions,
+            ExportContent::Porosity,
+            ExportContent::Permeability,
+            ExportContent::Properties,
+            ExportContent::Faults,
+            ExportContent::ClosedFaults,
+            ExportContent::Wells,
+            ExportContent::InitialPressure,
+            ExportContent::Gravity,
+            ExportContent::Duration,
         ],
         write: disv::write,
     },
-    Format {
+    ExportFormat {
         name: "mrst",
-        what: "MRST grid as a MAT-file: G, rock, T",
-        endings: &["mat"],
-        twin: false,
-        any_cells: true,
-        depth: true,
-        holds: &[
-            Content::Names,
-            Content::Regions,
-            Content::Porosity,
-            Content::Permeability,
-            Content::Properties,
-            Content::Faults,
-            Content::ClosedFaults,
-            Content::Wells,
+        description: "MRST grid as a MAT-file: G, rock, T",
+        extensions: &["mat"],
+        has_companion: false,
+        holds_any_cells: true,
+        uses_depth: true,
+        supported_content: &[
+            ExportContent::Names,
+            ExportContent::Regions,
+            ExportContent::Porosity,
+            ExportContent::Permeability,
+            ExportContent::Properties,
+            ExportContent::Faults,
+            ExportContent::ClosedFaults,
+            ExportContent::Wells,
         ],
         write: mrst::write,
     },
-    Format {
+    ExportFormat {
         name: "geos",
-        what: "VTU for GEOS: attribute, rock, sets of nodes and faces",
-        endings: &["vtu"],
-        twin: false,
-        any_cells: true,
-        depth: false,
-        holds: &[
-            Content::Names,
-            Content::Regions,
-            Content::Porosity,
-            Content::Permeability,
-            Content::Properties,
-            Content::Split,
+        description: "VTU for GEOS: attribute, rock, sets of nodes and faces",
+        extensions: &["vtu"],
+        has_companion: false,
+        holds_any_cells: true,
+        uses_depth: false,
+        supported_content: &[
+            ExportContent::Names,
+            ExportContent::Regions,
+            ExportContent::Porosity,
+            ExportContent::Permeability,
+            ExportContent::Properties,
+            ExportContent::SplitNodes,
         ],
         write: geos::write,
     },
-    Format {
+    ExportFormat {
         name: "grdecl",
-        what: "corner-point grid, resampled, for Eclipse and similar simulators without NNC",
-        endings: &["GRDECL", "grdecl"],
-        twin: false,
-        any_cells: true,
-        depth: true,
-        holds: &[
-            Content::Names,
-            Content::Regions,
-            Content::Porosity,
-            Content::Permeability,
-            Content::Faults,
-            Content::ClosedFaults,
-            Content::Grid,
-            Content::Wells,
-            Content::Fluid,
-            Content::Pressure,
-            Content::Duration,
+        description: "corner-point grid, resampled, for Eclipse and similar simulators without NNC",
+        extensions: &["GRDECL", "grdecl"],
+        has_companion: false,
+        holds_any_cells: true,
+        uses_depth: true,
+        supported_content: &[
+            ExportContent::Names,
+            ExportContent::Regions,
+            ExportContent::Porosity,
+            ExportContent::Permeability,
+            ExportContent::Faults,
+            ExportContent::ClosedFaults,
+            ExportContent::Grid,
+            ExportContent::Wells,
+            ExportContent::Fluid,
+            ExportContent::InitialPressure,
+            ExportContent::Duration,
         ],
         write: grdecl::write,
     },
-    Format {
+    ExportFormat {
         name: "resqml",
-        what: "RESQML 2.0.1: an unstructured grid with its rock properties, EPC and HDF5",
-        endings: &["epc"],
-        twin: false,
-        any_cells: true,
-        depth: true,
-        holds: &[
-            Content::Names,
-            Content::Regions,
-            Content::Porosity,
-            Content::Permeability,
-            Content::Properties,
+        description: "RESQML 2.0.1: an unstructured grid with its rock properties, EPC and HDF5",
+        extensions: &["epc"],
+        has_companion: false,
+        holds_any_cells: true,
+        uses_depth: true,
+        supported_content: &[
+            ExportContent::Names,
+            ExportContent::Regions,
+            ExportContent::Porosity,
+            ExportContent::Permeability,
+            ExportContent::Properties,
         ],
         write: resqml::write,
     },
-    Format {
+    ExportFormat {
         name: "darts",
-        what: "open-DARTS connection list, and its cells",
-        endings: &["conn"],
-        twin: true,
-        any_cells: true,
-        depth: true,
-        holds: &[
-            Content::Regions,
-            Content::Porosity,
-            Content::Permeability,
-            Content::Properties,
-            Content::Faults,
-            Content::ClosedFaults,
-            Content::Wells,
+        description: "open-DARTS connection list, and its cells",
+        extensions: &["conn"],
+        has_companion: true,
+        holds_any_cells: true,
+        uses_depth: true,
+        supported_content: &[
+            ExportContent::Regions,
+            ExportContent::Porosity,
+            ExportContent::Permeability,
+            ExportContent::Properties,
+            ExportContent::Faults,
+            ExportContent::ClosedFaults,
+            ExportContent::Wells,
         ],
         write: darts::write,
     },
-    Format {
+    ExportFormat {
         name: "msh",
-        what: "Gmsh mesh, version 4.1: tetrahedra, regions and surfaces",
-        endings: &["msh"],
-        twin: false,
-        any_cells: false,
-        depth: false,
-        holds: &[
-            Content::Names,
-            Content::Regions,
-            Content::Split,
-            Content::Quadratic,
+        description: "Gmsh mesh, version 4.1: tetrahedra, regions and surfaces",
+        extensions: &["msh"],
+        has_companion: false,
+        holds_any_cells: false,
+        uses_depth: false,
+        supported_content: &[
+            ExportContent::Names,
+            ExportContent::Regions,
+            ExportContent::SplitNodes,
+            ExportContent::Quadratic,
         ],
-        write: msh::write_4,
+        write: msh::write_v4,
     },
-    Format {
+    ExportFormat {
         name: "msh2",
-        what: "Gmsh mesh, version 2.2",
-        endings: &["msh"],
-        twin: false,
-        any_cells: false,
-        depth: false,
-        holds: &[
-            Content::Names,
-            Content::Regions,
-            Content::Split,
-            Content::Quadratic,
+        description: "Gmsh mesh, version 2.2",
+        extensions: &["msh"],
+        has_companion: false,
+        holds_any_cells: false,
+        uses_depth: false,
+        supported_content: &[
+            ExportContent::Names,
+            ExportContent::Regions,
+            ExportContent::SplitNodes,
+            ExportContent::Quadratic,
         ],
-        write: msh::write_2,
+        write: msh::write_v2,
     },
-    Format {
+    ExportFormat {
         name: "inp",
-        what: "Abaqus and CalculiX elements, sets and surfaces",
-        endings: &["inp"],
-        twin: false,
-        any_cells: false,
-        depth: false,
-        holds: &[
-            Content::Names,
-            Content::Regions,
-            Content::Split,
-            Content::Quadratic,
+        description: "Abaqus and CalculiX elements, sets and surfaces",
+        extensions: &["inp"],
+        has_companion: false,
+        holds_any_cells: false,
+        uses_depth: false,
+        supported_content: &[
+            ExportContent::Names,
+            ExportContent::Regions,
+            ExportContent::SplitNodes,
+            ExportContent::Quadratic,
         ],
         write: inp::write,
     },
-    Format {
+    ExportFormat {
         name: "medit",
-        what: "Medit mesh of tetrahedra and triangles",
-        endings: &["mesh"],
-        twin: false,
-        any_cells: false,
-        depth: false,
-        holds: &[Content::Names, Content::Regions],
+        description: "Medit mesh of tetrahedra and triangles",
+        extensions: &["mesh"],
+        has_companion: false,
+        holds_any_cells: false,
+        uses_depth: false,
+        supported_content: &[ExportContent::Names, ExportContent::Regions],
         write: medit::write,
     },
-    Format {
+    ExportFormat {
         name: "tetgen",
-        what: "TetGen's .node, .ele and .face",
-        endings: &["node"],
-        twin: false,
-        any_cells: false,
-        depth: false,
-        holds: &[Content::Names, Content::Regions],
+        description: "TetGen's .node, .ele and .face",
+        extensions: &["node"],
+        has_companion: false,
+        holds_any_cells: false,
+        uses_depth: false,
+        supported_content: &[ExportContent::Names, ExportContent::Regions],
         write: tetgen::write,
     },
-    Format {
+    ExportFormat {
         name: "exodus",
-        what: "Exodus II: element blocks, side sets and node sets, values of cells",
-        endings: &["exo", "e", "ex2"],
-        twin: false,
-        any_cells: true,
-        depth: false,
-        holds: NAMES_AND_ROCK,
+        description: "Exodus II: element blocks, side sets and node sets, values of cells",
+        extensions: &["exo", "e", "ex2"],
+        has_companion: false,
+        holds_any_cells: true,
+        uses_depth: false,
+        supported_content: NAMES_AND_ROCK,
         write: exodus::write,
     },
-    Format {
+    ExportFormat {
         name: "vtkhdf",
-        what: "VTKHDF: any cells with their values and sets of nodes",
-        endings: &["vtkhdf"],
-        twin: false,
-        any_cells: true,
-        depth: false,
-        holds: NAMES_AND_ROCK,
+        description: "VTKHDF: any cells with their values and sets of nodes",
+        extensions: &["vtkhdf"],
+        has_companion: false,
+        holds_any_cells: true,
+        uses_depth: false,
+        supported_content: NAMES_AND_ROCK,
         write: vtkhdf::write,
     },
-    Format {
+    ExportFormat {
         name: "xdmf",
-        what: "XDMF with HDF5: cells with their values, sets of faces and nodes",
-        endings: &["xdmf", "xmf"],
-        twin: false,
-        any_cells: false,
-        depth: false,
-        holds: NAMES_AND_ROCK,
+        description: "XDMF with HDF5: cells with their values, sets of faces and nodes",
+        extensions: &["xdmf", "xmf"],
+        has_companion: false,
+        holds_any_cells: false,
+        uses_depth: false,
+        supported_content: NAMES_AND_ROCK,
         write: xdmf::write,
     },
-    Format {
+    ExportFormat {
         name: "cgns",
-        what: "CGNS: any cells with their values, boundary conditions by name",
-        endings: &["cgns"],
-        twin: false,
-        any_cells: true,
-        depth: false,
-        holds: &[
-            Content::Names,
-            Content::Regions,
-            Content::Porosity,
-            Content::Permeability,
-            Content::Properties,
-            Content::Quadratic,
+        description: "CGNS: any cells with their values, boundary conditions by name",
+        extensions: &["cgns"],
+        has_companion: false,
+        holds_any_cells: true,
+        uses_depth: false,
+        supported_content: &[
+            ExportContent::Names,
+            ExportContent::Regions,
+            ExportContent::Porosity,
+            ExportContent::Permeability,
+            ExportContent::Properties,
+            ExportContent::Quadratic,
         ],
         write: cgns::write,
     },
-    Format {
+    ExportFormat {
         name: "stl",
-        what: "the sides of the box and the faces on features as triangles, in text",
-        endings: &["stl"],
-        twin: false,
-        any_cells: true,
-        depth: false,
-        holds: &[Content::Names],
+        description: "the sides of the box and the faces on features as triangles, in text",
+        extensions: &["stl"],
+        has_companion: false,
+        holds_any_cells: true,
+        uses_depth: false,
+        supported_content: &[ExportContent::Names],
         write: stl::write,
     },
-    Format {
+    ExportFormat {
         name: "obj",
-        what: "the same as Wavefront OBJ",
-        endings: &["obj"],
-        twin: false,
-        any_cells: true,
-        depth: false,
-        holds: &[Content::Names],
+        description: "the same as Wavefront OBJ",
+        extensions: &["obj"],
+        has_companion: false,
+        holds_any_cells: true,
+        uses_depth: false,
+        supported_content: &[ExportContent::Names],
         write: stl::write_obj,
     },
 ];
 
-impl Format {
+impl ExportFormat {
     /// The format of that name.
     ///
     /// # Errors
     /// [`Error::Export`] with the names that there are.
-    pub fn named(name: &str) -> Result<&'static Self> {
+    pub fn from_name(name: &str) -> Result<&'static Self> {
         FORMATS.iter().find(|f| f.name == name).ok_or_else(|| {
             let names: Vec<&str> = FORMATS.iter().map(|f| f.name).collect();
             Error::Export(cause(
@@ -457,7 +457,7 @@ impl Format {
     /// # Errors
     /// [`Error::Export`] for a file with another ending, [`Error::Io`] for a folder that is not there.
     pub fn check_target(&self, path: &Path) -> Result<()> {
-        if self.endings.is_empty() {
+        if self.extensions.is_empty() {
             if path.is_file() {
                 let problem = format!("is a file, but {} needs a folder", self.name);
                 return Err(Error::Io(cause(path.display(), problem, "name a folder")));
@@ -468,13 +468,13 @@ impl Format {
         let ending = path.extension().unwrap_or_default().to_string_lossy();
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         if !self
-            .endings
+            .extensions
             .iter()
             .any(|known| *known == ending || *known == name)
         {
             return Err(Error::Export(cause(
                 path.display(),
-                format!("does not end in {}", self.endings.join(" or ")),
+                format!("does not end in {}", self.extensions.join(" or ")),
                 format!(
                     "give it that ending, by which readers of {} know it",
                     self.name
@@ -488,11 +488,13 @@ impl Format {
     ///
     /// # Errors
     /// [`Error::Export`] with the formats that can.
-    pub fn check_holds(&self, content: Content, place: &str) -> Result<()> {
-        if self.holds.contains(&content) {
+    pub fn check_content(&self, content: ExportContent, place: &str) -> Result<()> {
+        if self.supported_content.contains(&content) {
             return Ok(());
         }
-        let able = FORMATS.iter().filter(|f| f.holds.contains(&content));
+        let able = FORMATS
+            .iter()
+            .filter(|f| f.supported_content.contains(&content));
         let able: Vec<&str> = able.map(|f| f.name).collect();
         Err(Error::Export(cause(
             place,
@@ -502,8 +504,11 @@ impl Format {
     }
 
     /// Returns whether simulators of flow read it, so that depth and fluxes matter.
-    pub fn is_of_flow(&self) -> bool {
-        self.depth || self.holds.contains(&Content::Permeability)
+    pub fn is_flow_format(&self) -> bool {
+        self.uses_depth
+            || self
+                .supported_content
+                .contains(&ExportContent::Permeability)
     }
 
     /// Whether it is complete without rock, but has no place then for what happens in a simulation.
@@ -512,8 +517,8 @@ impl Format {
     }
 
     /// The twin of a file.
-    pub fn twin_of(&self, path: &Path) -> Option<PathBuf> {
-        self.twin.then(|| path.with_extension("vtu"))
+    pub fn companion_path(&self, path: &Path) -> Option<PathBuf> {
+        self.has_companion.then(|| path.with_extension("vtu"))
     }
 
     /// Writes a model, and its twin; all files appear, or none.
@@ -525,8 +530,8 @@ impl Format {
         self.check_target(path)?;
         let mut batch = Batch::default();
         (self.write)(model, &mut batch, path)?;
-        if let Some(twin) = self.twin_of(path) {
-            add_twin(&mut batch, &twin, model)?;
+        if let Some(twin) = self.companion_path(path) {
+            add_companion(&mut batch, &twin, model)?;
         }
         batch.commit()
     }

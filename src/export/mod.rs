@@ -28,6 +28,7 @@
 //! - `values`: what is known of each cell
 //! - `twin`: the VTU beside a format that does not hold the cells' shapes
 
+pub(crate) mod companion;
 pub(crate) mod containers;
 pub mod corner_point;
 pub mod format;
@@ -35,13 +36,12 @@ pub mod meshers;
 pub mod page;
 pub mod simulators;
 pub mod surfaces;
-pub(crate) mod twin;
 pub(crate) mod values;
 
 pub use corner_point::grdecl::deck_path as corner_point_deck;
-pub use format::{Content, FORMATS, Format};
+pub use format::{ExportContent, ExportFormat, FORMATS};
 pub use meshers::obj::write_obj;
 pub use surfaces::SurfaceFile;
-pub use surfaces::sticks::{Sticks, read_sticks, write_sticks};
+pub use surfaces::sticks::{FaultSticks, read_sticks, write_sticks};
 pub use surfaces::tsurf::{Gocad, read_gocad, write_tsurf};
 pub use surfaces::vtp::write_vtp;

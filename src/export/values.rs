@@ -6,15 +6,15 @@ use crate::model::reservoir::Model;
 /// Region, [rock] and other properties of each cell, as far as the model has them.
 ///
 /// [rock]: of_rock
-pub fn of_cells(model: &Model) -> Vec<DataArray> {
+pub fn cell_arrays(model: &Model) -> Vec<DataArray> {
     let mut arrays = vec![DataArray::scalars("region", model.mesh.region.clone())];
-    arrays.extend(of_rock(model));
+    arrays.extend(rock_arrays(model));
     arrays
 }
 
 /// `porosity`, `permeability` (a symmetric tensor: xx, yy, zz, xy, yz, xz; m^2) and other properties of each
 /// cell, as far as the model has them.
-pub fn of_rock(model: &Model) -> Vec<DataArray> {
+pub fn rock_arrays(model: &Model) -> Vec<DataArray> {
     let mut arrays = Vec::new();
     if let Some(porosity) = &model.porosity {
         arrays.push(DataArray::scalars("porosity", porosity.clone()));
@@ -32,10 +32,10 @@ pub fn of_rock(model: &Model) -> Vec<DataArray> {
 }
 
 /// [`of_cells`], each component by itself and named.
-pub fn columns(model: &Model) -> Vec<(String, Vec<f64>)> {
-    let columns = of_cells(model).into_iter().flat_map(|array| {
+pub fn scalar_columns(model: &Model) -> Vec<(String, Vec<f64>)> {
+    let columns = cell_arrays(model).into_iter().flat_map(|array| {
         let (width, values) = (array.components, array.values.to_f64());
-        let names = components(&array).into_iter().enumerate();
+        let names = component_names(&array).into_iter().enumerate();
         let columns = names.map(|(k, name)| {
             let column = values.iter().skip(k).step_by(width).copied();
             (name, column.collect())
@@ -46,7 +46,7 @@ pub fn columns(model: &Model) -> Vec<(String, Vec<f64>)> {
 }
 
 /// The names of an array's components.
-fn components(array: &DataArray) -> Vec<String> {
+fn component_names(array: &DataArray) -> Vec<String> {
     let endings: &[&str] = match array.components {
         1 => return vec![array.name.clone()],
         3 => &["x", "y", "z"],

@@ -1,7 +1,7 @@
 //! Connected parts of labels: samples of one label that touch face to face.
 
 use super::volume::Volume;
-use crate::geometry::sets::Sets;
+use crate::geometry::union_find::UnionFind;
 use std::collections::BTreeMap;
 
 /// One connected part of a label.
@@ -10,13 +10,13 @@ pub struct Component<const D: usize> {
     /// The number of its label.
     pub label: u32,
     /// How many samples it has.
-    pub samples: usize,
+    pub sample_count: usize,
     /// The first of them in memory.
-    pub first: usize,
+    pub first_sample: usize,
     /// The corner of its bounding box nearest to the origin.
-    pub low: [usize; D],
+    pub min_corner: [usize; D],
     /// The opposite corner, itself in the box.
-    pub high: [usize; D],
+    pub max_corner: [usize; D],
 }
 
 /// All connected parts of all labels.
@@ -25,17 +25,17 @@ pub struct Components<const D: usize> {
     /// Number of samples along each axis.
     pub dims: [usize; D],
     /// For each sample the number of its component.
-    pub of_sample: Vec<u32>,
+    pub component_of_sample: Vec<u32>,
     /// The components in the order of their first samples.
-    pub all: Vec<Component<D>>,
+    pub components: Vec<Component<D>>,
 }
 
 impl<const D: usize> Components<D> {
     /// Those of an image of which each sample has the number of its label.
-    pub fn of(dims: [usize; D], label: &[u32]) -> Self {
+    pub fn from_labels(dims: [usize; D], label: &[u32]) -> Self {
         let volume = Volume::new(dims, &[]);
         let strides = volume.strides();
-        let mut sets = Sets::new(label.len());
+        let mut sets = UnionFind::new(label.len());
         for_each_sample(dims, |i, at| {
             for k in 0..D {
                 if at[k] > 0 && label[i - strides[k]] == label[i] {
@@ -43,34 +43,36 @@ impl<const D: usize> Components<D> {
                 }
             }
         });
-        let (of_sample, count) = sets.numbered();
-        let mut all: Vec<Component<D>> = Vec::with_capacity(count);
-        for_each_sample(dims, |i, at| match all.get_mut(of_sample[i] as usize) {
-            Some(part) => {
-                part.samples += 1;
-                part.low = std::array::from_fn(|k| part.low[k].min(at[k]));
-                part.high = std::array::from_fn(|k| part.high[k].max(at[k]));
+        let (component_of_sample, count) = sets.into_labels();
+        let mut components: Vec<Component<D>> = Vec::with_capacity(count);
+        for_each_sample(dims, |i, at| {
+            match components.get_mut(component_of_sample[i] as usize) {
+                Some(part) => {
+                    part.sample_count += 1;
+                    part.min_corner = std::array::from_fn(|k| part.min_corner[k].min(at[k]));
+                    part.max_corner = std::array::from_fn(|k| part.max_corner[k].max(at[k]));
+                }
+                // A set is named by its first sample, and sets are numbered in this order.
+                None => components.push(Component {
+                    label: label[i],
+                    sample_count: 1,
+                    first_sample: i,
+                    min_corner: at,
+                    max_corner: at,
+                }),
             }
-            // A set is named by its first sample, and sets are numbered in this order.
-            None => all.push(Component {
-                label: label[i],
-                samples: 1,
-                first: i,
-                low: at,
-                high: at,
-            }),
         });
         Self {
             dims,
-            of_sample,
-            all,
+            component_of_sample,
+            components,
         }
     }
 
     /// Gives the components that are not to be kept the label of what they touch most; those that touch
     /// only others of their kind follow these. Says how many samples of how many components went.
     pub fn absorb(&self, label: &mut [u32], keep: impl Fn(&Component<D>) -> bool) -> [usize; 2] {
-        let goes: Vec<bool> = self.all.iter().map(|part| !keep(part)).collect();
+        let goes: Vec<bool> = self.components.iter().map(|part| !keep(part)).collect();
         if !goes.contains(&true) {
             return [0; 2];
         }
@@ -81,7 +83,7 @@ impl<const D: usize> Components<D> {
                 if at[k] == 0 {
                     continue;
                 }
-                let [a, b] = [i - strides[k], i].map(|i| self.of_sample[i]);
+                let [a, b] = [i - strides[k], i].map(|i| self.component_of_sample[i]);
                 for (part, other) in [(a, b), (b, a)] {
                     if part != other && goes[part as usize] {
                         *touching.entry((part, other)).or_default() += 1;
@@ -89,7 +91,7 @@ impl<const D: usize> Components<D> {
                 }
             }
         });
-        let mut into: Vec<Option<u32>> = (self.all.iter().zip(&goes))
+        let mut into: Vec<Option<u32>> = (self.components.iter().zip(&goes))
             .map(|(part, goes)| (!goes).then_some(part.label))
             .collect();
         loop {
@@ -109,13 +111,13 @@ impl<const D: usize> Components<D> {
             }
         }
         let mut gone = [0; 2];
-        for (part, into) in self.all.iter().zip(&into) {
+        for (part, into) in self.components.iter().zip(&into) {
             if into.is_some_and(|into| into != part.label) {
-                gone[0] += part.samples;
+                gone[0] += part.sample_count;
                 gone[1] += 1;
             }
         }
-        for (label, &part) in label.iter_mut().zip(&self.of_sample) {
+        for (label, &part) in label.iter_mut().zip(&self.component_of_sample) {
             *label = into[part as usize].unwrap_or(*label);
         }
         gone
@@ -124,14 +126,14 @@ impl<const D: usize> Components<D> {
 
 impl<const D: usize> Component<D> {
     /// Whether it touches a side of an image of `dims` samples.
-    pub fn on_side(&self, dims: [usize; D]) -> bool {
-        (0..D).any(|k| self.low[k] == 0 || self.high[k] + 1 == dims[k])
+    pub fn touches_side(&self, dims: [usize; D]) -> bool {
+        (0..D).any(|k| self.min_corner[k] == 0 || self.max_corner[k] + 1 == dims[k])
     }
 
     /// The radius of a ball (in the plane: a disc) of the same volume, where a sample has the volume
     /// `sample`.
     pub fn radius(&self, sample: f64) -> f64 {
-        let volume = self.samples as f64 * sample;
+        let volume = self.sample_count as f64 * sample;
         match D {
             2 => (volume / std::f64::consts::PI).sqrt(),
             _ => (volume * 0.75 / std::f64::consts::PI).cbrt(),
@@ -167,12 +169,24 @@ mod tests {
             0, 2, 0, 1, 3,
             0, 0, 0, 1, 4,
         ];
-        let parts = Components::of([5, 4], &label);
-        let sizes: Vec<_> = parts.all.iter().map(|p| (p.label, p.samples)).collect();
+        let parts = Components::from_labels([5, 4], &label);
+        let sizes: Vec<_> = parts
+            .components
+            .iter()
+            .map(|p| (p.label, p.sample_count))
+            .collect();
         assert_eq!(sizes, [(0, 10), (1, 6), (2, 2), (3, 1), (4, 1)]);
-        assert_eq!((parts.all[2].low, parts.all[2].high), ([1, 1], [1, 2]));
-        assert!(parts.all[1].on_side([5, 4]) && !parts.all[2].on_side([5, 4]));
-        let gone = parts.absorb(&mut label, |part| part.samples > 1);
+        assert_eq!(
+            (
+                parts.components[2].min_corner,
+                parts.components[2].max_corner
+            ),
+            ([1, 1], [1, 2])
+        );
+        assert!(
+            parts.components[1].touches_side([5, 4]) && !parts.components[2].touches_side([5, 4])
+        );
+        let gone = parts.absorb(&mut label, |part| part.sample_count > 1);
         assert_eq!(gone, [2, 2]);
         assert_eq!(label[14], 1);
         assert_eq!(label[19], 1);

@@ -5,93 +5,98 @@
 //! which they cross, and take the place of the points between. An edge that bends evenly has arms that bend
 //! as much as they differ, and is left as it is.
 
-use super::by_sample::BySample;
-use super::crossing::Candidate;
+use super::candidate::Candidate;
+use super::voxel_index::CandidateIndex;
 use crate::geometry::{dot, sub};
-use crate::observer::Patience;
 use crate::parallel::prelude::*;
+use crate::progress::CancelToken;
 
 /// Arms are looked at from here to there along the edge, in widths of the smoothing: nearer the corner bends
 /// them, farther away another one may be.
-const ARM: [f64; 2] = [2.0, 7.0];
+const ARM_RANGE: [f64; 2] = [2.0, 7.0];
 /// The fewest points that tell where an arm lies and how it bends.
-const FEWEST: usize = 5;
+const MIN_ARM_POINTS: usize = 5;
 /// An arm's points are off its line by no more than this (samples, root of the mean square).
-const STRAIGHT: f64 = 0.4;
+const MAX_ARM_RESIDUAL: f64 = 0.4;
 /// A corner turns by this (radians: 35 degrees) more than its arms' own bending ...
-const TURN: f64 = 0.61;
+const MIN_TURN_ANGLE: f64 = 0.61;
 /// ... which is at most this share of the turn.
-const OWN: f64 = 0.5;
+const MAX_BEND_SHARE: f64 = 0.5;
 /// A corner is at most this far from the edge that turns inside it, in widths of the smoothing.
-const CUT: f64 = 2.5;
+const MAX_CORNER_DISTANCE: f64 = 2.5;
 /// Points nearer than this (samples) are of one place of an edge.
-const BESIDE: f64 = 1.0;
+const SAME_PLACE_RADIUS: f64 = 1.0;
 /// From point to point along an edge (samples).
-const STEP: [f64; 2] = [0.7, 2.3];
+const STEP_RANGE: [f64; 2] = [0.7, 2.3];
 /// Normals at a corner go from one arm's to the other's in steps of this (radians: 30 degrees), so that the
 /// sheet goes on.
-const FAN: f64 = 0.53;
+const FAN_ANGLE_STEP: f64 = 0.53;
 
-type Place = [f64; 2];
+type Position = [f64; 2];
 
 /// How far (samples) corners look beyond a point, at a width of the smoothing.
-pub fn reach(width: f64) -> usize {
-    ((ARM[1] + CUT) * width + STEP[1]).ceil() as usize
+pub fn corner_reach(width: f64) -> usize {
+    ((ARM_RANGE[1] + MAX_CORNER_DISTANCE) * width + STEP_RANGE[1]).ceil() as usize
 }
 
 /// A side of a corner: a line, and how the edge bends about it.
 struct Arm {
-    middle: Place,
+    middle: Position,
     /// Away from the corner.
-    along: Place,
+    direction: Position,
     /// To the left of `along`, per sample (radians).
-    bend: f64,
+    curvature: f64,
     /// The end that is nearer to the corner.
-    end: Place,
+    end: Position,
     /// Mean of its points.
     strength: f32,
 }
 
 /// A corner that was found.
-struct Corner {
-    at: Place,
+struct EdgeCorner {
+    position: Position,
     /// How far it is from the point that saw it (samples).
-    away: f64,
+    distance: f64,
     arms: [Arm; 2],
     /// The points between the arms.
-    between: Vec<usize>,
+    rounded_points: Vec<usize>,
 }
 
 /// Candidates (in the order of samples) of edges found after smoothing by a Gaussian of this width (samples),
 /// with corners where the arms of edges cross that are `sure` on the whole: weaker ones go on to anywhere. In
 /// more than two dimensions they stay as they are.
-pub fn cornered<const D: usize>(
+pub fn sharpen_corners<const D: usize>(
     dims: [usize; D],
     candidates: Vec<Candidate<D>>,
     width: f64,
     sure: f32,
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> Vec<Candidate<D>> {
     if D != 2 {
         return candidates;
     }
-    let grid = BySample::new(dims, &candidates);
-    let edges = Edges { grid, width, sure };
-    let mut corners: Vec<Corner> = (0..candidates.len())
+    let grid = CandidateIndex::new(dims, &candidates);
+    let edges = EdgePoints {
+        grid,
+        width,
+        min_strength: sure,
+    };
+    let mut corners: Vec<EdgeCorner> = (0..candidates.len())
         .into_par_iter()
         .filter_map(|i| {
-            if patience.over() {
+            if patience.is_cancelled() {
                 None
             } else {
-                edges.corner(i)
+                edges.find_corner(i)
             }
         })
         .collect();
     // Of a corner that several points see, what the nearest sees: its arms have nothing of the bend.
-    corners.sort_by(|a, b| a.away.total_cmp(&b.away));
-    let mut kept: Vec<Corner> = Vec::new();
+    corners.sort_by(|a, b| a.distance.total_cmp(&b.distance));
+    let mut kept: Vec<EdgeCorner> = Vec::new();
     for corner in corners {
-        let apart = |other: &Corner| distance(other.at, corner.at) > ARM[0] * width;
+        let apart =
+            |other: &EdgeCorner| distance(other.position, corner.position) > ARM_RANGE[0] * width;
         if kept.iter().all(apart) {
             kept.push(corner);
         }
@@ -101,75 +106,76 @@ pub fn cornered<const D: usize>(
     }
     let mut gone = vec![false; candidates.len()];
     for corner in &kept {
-        edges.beside(&corner.between, |i| gone[i] = true);
+        edges.for_each_adjacent(&corner.rounded_points, |i| gone[i] = true);
     }
     let mut all: Vec<Candidate<D>> = Vec::with_capacity(candidates.len());
     all.extend(candidates.iter().zip(&gone).filter(|c| !c.1).map(|c| *c.0));
-    kept.iter().for_each(|corner| corner.draw(dims, &mut all));
+    kept.iter()
+        .for_each(|corner| corner.add_corner_points(dims, &mut all));
     all.sort_by_key(|c| c.voxel);
     all
 }
 
 /// Edges, point by point.
-struct Edges<'a, const D: usize> {
-    grid: BySample<'a, D>,
+struct EdgePoints<'a, const D: usize> {
+    grid: CandidateIndex<'a, D>,
     width: f64,
-    sure: f32,
+    min_strength: f32,
 }
 
-impl<const D: usize> Edges<'_, D> {
-    fn place(&self, i: usize) -> Place {
+impl<const D: usize> EdgePoints<'_, D> {
+    fn position(&self, i: usize) -> Position {
         let position = self.grid.candidates[i].position;
         [f64::from(position[0]), f64::from(position[1])]
     }
 
     /// The corner that an edge turns round inside at a point, if it does.
-    fn corner(&self, i: usize) -> Option<Corner> {
+    fn find_corner(&self, i: usize) -> Option<EdgeCorner> {
         let normal = self.grid.candidates[i].normal;
         let tangent = [-f64::from(normal[1]), f64::from(normal[0])];
-        let middle = self.place(i);
-        let ways = [tangent, tangent.map(|t| -t)].map(|way| self.walk(i, way));
-        let [a, b] = ways.each_ref().map(|way| self.arm(way));
+        let middle = self.position(i);
+        let ways = [tangent, tangent.map(|t| -t)].map(|way| self.trace_edge(i, way));
+        let [a, b] = ways.each_ref().map(|way| self.fit_arm(way));
         let (a, b) = (a?, b?);
         // Along the edge: towards the corner on the one arm, away from it on the other.
-        let before = a.along.map(|c| -c);
-        let turn = turning(before, b.along);
-        let apart = ARM[0] + ARM[1];
-        let own = 0.5 * (b.bend - a.bend) * apart * self.width;
+        let before = a.direction.map(|c| -c);
+        let turn = turn_angle(before, b.direction);
+        let apart = ARM_RANGE[0] + ARM_RANGE[1];
+        let own = 0.5 * (b.curvature - a.curvature) * apart * self.width;
         let excess = (turn - own).abs();
-        if excess < TURN || own.abs() > OWN * turn.abs() {
+        if excess < MIN_TURN_ANGLE || own.abs() > MAX_BEND_SHARE * turn.abs() {
             return None;
         }
-        let at = crossing(&a, &b)?;
+        let at = intersect(&a, &b)?;
         let away = distance(at, middle);
-        if away > CUT * self.width {
+        if away > MAX_CORNER_DISTANCE * self.width {
             return None;
         }
-        let near = |way: &Way| -> Vec<usize> {
-            let near = way.iter().take_while(|p| p.0 < ARM[0] * self.width);
+        let near = |way: &EdgePath| -> Vec<usize> {
+            let near = way.iter().take_while(|p| p.0 < ARM_RANGE[0] * self.width);
             near.map(|p| p.1).collect()
         };
         let between = ways.iter().flat_map(near).chain([i]).collect();
-        Some(Corner {
-            at,
-            away,
+        Some(EdgeCorner {
+            position: at,
+            distance: away,
             arms: [a, b],
-            between,
+            rounded_points: between,
         })
     }
 
     /// The points of an edge from one of them on, each with how far away it is along the edge.
-    fn walk(&self, from: usize, mut way: Place) -> Way {
-        let (mut here, mut length, mut points) = (from, 0.0, Way::new());
-        while length < ARM[1] * self.width {
-            let (place, mut best) = (self.place(here), None);
+    fn trace_edge(&self, from: usize, mut way: Position) -> EdgePath {
+        let (mut here, mut length, mut points) = (from, 0.0, EdgePath::new());
+        while length < ARM_RANGE[1] * self.width {
+            let (place, mut best) = (self.position(here), None);
             let at = self.grid.coordinates(&self.grid.candidates[here]);
-            self.grid.each_around(at, 2, |j| {
-                let step = sub(self.place(j), place);
+            self.grid.for_each_around(at, 2, |j| {
+                let step = sub(self.position(j), place);
                 let long = step[0].hypot(step[1]);
                 let ahead = dot(step, way);
                 // The nearest, and of those as near the one that is straight ahead.
-                if (STEP[0]..STEP[1]).contains(&long) && ahead > 0.5 * long {
+                if (STEP_RANGE[0]..STEP_RANGE[1]).contains(&long) && ahead > 0.5 * long {
                     let cost = long * long / ahead;
                     if best.is_none_or(|(least, _, _)| cost < least) {
                         best = Some((cost, j, step.map(|c| c / long)));
@@ -179,7 +185,7 @@ impl<const D: usize> Edges<'_, D> {
             let Some((_, next, step)) = best else { break };
             let sum = [way[0] + step[0], way[1] + step[1]];
             way = sum.map(|c| c / sum[0].hypot(sum[1]));
-            length += distance(self.place(next), place);
+            length += distance(self.position(next), place);
             points.push((length, next));
             here = next;
         }
@@ -187,35 +193,35 @@ impl<const D: usize> Edges<'_, D> {
     }
 
     /// The arm that the farther points of a way make.
-    fn arm(&self, way: &Way) -> Option<Arm> {
+    fn fit_arm(&self, way: &EdgePath) -> Option<Arm> {
         let far: Vec<usize> = way
             .iter()
-            .filter(|p| p.0 >= ARM[0] * self.width)
+            .filter(|p| p.0 >= ARM_RANGE[0] * self.width)
             .map(|p| p.1)
             .collect();
-        if far.len() < FEWEST {
+        if far.len() < MIN_ARM_POINTS {
             return None;
         }
         let count = far.len() as f64;
         let mut middle = [0.0; 2];
         for &i in &far {
-            let p = self.place(i);
+            let p = self.position(i);
             (0..2).for_each(|k| middle[k] += p[k] / count);
         }
         let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
         for &i in &far {
-            let [x, y] = sub(self.place(i), middle);
+            let [x, y] = sub(self.position(i), middle);
             (xx, xy, yy) = (xx + x * x, xy + x * y, yy + y * y);
         }
         let angle = 0.5 * (2.0 * xy).atan2(xx - yy);
         let mut along = [angle.cos(), angle.sin()];
-        let (first, last) = (self.place(far[0]), self.place(far[far.len() - 1]));
+        let (first, last) = (self.position(far[0]), self.position(far[far.len() - 1]));
         if dot(sub(last, first), along) < 0.0 {
             along = along.map(|c| -c);
         }
         // Across, of the square of along: by least squares with what is constant and linear taken out.
         let places = far.iter().map(|&i| {
-            let r = sub(self.place(i), middle);
+            let r = sub(self.position(i), middle);
             (dot(r, along), along[0] * r[1] - along[1] * r[0])
         });
         let (mut t2, mut t3, mut off) = (0.0, 0.0, 0.0);
@@ -231,24 +237,24 @@ impl<const D: usize> Edges<'_, D> {
             let q = t * t - t2 - t3 / t2 * t;
             (common, square) = (common + q * s, square + q * q);
         }
-        let straight = off.sqrt() <= STRAIGHT && square > 0.0;
+        let straight = off.sqrt() <= MAX_ARM_RESIDUAL && square > 0.0;
         let sum: f32 = far.iter().map(|&i| self.grid.candidates[i].strength).sum();
         let strength = sum / far.len() as f32;
-        (straight && strength >= self.sure).then(|| Arm {
+        (straight && strength >= self.min_strength).then(|| Arm {
             middle,
-            along,
-            bend: 2.0 * common / square,
+            direction: along,
+            curvature: 2.0 * common / square,
             end: first,
             strength,
         })
     }
 
     /// Calls `visit` for points of an edge and what lies beside them.
-    fn beside(&self, points: &[usize], mut visit: impl FnMut(usize)) {
+    fn for_each_adjacent(&self, points: &[usize], mut visit: impl FnMut(usize)) {
         for &i in points {
             let at = self.grid.coordinates(&self.grid.candidates[i]);
-            self.grid.each_around(at, 1, |j| {
-                if distance(self.place(i), self.place(j)) < BESIDE {
+            self.grid.for_each_around(at, 1, |j| {
+                if distance(self.position(i), self.position(j)) < SAME_PLACE_RADIUS {
                     visit(j);
                 }
             });
@@ -257,13 +263,13 @@ impl<const D: usize> Edges<'_, D> {
 }
 
 /// Points of an edge one after the other, and how far away each is.
-type Way = Vec<(f64, usize)>;
+type EdgePath = Vec<(f64, usize)>;
 
-impl Corner {
+impl EdgeCorner {
     /// Adds the points of the arms up to the corner, and the corner.
-    fn draw<const D: usize>(&self, dims: [usize; D], all: &mut Vec<Candidate<D>>) {
+    fn add_corner_points<const D: usize>(&self, dims: [usize; D], all: &mut Vec<Candidate<D>>) {
         let strength = self.arms[0].strength.min(self.arms[1].strength);
-        let mut add = |p: Place, normal: Place, axis: usize| {
+        let mut add = |p: Position, normal: Position, axis: usize| {
             if (0..2).any(|k| p[k] < 0.0 || p[k] > (dims[k] - 1) as f64) {
                 return;
             }
@@ -278,61 +284,61 @@ impl Corner {
             candidate.position = std::array::from_fn(|k| p[k] as f32);
             all.push(candidate);
         };
-        let leading = |normal: Place| usize::from(normal[1].abs() > normal[0].abs());
+        let leading = |normal: Position| usize::from(normal[1].abs() > normal[0].abs());
         let normals = self
             .arms
             .each_ref()
-            .map(|arm| [-arm.along[1], arm.along[0]]);
+            .map(|arm| [-arm.direction[1], arm.direction[0]]);
         for (arm, normal) in self.arms.iter().zip(normals) {
             // One point in each column between the corner and the arm.
             let axis = leading(normal);
             let other = 1 - axis;
-            let slope = arm.along[axis] / arm.along[other];
+            let slope = arm.direction[axis] / arm.direction[other];
             let (from, to) = (
-                self.at[other].min(arm.end[other]),
-                self.at[other].max(arm.end[other]),
+                self.position[other].min(arm.end[other]),
+                self.position[other].max(arm.end[other]),
             );
             for column in from.ceil() as i64..to.ceil() as i64 {
-                let mut p = self.at;
+                let mut p = self.position;
                 p[other] = column as f64;
-                p[axis] += slope * (p[other] - self.at[other]);
+                p[axis] += slope * (p[other] - self.position[other]);
                 add(p, normal, axis);
             }
         }
         // The second arm's normal points to the other side.
-        let turn = turning(normals[0], normals[1].map(|c| -c));
-        let steps = (turn.abs() / FAN).ceil().max(1.0) as usize;
+        let turn = turn_angle(normals[0], normals[1].map(|c| -c));
+        let steps = (turn.abs() / FAN_ANGLE_STEP).ceil().max(1.0) as usize;
         for step in 0..=steps {
             let (sin, cos) = (turn * step as f64 / steps as f64).sin_cos();
             let [x, y] = normals[0];
             let normal = [cos * x - sin * y, sin * x + cos * y];
-            add(self.at, normal, leading(normal));
+            add(self.position, normal, leading(normal));
         }
     }
 }
 
 /// Where the lines of two arms cross.
-fn crossing(a: &Arm, b: &Arm) -> Option<Place> {
-    let across = a.along[0] * b.along[1] - a.along[1] * b.along[0];
+fn intersect(a: &Arm, b: &Arm) -> Option<Position> {
+    let across = a.direction[0] * b.direction[1] - a.direction[1] * b.direction[0];
     let apart = sub(b.middle, a.middle);
-    let t = (apart[0] * b.along[1] - apart[1] * b.along[0]) / across;
+    let t = (apart[0] * b.direction[1] - apart[1] * b.direction[0]) / across;
     t.is_finite()
-        .then(|| [0, 1].map(|k: usize| a.middle[k] + t * a.along[k]))
+        .then(|| [0, 1].map(|k: usize| a.middle[k] + t * a.direction[k]))
 }
 
 /// The angle by which one direction turns to another, to the left.
-fn turning(from: Place, to: Place) -> f64 {
+fn turn_angle(from: Position, to: Position) -> f64 {
     (from[0] * to[1] - from[1] * to[0]).atan2(dot(from, to))
 }
 
-fn distance(a: Place, b: Place) -> f64 {
+fn distance(a: Position, b: Position) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
 #[cfg(test)]
 mod tests {
     use crate::feature::scenes::{Noise, plane_image};
-    use crate::feature::{Detection, FeatureKind, FeaturePoint, detect};
+    use crate::feature::{DetectionOptions, FeatureKind, FeaturePoint, detect};
 
     const DIMS: [usize; 2] = [96, 88];
     const CENTRE: [f64; 2] = [47.3, 43.8];
@@ -348,7 +354,9 @@ mod tests {
         let image = plane_image(DIMS, |p| {
             100.0 * (0.5 - off(p)).clamp(0.0, 1.0) + noise * random.normal()
         });
-        detect(&image, &Detection::of(kind, 4.0)).unwrap().points
+        detect(&image, &DetectionOptions::with_kind(kind, 4.0))
+            .unwrap()
+            .points
     }
 
     fn nearest(points: &[FeaturePoint<2>], p: [f64; 2]) -> f64 {

@@ -1,20 +1,20 @@
 //! How features are asked for, and what is refused.
 
 use super::FeatureKind;
-use super::LabelWish;
+use super::LabelOptions;
 use super::MissingData;
-use super::crossing::Voxel;
+use super::candidate::Voxel;
 use super::detectors::Detector;
 use super::detectors::paths::PathSeeds;
 use super::volume::Volume;
 use crate::error::{Error, Result, cause};
-use crate::image::{Image, LiveMask, Marked, Modality};
+use crate::image::{Image, LiveMask, MaskedImage, Modality};
 use crate::parallel::prelude::*;
 use std::borrow::Cow;
 
 /// How features are detected.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Detection<const D: usize> {
+pub struct DetectionOptions<const D: usize> {
     /// What a feature is.
     pub kind: FeatureKind,
     /// Where the image comes from, if its geometry alone does not tell.
@@ -33,18 +33,18 @@ pub struct Detection<const D: usize> {
     pub d_min: f64,
     /// The largest, where the distance follows gaps between features: then these say how close atoms may
     /// stand ([`Features::spacing`](super::Features::spacing)). `None` where features do not decide it.
-    pub up_to: Option<f64>,
+    pub gap_d_max: Option<f64>,
     /// Of [`FeatureKind::Labels`]: what is wanted of each.
-    pub labels: Vec<LabelWish>,
+    pub labels: Vec<LabelOptions>,
     /// Lattice-space distance between samples.
     pub step: [f64; D],
     /// Whether no common null values are recognised, nor traces that are zero throughout.
     pub keep_nulls: bool,
     /// Whether each rank is to have a share of the potential only.
-    pub in_shares: bool,
+    pub is_distributed: bool,
 }
 
-impl<const D: usize> Default for Detection<D> {
+impl<const D: usize> Default for DetectionOptions<D> {
     fn default() -> Self {
         Self {
             kind: FeatureKind::Auto,
@@ -55,18 +55,18 @@ impl<const D: usize> Default for Detection<D> {
             weights: [1.0; 2],
             seeds: PathSeeds::default(),
             d_min: 8.0,
-            up_to: None,
+            gap_d_max: None,
             labels: Vec::new(),
             step: [1.0; D],
             keep_nulls: false,
-            in_shares: false,
+            is_distributed: false,
         }
     }
 }
 
-impl<const D: usize> Detection<D> {
+impl<const D: usize> DetectionOptions<D> {
     /// Features of one kind, for a lattice whose least nominal distance is `d_min`; else as by default.
-    pub fn of(kind: FeatureKind, d_min: f64) -> Self {
+    pub fn with_kind(kind: FeatureKind, d_min: f64) -> Self {
         Self {
             kind,
             d_min,
@@ -75,29 +75,31 @@ impl<const D: usize> Detection<D> {
     }
 }
 
-impl<const D: usize> Detection<D> {
+impl<const D: usize> DetectionOptions<D> {
     /// The least and the largest distance between atoms, if it follows gaps.
-    pub(super) fn gaps(&self) -> Option<[f64; 2]> {
-        self.up_to.map(|most| [self.d_min, most.max(self.d_min)])
+    pub(super) fn gap_distance_range(&self) -> Option<[f64; 2]> {
+        self.gap_d_max
+            .map(|most| [self.d_min, most.max(self.d_min)])
     }
 
     /// The least distance between atoms anywhere.
-    pub(super) fn least(&self) -> f64 {
+    pub(super) fn min_distance(&self) -> f64 {
         let wishes = self.labels.iter().filter_map(|wish| wish.distance);
         wishes.fold(self.d_min, f64::min)
     }
 
     /// The distance between atoms where nothing else is: what a feature's size is measured by.
     pub(super) fn d_max(&self) -> f64 {
-        self.gaps().map_or(self.d_min, |[_, most]| most)
+        self.gap_distance_range()
+            .map_or(self.d_min, |[_, most]| most)
     }
 }
 
 /// An image as detectors take it: its samples finite, and filled where there are no data.
-pub(super) struct Checked<'a, const D: usize> {
+pub(super) struct PreparedImage<'a, const D: usize> {
     pub image: Cow<'a, Image<D>>,
     /// Which samples hold data, unless all do.
-    pub live: Option<LiveMask<D>>,
+    pub live_mask: Option<LiveMask<D>>,
     /// The share of the samples that hold no data.
     pub missing: Option<MissingData>,
     /// What was found to hold no data, and what becomes of it.
@@ -108,33 +110,35 @@ pub(super) struct Checked<'a, const D: usize> {
 ///
 /// # Errors
 /// [`Error::Feature`] for impossible wishes, [`Error::Image`] for an image that cannot be searched.
-pub(super) fn checked<'a, const D: usize>(
+pub(super) fn prepare_image<'a, const D: usize>(
     image: &'a Image<D>,
-    asked: &Detection<D>,
-) -> Result<Checked<'a, D>> {
-    refuse_impossible(asked)?;
+    asked: &DetectionOptions<D>,
+) -> Result<PreparedImage<'a, D>> {
+    validate_options(asked)?;
     if !fills_gaps(image, asked.kind, asked.modality) {
-        let image = image.continued().map_or(Cow::Borrowed(image), Cow::Owned);
+        let image = image
+            .with_missing_filled()
+            .map_or(Cow::Borrowed(image), Cow::Owned);
         let samples = image.as_slice();
-        if let Some(i) = first_not_finite(samples) {
+        if let Some(i) = first_non_finite(samples) {
             let volume = Volume::new(image.dims(), samples);
-            return Err(not_finite(volume.coordinates(i), samples[i]));
+            return Err(non_finite_error(volume.coordinates(i), samples[i]));
         }
-        return Ok(Checked {
+        return Ok(PreparedImage {
             image,
-            live: None,
+            live_mask: None,
             missing: None,
             notes: Vec::new(),
         });
     }
-    let (image, mut notes) = match image.marked(!asked.keep_nulls)? {
-        Some(Marked { image, notes }) => (Cow::Owned(image), notes),
+    let (image, mut notes) = match image.mark_dead(!asked.keep_nulls)? {
+        Some(MaskedImage { image, notes }) => (Cow::Owned(image), notes),
         None => (Cow::Borrowed(image), Vec::new()),
     };
     let Some(live) = image.live_mask()? else {
-        return Ok(Checked {
+        return Ok(PreparedImage {
             image,
-            live: None,
+            live_mask: None,
             missing: None,
             notes,
         });
@@ -144,7 +148,7 @@ pub(super) fn checked<'a, const D: usize>(
     if let Some(samples) = image.samples.as_slice_mut() {
         live.fill(dims, samples, true);
     }
-    let [without_features, bridged] = live.shares();
+    let [without_features, bridged] = live.gap_shares();
     notes.push(format!(
         "{:.2} % of the samples hold no data: small gaps are bridged ({:.2} %), in the rest \
          ({:.2} %) no features are sought",
@@ -152,9 +156,9 @@ pub(super) fn checked<'a, const D: usize>(
         100.0 * bridged,
         100.0 * without_features
     ));
-    Ok(Checked {
+    Ok(PreparedImage {
         image: Cow::Owned(image),
-        live: Some(live),
+        live_mask: Some(live),
         missing: Some(MissingData {
             bridged,
             without_features,
@@ -175,15 +179,15 @@ pub(crate) fn fills_gaps<const D: usize>(
             false
         }
         FeatureKind::Auto => {
-            let modality = modality.or_of(&image.geometry);
-            image.looks_labelled(modality).is_none()
+            let modality = modality.or_detect(&image.geometry);
+            image.label_evidence(modality).is_none()
         }
         _ => true,
     }
 }
 
 /// The error of a sample that is NaN or infinite.
-pub(super) fn not_finite<const D: usize>(at: [usize; D], value: f32) -> Error {
+pub(super) fn non_finite_error<const D: usize>(at: [usize; D], value: f32) -> Error {
     Error::Image(cause(
         format!("image sample {at:?}"),
         format!("is {value}"),
@@ -200,7 +204,7 @@ pub(super) fn is_constant<const D: usize>(image: &Image<D>) -> bool {
 }
 
 /// Refuses an image that has no features of any kind.
-pub(super) fn refuse_constant<const D: usize>(image: &Image<D>) -> Result<()> {
+pub(super) fn ensure_not_constant<const D: usize>(image: &Image<D>) -> Result<()> {
     if is_constant(image) {
         return Err(Error::Image(cause(
             "image",
@@ -212,20 +216,20 @@ pub(super) fn refuse_constant<const D: usize>(image: &Image<D>) -> Result<()> {
 }
 
 /// Most samples of an image that is searched in memory: what is done there numbers them by 32 bits.
-pub(super) const MOST_HELD: usize = u32::MAX as usize;
+pub(super) const MAX_IN_MEMORY_SAMPLES: usize = u32::MAX as usize;
 
 /// Most samples of an image in which a detector finds features.
-pub(super) fn most_samples<const D: usize>(detector: &dyn Detector<D>) -> usize {
+pub(super) fn max_samples<const D: usize>(detector: &dyn Detector<D>) -> usize {
     match detector.kind() {
-        _ if detector.in_layers() => Voxel::COUNT,
+        _ if detector.is_streamable() => Voxel::MAX_COUNT,
         // It numbers them twice.
-        FeatureKind::Paths => MOST_HELD / 2,
-        _ => MOST_HELD,
+        FeatureKind::Paths => MAX_IN_MEMORY_SAMPLES / 2,
+        _ => MAX_IN_MEMORY_SAMPLES,
     }
 }
 
 /// Refuses an image with more samples than can be numbered.
-pub(super) fn refuse_more<const D: usize>(dims: [usize; D], most: usize) -> Result<()> {
+pub(super) fn ensure_sample_count<const D: usize>(dims: [usize; D], most: usize) -> Result<()> {
     let samples = dims
         .iter()
         .fold(1u128, |all, &n| all.saturating_mul(n as u128));
@@ -240,7 +244,7 @@ pub(super) fn refuse_more<const D: usize>(dims: [usize; D], most: usize) -> Resu
 }
 
 /// Refuses wishes that no image can meet.
-pub(super) fn refuse_impossible<const D: usize>(asked: &Detection<D>) -> Result<()> {
+pub(super) fn validate_options<const D: usize>(asked: &DetectionOptions<D>) -> Result<()> {
     let positive = |x: f64| x > 0.0 && x.is_finite();
     let fail =
         |what: String, remedy: &str| Err(Error::Feature(cause("feature detection", what, remedy)));
@@ -282,7 +286,7 @@ pub(super) fn refuse_impossible<const D: usize>(asked: &Detection<D>) -> Result<
 }
 
 /// The first sample that is NaN or infinite.
-pub(super) fn first_not_finite(samples: &[f32]) -> Option<usize> {
+pub(super) fn first_non_finite(samples: &[f32]) -> Option<usize> {
     // Without a way out of the inner loop it runs on many samples at once.
     let broken = |chunk: &[f32]| !chunk.iter().fold(true, |all, s| all & s.is_finite());
     let chunk = samples.par_chunks(4096).position_first(broken)? * 4096;
@@ -293,17 +297,17 @@ pub(super) fn first_not_finite(samples: &[f32]) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::feature::scenes::{Sheet, ridge_image};
-    use crate::feature::{detect, detect_while, detectors};
-    use crate::image::{Geometry, Layers, Source};
-    use crate::observer::Patience;
+    use crate::feature::scenes::{ExactSurface, ridge_image};
+    use crate::feature::{detect, detect_with_cancel, detectors};
+    use crate::image::{Geometry, ImageLayers, ImageSource};
+    use crate::progress::CancelToken;
     use std::ops::Range;
 
     #[test]
     fn images_whose_samples_cannot_be_numbered_are_refused() {
         let large = |dims: [usize; 3], kind| {
-            let detector = detectors::of::<3>(kind).unwrap();
-            refuse_more(dims, most_samples(detector))
+            let detector = detectors::detector_for::<3>(kind).unwrap();
+            ensure_sample_count(dims, max_samples(detector))
         };
         // What finds in layers numbers far more samples than a disk has.
         for kind in [FeatureKind::Ridges, FeatureKind::Horizons] {
@@ -323,9 +327,9 @@ mod tests {
     }
 
     /// More layers than are searched in memory, of which none can be had.
-    struct TooMany(Geometry<3>);
+    struct OversizedLayers(Geometry<3>);
 
-    impl Layers<3> for TooMany {
+    impl ImageLayers<3> for OversizedLayers {
         fn dims(&self) -> [usize; 3] {
             [2048, 2048, 1024]
         }
@@ -345,21 +349,25 @@ mod tests {
 
     #[test]
     fn what_needs_more_in_memory_than_can_be_numbered_is_refused_unread() {
-        let layers = TooMany(Geometry::default());
+        let layers = OversizedLayers(Geometry::default());
         for kind in [FeatureKind::Labels, FeatureKind::Canny, FeatureKind::Paths] {
-            let asked = Detection::of(kind, 8.0);
-            let patience = &Patience::endless();
-            let error = detect_while(Source::InLayers(&layers), &asked, patience).unwrap_err();
+            let asked = DetectionOptions::with_kind(kind, 8.0);
+            let patience = &CancelToken::never();
+            let error =
+                detect_with_cancel(ImageSource::Layered(&layers), &asked, patience).unwrap_err();
             assert!(error.to_string().contains("4294967296 samples"), "{error}");
         }
     }
 
     #[test]
     fn bad_input_is_refused_in_one_line() {
-        let (dims, sheets) = ([16, 15, 14], [Sheet::plane([1.0, 0.0, 0.0], [8.0; 3])]);
+        let (dims, sheets) = (
+            [16, 15, 14],
+            [ExactSurface::plane([1.0, 0.0, 0.0], [8.0; 3])],
+        );
         let image = ridge_image(dims, &sheets, 1.5, 0.1);
-        let good = Detection::of(FeatureKind::Ridges, 4.0);
-        let refused = |image: &Image<3>, change: &dyn Fn(&mut Detection<3>), names: &str| {
+        let good = DetectionOptions::with_kind(FeatureKind::Ridges, 4.0);
+        let refused = |image: &Image<3>, change: &dyn Fn(&mut DetectionOptions<3>), names: &str| {
             let mut asked = good.clone();
             change(&mut asked);
             let message = detect(image, &asked).unwrap_err().to_string();

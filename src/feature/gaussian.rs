@@ -8,15 +8,15 @@
 //! Each pass works on whole rows of x, so that the inner loop runs over neighbouring samples: along
 //! y and z by adding shifted rows, along x by adding shifted copies of one padded row.
 
-use crate::geometry::wide::wide;
-use crate::observer::Patience;
+use crate::geometry::simd::dispatch_simd;
 use crate::parallel::prelude::*;
+use crate::progress::CancelToken;
 
 /// Samples of x handled at once: the sums stay in registers.
 const LANES: usize = 16;
 
 /// Samples of a layer that are smoothed across layers together.
-const STRIP: usize = 1024;
+const STRIP_SAMPLES: usize = 1024;
 
 /// How many samples to either side a kernel looks.
 pub fn radius(sigma: f64) -> usize {
@@ -33,7 +33,7 @@ fn half_kernel(sigma: f64) -> Vec<f32> {
 }
 
 /// The sample that stands at index `i` of a line of `n` samples continued by mirror images.
-fn mirrored(i: isize, n: usize) -> usize {
+fn mirror_index(i: isize, n: usize) -> usize {
     let n = n as isize;
     let i = i.rem_euclid(2 * n);
     (if i < n { i } else { 2 * n - 1 - i }) as usize
@@ -45,7 +45,7 @@ pub fn smooth<const D: usize>(
     dims: [usize; D],
     samples: &mut [f32],
     sigma: [f64; D],
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) {
     smooth_planes(dims, None, samples, sigma, patience);
 }
@@ -56,7 +56,7 @@ pub fn smooth_into<const D: usize>(
     source: &[f32],
     out: &mut [f32],
     sigma: [f64; D],
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) {
     smooth_planes(dims, Some(source), out, sigma, patience);
 }
@@ -67,7 +67,7 @@ fn smooth_planes<const D: usize>(
     source: Option<&[f32]>,
     samples: &mut [f32],
     sigma: [f64; D],
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) {
     let [nx, ny] = [dims[0], dims[1]];
     if samples.is_empty() {
@@ -78,14 +78,14 @@ fn smooth_planes<const D: usize>(
     samples.par_chunks_mut(nx * ny).enumerate().for_each_init(
         <(Vec<f32>, Vec<f32>)>::default,
         |(padded, rows), (number, plane)| {
-            if patience.over() {
+            if patience.is_cancelled() {
                 return;
             }
             let first = number * nx * ny;
             let source = source.map_or(&*plane, |source| &source[first..][..plane.len()]);
             rows.resize(plane.len(), 0.0);
             match &kernels[0] {
-                Some(kernel) => wide(
+                Some(kernel) => dispatch_simd(
                     #[inline(always)]
                     || {
                         for (row, out) in source.chunks(nx).zip(rows.chunks_mut(nx)) {
@@ -96,7 +96,7 @@ fn smooth_planes<const D: usize>(
                 None => rows.copy_from_slice(source),
             }
             match &kernels[1] {
-                Some(kernel) => wide(
+                Some(kernel) => dispatch_simd(
                     #[inline(always)]
                     || smooth_across(rows, kernel, plane.chunks_mut(nx)),
                 ),
@@ -119,12 +119,12 @@ fn smooth_planes<const D: usize>(
                 stacks
                     .par_iter_mut()
                     .for_each_init(Vec::new, |scratch, rows| {
-                        if patience.over() {
+                        if patience.is_cancelled() {
                             return;
                         }
                         scratch.clear();
                         rows.iter().for_each(|row| scratch.extend_from_slice(row));
-                        wide(
+                        dispatch_simd(
                             #[inline(always)]
                             || {
                                 smooth_across(
@@ -143,33 +143,36 @@ fn smooth_planes<const D: usize>(
 
 /// Fills `out` with layers, square to the last axis, of an image convolved along that axis only, from the
 /// one numbered `first` on: exactly as [`smooth`] has them.
-pub fn smooth_last<const D: usize>(
+pub fn smooth_last_axis<const D: usize>(
     dims: [usize; D],
     samples: &[f32],
     sigma: f64,
     first: usize,
     out: &mut [f32],
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) {
     let layer = dims[..D - 1].iter().product::<usize>().max(1);
     let (count, kernel, reach) = (out.len() / layer, half_kernel(sigma), radius(sigma));
     // A strip of all layers at once: what is needed of them is then in the cache, one after the other, for
     // layers are megabytes apart.
     let mut strips: Vec<Vec<&mut [f32]>> = Vec::new();
-    strips.resize_with(layer.div_ceil(STRIP), || Vec::with_capacity(count));
+    strips.resize_with(layer.div_ceil(STRIP_SAMPLES), || Vec::with_capacity(count));
     for layer in out.chunks_mut(layer) {
-        for (strip, part) in strips.iter_mut().zip(layer.chunks_mut(STRIP)) {
+        for (strip, part) in strips.iter_mut().zip(layer.chunks_mut(STRIP_SAMPLES)) {
             strip.push(part);
         }
     }
     let work = |seen: &mut Vec<f32>, (strip, out): (usize, &mut Vec<&mut [f32]>)| {
-        if patience.over() {
+        if patience.is_cancelled() {
             return;
         }
-        let (start, width) = (strip * STRIP, STRIP.min(layer - strip * STRIP));
+        let (start, width) = (
+            strip * STRIP_SAMPLES,
+            STRIP_SAMPLES.min(layer - strip * STRIP_SAMPLES),
+        );
         seen.clear();
         for j in 0..count + 2 * reach {
-            let j = mirrored((first + j) as isize - reach as isize, dims[D - 1]);
+            let j = mirror_index((first + j) as isize - reach as isize, dims[D - 1]);
             seen.extend_from_slice(&samples[j * layer + start..][..width]);
         }
         for (j, out) in out.iter_mut().enumerate() {
@@ -177,9 +180,9 @@ pub fn smooth_last<const D: usize>(
             let pairs: Vec<(&[f32], &[f32])> = (0..kernel.len())
                 .map(|i| (source(j + reach - i), source(j + reach + i)))
                 .collect();
-            wide(
+            dispatch_simd(
                 #[inline(always)]
-                || summed(&kernel, &pairs, out),
+                || weighted_row_sum(&kernel, &pairs, out),
             );
         }
     };
@@ -188,12 +191,12 @@ pub fn smooth_last<const D: usize>(
 
 /// The weighted sum of pairs of rows, the first of which is one row twice.
 #[inline(always)]
-fn summed(kernel: &[f32], pairs: &[(&[f32], &[f32])], out: &mut [f32]) {
+fn weighted_row_sum(kernel: &[f32], pairs: &[(&[f32], &[f32])], out: &mut [f32]) {
     for (block, out) in out.chunks_mut(LANES).enumerate() {
         let x = block * LANES;
         if let Ok(out) = <&mut [f32; LANES]>::try_from(&mut *out) {
             let pair = |i: usize| (lanes(&pairs[i].0[x..]), lanes(&pairs[i].1[x..]));
-            *out = weighted(kernel, pair(0).0, pair);
+            *out = weighted_lanes(kernel, pair(0).0, pair);
         } else {
             for (l, o) in out.iter_mut().enumerate() {
                 let mut sum = kernel[0] * pairs[0].0[x + l];
@@ -210,7 +213,7 @@ fn summed(kernel: &[f32], pairs: &[(&[f32], &[f32])], out: &mut [f32]) {
 #[inline(always)]
 fn smooth_row(row: &[f32], kernel: &[f32], padded: &mut Vec<f32>, out: &mut [f32]) {
     let (n, radius) = (row.len(), kernel.len() - 1);
-    let beyond = |i: usize| row[mirrored(i as isize - radius as isize, n)];
+    let beyond = |i: usize| row[mirror_index(i as isize - radius as isize, n)];
     padded.clear();
     padded.extend((0..radius).map(beyond));
     padded.extend_from_slice(row);
@@ -220,7 +223,7 @@ fn smooth_row(row: &[f32], kernel: &[f32], padded: &mut Vec<f32>, out: &mut [f32
     for out in out.chunks_mut(LANES) {
         if let Ok(out) = <&mut [f32; LANES]>::try_from(&mut *out) {
             let at = |shift: usize| -> &[f32; LANES] { lanes(&padded[start + shift..]) };
-            *out = weighted(kernel, at(radius), |i| (at(radius - i), at(radius + i)));
+            *out = weighted_lanes(kernel, at(radius), |i| (at(radius - i), at(radius + i)));
         } else {
             for (x, o) in out.iter_mut().enumerate() {
                 let c = start + x + radius;
@@ -246,11 +249,11 @@ fn smooth_across<'a>(
     let n = out.len();
     let nx = rows.len() / n.max(1);
     for (j, out) in out.enumerate() {
-        let source = |shift: isize| &rows[mirrored(j as isize + shift, n) * nx..][..nx];
+        let source = |shift: isize| &rows[mirror_index(j as isize + shift, n) * nx..][..nx];
         let pairs: Vec<(&[f32], &[f32])> = (0..kernel.len() as isize)
             .map(|i| (source(-i), source(i)))
             .collect();
-        summed(kernel, &pairs, out);
+        weighted_row_sum(kernel, &pairs, out);
     }
 }
 
@@ -262,7 +265,7 @@ fn lanes(slice: &[f32]) -> &[f32; LANES] {
 
 /// `kernel[0] * centre + sum_i kernel[i] * (before_i + after_i)`, lane by lane.
 #[inline(always)]
-fn weighted<'a>(
+fn weighted_lanes<'a>(
     kernel: &[f32],
     centre: &[f32; LANES],
     pair: impl Fn(usize) -> (&'a [f32; LANES], &'a [f32; LANES]),
@@ -284,7 +287,7 @@ fn weighted<'a>(
 mod tests {
     use super::*;
 
-    fn at(dims: [usize; 3], p: [usize; 3]) -> usize {
+    fn sample_index(dims: [usize; 3], p: [usize; 3]) -> usize {
         (p[2] * dims[1] + p[1]) * dims[0] + p[0]
     }
 
@@ -294,8 +297,8 @@ mod tests {
         for sigma in [[0.8, 0.8, 0.8], [1.5, 1.5, 1.5], [2.0, 3.0, 4.0]] {
             let mut v = vec![0.0; 53 * 47 * 51];
             let c = [26, 23, 25];
-            v[at(dims, c)] = 1.0;
-            smooth(dims, &mut v, sigma, &Patience::endless());
+            v[sample_index(dims, c)] = 1.0;
+            smooth(dims, &mut v, sigma, &CancelToken::never());
             let norm: f64 = sigma
                 .iter()
                 .map(|s| s * (2.0 * std::f64::consts::PI).sqrt())
@@ -307,7 +310,7 @@ mod tests {
                 for y in 0..47 {
                     for x in 0..53 {
                         let p = [x, y, z];
-                        let got = f64::from(v[at(dims, p)]);
+                        let got = f64::from(v[sample_index(dims, p)]);
                         let mut e = 0.0;
                         sum += got;
                         for k in 0..3 {
@@ -351,12 +354,12 @@ mod tests {
                     }
                 }
             }
-            smooth(dims, &mut v, [sigma; 3], &Patience::endless());
+            smooth(dims, &mut v, [sigma; 3], &CancelToken::never());
             let factor = (-0.5f64 * sigma * sigma * (a * a + b * b + c * c)).exp();
             for z in 8..40 {
                 for y in 8..32 {
                     for x in 8..56 {
-                        let got = f64::from(v[at(dims, [x, y, z])]);
+                        let got = f64::from(v[sample_index(dims, [x, y, z])]);
                         assert!((got - factor * wave(x, y, z)).abs() < 5e-4);
                     }
                 }
@@ -368,7 +371,7 @@ mod tests {
     fn constants_stay_constant_up_to_the_sides_of_odd_shapes() {
         for dims in [[1, 1, 1], [3, 2, 1], [17, 5, 33], [16, 1, 2]] {
             let mut v = vec![2.5f32; dims.iter().product()];
-            smooth(dims, &mut v, [1.5, 2.5, 9.0], &Patience::endless());
+            smooth(dims, &mut v, [1.5, 2.5, 9.0], &CancelToken::never());
             assert!(v.iter().all(|x| (x - 2.5).abs() < 1e-5), "{dims:?}");
         }
     }

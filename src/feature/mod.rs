@@ -42,35 +42,35 @@
 //! - `potential`: b(x)
 //! - `share`: points, where ranks share them
 
-pub(crate) mod by_sample;
+pub(crate) mod boundary_extension;
+pub(crate) mod candidate;
+mod candidate_slab;
 pub(crate) mod components;
 pub(crate) mod corners;
-pub(crate) mod crossing;
-pub(crate) mod depth;
 mod detection;
 pub(crate) mod detectors;
+pub(crate) mod distance_transform;
 mod doubt;
-pub(crate) mod gaps;
+pub(crate) mod eigen;
 pub(crate) mod gaussian;
+pub(crate) mod gradient_magnitude;
+pub(crate) mod hessian;
 mod kind;
-pub(crate) mod labelled;
-pub(crate) mod lifted;
+pub(crate) mod label_map;
 mod lines;
+pub(crate) mod local_feature_size;
+pub(crate) mod non_max_suppression;
+pub(crate) mod oriented;
 mod outcome;
+mod partition;
 pub(crate) mod potential;
 pub(crate) mod quadric;
-pub(crate) mod repair;
+pub(crate) mod resolved;
 pub(crate) mod ridges;
-pub(crate) mod rows;
-pub(crate) mod settled;
-mod share;
-pub(crate) mod sheets;
-mod slab;
-pub(crate) mod steepest;
-pub(crate) mod steepness;
-pub(crate) mod symmetric;
-pub(crate) mod tensor;
+pub(crate) mod structure_tensor;
+pub(crate) mod surfaces;
 pub(crate) mod volume;
+pub(crate) mod voxel_index;
 pub(crate) mod windows;
 
 #[cfg(test)]
@@ -78,30 +78,30 @@ pub(crate) mod scenes;
 #[cfg(test)]
 mod tests;
 
+use crate::comm::{Comm, SelfComm, WorldComm};
 use crate::error::Result;
-use crate::image::{Field, Image, LiveMask, Source, Sparse};
-use crate::observer::{Patience, Stage};
-use crate::ranks::{Alone, Group, Ranks};
-use detectors::auto::Known;
-use detectors::{Detector, Scene, labels};
-use potential::Valleys;
-use sheets::{FoundSheets, Open};
+use crate::image::{Image, ImageSource, LiveMask, ScalarField, SparseField};
+use crate::progress::{CancelToken, Stage};
+use detectors::auto::LayerChoice;
+use detectors::{Detector, DetectorInput, labels};
+use potential::PotentialValleys;
 use std::borrow::Cow;
+use surfaces::{FeatureSurfaces, OpenSides};
 use volume::Volume;
 use windows::Samples;
 
-pub use detection::Detection;
+pub use detection::DetectionOptions;
 pub(crate) use detection::fills_gaps;
 pub use detectors::paths::PathSeeds;
 pub use doubt::Doubt;
 pub use kind::FeatureKind;
-pub use labelled::{LabelWish, Labelled};
-pub use lines::{FeatureLine, LineKind, SHORTEST, lines};
-pub use outcome::{KindOutcome, LEAST_DIP, MissingData};
-pub use settled::Settled;
-pub(crate) use share::NearPoints;
-pub use share::OfAll;
-pub use sheets::LeftOut;
+pub use label_map::{LabelMap, LabelOptions};
+pub use lines::{FeatureLine, LineKind, MIN_LENGTH, lines};
+pub use outcome::{KindOutcome, MIN_FAULT_DIP, MissingData};
+pub use partition::PointCounts;
+pub(crate) use partition::PointSubset;
+pub use resolved::ResolvedOptions;
+pub use surfaces::DroppedPoints;
 
 /// One detected point of a feature (fault, horizon, wall) at its sub-sample position.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -120,15 +120,15 @@ pub struct Features<const D: usize> {
     /// The features as points, in a fixed order (the order of samples).
     pub points: Vec<FeaturePoint<D>>,
     /// For each of them the number of the sheet that it is part of, from 1.
-    pub sheet: Vec<u32>,
+    pub surface: Vec<u32>,
     /// For each of them whether it lies on a horizon, which is no barrier to flow.
     pub on_horizon: Vec<bool>,
     /// The image potential b(x) in [-1, 0]: every feature a valley of depth 1 and width `sigma`.
-    pub potential: Sparse<D>,
+    pub potential: SparseField<D>,
     /// For each of them the distance that atoms may have there, where it was asked for by gaps.
     pub spacing: Option<Vec<f32>>,
     /// How many points all ranks have, where each has a share of them.
-    pub in_shares: Option<OfAll>,
+    pub global_counts: Option<PointCounts>,
     /// Width of the widest valleys in lattice units: a quarter of the distance between atoms.
     pub sigma: f64,
     /// What was found of each kind of feature.
@@ -138,30 +138,30 @@ pub struct Features<const D: usize> {
     /// One or more plain lines: what was picked and why, threshold, counts.
     pub notes: Vec<String>,
     /// The scales and thresholds that were settled on, one for each kind of feature followed.
-    pub settled: Vec<Settled>,
+    pub resolved: Vec<ResolvedOptions>,
     /// Of [`FeatureKind::Labels`], unless they are a thin mask: which label is where.
-    pub labels: Option<Labelled<D>>,
+    pub labels: Option<LabelMap<D>>,
     /// Of [`FeatureKind::Paths`]: the share of the paths that pass each sample.
-    pub confidence: Option<Field<D>>,
+    pub confidence: Option<ScalarField<D>>,
     /// What the image leaves open, where the kind of feature was chosen by it.
     pub doubt: Option<Doubt>,
 }
 
 impl<const D: usize> Features<D> {
     /// No features in an image of `dims` samples.
-    pub fn none(dims: [usize; D], asked: &Detection<D>) -> Self {
+    pub fn empty(dims: [usize; D], asked: &DetectionOptions<D>) -> Self {
         Self {
             points: Vec::new(),
-            sheet: Vec::new(),
+            surface: Vec::new(),
             on_horizon: Vec::new(),
-            potential: Sparse::zero(dims, asked.step),
-            spacing: asked.gaps().map(|_| Vec::new()),
-            in_shares: None,
+            potential: SparseField::zero(dims, asked.step),
+            spacing: asked.gap_distance_range().map(|_| Vec::new()),
+            global_counts: None,
             sigma: asked.d_max() / 4.0,
             outcomes: Vec::new(),
             missing: None,
             notes: Vec::new(),
-            settled: Vec::new(),
+            resolved: Vec::new(),
             labels: None,
             confidence: None,
             doubt: None,
@@ -196,86 +196,91 @@ impl<const D: usize> Features<D> {
 /// [`Error::Feature`](crate::Error::Feature) for impossible wishes,
 /// [`Error::Image`](crate::Error::Image) for an image that has NaN or infinite samples, is constant, or
 /// is not what `asked.kind` says.
-pub fn detect<const D: usize>(image: &Image<D>, asked: &Detection<D>) -> Result<Features<D>> {
-    detect_held(image, asked, &Patience::endless())
+pub fn detect<const D: usize>(
+    image: &Image<D>,
+    asked: &DetectionOptions<D>,
+) -> Result<Features<D>> {
+    detect_in_memory(image, asked, &CancelToken::never())
 }
 
 /// The same as long as there is patience.
 ///
 /// # Errors
 /// Those of [`detect`], and [`Error::Interrupted`](crate::Error::Interrupted).
-pub(crate) fn detect_while<const D: usize>(
-    source: Source<'_, D>,
-    asked: &Detection<D>,
-    patience: &Patience<'_>,
+pub(crate) fn detect_with_cancel<const D: usize>(
+    source: ImageSource<'_, D>,
+    asked: &DetectionOptions<D>,
+    patience: &CancelToken<'_>,
 ) -> Result<Features<D>> {
     let layers = match source {
-        Source::Held(image) => return detect_held(image, asked, patience),
-        Source::InLayers(layers) => layers,
+        ImageSource::InMemory(image) => return detect_in_memory(image, asked, patience),
+        ImageSource::Layered(layers) => layers,
     };
-    detection::refuse_impossible(asked)?;
-    let (dims, parts) = (layers.dims(), detectors::of_asked(asked));
+    detection::validate_options(asked)?;
+    let (dims, parts) = (layers.dims(), detectors::requested_detectors(asked));
     for (detector, _) in parts.iter().flatten() {
-        detection::refuse_more(dims, detection::most_samples(*detector))?;
+        detection::ensure_sample_count(dims, detection::max_samples(*detector))?;
     }
-    let samples = Samples::in_layers(layers, 1.0);
+    let samples = Samples::from_layers(layers, 1.0);
     // Looked at whatever is asked for: what has gaps is searched in memory.
-    let modality = asked.modality.or_of(layers.geometry());
+    let modality = asked.modality.or_detect(layers.geometry());
     let choice = detectors::auto::choose_in_layers(&samples, modality, patience)?;
     let chosen = match (parts, choice) {
-        (_, Known::Gaps) => None,
+        (_, LayerChoice::HasGaps) => None,
         (Some(parts), _) => Some((parts, None)),
-        (None, Known::Fits(choice)) => Some(detectors::named(choice, asked)?),
-        (None, Known::Unknown) => None,
+        (None, LayerChoice::Chosen(choice)) => {
+            Some(detectors::selection_from_choice(choice, asked)?)
+        }
+        (None, LayerChoice::NeedsMemory) => None,
     };
     match chosen {
-        Some((parts, why)) if parts.iter().all(|(detector, _)| detector.in_layers()) => {
-            follow_parts((source, None), parts, why, asked, patience)
+        Some((parts, why)) if parts.iter().all(|(detector, _)| detector.is_streamable()) => {
+            run_detectors((source, None), parts, why, asked, patience)
         }
         // What needs the whole image has it.
         _ => {
-            detection::refuse_more(dims, detection::MOST_HELD)?;
-            detect_held(&layers.load()?, asked, patience)
+            detection::ensure_sample_count(dims, detection::MAX_IN_MEMORY_SAMPLES)?;
+            detect_in_memory(&layers.load()?, asked, patience)
         }
     }
 }
 
 /// The same of an image in memory.
-fn detect_held<const D: usize>(
+fn detect_in_memory<const D: usize>(
     image: &Image<D>,
-    asked: &Detection<D>,
-    patience: &Patience<'_>,
+    asked: &DetectionOptions<D>,
+    patience: &CancelToken<'_>,
 ) -> Result<Features<D>> {
-    let checked = detection::checked(image, asked)?;
+    let checked = detection::prepare_image(image, asked)?;
     let image = &*checked.image;
-    detection::refuse_constant(image)?;
-    let (parts, why) = detectors::chosen(image, asked)?;
-    let source = (Source::Held(image), checked.live.as_ref());
-    let mut features = follow_parts(source, parts, why, asked, patience)?;
+    detection::ensure_not_constant(image)?;
+    let (parts, why) = detectors::select_detectors(image, asked)?;
+    let source = (ImageSource::InMemory(image), checked.live_mask.as_ref());
+    let mut features = run_detectors(source, parts, why, asked, patience)?;
     features.notes.extend(checked.notes);
     features.missing = checked.missing;
     Ok(features)
 }
 
 /// Finds features by some detectors.
-fn follow_parts<const D: usize>(
-    (source, live): (Source<'_, D>, Option<&LiveMask<D>>),
-    parts: Vec<detectors::Part<D>>,
-    reason: Option<detectors::Reason>,
-    asked: &Detection<D>,
-    patience: &Patience<'_>,
+fn run_detectors<const D: usize>(
+    (source, live): (ImageSource<'_, D>, Option<&LiveMask<D>>),
+    parts: Vec<detectors::DetectorTask<D>>,
+    reason: Option<detectors::SelectionReason>,
+    asked: &DetectionOptions<D>,
+    patience: &CancelToken<'_>,
 ) -> Result<Features<D>> {
     let count = parts.len() as f64;
     let follow_whole = |(number, (detector, asked)): (usize, (_, _))| {
-        patience.part(number as f64 / count, (number + 1) as f64 / count);
-        let scene = Scene {
-            live,
-            ..Scene::new(source, &asked, patience)
+        patience.set_range(number as f64 / count, (number + 1) as f64 / count);
+        let scene = DetectorInput {
+            live_mask: live,
+            ..DetectorInput::new(source, &asked, patience)
         };
-        follow(&scene, detector, [[false; 2]; D])
+        run_detector(&scene, detector, [[false; 2]; D])
     };
     let found: Result<Vec<_>> = parts.into_iter().enumerate().map(follow_whole).collect();
-    let mut features = detectors::together(found?, source.dims(), asked)?;
+    let mut features = detectors::combine_features(found?, source.dims(), asked)?;
     if let Some(reason) = reason {
         features.notes.insert(0, reason.note);
         features.doubt = reason.doubt;
@@ -292,83 +297,83 @@ fn follow_parts<const D: usize>(
 /// [`Error::Interrupted`](crate::Error::Interrupted) once `patience` is over.
 pub(crate) fn detect_part<const D: usize>(
     part: &Image<D>,
-    asked: &Detection<D>,
-    settled: &[Settled],
-    open: &Open<D>,
-    patience: &Patience<'_>,
+    asked: &DetectionOptions<D>,
+    settled: &[ResolvedOptions],
+    open: &OpenSides<D>,
+    patience: &CancelToken<'_>,
 ) -> Result<Features<D>> {
-    let checked = detection::checked(part, asked)?;
+    let checked = detection::prepare_image(part, asked)?;
     let part = &*checked.image;
     if detection::is_constant(part) {
-        return Ok(Features::none(part.dims(), asked));
+        return Ok(Features::empty(part.dims(), asked));
     }
     let follow_part = |settled| {
-        let scene = Scene {
-            live: checked.live.as_ref(),
-            ..Scene::of_part(part, asked, settled, patience)
+        let scene = DetectorInput {
+            live_mask: checked.live_mask.as_ref(),
+            ..DetectorInput::for_part(part, asked, settled, patience)
         };
-        follow(&scene, detectors::again(settled.kind)?, *open)
+        run_detector(&scene, detectors::detector_for_part(settled.kind)?, *open)
     };
     let found: Result<Vec<_>> = settled.iter().map(follow_part).collect();
-    detectors::together(found?, part.dims(), asked)
+    detectors::combine_features(found?, part.dims(), asked)
 }
 
 /// The share of the work that is done once candidates are found, roughly, and once they are sheets.
-const FOUND: f64 = 0.85;
-const IN_SHEETS: f64 = 0.95;
+const PROGRESS_FOUND: f64 = 0.85;
+const PROGRESS_GROUPED: f64 = 0.95;
 
 /// A region is no use without its other side, even if that is nearer than atoms: interfaces between labels
 /// exclude parallel ones nearer than this, in units of the least distance between atoms.
-const OTHER_SIDE: f64 = 0.5;
+const INTERFACE_RESOLUTION: f64 = 0.5;
 
 /// Finds the features of one kind and their potential.
-fn follow<const D: usize>(
-    scene: &Scene<'_, D>,
+fn run_detector<const D: usize>(
+    scene: &DetectorInput<'_, D>,
     detector: &dyn Detector<D>,
-    open: Open<D>,
+    open: OpenSides<D>,
 ) -> Result<Features<D>> {
-    let (dims, asked, kind) = (scene.dims(), scene.asked, detector.kind());
-    detection::refuse_more(dims, detection::most_samples(detector))?;
+    let (dims, asked, kind) = (scene.dims(), scene.options, detector.kind());
+    detection::ensure_sample_count(dims, detection::max_samples(detector))?;
     let mut notes = Vec::new();
     let found = detector.find(scene, &mut notes);
-    scene.patience.reached(FOUND);
-    scene.patience.lasts(Stage::Features)?;
+    scene.cancel.set_fraction(PROGRESS_FOUND);
+    scene.cancel.check(Stage::Features)?;
     let mut found = found?;
-    match (scene.live, scene.source) {
+    match (scene.live_mask, scene.source) {
         (Some(live), _) => found.candidates.retain(|c| {
             let at = Volume::new(dims, &[]).coordinates(c.voxel.index());
             live.is_usable(at)
         }),
-        (None, Source::Held(image)) => {
-            found.drop_near_missing(image, detector.beyond_smoothing(), &mut notes, &Ranks)?;
+        (None, ImageSource::InMemory(image)) => {
+            found.drop_near_missing_data(image, detector.extra_reach(), &mut notes, &WorldComm)?;
         }
-        (None, Source::InLayers(_)) => (),
+        (None, ImageSource::Layered(_)) => (),
     }
     let thresholds = found.thresholds;
-    let rules = sheets::Rules {
+    let rules = surfaces::SurfaceRules {
         high: thresholds.high,
-        agreement: if found.sharp {
-            sheets::SHARP
+        agreement: if found.has_sharp_normals {
+            surfaces::SHARP_NORMALS
         } else {
-            sheets::BLUNT
+            surfaces::BLUNT_NORMALS
         },
-        resolution: asked.least()
+        resolution: asked.min_distance()
             * match found.labels {
-                Some(_) => OTHER_SIDE,
+                Some(_) => INTERFACE_RESOLUTION,
                 None => detector.resolution(),
             },
         min_area: match found.labels {
             // What is too small has gone before: of the rest everything is followed.
             Some(_) => 0.0,
-            None => scene.least_area(detector.least_sheet()),
+            None => scene.min_area(detector.min_surface_cells()),
         },
-        sure: detector.least_sure(),
-        least_width: detector.least_width(asked.d_min),
-        open,
+        min_strong_share: detector.min_strong_share(),
+        min_width: detector.min_width(asked.d_min),
+        open_sides: open,
     };
-    let group = &Ranks as &dyn Group;
-    let among = (group, scene.patience);
-    let mut sheets = sheets::sheets(
+    let group = &WorldComm as &dyn Comm;
+    let among = (group, scene.cancel);
+    let mut sheets = surfaces::extract_surfaces(
         dims,
         found.candidates,
         found.layers,
@@ -376,32 +381,33 @@ fn follow<const D: usize>(
         &rules,
         among,
     )?;
-    scene.patience.reached(IN_SHEETS);
+    scene.cancel.set_fraction(PROGRESS_GROUPED);
     sheets.describe(kind, &rules, &mut notes);
     let sigma = asked.d_max() / 4.0;
-    let gaps = asked.gaps();
+    let gaps = asked.gap_distance_range();
     // Labels look at all points.
-    let in_shares = asked.in_shares && found.labels.is_none();
-    let among: &dyn Group = match in_shares {
+    let in_shares = asked.is_distributed && found.labels.is_none();
+    let among: &dyn Comm = match in_shares {
         true => group,
         false => {
-            sheets = sheets.gathered(group)?;
-            &Alone
+            sheets = sheets.gather(group)?;
+            &SelfComm
         }
     };
     // Edges do not cross at small angles, but their normals scatter in noise. Other sheets, which may run as
     // near one another as points of one do, are told apart by theirs.
-    let sheet = (kind == FeatureKind::Edges).then_some(&sheets.sheet[..]);
+    let sheet = (kind == FeatureKind::Edges).then_some(&sheets.surface[..]);
     let spacing = gaps.map(|[least, most]| {
         let points = &sheets.points;
         let of_labels = found.labels.is_some();
         let finest = if of_labels {
-            labels::LEAST_IN_THIN * least
+            labels::MIN_THIN_DISTANCE_RATIO * least
         } else {
             least
         };
         let limits = [finest, most];
-        let mut spacing = gaps::spacing(dims, points, sheet, asked.step, limits, among)?;
+        let mut spacing =
+            local_feature_size::spacing(dims, points, sheet, asked.step, limits, among)?;
         if of_labels {
             let gaps = spacing.iter_mut();
             gaps.for_each(|gap| *gap = labels::distance_in_gap(*gap, [least, most]));
@@ -418,78 +424,90 @@ fn follow<const D: usize>(
         if labels.is_some() {
             limits[0] = spacing.iter().fold(limits[0], |d, s| d.min(f64::from(*s)));
         }
-        notes.push(gaps::note(spacing, limits, among)?);
+        notes.push(local_feature_size::spacing_note(spacing, limits, among)?);
     }
     let own = match scene.source {
-        Source::Held(image) => detector.potential(image),
-        Source::InLayers(_) => None,
+        ImageSource::InMemory(image) => detector.potential(image),
+        ImageSource::Layered(_) => None,
     };
     let potential = match own {
-        Some(samples) => Sparse::of(&field(dims, asked, samples)),
+        Some(samples) => SparseField::from_field(&sample_field(dims, asked, samples)),
         None => {
-            let FoundSheets { points, rim, .. } = &sheets;
+            let FeatureSurfaces {
+                points,
+                is_rim: rim,
+                ..
+            } = &sheets;
             // A valley is as wide as a quarter of the distance that atoms have there (Hale 2002).
-            let valleys = Valleys {
+            let valleys = PotentialValleys {
                 dims,
                 step: asked.step,
                 sigma,
                 points: Cow::Borrowed(points),
-                rim: Cow::Borrowed(rim),
+                is_rim: Cow::Borrowed(rim),
                 spacing: spacing.as_deref().map(Cow::Borrowed),
             };
-            match (in_shares, asked.in_shares) {
-                (false, false) => valleys.potential(scene.patience),
-                (false, true) => valleys.share(group, scene.patience),
-                (true, _) => valleys.of_share(group)?.share(group, scene.patience),
+            match (in_shares, asked.is_distributed) {
+                (false, false) => valleys.potential(scene.cancel),
+                (false, true) => valleys.distributed_potential(group, scene.cancel),
+                (true, _) => valleys
+                    .gather_for_share(group)?
+                    .distributed_potential(group, scene.cancel),
             }
         }
     };
-    scene.patience.lasts(Stage::Features)?;
+    scene.cancel.check(Stage::Features)?;
     let is_horizon = kind == FeatureKind::Horizons;
     let outcome = KindOutcome {
         kind,
-        points: sheets.whole,
-        left_out: sheets.left_out,
+        points: sheets.total_points,
+        dropped: sheets.dropped,
         signal_to_noise: found.signal_to_noise,
         gently_dipping: match kind {
             FeatureKind::Faults => {
                 let geometry = scene.source.geometry();
-                outcome::gently_dipping(&sheets.points, geometry, asked.step, among)?
+                outcome::gently_dipping_share(&sheets.points, geometry, asked.step, among)?
             }
             _ => None,
         },
     };
     Ok(Features {
         on_horizon: vec![is_horizon; sheets.points.len()],
-        in_shares: in_shares.then_some(OfAll {
-            points: sheets.whole,
-            on_horizon: if is_horizon { sheets.whole } else { 0 },
+        global_counts: in_shares.then_some(PointCounts {
+            points: sheets.total_points,
+            on_horizon: if is_horizon { sheets.total_points } else { 0 },
         }),
         points: sheets.points,
-        sheet: sheets.sheet,
+        surface: sheets.surface,
         spacing,
         potential,
         sigma,
         outcomes: vec![outcome],
         missing: None,
         notes,
-        settled: vec![Settled {
+        resolved: vec![ResolvedOptions {
             kind,
             scale: found.scale,
             low: thresholds.low,
             high: thresholds.high,
             min_area: rules.min_area,
-            mask: found.mask,
+            mask: found.mask_value,
         }],
         labels,
-        confidence: found.confidence.map(|samples| field(dims, asked, samples)),
+        confidence: found
+            .confidence
+            .map(|samples| sample_field(dims, asked, samples)),
         doubt: None,
     })
 }
 
 /// A field of the image's samples in lattice space.
-fn field<const D: usize>(dims: [usize; D], asked: &Detection<D>, samples: Vec<f32>) -> Field<D> {
-    Field {
+fn sample_field<const D: usize>(
+    dims: [usize; D],
+    asked: &DetectionOptions<D>,
+    samples: Vec<f32>,
+) -> ScalarField<D> {
+    ScalarField {
         dims,
         step: asked.step,
         samples,

@@ -1,18 +1,18 @@
 //! What was found of each kind of feature, what of it is followed, and how credible it is.
 
-use super::{FeatureKind, FeaturePoint, LeftOut};
+use super::{DroppedPoints, FeatureKind, FeaturePoint};
+use crate::comm::Comm;
 use crate::error::Result;
 use crate::geometry::norm;
 use crate::image::Geometry;
-use crate::image::time::seconds;
-use crate::ranks::Group;
+use crate::image::time::seconds_per_unit;
 use serde::Serialize;
 
 /// Faults seldom dip by less than this, in degrees; layers mostly do.
-pub const LEAST_DIP: f64 = 30.0;
+pub const MIN_FAULT_DIP: f64 = 30.0;
 
 /// The velocity, in metres a second, that makes depth of two-way time where none is given.
-const VELOCITY: f64 = 2000.0;
+const DEFAULT_VELOCITY: f64 = 2000.0;
 
 /// The features of one kind in an image.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -22,7 +22,7 @@ pub struct KindOutcome {
     /// Number of points that the mesh follows.
     pub points: usize,
     /// Number of points that it does not follow, by the reason.
-    pub left_out: LeftOut,
+    pub dropped: DroppedPoints,
     /// The typical strength, over that of noise; `None` where noise is not measured.
     pub signal_to_noise: Option<f32>,
     /// Of faults: the share of the points at which they dip by less than [`LEAST_DIP`]; two-way time is taken
@@ -33,16 +33,16 @@ pub struct KindOutcome {
 impl KindOutcome {
     /// Returns the share of the points that are strong enough but dropped: because a stronger feature is near,
     /// or because the piece that they belong to is small or narrow.
-    pub fn dropped(&self) -> f64 {
-        let dropped = self.left_out.in_pieces();
+    pub fn dropped_share(&self) -> f64 {
+        let dropped = self.dropped.strong_count();
         dropped as f64 / (dropped + self.points).max(1) as f64
     }
 }
 
-impl LeftOut {
+impl DroppedPoints {
     /// Returns the number of points that were left out for another reason than their strength.
-    pub fn in_pieces(&self) -> usize {
-        self.near_another_sheet + self.in_small_pieces + self.in_narrow_parts
+    pub fn strong_count(&self) -> usize {
+        self.near_another_surface + self.in_small_pieces + self.in_narrow_parts
     }
 }
 
@@ -60,15 +60,15 @@ pub struct MissingData {
 ///
 /// # Errors
 /// Those of other ranks.
-pub(super) fn gently_dipping<const D: usize>(
+pub(super) fn gently_dipping_share<const D: usize>(
     points: &[FeaturePoint<D>],
     geometry: &Geometry<D>,
     step: [f64; D],
-    group: &dyn Group,
+    group: &dyn Comm,
 ) -> Result<Option<f64>> {
-    let vertical = geometry.time_axis().unwrap_or(D - 1);
-    let scale = |c: usize| match seconds(&geometry.units[c]) {
-        Some(seconds) => 0.5 * VELOCITY * seconds,
+    let vertical = geometry.time_coordinate().unwrap_or(D - 1);
+    let scale = |c: usize| match seconds_per_unit(&geometry.units[c]) {
+        Some(seconds) => 0.5 * DEFAULT_VELOCITY * seconds,
         None => 1.0,
     };
     // A normal times each of the axes is the slope along that axis of the image.
@@ -81,11 +81,11 @@ pub(super) fn gently_dipping<const D: usize>(
         let normal: Option<[f64; D]> = slopes.to_index(slope);
         normal.is_some_and(|normal| {
             let length = norm(normal);
-            normal[vertical].abs() > LEAST_DIP.to_radians().cos() * length
+            normal[vertical].abs() > MIN_FAULT_DIP.to_radians().cos() * length
         })
     };
     let own = [points.iter().filter(is_gentle).count(), points.len()];
-    let all = group.all("points that dip gently", own)?;
+    let all = group.all_gather("points that dip gently", own)?;
     let [gentle, count] = all
         .iter()
         .fold([0, 0], |sum, n| [sum[0] + n[0], sum[1] + n[1]]);
@@ -95,7 +95,7 @@ pub(super) fn gently_dipping<const D: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ranks::Alone;
+    use crate::comm::SelfComm;
 
     #[test]
     fn dips_are_those_in_the_world() {
@@ -120,14 +120,14 @@ mod tests {
                 normal: slope.map(|c| (c / length) as f32),
                 strength: 1.0,
             };
-            gently_dipping(&[point], &survey, [1.0; 3], &Alone).unwrap()
+            gently_dipping_share(&[point], &survey, [1.0; 3], &SelfComm).unwrap()
         };
         for azimuth in [0.0, 50.0, 90.0, 200.0] {
             assert_eq!(share(28.0, azimuth), Some(1.0), "{azimuth}");
             assert_eq!(share(32.0, azimuth), Some(0.0), "{azimuth}");
         }
         assert_eq!(
-            gently_dipping(&[], &survey, [1.0; 3], &Alone).unwrap(),
+            gently_dipping_share(&[], &survey, [1.0; 3], &SelfComm).unwrap(),
             None
         );
     }

@@ -9,82 +9,86 @@
 //! The bell is cut at 3 sigma and lowered by what is left there, so that b falls to exactly 0.
 
 use super::FeaturePoint;
+use crate::comm::{Comm, concatenate};
 use crate::error::Result;
 use crate::geometry::dot;
-use crate::geometry::wide::wide;
-use crate::image::Sparse;
-use crate::observer::Patience;
-use crate::ranks::{Group, joined};
+use crate::geometry::simd::dispatch_simd;
+use crate::image::SparseField;
+use crate::progress::CancelToken;
 use std::borrow::Cow;
 use std::ops::Range;
 
 /// The bell is cut at this many sigma.
-const CUT: f64 = 3.0;
+const CUTOFF_SIGMAS: f64 = 3.0;
 
 /// Radius of a point's disc, in samples: half the diagonal of a column's cell, and a bit, so that the
 /// discs of neighbouring columns overlap.
-const DISC: f32 = 0.75;
+const DISC_RADIUS: f32 = 0.75;
 
 /// Only samples farther off than the bell's cut by this (samples) are passed over: far more than is rounded away.
-const MARGIN: f32 = 0.01;
+const CUTOFF_MARGIN: f32 = 0.01;
 
 /// Axes along which a normal is at least this much as fast as along its fastest one lead, too.
-const LEADING: f32 = 0.95;
+const MIN_LEADING_RATIO: f32 = 0.95;
 
 /// The valleys of a potential on a grid of `dims` samples, the widest of which are `sigma` wide.
 #[derive(Clone)]
-pub struct Valleys<'a, const D: usize> {
+pub struct PotentialValleys<'a, const D: usize> {
     pub dims: [usize; D],
     pub step: [f64; D],
     pub sigma: f64,
     /// Feature points in the order of samples.
     pub points: Cow<'a, [FeaturePoint<D>]>,
     /// For each whether its sheet ends there.
-    pub rim: Cow<'a, [bool]>,
+    pub is_rim: Cow<'a, [bool]>,
     /// For each the distance between atoms, a quarter of which its valley is wide.
     pub spacing: Option<Cow<'a, [f32]>>,
 }
 
 /// A point, whether its sheet ends there, and the distance between atoms.
-type Told<const D: usize> = (FeaturePoint<D>, (bool, Option<f32>));
+type ValleyPoint<const D: usize> = (FeaturePoint<D>, (bool, Option<f32>));
 
-impl<const D: usize> Valleys<'_, D> {
+impl<const D: usize> PotentialValleys<'_, D> {
     /// Of all points.
-    pub fn potential(&self, patience: &Patience<'_>) -> Sparse<D> {
-        Sparse::by_layers(self.dims, self.step, |layers, samples: &mut Vec<f32>| {
-            self.dig(layers, samples, patience);
+    pub fn potential(&self, patience: &CancelToken<'_>) -> SparseField<D> {
+        SparseField::from_layers(self.dims, self.step, |layers, samples: &mut Vec<f32>| {
+            self.compute_layers(layers, samples, patience);
         })
     }
 
     /// The same, of which each of a group makes, and has, a share; these are all points or those [of the
     /// share](Self::of_share).
-    pub fn share(&self, group: &dyn Group, patience: &Patience<'_>) -> Sparse<D> {
+    pub fn distributed_potential(
+        &self,
+        group: &dyn Comm,
+        patience: &CancelToken<'_>,
+    ) -> SparseField<D> {
         let make = |layers: Range<usize>, samples: &mut Vec<f32>| {
-            self.dig(layers, samples, patience);
+            self.compute_layers(layers, samples, patience);
         };
-        Sparse::by_layers_in_shares(self.dims, self.step, group, make)
+        SparseField::from_layers_distributed(self.dims, self.step, group, make)
     }
 
     /// Those that this one's share of the potential depends on, where each has some points.
     ///
     /// # Errors
     /// Those of the others.
-    pub fn of_share(self, group: &dyn Group) -> Result<Valleys<'static, D>> {
-        let of = |rank: usize| -> Vec<Told<D>> {
-            let layers = Sparse::layers_of_share(self.dims, rank, group.count());
+    pub fn gather_for_share(self, group: &dyn Comm) -> Result<PotentialValleys<'static, D>> {
+        let of = |rank: usize| -> Vec<ValleyPoint<D>> {
+            let layers = SparseField::rank_layers(self.dims, rank, group.size());
             let spacing = |i: usize| self.spacing.as_ref().map(|d| d[i]);
-            let whole = |i: usize| (self.points[i], (self.rim[i], spacing(i)));
-            self.near(&layers).map(whole).collect()
+            let whole = |i: usize| (self.points[i], (self.is_rim[i], spacing(i)));
+            self.points_near(&layers).map(whole).collect()
         };
-        let told = group.pass("points near layers", (0..group.count()).map(of).collect())?;
-        let (points, rest): (Vec<_>, Vec<_>) = joined(told).into_iter().unzip();
+        let told = group.all_to_all("points near layers", (0..group.size()).map(of).collect())?;
+        let (points, rest): (Vec<_>, Vec<_>) = concatenate(told).into_iter().unzip();
         let (rim, spacing): (Vec<_>, Vec<_>) = rest.into_iter().unzip();
-        Ok(Valleys {
+        Ok(PotentialValleys {
             dims: self.dims,
             step: self.step,
             sigma: self.sigma,
             points: points.into(),
-            rim: rim.into(),
+            is_rim: rim.into(),
             spacing: self
                 .spacing
                 .and(spacing.into_iter().collect::<Option<Vec<f32>>>())
@@ -93,13 +97,13 @@ impl<const D: usize> Valleys<'_, D> {
     }
 
     /// Which of the points may have their valleys in some layers.
-    fn near(&self, layers: &Range<usize>) -> Range<usize> {
+    fn points_near(&self, layers: &Range<usize>) -> Range<usize> {
         let (points, last) = (&self.points, D - 1);
         if layers.is_empty() {
             return 0..0;
         }
         // Points are sorted by their samples, so along the last axis within half a sample and a bit.
-        let reach = CUT * self.sigma + 2.5 * self.step[last];
+        let reach = CUTOFF_SIGMAS * self.sigma + 2.5 * self.step[last];
         let height = |p: &FeaturePoint<D>| f64::from(p.position[last]);
         let [low, high] = [layers.start, layers.end].map(|at| at as f64 * self.step[last]);
         let start = points.partition_point(|p| height(p) < low - reach);
@@ -110,32 +114,37 @@ impl<const D: usize> Valleys<'_, D> {
     }
 
     /// The samples of some layers.
-    fn dig(&self, layers: Range<usize>, samples: &mut Vec<f32>, patience: &Patience<'_>) {
+    fn compute_layers(
+        &self,
+        layers: Range<usize>,
+        samples: &mut Vec<f32>,
+        patience: &CancelToken<'_>,
+    ) {
         let last = D - 1;
         let layer: usize = self.dims[..last].iter().product();
         samples.clear();
         samples.resize(layer * layers.len(), f32::INFINITY);
-        let near = self.near(&layers);
+        let near = self.points_near(&layers);
         let mut dims = self.dims;
         dims[last] = layers.len();
         let mut splat = Splat {
             dims,
             step: self.step.map(|h| h as f32),
-            from: layers.start,
+            first_layer: layers.start,
             out: samples,
             sigma: self.sigma as f32,
         };
         for i in near {
-            if patience.over() {
+            if patience.is_cancelled() {
                 break;
             }
             splat.sigma = (self.spacing.as_ref()).map_or(self.sigma as f32, |d| d[i] / 4.0);
             splat.add(&self.points[i]);
-            if self.rim[i] {
-                splat.add_round(&self.points[i]);
+            if self.is_rim[i] {
+                splat.add_disc_rim(&self.points[i]);
             }
         }
-        bells(samples);
+        distances_to_valleys(samples);
     }
 }
 
@@ -146,7 +155,7 @@ struct Splat<'a, const D: usize> {
     dims: [usize; D],
     step: [f32; D],
     /// The slab's first layer.
-    from: usize,
+    first_layer: usize,
     out: &'a mut [f32],
     /// Width of the valley of the point at hand.
     sigma: f32,
@@ -154,13 +163,13 @@ struct Splat<'a, const D: usize> {
 
 impl<const D: usize> Splat<'_, D> {
     /// A point in samples.
-    fn in_samples(&self, position: [f32; D]) -> [f32; D] {
+    fn to_samples(&self, position: [f32; D]) -> [f32; D] {
         std::array::from_fn(|k| position[k] / self.step[k])
     }
 
     /// The first sample of the slab along an axis, and the one after its last.
-    fn ends(&self, k: usize) -> [usize; 2] {
-        let first = if k == D - 1 { self.from } else { 0 };
+    fn axis_range(&self, k: usize) -> [usize; 2] {
+        let first = if k == D - 1 { self.first_layer } else { 0 };
         [first, first + self.dims[k]]
     }
 
@@ -171,18 +180,18 @@ impl<const D: usize> Splat<'_, D> {
         let speed: [f32; D] = std::array::from_fn(|k| n[k] / self.step[k]);
         let most = speed.iter().fold(0.0f32, |a, s| a.max(s.abs()));
         // Where the leading axis changes along a sheet, both must lead or there is a gap.
-        for axis in (0..D).filter(|&k| speed[k].abs() >= LEADING * most) {
+        for axis in (0..D).filter(|&k| speed[k].abs() >= MIN_LEADING_RATIO * most) {
             self.add_along(axis, point, speed);
         }
     }
 
     /// The same, sample by sample along one axis.
     fn add_along(&mut self, axis: usize, point: &FeaturePoint<D>, speed: [f32; D]) {
-        let centre = self.in_samples(point.position);
+        let centre = self.to_samples(point.position);
         let slope = speed.map(|s| s / speed[axis]);
-        let reach = CUT as f32 * self.sigma * speed[axis].abs();
+        let reach = CUTOFF_SIGMAS as f32 * self.sigma * speed[axis].abs();
         let lateral = |k: usize| (axis + k) % D;
-        let radius = DISC * (1..D).map(|k| self.step[lateral(k)]).fold(0.0, f32::max);
+        let radius = DISC_RADIUS * (1..D).map(|k| self.step[lateral(k)]).fold(0.0, f32::max);
         for j in (centre[axis] - reach).ceil() as i32..=(centre[axis] + reach).floor() as i32 {
             let along = j as f32 - centre[axis];
             let low: [i32; D] =
@@ -199,15 +208,15 @@ impl<const D: usize> Splat<'_, D> {
     }
 
     /// Lowers the squared distances all round the point to those from its disc.
-    fn add_round(&mut self, point: &FeaturePoint<D>) {
+    fn add_disc_rim(&mut self, point: &FeaturePoint<D>) {
         let (h, n) = (self.step, point.normal);
-        let centre = self.in_samples(point.position);
-        let radius = DISC * h.iter().fold(f32::INFINITY, |a, &b| a.min(b));
+        let centre = self.to_samples(point.position);
+        let radius = DISC_RADIUS * h.iter().fold(f32::INFINITY, |a, &b| a.min(b));
         let scale = 1.0 / (self.sigma * self.sigma);
         let (mut low, mut span) = ([0usize; D], [0usize; D]);
         for k in 0..D {
-            let reach = CUT as f32 * self.sigma / h[k];
-            let ends = self.ends(k).map(|end| end as i32);
+            let reach = CUTOFF_SIGMAS as f32 * self.sigma / h[k];
+            let ends = self.axis_range(k).map(|end| end as i32);
             let first = ((centre[k] - reach).ceil() as i32).max(ends[0]);
             let end = ((centre[k] + reach).floor() as i32 + 1).min(ends[1]);
             if first >= end {
@@ -216,7 +225,7 @@ impl<const D: usize> Splat<'_, D> {
             (low[k], span[k]) = (first as usize, (end - first) as usize);
         }
         // Farther from the point than this, no sample is within the cut from its disc.
-        let most = CUT as f32 * self.sigma + radius + MARGIN * h[0];
+        let most = CUTOFF_SIGMAS as f32 * self.sigma + radius + CUTOFF_MARGIN * h[0];
         for number in 0..span[1..].iter().product() {
             let (mut rest, mut start): (usize, usize) = (number, 0);
             let mut at = low;
@@ -233,7 +242,7 @@ impl<const D: usize> Splat<'_, D> {
                 continue;
             }
             for k in (1..D).rev() {
-                start = (start + at[k] - self.ends(k)[0]) * self.dims[k - 1];
+                start = (start + at[k] - self.axis_range(k)[0]) * self.dims[k - 1];
             }
             let half = half.sqrt() / h[0];
             let first = ((centre[0] - half).ceil() as i32).max(low[0] as i32);
@@ -242,10 +251,10 @@ impl<const D: usize> Splat<'_, D> {
                 continue;
             }
             let (first, end) = (first as usize, end as usize);
-            let before = start - self.ends(0)[0];
+            let before = start - self.axis_range(0)[0];
             let (from, skipped) = ((low[0] as f32 - centre[0]) * h[0], first - low[0]);
             let row = &mut self.out[before + first..before + end];
-            wide(
+            dispatch_simd(
                 #[inline(always)]
                 || {
                     for (x, nearest) in row.iter_mut().enumerate() {
@@ -265,7 +274,7 @@ impl<const D: usize> Splat<'_, D> {
     fn lower(&mut self, at: [i32; D], centre: [f32; D], n: [f32; D], radius: f32) {
         let mut i = 0;
         for k in (0..D).rev() {
-            let [first, end] = self.ends(k);
+            let [first, end] = self.axis_range(k);
             if at[k] < first as i32 || at[k] >= end as i32 {
                 return;
             }
@@ -280,8 +289,8 @@ impl<const D: usize> Splat<'_, D> {
 }
 
 /// Squared distances in widths of valleys -> valleys.
-fn bells(samples: &mut [f32]) {
-    let cut = (CUT * CUT) as f32;
+fn distances_to_valleys(samples: &mut [f32]) {
+    let cut = (CUTOFF_SIGMAS * CUTOFF_SIGMAS) as f32;
     let rest = (-0.5 * cut).exp();
     for s in samples {
         let u = *s;
@@ -295,21 +304,25 @@ fn bells(samples: &mut [f32]) {
 
 #[cfg(test)]
 mod tests {
-    use crate::feature::scenes::{Sheet, ridge_image};
-    use crate::feature::{Detection, FeatureKind, detect};
+    use crate::feature::scenes::{ExactSurface, ridge_image};
+    use crate::feature::{DetectionOptions, FeatureKind, detect};
 
     #[test]
     fn the_valley_is_gaussian_across_and_even_along() {
         let dims = [48, 44, 40];
         let sheets = [
-            Sheet::plane([1.0, 0.45, 0.3], [22.0, 22.0, 20.0]),
-            Sheet::plane([-0.4, 1.0, 0.2], [24.0, 24.0, 20.0]),
+            ExactSurface::plane([1.0, 0.45, 0.3], [22.0, 22.0, 20.0]),
+            ExactSurface::plane([-0.4, 1.0, 0.2], [24.0, 24.0, 20.0]),
         ];
         let image = ridge_image(dims, &sheets, 1.5, 0.0);
         let d_min = 8.0;
-        let features = detect(&image, &Detection::of(FeatureKind::Ridges, d_min)).unwrap();
+        let features = detect(
+            &image,
+            &DetectionOptions::with_kind(FeatureKind::Ridges, d_min),
+        )
+        .unwrap();
         let (sigma, rest) = (features.sigma, (-4.5f64).exp());
-        let potential = features.potential.dense();
+        let potential = features.potential.to_dense();
         assert_eq!(sigma, d_min / 4.0);
         // Off the crossing, and at it (where both sheets are within three samples).
         let (mut worst, mut deepest) = ([0.0f64; 2], 0.0f32);

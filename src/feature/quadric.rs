@@ -1,14 +1,14 @@
 //! A sheet near a place as a quadratic surface.
 
-use crate::geometry::wide::wide;
+use crate::geometry::simd::dispatch_simd;
 
 /// Expected error of a point (samples) ...
-const ERROR: f64 = 0.15;
+const POINT_ERROR: f64 = 0.15;
 /// ... and expected second-order coefficient of a sheet (per sample): radius of curvature a hundred.
-const BEND: f64 = 0.005;
+const CURVATURE_PRIOR: f64 = 0.005;
 
 /// The column of heights.
-const HEIGHT: usize = 6;
+const HEIGHT_COLUMN: usize = 6;
 
 /// A quadratic surface (in 2-D a parabola) through points, by weighted least squares.
 pub struct Quadric<const D: usize> {
@@ -20,7 +20,7 @@ pub struct Quadric<const D: usize> {
 
 impl<const D: usize> Quadric<D> {
     /// Constant, slopes and bends: fewer points carry no fit.
-    pub const TERMS: usize = D * (D + 1) / 2;
+    pub const TERM_COUNT: usize = D * (D + 1) / 2;
 
     /// No points yet; their weights fall within `radius` samples.
     pub fn new(radius: i32) -> Self {
@@ -40,7 +40,7 @@ impl<const D: usize> Quadric<D> {
     pub fn add_all(&mut self, points: &[[f32; D]], axis: usize, weights: &mut Vec<f64>) {
         weights.clear();
         weights.extend(points.iter().map(|away| self.weight(*away, axis)));
-        wide(
+        dispatch_simd(
             #[inline(always)]
             || {
                 // A copy of their own stays in registers.
@@ -56,7 +56,7 @@ impl<const D: usize> Quadric<D> {
     fn weight(&self, away: [f32; D], axis: usize) -> f64 {
         let along = (1..D).map(|k| f64::from(away[(axis + k) % D]));
         let squares: f64 = along.map(|x| x * x).sum();
-        (-0.5 * squares / (self.width * self.width)).exp() / (ERROR * ERROR)
+        (-0.5 * squares / (self.width * self.width)).exp() / (POINT_ERROR * POINT_ERROR)
     }
 
     #[inline(always)]
@@ -72,9 +72,9 @@ impl<const D: usize> Quadric<D> {
                 bend += 1;
             }
         }
-        row[HEIGHT] = f64::from(away[axis]);
+        row[HEIGHT_COLUMN] = f64::from(away[axis]);
         // The lower half as well: it costs less than leaving it out.
-        for (i, equation) in equations.iter_mut().enumerate().take(Self::TERMS) {
+        for (i, equation) in equations.iter_mut().enumerate().take(Self::TERM_COUNT) {
             let share = weight * row[i];
             for j in 0..8 {
                 equation[j] += share * row[j];
@@ -85,13 +85,13 @@ impl<const D: usize> Quadric<D> {
     /// The terms' coefficients, with the prior on bends, by Cholesky; constant and slopes first.
     pub fn solve(mut self) -> Option<[f64; 6]> {
         let m = &mut self.equations;
-        for i in D..Self::TERMS {
-            m[i][i] += 1.0 / (BEND * BEND);
+        for i in D..Self::TERM_COUNT {
+            m[i][i] += 1.0 / (CURVATURE_PRIOR * CURVATURE_PRIOR);
         }
-        for i in 0..Self::TERMS {
+        for i in 0..Self::TERM_COUNT {
             for k in 0..i {
                 let f = m[k][i] / m[k][k];
-                for j in (i..Self::TERMS).chain([HEIGHT]) {
+                for j in (i..Self::TERM_COUNT).chain([HEIGHT_COLUMN]) {
                     m[i][j] -= f * m[k][j];
                 }
             }
@@ -100,9 +100,9 @@ impl<const D: usize> Quadric<D> {
             }
         }
         let mut c = [0.0; 6];
-        for i in (0..Self::TERMS).rev() {
-            let sum: f64 = (i + 1..Self::TERMS).map(|j| m[i][j] * c[j]).sum();
-            c[i] = (m[i][HEIGHT] - sum) / m[i][i];
+        for i in (0..Self::TERM_COUNT).rev() {
+            let sum: f64 = (i + 1..Self::TERM_COUNT).map(|j| m[i][j] * c[j]).sum();
+            c[i] = (m[i][HEIGHT_COLUMN] - sum) / m[i][i];
         }
         Some(c)
     }

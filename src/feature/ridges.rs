@@ -11,25 +11,25 @@
 //! w held fixed, so that every column of samples that the sheet passes gets one point: neither holes
 //! nor doubles.
 
-use super::crossing::{Candidate, along_axis, dominant_axes};
-use super::rows::Curvature;
-use super::slab::Slab;
-use super::symmetric::{eigenvalues, eigenvector};
-use super::windows::{Own, Samples, Window};
+use super::candidate::{Candidate, dominant_axes, ridge_offset};
+use super::candidate_slab::CandidateSlab;
+use super::eigen::{eigenvalues, eigenvector};
+use super::hessian::Curvature;
+use super::windows::{LayerWindow, Samples, WindowInterior};
 use crate::error::Result;
 use crate::feature::volume::Volume;
 use crate::image::LiveMask;
-use crate::observer::Patience;
+use crate::progress::CancelToken;
 
 /// A Gaussian ridge as wide as the smoothing has, in the smoothed image, sigma^2 times its second
 /// derivative lower than its height by this factor.
-pub const HEIGHT: f64 = 2.828_427_124_746_19;
+pub const HEIGHT_FACTOR: f64 = 2.828_427_124_746_19;
 
 /// The second direction is tried where its eigenvalue is at least this share of the first one.
-const SECOND: f32 = 0.4;
+const MIN_SECOND_RATIO: f32 = 0.4;
 
 /// How far (samples) differences look.
-pub const REACH: usize = 3;
+pub const DIFFERENCE_REACH: usize = 3;
 
 /// Ridge points whose strength is at least `low`, in the order of samples, of the own layers of a window
 /// with a halo of [`REACH`], smoothed with a Gaussian of width `sigma` samples.
@@ -37,30 +37,30 @@ pub const REACH: usize = 3;
 /// The strength is -sigma^2 times the second derivative across the ridge, scaled to be the ridge's
 /// height if the ridge was a Gaussian of width `sigma` before smoothing.
 pub fn ridges<const D: usize>(
-    window: &Window<'_, D>,
+    window: &LayerWindow<'_, D>,
     sigma: f64,
     low: f32,
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> Vec<Candidate<D>> {
-    window.by_rows(patience, |first, curvature: &mut Curvature, found| {
+    window.map_rows(patience, |first, curvature: &mut Curvature, found| {
         curvature.measure(window.smoothed.volume, first);
-        row(window, sigma, low, first, curvature, found);
+        ridges_of_row(window, sigma, low, first, curvature, found);
     })
 }
 
 /// Standard deviation of the Laplacian of smoothed white noise over the median of [`sideways`]: its
 /// Hessian's pure entries have variance 3, covariance 1, and its mixed entries variance 1.
-const fn median_to_noise(dimensions: usize) -> f64 {
+const fn noise_per_median(dimensions: usize) -> f64 {
     if dimensions == 3 { 4.061 } else { 3.941 }
 }
 
 /// Ratio of noise to typical strength (one where there is only white noise) from which ridges drown.
-const DROWNED: f32 = 0.5;
+const MAX_NOISE_RATIO: f32 = 0.5;
 
 /// What the image says about ridge strengths, seen on one row in sixteen (in 2-D on all), of large volumes in
 /// some of the layers.
 #[derive(Debug, Clone, Copy)]
-pub struct Statistics {
+pub struct RidgeStatistics {
     /// What noise does to the Laplacian (standard deviation), in units of strength. Sheets bend the
     /// image in one direction only, so the other eigenvalues of the Hessian tell of noise even
     /// where sheets are dense.
@@ -69,10 +69,10 @@ pub struct Statistics {
     pub typical: f32,
 }
 
-impl Statistics {
+impl RidgeStatistics {
     /// Whether noise hides ridges at this scale.
-    pub fn drowned(&self) -> bool {
-        self.noise > DROWNED * self.typical
+    pub fn is_drowned(&self) -> bool {
+        self.noise > MAX_NOISE_RATIO * self.typical
     }
 
     /// Strengths down to which a sheet is followed, and which it must reach somewhere: above the
@@ -81,7 +81,7 @@ impl Statistics {
     pub fn thresholds(&self) -> (f32, f32) {
         let low = (1.75 * self.noise).max(0.25 * self.typical);
         let high = (2.5 * self.noise).max(0.5 * self.typical);
-        if !self.drowned() {
+        if !self.is_drowned() {
             (low.min(0.5 * self.typical), high.min(0.9 * self.typical))
         } else {
             (low, high)
@@ -97,26 +97,26 @@ pub fn statistics<const D: usize>(
     samples: &Samples<'_, D>,
     sigma: f64,
     live: Option<&LiveMask<D>>,
-    patience: &Patience<'_>,
-) -> Result<Statistics> {
+    patience: &CancelToken<'_>,
+) -> Result<RidgeStatistics> {
     let every = if D == 3 { 16 } else { 1 };
     let mut parts: Vec<(Vec<f32>, Vec<f32>)> = Vec::new();
-    let some = |own: &Own| {
+    let some = |own: &WindowInterior| {
         let number = own.layers.start / own.layers.len();
-        usize::from(number.is_multiple_of(samples.one_in()))
+        usize::from(number.is_multiple_of(samples.window_stride()))
     };
-    let mut measure = |window: &Window<'_, D>| {
-        window.by_rows(patience, |first, curvature: &mut Curvature, parts| {
-            let place = window.smoothed.in_volume(first);
+    let mut measure = |window: &LayerWindow<'_, D>| {
+        window.map_rows(patience, |first, curvature: &mut Curvature, parts| {
+            let place = window.smoothed.to_volume(first);
             let number: usize = (1..D).map(|k| place[k] * [1, 1, 7][k]).sum();
             if !number.is_multiple_of(every) {
                 return;
             }
             curvature.measure(window.smoothed.volume, first);
             let mut found = Vec::new();
-            row(window, sigma, 0.0, first, curvature, &mut found);
-            let [lowest, next] = &curvature.lowest;
-            let magnitude = |x: usize| sideways::<D>(lowest[x], next[x]);
+            ridges_of_row(window, sigma, 0.0, first, curvature, &mut found);
+            let [lowest, next] = &curvature.lowest_eigenvalues;
+            let magnitude = |x: usize| lateral_curvature::<D>(lowest[x], next[x]);
             let is_usable = |x: &usize| {
                 let at = std::array::from_fn(|k| if k == 0 { *x } else { place[k] });
                 live.is_none_or(|live| live.is_usable(at))
@@ -133,7 +133,14 @@ pub fn statistics<const D: usize>(
         })
     };
     let mut take = |found: Vec<(Vec<f32>, Vec<f32>)>| parts.extend(found);
-    samples.each(REACH, None, &some, patience, &mut measure, &mut take)?;
+    samples.for_each_window(
+        DIFFERENCE_REACH,
+        None,
+        &some,
+        patience,
+        &mut measure,
+        &mut take,
+    )?;
     let mut magnitudes: Vec<f32> = parts.iter().flat_map(|p| p.0.iter().copied()).collect();
     let middle = magnitudes.len() / 2;
     let median = if middle > 0 {
@@ -141,14 +148,14 @@ pub fn statistics<const D: usize>(
     } else {
         0.0
     };
-    Ok(Statistics {
-        noise: (f64::from(median) * median_to_noise(D) * sigma * sigma * HEIGHT) as f32,
-        typical: typical(parts.iter().flat_map(|p| p.1.iter().copied())),
+    Ok(RidgeStatistics {
+        noise: (f64::from(median) * noise_per_median(D) * sigma * sigma * HEIGHT_FACTOR) as f32,
+        typical: typical_strength(parts.iter().flat_map(|p| p.1.iter().copied())),
     })
 }
 
 /// The typical strength, which the strong ones decide: sum of cubes over sum of squares.
-pub fn typical(strengths: impl Iterator<Item = f32>) -> f32 {
+pub fn typical_strength(strengths: impl Iterator<Item = f32>) -> f32 {
     let (mut squares, mut cubes) = (0.0f64, 0.0f64);
     for s in strengths.map(f64::from) {
         squares += s * s;
@@ -169,7 +176,7 @@ fn strong_mean([squares, cubes]: [f64; 2]) -> f32 {
 ///
 /// # Errors
 /// Those of other ranks.
-pub fn typical_of_all<const D: usize>(slab: &Slab<'_, D>) -> Result<f32> {
+pub fn global_typical_strength<const D: usize>(slab: &CandidateSlab<'_, D>) -> Result<f32> {
     let powers = |i: usize| {
         let s = f64::from(slab.candidates[i].strength);
         Some([s * s, s * s * s])
@@ -180,7 +187,7 @@ pub fn typical_of_all<const D: usize>(slab: &Slab<'_, D>) -> Result<f32> {
 
 /// How much an image curves in directions in which a sheet does not bend it: the magnitude of the
 /// Hessian's middle eigenvalue, in 2-D of the smaller one.
-fn sideways<const D: usize>(lowest: f32, next: f32) -> f32 {
+fn lateral_curvature<const D: usize>(lowest: f32, next: f32) -> f32 {
     if D == 3 {
         next.abs()
     } else {
@@ -189,8 +196,8 @@ fn sideways<const D: usize>(lowest: f32, next: f32) -> f32 {
 }
 
 /// Ridge points of the row of x from `first`.
-fn row<const D: usize>(
-    window: &Window<'_, D>,
+fn ridges_of_row<const D: usize>(
+    window: &LayerWindow<'_, D>,
     sigma: f64,
     low: f32,
     first: [usize; D],
@@ -199,10 +206,10 @@ fn row<const D: usize>(
 ) {
     // The most negative eigenvalue carries at least a third of a negative Laplacian; across a sheet
     // it carries nearly all of it, and noise in the other two takes off less than a half.
-    let scale = (HEIGHT * sigma * sigma) as f32;
+    let scale = (HEIGHT_FACTOR * sigma * sigma) as f32;
     let (least, bound) = (-low / scale, -0.5 * low / scale);
     let smoothed = window.smoothed.volume;
-    let [lowest, next] = &curvature.lowest;
+    let [lowest, next] = &curvature.lowest_eigenvalues;
     let row = lowest.iter().zip(&curvature.laplacian);
     for (x, (&lowest, &laplacian)) in row.enumerate() {
         if laplacian >= bound || lowest > least {
@@ -213,14 +220,14 @@ fn row<const D: usize>(
         let hessian = smoothed.second_derivatives(at);
         let values = eigenvalues(&hessian);
         for (i, value) in [lowest, next[x]].into_iter().enumerate() {
-            if value >= 0.0 || value > least || (i == 1 && value > SECOND * lowest) {
+            if value >= 0.0 || value > least || (i == 1 && value > MIN_SECOND_RATIO * lowest) {
                 break;
             }
             let w = eigenvector(&hessian, values[i]);
             for axis in dominant_axes(w) {
-                if let Some(offset) = along_axis(smoothed, at, w, axis) {
+                if let Some(offset) = ridge_offset(smoothed, at, w, axis) {
                     let strength = -value * scale;
-                    let at = window.smoothed.in_volume(at);
+                    let at = window.smoothed.to_volume(at);
                     found.push(Candidate::new(window.dims, at, axis, offset, w, strength));
                 }
             }

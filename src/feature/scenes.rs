@@ -4,7 +4,7 @@ use super::FeaturePoint;
 use crate::image::{Geometry, Image};
 
 /// A sheet known by the exact signed distance to it.
-pub enum Sheet {
+pub enum ExactSurface {
     /// All x with normal . x = offset; the normal is a unit vector.
     Plane([f64; 3], f64),
     /// A circular cylinder along y: axis at (x, z), radius.
@@ -13,7 +13,7 @@ pub enum Sheet {
     Sphere([f64; 3], f64),
 }
 
-impl Sheet {
+impl ExactSurface {
     /// Plane with any normal through a point.
     pub fn plane(normal: [f64; 3], through: [f64; 3]) -> Self {
         let length = normal.iter().map(|n| n * n).sum::<f64>().sqrt();
@@ -65,10 +65,10 @@ impl Noise {
 
 /// Gaussian ridges of height 1 and width `width` on the sheets (the higher where they cross), plus
 /// white noise.
-pub fn ridge_image(dims: [usize; 3], sheets: &[Sheet], width: f64, noise: f64) -> Image<3> {
+pub fn ridge_image(dims: [usize; 3], sheets: &[ExactSurface], width: f64, noise: f64) -> Image<3> {
     let mut random = Noise::new(7);
     let value = |p: [f64; 3]| {
-        let bell = |s: &Sheet| (-0.5 * (s.distance(p) / width).powi(2)).exp();
+        let bell = |s: &ExactSurface| (-0.5 * (s.distance(p) / width).powi(2)).exp();
         sheets.iter().map(bell).fold(0.0, f64::max)
     };
     image_of(dims, |p| value(p) + noise * random.normal())
@@ -77,7 +77,7 @@ pub fn ridge_image(dims: [usize; 3], sheets: &[Sheet], width: f64, noise: f64) -
 /// Gaussian ridges as in [`ridge_image`], plus noise correlated over `length` samples.
 pub fn ridges_in_correlated_noise(
     dims: [usize; 3],
-    sheets: &[Sheet],
+    sheets: &[ExactSurface],
     width: f64,
     noise: f64,
     length: f64,
@@ -89,7 +89,7 @@ pub fn ridges_in_correlated_noise(
         dims,
         &mut grain,
         [length; 3],
-        &crate::observer::Patience::endless(),
+        &crate::progress::CancelToken::never(),
     );
     let power = grain.iter().map(|g| f64::from(g * g)).sum::<f64>() / grain.len() as f64;
     let gain = (noise / power.sqrt()) as f32;
@@ -118,7 +118,7 @@ pub fn image_of(dims: [usize; 3], mut f: impl FnMut([f64; 3]) -> f64) -> Image<3
 
 /// How well points fit the sheets.
 #[derive(Debug)]
-pub struct Fit {
+pub struct FitQuality {
     /// Share of true surface points within 0.5 sample of a detected point's disc.
     pub coverage: f64,
     /// Share of detected points within 1 sample of a sheet.
@@ -130,7 +130,11 @@ pub struct Fit {
 }
 
 /// Compares points (lattice space = samples) with the sheets.
-pub fn fit(dims: [usize; 3], sheets: &[Sheet], points: &[FeaturePoint<3>]) -> Fit {
+pub fn measure_fit(
+    dims: [usize; 3],
+    sheets: &[ExactSurface],
+    points: &[FeaturePoint<3>],
+) -> FitQuality {
     let cell = |p: [f64; 3]| -> [usize; 3] {
         std::array::from_fn(|k| (p[k].round().max(0.0) as usize).min(dims[k] - 1))
     };
@@ -196,7 +200,7 @@ pub fn fit(dims: [usize; 3], sheets: &[Sheet], points: &[FeaturePoint<3>]) -> Fi
             }
         }
     }
-    Fit {
+    FitQuality {
         coverage: covered as f64 / truth.max(1) as f64,
         precision: good as f64 / points.len().max(1) as f64,
         rms: (squares / good.max(1) as f64).sqrt(),
@@ -205,14 +209,14 @@ pub fn fit(dims: [usize; 3], sheets: &[Sheet], points: &[FeaturePoint<3>]) -> Fi
 }
 
 /// Crossing, curved and tilted sheets.
-pub fn crossing_sheets() -> ([usize; 3], Vec<Sheet>) {
+pub fn crossing_surfaces() -> ([usize; 3], Vec<ExactSurface>) {
     (
         [120, 104, 96],
         vec![
-            Sheet::plane([1.0, 0.2, 0.35], [40.0, 52.0, 48.0]),
-            Sheet::plane([-0.7, 0.25, 1.0], [60.0, 52.0, 50.0]),
-            Sheet::Cylinder([-60.0, -20.0], 150.0),
-            Sheet::Sphere([60.0, 160.0, 40.0], 90.0),
+            ExactSurface::plane([1.0, 0.2, 0.35], [40.0, 52.0, 48.0]),
+            ExactSurface::plane([-0.7, 0.25, 1.0], [60.0, 52.0, 50.0]),
+            ExactSurface::Cylinder([-60.0, -20.0], 150.0),
+            ExactSurface::Sphere([60.0, 160.0, 40.0], 90.0),
         ],
     )
 }

@@ -1,26 +1,26 @@
 //! Features of images whose truth is known, whatever their kind.
 
-use super::scenes::{Sheet, crossing_sheets, ridge_image};
+use super::scenes::{ExactSurface, crossing_surfaces, ridge_image};
 use super::*;
 
 #[test]
 fn steps_scale_positions_and_turn_normals() {
     let (dims, sheets) = (
         [48, 44, 40],
-        [Sheet::plane([1.0, 0.4, 0.3], [24.0, 22.0, 20.0])],
+        [ExactSurface::plane([1.0, 0.4, 0.3], [24.0, 22.0, 20.0])],
     );
     let image = ridge_image(dims, &sheets, 1.5, 0.0);
     let step = [0.5, 2.0, 1.0];
     let features = detect(
         &image,
-        &Detection {
+        &DetectionOptions {
             step,
-            ..Detection::of(FeatureKind::Ridges, 8.0)
+            ..DetectionOptions::with_kind(FeatureKind::Ridges, 8.0)
         },
     )
     .unwrap();
     assert_eq!(features.potential.step, step);
-    let scaled = Sheet::plane([1.0 / 0.5, 0.4 / 2.0, 0.3], [12.0, 44.0, 20.0]);
+    let scaled = ExactSurface::plane([1.0 / 0.5, 0.4 / 2.0, 0.3], [12.0, 44.0, 20.0]);
     assert!(features.points.len() > 1000);
     for point in &features.points {
         let p = point.position.map(f64::from);
@@ -33,14 +33,20 @@ fn steps_scale_positions_and_turn_normals() {
 
 #[test]
 fn threads_do_not_change_a_bit() {
-    let (dims, sheets) = crossing_sheets();
+    let (dims, sheets) = crossing_surfaces();
     let image = ridge_image(dims, &sheets, 1.5, 0.25);
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .build()
             .unwrap();
-        pool.install(|| detect(&image, &Detection::of(FeatureKind::Ridges, 6.0)).unwrap())
+        pool.install(|| {
+            detect(
+                &image,
+                &DetectionOptions::with_kind(FeatureKind::Ridges, 6.0),
+            )
+            .unwrap()
+        })
     };
     let (one, three) = (run(1), run(3));
     assert_eq!(one.points, three.points);

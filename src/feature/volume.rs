@@ -1,12 +1,12 @@
 //! Finite differences of an image in memory; outside, samples repeat those of the sides.
 
-use super::symmetric::Symmetric;
-use crate::observer::Patience;
+use super::eigen::SymmetricMatrix;
 use crate::parallel::prelude::*;
+use crate::progress::CancelToken;
 use std::ops::Range;
 
 /// Rows per parallel task: fixed, so that results do not depend on the threads.
-const ROWS: usize = 128;
+const ROWS_PER_TASK: usize = 128;
 
 /// The samples of an image, borrowed, x fastest.
 #[derive(Debug, Clone, Copy)]
@@ -53,29 +53,29 @@ impl<'a, const D: usize> Volume<'a, D> {
 
     /// What `visit` finds in each row of x, given its first sample, in the order of rows. The scratch
     /// that it may use holds anything.
-    pub fn by_rows<S: Default, T: Send>(
+    pub fn map_rows<S: Default, T: Send>(
         &self,
-        patience: &Patience<'_>,
+        patience: &CancelToken<'_>,
         visit: impl Fn([usize; D], &mut S, &mut Vec<T>) + Sync,
     ) -> Vec<T> {
         let rows = self.samples.len() / self.dims[0].max(1);
-        self.by_some_rows(0..rows, patience, visit)
+        self.map_selected_rows(0..rows, patience, visit)
     }
 
     /// The same of some of the rows.
-    pub fn by_some_rows<S: Default, T: Send>(
+    pub fn map_selected_rows<S: Default, T: Send>(
         &self,
         rows: Range<usize>,
-        patience: &Patience<'_>,
+        patience: &CancelToken<'_>,
         visit: impl Fn([usize; D], &mut S, &mut Vec<T>) + Sync,
     ) -> Vec<T> {
-        let parts: Vec<Vec<T>> = (0..rows.len().div_ceil(ROWS))
+        let parts: Vec<Vec<T>> = (0..rows.len().div_ceil(ROWS_PER_TASK))
             .into_par_iter()
             .map(|part| {
                 let (mut scratch, mut found) = (S::default(), Vec::new());
-                let first = rows.start + part * ROWS;
-                for row in first..(first + ROWS).min(rows.end) {
-                    if patience.over() {
+                let first = rows.start + part * ROWS_PER_TASK;
+                for row in first..(first + ROWS_PER_TASK).min(rows.end) {
+                    if patience.is_cancelled() {
                         break;
                     }
                     let first = self.coordinates(row * self.dims[0]);
@@ -93,7 +93,7 @@ impl<'a, const D: usize> Volume<'a, D> {
 
     /// For each axis, how far in memory the neighbours before and after `at` are.
     #[inline]
-    pub fn neighbours(&self, at: [usize; D]) -> ([usize; D], [usize; D]) {
+    pub fn neighbour_offsets(&self, at: [usize; D]) -> ([usize; D], [usize; D]) {
         let strides = self.strides();
         (
             std::array::from_fn(|k| if at[k] > 0 { strides[k] } else { 0 }),
@@ -110,33 +110,33 @@ impl<'a, const D: usize> Volume<'a, D> {
     /// Central differences.
     #[inline]
     pub fn gradient(&self, at: [usize; D]) -> [f32; D] {
-        let (before, after) = self.neighbours(at);
+        let (before, after) = self.neighbour_offsets(at);
         let i = self.index(at);
         std::array::from_fn(|k| 0.5 * (self.samples[i + after[k]] - self.samples[i - before[k]]))
     }
 
     /// Second derivatives, right to the fourth order where two samples to either side are inside (else
     /// [`Volume::hessian`]): second differences turn the eigenvectors of narrow ridges, these do not.
-    pub fn second_derivatives(&self, at: [usize; D]) -> Symmetric<D> {
+    pub fn second_derivatives(&self, at: [usize; D]) -> SymmetricMatrix<D> {
         if (0..D).any(|k| at[k] < 2 || at[k] + 2 >= self.dims[k]) {
             return self.hessian(at);
         }
         // Central differences of the fourth order, by offset along the axis.
-        const FIRST: [(isize, f32); 4] = [(-2, 1.0), (-1, -8.0), (1, 8.0), (2, -1.0)];
-        const SECOND: [(isize, f32); 4] = [(-2, -1.0), (-1, 16.0), (1, 16.0), (2, -1.0)];
+        const FIRST_WEIGHTS: [(isize, f32); 4] = [(-2, 1.0), (-1, -8.0), (1, 8.0), (2, -1.0)];
+        const SECOND_WEIGHTS: [(isize, f32); 4] = [(-2, -1.0), (-1, 16.0), (1, 16.0), (2, -1.0)];
         let (strides, i) = (self.strides().map(|s| s as isize), self.index(at));
         let sample = |offset: isize| self.samples[i.wrapping_add_signed(offset)];
         let mut matrix = [[0.0; D]; D];
         for k in 0..D {
             let mut pure = -30.0 * sample(0);
-            for (a, weight) in SECOND {
+            for (a, weight) in SECOND_WEIGHTS {
                 pure += weight * sample(a * strides[k]);
             }
             matrix[k][k] = f64::from(pure) / 12.0;
             for l in k + 1..D {
                 let mut mixed = 0.0;
-                for (a, first) in FIRST {
-                    for (b, second) in FIRST {
+                for (a, first) in FIRST_WEIGHTS {
+                    for (b, second) in FIRST_WEIGHTS {
                         mixed += first * second * sample(a * strides[k] + b * strides[l]);
                     }
                 }
@@ -150,7 +150,7 @@ impl<'a, const D: usize> Volume<'a, D> {
     /// The sum of second differences along the axes.
     #[inline]
     pub fn laplacian(&self, at: [usize; D]) -> f32 {
-        let (before, after) = self.neighbours(at);
+        let (before, after) = self.neighbour_offsets(at);
         let (s, i) = (self.samples, self.index(at));
         (0..D)
             .map(|k| s[i + after[k]] + s[i - before[k]] - 2.0 * s[i])
@@ -159,8 +159,8 @@ impl<'a, const D: usize> Volume<'a, D> {
 
     /// Second differences.
     #[inline]
-    pub fn hessian(&self, at: [usize; D]) -> Symmetric<D> {
-        let (before, after) = self.neighbours(at);
+    pub fn hessian(&self, at: [usize; D]) -> SymmetricMatrix<D> {
+        let (before, after) = self.neighbour_offsets(at);
         let (s, i) = (self.samples, self.index(at));
         let twice = 2.0 * s[i];
         let mut hessian = [[0.0; D]; D];

@@ -6,15 +6,15 @@
 //! - `kept`: values as bytes
 //! - [`vtk`]: VTK's XML container, read and written
 
-mod at;
 pub mod atomic;
-pub mod kept;
+pub mod codec;
 mod open;
+mod read_at;
 pub mod vtk;
 
-pub use at::read_exact_at;
 pub use atomic::{
     Batch, atomic_write, check_target, check_tree, exit_without_unfinished, remove_unfinished,
-    together,
+    transaction,
 };
 pub use open::open;
+pub use read_at::read_exact_at;

@@ -3,7 +3,7 @@
 use std::fs::{self, File};
 use std::path::Path;
 
-use crate::error::{Error, Result, cause, os};
+use crate::error::{Error, Result, cause, io_error};
 
 /// Opens a file that is read more than once, or from its middle: no folder, and no pipe or device, which
 /// might keep its reader waiting for ever. `remedy` says what to give instead of a folder.
@@ -12,7 +12,7 @@ use crate::error::{Error, Result, cause, os};
 /// [`Error::Io`] if it is none, or cannot be opened.
 pub fn open(path: &Path, remedy: &str) -> Result<File> {
     let kind = fs::metadata(path)
-        .map_err(|e| os(path, "open", e))?
+        .map_err(|e| io_error(path, "open", e))?
         .file_type();
     if kind.is_dir() {
         return Err(Error::Io(cause(path.display(), "is a folder", remedy)));
@@ -22,7 +22,7 @@ pub fn open(path: &Path, remedy: &str) -> Result<File> {
         let remedy = "write its content to a file first";
         return Err(Error::Io(cause(path.display(), problem, remedy)));
     }
-    File::open(path).map_err(|e| os(path, "open", e))
+    File::open(path).map_err(|e| io_error(path, "open", e))
 }
 
 #[cfg(test)]

@@ -10,16 +10,16 @@
 //! - `random`: random numbers that are a function of seed and count
 //! - `wide`: loops run with the widest vectors that the machine has
 
-pub(crate) mod buckets;
-pub(crate) mod groups;
-pub(crate) mod marks;
+pub(crate) mod cell_list;
+pub(crate) mod counting_sort;
+pub(crate) mod incremental_grid;
+pub(crate) mod morphology;
 pub(crate) mod random;
-pub(crate) mod scatter;
-pub(crate) mod sets;
+pub(crate) mod simd;
+pub(crate) mod union_find;
 pub(crate) mod vector;
-pub(crate) mod wide;
 
 pub use vector::{
-    add_scaled, cross, distance2, dot, in_space, norm, normal, solve_positive, spread, sub, unit,
-    volume6,
+    add_scaled, bounding_box, cross, distance2, dot, norm, normal, solve_positive, sub, to_3d,
+    unit, volume6,
 };

@@ -5,33 +5,33 @@
 //! and its bits are mixed.
 
 /// By how much the counter goes up: 2^64 over the golden ratio.
-const STEP: u64 = 0x9e37_79b9_7f4a_7c15;
+const COUNTER_STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 
 /// A bijection that mixes 64 bits.
-fn mixed(mut bits: u64) -> u64 {
+fn mix(mut bits: u64) -> u64 {
     bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     bits ^ (bits >> 31)
 }
 
 /// 64 bits as a number in [0, 1).
-fn share(bits: u64) -> f64 {
+fn to_unit_interval(bits: u64) -> f64 {
     (bits >> 11) as f64 / (1u64 << 53) as f64
 }
 
 /// 64 bits that follow from a seed: one step of the generator.
-pub fn scrambled(seed: u64) -> u64 {
-    mixed(seed.wrapping_add(STEP))
+pub fn splitmix64(seed: u64) -> u64 {
+    mix(seed.wrapping_add(COUNTER_STEP))
 }
 
 /// Number `count` of those that belong to `key`, in [0, 1). Keys may be small numbers one after the
 /// other: they are mixed first.
 pub fn uniform(key: u64, count: u64) -> f64 {
-    share(mixed(mixed(key).wrapping_add(count.wrapping_mul(STEP))))
+    to_unit_interval(mix(mix(key).wrapping_add(count.wrapping_mul(COUNTER_STEP))))
 }
 
 /// The same in [-1, 1).
-pub fn signed(key: u64, count: u64) -> f64 {
+pub fn uniform_signed(key: u64, count: u64) -> f64 {
     2.0 * uniform(key, count) - 1.0
 }
 
@@ -46,14 +46,14 @@ impl Random {
     }
 
     /// A sequence of its own for each seed and purpose.
-    pub fn of(seed: u64, purpose: u64) -> Self {
-        Self(scrambled(seed ^ scrambled(purpose)).wrapping_add(STEP))
+    pub fn for_purpose(seed: u64, purpose: u64) -> Self {
+        Self(splitmix64(seed ^ splitmix64(purpose)).wrapping_add(COUNTER_STEP))
     }
 
     /// The next number, in [0, 1).
     pub fn draw(&mut self) -> f64 {
-        let number = share(scrambled(self.0));
-        self.0 = self.0.wrapping_add(STEP);
+        let number = to_unit_interval(splitmix64(self.0));
+        self.0 = self.0.wrapping_add(COUNTER_STEP);
         number
     }
 
@@ -72,7 +72,7 @@ mod tests {
         let n = 100_000;
         let mut random = Random::new(5);
         for numbers in [
-            (0..n).map(|k| signed(5, k)).collect::<Vec<f64>>(),
+            (0..n).map(|k| uniform_signed(5, k)).collect::<Vec<f64>>(),
             (0..n).map(|_| random.range(-1.0, 1.0)).collect(),
         ] {
             let mean = numbers.iter().sum::<f64>() / n as f64;
@@ -87,7 +87,7 @@ mod tests {
     fn bits_are_those_of_splitmix64() {
         // The first three outputs of the published program for seed 1234567.
         let outputs: Vec<u64> = (0..3u64)
-            .map(|n| scrambled(1_234_567u64.wrapping_add(n.wrapping_mul(STEP))))
+            .map(|n| splitmix64(1_234_567u64.wrapping_add(n.wrapping_mul(COUNTER_STEP))))
             .collect();
         assert_eq!(
             outputs,

@@ -37,7 +37,7 @@ pub fn dot<T: Real, const D: usize>(a: [T; D], b: [T; D]) -> T {
 
 /// A vector of the plane z = 0, or of space, as one of space.
 #[inline]
-pub fn in_space<T: Real, const D: usize>(a: [T; D]) -> [T; 3] {
+pub fn to_3d<T: Real, const D: usize>(a: [T; D]) -> [T; 3] {
     std::array::from_fn(|k| a.get(k).copied().unwrap_or_default())
 }
 
@@ -116,7 +116,9 @@ pub fn volume6(p: &[[f64; 3]; 4]) -> f64 {
 }
 
 /// The least and the largest coordinates of some points; of none, infinite ones the wrong way round.
-pub fn spread<'a, const D: usize>(points: impl IntoIterator<Item = &'a [f64; D]>) -> [[f64; D]; 2] {
+pub fn bounding_box<'a, const D: usize>(
+    points: impl IntoIterator<Item = &'a [f64; D]>,
+) -> [[f64; D]; 2] {
     let none = [[f64::INFINITY; D], [f64::NEG_INFINITY; D]];
     points.into_iter().fold(none, |[low, high], x| {
         [

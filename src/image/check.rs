@@ -19,13 +19,13 @@ pub struct Stats<const D: usize> {
     /// Number of infinite samples.
     pub infinite: usize,
     /// Index (x first) of the first sample that is not finite.
-    pub first_bad: Option<[usize; D]>,
+    pub first_non_finite: Option<[usize; D]>,
 }
 
 impl<const D: usize> Image<D> {
     /// Statistics in one parallel pass, the same for any number of threads.
     pub fn stats(&self) -> Stats<D> {
-        let mut tally = Tally::default();
+        let mut tally = StatsAccumulator::default();
         tally.add(self.as_slice());
         tally.stats(self.dims())
     }
@@ -71,59 +71,59 @@ impl<const D: usize> Image<D> {
 
 /// Of an image whose samples look like labels: few different values, which neighbours mostly share.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LooksLabelled {
+pub struct LabelEvidence {
     /// Number of different values.
-    pub values: usize,
+    pub value_count: usize,
     /// Share of neighbours along x whose values are equal.
-    pub equal: f64,
+    pub equal_share: f64,
 }
 
 impl<const D: usize> Image<D> {
     /// Returns whether the samples look like labels, and why: few values of which neighbours mostly share one;
     /// or, unless they are of a survey, many whole numbers that do so and change without order.
-    pub fn looks_labelled(&self, modality: Modality) -> Option<LooksLabelled> {
+    pub fn label_evidence(&self, modality: Modality) -> Option<LabelEvidence> {
         let samples = self.as_slice();
         if let Some(exact) = &self.labels {
             // They are integers of more than 24 bits, as no scanner gives: neighbours must share them all the same.
-            let equal = exact.index.windows(2).filter(|w| w[0] == w[1]).count();
+            let equal = exact.indices.windows(2).filter(|w| w[0] == w[1]).count();
             let equal = equal as f64 / (samples.len().max(2) - 1) as f64;
-            return (equal > EQUAL_IN_LABELS).then_some(LooksLabelled {
-                values: exact.values.len(),
-                equal,
+            return (equal > MIN_EQUAL_SHARE).then_some(LabelEvidence {
+                value_count: exact.values.len(),
+                equal_share: equal,
             });
         }
-        if let Some(values) = values(samples, FEW_LABELS) {
-            let equal = equal_neighbours(samples) as f64 / (samples.len().max(2) - 1) as f64;
-            return (equal > 0.75).then_some(LooksLabelled {
-                values: values.len(),
-                equal,
+        if let Some(values) = distinct_values(samples, MAX_DETECTED_LABELS) {
+            let equal = equal_neighbour_count(samples) as f64 / (samples.len().max(2) - 1) as f64;
+            return (equal > 0.75).then_some(LabelEvidence {
+                value_count: values.len(),
+                equal_share: equal,
             });
         }
-        if modality == Modality::Survey || !samples.par_chunks(CHUNK).all(is_whole) {
+        if modality == Modality::Survey || !samples.par_chunks(CHUNK).all(are_whole_numbers) {
             return None;
         }
-        let equal = equal_neighbours(samples) as f64 / (samples.len().max(2) - 1) as f64;
-        if equal <= EQUAL_IN_LABELS {
+        let equal = equal_neighbour_count(samples) as f64 / (samples.len().max(2) - 1) as f64;
+        if equal <= MIN_EQUAL_SHARE {
             return None;
         }
-        let values = values(samples, samples.len() / SAMPLES_PER_LABEL)?;
-        is_without_order(samples, &values).then_some(LooksLabelled {
-            values: values.len(),
-            equal,
+        let values = distinct_values(samples, samples.len() / MIN_SAMPLES_PER_LABEL)?;
+        has_unordered_values(samples, &values).then_some(LabelEvidence {
+            value_count: values.len(),
+            equal_share: equal,
         })
     }
 }
 
 /// The least share of equal neighbours in an image of many labels.
-pub const EQUAL_IN_LABELS: f64 = 0.6;
+pub const MIN_EQUAL_SHARE: f64 = 0.6;
 
 /// Labels have at least so many samples on average.
-const SAMPLES_PER_LABEL: usize = 8;
+const MIN_SAMPLES_PER_LABEL: usize = 8;
 
 /// Returns whether whole numbers change as labels do. The background, the commonest value, aside, neighbours are
 /// mostly equal, and those that differ are mostly not next to one another among the values, as they are where
 /// a grey value rises and falls.
-fn is_without_order(samples: &[f32], values: &[f32]) -> bool {
+fn has_unordered_values(samples: &[f32], values: &[f32]) -> bool {
     let rank = |s: f32| values.partition_point(|v| *v < s);
     let mut counts = vec![0usize; values.len()];
     let mut last = (f32::NAN, 0);
@@ -157,12 +157,12 @@ fn is_without_order(samples: &[f32], values: &[f32]) -> bool {
 }
 
 /// Returns whether all samples are whole numbers.
-pub fn is_whole(samples: &[f32]) -> bool {
+pub fn are_whole_numbers(samples: &[f32]) -> bool {
     samples.iter().all(|s| s.trunc() == *s)
 }
 
 /// Returns the number of samples that equal the next in memory.
-pub fn equal_neighbours(samples: &[f32]) -> usize {
+pub fn equal_neighbour_count(samples: &[f32]) -> usize {
     // Each chunk looks at the first of the next.
     let count = |chunk: usize| {
         let end = ((chunk + 1) * CHUNK + 1).min(samples.len());
@@ -176,10 +176,10 @@ pub fn equal_neighbours(samples: &[f32]) -> usize {
 }
 
 /// An image of more different values than this is one of labels only if it is said.
-pub const FEW_LABELS: usize = 64;
+pub const MAX_DETECTED_LABELS: usize = 64;
 
 /// Returns the different values of a volume in ascending order, if there are at most `most`.
-pub fn values(samples: &[f32], most: usize) -> Option<Vec<f32>> {
+pub fn distinct_values(samples: &[f32], most: usize) -> Option<Vec<f32>> {
     let mut found: Vec<f32> = Vec::new();
     for part in samples.chunks(CHUNK) {
         let mut last = f32::NAN;
@@ -214,41 +214,44 @@ const CHUNK: usize = 1 << 16;
 /// Statistics of samples that come part by part, in the order of memory: whatever the parts are, the figures
 /// are the same.
 #[derive(Default)]
-pub(crate) struct Tally {
-    parts: Vec<Part>,
+pub(crate) struct StatsAccumulator {
+    chunks: Vec<ChunkStats>,
     /// The samples of a chunk that is not whole yet.
-    begun: Vec<f32>,
+    partial_chunk: Vec<f32>,
 }
 
-impl Tally {
+impl StatsAccumulator {
     /// Adds the next samples.
     pub fn add(&mut self, mut samples: &[f32]) {
-        if !self.begun.is_empty() {
-            let (first, rest) = samples.split_at((CHUNK - self.begun.len()).min(samples.len()));
-            self.begun.extend_from_slice(first);
+        if !self.partial_chunk.is_empty() {
+            let (first, rest) =
+                samples.split_at((CHUNK - self.partial_chunk.len()).min(samples.len()));
+            self.partial_chunk.extend_from_slice(first);
             samples = rest;
-            if self.begun.len() == CHUNK {
-                self.parts.push(Part::of(&self.begun));
-                self.begun.clear();
+            if self.partial_chunk.len() == CHUNK {
+                self.chunks
+                    .push(ChunkStats::from_samples(&self.partial_chunk));
+                self.partial_chunk.clear();
             }
         }
         let (chunks, rest) = samples.split_at(samples.len() - samples.len() % CHUNK);
-        self.parts
-            .par_extend(chunks.par_chunks(CHUNK).map(Part::of));
-        self.begun.extend_from_slice(rest);
+        self.chunks
+            .par_extend(chunks.par_chunks(CHUNK).map(ChunkStats::from_samples));
+        self.partial_chunk.extend_from_slice(rest);
     }
 
     /// The statistics of an image of so many samples along each axis, all of which were added.
     pub fn stats<const D: usize>(mut self, dims: [usize; D]) -> Stats<D> {
-        self.parts.push(Part::of(&self.begun));
-        let parts = &self.parts;
+        self.chunks
+            .push(ChunkStats::from_samples(&self.partial_chunk));
+        let parts = &self.chunks;
         let first_bad = parts
             .iter()
             .enumerate()
-            .find_map(|(chunk, part)| Some(chunk * CHUNK + part.first_bad?))
+            .find_map(|(chunk, part)| Some(chunk * CHUNK + part.first_non_finite?))
             .map(|position| index_of(dims, position));
-        let finite: usize = parts.iter().map(|part| part.finite).sum();
-        let nan: usize = parts.iter().map(|part| part.nan).sum();
+        let finite: usize = parts.iter().map(|part| part.finite_count).sum();
+        let nan: usize = parts.iter().map(|part| part.nan_count).sum();
         let sum: f64 = parts.iter().map(|part| part.sum).sum();
         Stats {
             min: parts.iter().fold(f32::INFINITY, |m, part| m.min(part.min)),
@@ -258,7 +261,7 @@ impl Tally {
             mean: sum / finite.max(1) as f64,
             nan,
             infinite: parts.iter().map(|part| part.len).sum::<usize>() - finite - nan,
-            first_bad,
+            first_non_finite: first_bad,
         }
     }
 }
@@ -273,32 +276,32 @@ fn index_of<const D: usize>(dims: [usize; D], mut position: usize) -> [usize; D]
 }
 
 /// What [`Stats`] is added up from.
-struct Part {
+struct ChunkStats {
     len: usize,
-    finite: usize,
-    nan: usize,
+    finite_count: usize,
+    nan_count: usize,
     sum: f64,
     min: f32,
     max: f32,
     /// The first sample that is not finite.
-    first_bad: Option<usize>,
+    first_non_finite: Option<usize>,
 }
 
-impl Part {
-    fn of(samples: &[f32]) -> Self {
+impl ChunkStats {
+    fn from_samples(samples: &[f32]) -> Self {
         let mut part = Self {
             len: samples.len(),
-            finite: 0,
-            nan: 0,
+            finite_count: 0,
+            nan_count: 0,
             sum: 0.0,
             min: f32::INFINITY,
             max: f32::NEG_INFINITY,
-            first_bad: samples.iter().position(|v| !v.is_finite()),
+            first_non_finite: samples.iter().position(|v| !v.is_finite()),
         };
         for &v in samples {
             let finite = v.is_finite();
-            part.finite += usize::from(finite);
-            part.nan += usize::from(v.is_nan());
+            part.finite_count += usize::from(finite);
+            part.nan_count += usize::from(v.is_nan());
             part.sum += if finite { f64::from(v) } else { 0.0 };
             part.min = part.min.min(if finite { v } else { f32::INFINITY });
             part.max = part.max.max(if finite { v } else { f32::NEG_INFINITY });
@@ -328,7 +331,10 @@ mod tests {
         let stats = image.stats();
         assert_eq!((stats.min, stats.max), (0.0, n as f32 - 1.0));
         assert!((stats.mean - (n - 1.0) / 2.0).abs() < 1e-6);
-        assert_eq!((stats.nan, stats.infinite, stats.first_bad), (0, 0, None));
+        assert_eq!(
+            (stats.nan, stats.infinite, stats.first_non_finite),
+            (0, 0, None)
+        );
         assert!(image.check("ramp").is_ok());
     }
 
@@ -338,7 +344,7 @@ mod tests {
         image.samples[[40, 3, 2]] = f32::NAN;
         let whole = image.stats();
         for part in [1000, 70 * 60, (1 << 16) - 1, 1 << 16, (1 << 17) + 5] {
-            let mut tally = super::Tally::default();
+            let mut tally = super::StatsAccumulator::default();
             image
                 .as_slice()
                 .chunks(part)
@@ -354,7 +360,7 @@ mod tests {
         image.samples[[45, 0, 0]] = f32::NEG_INFINITY;
         let stats = image.stats();
         assert_eq!((stats.nan, stats.infinite), (1, 1));
-        assert_eq!(stats.first_bad, Some([2, 3, 40]));
+        assert_eq!(stats.first_non_finite, Some([2, 3, 40]));
         assert_eq!(stats.min, 0.0);
         assert!(image.check("ramp.npy").is_ok());
         image.samples.fill(f32::NAN);

@@ -11,7 +11,7 @@
 
 /// Samples of a scalar function over the lattice-space box, x fastest.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Field<const D: usize> {
+pub struct ScalarField<const D: usize> {
     /// Number of samples along each axis, x first.
     pub dims: [usize; D],
     /// Lattice-space distance between samples along each axis.
@@ -26,11 +26,11 @@ pub(super) struct Taps {
     /// Index of the sample at or before the coordinate.
     pub cell: usize,
     /// The four taps' offsets in the sample array.
-    pub offset: [usize; 4],
+    pub offsets: [usize; 4],
     /// Weights of the value.
-    value: [f32; 4],
+    value_weights: [f32; 4],
     /// Weights of the derivative along this axis.
-    slope: [f32; 4],
+    slope_weights: [f32; 4],
 }
 
 impl Taps {
@@ -43,16 +43,16 @@ impl Taps {
         let index = index.clamp(0.0, last as f64);
         let cell = (index as usize).min(last.saturating_sub(1));
         let t = (index - cell as f64) as f32;
-        let offset = std::array::from_fn(|k| (cell + k).saturating_sub(1).min(last) * stride);
+        let offsets = std::array::from_fn(|k| (cell + k).saturating_sub(1).min(last) * stride);
         // Catmull-Rom basis and its derivative.
-        let value = [
+        let value_weights = [
             t * (-0.5 + t * (1.0 - 0.5 * t)),
             1.0 + t * t * (-2.5 + 1.5 * t),
             t * (0.5 + t * (2.0 - 1.5 * t)),
             t * t * (-0.5 + 0.5 * t),
         ];
         let scale = if inside { (1.0 / step) as f32 } else { 0.0 };
-        let slope = [
+        let slope_weights = [
             (-0.5 + t * (2.0 - 1.5 * t)) * scale,
             t * (-5.0 + 4.5 * t) * scale,
             (0.5 + t * (4.0 - 4.5 * t)) * scale,
@@ -60,14 +60,14 @@ impl Taps {
         ];
         Self {
             cell,
-            offset,
-            value,
-            slope,
+            offsets,
+            value_weights,
+            slope_weights,
         }
     }
 }
 
-impl<const D: usize> Field<D> {
+impl<const D: usize> ScalarField<D> {
     /// Samples a function of position in lattice space.
     pub fn from_fn(dims: [usize; D], step: [f64; D], mut f: impl FnMut([f64; D]) -> f64) -> Self {
         let count = dims.iter().product();
@@ -122,7 +122,7 @@ impl<const D: usize> Field<D> {
         });
         // Weights of the value sum to one and those of slopes to zero, so only differences from one
         // of the taps need be summed, which loses fewer digits.
-        let base = self.samples[taps.iter().map(|t| t.offset[1]).sum::<usize>()];
+        let base = self.samples[taps.iter().map(|t| t.offsets[1]).sum::<usize>()];
         let contiguous = taps[0].cell >= 1 && taps[0].cell + 2 < self.dims[0];
         let line = |start: usize| -> [f32; 4] {
             let line = if contiguous {
@@ -130,18 +130,18 @@ impl<const D: usize> Field<D> {
                 let line = &self.samples[first..first + 4];
                 [line[0], line[1], line[2], line[3]]
             } else {
-                taps[0].offset.map(|x| self.samples[start + x])
+                taps[0].offsets.map(|x| self.samples[start + x])
             };
             line.map(|sample| sample - base)
         };
-        interpolated(&taps, base, line)
+        interpolate(&taps, base, line)
     }
 }
 
 /// Value and gradient from the taps along each axis; `line` gives the four samples along x, less `base`,
 /// of the row that begins where the taps of the other axes say.
 #[inline(always)]
-pub(super) fn interpolated<const D: usize>(
+pub(super) fn interpolate<const D: usize>(
     taps: &[Taps; D],
     base: f32,
     line: impl Fn(usize) -> [f32; 4],
@@ -151,15 +151,15 @@ pub(super) fn interpolated<const D: usize>(
     // Axes beyond the second innermost, so that each sample is weighted only once or twice.
     let planes = if D > 2 { 4usize.pow(D as u32 - 2) } else { 1 };
     for tap in 0..if D > 1 { 4 } else { 1 } {
-        let start = if D > 1 { taps[1].offset[tap] } else { 0 };
+        let start = if D > 1 { taps[1].offsets[tap] } else { 0 };
         let mut inner = [[0.0f32; 4]; D];
         for plane in 0..planes {
             let tap = |k: usize| (plane >> (2 * (k - 2))) & 3;
-            let line = line(start + (2..D).map(|k| taps[k].offset[tap(k)]).sum::<usize>());
+            let line = line(start + (2..D).map(|k| taps[k].offsets[tap(k)]).sum::<usize>());
             for axis in (0..D).filter(|&axis| axis != 1) {
                 let weight = |k: usize| match k == axis {
-                    true => taps[k].slope[tap(k)],
-                    false => taps[k].value[tap(k)],
+                    true => taps[k].slope_weights[tap(k)],
+                    false => taps[k].value_weights[tap(k)],
                 };
                 let weight: f32 = (2..D).map(weight).product();
                 for lane in 0..4 {
@@ -169,7 +169,7 @@ pub(super) fn interpolated<const D: usize>(
         }
         let (value, slope) = match D {
             1 => (1.0, 0.0),
-            _ => (taps[1].value[tap], taps[1].slope[tap]),
+            _ => (taps[1].value_weights[tap], taps[1].slope_weights[tap]),
         };
         for axis in 0..D {
             let (weight, inner) = match axis {
@@ -187,12 +187,15 @@ pub(super) fn interpolated<const D: usize>(
     };
     let gradient = std::array::from_fn(|axis| {
         if axis == 0 {
-            dot(&sums[0], &taps[0].slope)
+            dot(&sums[0], &taps[0].slope_weights)
         } else {
-            dot(&sums[axis], &taps[0].value)
+            dot(&sums[axis], &taps[0].value_weights)
         }
     });
-    (f64::from(base) + dot(&sums[0], &taps[0].value), gradient)
+    (
+        f64::from(base) + dot(&sums[0], &taps[0].value_weights),
+        gradient,
+    )
 }
 
 #[cfg(test)]
@@ -206,7 +209,7 @@ mod tests {
 
     #[test]
     fn passes_through_the_samples_and_repeats_them_outside() {
-        let field = Field::from_fn([7, 6, 5], [1.0, 0.5, 2.0], |x| {
+        let field = ScalarField::from_fn([7, 6, 5], [1.0, 0.5, 2.0], |x| {
             (x[0] * 1.3 + x[1] - x[2]).sin()
         });
         for z in 0..5 {
@@ -226,7 +229,7 @@ mod tests {
 
     #[test]
     fn reproduces_quadratics_away_from_the_sides() {
-        let field = Field::from_fn([12, 11, 10], [1.0, 2.0, 0.5], quadratic);
+        let field = ScalarField::from_fn([12, 11, 10], [1.0, 2.0, 0.5], quadratic);
         for n in 0..200 {
             let t = |k: u32| f64::from((n * 7919 + k * 104_729) % 1000) / 1000.0;
             let x = [1.0 + 9.0 * t(1), 2.0 + 16.0 * t(2), 0.5 + 3.5 * t(3)];
@@ -252,13 +255,13 @@ mod tests {
             seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             f64::from(seed >> 8) / f64::from(1 << 24)
         };
-        let field = Field::from_fn([6, 7, 8], [1.0, 1.5, 0.75], |_| 0.0);
+        let field = ScalarField::from_fn([6, 7, 8], [1.0, 1.5, 0.75], |_| 0.0);
         let samples = field
             .samples
             .iter()
             .map(|_| random() as f32 - 0.5)
             .collect();
-        let field = Field { samples, ..field };
+        let field = ScalarField { samples, ..field };
         let extent = field.extent();
         for _ in 0..300 {
             let x: [f64; 3] = std::array::from_fn(|k| random() * extent[k]);
@@ -287,11 +290,11 @@ mod tests {
 
     #[test]
     fn works_in_two_dimensions_and_on_single_samples() {
-        let field = Field::from_fn([9, 9], [1.0, 1.0], |x| x[0] * x[1]);
+        let field = ScalarField::from_fn([9, 9], [1.0, 1.0], |x| x[0] * x[1]);
         let (value, gradient) = field.value_and_gradient([3.25, 4.5]);
         assert!((value - 3.25 * 4.5).abs() < 1e-5);
         assert!((gradient[0] - 4.5).abs() < 1e-5 && (gradient[1] - 3.25).abs() < 1e-5);
-        let one = Field {
+        let one = ScalarField {
             dims: [1, 1],
             step: [1.0, 1.0],
             samples: vec![5.0],

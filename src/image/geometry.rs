@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::time::seconds;
+use super::time::seconds_per_unit;
 use crate::geometry::{dot, norm};
 
 /// Maps sample indices (x first) to physical coordinates: `origin + sum_k index[k] * axes[k]`.
@@ -51,8 +51,8 @@ impl<const D: usize> Geometry<D> {
 
     /// Returns whether all physical coordinates are in the same unit of length, or in none, so that angles mean
     /// something.
-    pub fn has_angles(&self) -> bool {
-        self.time_axis().is_none() && self.units.iter().all(|unit| *unit == self.units[0])
+    pub fn has_uniform_units(&self) -> bool {
+        self.time_coordinate().is_none() && self.units.iter().all(|unit| *unit == self.units[0])
     }
 
     /// Physical coordinates of a (fractional) sample index.
@@ -68,7 +68,7 @@ impl<const D: usize> Geometry<D> {
 
     /// Whether physical space has the same shapes as the space in which samples are `step` apart
     /// along each axis: all angles are the same in both, to a millionth.
-    pub fn has_shape_of(&self, step: [f64; D]) -> bool {
+    pub fn preserves_shapes(&self, step: [f64; D]) -> bool {
         let unit = |k: usize| self.axes[k].map(|a| a / step[k]);
         let product =
             |k: usize, l: usize| -> f64 { unit(k).iter().zip(unit(l)).map(|(a, b)| a * b).sum() };
@@ -149,7 +149,7 @@ impl<const D: usize> Geometry<D> {
 /// How positions along an image axis are read off: values run evenly from the first sample to the
 /// last.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Ruler {
+pub struct AxisScale {
     /// What is read off, with its unit.
     pub label: String,
     /// The value at the first sample.
@@ -182,18 +182,18 @@ impl<const D: usize> Geometry<D> {
     /// How positions along image axis `k` are read off, `steps` samples long: by the physical coordinate
     /// that it runs along; where it runs obliquely, as the lines of a turned survey do, by the distance
     /// from its first sample.
-    pub fn ruler(&self, k: usize, steps: f64) -> Ruler {
+    pub fn axis_scale(&self, k: usize, steps: f64) -> AxisScale {
         let along = self.main_coordinate(k);
         let length = norm(self.axes[k]);
         let (name, unit) = (&self.names[k], &self.units[along]);
         if self.axes[k][along].abs() >= (1.0 - 1e-6) * length {
-            return Ruler {
+            return AxisScale {
                 label: with_unit(name, unit),
                 first: self.origin[along],
                 last: self.origin[along] + steps * self.axes[k][along],
             };
         }
-        Ruler {
+        AxisScale {
             label: with_unit(&format!("{name}, from the first"), unit),
             first: 0.0,
             last: steps * length,
@@ -203,7 +203,7 @@ impl<const D: usize> Geometry<D> {
     /// By how much each physical coordinate is enlarged where it is drawn: 1 for all if they have one
     /// unit. A coordinate of another unit than the first is drawn as long, next to those of the first's, as
     /// the image axis along it is in a space of `extent` for so many `samples`.
-    pub fn aspect(&self, samples: [f64; D], extent: [f64; D]) -> [f64; D] {
+    pub fn display_scale(&self, samples: [f64; D], extent: [f64; D]) -> [f64; D] {
         // Lengths of the world for one of the other space.
         let scale = |k: usize| samples[k] * norm(self.axes[k]) / extent[k].max(f64::MIN_POSITIVE);
         let alike = (0..D).filter(|&k| self.units[self.main_coordinate(k)] == self.units[0]);
@@ -229,19 +229,20 @@ impl<const D: usize> Geometry<D> {
     /// to sample, and so do samples in units of themselves and all rows of images in the plane. (A survey's
     /// height, or its time below zero, grows upwards.)
     pub fn points_down(&self) -> bool {
-        const DOWN: [&str; 5] = ["sample", "time", "depth", "twt", "tvd"];
+        const DOWNWARD_NAMES: [&str; 5] = ["sample", "time", "depth", "twt", "tvd"];
         let last = D - 1;
         let along = (0..D).find(|&k| self.main_coordinate(k) == last);
         let grows = along.is_none_or(|k| self.axes[k][last] >= 0.0);
-        let named = along.is_some_and(|k| DOWN.contains(&&*self.names[k].to_ascii_lowercase()));
+        let named =
+            along.is_some_and(|k| DOWNWARD_NAMES.contains(&&*self.names[k].to_ascii_lowercase()));
         let without_units = self.units.iter().all(String::is_empty);
-        grows && (D == 2 || named || without_units || seconds(&self.units[last]).is_some())
+        grows && (D == 2 || named || without_units || seconds_per_unit(&self.units[last]).is_some())
     }
 }
 
 impl<const D: usize> Geometry<D> {
     /// As part of space; what is missing is as in the default geometry.
-    pub fn in_space(&self) -> Geometry<3> {
+    pub fn to_3d(&self) -> Geometry<3> {
         let mut space = Geometry::<3>::default();
         for k in 0..D.min(3) {
             space.origin[k] = self.origin[k];
@@ -331,18 +332,18 @@ mod tests {
     #[test]
     fn shapes_are_kept_by_rotation_and_even_scaling_only() {
         let mut geometry = Geometry::<3>::with_spacing([5.0; 3], [25.0, 25.0, 5.0]);
-        assert!(!geometry.has_shape_of([1.0; 3]));
-        assert!(geometry.has_shape_of([5.0, 5.0, 1.0]));
+        assert!(!geometry.preserves_shapes([1.0; 3]));
+        assert!(geometry.preserves_shapes([5.0, 5.0, 1.0]));
         geometry.axes = [[0.0, 0.0, -4.0], [2.4, 3.2, 0.0], [-3.2, 2.4, 0.0]];
-        assert!(geometry.has_shape_of([1.0; 3]));
+        assert!(geometry.preserves_shapes([1.0; 3]));
         geometry.axes[1] = [2.5, 3.1, 0.0];
-        assert!(!geometry.has_shape_of([1.0; 3]));
+        assert!(!geometry.preserves_shapes([1.0; 3]));
     }
 
     #[test]
     fn a_section_keeps_its_lengths_and_angles() {
         let flat = Geometry::<2>::with_spacing([7.0, 8.0], [2.0, -3.0]);
-        assert_eq!(flat.in_space().flatten(), flat);
+        assert_eq!(flat.to_3d().flatten(), flat);
         // An upright section.
         let geometry = Geometry::<3> {
             axes: [[0.0, 0.0, -4.0], [3.0, 4.0, 12.0], [0.0, 1.0, 0.0]],
@@ -362,7 +363,7 @@ mod tests {
             units: ["m", "m", "ms"].map(String::from),
         };
         let said = |geometry: &Geometry<3>, k: usize| {
-            let Ruler { label, first, last } = geometry.ruler(k, 100.0);
+            let AxisScale { label, first, last } = geometry.axis_scale(k, 100.0);
             (label, [first, last])
         };
         assert_eq!(said(&survey, 0), ("sample [ms]".into(), [-1000.0, -1400.0]));
@@ -374,10 +375,10 @@ mod tests {
 
         // A sample of 4 ms is drawn as long as the mean of 25 m and 5 m.
         let cube = [100.0; 3];
-        let aspect = survey.aspect(cube, cube);
+        let aspect = survey.display_scale(cube, cube);
         assert!(aspect[0] == 1.0 && aspect[1] == 1.0 && (aspect[2] - 3.75).abs() < 1e-12);
         survey.units = Default::default();
-        assert_eq!(survey.aspect(cube, cube), [1.0; 3]);
+        assert_eq!(survey.display_scale(cube, cube), [1.0; 3]);
     }
 
     #[test]

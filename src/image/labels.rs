@@ -12,15 +12,15 @@ use std::sync::Arc;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::Image;
-use super::check::{equal_neighbours, is_whole, values};
-use crate::files::kept::Kept;
+use super::check::{are_whole_numbers, distinct_values, equal_neighbour_count};
+use crate::files::codec::Codec;
 use crate::parallel::prelude::*;
 
 /// Values that are no whole numbers are labels if there are at most so many of them.
-pub const MOST_REAL_LABELS: usize = 255;
+pub const MAX_REAL_LABELS: usize = 255;
 
 /// The least share of equal neighbours in an image of more labels than that.
-const LEAST_EQUAL: f64 = 0.3;
+const MIN_EQUAL_SHARE_MANY: f64 = 0.3;
 
 /// The value that the samples of a label have.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -33,7 +33,7 @@ pub enum LabelValue {
 
 impl LabelValue {
     /// Returns the value of a sample as a label.
-    pub fn of(sample: f32) -> Self {
+    pub fn from_sample(sample: f32) -> Self {
         if sample.trunc() == sample && sample.abs() < 1e18 {
             Self::Whole(sample as i128)
         } else {
@@ -45,11 +45,11 @@ impl LabelValue {
     pub fn parse(text: &str) -> Option<Self> {
         let text = text.trim();
         match text.parse::<i128>() {
-            Ok(whole) if is_of_64_bits(whole) => Some(Self::Whole(whole)),
+            Ok(whole) if fits_64_bits(whole) => Some(Self::Whole(whole)),
             Ok(_) => None,
             Err(_) => {
                 let number = text.parse::<f64>().ok().filter(|x| x.is_finite())?;
-                Some(Self::of(number as f32))
+                Some(Self::from_sample(number as f32))
             }
         }
     }
@@ -80,7 +80,7 @@ impl LabelValue {
 }
 
 /// Whether a number is a signed or an unsigned one of 64 bits.
-fn is_of_64_bits(number: i128) -> bool {
+fn fits_64_bits(number: i128) -> bool {
     (i128::from(i64::MIN)..=i128::from(u64::MAX)).contains(&number)
 }
 
@@ -127,26 +127,26 @@ impl<'de> Deserialize<'de> for LabelValue {
         Ok(match (number.as_i64(), number.as_u64()) {
             (Some(signed), _) => Self::Whole(signed.into()),
             (_, Some(unsigned)) => Self::Whole(unsigned.into()),
-            _ => Self::of(number.as_f64().unwrap_or(f64::NAN) as f32),
+            _ => Self::from_sample(number.as_f64().unwrap_or(f64::NAN) as f32),
         })
     }
 }
 
-impl Kept for LabelValue {
-    fn put(&self, out: &mut dyn Write) -> io::Result<()> {
+impl Codec for LabelValue {
+    fn encode(&self, out: &mut dyn Write) -> io::Result<()> {
         // A whole number by its two halves, any other by its bits.
         let (high, low) = match *self {
             Self::Whole(whole) => (Some((whole >> 64) as u64), whole as u64),
             Self::Real(real) => (None, real.to_bits().into()),
         };
-        high.put(out)?;
-        low.put(out)
+        high.encode(out)?;
+        low.encode(out)
     }
 
-    fn take(from: &mut &[u8]) -> Option<Self> {
+    fn decode(from: &mut &[u8]) -> Option<Self> {
         let (high, low) = (
-            <Option<u64> as Kept>::take(from)?,
-            <u64 as Kept>::take(from)?,
+            <Option<u64> as Codec>::decode(from)?,
+            <u64 as Codec>::decode(from)?,
         );
         Some(match high {
             Some(high) => Self::Whole(i128::from(high as i64) << 64 | i128::from(low)),
@@ -161,60 +161,60 @@ pub struct ExactLabels {
     /// The different values, ascending.
     pub values: Vec<i128>,
     /// For each sample, in memory order, the number of its value.
-    pub index: Vec<u32>,
+    pub indices: Vec<u32>,
 }
 
 impl ExactLabels {
     /// Collects the labels of samples, given in the order of memory.
-    pub fn of(samples: impl IntoIterator<Item = i128>) -> Arc<Self> {
-        let mut collector = Collector::default();
+    pub fn from_integers(samples: impl IntoIterator<Item = i128>) -> Arc<Self> {
+        let mut collector = LabelCollector::default();
         collector.extend(samples);
         collector.finish()
     }
 
     /// Returns those of the first `count` samples.
-    pub fn first(&self, count: usize) -> Arc<Self> {
-        let index = self.index.iter().take(count);
-        Self::of(index.map(|&number| self.values[number as usize]))
+    pub fn take_first(&self, count: usize) -> Arc<Self> {
+        let index = self.indices.iter().take(count);
+        Self::from_integers(index.map(|&number| self.values[number as usize]))
     }
 }
 
 /// Collects [`ExactLabels`] of samples that come part by part.
 #[derive(Debug, Default)]
-pub struct Collector {
+pub struct LabelCollector {
     /// The values with their numbers, in the order in which they came.
-    known: BTreeMap<i128, u32>,
-    last: Option<(i128, u32)>,
-    index: Vec<u32>,
+    value_indices: BTreeMap<i128, u32>,
+    last_entry: Option<(i128, u32)>,
+    indices: Vec<u32>,
 }
 
-impl Collector {
+impl LabelCollector {
     /// Adds the next samples, in the order of memory.
     pub fn extend(&mut self, samples: impl IntoIterator<Item = i128>) {
         for sample in samples {
-            let number = match self.last {
+            let number = match self.last_entry {
                 Some((value, number)) if value == sample => number,
                 _ => {
-                    let next = self.known.len() as u32;
-                    *self.known.entry(sample).or_insert(next)
+                    let next = self.value_indices.len() as u32;
+                    *self.value_indices.entry(sample).or_insert(next)
                 }
             };
-            self.last = Some((sample, number));
-            self.index.push(number);
+            self.last_entry = Some((sample, number));
+            self.indices.push(number);
         }
     }
 
     /// Returns the labels of all samples.
     pub fn finish(mut self) -> Arc<ExactLabels> {
-        let mut rank = vec![0; self.known.len()];
-        for (ascending, &number) in self.known.values().enumerate() {
+        let mut rank = vec![0; self.value_indices.len()];
+        for (ascending, &number) in self.value_indices.values().enumerate() {
             rank[number as usize] = ascending as u32;
         }
-        let index = self.index.par_iter_mut();
+        let index = self.indices.par_iter_mut();
         index.for_each(|number| *number = rank[*number as usize]);
         Arc::new(ExactLabels {
-            values: self.known.into_keys().collect(),
-            index: self.index,
+            values: self.value_indices.into_keys().collect(),
+            indices: self.indices,
         })
     }
 }
@@ -225,16 +225,16 @@ pub struct LabelTable {
     /// The values, ascending.
     pub values: Vec<LabelValue>,
     /// For each sample, in memory order, the number of its value.
-    pub index: Vec<u32>,
+    pub indices: Vec<u32>,
 }
 
 impl LabelTable {
     /// Returns the labels of an image; `None` where its samples are too many different numbers to be labels.
-    pub fn of<const D: usize>(image: &Image<D>) -> Option<Self> {
+    pub fn from_image<const D: usize>(image: &Image<D>) -> Option<Self> {
         if let Some(exact) = &image.labels {
             return Some(Self {
                 values: exact.values.iter().map(|&v| LabelValue::Whole(v)).collect(),
-                index: exact.index.clone(),
+                indices: exact.indices.clone(),
             });
         }
         let samples = image.as_slice();
@@ -242,8 +242,8 @@ impl LabelTable {
         let number = |s: &f32| values.partition_point(|value| value < s) as u32;
         let index = samples.par_iter().map(number).collect();
         Some(Self {
-            values: values.into_iter().map(LabelValue::of).collect(),
-            index,
+            values: values.into_iter().map(LabelValue::from_sample).collect(),
+            indices: index,
         })
     }
 }
@@ -251,15 +251,15 @@ impl LabelTable {
 /// Returns the different values of samples, ascending; `None` where these are no labels: many numbers with a
 /// fraction, or many that neighbours do not share.
 fn label_values(samples: &[f32]) -> Option<Vec<f32>> {
-    if let Some(values) = values(samples, MOST_REAL_LABELS) {
+    if let Some(values) = distinct_values(samples, MAX_REAL_LABELS) {
         return Some(values);
     }
-    let equal = equal_neighbours(samples) as f64;
-    let shared = equal >= LEAST_EQUAL * samples.len() as f64;
-    if !shared || !samples.par_chunks(1 << 16).all(is_whole) {
+    let equal = equal_neighbour_count(samples) as f64;
+    let shared = equal >= MIN_EQUAL_SHARE_MANY * samples.len() as f64;
+    if !shared || !samples.par_chunks(1 << 16).all(are_whole_numbers) {
         return None;
     }
-    values(samples, usize::MAX)
+    distinct_values(samples, usize::MAX)
 }
 
 #[cfg(test)]
@@ -284,8 +284,8 @@ mod tests {
             assert_eq!(json, text);
             assert_eq!(serde_json::from_str::<LabelValue>(&json).unwrap(), value);
             let mut bytes = Vec::new();
-            value.put(&mut bytes).unwrap();
-            assert_eq!(LabelValue::take(&mut &bytes[..]), Some(value));
+            value.encode(&mut bytes).unwrap();
+            assert_eq!(LabelValue::decode(&mut &bytes[..]), Some(value));
         }
         assert_eq!(LabelValue::parse("18446744073709551616"), None);
         assert_eq!(LabelValue::parse("nan"), None);
@@ -298,15 +298,18 @@ mod tests {
     fn labels_beyond_floats_stay_apart_and_are_ascending() {
         let big = 1i128 << 60;
         let samples = [big + 1, big, big + 1, 5, big];
-        let exact = ExactLabels::of(samples);
+        let exact = ExactLabels::from_integers(samples);
         assert_eq!(exact.values, [5, big, big + 1]);
-        assert_eq!(exact.index, [2, 1, 2, 0, 1]);
-        assert_eq!(exact.first(2).values, [big, big + 1]);
+        assert_eq!(exact.indices, [2, 1, 2, 0, 1]);
+        assert_eq!(exact.take_first(2).values, [big, big + 1]);
         let rounded = samples.iter().map(|&v| v as f32).collect();
         let mut image = Image::new([5, 1], rounded, Geometry::default());
-        assert_eq!(LabelTable::of(&image).unwrap().values.len(), 2);
+        assert_eq!(LabelTable::from_image(&image).unwrap().values.len(), 2);
         image.labels = Some(exact);
-        assert_eq!(LabelTable::of(&image).unwrap().index, [2, 1, 2, 0, 1]);
+        assert_eq!(
+            LabelTable::from_image(&image).unwrap().indices,
+            [2, 1, 2, 0, 1]
+        );
     }
 
     #[test]
@@ -316,7 +319,7 @@ mod tests {
             .map(|i| (i / 4 * 31 % count) as f32)
             .collect();
         let of = |samples: Vec<f32>| {
-            LabelTable::of(&Image::new(
+            LabelTable::from_image(&Image::new(
                 [samples.len(), 1],
                 samples,
                 Geometry::default(),
@@ -324,7 +327,10 @@ mod tests {
         };
         let table = of(blocks.clone()).unwrap();
         assert_eq!(table.values.len(), count);
-        assert_eq!(table.values[table.index[5] as usize], LabelValue::Whole(31));
+        assert_eq!(
+            table.values[table.indices[5] as usize],
+            LabelValue::Whole(31)
+        );
         assert_eq!(of(blocks.iter().map(|v| v + 0.5).collect()), None);
         assert_eq!(of((0..1000).map(|i| (i * 7 % 1000) as f32).collect()), None);
     }

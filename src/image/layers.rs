@@ -5,17 +5,17 @@ use std::fmt;
 use std::ops::Range;
 use std::path::Path;
 
-use super::formats::{samples, stream::Stream};
+use super::formats::{samples, stream::ImageStream};
 use super::{Geometry, Image};
 use crate::Result;
-use crate::geometry::groups::group;
+use crate::geometry::counting_sort::sort_by_group_into;
 use crate::parallel::prelude::*;
 
 /// Samples that are read together.
-const TOGETHER: usize = 1 << 22;
+const MAX_SAMPLES_PER_READ: usize = 1 << 22;
 
 /// Samples by layers: planes along x and y in 3-D, rows in 2-D.
-pub trait Layers<const D: usize>: Sync {
+pub trait ImageLayers<const D: usize>: Sync {
     /// Samples along each axis, x first.
     fn dims(&self) -> [usize; D];
 
@@ -33,8 +33,8 @@ pub trait Layers<const D: usize>: Sync {
     ///
     /// # Errors
     /// Those of [`Layers::read_rows`].
-    fn read(&self, first: usize, out: &mut [f32]) -> Result<()> {
-        self.read_rows(first, 0..rows(self.dims()), out)
+    fn read_layers(&self, first: usize, out: &mut [f32]) -> Result<()> {
+        self.read_rows(first, 0..rows_per_layer(self.dims()), out)
     }
 
     /// All of them.
@@ -45,63 +45,64 @@ pub trait Layers<const D: usize>: Sync {
 }
 
 /// Rows along x of a layer.
-pub fn rows<const D: usize>(dims: [usize; D]) -> usize {
+pub fn rows_per_layer<const D: usize>(dims: [usize; D]) -> usize {
     dims[1..D - 1].iter().product()
 }
 
-impl Layers<3> for Stream {
+impl ImageLayers<3> for ImageStream {
     fn dims(&self) -> [usize; 3] {
-        self.head.dims
+        self.header.dims
     }
 
     fn geometry(&self) -> &Geometry<3> {
-        &self.head.geometry
+        &self.header.geometry
     }
 
     fn read_rows(&self, first: usize, rows: Range<usize>, out: &mut [f32]) -> Result<()> {
-        self.rows(first, rows, out)
+        self.read_plane_rows(first, rows, out)
     }
 
     fn load(&self) -> Result<Image<3>> {
-        let mut samples = samples::room(Path::new("the image"), self.head.dims.iter().product())?;
-        self.planes(0, &mut samples)?;
-        let mut image = Image::new(self.head.dims, samples, self.head.geometry.clone());
-        if self.note().is_some() {
-            image.labels = self.planes.integers(self.head.dims)?;
+        let mut samples =
+            samples::allocate(Path::new("the image"), self.header.dims.iter().product())?;
+        self.read_planes(0, &mut samples)?;
+        let mut image = Image::new(self.header.dims, samples, self.header.geometry.clone());
+        if self.rounding_note().is_some() {
+            image.labels = self.reader.read_integers(self.header.dims)?;
         }
-        Ok(image.with_missing(self.head.missing.clone()))
+        Ok(image.with_missing(self.header.missing.clone()))
     }
 }
 
 /// An image, in memory or by its layers.
 #[derive(Clone, Copy)]
-pub enum Source<'a, const D: usize> {
+pub enum ImageSource<'a, const D: usize> {
     /// In memory.
-    Held(&'a Image<D>),
+    InMemory(&'a Image<D>),
     /// Where layers of it are read. No rows of it are missing.
-    InLayers(&'a dyn Layers<D>),
+    Layered(&'a dyn ImageLayers<D>),
 }
 
-impl<const D: usize> fmt::Debug for Source<'_, D> {
+impl<const D: usize> fmt::Debug for ImageSource<'_, D> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:?} samples", self.dims())
     }
 }
 
-impl<'a, const D: usize> Source<'a, D> {
+impl<'a, const D: usize> ImageSource<'a, D> {
     /// Samples along each axis, x first.
     pub fn dims(&self) -> [usize; D] {
         match self {
-            Self::Held(image) => image.dims(),
-            Self::InLayers(layers) => layers.dims(),
+            Self::InMemory(image) => image.dims(),
+            Self::Layered(layers) => layers.dims(),
         }
     }
 
     /// Where they lie.
     pub fn geometry(&self) -> &'a Geometry<D> {
         match self {
-            Self::Held(image) => &image.geometry,
-            Self::InLayers(layers) => layers.geometry(),
+            Self::InMemory(image) => &image.geometry,
+            Self::Layered(layers) => layers.geometry(),
         }
     }
 
@@ -110,17 +111,17 @@ impl<'a, const D: usize> Source<'a, D> {
     ///
     /// # Errors
     /// That of reading.
-    pub fn linear(
+    pub fn interpolate_linear(
         &self,
         len: usize,
         at: impl Fn(usize) -> Option<[f64; D]> + Sync,
     ) -> Result<Vec<f32>> {
         let layers = match self {
-            Self::Held(image) => {
-                let value = |i: usize| at(i).map_or(f32::NAN, |x| image.linear(x));
+            Self::InMemory(image) => {
+                let value = |i: usize| at(i).map_or(f32::NAN, |x| image.interpolate_linear(x));
                 return Ok((0..len).into_par_iter().map(value).collect());
             }
-            Self::InLayers(layers) => layers,
+            Self::Layered(layers) => layers,
         };
         let dims = layers.dims();
         let (count, layer) = (dims[D - 1], dims[..D - 1].iter().product::<usize>());
@@ -129,10 +130,10 @@ impl<'a, const D: usize> Source<'a, D> {
         let layer_of = |i: usize| at(i).map_or(0, |x| along(x) as u32);
         let (mut start, mut order) = (Vec::new(), Vec::new());
         let layer_of: Vec<u32> = (0..len).into_par_iter().map(layer_of).collect();
-        group(count, &layer_of, &mut start, &mut order);
+        sort_by_group_into(count, &layer_of, &mut start, &mut order);
         drop(layer_of);
         let mut values = vec![f32::NAN; len];
-        let together = (TOGETHER / layer.max(1)).max(1);
+        let together = (MAX_SAMPLES_PER_READ / layer.max(1)).max(1);
         for first in (0..count).step_by(together) {
             let end = (first + together).min(count);
             let these = &order[start[first] as usize..start[end] as usize];
@@ -142,11 +143,11 @@ impl<'a, const D: usize> Source<'a, D> {
             let mut part = dims;
             part[D - 1] = (end + 1).min(count) - first;
             let mut samples = vec![0.0; part[D - 1] * layer];
-            layers.read(first, &mut samples)?;
+            layers.read_layers(first, &mut samples)?;
             let value = |&i: &u32| {
                 at(i as usize).map_or(f32::NAN, |mut x| {
                     x[D - 1] = along(x) - first as f64;
-                    super::linear(part, &samples, x)
+                    super::interpolate_linear(part, &samples, x)
                 })
             };
             let found: Vec<f32> = these.par_iter().map(value).collect();
@@ -161,10 +162,10 @@ impl<'a, const D: usize> Source<'a, D> {
     ///
     /// # Errors
     /// Those of [`Layers::load`].
-    pub fn whole(&self) -> Result<Cow<'a, Image<D>>> {
+    pub fn to_image(&self) -> Result<Cow<'a, Image<D>>> {
         match self {
-            Self::Held(image) => Ok(Cow::Borrowed(image)),
-            Self::InLayers(layers) => layers.load().map(Cow::Owned),
+            Self::InMemory(image) => Ok(Cow::Borrowed(image)),
+            Self::Layered(layers) => layers.load().map(Cow::Owned),
         }
     }
 }

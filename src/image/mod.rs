@@ -18,36 +18,36 @@
 //! - `sparse`: the same of what is zero nearly everywhere
 
 pub(crate) mod check;
-pub(crate) mod column;
-pub(crate) mod depth;
+pub(crate) mod depth_conversion;
 pub(crate) mod field;
 pub mod formats;
 pub(crate) mod geometry;
 pub(crate) mod labels;
 pub(crate) mod layers;
-pub(crate) mod live;
+pub(crate) mod live_mask;
 pub(crate) mod modality;
 pub(crate) mod nulls;
-pub(crate) mod sparse;
+pub(crate) mod sparse_field;
 pub mod synth;
 pub(crate) mod time;
+pub(crate) mod time_depth;
 pub(crate) mod velocity;
 
 pub use check::Stats;
-pub use column::Column;
-pub use depth::Stretch;
-pub use field::Field;
+pub use depth_conversion::DepthConversion;
+pub use field::ScalarField;
 pub use geometry::Geometry;
 pub use labels::{ExactLabels, LabelTable, LabelValue};
-pub use layers::{Layers, Source};
-pub(crate) use live::LiveMask;
-use live::apart2;
+pub use layers::{ImageLayers, ImageSource};
+pub(crate) use live_mask::LiveMask;
+use live_mask::distance_squared;
 pub use modality::Modality;
-pub use nulls::Marked;
-pub(crate) use sparse::Missed;
-pub use sparse::Sparse;
-pub use time::{NoDepth, TimeCoordinate};
-pub use velocity::{Reach, Velocities};
+pub use nulls::MaskedImage;
+pub(crate) use sparse_field::MissFlag;
+pub use sparse_field::SparseField;
+pub use time::{NoDepthReason, TimeCoordinate};
+pub use time_depth::TimeDepthCurve;
+pub use velocity::{VelocityCoverage, VelocityModel};
 
 use ndarray::ArrayD;
 use std::sync::Arc;
@@ -98,7 +98,7 @@ impl<const D: usize> Image<D> {
 
     /// The image with every missing row a copy of the nearest that is not, if there are any: then its
     /// smoothed samples have no edge where data end.
-    pub fn continued(&self) -> Option<Self> {
+    pub fn with_missing_filled(&self) -> Option<Self> {
         let present: Vec<bool> = self.missing.iter().map(|missing| !missing).collect();
         if !present.contains(&true) {
             return None;
@@ -117,14 +117,14 @@ impl<const D: usize> Image<D> {
     /// For each row along x whether it lies at most `reach` samples beside a missing one, or is
     /// missing;
     /// empty where none is.
-    pub fn near_missing(&self, reach: f64) -> Vec<bool> {
+    pub fn rows_near_missing(&self, reach: f64) -> Vec<bool> {
         if self.missing.is_empty() {
             return Vec::new();
         }
         let dims = self.dims();
         let nearest = nearest_rows(dims, &self.missing);
         let near = |(row, missing): (usize, u32)| {
-            apart2(of_rows(dims), row, missing as usize) as f64 <= reach * reach
+            distance_squared(row_grid(dims), row, missing as usize) as f64 <= reach * reach
         };
         nearest.into_iter().enumerate().map(near).collect()
     }
@@ -137,8 +137,8 @@ impl<const D: usize> Image<D> {
 
     /// The value at a (fractional) sample index, interpolated linearly; beyond the sides that of the
     /// nearest sample.
-    pub fn linear(&self, index: [f64; D]) -> f32 {
-        linear(self.dims(), self.as_slice(), index)
+    pub fn interpolate_linear(&self, index: [f64; D]) -> f32 {
+        interpolate_linear(self.dims(), self.as_slice(), index)
     }
 
     /// The samples in memory order, x fastest.
@@ -150,9 +150,9 @@ impl<const D: usize> Image<D> {
 
 impl<const D: usize> Image<D> {
     /// The image as part of space: a 2-D image becomes one of a single sample along z, at z = 0.
-    pub fn in_space(&self) -> Image<3> {
+    pub fn to_3d(&self) -> Image<3> {
         let dims = self.dims();
-        let geometry = self.geometry.in_space();
+        let geometry = self.geometry.to_3d();
         let dims = std::array::from_fn(|k| dims.get(k).copied().unwrap_or(1));
         let mut space = Image::new(dims, self.as_slice().to_vec(), geometry);
         space.labels.clone_from(&self.labels);
@@ -171,13 +171,16 @@ impl Image<3> {
         let samples = self.as_slice()[..nx * ny].to_vec();
         let missing = self.missing.iter().copied().take(ny).collect();
         let mut flat = Image::new([nx, ny], samples, self.geometry.flatten());
-        flat.labels = self.labels.as_ref().map(|labels| labels.first(nx * ny));
+        flat.labels = self
+            .labels
+            .as_ref()
+            .map(|labels| labels.take_first(nx * ny));
         flat.with_missing(missing)
     }
 }
 
 /// [`Image::linear`] of samples.
-fn linear<const D: usize>(dims: [usize; D], samples: &[f32], index: [f64; D]) -> f32 {
+fn interpolate_linear<const D: usize>(dims: [usize; D], samples: &[f32], index: [f64; D]) -> f32 {
     let mut value = 0.0;
     for corner in 0..1usize << D {
         let (mut weight, mut place, mut stride) = (1.0, 0, 1);
@@ -202,14 +205,14 @@ fn linear<const D: usize>(dims: [usize; D], samples: &[f32], index: [f64; D]) ->
 }
 
 /// Rows along x as cells.
-fn of_rows<const D: usize>(mut dims: [usize; D]) -> [usize; D] {
+fn row_grid<const D: usize>(mut dims: [usize; D]) -> [usize; D] {
     dims[0] = 1;
     dims
 }
 
 /// For each row along x the nearest one that is wanted; one is.
 fn nearest_rows<const D: usize>(dims: [usize; D], wanted: &[bool]) -> Vec<u32> {
-    live::nearest(of_rows(dims), |row| wanted[row], usize::MAX)
+    live_mask::nearest_cells(row_grid(dims), |row| wanted[row], usize::MAX)
 }
 
 #[cfg(test)]
@@ -229,13 +232,13 @@ mod tests {
             [3.9, 0.1, 1.0],
         ] {
             assert!(
-                (f64::from(image.linear(x)) - plane(x)).abs() < 1e-5,
+                (f64::from(image.interpolate_linear(x)) - plane(x)).abs() < 1e-5,
                 "{x:?}"
             );
         }
         assert_eq!(
-            image.linear([9.0, -1.0, 2.0]),
-            image.linear([4.0, 0.0, 2.0])
+            image.interpolate_linear([9.0, -1.0, 2.0]),
+            image.interpolate_linear([4.0, 0.0, 2.0])
         );
     }
 
@@ -251,22 +254,33 @@ mod tests {
             })
             .collect();
         let image = Image::new(dims, samples, Geometry::default()).with_missing(missing.clone());
-        let continued = image.continued().unwrap();
+        let continued = image.with_missing_filled().unwrap();
         for row in 0..72 {
             let from = continued.as_slice()[3 * row] as usize / 3;
             assert!(!missing[from]);
             let present = (0..72).filter(|&r| !missing[r]);
-            let least = present.map(|r| apart2([1, 9, 8], row, r)).min().unwrap();
-            assert_eq!(apart2([1, 9, 8], row, from), least, "{row}");
+            let least = present
+                .map(|r| distance_squared([1, 9, 8], row, r))
+                .min()
+                .unwrap();
+            assert_eq!(distance_squared([1, 9, 8], row, from), least, "{row}");
         }
-        let near = image.near_missing(2.0);
+        let near = image.rows_near_missing(2.0);
         for row in 0..72 {
             let mut gaps = (0..72).filter(|&r| missing[r]);
-            assert_eq!(near[row], gaps.any(|r| apart2([1, 9, 8], row, r) <= 4));
+            assert_eq!(
+                near[row],
+                gaps.any(|r| distance_squared([1, 9, 8], row, r) <= 4)
+            );
         }
         // Where nothing is missing, or all is, there is nothing to continue.
         let whole = image.clone().with_missing(vec![false; 72]);
-        assert!(whole.missing.is_empty() && whole.continued().is_none());
-        assert!(image.with_missing(vec![true; 72]).continued().is_none());
+        assert!(whole.missing.is_empty() && whole.with_missing_filled().is_none());
+        assert!(
+            image
+                .with_missing(vec![true; 72])
+                .with_missing_filled()
+                .is_none()
+        );
     }
 }

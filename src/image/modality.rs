@@ -1,8 +1,8 @@
 //! Where an image comes from, as far as its format and its geometry tell.
 
 use super::Geometry;
-use super::formats::Format;
-use super::time::seconds;
+use super::formats::ImageFormat;
+use super::time::seconds_per_unit;
 
 /// The kind of measurement or model that an image holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -42,13 +42,15 @@ const SCAN_UNITS: [&str; 8] = [
 impl Modality {
     /// Tells by the format of the file and the geometry in it: SEG-Y and time or line numbers among the
     /// coordinates mean a survey, formats of medicine and microscopy and lengths below a metre a scan.
-    pub fn of<const D: usize>(format: Format, geometry: &Geometry<D>) -> Self {
+    pub fn detect<const D: usize>(format: ImageFormat, geometry: &Geometry<D>) -> Self {
         match format {
-            Format::Segy => Self::Survey,
+            ImageFormat::Segy => Self::Survey,
             _ if geometry.modality() == Self::Survey => Self::Survey,
-            Format::Nifti | Format::MetaImage | Format::Nrrd | Format::Tiff | Format::Inrimage => {
-                Self::Scan
-            }
+            ImageFormat::Nifti
+            | ImageFormat::MetaImage
+            | ImageFormat::Nrrd
+            | ImageFormat::Tiff
+            | ImageFormat::Inrimage => Self::Scan,
             _ => geometry.modality(),
         }
     }
@@ -56,7 +58,7 @@ impl Modality {
 
 impl Modality {
     /// Returns the modality, which the geometry tells where it is unknown.
-    pub(crate) fn or_of<const D: usize>(self, geometry: &Geometry<D>) -> Self {
+    pub(crate) fn or_detect<const D: usize>(self, geometry: &Geometry<D>) -> Self {
         match self {
             Self::Unknown => geometry.modality(),
             known => known,
@@ -68,7 +70,10 @@ impl<const D: usize> Geometry<D> {
     /// Returns the modality that units and names of axes tell.
     pub fn modality(&self) -> Modality {
         let is_survey_axis = |name: &String| SURVEY_AXES.contains(&&*name.to_ascii_lowercase());
-        if self.units.iter().any(|unit| seconds(unit).is_some())
+        if self
+            .units
+            .iter()
+            .any(|unit| seconds_per_unit(unit).is_some())
             || self.names.iter().any(is_survey_axis)
         {
             return Modality::Survey;
@@ -91,27 +96,33 @@ mod tests {
     #[test]
     fn format_and_geometry_tell_surveys_from_scans() {
         let bare = Geometry::<3>::default();
-        assert_eq!(Modality::of(Format::Npy, &bare), Modality::Unknown);
-        assert_eq!(Modality::of(Format::Segy, &bare), Modality::Survey);
+        assert_eq!(Modality::detect(ImageFormat::Npy, &bare), Modality::Unknown);
+        assert_eq!(Modality::detect(ImageFormat::Segy, &bare), Modality::Survey);
         for format in [
-            Format::Nifti,
-            Format::MetaImage,
-            Format::Nrrd,
-            Format::Tiff,
-            Format::Inrimage,
+            ImageFormat::Nifti,
+            ImageFormat::MetaImage,
+            ImageFormat::Nrrd,
+            ImageFormat::Tiff,
+            ImageFormat::Inrimage,
         ] {
-            assert_eq!(Modality::of(format, &bare), Modality::Scan);
+            assert_eq!(Modality::detect(format, &bare), Modality::Scan);
         }
         let mut timed = bare.clone();
         timed.units[0] = "ms".into();
-        assert_eq!(Modality::of(Format::Vti, &timed), Modality::Survey);
-        assert_eq!(Modality::of(Format::Nrrd, &timed), Modality::Survey);
+        assert_eq!(Modality::detect(ImageFormat::Vti, &timed), Modality::Survey);
+        assert_eq!(
+            Modality::detect(ImageFormat::Nrrd, &timed),
+            Modality::Survey
+        );
         let mut named = bare.clone();
         named.names[2] = "Inline".into();
         assert_eq!(named.modality(), Modality::Survey);
         let mut measured = bare.clone();
         measured.units = ["mm"; 3].map(String::from);
-        assert_eq!(Modality::of(Format::Vti, &measured), Modality::Scan);
+        assert_eq!(
+            Modality::detect(ImageFormat::Vti, &measured),
+            Modality::Scan
+        );
         measured.units = ["m"; 3].map(String::from);
         assert_eq!(measured.modality(), Modality::Unknown);
     }

@@ -25,33 +25,33 @@ const COMMON_NULLS: [f32; 11] = [
 ];
 
 /// The least magnitude among the common null values.
-const LEAST_NULL: f32 = 999.0;
+const MIN_NULL_MAGNITUDE: f32 = 999.0;
 
 /// One sample of a null value of this magnitude or more is enough: no measurement is so large.
-const IMPOSSIBLE: f32 = 1e29;
+const CERTAIN_NULL_MAGNITUDE: f32 = 1e29;
 
 /// A null value of lesser magnitude has at least so many samples.
-const FEWEST_NULLS: usize = 8;
+const MIN_NULL_COUNT: usize = 8;
 
 /// Traces shorter than this (samples) may be zero by chance.
-const SHORTEST_TRACE: usize = 8;
+const MIN_TRACE_LEN: usize = 8;
 
 /// In an image with a larger share of zeros outside of traces that are zero throughout, zero is a value
 /// like others.
-const MOST_ZEROS: f64 = 0.3;
+const MAX_ZERO_SHARE: f64 = 0.3;
 
 /// A sample is an outlier if it is farther from the median than all features by this factor.
-const OUTLYING: f32 = 8.0;
+const OUTLIER_FACTOR: f32 = 8.0;
 
 /// Outliers are no larger share of the samples than this: what is more is a part of the image.
-const MOST_OUTLIERS: f64 = 1e-3;
+const MAX_OUTLIER_SHARE: f64 = 1e-3;
 
 /// Samples, evenly spread, by which the usual distance from the median is judged.
-const LOOKED_AT: usize = 100_000;
+const MEDIAN_SAMPLE_COUNT: usize = 100_000;
 
 /// An image whose dead samples are marked, and notes on what was found.
 #[derive(Debug, Clone)]
-pub struct Marked<const D: usize> {
+pub struct MaskedImage<const D: usize> {
     /// The image; its dead samples are zeros.
     pub image: Image<D>,
     /// One line for each kind of dead samples.
@@ -65,7 +65,7 @@ impl<const D: usize> Image<D> {
     ///
     /// # Errors
     /// [`Error::Image`] if no sample is left, [`Error::Job`] if there is no memory for the marks.
-    pub fn marked(&self, recognise: bool) -> Result<Option<Marked<D>>> {
+    pub fn mark_dead(&self, recognise: bool) -> Result<Option<MaskedImage<D>>> {
         let samples = self.as_slice();
         let count = samples.len();
         let percent = |part: usize| 100.0 * part as f64 / count.max(1) as f64;
@@ -86,7 +86,7 @@ impl<const D: usize> Image<D> {
         if finite && nulls.is_empty() && zeros.is_empty() && outliers.is_empty() {
             return Ok(None);
         }
-        memory::afford(
+        memory::ensure_available(
             "the image",
             5.0 * count as f64,
             format!("marks of {count} samples, some of which hold no data"),
@@ -118,7 +118,7 @@ impl<const D: usize> Image<D> {
                 .map(|&i| samples[i])
                 .max_by(|a, b| a.abs().total_cmp(&b.abs()));
             notes.push(format!(
-                "{} single samples ({:.2} %) lie {OUTLYING} times farther out than all others (up to {}) and \
+                "{} single samples ({:.2} %) lie {OUTLIER_FACTOR} times farther out than all others (up to {}) and \
                  count as missing (--null none keeps them)",
                 outliers.len(),
                 percent(outliers.len()),
@@ -126,7 +126,7 @@ impl<const D: usize> Image<D> {
             ));
         }
         if !zeros.is_empty() {
-            let vertical = self.vertical();
+            let vertical = self.vertical_axis();
             let (length, stride) = (self.dims()[vertical], self.stride(vertical));
             for &start in &zeros {
                 (0..length).for_each(|i| flags[start + i * stride] = true);
@@ -165,7 +165,7 @@ impl<const D: usize> Image<D> {
             *sample = 0.0;
         }
         let image = Self::new(self.dims(), samples, self.geometry.clone()).with_dead(flags);
-        Ok(Some(Marked { image, notes }))
+        Ok(Some(MaskedImage { image, notes }))
     }
 
     /// Returns the image with these samples marked as dead, one flag a sample.
@@ -185,7 +185,7 @@ impl<const D: usize> Image<D> {
     }
 
     /// Returns the axis that runs along the vertical, or nearest to it.
-    fn vertical(&self) -> usize {
+    fn vertical_axis(&self) -> usize {
         let upright = |k: usize| {
             let axis = self.geometry.axes[k];
             let length = axis.iter().map(|c| c * c).sum::<f64>().sqrt();
@@ -202,7 +202,7 @@ impl<const D: usize> Image<D> {
     }
 
     /// Returns the common null values that the image has.
-    fn common_nulls(&self) -> Vec<Null> {
+    fn common_nulls(&self) -> Vec<NullValue> {
         let samples = self.as_slice();
         let dims = self.dims();
         let strides: [usize; D] = std::array::from_fn(|k| self.stride(k));
@@ -214,26 +214,26 @@ impl<const D: usize> Image<D> {
             })
         };
         // For each value: samples, those beside a sample that is alike, and samples of the opposite value.
-        type Counts = [[usize; 3]; COMMON_NULLS.len()];
-        const TOGETHER: usize = 1 << 14;
+        type NullCounts = [[usize; 3]; COMMON_NULLS.len()];
+        const CHUNK_LEN: usize = 1 << 14;
         let count = |(chunk, part): (usize, &[f32])| {
-            let mut counts: Counts = Default::default();
+            let mut counts: NullCounts = Default::default();
             for (i, &s) in part.iter().enumerate() {
-                if s.abs() < LEAST_NULL {
+                if s.abs() < MIN_NULL_MAGNITUDE {
                     continue;
                 }
                 for (counts, &null) in counts.iter_mut().zip(&COMMON_NULLS) {
                     if is_null(s, null) {
                         counts[0] += 1;
-                        counts[1] += usize::from(has_twin(chunk * TOGETHER + i));
+                        counts[1] += usize::from(has_twin(chunk * CHUNK_LEN + i));
                     }
                     counts[2] += usize::from(is_null(s, -null));
                 }
             }
             counts
         };
-        let parts: Vec<Counts> = samples
-            .par_chunks(TOGETHER)
+        let parts: Vec<NullCounts> = samples
+            .par_chunks(CHUNK_LEN)
             .enumerate()
             .map(count)
             .collect();
@@ -241,18 +241,19 @@ impl<const D: usize> Image<D> {
         let found = COMMON_NULLS.iter().enumerate().filter_map(|(i, &value)| {
             let [count, twins, opposite]: [usize; 3] = [0, 1, 2].map(|which| total(i, which));
             // What is clipped is so at both ends.
-            let is_fill = count >= FEWEST_NULLS && 10 * twins >= 9 * count && 4 * opposite < count;
-            let impossible = value.abs() >= IMPOSSIBLE && count > 0;
-            (is_fill || impossible).then_some(Null { value, count })
+            let is_fill =
+                count >= MIN_NULL_COUNT && 10 * twins >= 9 * count && 4 * opposite < count;
+            let impossible = value.abs() >= CERTAIN_NULL_MAGNITUDE && count > 0;
+            (is_fill || impossible).then_some(NullValue { value, count })
         });
         found.collect()
     }
 
     /// Returns the samples that stand alone and lie far outside the range of all others.
-    fn outliers(&self, nulls: &[Null]) -> Vec<usize> {
+    fn outliers(&self, nulls: &[NullValue]) -> Vec<usize> {
         let samples = self.as_slice();
         let is_data = |s: f32| s.is_finite() && !nulls.iter().any(|null| is_null(s, null.value));
-        let every = samples.len().div_ceil(LOOKED_AT) | 1;
+        let every = samples.len().div_ceil(MEDIAN_SAMPLE_COUNT) | 1;
         let some = samples.iter().step_by(every).copied();
         let mut some: Vec<f32> = some.filter(|s| is_data(*s)).collect();
         if some.is_empty() {
@@ -272,13 +273,13 @@ impl<const D: usize> Image<D> {
             part.iter()
                 .fold(0.0, |most: f32, s| most.max((s - median).abs()))
         };
-        let bound = OUTLYING * usual;
+        let bound = OUTLIER_FACTOR * usual;
         if samples.par_chunks(4096).all(|part| range(part) <= bound) {
             return Vec::new();
         }
         let far = |i: &usize| is_far(samples[*i], bound);
         let far: Vec<usize> = (0..samples.len()).into_par_iter().filter(far).collect();
-        if far.len() as f64 > MOST_OUTLIERS * samples.len() as f64 {
+        if far.len() as f64 > MAX_OUTLIER_SHARE * samples.len() as f64 {
             return Vec::new();
         }
         // Of a sheet of such samples each has many others within two samples.
@@ -302,17 +303,17 @@ impl<const D: usize> Image<D> {
         let (single, together): (Vec<usize>, Vec<usize>) =
             far.into_iter().partition(|&i| stands_alone(i));
         let largest = together.iter().map(|&i| (samples[i] - median).abs());
-        let bound = OUTLYING * largest.fold(usual, f32::max);
+        let bound = OUTLIER_FACTOR * largest.fold(usual, f32::max);
         let single = single.into_iter().filter(|&i| is_far(samples[i], bound));
         single.collect()
     }
 
     /// Returns the first sample of each trace that is zero throughout but not marked yet, if the image is one
     /// of amplitudes, which are hardly ever zero.
-    fn zero_traces(&self, nulls: &[Null]) -> Vec<usize> {
-        let (samples, vertical) = (self.as_slice(), self.vertical());
+    fn zero_traces(&self, nulls: &[NullValue]) -> Vec<usize> {
+        let (samples, vertical) = (self.as_slice(), self.vertical_axis());
         let (length, stride) = (self.dims()[vertical], self.stride(vertical));
-        if length < SHORTEST_TRACE {
+        if length < MIN_TRACE_LEN {
             return Vec::new();
         }
         let lanes = samples.len() / length;
@@ -363,7 +364,7 @@ impl<const D: usize> Image<D> {
         let zero = zero.saturating_sub(found.len() * length + marked) as f64;
         let values = (more + less) as f64;
         let has_both_signs = more.min(less) as f64 > 0.1 * values;
-        match has_both_signs && zero < MOST_ZEROS * (zero + values) {
+        match has_both_signs && zero < MAX_ZERO_SHARE * (zero + values) {
             true => found,
             false => Vec::new(),
         }
@@ -371,7 +372,7 @@ impl<const D: usize> Image<D> {
 }
 
 /// A null value that an image has.
-struct Null {
+struct NullValue {
     value: f32,
     count: usize,
 }
@@ -380,7 +381,7 @@ struct Null {
 pub(crate) fn is_null(sample: f32, null: f32) -> bool {
     sample == null
         || (sample - null).abs() <= 1e-6 * null.abs() && null.fract() != 0.0
-        || null.abs() >= IMPOSSIBLE && (sample / null - 1.0).abs() <= 1e-5
+        || null.abs() >= CERTAIN_NULL_MAGNITUDE && (sample / null - 1.0).abs() <= 1e-5
 }
 
 /// Returns whether a sample holds a common null value.

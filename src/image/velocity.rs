@@ -2,14 +2,14 @@
 //!
 //! Velocities are linear between samples, across and in time, and beyond the samples those of the nearest.
 
-use super::column::Column;
+use super::time_depth::TimeDepthCurve;
 use crate::error::cause;
 use crate::image::{Geometry, Image};
 use crate::{Error, Result, memory};
 
 /// A volume, in the plane a section, of interval velocities in m/s on a grid of its own in two-way time.
 #[derive(Debug, Clone)]
-pub struct Velocities<const D: usize> {
+pub struct VelocityModel<const D: usize> {
     /// What errors and notes call it.
     pub name: String,
     /// Positive samples; time runs along axis 0, and along it alone.
@@ -17,24 +17,24 @@ pub struct Velocities<const D: usize> {
     /// Which physical coordinate is time.
     coordinate: usize,
     /// Seconds downwards in its unit.
-    seconds: f64,
+    seconds_per_unit: f64,
 }
 
 /// What velocities and some positions in two-way time have to do with one another.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Reach {
+pub struct VelocityCoverage {
     /// Which coordinate of the positions is time.
     pub coordinate: usize,
     /// Seconds downwards in its unit: negative where times below the surface are, as heights would be.
-    pub seconds: f64,
+    pub seconds_per_unit: f64,
     /// What the user should know.
     pub notes: Vec<String>,
 }
 
 /// No rock is slower, in m/s; what is gives its velocities in km/s.
-const SLOWEST: f32 = 50.0;
+const MIN_VELOCITY: f32 = 50.0;
 
-impl<const D: usize> Velocities<D> {
+impl<const D: usize> VelocityModel<D> {
     /// Velocities as an image holds them; `name` is what errors call it.
     ///
     /// # Errors
@@ -58,21 +58,21 @@ impl<const D: usize> Velocities<D> {
             ));
         };
         // Traces that a survey lacks have the velocities of the nearest.
-        let image = image.continued().unwrap_or(image);
-        check(&image, name)?;
+        let image = image.with_missing_filled().unwrap_or(image);
+        check_velocities(&image, name)?;
         let image = with_axis_first(image, along)?;
         let times = corners(&image).map(|p| p[time.coordinate]);
         Ok(Self {
             name: name.to_string(),
             coordinate: time.coordinate,
-            seconds: time.seconds * downwards(times),
+            seconds_per_unit: time.seconds_per_unit * downward_sign(times),
             image,
         })
     }
 
     /// Depth below a position of the world, whatever its time.
-    pub fn column(&self, at: [f64; D]) -> Column {
-        let index = self.index(at);
+    pub fn time_depth_curve(&self, at: [f64; D]) -> TimeDepthCurve {
+        let index = self.sample_index(at);
         let dims = self.image.dims();
         let samples = self.image.as_slice();
         let mut velocity = vec![0.0; dims[0]];
@@ -99,13 +99,13 @@ impl<const D: usize> Velocities<D> {
             }
         }
         let geometry = &self.image.geometry;
-        let first = geometry.origin[self.coordinate] * self.seconds;
-        let step = geometry.axes[0][self.coordinate] * self.seconds;
-        Column::new(first, step, velocity)
+        let first = geometry.origin[self.coordinate] * self.seconds_per_unit;
+        let step = geometry.axes[0][self.coordinate] * self.seconds_per_unit;
+        TimeDepthCurve::new(first, step, velocity)
     }
 
     /// The sample index of a position.
-    fn index(&self, at: [f64; D]) -> [f64; D] {
+    fn sample_index(&self, at: [f64; D]) -> [f64; D] {
         self.image.geometry.to_index(at).unwrap_or([0.0; D])
     }
 
@@ -114,14 +114,14 @@ impl<const D: usize> Velocities<D> {
     ///
     /// # Errors
     /// [`Error::Image`] if nothing lies among the velocities, beside or above one another.
-    pub fn check_reach(
+    pub fn check_coverage(
         &self,
         positions: impl Iterator<Item = [f64; D]> + Clone,
         geometry: &Geometry<D>,
-    ) -> Result<Reach> {
+    ) -> Result<VelocityCoverage> {
         let other = geometry
             .two_way_time()
-            .map_err(|no| no.at(format!("velocity {}", self.name)))?;
+            .map_err(|no| no.to_error(format!("velocity {}", self.name)))?;
         let refuse =
             |problem: String, remedy: &str| Err(Error::Image(cause(&self.name, problem, remedy)));
         if self.coordinate != other.coordinate {
@@ -132,24 +132,25 @@ impl<const D: usize> Velocities<D> {
                 "give velocities with coordinates in the same order",
             );
         }
-        let seconds = other.seconds * downwards(positions.clone().map(|p| p[other.coordinate]));
+        let seconds =
+            other.seconds_per_unit * downward_sign(positions.clone().map(|p| p[other.coordinate]));
         let dims = self.image.dims();
         let (mut count, mut beside) = (0usize, 0usize);
-        let mut covered = Bounds::none();
+        let mut covered = BoundingBox::empty();
         for mut at in positions {
-            at[self.coordinate] *= seconds / self.seconds;
+            at[self.coordinate] *= seconds / self.seconds_per_unit;
             covered.add(at);
-            let index = self.index(at);
+            let index = self.sample_index(at);
             // One trace stands for all.
             let off = |k: usize| dims[k] > 1 && !(-0.5..=dims[k] as f64 - 0.5).contains(&index[k]);
             count += 1;
             beside += usize::from((1..D).any(off));
         }
-        let mut own = Bounds::none();
+        let mut own = BoundingBox::empty();
         corners(&self.image).for_each(|p| own.add(p));
         // Downwards, in the velocities' unit.
         let [[from, to], [first, last]] = [&own, &covered].map(|bounds| {
-            let ends = [bounds.low, bounds.high].map(|p| p[self.coordinate].abs());
+            let ends = [bounds.min, bounds.max].map(|p| p[self.coordinate].abs());
             [ends[0].min(ends[1]), ends[0].max(ends[1])]
         });
         if beside == count || (dims[0] > 1 && (from > last || first > to)) {
@@ -178,9 +179,9 @@ impl<const D: usize> Velocities<D> {
                 self.name
             ));
         }
-        Ok(Reach {
+        Ok(VelocityCoverage {
             coordinate: other.coordinate,
-            seconds,
+            seconds_per_unit: seconds,
             notes,
         })
     }
@@ -196,13 +197,13 @@ fn corners<const D: usize>(image: &Image<D>) -> impl Iterator<Item = [f64; D]> {
 }
 
 /// The sign of times below the surface: 1 where they grow downwards, -1 where they fall as heights do.
-fn downwards(times: impl Iterator<Item = f64>) -> f64 {
+fn downward_sign(times: impl Iterator<Item = f64>) -> f64 {
     let (low, high) = times.fold((0.0f64, 0.0f64), |(a, b), t| (a.min(t), b.max(t)));
     if -low > high { -1.0 } else { 1.0 }
 }
 
 /// Refuses what is no velocity.
-fn check<const D: usize>(image: &Image<D>, name: &str) -> Result<()> {
+fn check_velocities<const D: usize>(image: &Image<D>, name: &str) -> Result<()> {
     let refuse = |problem: String, remedy: &str| Err(Error::Image(cause(name, problem, remedy)));
     let samples = image.as_slice();
     let wrong = |v: &f32| !(v.is_finite() && *v > 0.0);
@@ -225,7 +226,7 @@ fn check<const D: usize>(image: &Image<D>, name: &str) -> Result<()> {
         return refuse("holds no velocities".into(), "give some");
     }
     let most = samples.iter().fold(0.0f32, |most, v| most.max(*v));
-    if most < SLOWEST {
+    if most < MIN_VELOCITY {
         let problem = format!("holds at most {most} m/s, which is no velocity of rock or water");
         return refuse(problem, "give m/s: a thousand times km/s");
     }
@@ -238,7 +239,7 @@ fn with_axis_first<const D: usize>(image: Image<D>, k: usize) -> Result<Image<D>
         return Ok(image);
     }
     let dims = image.dims();
-    memory::afford(
+    memory::ensure_available(
         "velocities",
         4.0 * image.samples.len() as f64,
         format!("ordering {dims:?} velocities by traces"),
@@ -262,28 +263,28 @@ fn with_axis_first<const D: usize>(image: Image<D>, k: usize) -> Result<Image<D>
 }
 
 /// The box of some positions.
-struct Bounds<const D: usize> {
-    low: [f64; D],
-    high: [f64; D],
+struct BoundingBox<const D: usize> {
+    min: [f64; D],
+    max: [f64; D],
 }
 
-impl<const D: usize> Bounds<D> {
-    fn none() -> Self {
+impl<const D: usize> BoundingBox<D> {
+    fn empty() -> Self {
         Self {
-            low: [f64::INFINITY; D],
-            high: [f64::NEG_INFINITY; D],
+            min: [f64::INFINITY; D],
+            max: [f64::NEG_INFINITY; D],
         }
     }
 
     fn add(&mut self, p: [f64; D]) {
         for k in 0..D {
-            self.low[k] = self.low[k].min(p[k]);
-            self.high[k] = self.high[k].max(p[k]);
+            self.min[k] = self.min[k].min(p[k]);
+            self.max[k] = self.max[k].max(p[k]);
         }
     }
 }
 
-impl<const D: usize> std::fmt::Display for Bounds<D> {
+impl<const D: usize> std::fmt::Display for BoundingBox<D> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         for k in 0..D {
             let comma = if k > 0 { ", " } else { "" };
@@ -291,8 +292,8 @@ impl<const D: usize> std::fmt::Display for Bounds<D> {
             write!(
                 f,
                 "{comma}{} to {}",
-                rounded(self.low[k]),
-                rounded(self.high[k])
+                rounded(self.min[k]),
+                rounded(self.max[k])
             )?;
         }
         Ok(())
@@ -308,7 +309,7 @@ mod tests {
         dims: [usize; D],
         geometry: Geometry<D>,
         v: impl Fn([f64; D]) -> f64,
-    ) -> Result<Velocities<D>> {
+    ) -> Result<VelocityModel<D>> {
         let at = |mut i: usize| {
             let index = dims.map(|n| {
                 let k = i % n;
@@ -318,7 +319,7 @@ mod tests {
             v(geometry.to_physical(index)) as f32
         };
         let samples = (0..dims.iter().product()).map(at).collect();
-        Velocities::new(Image::new(dims, samples, geometry), "v.vti")
+        VelocityModel::new(Image::new(dims, samples, geometry), "v.vti")
     }
 
     fn survey(units: [&str; 3]) -> Geometry<3> {
@@ -356,7 +357,7 @@ mod tests {
             let top = law([at[0], at[1], 100.0]);
             let z = 0.5 * (0.1 * top + top * (t - 0.1) + 250.0 * (t - 0.1) * (t - 0.1));
             for velocities in [&found, &turned] {
-                let depth = velocities.column(at).depth(t);
+                let depth = velocities.time_depth_curve(at).depth(t);
                 assert!((depth - z).abs() < 1e-3, "{index:?} {depth} {z}");
             }
         }
@@ -368,7 +369,7 @@ mod tests {
         let one = velocities([9, 1, 1], geometry.clone(), |p| 1500.0 + p[2]).unwrap();
         geometry.origin = [7.0, 7.0, 100.0];
         let far = |k: f64| geometry.to_physical([k, 99.0, -99.0]);
-        let reach = one.check_reach([far(0.0), far(2.0)].into_iter(), &geometry);
+        let reach = one.check_coverage([far(0.0), far(2.0)].into_iter(), &geometry);
         assert!(reach.unwrap().notes.is_empty());
     }
 
@@ -378,9 +379,9 @@ mod tests {
         let inside = survey(["m", "m", "ms"]).to_physical([3.0, 2.0, 2.0]);
         let below = [inside[0], inside[1], -inside[2]];
         let reach = found
-            .check_reach([below].into_iter(), &survey(["m", "m", "ms"]))
+            .check_coverage([below].into_iter(), &survey(["m", "m", "ms"]))
             .unwrap();
-        assert_eq!((reach.coordinate, reach.seconds), (2, -1e-3));
+        assert_eq!((reach.coordinate, reach.seconds_per_unit), (2, -1e-3));
         let other = Geometry {
             origin: [620_000.0, 6_000_000.0, -0.1],
             axes: [[0.0, 0.0, -0.04], [240.0, 70.0, 0.0], [-70.0, 240.0, 0.0]],
@@ -388,7 +389,7 @@ mod tests {
             ..Geometry::default()
         };
         let falling = velocities([9, 5, 4], other, |p| 2000.0 - 1000.0 * p[2]).unwrap();
-        let [a, b] = [&found, &falling].map(|v| v.column(inside).depth(0.25));
+        let [a, b] = [&found, &falling].map(|v| v.time_depth_curve(inside).depth(0.25));
         assert!((a - b).abs() < 1e-3, "{a} {b}");
     }
 
@@ -434,7 +435,7 @@ mod tests {
 
         let found = velocities([9, 5, 4], survey(["m", "m", "ms"]), good).unwrap();
         let reach = |points: &[[f64; 3]], units: [&str; 3]| {
-            let reach = found.check_reach(points.iter().copied(), &survey(units));
+            let reach = found.check_coverage(points.iter().copied(), &survey(units));
             reach.map(|reach| reach.notes)
         };
         let inside = survey(["m", "m", "ms"]).to_physical([3.0, 2.0, 2.0]);

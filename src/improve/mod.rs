@@ -23,24 +23,24 @@
 //! side of it or has its nodes on it, so the sheet is a union of faces, whatever flips exchange them.
 //! It is established once (`recover`) and every later change keeps it.
 
-pub(crate) mod hold;
+pub(crate) mod constraint;
+pub(crate) mod feature_planes;
 pub mod regions;
-pub(crate) mod sheets;
 pub(crate) mod tets;
 pub(crate) mod triangles;
 
-mod improved;
-mod lookup;
-mod part;
-mod pierce;
+mod improve_report;
+mod intersect;
+mod plane_cache;
+mod reshape;
 mod seal;
-mod settle;
+mod snap;
 mod target;
 
-pub use improved::{Blocked, Counts, Improved};
-pub use part::{Refusal, Reshaped, Wanted};
-pub use seal::{Sealed, seal, seal_pieces};
-pub use settle::settle;
-pub(crate) use settle::settle_together;
+pub use improve_report::{BlockedCell, ImproveReport, OperationCounts};
+pub use reshape::{ReshapeError, ReshapeRequest, ReshapeResult};
+pub use seal::{SealReport, seal, seal_distributed};
+pub(crate) use snap::snap_distributed;
+pub use snap::snap_to_features;
 pub use target::{SliverMethod, Target};
 pub use triangles::relax::Scheme;

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 /// An angle (degrees) below which, or above its supplement, a cell is of no use.
-pub(super) const UNUSABLE: f64 = 21.0;
+pub(super) const UNUSABLE_ANGLE: f64 = 21.0;
 
 /// What to aim at.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -10,9 +10,9 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use super::Evaluator;
-use super::params::DISTANCES;
+use super::params::DEFAULT_DISTANCES;
 use super::settings::Settings;
-use crate::feature::{FeatureKind, LabelWish};
+use crate::feature::{FeatureKind, LabelOptions};
 use crate::image::formats::InputOptions;
 use crate::improve;
 use crate::improve::triangles::relax::Scheme;
@@ -82,7 +82,7 @@ pub enum What {
     /// Interfaces between labels, or the middle of a mask.
     Labels {
         /// What is wanted of labels; distances in samples.
-        wishes: Vec<LabelWish>,
+        wishes: Vec<LabelOptions>,
     },
     /// The boundary of an object, by random shortest paths (2-D).
     Paths {
@@ -155,7 +155,7 @@ impl Followed {
     }
 
     /// What is wanted of labels.
-    pub fn labels(&self) -> &[LabelWish] {
+    pub fn labels(&self) -> &[LabelOptions] {
         match &self.what {
             What::Labels { wishes } => wishes,
             _ => &[],
@@ -246,7 +246,7 @@ pub enum Apart {
 
 impl Default for Apart {
     fn default() -> Self {
-        let [min, max] = DISTANCES;
+        let [min, max] = DEFAULT_DISTANCES;
         let by = DistanceFrom::Gaps;
         Self::Varying { min, max, by }
     }

@@ -1,67 +1,67 @@
 //! Canny's points as atoms.
 
-use super::frame::Frame;
-use super::place::Placed;
-use super::{Meshing, Params, Scene, Space};
+use super::frame::JobDomain;
+use super::placement::PlacedAtoms;
+use super::{MeshScene, MeshSpace, Meshing, Params};
 use crate::Result;
+use crate::comm::WorldComm;
 use crate::feature::{Features, gaussian};
-use crate::geometry::in_space;
-use crate::image::{Field, Image};
+use crate::geometry::to_3d;
+use crate::image::{Image, ScalarField};
 use crate::improve;
 use crate::lattice::AtomKind;
-use crate::lattice::distance::Shared;
+use crate::lattice::distance::DistributedDistance;
+use crate::lattice::partition::OwnedAtoms;
 use crate::lattice::seeding::{self, Atoms};
-use crate::lattice::share::OwnAtoms;
-use crate::observer::{Patience, Stage};
-use crate::ranks::Ranks;
+use crate::progress::{CancelToken, Stage};
 
 /// Atoms at Canny's points, on what the points around them agree on.
-pub(super) fn placed<const D: usize>(
+pub(super) fn canny_atoms<const D: usize>(
     image: &Image<D>,
     params: &Params<D>,
     features: &Features<D>,
-    frame: &Frame<D>,
-    patience: &Patience<'_>,
-) -> Result<Placed<D>>
+    frame: &JobDomain<D>,
+    patience: &CancelToken<'_>,
+) -> Result<PlacedAtoms<D>>
 where
-    Space<D>: Meshing<D>,
+    MeshSpace<D>: Meshing<D>,
 {
-    let image = smoothed(image, frame.step, params.sigma.unwrap_or(1.0), patience);
+    let image = smooth_image(image, frame.step, params.sigma.unwrap_or(1.0), patience);
     let (mut atoms, distance) =
-        seeding::canny::seeded(&features.points, &image, &frame.fixed, patience)?;
-    patience.lasts(Stage::Placing)?;
-    let seeded = atoms.len() - frame.fixed.len();
-    let scene = Scene {
+        seeding::canny::place_atoms(&features.points, &image, &frame.fixed_atoms, patience)?;
+    patience.check(Stage::Placing)?;
+    let seeded = atoms.len() - frame.fixed_atoms.len();
+    let scene = MeshScene {
         extent: frame.extent,
         features,
         distance: &distance,
     };
-    put_onto_features(&mut atoms, seeded, &scene);
-    Ok(Placed {
-        atoms: OwnAtoms::of(atoms, &Ranks),
-        distance: Shared::All(distance),
-        optimised: None,
+    snap_to_features(&mut atoms, seeded, &scene);
+    Ok(PlacedAtoms {
+        atoms: OwnedAtoms::from_global(atoms, &WorldComm),
+        distance: DistributedDistance::Global(distance),
+        optimize_result: None,
     })
 }
 
 /// How far (lattice units) Canny's points are moved onto the smooth curve or sheet through them.
-const ONTO_FEATURE: f64 = 0.5;
+const MAX_SNAP_DISTANCE: f64 = 0.5;
 
 /// Moves the fixed atoms among the first `seeded`, which are noisy points of features, onto what the
 /// points around them agree on, so that what follows knows that they are on it.
-fn put_onto_features<const D: usize>(atoms: &mut Atoms<D>, seeded: usize, scene: &Scene<'_, D>)
+fn snap_to_features<const D: usize>(atoms: &mut Atoms<D>, seeded: usize, scene: &MeshScene<'_, D>)
 where
-    Space<D>: Meshing<D>,
+    MeshSpace<D>: Meshing<D>,
 {
-    let extent = in_space(scene.extent);
+    let extent = to_3d(scene.extent);
     let free: Vec<AtomKind> = atoms
         .positions
         .iter()
-        .map(|&x| seeding::kind_in_box(x, scene.extent))
+        .map(|&x| seeding::kind_at(x, scene.extent))
         .collect();
-    let mut moved: Vec<[f64; 3]> = atoms.positions.iter().map(|&x| in_space(x)).collect();
-    let sheets = Space::<D>::sheets(scene);
-    improve::settle(&mut moved, &free, extent, &sheets, ONTO_FEATURE);
+    let mut moved: Vec<[f64; 3]> = atoms.positions.iter().map(|&x| to_3d(x)).collect();
+    let sheets = MeshSpace::<D>::local_planes(scene);
+    improve::snap_to_features(&mut moved, &free, extent, &sheets, MAX_SNAP_DISTANCE);
     let fixed = |&n: &usize| atoms.kinds[n] == AtomKind::Fixed;
     for n in (0..seeded).filter(fixed) {
         atoms.positions[n] = std::array::from_fn(|k| moved[n][k]);
@@ -69,15 +69,15 @@ where
 }
 
 /// An image smoothed over `sigma` samples, in lattice space.
-pub(super) fn smoothed<const D: usize>(
+pub(super) fn smooth_image<const D: usize>(
     image: &Image<D>,
     step: [f64; D],
     sigma: f64,
-    patience: &Patience<'_>,
-) -> Field<D> {
+    patience: &CancelToken<'_>,
+) -> ScalarField<D> {
     let mut samples = image.as_slice().to_vec();
     gaussian::smooth(image.dims(), &mut samples, [sigma; D], patience);
-    Field {
+    ScalarField {
         dims: image.dims(),
         step,
         samples,

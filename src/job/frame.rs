@@ -2,16 +2,16 @@
 
 use super::{FixedAtom, Params, Weight};
 use crate::error::cause;
-use crate::image::{Field, Geometry};
+use crate::image::{Geometry, ScalarField};
 use crate::lattice::energy::Beta;
-use crate::lattice::seeding::wells::Way;
+use crate::lattice::seeding::wells::WellTrajectory;
 use crate::{Error, Result};
 
 /// The widest well, in distances between atoms.
-const NARROW: f64 = 0.2;
+const MAX_WELL_WIDTH: f64 = 0.2;
 
 /// Where a job works, and what is there before it begins.
-pub(super) struct Frame<const D: usize> {
+pub(super) struct JobDomain<const D: usize> {
     /// Length of one sample along each axis.
     pub step: [f64; D],
     /// The far corner of the box.
@@ -19,12 +19,12 @@ pub(super) struct Frame<const D: usize> {
     /// Weight of the image.
     pub beta: Beta<D>,
     /// Fixed atoms.
-    pub fixed: Vec<[f64; D]>,
+    pub fixed_atoms: Vec<[f64; D]>,
     /// Trajectories of wells, as far as they lie in the box.
-    pub ways: Vec<Way<D>>,
+    pub well_paths: Vec<WellTrajectory<D>>,
 }
 
-impl<const D: usize> Frame<D> {
+impl<const D: usize> JobDomain<D> {
     /// What the parameters say of an image.
     ///
     /// # Errors
@@ -37,8 +37,8 @@ impl<const D: usize> Frame<D> {
             step,
             extent,
             beta: lattice_beta(&params.beta, dims, step)?,
-            fixed: lattice_points(&params.fixed, geometry, step, extent)?,
-            ways: lattice_ways(params, geometry, step, extent)?,
+            fixed_atoms: lattice_points(&params.fixed_atoms, geometry, step, extent)?,
+            well_paths: lattice_well_paths(params, geometry, step, extent)?,
         })
     }
 }
@@ -65,7 +65,7 @@ pub(crate) fn lattice_beta<const D: usize>(
             "give one weight per sample of the image",
         )));
     }
-    Ok(Beta::Field(Field {
+    Ok(Beta::Field(ScalarField {
         dims,
         step,
         samples: image.as_slice().to_vec(),
@@ -73,12 +73,12 @@ pub(crate) fn lattice_beta<const D: usize>(
 }
 
 /// The trajectories of wells in lattice space, as far as they lie in the box.
-pub(crate) fn lattice_ways<const D: usize>(
+pub(crate) fn lattice_well_paths<const D: usize>(
     params: &Params<D>,
     geometry: &Geometry<D>,
     step: [f64; D],
     extent: [f64; D],
-) -> Result<Vec<Way<D>>> {
+) -> Result<Vec<WellTrajectory<D>>> {
     let least = params.well_distance.unwrap_or(params.spacing.min());
     let spacing = geometry.spacing();
     let sample = (0..D).fold(f64::INFINITY, |s, k| s.min(spacing[k] / step[k]));
@@ -86,7 +86,7 @@ pub(crate) fn lattice_ways<const D: usize>(
     for well in &params.wells {
         let refuse =
             |problem: String, remedy: &str| Err(Error::Seeding(cause(&well.name, problem, remedy)));
-        if well.radius >= NARROW * least * sample {
+        if well.radius >= MAX_WELL_WIDTH * least * sample {
             return refuse(
                 format!(
                     "has a radius of {}, but cells are only about {} wide there",
@@ -101,11 +101,11 @@ pub(crate) fn lattice_ways<const D: usize>(
             Some(std::array::from_fn(|k| index[k] * step[k]))
         };
         let points: Option<Vec<_>> = well.points.iter().map(to_lattice).collect();
-        let way = Way {
+        let way = WellTrajectory {
             name: well.name.clone(),
             points: points.unwrap_or_default(),
         };
-        let inside = way.inside(extent);
+        let inside = way.clip_to_box(extent);
         if inside.is_empty() {
             let problem = "lies outside the image".to_string();
             return refuse(

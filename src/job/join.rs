@@ -1,39 +1,40 @@
 //! How atoms at rest become a mesh: what differs between the plane and space.
 
-use super::checkpoint::Kept;
-use super::pieces::{self, InPieces};
-use super::{Outcome, Params, Stages, Way, run};
+use super::checkpoint::Codec;
+use super::distributed::{self, PartitionResult};
+use super::{Outcome, Params, RunOptions, StageRunner, run};
+use crate::comm::{SelfComm, WorldComm};
 use crate::error::cause;
 use crate::feature::{FeaturePoint, Features};
-use crate::geometry::in_space;
-use crate::image::Source;
-use crate::improve::sheets::Sheets;
-use crate::improve::tets::{Aim, Cuts, KnownAtoms};
+use crate::geometry::to_3d;
+use crate::image::ImageSource;
+use crate::improve::feature_planes::FeaturePlanes;
+use crate::improve::tets::{KnownAtoms, SlabContext, SlabCuts};
 use crate::improve::triangles::relax::Relaxation;
 use crate::improve::{
-    self, Refusal, Reshaped, Sealed, SliverMethod, Target, Wanted, tets, triangles,
+    self, ReshapeError, ReshapeRequest, ReshapeResult, SealReport, SliverMethod, Target, tets,
+    triangles,
 };
 use crate::lattice::AtomKind;
-use crate::lattice::distance::{Distance, Shared};
+use crate::lattice::distance::{Distance, DistributedDistance};
+use crate::lattice::partition::OwnedAtoms;
 use crate::lattice::seeding::Atoms;
-use crate::lattice::share::OwnAtoms;
 use crate::mesh::delaunay::{self, Delaunay};
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::voronoi;
 use crate::mesh::{Simplices, TetMesh, TriMesh};
-use crate::observer::{Observer, Patience, Stage};
-use crate::ranks::{Alone, Ranks};
-use crate::report::{Improvement, Judged};
+use crate::progress::{CancelToken, Progress, Stage};
+use crate::report::{AngleAssessment, Improvement};
 use crate::{Error, Result};
 
 /// The plane (`D` = 2) or space (`D` = 3).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Space<const D: usize>;
+pub struct MeshSpace<const D: usize>;
 
 /// A space in which meshes are made.
 pub trait Meshing<const D: usize> {
     /// What is made: triangles or tetrahedra.
-    type Mesh: Simplices<D> + Kept;
+    type Mesh: Simplices<D> + Codec;
 
     /// [`run_from`](super::run_from) in this space, compiled with this crate and not again with each that
     /// meshes.
@@ -41,13 +42,13 @@ pub trait Meshing<const D: usize> {
     /// # Errors
     /// Those of [`run_from`](super::run_from).
     fn run(
-        source: Source<'_, D>,
+        source: ImageSource<'_, D>,
         params: &Params<D>,
-        way: Way<'_>,
-        observer: &mut dyn Observer,
+        way: RunOptions<'_>,
+        observer: &mut dyn Progress,
     ) -> Result<Outcome<D>>
     where
-        Space<D>: Meshing<D>;
+        MeshSpace<D>: Meshing<D>;
 
     /// Puts the atoms that are next to a feature onto it, joins all and improves the result until
     /// every angle is at least as large as `improvement` asks, where that can be; without it, only
@@ -58,24 +59,24 @@ pub trait Meshing<const D: usize> {
     /// Those of the triangulation.
     fn join(
         atoms: Atoms<D>,
-        scene: &Scene<'_, D>,
+        scene: &MeshScene<'_, D>,
         relaxation: Option<&Relaxation<D>>,
         improvement: Option<&Target>,
-        stages: &mut Stages<'_>,
-    ) -> Result<Joined<Self::Mesh>>;
+        stages: &mut StageRunner<'_>,
+    ) -> Result<JoinedMesh<Self::Mesh>>;
 
     /// The mesh of atoms in pieces, each made and measured by one of the ranks, which have shares of the atoms and of the
     /// distance, of which the scene has the outline; none if it is not large enough.
     ///
     /// # Errors
     /// As [`join`](Self::join), and those of other ranks.
-    fn in_pieces(
-        _: &mut OwnAtoms<D>,
-        _: &Scene<'_, D>,
-        _: &Shared<D>,
+    fn join_distributed(
+        _: &mut OwnedAtoms<D>,
+        _: &MeshScene<'_, D>,
+        _: &DistributedDistance<D>,
         _: Option<&Target>,
-        _: &mut Stages<'_>,
-    ) -> Result<Option<InPieces<Self::Mesh, D>>> {
+        _: &mut StageRunner<'_>,
+    ) -> Result<Option<PartitionResult<Self::Mesh, D>>> {
         Ok(None)
     }
 
@@ -86,27 +87,27 @@ pub trait Meshing<const D: usize> {
     /// The node that cannot be put where it must be, or cannot go; or what else is wrong.
     fn rejoin(
         part: Self::Mesh,
-        wanted: Wanted<D>,
-        scene: &Scene<'_, D>,
+        wanted: ReshapeRequest<D>,
+        scene: &MeshScene<'_, D>,
         min_angle: f64,
-    ) -> std::result::Result<Reshaped<Self::Mesh>, Refusal>;
+    ) -> std::result::Result<ReshapeResult<Self::Mesh>, ReshapeError>;
 
     /// The Voronoi cells of atoms inside the box `[0, extent]`, cut by it, their nodes welded.
     ///
     /// # Errors
     /// Those of [`voronoi_welded`](crate::mesh::voronoi::voronoi_welded).
-    fn cells(atoms: &[[f64; D]], extent: [f64; D], weld: f64) -> Result<PolyMesh<D>>;
+    fn voronoi_cells(atoms: &[[f64; D]], extent: [f64; D], weld: f64) -> Result<PolyMesh<D>>;
 
     /// The features as local planes; those of the plane stand upright on it.
-    fn sheets(scene: &Scene<'_, D>) -> Sheets;
+    fn local_planes(scene: &MeshScene<'_, D>) -> FeaturePlanes;
 
     /// A feature point as one of space.
-    fn in_space(point: &FeaturePoint<D>) -> FeaturePoint<3>;
+    fn point_in_space(point: &FeaturePoint<D>) -> FeaturePoint<3>;
 }
 
 /// What is known about the space in which atoms are joined.
 #[derive(Debug, Clone, Copy)]
-pub struct Scene<'a, const D: usize> {
+pub struct MeshScene<'a, const D: usize> {
     /// The far corner of the box.
     pub extent: [f64; D],
     /// What the mesh follows.
@@ -117,186 +118,194 @@ pub struct Scene<'a, const D: usize> {
 
 /// A mesh of simplices, and what is known of its nodes and faces.
 #[derive(Debug, Clone)]
-pub struct Marked<M> {
+pub struct AnnotatedMesh<M> {
     /// The mesh.
     pub mesh: M,
     /// What each node may do.
-    pub kinds: Vec<AtomKind>,
+    pub node_kinds: Vec<AtomKind>,
     /// For each cell, bit k: its face (edge, in the plane) k, opposite node k, lies on a feature.
     pub feature_faces: Vec<u8>,
     /// The region of each cell; empty if the image has no labels.
     pub regions: Vec<i32>,
     /// Which angles the features explain; empty until the mesh is measured.
-    pub judged: Judged,
+    pub angle_assessment: AngleAssessment,
 }
 
 /// Atoms joined to a mesh.
 #[derive(Debug)]
-pub struct Joined<M> {
+pub struct JoinedMesh<M> {
     /// The mesh.
-    pub made: Marked<M>,
+    pub annotated_mesh: AnnotatedMesh<M>,
     /// For every cell and face, in order, the cell on its other side, where that is known.
     pub neighbors: Option<Vec<u32>>,
     /// What was improved, if anything should be.
     pub improvement: Option<Improvement>,
     /// Where exudation was asked for, what Joe's transformations make of the same atoms.
-    pub rival: Option<(M, Vec<u8>)>,
+    pub baseline: Option<(M, Vec<u8>)>,
 }
 
-impl<M> Joined<M> {
+impl<M> JoinedMesh<M> {
     /// Of which nothing shall be improved.
-    fn as_it_is<const D: usize>(mesh: M, kinds: Vec<AtomKind>, neighbors: Option<Vec<u32>>) -> Self
+    fn unimproved<const D: usize>(
+        mesh: M,
+        kinds: Vec<AtomKind>,
+        neighbors: Option<Vec<u32>>,
+    ) -> Self
     where
         M: Simplices<D>,
     {
         Self {
-            made: Marked {
+            annotated_mesh: AnnotatedMesh {
                 feature_faces: vec![0; mesh.len()],
                 mesh,
-                kinds,
+                node_kinds: kinds,
                 regions: Vec::new(),
-                judged: Judged::default(),
+                angle_assessment: AngleAssessment::default(),
             },
             neighbors,
             improvement: None,
-            rival: None,
+            baseline: None,
         }
     }
 }
 
 /// Radius of the patches by which features are known locally, in units of d (and from 2 to 6.5; a patch
 /// of a curve holds four points from 3 on).
-const PATCH: f64 = 0.8;
+const PATCH_RADIUS: f64 = 0.8;
 
 /// Atoms this near to a feature, in units of d, are put onto it before they are joined.
-const SETTLE: f64 = 0.35;
+const SNAP_RADIUS: f64 = 0.35;
 
 /// The features as local planes; `points` and `extent` in space.
-pub(super) fn planes<const D: usize>(
+pub(super) fn planes_near<const D: usize>(
     points: &[FeaturePoint<3>],
     extent: [f64; 3],
     distance: &Distance<D>,
-) -> Sheets {
+) -> FeaturePlanes {
     let least = if D == 2 { 3.0 } else { 2.0 };
-    let radius = (PATCH * distance.min()).clamp(least, 6.5);
-    Sheets::new(points, extent, radius, reach(distance))
+    let radius = (PATCH_RADIUS * distance.min()).clamp(least, 6.5);
+    FeaturePlanes::new(points, extent, radius, search_radius(distance))
 }
 
 /// From how far features are looked for: an edge is at most 1.7 d long, and what it pierces is within half of that of
 /// one of its ends.
-pub(super) fn reach<const D: usize>(distance: &Distance<D>) -> f64 {
+pub(super) fn search_radius<const D: usize>(distance: &Distance<D>) -> f64 {
     0.85 * distance.max() + 1.5
 }
 
 /// Puts the atoms that are next to a feature onto it; gives the features as local planes.
-fn put_onto_sheets<const D: usize>(
+fn snap_to_sheets<const D: usize>(
     positions: &mut [[f64; D]],
     kinds: &[AtomKind],
-    scene: &Scene<'_, D>,
-) -> Sheets
+    scene: &MeshScene<'_, D>,
+) -> FeaturePlanes
 where
-    Space<D>: Meshing<D>,
+    MeshSpace<D>: Meshing<D>,
 {
-    let sheets = Space::<D>::sheets(scene);
-    let reach = settling(scene);
-    improve::settle(positions, kinds, scene.extent, &sheets, reach);
+    let sheets = MeshSpace::<D>::local_planes(scene);
+    let reach = snap_distance(scene);
+    improve::snap_to_features(positions, kinds, scene.extent, &sheets, reach);
     sheets
 }
 
 /// From how far atoms are put onto features.
-pub(super) fn settling<const D: usize>(scene: &Scene<'_, D>) -> f64 {
-    SETTLE * scene.distance.min()
+pub(super) fn snap_distance<const D: usize>(scene: &MeshScene<'_, D>) -> f64 {
+    SNAP_RADIUS * scene.distance.min()
 }
 
 /// Adds to the faces on features (`marks`) those that close holes.
 pub(super) fn close_holes<const D: usize>(
-    mesh: &<Space<D> as Meshing<D>>::Mesh,
+    mesh: &<MeshSpace<D> as Meshing<D>>::Mesh,
     neighbors: &[u32],
-    scene: &Scene<'_, D>,
+    scene: &MeshScene<'_, D>,
     marks: &mut [u8],
-    patience: &Patience<'_>,
-) -> Sealed
+    patience: &CancelToken<'_>,
+) -> SealReport
 where
-    Space<D>: Meshing<D>,
+    MeshSpace<D>: Meshing<D>,
 {
-    let points = scene.features.points.iter().map(Space::<D>::in_space);
+    let points = scene
+        .features
+        .points
+        .iter()
+        .map(MeshSpace::<D>::point_in_space);
     let points: Vec<FeaturePoint<3>> = points.collect();
     let (extent, distance) = (scene.extent, scene.distance);
     improve::seal(mesh, neighbors, &points, extent, distance, marks, patience)
 }
 
 /// The same in a part of a mesh.
-fn close_holes_of_part<const D: usize>(
-    mut part: Reshaped<<Space<D> as Meshing<D>>::Mesh>,
-    scene: &Scene<'_, D>,
-) -> std::result::Result<Reshaped<<Space<D> as Meshing<D>>::Mesh>, Refusal>
+fn close_partition_holes<const D: usize>(
+    mut part: ReshapeResult<<MeshSpace<D> as Meshing<D>>::Mesh>,
+    scene: &MeshScene<'_, D>,
+) -> std::result::Result<ReshapeResult<<MeshSpace<D> as Meshing<D>>::Mesh>, ReshapeError>
 where
-    Space<D>: Meshing<D>,
+    MeshSpace<D>: Meshing<D>,
 {
-    let neighbors = neighbors_of(&part.mesh).map_err(Refusal::Part)?;
-    let (marks, patience) = (&mut part.feature_faces, Patience::endless());
+    let neighbors = cell_neighbours(&part.mesh).map_err(ReshapeError::Mesh)?;
+    let (marks, patience) = (&mut part.feature_faces, CancelToken::never());
     close_holes(&part.mesh, &neighbors, scene, marks, &patience);
     Ok(part)
 }
 
 /// For every cell and face, in order, the cell on its other side, or `NONE`.
-pub(super) fn neighbors_of<const D: usize, M: Simplices<D>>(mesh: &M) -> Result<Vec<u32>> {
+pub(super) fn cell_neighbours<const D: usize, M: Simplices<D>>(mesh: &M) -> Result<Vec<u32>> {
     mesh.neighbors().map_err(|face| {
         Error::Mesh(cause(
             format!("face {face:?}"),
-            format!("belongs to more than two {}", M::CELLS),
+            format!("belongs to more than two {}", M::CELLS_NAME),
             "mesh the image again",
         ))
     })
 }
 
-impl Meshing<3> for Space<3> {
+impl Meshing<3> for MeshSpace<3> {
     type Mesh = TetMesh;
 
     fn run(
-        source: Source<'_, 3>,
+        source: ImageSource<'_, 3>,
         params: &Params<3>,
-        way: Way<'_>,
-        observer: &mut dyn Observer,
+        way: RunOptions<'_>,
+        observer: &mut dyn Progress,
     ) -> Result<Outcome<3>> {
-        run::made(source, params, way, observer)
+        run::run_precompiled(source, params, way, observer)
     }
 
-    fn in_pieces(
-        share: &mut OwnAtoms<3>,
-        scene: &Scene<'_, 3>,
-        distance: &Shared<3>,
+    fn join_distributed(
+        share: &mut OwnedAtoms<3>,
+        scene: &MeshScene<'_, 3>,
+        distance: &DistributedDistance<3>,
         target: Option<&Target>,
-        stages: &mut Stages<'_>,
-    ) -> Result<Option<InPieces<TetMesh, 3>>> {
-        pieces::made(share, scene, distance, target, stages)
+        stages: &mut StageRunner<'_>,
+    ) -> Result<Option<PartitionResult<TetMesh, 3>>> {
+        distributed::make_partition(share, scene, distance, target, stages)
     }
 
     fn join(
         mut atoms: Atoms<3>,
-        scene: &Scene<'_, 3>,
+        scene: &MeshScene<'_, 3>,
         _: Option<&Relaxation<3>>,
         improvement: Option<&Target>,
-        stages: &mut Stages<'_>,
-    ) -> Result<Joined<TetMesh>> {
+        stages: &mut StageRunner<'_>,
+    ) -> Result<JoinedMesh<TetMesh>> {
         let (extent, distance) = (scene.extent, scene.distance);
         // Whether all of it is here or not, it is cut at the same places.
         let cuts = match improvement {
-            Some(_) => Cuts::new(&atoms.positions, extent, distance, &Alone)?,
+            Some(_) => SlabCuts::new(&atoms.positions, extent, distance, &SelfComm)?,
             None => None,
         };
         let Atoms { positions, kinds } = &mut atoms;
-        let sheets = improvement.map(|_| put_onto_sheets(positions, kinds, scene));
-        stages.begin(Stage::Joining);
+        let sheets = improvement.map(|_| snap_to_sheets(positions, kinds, scene));
+        stages.begin(Stage::Triangulating);
         let Delaunay {
             mut mesh,
             mut neighbors,
-        } = stages.kept("4-joined", |_| {
+        } = stages.load_or_run("4-joined", |_| {
             delaunay::delaunay_with_neighbors(&atoms.positions)
         })?;
         let mut kinds = atoms.kinds;
         let (Some(options), Some(sheets)) = (improvement, &sheets) else {
-            return Ok(Joined::as_it_is(
+            return Ok(JoinedMesh::unimproved(
                 mesh,
                 kinds,
                 Some(neighbors.into_flattened()),
@@ -306,30 +315,30 @@ impl Meshing<3> for Space<3> {
         let (neighbors, (outcome, feature_faces)) = match options.method {
             SliverMethod::Joe => {
                 stages.begin(Stage::Improving);
-                stages.patiently(|patience| match &cuts {
+                stages.run_cancellable(|patience| match &cuts {
                     Some(cuts) => {
-                        let aim = Aim {
+                        let aim = SlabContext {
                             extent,
-                            sheets,
+                            planes: sheets,
                             distance,
                             target: options,
                         };
                         let TetMesh { nodes, tets } = std::mem::take(&mut mesh);
                         let joined = (tets, std::mem::take(&mut neighbors));
                         let atoms = KnownAtoms {
-                            whole: nodes.len(),
+                            global_count: nodes.len(),
                             atoms: Atoms {
                                 positions: nodes,
                                 kinds: std::mem::take(&mut kinds),
                             },
-                            numbers: None,
+                            global_ids: None,
                         };
                         let made =
-                            tets::improve_in_slabs(atoms, joined, cuts, aim, &Ranks, patience)?;
-                        let made = made.whole(&Ranks)?;
-                        (mesh, kinds) = (made.piece.mesh, made.kinds);
-                        let around = made.piece.neighbors.into_flattened();
-                        Ok((Some(around), (made.improved, made.feature_faces)))
+                            tets::improve_in_slabs(atoms, joined, cuts, aim, &WorldComm, patience)?;
+                        let made = made.all_gather(&WorldComm)?;
+                        (mesh, kinds) = (made.partition.mesh, made.kinds);
+                        let around = made.partition.neighbors.into_flattened();
+                        Ok((Some(around), (made.report, made.feature_faces)))
                     }
                     None => {
                         let done = tets::improve(
@@ -347,9 +356,9 @@ impl Meshing<3> for Space<3> {
                 })?
             }
             SliverMethod::Exude => {
-                stages.begin(Stage::Comparing);
+                stages.begin(Stage::ApplyingBaseline);
                 let (mut other, mut their_kinds) = (mesh.clone(), kinds.clone());
-                let (_, faces) = stages.patiently(|patience| {
+                let (_, faces) = stages.run_cancellable(|patience| {
                     tets::improve(
                         &mut other,
                         &mut neighbors.clone(),
@@ -363,7 +372,7 @@ impl Meshing<3> for Space<3> {
                 })?;
                 rival = Some((other, faces));
                 stages.begin(Stage::Improving);
-                let done = stages.patiently(|patience| {
+                let done = stages.run_cancellable(|patience| {
                     tets::exude(
                         &mut mesh, neighbors, &mut kinds, extent, sheets, distance, options,
                         patience,
@@ -372,80 +381,80 @@ impl Meshing<3> for Space<3> {
                 (None, done)
             }
         };
-        Ok(Joined {
-            made: Marked {
+        Ok(JoinedMesh {
+            annotated_mesh: AnnotatedMesh {
                 mesh,
-                kinds,
+                node_kinds: kinds,
                 feature_faces,
                 regions: Vec::new(),
-                judged: Judged::default(),
+                angle_assessment: AngleAssessment::default(),
             },
             neighbors,
             improvement: Some(Improvement::from(&outcome)),
-            rival,
+            baseline: rival,
         })
     }
 
     fn rejoin(
         part: TetMesh,
-        mut wanted: Wanted<3>,
-        scene: &Scene<'_, 3>,
+        mut wanted: ReshapeRequest<3>,
+        scene: &MeshScene<'_, 3>,
         min_angle: f64,
-    ) -> std::result::Result<Reshaped<TetMesh>, Refusal> {
+    ) -> std::result::Result<ReshapeResult<TetMesh>, ReshapeError> {
         let (extent, distance) = (scene.extent, scene.distance);
-        let sheets = put_onto_sheets(&mut wanted.targets, &wanted.kinds, scene);
+        let sheets = snap_to_sheets(&mut wanted.targets, &wanted.kinds, scene);
         let options = Target {
             min_dihedral: min_angle,
             method: SliverMethod::Joe,
         };
         let part = tets::reshape(part, &wanted, extent, &sheets, distance, &options)?;
-        close_holes_of_part(part, scene)
+        close_partition_holes(part, scene)
     }
 
-    fn cells(atoms: &[[f64; 3]], extent: [f64; 3], weld: f64) -> Result<PolyMesh<3>> {
+    fn voronoi_cells(atoms: &[[f64; 3]], extent: [f64; 3], weld: f64) -> Result<PolyMesh<3>> {
         voronoi::voronoi_welded(atoms, extent, weld)
     }
 
-    fn sheets(scene: &Scene<'_, 3>) -> Sheets {
-        planes(&scene.features.points, scene.extent, scene.distance)
+    fn local_planes(scene: &MeshScene<'_, 3>) -> FeaturePlanes {
+        planes_near(&scene.features.points, scene.extent, scene.distance)
     }
 
-    fn in_space(point: &FeaturePoint<3>) -> FeaturePoint<3> {
+    fn point_in_space(point: &FeaturePoint<3>) -> FeaturePoint<3> {
         *point
     }
 }
 
-impl Meshing<2> for Space<2> {
+impl Meshing<2> for MeshSpace<2> {
     type Mesh = TriMesh;
 
     fn run(
-        source: Source<'_, 2>,
+        source: ImageSource<'_, 2>,
         params: &Params<2>,
-        way: Way<'_>,
-        observer: &mut dyn Observer,
+        way: RunOptions<'_>,
+        observer: &mut dyn Progress,
     ) -> Result<Outcome<2>> {
-        run::made(source, params, way, observer)
+        run::run_precompiled(source, params, way, observer)
     }
 
     fn join(
         mut atoms: Atoms<2>,
-        scene: &Scene<'_, 2>,
+        scene: &MeshScene<'_, 2>,
         relaxation: Option<&Relaxation<2>>,
         improvement: Option<&Target>,
-        stages: &mut Stages<'_>,
-    ) -> Result<Joined<TriMesh>> {
+        stages: &mut StageRunner<'_>,
+    ) -> Result<JoinedMesh<TriMesh>> {
         let (extent, distance) = (scene.extent, scene.distance);
         let wanted = improvement.is_some() || relaxation.is_some();
         let Atoms { positions, kinds } = &mut atoms;
-        let sheets = wanted.then(|| put_onto_sheets(positions, kinds, scene));
-        stages.begin(Stage::Joining);
+        let sheets = wanted.then(|| snap_to_sheets(positions, kinds, scene));
+        stages.begin(Stage::Triangulating);
         let mut mesh = match (relaxation, &sheets) {
             (Some(relaxation), Some(sheets)) => {
                 stages.begin(Stage::Smoothing);
                 let mobility = triangles::mobility(&atoms, extent, sheets);
                 let kept = triangles::feature_edges(&atoms, extent, sheets, distance)?;
                 stages
-                    .patiently(|patience| {
+                    .run_cancellable(|patience| {
                         let points = atoms.positions;
                         triangles::relax::relax(points, &kept, &mobility, relaxation, patience)
                     })?
@@ -455,10 +464,10 @@ impl Meshing<2> for Space<2> {
         };
         let mut kinds = atoms.kinds;
         let (Some(options), Some(sheets)) = (improvement, &sheets) else {
-            return Ok(Joined::as_it_is(mesh, kinds, None));
+            return Ok(JoinedMesh::unimproved(mesh, kinds, None));
         };
         stages.begin(Stage::Improving);
-        let (outcome, feature_faces) = stages.patiently(|patience| {
+        let (outcome, feature_faces) = stages.run_cancellable(|patience| {
             triangles::improve(
                 &mut mesh,
                 &mut kinds,
@@ -469,47 +478,47 @@ impl Meshing<2> for Space<2> {
                 patience,
             )
         })?;
-        Ok(Joined {
-            made: Marked {
+        Ok(JoinedMesh {
+            annotated_mesh: AnnotatedMesh {
                 mesh,
-                kinds,
+                node_kinds: kinds,
                 feature_faces,
                 regions: Vec::new(),
-                judged: Judged::default(),
+                angle_assessment: AngleAssessment::default(),
             },
             neighbors: None,
             improvement: Some(Improvement::from(&outcome)),
-            rival: None,
+            baseline: None,
         })
     }
 
     fn rejoin(
         part: TriMesh,
-        mut wanted: Wanted<2>,
-        scene: &Scene<'_, 2>,
+        mut wanted: ReshapeRequest<2>,
+        scene: &MeshScene<'_, 2>,
         min_angle: f64,
-    ) -> std::result::Result<Reshaped<TriMesh>, Refusal> {
+    ) -> std::result::Result<ReshapeResult<TriMesh>, ReshapeError> {
         let (extent, distance) = (scene.extent, scene.distance);
-        let sheets = put_onto_sheets(&mut wanted.targets, &wanted.kinds, scene);
+        let sheets = snap_to_sheets(&mut wanted.targets, &wanted.kinds, scene);
         let part = triangles::reshape(&part, &wanted, extent, &sheets, distance, min_angle)?;
-        close_holes_of_part(part, scene)
+        close_partition_holes(part, scene)
     }
 
-    fn cells(atoms: &[[f64; 2]], extent: [f64; 2], weld: f64) -> Result<PolyMesh<2>> {
+    fn voronoi_cells(atoms: &[[f64; 2]], extent: [f64; 2], weld: f64) -> Result<PolyMesh<2>> {
         voronoi::voronoi_plane_welded(atoms, extent, weld)
     }
 
-    fn sheets(scene: &Scene<'_, 2>) -> Sheets {
+    fn local_planes(scene: &MeshScene<'_, 2>) -> FeaturePlanes {
         // Curves in the plane are sheets that stand upright on it.
-        let points = scene.features.points.iter().map(Self::in_space);
+        let points = scene.features.points.iter().map(Self::point_in_space);
         let points: Vec<FeaturePoint<3>> = points.collect();
-        planes(&points, in_space(scene.extent), scene.distance)
+        planes_near(&points, to_3d(scene.extent), scene.distance)
     }
 
-    fn in_space(point: &FeaturePoint<2>) -> FeaturePoint<3> {
+    fn point_in_space(point: &FeaturePoint<2>) -> FeaturePoint<3> {
         FeaturePoint {
-            position: in_space(point.position),
-            normal: in_space(point.normal),
+            position: to_3d(point.position),
+            normal: to_3d(point.normal),
             strength: point.strength,
         }
     }

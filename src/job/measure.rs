@@ -5,138 +5,142 @@ use std::ops::Range;
 
 use crate::parallel::prelude::*;
 
-use super::join::Scene;
+use super::join::MeshScene;
+use crate::comm::Comm;
 use crate::feature::{FeaturePoint, Features};
-use crate::files::kept::fields;
+use crate::files::codec::codec_fields;
 use crate::mesh::Simplices;
-use crate::mesh::check::{Check, Known, check_pieces, check_while};
-use crate::mesh::part::Part;
-use crate::mesh::piece::Piece;
-use crate::observer::Patience;
-use crate::ranks::Group;
-use crate::report::{self, Fidelity, Judged, Lattice, Quality, Reference};
-use crate::{Result, ranks};
+use crate::mesh::check::{Check, CheckHints, check_cancellable, check_distributed};
+use crate::mesh::partition::MeshPartition;
+use crate::mesh::view::MeshView;
+use crate::progress::CancelToken;
+use crate::report::{self, AngleAssessment, Fidelity, LatticeReport, Quality, Reference};
+use crate::{Result, comm};
 
 /// How far the volume may be off the box's, and sides from flat, as a share.
 pub const BOX_TOLERANCE: f64 = 1e-9;
 
 /// A mesh in lattice space, and what it is compared with.
-pub(super) struct Measured<'a, const D: usize, M> {
+pub(super) struct MeasuredMesh<'a, const D: usize, M> {
     pub mesh: &'a M,
     pub neighbors: Option<&'a [u32]>,
     /// The faces that it claims to lie on features, if it does.
-    pub claimed: Option<&'a [u8]>,
+    pub tagged_faces: Option<&'a [u8]>,
     /// Its faces on features, where its lattice and its acute lines are asked for.
     pub feature_faces: Option<&'a [u8]>,
-    pub scene: &'a Scene<'a, D>,
+    pub scene: &'a MeshScene<'a, D>,
 }
 
 /// Figures of a mesh: those that were asked for, and measured to their end.
 #[derive(Default)]
-pub(super) struct Figures {
-    pub judged: Option<Judged>,
-    pub lattice: Option<Lattice>,
+pub(super) struct MeshFigures {
+    pub angle_assessment: Option<AngleAssessment>,
+    pub lattice: Option<LatticeReport>,
     pub quality: Option<Quality>,
-    pub filling: Option<Check>,
+    pub box_check: Option<Check>,
     pub fidelity: Option<Fidelity>,
 }
 
-fields! { Figures as Figures { judged, lattice, quality, filling, fidelity } }
+codec_fields! { MeshFigures as MeshFigures { angle_assessment, lattice, quality, box_check, fidelity } }
 
-impl Figures {
+impl MeshFigures {
     /// Adds what others are.
     fn add(&mut self, others: Self) {
         let Self {
-            judged,
+            angle_assessment: judged,
             lattice,
             quality,
-            filling,
+            box_check: filling,
             fidelity,
         } = others;
-        self.judged = judged.or(self.judged.take());
+        self.angle_assessment = judged.or(self.angle_assessment.take());
         self.lattice = lattice.or(self.lattice.take());
         self.quality = quality.or(self.quality.take());
-        self.filling = filling.or(self.filling.take());
+        self.box_check = filling.or(self.box_check.take());
         self.fidelity = fidelity.or(self.fidelity.take());
     }
 }
 
-impl<const D: usize, M: Simplices<D>> Measured<'_, D, M> {
+impl<const D: usize, M: Simplices<D>> MeasuredMesh<'_, D, M> {
     /// Atoms and angles, shapes, validity and fidelity, as far as `patience` lasts: what was not measured to its end
     /// is left out. They take about as long each, and much of each is for one thread: so they are measured at the same
     /// time, and ranks measure some each.
     ///
     /// # Errors
     /// Those of [`report::fidelity`] and of [`ranks::share`].
-    pub fn figures(&self, patience: &Patience<'_>) -> Result<Figures> {
-        type Part<'a> = &'a (dyn Fn() -> Result<Figures> + Sync);
-        let parts: [Part; 4] = [
-            &|| Ok(self.lattice()),
+    pub fn figures(&self, patience: &CancelToken<'_>) -> Result<MeshFigures> {
+        type MeasureTask<'a> = &'a (dyn Fn() -> Result<MeshFigures> + Sync);
+        let parts: [MeasureTask; 4] = [
+            &|| Ok(self.measure_lattice()),
             &|| {
-                Ok(Figures {
-                    quality: measured(patience, || report::quality_while(self.mesh, patience)),
-                    ..Figures::default()
+                Ok(MeshFigures {
+                    quality: measure_unless_cancelled(patience, || {
+                        report::quality_with_cancel(self.mesh, patience)
+                    }),
+                    ..MeshFigures::default()
                 })
             },
             &|| {
-                Ok(Figures {
-                    filling: measured(patience, || self.filling(patience)),
-                    ..Figures::default()
+                Ok(MeshFigures {
+                    box_check: measure_unless_cancelled(patience, || self.check_box(patience)),
+                    ..MeshFigures::default()
                 })
             },
             &|| {
-                let fidelity = measured(patience, || self.fidelity(patience));
-                Ok(Figures {
+                let fidelity =
+                    measure_unless_cancelled(patience, || self.measure_fidelity(patience));
+                Ok(MeshFigures {
                     fidelity: fidelity.transpose()?.flatten(),
-                    ..Figures::default()
+                    ..MeshFigures::default()
                 })
             },
         ];
-        let measure = |own: Range<usize>, give: &mut dyn FnMut(Figures)| {
+        let measure = |own: Range<usize>, give: &mut dyn FnMut(MeshFigures)| {
             let figures: Vec<_> = parts[own].par_iter().map(|part| part()).collect();
             figures
                 .into_iter()
                 .try_for_each(|part| part.map(&mut *give))
         };
-        let mut all = Figures::default();
-        ranks::share("figures", parts.len(), measure, &mut |part| all.add(part))?;
+        let mut all = MeshFigures::default();
+        comm::distribute("figures", parts.len(), measure, &mut |part| all.add(part))?;
         Ok(all)
     }
 
-    fn lattice(&self) -> Figures {
+    fn measure_lattice(&self) -> MeshFigures {
         let Some(faces) = self.feature_faces else {
-            return Figures::default();
+            return MeshFigures::default();
         };
         let (mesh, scene) = (self.mesh, self.scene);
-        let at_node = |n: u32| scene.distance.at(mesh.nodes()[n as usize]);
+        let at_node = |n: u32| scene.distance.value_at(mesh.nodes()[n as usize]);
         let (judged, lattice) = rayon::join(
-            || report::judged(mesh, faces, scene.extent, at_node),
-            || report::lattice(mesh, |x| scene.distance.at(x)),
+            || report::assess_angles(mesh, faces, scene.extent, at_node),
+            || report::measure_lattice(mesh, |x| scene.distance.value_at(x)),
         );
-        Figures {
-            judged: Some(judged),
+        MeshFigures {
+            angle_assessment: Some(judged),
             lattice: Some(lattice),
-            ..Figures::default()
+            ..MeshFigures::default()
         }
     }
 
-    fn filling(&self, patience: &Patience<'_>) -> Check {
-        let known = Known {
+    fn check_box(&self, patience: &CancelToken<'_>) -> Check {
+        let known = CheckHints {
             neighbors: self.neighbors,
-            ..Known::default()
+            ..CheckHints::default()
         };
         let (low, high) = ([0.0; D], self.scene.extent);
-        check_while(self.mesh, known, low, high, BOX_TOLERANCE, patience)
+        check_cancellable(self.mesh, known, low, high, BOX_TOLERANCE, patience)
     }
 
-    fn fidelity(&self, patience: &Patience<'_>) -> Result<Option<Fidelity>> {
+    fn measure_fidelity(&self, patience: &CancelToken<'_>) -> Result<Option<Fidelity>> {
         let features: &Features<D> = self.scene.features;
-        if features.of_all().points == 0 {
+        if features.point_counts().points == 0 {
             return Ok(None);
         }
         let reference = Reference::from_features(features);
-        let in_samples = in_samples(self.mesh, features);
-        report::fidelity_while(&*in_samples, &reference, self.claimed, patience).map(Some)
+        let in_samples = mesh_in_samples(self.mesh, features);
+        report::fidelity_with_cancel(&*in_samples, &reference, self.tagged_faces, patience)
+            .map(Some)
     }
 }
 
@@ -146,53 +150,59 @@ impl<const D: usize, M: Simplices<D>> Measured<'_, D, M> {
 ///
 /// # Errors
 /// Those of [`report::fidelity`] and of the group.
-pub(super) fn figures_of_pieces(
-    piece: &Piece,
+pub(super) fn figures_of_partition(
+    piece: &MeshPartition,
     claimed: Option<&[u8]>,
     feature_faces: &[u8],
-    scene: &Scene<'_, 3>,
+    scene: &MeshScene<'_, 3>,
     near: &[FeaturePoint<3>],
-    group: &dyn Group,
-    patience: &Patience<'_>,
-) -> Result<Figures> {
-    let claims = report::Claims::new(&piece.mesh, claimed)?;
-    let part = Part::of(piece, group);
-    let d = |x: [f64; 3]| scene.distance.at(x);
+    group: &dyn Comm,
+    patience: &CancelToken<'_>,
+) -> Result<MeshFigures> {
+    let claims = report::TaggedFaces::new(&piece.mesh, claimed)?;
+    let part = MeshView::from_partition(piece, group);
+    let d = |x: [f64; 3]| scene.distance.value_at(x);
     let at_node = |n: u32| d(piece.mesh.nodes[n as usize]);
-    let judged = report::judged_of_part(&part, feature_faces, scene.extent, &at_node)?;
-    let lattice = report::lattice_of_part(&part, d)?;
-    let quality = measured_by_all(group, patience, || report::quality_of_part(&part, patience))?;
-    let filling = measured_by_all(group, patience, || {
+    let judged = report::assess_partition_angles(&part, feature_faces, scene.extent, &at_node)?;
+    let lattice = report::lattice_of_partition(&part, d)?;
+    let quality = measure_on_all_ranks(group, patience, || {
+        report::quality_of_partition(&part, patience)
+    })?;
+    let filling = measure_on_all_ranks(group, patience, || {
         let (low, high) = ([0.0; 3], scene.extent);
-        check_pieces(piece, group, low, high, BOX_TOLERANCE, patience)
+        check_distributed(piece, group, low, high, BOX_TOLERANCE, patience)
     })?;
     let features = scene.features;
-    let fidelity = match features.of_all().points {
+    let fidelity = match features.point_counts().points {
         0 => None,
-        _ => measured_by_all(group, patience, || {
+        _ => measure_on_all_ranks(group, patience, || {
             let reference = Reference::from_share(features, near);
-            let in_samples = in_samples(&piece.mesh, features);
+            let in_samples = mesh_in_samples(&piece.mesh, features);
             let part = part.with_mesh(&*in_samples);
-            report::fidelity_of_part(&part, &reference, claims, patience)
+            report::fidelity_of_partition(&part, &reference, claims, patience)
         })?,
     };
-    Ok(Figures {
-        judged: Some(judged),
+    Ok(MeshFigures {
+        angle_assessment: Some(judged),
         lattice: Some(lattice),
         quality,
-        filling,
+        box_check: filling,
         fidelity,
     })
 }
 
 /// What `measure` gives, if all of the group have patience from before it until after: it asks the others, who must
 /// not be left alone.
-fn measured_by_all<T>(
-    group: &dyn Group,
-    patience: &Patience<'_>,
+fn measure_on_all_ranks<T>(
+    group: &dyn Comm,
+    patience: &CancelToken<'_>,
     measure: impl FnOnce() -> Result<T>,
 ) -> Result<Option<T>> {
-    let over = || -> Result<bool> { Ok(group.all("patience", patience.over())?.contains(&true)) };
+    let over = || -> Result<bool> {
+        Ok(group
+            .all_gather("patience", patience.is_cancelled())?
+            .contains(&true))
+    };
     if over()? {
         return Ok(None);
     }
@@ -201,24 +211,27 @@ fn measured_by_all<T>(
 }
 
 /// What `measure` gives, if `patience` lasts from before it until after.
-pub(super) fn measured<T>(patience: &Patience<'_>, measure: impl FnOnce() -> T) -> Option<T> {
-    if patience.over() {
+pub(super) fn measure_unless_cancelled<T>(
+    patience: &CancelToken<'_>,
+    measure: impl FnOnce() -> T,
+) -> Option<T> {
+    if patience.is_cancelled() {
         return None;
     }
     let figures = measure();
-    (!patience.over()).then_some(figures)
+    (!patience.is_cancelled()).then_some(figures)
 }
 
 /// A mesh in samples of what it follows.
-fn in_samples<'a, const D: usize, M: Simplices<D>>(
+fn mesh_in_samples<'a, const D: usize, M: Simplices<D>>(
     mesh: &'a M,
     features: &Features<D>,
 ) -> Cow<'a, M> {
-    scaled(mesh, features.potential.step.map(|s| 1.0 / s))
+    scaled_mesh(mesh, features.potential.step.map(|s| 1.0 / s))
 }
 
 /// A mesh with each axis scaled.
-pub fn scaled<const D: usize, M: Simplices<D>>(mesh: &M, scale: [f64; D]) -> Cow<'_, M> {
+pub fn scaled_mesh<const D: usize, M: Simplices<D>>(mesh: &M, scale: [f64; D]) -> Cow<'_, M> {
     if scale == [1.0; D] {
         return Cow::Borrowed(mesh);
     }

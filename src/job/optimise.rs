@@ -1,74 +1,80 @@
 //! How the atoms of a lattice move.
 
-use super::frame::Frame;
+use super::frame::JobDomain;
 use super::{Evaluator, Params};
 use crate::Result;
+use crate::comm::{Comm, WorldComm};
 use crate::feature::{Features, gaussian};
-use crate::image::Sparse;
-use crate::lattice::distance::{Distance, Shared};
-use crate::lattice::energy::{Energy, Pairwise, Regularised, Sampled};
-use crate::lattice::optimize::{self, Stop};
-use crate::lattice::share::OwnAtoms;
-use crate::observer::{Observer, Patience};
-use crate::ranks::{Group, Ranks};
+use crate::image::SparseField;
+use crate::lattice::distance::{Distance, DistributedDistance};
+use crate::lattice::energy::{Energy, PairwiseEnergy, RegularisedEnergy, SampledEnergy};
+use crate::lattice::optimize::{self, StopReason};
+use crate::lattice::partition::OwnedAtoms;
+use crate::progress::{CancelToken, Progress};
 use crate::report::Optimisation;
 
 /// From how far around its atoms a rank has the potential, in units of d; they move less.
-const ROOM: f64 = 1.0;
+const HALO_RADIUS: f64 = 1.0;
 
 /// The energy that a job's `atoms` shall have least of: the same for both evaluators, up to sampling.
-fn energy<'a, const D: usize>(
+fn job_energy<'a, const D: usize>(
     params: &Params<D>,
-    atoms: &OwnAtoms<D>,
-    potential: &'a Sparse<D>,
+    atoms: &OwnedAtoms<D>,
+    potential: &'a SparseField<D>,
     distance: &'a Distance<D>,
-    frame: &Frame<D>,
+    frame: &JobDomain<D>,
 ) -> Result<Box<dyn Energy<D> + 'a>> {
     let (beta, extent) = (frame.beta.clone(), frame.extent);
-    let pairs = |beta| -> Result<Pairwise<'a, D>> {
-        Ok(Pairwise::new(extent, distance, Some(potential), beta)?.uncrowded())
+    let pairs = |beta| -> Result<PairwiseEnergy<'a, D>> {
+        Ok(PairwiseEnergy::new(extent, distance, Some(potential), beta)?.with_auto_stiffness())
     };
     Ok(match params.evaluator {
         Evaluator::Pairwise if params.kappa != 1.0 => {
             let pairs = pairs(beta.clone())?;
-            let mobility = atoms.clone().gathered(&Ranks)?.mobility(extent);
-            let energy = Regularised::new(pairs, distance, beta, params.kappa, mobility);
+            let mobility = atoms.clone().all_gather(&WorldComm)?.mobility(extent);
+            let energy = RegularisedEnergy::new(pairs, distance, beta, params.kappa, mobility);
             Box::new(energy?)
         }
         Evaluator::Pairwise => Box::new(pairs(beta)?),
-        Evaluator::Sampled => Box::new(Sampled::new(distance, potential.dense(), beta).uncrowded()),
+        Evaluator::Sampled => {
+            Box::new(SampledEnergy::new(distance, potential.to_dense(), beta).with_auto_stiffness())
+        }
     })
 }
 
 /// Moves the atoms, each rank its share: passes on smoother and smoother potentials first, if asked for.
 pub(super) fn optimise<const D: usize>(
-    atoms: &mut OwnAtoms<D>,
+    atoms: &mut OwnedAtoms<D>,
     params: &Params<D>,
     features: &Features<D>,
-    distance: &Shared<D>,
-    frame: &Frame<D>,
-    observer: &mut dyn Observer,
-) -> Result<optimize::Rest> {
-    let (options, extent, group) = (moving(params), frame.extent, &Ranks as &dyn Group);
-    let moved = |atoms: &mut OwnAtoms<D>,
-                 potential: &Sparse<D>,
+    distance: &DistributedDistance<D>,
+    frame: &JobDomain<D>,
+    observer: &mut dyn Progress,
+) -> Result<optimize::OptimizeResult> {
+    let (options, extent, group) = (
+        optimize_options(params),
+        frame.extent,
+        &WorldComm as &dyn Comm,
+    );
+    let moved = |atoms: &mut OwnedAtoms<D>,
+                 potential: &SparseField<D>,
                  distance: &Distance<D>,
-                 observer: &mut dyn Observer| {
-        let energy = &mut *energy(params, atoms, potential, distance, frame)?;
-        optimize::optimize_together(atoms, energy, distance, extent, &options, group, observer)
+                 observer: &mut dyn Progress| {
+        let energy = &mut *job_energy(params, atoms, potential, distance, frame)?;
+        optimize::optimize_partition(atoms, energy, distance, extent, &options, group, observer)
     };
     let potential = &features.potential;
-    if potential.in_shares {
+    if potential.is_distributed {
         let before = atoms.clone();
         let outcome = {
-            let (positions, room) = (&atoms.atoms.positions, ROOM * distance.max());
-            let near = potential.near(positions, room, group)?;
+            let (positions, room) = (&atoms.atoms.positions, HALO_RADIUS * distance.max());
+            let near = potential.gather_neighbourhood(positions, room, group)?;
             // Of atoms of others that are in reach of its own it asks for d, too.
-            let reach = room + optimize::held_within(&distance.outline());
-            let distance = distance.near(positions, reach, group)?;
+            let reach = room + optimize::halo_width(&distance.outline());
+            let distance = distance.fetch_near(positions, reach, group)?;
             let outcome = moved(atoms, &near, &distance, observer)?;
-            let missed = near.missed() || distance.missed();
-            let missed: Vec<bool> = group.all("potential", missed)?;
+            let missed = near.has_missed() || distance.has_misses();
+            let missed: Vec<bool> = group.all_gather("potential", missed)?;
             (!missed.contains(&true)).then_some(outcome)
         };
         if let Some(outcome) = outcome {
@@ -76,21 +82,22 @@ pub(super) fn optimise<const D: usize>(
         }
         // An atom has been where its rank does not know the image, or d.
         *atoms = before;
-        let (potential, distance) = (potential.gathered(group)?, distance.whole(group)?);
+        let (potential, distance) = (potential.all_gather(group)?, distance.global(group)?);
         return moved(atoms, &potential, &distance, observer);
     }
-    let distance = &*distance.whole(group)?;
-    let pass = |atoms: &mut OwnAtoms<D>, potential: &Sparse<D>, observer: &mut dyn Observer| {
-        moved(atoms, potential, distance, observer)
-    };
+    let distance = &*distance.global(group)?;
+    let pass =
+        |atoms: &mut OwnedAtoms<D>, potential: &SparseField<D>, observer: &mut dyn Progress| {
+            moved(atoms, potential, distance, observer)
+        };
     for coarse in (1..=params.coarse_passes).rev() {
         let factor = f64::from(1 << coarse);
         // Stopped half way it is rough: the pass over it ends at its first question.
-        let smoother = Patience::of(&mut || observer.keep_going(), |patience| {
-            smoother(potential, features.sigma, factor, patience)
+        let smoother = CancelToken::run(&mut || observer.keep_going(), |patience| {
+            smoothed_potential(potential, features.sigma, factor, patience)
         });
         let outcome = pass(atoms, &smoother, observer)?;
-        if outcome.stop == Stop::Interrupted {
+        if outcome.stop == StopReason::Interrupted {
             return Ok(outcome);
         }
     }
@@ -98,7 +105,7 @@ pub(super) fn optimise<const D: usize>(
 }
 
 /// Whether moving the atoms of a job takes no more of the potential than what is near to each.
-pub(super) fn looks_near<const D: usize>(params: &Params<D>) -> bool {
+pub(super) fn needs_only_local_potential<const D: usize>(params: &Params<D>) -> bool {
     D == 3
         && params.evaluator == Evaluator::Pairwise
         && params.kappa == 1.0
@@ -107,11 +114,12 @@ pub(super) fn looks_near<const D: usize>(params: &Params<D>) -> bool {
 }
 
 /// How the atoms of a job are moved.
-pub(crate) fn moving<const D: usize>(params: &Params<D>) -> optimize::Effort {
-    let effort = optimiser(params.seed).with(params.optimizer, params.kappa != 1.0);
+pub(crate) fn optimize_options<const D: usize>(params: &Params<D>) -> optimize::OptimizeOptions {
+    let effort =
+        default_optimize_options(params.seed).with_method(params.optimizer, params.kappa != 1.0);
     match params.rounds {
         None => effort,
-        Some(rounds) => optimize::Effort {
+        Some(rounds) => optimize::OptimizeOptions {
             max_evaluations: effort.max_evaluations / effort.max_rounds * rounds,
             max_rounds: rounds,
             ..effort
@@ -120,26 +128,26 @@ pub(crate) fn moving<const D: usize>(params: &Params<D>) -> optimize::Effort {
 }
 
 /// How atoms are moved by default.
-pub(crate) fn optimiser(seed: u64) -> optimize::Effort {
-    optimize::Effort {
+pub(crate) fn default_optimize_options(seed: u64) -> optimize::OptimizeOptions {
+    optimize::OptimizeOptions {
         seed,
         tolerance: 1e-3,
         // Improvement takes over from here: a second round, unless asked for, changes neither quality
         // nor fidelity.
         max_rounds: 1,
         max_evaluations: 40,
-        ..optimize::Effort::default()
+        ..optimize::OptimizeOptions::default()
     }
 }
 
 /// A potential whose valleys, of width `sigma`, are `factor` times as wide and as deep as before.
-fn smoother<const D: usize>(
-    potential: &Sparse<D>,
+fn smoothed_potential<const D: usize>(
+    potential: &SparseField<D>,
     sigma: f64,
     factor: f64,
-    patience: &Patience<'_>,
-) -> Sparse<D> {
-    let mut wide = potential.dense();
+    patience: &CancelToken<'_>,
+) -> SparseField<D> {
+    let mut wide = potential.to_dense();
     // Widths add in quadrature; the depth of a straight valley falls as its width grows.
     let added = sigma * (factor * factor - 1.0).sqrt();
     gaussian::smooth(
@@ -151,11 +159,14 @@ fn smoother<const D: usize>(
     for b in &mut wide.samples {
         *b = (*b * factor as f32).clamp(-1.0, 0.0);
     }
-    Sparse::of(&wide)
+    SparseField::from_field(&wide)
 }
 
 /// The report's lines on the optimiser.
-pub(super) fn optimisation(outcome: &optimize::Rest, atoms: usize) -> Optimisation {
+pub(super) fn optimisation_report(
+    outcome: &optimize::OptimizeResult,
+    atoms: usize,
+) -> Optimisation {
     let per_atom = 1.0 / atoms as f64;
     let terms = outcome.terms;
     Optimisation {
@@ -167,9 +178,9 @@ pub(super) fn optimisation(outcome: &optimize::Rest, atoms: usize) -> Optimisati
         minimised: outcome.energy_after * per_atom,
         evaluations: outcome.evaluations,
         stop: match outcome.stop {
-            Stop::Converged => "converged",
-            Stop::MaxIterations => "as many rounds as allowed",
-            Stop::Interrupted => "interrupted",
+            StopReason::Converged => "converged",
+            StopReason::MaxIterations => "as many rounds as allowed",
+            StopReason::Interrupted => "interrupted",
         }
         .into(),
     }
@@ -178,15 +189,20 @@ pub(super) fn optimisation(outcome: &optimize::Rest, atoms: usize) -> Optimisati
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::feature::Detection;
+    use crate::feature::DetectionOptions;
     use crate::geometry::distance2;
-    use crate::image::Field;
+    use crate::image::ScalarField;
     use crate::lattice::energy::Beta;
     use crate::lattice::seeding::{self, Alignment, Atoms};
-    use crate::observer::Unobserved;
+    use crate::progress::NoProgress;
 
     /// The share of atoms, farther than 1.5 d from all sides, that have so many others within 1.25 d.
-    fn regular<const D: usize>(atoms: &[[f64; D]], d: f64, extent: [f64; D], count: usize) -> f64 {
+    fn regular_share<const D: usize>(
+        atoms: &[[f64; D]],
+        d: f64,
+        extent: [f64; D],
+        count: usize,
+    ) -> f64 {
         let inside = |x: &&[f64; D]| {
             (0..D).all(|k| (x[k] - 0.5 * extent[k]).abs() < 0.5 * extent[k] - 1.5 * d)
         };
@@ -200,26 +216,26 @@ mod tests {
     }
 
     /// A lattice of an image without features at rest.
-    fn at_rest<const D: usize>(
+    fn relaxed_lattice<const D: usize>(
         extent: [f64; D],
         d: f64,
         beta: f64,
         params: &Params<D>,
-    ) -> (Atoms<D>, optimize::Rest) {
+    ) -> (Atoms<D>, optimize::OptimizeResult) {
         let distance = Distance::Constant(d);
-        let atoms = seeding::fcc(extent, &distance, &[], Alignment::On).unwrap();
-        let distance = Shared::All(distance);
-        let mut atoms = OwnAtoms::of(atoms, &Ranks);
+        let atoms = seeding::fcc(extent, &distance, &[], Alignment::OnFeatures).unwrap();
+        let distance = DistributedDistance::Global(distance);
+        let mut atoms = OwnedAtoms::from_global(atoms, &WorldComm);
         let dims = extent.map(|l| l as usize + 1);
-        let features = Features::none(dims, &Detection::default());
-        let frame = Frame {
+        let features = Features::empty(dims, &DetectionOptions::default());
+        let frame = JobDomain {
             step: [1.0; D],
             extent,
             beta: Beta::Constant(beta),
-            fixed: Vec::new(),
-            ways: Vec::new(),
+            fixed_atoms: Vec::new(),
+            well_paths: Vec::new(),
         };
-        let observer = &mut Unobserved;
+        let observer = &mut NoProgress;
         let rest = optimise(&mut atoms, params, &features, &distance, &frame, observer).unwrap();
         (atoms.atoms, rest)
     }
@@ -232,8 +248,8 @@ mod tests {
                     seed,
                     ..Params::default()
                 };
-                let (atoms, _) = at_rest(extent, 6.0, beta, &params);
-                let share = regular(&atoms.positions, 6.0, extent, 12);
+                let (atoms, _) = relaxed_lattice(extent, 6.0, beta, &params);
+                let share = regular_share(&atoms.positions, 6.0, extent, 12);
                 assert!(
                     share >= 0.99,
                     "{extent:?}, beta {beta}, seed {seed}: {share}"
@@ -253,15 +269,15 @@ mod tests {
         };
         let (extent, d, beta) = ([80.0, 60.0], 6.0, 0.6);
         let b = |x: [f64; 2]| -0.01 * x[0];
-        let potential = Sparse::of(&Field::from_fn([81, 61], [1.0; 2], b));
+        let potential = SparseField::from_field(&ScalarField::from_fn([81, 61], [1.0; 2], b));
         let distance = Distance::Constant(d);
-        let shared = Shared::All(distance.clone());
-        let frame = Frame {
+        let shared = DistributedDistance::Global(distance.clone());
+        let frame = JobDomain {
             step: [1.0; 2],
             extent,
             beta: Beta::Constant(beta),
-            fixed: Vec::new(),
-            ways: Vec::new(),
+            fixed_atoms: Vec::new(),
+            well_paths: Vec::new(),
         };
         for (evaluator, kappa, exact) in [
             (Evaluator::Pairwise, 1.0, 1e-4),
@@ -273,15 +289,15 @@ mod tests {
                 kappa,
                 ..Params::default()
             };
-            let atoms = seeding::fcc(extent, &distance, &[], Alignment::On).unwrap();
-            let mut atoms = OwnAtoms::of(atoms, &Ranks);
+            let atoms = seeding::fcc(extent, &distance, &[], Alignment::OnFeatures).unwrap();
+            let mut atoms = OwnedAtoms::from_global(atoms, &WorldComm);
             let features = Features {
                 potential: potential.clone(),
-                ..Features::none([81, 61], &Detection::default())
+                ..Features::empty([81, 61], &DetectionOptions::default())
             };
-            let observer = &mut Unobserved;
+            let observer = &mut NoProgress;
             let rest = optimise(&mut atoms, &params, &features, &shared, &frame, observer);
-            let found = optimisation(&rest.unwrap(), atoms.whole);
+            let found = optimisation_report(&rest.unwrap(), atoms.global_count);
             let x = &atoms.atoms.positions;
             let per_atom = 1.0 / x.len() as f64;
             let pairs = |of: &dyn Fn(f64) -> f64| {
@@ -318,24 +334,24 @@ mod tests {
         let atoms: Vec<[f64; 2]> = (0..49)
             .map(|i| [6.0 * f64::from(i % 7) + 12.0, 6.0 * f64::from(i / 7) + 12.0])
             .collect();
-        let atoms = OwnAtoms::of(Atoms::in_box(atoms, extent), &Ranks);
-        let potential = Field::from_fn([61, 61], [1.0; 2], |x| -0.01 * x[0]);
-        let potential = Sparse::of(&potential);
+        let atoms = OwnedAtoms::from_global(Atoms::from_positions(atoms, extent), &WorldComm);
+        let potential = ScalarField::from_fn([61, 61], [1.0; 2], |x| -0.01 * x[0]);
+        let potential = SparseField::from_field(&potential);
         let distance = Distance::Constant(d);
-        let frame = Frame {
+        let frame = JobDomain {
             step: [1.0; 2],
             extent,
             beta: Beta::Constant(0.6),
-            fixed: Vec::new(),
-            ways: Vec::new(),
+            fixed_atoms: Vec::new(),
+            well_paths: Vec::new(),
         };
         let [pairwise, sampled] = [Evaluator::Pairwise, Evaluator::Sampled].map(|evaluator| {
             let params = Params {
                 evaluator,
                 ..Params::default()
             };
-            let energy = energy(&params, &atoms, &potential, &distance, &frame);
-            let mut gradient = vec![[0.0; 2]; atoms.whole];
+            let energy = job_energy(&params, &atoms, &potential, &distance, &frame);
+            let mut gradient = vec![[0.0; 2]; atoms.global_count];
             let x = &atoms.atoms.positions;
             energy.unwrap().evaluate(x, &mut gradient).unwrap()
         });

@@ -25,7 +25,7 @@ pub enum Spacing {
         max: f64,
     },
     /// `max`, but `min` at least where features run close together.
-    FromGaps {
+    FromFeatureGaps {
         /// Least distance.
         min: f64,
         /// Distance where no other feature is near.
@@ -47,14 +47,14 @@ pub enum Spacing {
         max: f64,
     },
     /// As the atoms lie that [`Seeding::Canny`] places.
-    OfAtoms {
+    FromCannyAtoms {
         /// The least distance between those on features.
         min: f64,
         /// The distance where nothing else is.
         max: f64,
     },
     /// As [`Params::distances`] says, clipped.
-    Given {
+    FromDistanceMap {
         /// Least distance.
         min: f64,
         /// Largest distance.
@@ -63,12 +63,12 @@ pub enum Spacing {
 }
 
 /// 8 samples, and a third of that in gaps between features.
-pub(super) const DISTANCES: [f64; 2] = [2.7, 8.0];
+pub(super) const DEFAULT_DISTANCES: [f64; 2] = [2.7, 8.0];
 
 impl Default for Spacing {
     fn default() -> Self {
-        let [min, max] = DISTANCES;
-        Self::FromGaps { min, max }
+        let [min, max] = DEFAULT_DISTANCES;
+        Self::FromFeatureGaps { min, max }
     }
 }
 
@@ -87,24 +87,24 @@ impl Spacing {
         match self {
             Self::Constant(d) => [d; 2],
             Self::FromFeatures { min, max }
-            | Self::FromGaps { min, max }
+            | Self::FromFeatureGaps { min, max }
             | Self::FromImage { min, max }
             | Self::FromLaplacian { min, max }
-            | Self::OfAtoms { min, max }
-            | Self::Given { min, max } => [min, max],
+            | Self::FromCannyAtoms { min, max }
+            | Self::FromDistanceMap { min, max } => [min, max],
         }
     }
 
     /// The same kind in a larger unit of length; Canny's points are samples apart anyhow.
-    fn in_units_of(mut self, unit: f64) -> Self {
+    fn scaled_by_unit(mut self, unit: f64) -> Self {
         match &mut self {
-            Self::OfAtoms { .. } => {}
+            Self::FromCannyAtoms { .. } => {}
             Self::Constant(d) => *d /= unit,
             Self::FromFeatures { min, max }
-            | Self::FromGaps { min, max }
+            | Self::FromFeatureGaps { min, max }
             | Self::FromImage { min, max }
             | Self::FromLaplacian { min, max }
-            | Self::Given { min, max } => {
+            | Self::FromDistanceMap { min, max } => {
                 *min /= unit;
                 *max /= unit;
             }
@@ -113,10 +113,10 @@ impl Spacing {
     }
 
     /// That of [`Seeding::Canny`], in a space of `dimensions`.
-    pub fn of_canny(dimensions: usize) -> Self {
-        Self::OfAtoms {
-            min: seeding::canny::closest(dimensions),
-            max: seeding::canny::UNIFORM,
+    pub fn for_canny(dimensions: usize) -> Self {
+        Self::FromCannyAtoms {
+            min: seeding::canny::min_point_distance(dimensions),
+            max: seeding::canny::UNIFORM_SPACING,
         }
     }
 }
@@ -148,7 +148,7 @@ impl<const D: usize> Metric<D> {
     pub fn unit(self, geometry: &Geometry<D>) -> f64 {
         match self {
             Self::Samples | Self::Shape => 1.0,
-            Self::Physical | Self::Scales(_) => mean(self.lengths(geometry)),
+            Self::Physical | Self::Scales(_) => geometric_mean(self.lengths(geometry)),
         }
     }
 
@@ -159,7 +159,7 @@ impl<const D: usize> Metric<D> {
             Self::Physical => geometry.spacing(),
             Self::Shape => {
                 let spacing = geometry.spacing();
-                spacing.map(|s| s / mean(spacing))
+                spacing.map(|s| s / geometric_mean(spacing))
             }
             Self::Scales(lengths) => lengths,
         }
@@ -167,7 +167,7 @@ impl<const D: usize> Metric<D> {
 }
 
 /// The geometric mean; exact where all are the same.
-fn mean<const D: usize>(lengths: [f64; D]) -> f64 {
+fn geometric_mean<const D: usize>(lengths: [f64; D]) -> f64 {
     let longest = lengths.into_iter().fold(0.0, f64::max);
     let shape: f64 = lengths.iter().map(|length| length / longest).product();
     longest * shape.powf(1.0 / D as f64)
@@ -231,7 +231,7 @@ pub struct Params<const D: usize = 3> {
     /// Distance between atoms.
     pub spacing: Spacing,
     /// Distances, one per sample of the image, for [`Spacing::Given`].
-    pub distances: Option<Box<Image<D>>>,
+    pub distance_map: Option<Box<Image<D>>>,
     /// Features to follow.
     pub feature: feature::FeatureKind,
     /// Where the image comes from, if its geometry alone does not tell.
@@ -243,15 +243,15 @@ pub struct Params<const D: usize = 3> {
     /// Depths of the valleys of faults and of horizons where both are followed.
     pub feature_weights: [f64; 2],
     /// Points of an object and around it, for [`feature::FeatureKind::Paths`].
-    pub seeds: feature::PathSeeds<D>,
+    pub path_seeds: feature::PathSeeds<D>,
     /// What is wanted of labels, for [`feature::FeatureKind::Labels`].
-    pub labels: Vec<feature::LabelWish>,
+    pub labels: Vec<feature::LabelOptions>,
     /// Whether no common null values are recognised, nor traces that are zero throughout.
     pub keep_nulls: bool,
     /// Weight of the image.
     pub beta: Weight<D>,
     /// Atoms that stay where they are (wells, sources).
-    pub fixed: Vec<FixedAtom<D>>,
+    pub fixed_atoms: Vec<FixedAtom<D>>,
     /// Wells: fixed atoms along their ways.
     pub wells: Vec<WellPath<D>>,
     /// Distance between atoms at wells; as elsewhere if `None`.
@@ -273,11 +273,11 @@ pub struct Params<const D: usize = 3> {
     /// Smallest (dihedral) angle aimed at, in degrees; `None` leaves the slivers in.
     pub min_dihedral: Option<f64>,
     /// How they are removed.
-    pub slivers: improve::SliverMethod,
+    pub sliver_method: improve::SliverMethod,
     /// Nodes of Voronoi cells nearer to one another than this share of the cells' size are one.
-    pub weld: f64,
+    pub weld_ratio: f64,
     /// How a triangulation of the plane is smoothed under the weight of the image, if it shall be.
-    pub smooth: Option<Scheme>,
+    pub smoothing: Option<Scheme>,
     /// Lattice space.
     pub metric: Metric<D>,
     /// Seed of the perturbations.
@@ -294,12 +294,12 @@ impl<const D: usize> Default for Params<D> {
             sigma: None,
             threshold: None,
             feature_weights: [1.0; 2],
-            distances: None,
-            seeds: feature::PathSeeds::default(),
+            distance_map: None,
+            path_seeds: feature::PathSeeds::default(),
             labels: Vec::new(),
             keep_nulls: false,
             beta: Weight::Constant(0.5),
-            fixed: Vec::new(),
+            fixed_atoms: Vec::new(),
             wells: Vec::new(),
             well_distance: None,
             seeding: Seeding::Fcc,
@@ -309,9 +309,9 @@ impl<const D: usize> Default for Params<D> {
             rounds: None,
             coarse_passes: 0,
             min_dihedral: Some(30.0),
-            slivers: improve::SliverMethod::Joe,
-            weld: 0.0,
-            smooth: None,
+            sliver_method: improve::SliverMethod::Joe,
+            weld_ratio: 0.0,
+            smoothing: None,
             metric: Metric::Samples,
             seed: 1,
         }
@@ -325,12 +325,12 @@ impl<const D: usize> Params<D> {
             return Cow::Borrowed(self);
         }
         let mut params = self.clone();
-        params.spacing = self.spacing.in_units_of(unit);
+        params.spacing = self.spacing.scaled_by_unit(unit);
         params.well_distance = self.well_distance.map(|d| d / unit);
         for wish in &mut params.labels {
             wish.distance = wish.distance.map(|d| d / unit);
         }
-        if let Some(distances) = &mut params.distances {
+        if let Some(distances) = &mut params.distance_map {
             let samples = distances.as_slice().iter();
             let samples = samples.map(|&d| (f64::from(d) / unit) as f32).collect();
             **distances = Image::new(distances.dims(), samples, distances.geometry.clone());
@@ -339,28 +339,28 @@ impl<const D: usize> Params<D> {
     }
 
     /// How features are sought.
-    pub fn feature_options(&self, step: [f64; D]) -> feature::Detection<D> {
+    pub fn feature_options(&self, step: [f64; D]) -> feature::DetectionOptions<D> {
         // Canny's points are, unless another feature is named, points of Canny's edges.
         let kind = match (self.feature, self.seeding) {
             (feature::FeatureKind::Auto, Seeding::Canny) => feature::FeatureKind::Canny,
             (kind, _) => kind,
         };
-        feature::Detection {
+        feature::DetectionOptions {
             kind,
             modality: self.modality,
             scale: self.sigma,
             threshold: self.threshold,
             weights: self.feature_weights,
-            seeds: self.seeds.clone(),
+            seeds: self.path_seeds.clone(),
             labels: self.labels.clone(),
             d_min: self.spacing.min(),
-            up_to: match self.spacing {
-                Spacing::FromGaps { max, .. } => Some(max),
+            gap_d_max: match self.spacing {
+                Spacing::FromFeatureGaps { max, .. } => Some(max),
                 _ => None,
             },
             step,
             keep_nulls: self.keep_nulls,
-            ..feature::Detection::default()
+            ..feature::DetectionOptions::default()
         }
     }
 }

@@ -5,46 +5,46 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::parallel::prelude::*;
 
-use super::{Marked, Scene};
+use super::{AnnotatedMesh, MeshScene};
 use crate::feature::components::{Components, for_each_sample};
-use crate::feature::labelled::{Labelled, components};
+use crate::feature::label_map::{LabelMap, components};
 use crate::feature::volume::Volume;
-use crate::feature::{LabelWish, labelled};
+use crate::feature::{LabelOptions, label_map};
 use crate::geometry::{norm, normal};
 use crate::image::{Image, LabelTable};
-use crate::improve::regions::{self, Fitting, Places};
+use crate::improve::regions::{self, InterfaceFit, SamplePoints};
 use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
-use crate::mesh::poly::{Beyond, PolyMesh};
-use crate::observer::Patience;
-use crate::report::{DAMAGED, Hole, Lost, Region, Regions};
+use crate::mesh::poly::{FaceNeighbour, PolyMesh};
+use crate::progress::CancelToken;
+use crate::report::{Hole, LostParts, MIN_MISSING_SHARE, RegionReport, RegionSummary};
 
 /// A part of a label of which the cells with its label hold less than this share is lost.
-const HELD: f64 = 0.25;
+const MIN_KEPT_SHARE: f64 = 0.25;
 
 /// Gives the cells of simplices their regions, and fits the faces between them; gives the number of each
 /// cell's label.
-pub(super) fn of_simplices<const D: usize, M: Simplices<D>>(
-    made: &mut Marked<M>,
+pub(super) fn assign_regions<const D: usize, M: Simplices<D>>(
+    made: &mut AnnotatedMesh<M>,
     neighbors: &[u32],
-    scene: &Scene<'_, D>,
-    labelled: &Labelled<D>,
+    scene: &MeshScene<'_, D>,
+    labelled: &LabelMap<D>,
     min_angle: Option<f64>,
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> Vec<u32> {
-    let mut regions = regions::labels(&made.mesh, neighbors, labelled);
+    let mut regions = regions::assign_labels(&made.mesh, neighbors, labelled);
     if let Some(min_angle) = min_angle {
-        let fitting = Fitting {
+        let fitting = InterfaceFit {
             labelled,
             regions: &regions,
             neighbors,
-            kinds: &made.kinds,
+            kinds: &made.node_kinds,
             extent: scene.extent,
             min_angle,
         };
         regions::fit(&mut made.mesh, &fitting, patience);
-        regions = regions::without_spikes(&made.mesh, &fitting);
-        made.feature_faces = regions::marks::<D>(&regions, neighbors);
+        regions = regions::remove_spikes(&made.mesh, &fitting);
+        made.feature_faces = regions::interface_marks::<D>(&regions, neighbors);
     }
     let of_label = labelled.regions();
     made.regions = regions.iter().map(|&n| of_label[n as usize]).collect();
@@ -79,7 +79,7 @@ pub(super) fn contacts_of_simplices<const D: usize, M: Simplices<D>>(
 pub(super) fn contacts_of_cells<const D: usize>(mesh: &PolyMesh<D>, numbers: &[u32]) -> Contacts {
     let mut contacts = Contacts::new();
     for (f, cells) in mesh.face_cells.iter().enumerate() {
-        if let Beyond::Cell(_) = mesh.beyond(f) {
+        if let FaceNeighbour::Cell(_) = mesh.face_neighbour(f) {
             let mut pair = cells.map(|c| numbers[c as usize]);
             pair.sort_unstable();
             if pair[0] != pair[1] {
@@ -91,7 +91,7 @@ pub(super) fn contacts_of_cells<const D: usize>(mesh: &PolyMesh<D>, numbers: &[u
 }
 
 /// Returns the pairs of labels that touch somewhere in an image, at a side, an edge or a corner of samples.
-fn touching<const D: usize>(dims: [usize; D], labels: &[u32]) -> BTreeSet<[u32; 2]> {
+fn touching_labels<const D: usize>(dims: [usize; D], labels: &[u32]) -> BTreeSet<[u32; 2]> {
     let mut pairs = BTreeSet::new();
     let strides = Volume::new(dims, &[]).strides();
     // Half of the samples round one: the others see this one.
@@ -117,18 +117,18 @@ fn touching<const D: usize>(dims: [usize; D], labels: &[u32]) -> BTreeSet<[u32; 
 /// `numbers`; `None` if there are too many labels, or if `patience` does not last.
 pub(super) fn report<const D: usize>(
     image: &Image<D>,
-    wishes: &[LabelWish],
-    (places, contacts): (&Places<'_, D>, &Contacts),
+    wishes: &[LabelOptions],
+    (places, contacts): (&SamplePoints<'_, D>, &Contacts),
     numbers: &[u32],
     step: [f64; D],
-    patience: &Patience<'_>,
-) -> Option<Regions> {
+    patience: &CancelToken<'_>,
+) -> Option<RegionSummary> {
     let (table, parts) = components(image)?;
     let LabelTable {
         values: labels,
-        index: of_sample,
+        indices: of_sample,
     } = table;
-    if patience.over() {
+    if patience.is_cancelled() {
         return None;
     }
     let dims = image.dims();
@@ -139,14 +139,14 @@ pub(super) fn report<const D: usize>(
         .into_par_iter()
         .map(|c| {
             let (mut found, mut count) = (Vec::new(), 0.0f64);
-            places.each(c, |x| {
+            places.for_each(c, |x| {
                 let at = std::array::from_fn(|k| {
                     ((x[k] / step[k]).round().max(0.0) as usize).min(dims[k] - 1)
                 });
                 let i = volume.index(at);
                 count += 1.0;
                 if of_sample[i] == numbers[c] {
-                    let part = parts.of_sample[i];
+                    let part = parts.component_of_sample[i];
                     match found.iter_mut().find(|(known, _)| *known == part) {
                         Some((_, sum)) => *sum += 1.0,
                         None => found.push((part, 1.0)),
@@ -155,23 +155,23 @@ pub(super) fn report<const D: usize>(
             });
             found
                 .iter_mut()
-                .for_each(|(_, sum)| *sum *= places.sizes[c] / count);
+                .for_each(|(_, sum)| *sum *= places.volumes[c] / count);
             found
         })
         .collect();
-    let mut inside = vec![0.0; parts.all.len()];
+    let mut inside = vec![0.0; parts.components.len()];
     for &(part, volume) in held.iter().flatten() {
         inside[part as usize] += volume;
     }
     let sample: f64 = step.iter().product();
-    let samples = labelled::volumes(dims, step, &of_sample, labels.len());
+    let samples = label_map::volumes(dims, step, &of_sample, labels.len());
     let name = |n: usize| {
         let wish = wishes.iter().find(|wish| wish.label == labels[n]);
         wish.and_then(|wish| wish.name.clone())
     };
-    let regions = labelled::regions(&labels);
-    let mut all: Vec<Region> = (0..labels.len())
-        .map(|n| Region {
+    let regions = label_map::regions(&labels);
+    let mut all: Vec<RegionReport> = (0..labels.len())
+        .map(|n| RegionReport {
             label: labels[n],
             region: regions[n],
             name: name(n),
@@ -179,31 +179,31 @@ pub(super) fn report<const D: usize>(
             samples: 0,
             cells: 0,
             volume: 0.0,
-            volume_of_samples: samples[n] * world,
-            off_percent: 0.0,
+            sample_volume: samples[n] * world,
+            volume_error_percent: 0.0,
             distance: None,
         })
         .collect();
-    for (&n, size) in numbers.iter().zip(&places.sizes) {
+    for (&n, size) in numbers.iter().zip(&places.volumes) {
         all[n as usize].cells += 1;
         all[n as usize].volume += size * world;
     }
     for region in &mut all {
-        region.off_percent = 100.0 * (region.volume / region.volume_of_samples - 1.0);
+        region.volume_error_percent = 100.0 * (region.volume / region.sample_volume - 1.0);
     }
     let given = |n: usize| {
         let wish = wishes.iter().find(|wish| wish.label == labels[n]);
         wish.and_then(|wish| wish.distance)
     };
-    let surface = surfaces(&parts, step);
-    let (mut lost, mut damaged) = (Losses::default(), Losses::default());
-    for (number, (part, inside)) in parts.all.iter().zip(&inside).enumerate() {
+    let surface = surface_areas(&parts, step);
+    let (mut lost, mut damaged) = (LossList::default(), LossList::default());
+    for (number, (part, inside)) in parts.components.iter().zip(&inside).enumerate() {
         let n = part.label as usize;
         all[n].parts += 1;
-        all[n].samples += part.samples;
-        let size = part.samples as f64 * sample;
-        let keeping = finer(keeping::<D>(size, surface[number]), given(n));
-        if part.samples >= LARGE {
+        all[n].samples += part.sample_count;
+        let size = part.sample_count as f64 * sample;
+        let keeping = finer_distance(sufficient_distance::<D>(size, surface[number]), given(n));
+        if part.sample_count >= MIN_DAMAGED_SAMPLES {
             let distance = &mut all[n].distance;
             *distance = match (*distance, keeping) {
                 (Some(a), Some(b)) => Some(a.min(b)),
@@ -211,35 +211,35 @@ pub(super) fn report<const D: usize>(
             };
         }
         let losses = match () {
-            () if *inside < HELD * size => &mut lost,
-            () if part.samples >= LARGE
-                && !part.on_side(dims)
-                && *inside < (1.0 - DAMAGED) * size =>
+            () if *inside < MIN_KEPT_SHARE * size => &mut lost,
+            () if part.sample_count >= MIN_DAMAGED_SAMPLES
+                && !part.touches_side(dims)
+                && *inside < (1.0 - MIN_MISSING_SHARE) * size =>
             {
                 &mut damaged
             }
             () => continue,
         };
-        let at = volume.coordinates(part.first);
-        losses.add(Lost {
+        let at = volume.coordinates(part.first_sample);
+        losses.add(LostParts {
             label: labels[n],
             name: name(n),
             parts: 1,
-            whole: false,
-            samples: part.samples,
-            largest: part.samples,
-            at: image.geometry.to_physical(at.map(|i| i as f64)).to_vec(),
+            is_whole_label: false,
+            samples: part.sample_count,
+            largest_samples: part.sample_count,
+            first_sample: image.geometry.to_physical(at.map(|i| i as f64)).to_vec(),
             distance: keeping,
         });
     }
     for lost in &mut lost.0 {
         let place = all.partition_point(|region| region.label < lost.label);
-        lost.whole = all
+        lost.is_whole_label = all
             .get(place)
             .is_some_and(|region| region.parts == lost.parts);
     }
     let sample_side = sample.powf((D - 1) as f64 / D as f64);
-    let touching = touching(dims, &of_sample);
+    let touching = touching_labels(dims, &of_sample);
     let mut holes: Vec<Hole> = (contacts.iter())
         .filter(|(pair, _)| !touching.contains(*pair))
         .map(|(pair, area)| Hole {
@@ -248,7 +248,7 @@ pub(super) fn report<const D: usize>(
         })
         .collect();
     holes.sort_by(|a, b| b.area.total_cmp(&a.area));
-    Some(Regions {
+    Some(RegionSummary {
         holes,
         regions: all,
         lost: lost.0,
@@ -257,20 +257,21 @@ pub(super) fn report<const D: usize>(
 }
 
 /// Parts of so many samples count as damaged where much of them is missing.
-const LARGE: usize = 50;
+const MIN_DAMAGED_SAMPLES: usize = 50;
 
 /// Parts of labels of which something is to be said, by label.
 #[derive(Default)]
-struct Losses(Vec<Lost>);
+struct LossList(Vec<LostParts>);
 
-impl Losses {
-    fn add(&mut self, new: Lost) {
+impl LossList {
+    fn add(&mut self, new: LostParts) {
         match self.0.iter_mut().find(|known| known.label == new.label) {
             Some(known) => {
                 known.parts += 1;
                 known.samples += new.samples;
-                if new.largest > known.largest {
-                    (known.largest, known.at, known.distance) = (new.largest, new.at, new.distance);
+                if new.largest_samples > known.largest_samples {
+                    (known.largest_samples, known.first_sample, known.distance) =
+                        (new.largest_samples, new.first_sample, new.distance);
                 }
             }
             None => self.0.push(new),
@@ -279,8 +280,8 @@ impl Losses {
 }
 
 /// The area of the sides that each part shares with others, in lattice units.
-fn surfaces<const D: usize>(parts: &Components<D>, step: [f64; D]) -> Vec<f64> {
-    let mut areas = vec![0.0; parts.all.len()];
+fn surface_areas<const D: usize>(parts: &Components<D>, step: [f64; D]) -> Vec<f64> {
+    let mut areas = vec![0.0; parts.components.len()];
     let strides = Volume::new(parts.dims, &[]).strides();
     let sample: f64 = step.iter().product();
     for_each_sample(parts.dims, |i, at| {
@@ -288,7 +289,7 @@ fn surfaces<const D: usize>(parts: &Components<D>, step: [f64; D]) -> Vec<f64> {
             if at[k] == 0 {
                 continue;
             }
-            let [a, b] = [i - strides[k], i].map(|i| parts.of_sample[i]);
+            let [a, b] = [i - strides[k], i].map(|i| parts.component_of_sample[i]);
             if a != b {
                 areas[a as usize] += sample / step[k];
                 areas[b as usize] += sample / step[k];
@@ -300,7 +301,7 @@ fn surfaces<const D: usize>(parts: &Components<D>, step: [f64; D]) -> Vec<f64> {
 
 /// Returns a distance between atoms at which a part of this volume and surface is kept, in two digits: about half
 /// the width of what is as wide as long, and 0.6 of the thickness of what is thin.
-fn keeping<const D: usize>(volume: f64, surface: f64) -> f64 {
+fn sufficient_distance<const D: usize>(volume: f64, surface: f64) -> f64 {
     let by_volume = 0.55 * volume.powf(1.0 / D as f64);
     // Of a plate that is its thickness; the sides of samples are about 1.5 times (in the plane 1.27 times) those of a ball.
     let thickness = 2.0 * volume / surface.max(1e-12);
@@ -318,16 +319,16 @@ fn keeping<const D: usize>(volume: f64, surface: f64) -> f64 {
 }
 
 /// Atoms are not nearer together than this, in lattice units.
-const FINEST: f64 = 0.25;
+const MIN_ATOM_DISTANCE: f64 = 0.25;
 
 /// Returns a distance that is less than the one that was `given`; `None` if that is as small as can be.
-fn finer(distance: f64, given: Option<f64>) -> Option<f64> {
+fn finer_distance(distance: f64, given: Option<f64>) -> Option<f64> {
     match given {
         Some(given) if distance >= given => {
             let less = (70.0 * given).floor() / 100.0;
-            (less >= FINEST).then_some(less)
+            (less >= MIN_ATOM_DISTANCE).then_some(less)
         }
-        _ => Some(distance.max(FINEST)),
+        _ => Some(distance.max(MIN_ATOM_DISTANCE)),
     }
 }
 
@@ -339,10 +340,10 @@ mod tests {
     use crate::image::LabelValue;
     use crate::job::{CellKind, Outcome, Params, Spacing, run};
     use crate::mesh::boxes::kuhn_box;
-    use crate::observer::Unobserved;
+    use crate::progress::NoProgress;
 
     /// Balls of different sizes in two layers that a dyke cuts, somewhat different for each seed.
-    fn scene(seed: f64) -> Image<3> {
+    fn test_image(seed: f64) -> Image<3> {
         let balls = [(9.0, 3.0), (4.0, 5.0), (2.0, 7.0)];
         let centre = |k: usize| {
             [
@@ -396,9 +397,9 @@ mod tests {
         assert_eq!(contacts.keys().collect::<Vec<_>>(), [&[0, 2]]);
         assert!((contacts[&[0, 2]] - 16.0).abs() < 1e-12, "{contacts:?}");
         let of = |image: &Image<3>| {
-            let places = Places::of_simplices(&mesh);
+            let places = SamplePoints::from_simplices(&mesh);
             let held = (&places, &contacts);
-            let found = report(image, &[], held, &numbers, [1.0; 3], &Patience::endless());
+            let found = report(image, &[], held, &numbers, [1.0; 3], &CancelToken::never());
             found.unwrap().holes
         };
         let holes = of(&walls(9.0));
@@ -411,18 +412,18 @@ mod tests {
         assert_eq!(of(&walls(3.5)), []);
     }
 
-    fn meshed(image: &Image<3>, params: &Params<3>) -> Outcome<3> {
-        run(image, params, &mut Unobserved).unwrap()
+    fn mesh_image(image: &Image<3>, params: &Params<3>) -> Outcome<3> {
+        run(image, params, &mut NoProgress).unwrap()
     }
 
     #[test]
     fn regions_have_the_volumes_of_their_samples_and_faces_where_labels_change() {
         for seed in [0.0, 1.0, 2.0] {
-            let outcome = meshed(&scene(seed), &Params::default());
+            let outcome = mesh_image(&test_image(seed), &Params::default());
             let regions = outcome.report.regions.as_ref().unwrap();
             // Where stairs of two interfaces meet there are single samples.
             assert!(
-                regions.lost.iter().all(|lost| lost.largest < 3),
+                regions.lost.iter().all(|lost| lost.largest_samples < 3),
                 "{regions:?}"
             );
             let labels: Vec<i32> = regions.regions.iter().map(|r| r.region).collect();
@@ -430,7 +431,10 @@ mod tests {
             for region in &regions.regions {
                 // A ball of 33 samples is all of five small cells.
                 let most = if region.label == 7.0 { 25.0 } else { 0.5 };
-                assert!(region.off_percent.abs() < most, "{seed}: {region:?}");
+                assert!(
+                    region.volume_error_percent.abs() < most,
+                    "{seed}: {region:?}"
+                );
             }
             let made = outcome.simplices().unwrap();
             let neighbors = made.mesh.neighbors().unwrap();
@@ -446,7 +450,7 @@ mod tests {
                 angles.smallest_angle.worst
             );
             let fidelity = outcome.report.fidelity.as_ref().unwrap();
-            let faces = fidelity.claimed.as_ref().unwrap();
+            let faces = fidelity.tagged_faces.as_ref().unwrap();
             assert!(
                 faces.coverage_half > 0.98 && faces.precision > 0.98,
                 "{faces:?}"
@@ -460,47 +464,53 @@ mod tests {
             spacing: Spacing::Constant(7.0),
             ..Params::default()
         };
-        let image = scene(1.0);
-        let outcome = meshed(&image, &params);
+        let image = test_image(1.0);
+        let outcome = mesh_image(&image, &params);
         let lost = &outcome.report.regions.as_ref().unwrap().lost;
-        let whole: Vec<&Lost> = lost.iter().filter(|lost| lost.largest > 2).collect();
+        let whole: Vec<&LostParts> = lost
+            .iter()
+            .filter(|lost| lost.largest_samples > 2)
+            .collect();
         let [one] = whole[..] else {
             panic!("{lost:?}");
         };
         assert!(one.label == 7.0);
-        assert_eq!((one.parts, one.whole), (1, true));
-        assert!(one.largest > 25 && one.largest < 40, "{one:?}");
-        assert!(one.said().contains("label 7") && one.said().contains("keeps it"));
-        let wish = one.option().unwrap();
-        let wish = LabelWish::parse(wish.strip_prefix("--label ").unwrap()).unwrap();
+        assert_eq!((one.parts, one.is_whole_label), (1, true));
+        assert!(
+            one.largest_samples > 25 && one.largest_samples < 40,
+            "{one:?}"
+        );
+        assert!(one.message().contains("label 7") && one.message().contains("keeps it"));
+        let wish = one.remedy().unwrap();
+        let wish = LabelOptions::parse(wish.strip_prefix("--label ").unwrap()).unwrap();
         let kept = Params {
             labels: vec![wish],
             feature: FeatureKind::Labels,
             ..params
         };
-        let outcome = meshed(&image, &kept);
+        let outcome = mesh_image(&image, &kept);
         let regions = outcome.report.regions.as_ref().unwrap();
         assert!(
-            regions.lost.iter().all(|lost| lost.largest < 3),
+            regions.lost.iter().all(|lost| lost.largest_samples < 3),
             "{:?}",
             regions.lost
         );
         let small = regions.regions.iter().find(|r| r.label == 7.0).unwrap();
         // It has 27 samples.
-        assert!(small.off_percent.abs() < 10.0, "{small:?}");
+        assert!(small.volume_error_percent.abs() < 10.0, "{small:?}");
     }
 
     #[test]
     fn a_label_has_its_own_distance_and_name_or_becomes_part_of_another() {
         let wishes = ["3:distance=2.5,name=core", "5:into=1", "9:distance=12"];
-        let wishes = wishes.map(|text| LabelWish::parse(text).unwrap());
+        let wishes = wishes.map(|text| LabelOptions::parse(text).unwrap());
         let params = Params {
             spacing: Spacing::Constant(7.0),
             feature: FeatureKind::Labels,
             labels: wishes.to_vec(),
             ..Params::default()
         };
-        let outcome = meshed(&scene(0.0), &params);
+        let outcome = mesh_image(&test_image(0.0), &params);
         let regions = &outcome.report.regions.as_ref().unwrap().regions;
         assert!(regions.iter().all(|region| region.label != 5.0));
         let core = regions.iter().find(|region| region.label == 3.0).unwrap();
@@ -512,8 +522,8 @@ mod tests {
             cells > 0.5 * about && cells < 2.0 * about,
             "{cells} {about}"
         );
-        assert!(outcome.distance.at([16.0, 18.0, 20.0]) < 2.6);
-        assert!(outcome.distance.at([46.0, 40.0, 8.0]) < 7.1);
+        assert!(outcome.distance.value_at([16.0, 18.0, 20.0]) < 2.6);
+        assert!(outcome.distance.value_at([46.0, 40.0, 8.0]) < 7.1);
     }
 
     #[test]
@@ -523,20 +533,25 @@ mod tests {
             spacing: Spacing::Constant(5.0),
             ..Params::default()
         };
-        let outcome = meshed(&scene(0.0), &params);
+        let outcome = mesh_image(&test_image(0.0), &params);
         let cells = outcome.voronoi().unwrap();
         assert!(cells.region.contains(&3) && cells.region.contains(&9));
         for region in &outcome.report.regions.as_ref().unwrap().regions {
             let large = [1.0, 2.0, 3.0].contains(&region.label.as_f64());
-            assert!(!large || region.off_percent.abs() < 3.0, "{region:?}");
+            assert!(
+                !large || region.volume_error_percent.abs() < 3.0,
+                "{region:?}"
+            );
         }
         let disc = |x: f64, y: f64| f64::from(u8::from((x - 22.0).hypot(y - 19.0) < 11.0));
         let samples = (0..48 * 40).map(|i| disc((i % 48) as f64, (i / 48) as f64) as f32);
         let image = Image::new([48, 40], samples.collect(), Default::default());
-        let outcome = run(&image, &Params::<2>::default(), &mut Unobserved).unwrap();
+        let outcome = run(&image, &Params::<2>::default(), &mut NoProgress).unwrap();
         let regions = &outcome.report.regions.as_ref().unwrap().regions;
         assert!(
-            regions.iter().all(|region| region.off_percent.abs() < 0.5),
+            regions
+                .iter()
+                .all(|region| region.volume_error_percent.abs() < 0.5),
             "{regions:?}"
         );
     }
@@ -546,7 +561,7 @@ mod tests {
         let of = |labels: &[&str]| -> Vec<i32> {
             let labels = labels.iter().map(|text| LabelValue::parse(text).unwrap());
             let labels: Vec<LabelValue> = labels.collect();
-            labelled::regions(&labels)
+            label_map::regions(&labels)
         };
         assert_eq!(of(&["-1", "0", "300"]), [-1, 0, 300]);
         assert_eq!(of(&["0.25", "1"]), [0, 1]);

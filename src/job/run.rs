@@ -1,23 +1,23 @@
 //! The one pass: image in, mesh out.
 
-use super::frame::{Frame, lattice_extent};
-use super::optimise::optimisation;
-use super::params::DISTANCES;
-use super::place::{self, Placed, Placing};
+use super::frame::{JobDomain, lattice_extent};
+use super::optimise::optimisation_report;
+use super::params::DEFAULT_DISTANCES;
+use super::placement::{self, PlacedAtoms, PlacementMethod};
 use super::{
-    CellKind, Checkpoint, Marked, Meshing, Params, Scene, Share, Space, Spacing, Stages, cells,
-    estimate, simplices,
+    AnnotatedMesh, CellKind, Checkpoint, MeshScene, MeshShare, MeshSpace, Meshing, Params, Spacing,
+    StageRunner, cells, estimate, simplices,
 };
+use crate::comm::{self, Comm, WorldComm};
 use crate::error::cause;
-use crate::feature::{self, Features, labelled};
-use crate::image::{Geometry, Image, Source};
+use crate::feature::{self, Features, label_map};
+use crate::image::{Geometry, Image, ImageSource};
 use crate::lattice::distance::Distance;
-use crate::lattice::optimize::{self, Stop};
+use crate::lattice::optimize::{self, StopReason};
 use crate::lattice::seeding::Alignment;
 use crate::mesh::Mesh;
 use crate::mesh::poly::PolyMesh;
-use crate::observer::{Observer, Stage};
-use crate::ranks::{self, Group, Ranks};
+use crate::progress::{Progress, Stage};
 use crate::report::Report;
 use crate::{Error, Result};
 
@@ -25,10 +25,10 @@ use crate::{Error, Result};
 #[derive(Debug, Clone)]
 pub struct Outcome<const D: usize = 3>
 where
-    Space<D>: Meshing<D>,
+    MeshSpace<D>: Meshing<D>,
 {
     /// The mesh; it fills the box `[0, extent]`.
-    pub made: Made<D>,
+    pub mesh: MeshResult<D>,
     /// The far corner of the box.
     pub extent: [f64; D],
     /// Length of one sample along each axis.
@@ -36,17 +36,17 @@ where
     /// From samples to the world.
     pub geometry: Geometry<D>,
     /// What of the mesh this rank has; none if it has all.
-    pub share: Option<Share>,
+    pub share: Option<MeshShare>,
     /// What the mesh follows.
     pub features: Features<D>,
     /// Nominal distance between atoms; of a share of a mesh, what is known near it.
     pub distance: Distance<D>,
     /// What the optimiser did in its last pass, where atoms were moved.
-    pub optimised: Option<optimize::Rest>,
+    pub optimize_result: Option<optimize::OptimizeResult>,
     /// What it was made from, for whoever reads the file; for the caller to fill in.
     pub provenance: Provenance,
     /// Why the job ended: [`Stop::Interrupted`] if any stage was stopped.
-    pub stop: Stop,
+    pub stop: StopReason,
     /// Figures of the mesh and of what it cost; where it comes from is for the caller to add.
     pub report: Report,
 }
@@ -62,12 +62,12 @@ pub struct Provenance {
 
 /// A mesh of either kind of cells.
 #[derive(Debug, Clone)]
-pub enum Made<const D: usize = 3>
+pub enum MeshResult<const D: usize = 3>
 where
-    Space<D>: Meshing<D>,
+    MeshSpace<D>: Meshing<D>,
 {
     /// Tetrahedra, triangles in the plane; the atoms are their nodes.
-    Simplices(Marked<<Space<D> as Meshing<D>>::Mesh>),
+    Simplices(AnnotatedMesh<<MeshSpace<D> as Meshing<D>>::Mesh>),
     /// Voronoi cells; the atoms are within them.
     Voronoi {
         /// The cells.
@@ -79,21 +79,21 @@ where
 
 impl<const D: usize> Outcome<D>
 where
-    Space<D>: Meshing<D>,
+    MeshSpace<D>: Meshing<D>,
 {
     /// The tetrahedra or triangles, if these were asked for.
-    pub fn simplices(&self) -> Option<&Marked<<Space<D> as Meshing<D>>::Mesh>> {
-        match &self.made {
-            Made::Simplices(marked) => Some(marked),
-            Made::Voronoi { .. } => None,
+    pub fn simplices(&self) -> Option<&AnnotatedMesh<<MeshSpace<D> as Meshing<D>>::Mesh>> {
+        match &self.mesh {
+            MeshResult::Simplices(marked) => Some(marked),
+            MeshResult::Voronoi { .. } => None,
         }
     }
 
     /// The Voronoi cells, if these were asked for.
     pub fn voronoi(&self) -> Option<&PolyMesh<D>> {
-        match &self.made {
-            Made::Simplices(_) => None,
-            Made::Voronoi { mesh, .. } => Some(mesh),
+        match &self.mesh {
+            MeshResult::Simplices(_) => None,
+            MeshResult::Voronoi { mesh, .. } => Some(mesh),
         }
     }
 }
@@ -128,21 +128,26 @@ where
 pub fn run<const D: usize>(
     image: &Image<D>,
     params: &Params<D>,
-    observer: &mut dyn Observer,
+    observer: &mut dyn Progress,
 ) -> Result<Outcome<D>>
 where
-    Space<D>: Meshing<D>,
+    MeshSpace<D>: Meshing<D>,
 {
-    run_from(Source::Held(image), params, Way::default(), observer)
+    run_from(
+        ImageSource::InMemory(image),
+        params,
+        RunOptions::default(),
+        observer,
+    )
 }
 
 /// How a job goes, which makes no difference to the mesh.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Way<'a> {
+pub struct RunOptions<'a> {
     /// What stages give is kept there, and what is there of the same job is taken up.
     pub checkpoint: Option<&'a Checkpoint>,
     /// Each rank may have a part of the mesh only, if it is large ([`Outcome::share`]).
-    pub in_pieces: bool,
+    pub may_partition: bool,
 }
 
 /// The same of an image that need not be in memory.
@@ -150,147 +155,156 @@ pub struct Way<'a> {
 /// # Errors
 /// As [`run`], and [`Error::Io`](crate::Error::Io) if something cannot be kept or read.
 pub fn run_from<const D: usize>(
-    source: Source<'_, D>,
+    source: ImageSource<'_, D>,
     params: &Params<D>,
-    way: Way<'_>,
-    observer: &mut dyn Observer,
+    way: RunOptions<'_>,
+    observer: &mut dyn Progress,
 ) -> Result<Outcome<D>>
 where
-    Space<D>: Meshing<D>,
+    MeshSpace<D>: Meshing<D>,
 {
-    Space::<D>::run(source, params, way, observer)
+    MeshSpace::<D>::run(source, params, way, observer)
 }
 
 /// The same, to be compiled in this crate.
-pub(super) fn made<const D: usize>(
-    source: Source<'_, D>,
+pub(super) fn run_precompiled<const D: usize>(
+    source: ImageSource<'_, D>,
     params: &Params<D>,
-    way: Way<'_>,
-    observer: &mut dyn Observer,
+    way: RunOptions<'_>,
+    observer: &mut dyn Progress,
 ) -> Result<Outcome<D>>
 where
-    Space<D>: Meshing<D>,
+    MeshSpace<D>: Meshing<D>,
 {
-    let in_pieces = way.in_pieces && ranks::count() > 1 && params.cells == CellKind::Simplices;
-    let checkpoint = way.checkpoint.map(|kept| kept.of(source, params));
+    let in_pieces = way.may_partition && comm::size() > 1 && params.cells == CellKind::Simplices;
+    let checkpoint = way.checkpoint.map(|kept| kept.for_job(source, params));
     let checkpoint = checkpoint.transpose()?;
     let merged = match params.labels.is_empty() {
         true => None,
-        false => labelled::merged(&*source.whole()?, &params.labels)?,
+        false => label_map::merge_labels(&*source.to_image()?, &params.labels)?,
     };
-    let source = merged.as_ref().map_or(source, Source::Held);
+    let source = merged.as_ref().map_or(source, ImageSource::InMemory);
     // What is computed of the image's values must not see what stands for missing samples.
     let marked = match source {
-        Source::Held(image) if feature::fills_gaps(image, params.feature, params.modality) => {
-            image.marked(!params.keep_nulls)?
+        ImageSource::InMemory(image)
+            if feature::fills_gaps(image, params.feature, params.modality) =>
+        {
+            image.mark_dead(!params.keep_nulls)?
         }
         _ => None,
     };
-    let source = (marked.as_ref()).map_or(source, |marked| Source::Held(&marked.image));
+    let source = (marked.as_ref()).map_or(source, |marked| ImageSource::InMemory(&marked.image));
     let (dims, geometry) = (source.dims(), source.geometry());
     let alignment = match params.cells {
-        CellKind::Simplices => Alignment::On,
-        CellKind::Voronoi => Alignment::Alongside,
+        CellKind::Simplices => Alignment::OnFeatures,
+        CellKind::Voronoi => Alignment::AlongsideFeatures,
     };
-    let placing = Placing::of(params);
+    let placing = PlacementMethod::from_params(params);
     placing.check(params, alignment)?;
     simplices::check_smoothing(params)?;
     let step = params.metric.step(geometry);
     let extent = lattice_extent(dims, step);
     // Before the work: the largest distance must fit, whatever the features are.
     let room = match params.spacing {
-        Spacing::OfAtoms { .. } => extent,
+        Spacing::FromCannyAtoms { .. } => extent,
         _ => lattice_extent(dims, params.metric.lengths(geometry)),
     };
-    let fitted = fitted(params, room);
+    let fitted = params_for_thin_image(params, room);
     let params = fitted.as_ref().unwrap_or(params);
     let wishes = params.labels.iter().filter_map(|wish| wish.distance);
     let largest = wishes.fold(params.spacing.max(), f64::max);
     Distance::Constant(largest).validate(room)?;
     estimate::afford_features(source, params.feature)?;
     let params = &*params.in_lattice_units(params.metric.unit(geometry));
-    if !matches!(params.spacing, Spacing::OfAtoms { .. }) {
+    if !matches!(params.spacing, Spacing::FromCannyAtoms { .. }) {
         // As many as if they were nowhere closer.
         let sparsest = Distance::Constant(params.spacing.max());
-        let mut estimate = estimate::of_distance(&sparsest, extent, params.cells);
+        let mut estimate = estimate::estimate_from_distance(&sparsest, extent, params.cells);
         if in_pieces {
-            estimate =
-                estimate::in_pieces(estimate, extent, &sparsest, params.seeding, ranks::count());
+            estimate = estimate::estimate_per_rank(
+                estimate,
+                extent,
+                &sparsest,
+                params.seeding,
+                comm::size(),
+            );
         }
         estimate::afford(&estimate)?;
     }
-    let frame = Frame::new(dims, geometry, params)?;
-    let group: &dyn Group = &Ranks;
+    let frame = JobDomain::new(dims, geometry, params)?;
+    let group: &dyn Comm = &WorldComm;
 
-    let mut stages = Stages::new(observer)
-        .keeping(checkpoint)
-        .in_pieces(in_pieces);
+    let mut stages = StageRunner::new(observer)
+        .with_checkpoint(checkpoint)
+        .with_partitioning(in_pieces);
     stages.begin_unless_stopped(Stage::Features)?;
     let mut options = params.feature_options(step);
-    options.in_shares = in_pieces && way.checkpoint.is_none() && place::looks_near(params);
-    let mut features = stages.kept("1-features", |stages| {
-        stages.unless_stopped(Stage::Features, |patience| {
-            feature::detect_while(source, &options, patience)
+    options.is_distributed =
+        in_pieces && way.checkpoint.is_none() && placement::needs_only_local_potential(params);
+    let mut features = stages.load_or_run("1-features", |stages| {
+        stages.run_or_interrupt(Stage::Features, |patience| {
+            feature::detect_with_cancel(source, &options, patience)
         })
     })?;
     let (made, mut report, share, distance, optimised) = match params.cells {
         CellKind::Simplices => {
-            let Placed {
+            let PlacedAtoms {
                 mut atoms,
                 distance,
-                optimised,
+                optimize_result: optimised,
             } = placing.place(source, params, &features, &frame, &mut stages)?;
             let pieces = match in_pieces {
                 true => {
-                    features.share(group);
+                    features.keep_share(group);
                     let outline = distance.outline();
-                    let scene = Scene {
+                    let scene = MeshScene {
                         extent,
                         features: &features,
                         distance: &outline,
                     };
-                    let target = simplices::target(params);
+                    let target = simplices::angle_target(params);
                     let (target, stages) = (target.as_ref(), &mut stages);
-                    Space::<D>::in_pieces(&mut atoms, &scene, &distance, target, stages)?
+                    MeshSpace::<D>::join_distributed(&mut atoms, &scene, &distance, target, stages)?
                 }
                 false => None,
             };
             let (made, report, share, distance) = match pieces {
                 Some(pieces) => {
-                    features.put(pieces.points);
-                    let made = Made::Simplices(pieces.made);
+                    features.replace_points(pieces.near_points);
+                    let made = MeshResult::Simplices(pieces.annotated_mesh);
                     (made, pieces.report, Some(pieces.share), pieces.distance)
                 }
                 None => {
                     features.gather(group)?;
-                    let distance = distance.into_whole(group)?;
-                    let scene = Scene {
+                    let distance = distance.into_global(group)?;
+                    let scene = MeshScene {
                         extent,
                         features: &features,
                         distance: &distance,
                     };
-                    let atoms = atoms.gathered(group)?;
+                    let atoms = atoms.all_gather(group)?;
                     let (made, report) =
-                        simplices::made(atoms, &scene, source, params, &mut stages)?;
+                        simplices::make_simplices(atoms, &scene, source, params, &mut stages)?;
                     (made, report, None, distance)
                 }
             };
             (made, report, share, distance, optimised)
         }
         CellKind::Voronoi => {
-            let cells = cells::made(source, params, &features, &frame, &mut stages)?;
+            let cells = cells::make_cells(source, params, &features, &frame, &mut stages)?;
             let (made, report, distance, rest) = cells;
             (made, report, None, distance, Some(rest))
         }
     };
-    if let (true, Made::Simplices(made)) = (features.potential.in_shares, &made) {
+    if let (true, MeshResult::Simplices(made)) = (features.potential.is_distributed, &made) {
         // What is written has it at nodes.
-        features.potential = (features.potential).near(made.mesh.nodes(), 0.0, group)?;
+        features.potential =
+            (features.potential).gather_neighbourhood(made.mesh.nodes(), 0.0, group)?;
     }
     if let (Some(lattice), Some(optimised)) = (&mut report.lattice, &optimised) {
-        lattice.optimisation = Some(optimisation(optimised, lattice.atoms));
+        lattice.optimisation = Some(optimisation_report(optimised, lattice.atoms));
     }
-    refuse_invalid(&report)?;
+    check_validity(&report)?;
     report.outcomes.clone_from(&features.outcomes);
     report.missing = features.missing;
     report.notes.extend(
@@ -300,23 +314,25 @@ where
     );
     report.doubt.clone_from(&features.doubt);
     report.notes.extend(features.notes.iter().cloned());
-    report.notes.extend(place::note(source, params, &features)?);
-    let (costs, interrupted) = stages.end();
+    report
+        .notes
+        .extend(placement::distance_note(source, params, &features)?);
+    let (costs, interrupted) = stages.finish();
     report.stages = costs;
     let stop = match &optimised {
-        _ if interrupted => Stop::Interrupted,
+        _ if interrupted => StopReason::Interrupted,
         Some(optimised) => optimised.stop,
-        None => Stop::Converged,
+        None => StopReason::Converged,
     };
     Ok(Outcome {
-        made,
+        mesh: made,
         extent,
         step,
         geometry: geometry.clone(),
         share,
         features,
         distance,
-        optimised,
+        optimize_result: optimised,
         provenance: Provenance::default(),
         stop,
         report,
@@ -325,23 +341,23 @@ where
 
 /// Returns the parameters with the default distance as large as a thin image, as of a few slices, has room for;
 /// `None` if it fits, or is not the default.
-fn fitted<const D: usize>(params: &Params<D>, room: [f64; D]) -> Option<Params<D>> {
-    let [min, max] = DISTANCES;
+fn params_for_thin_image<const D: usize>(params: &Params<D>, room: [f64; D]) -> Option<Params<D>> {
+    let [min, max] = DEFAULT_DISTANCES;
     let most = 0.5 * room.iter().copied().fold(f64::INFINITY, f64::min);
     let fits = most >= max || most < min;
-    if fits || params.spacing != (Spacing::FromGaps { min, max }) {
+    if fits || params.spacing != (Spacing::FromFeatureGaps { min, max }) {
         return None;
     }
     Some(Params {
-        spacing: Spacing::FromGaps { min, max: most },
+        spacing: Spacing::FromFeatureGaps { min, max: most },
         ..params.clone()
     })
 }
 
 /// The last safety net: a mesh that was measured and found invalid is an error, not a result.
-fn refuse_invalid(report: &Report) -> Result<()> {
+fn check_validity(report: &Report) -> Result<()> {
     let of_cells = report.voronoi.as_ref().map(|cells| &cells.check);
-    let check = report.filling.as_ref().or(of_cells);
+    let check = report.box_check.as_ref().or(of_cells);
     match check.and_then(|check| check.problems.first()) {
         None => Ok(()),
         Some(problem) => Err(Error::Mesh(cause(
@@ -356,11 +372,11 @@ fn refuse_invalid(report: &Report) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::feature::scenes::{Sheet, ridge_image};
-    use crate::feature::windows::tests::ByLayers;
+    use crate::feature::scenes::{ExactSurface, ridge_image};
+    use crate::feature::windows::tests::LayeredImage;
     use crate::job::Metric;
     use crate::mesh::check::Check;
-    use crate::observer::Unobserved;
+    use crate::progress::NoProgress;
 
     /// A disc with a soft edge, whose samples are so long.
     fn disc(sample: f64) -> Image<2> {
@@ -381,7 +397,7 @@ mod tests {
                 spacing,
                 ..Params::default()
             };
-            let outcome = run(&disc(sample), &params, &mut Unobserved).unwrap();
+            let outcome = run(&disc(sample), &params, &mut NoProgress).unwrap();
             let mesh = &outcome.simplices().unwrap().mesh;
             assert!(mesh.triangles.len() > 100, "{sample}");
             (mesh.clone(), outcome.step)
@@ -404,7 +420,7 @@ mod tests {
             spacing: Spacing::Constant(16_000.0),
             ..Params::default()
         };
-        let error = run(&disc(400.0), &params, &mut Unobserved).unwrap_err();
+        let error = run(&disc(400.0), &params, &mut NoProgress).unwrap_err();
         let said = error.to_string();
         assert!(
             said.contains("a side of 19600") && said.contains("at most 9800"),
@@ -414,44 +430,47 @@ mod tests {
 
     #[test]
     fn an_image_in_layers_gives_the_mesh_of_one_in_memory() {
-        let sheets = [Sheet::plane([1.0, 0.4, 0.2], [22.0; 3])];
+        let sheets = [ExactSurface::plane([1.0, 0.4, 0.2], [22.0; 3])];
         let image = ridge_image([48, 44, 40], &sheets, 1.5, 0.1);
-        let by_layers = ByLayers(&image);
+        let by_layers = LayeredImage(&image);
         let folder = tempfile::tempdir().unwrap();
-        let [held, in_layers] =
-            [Source::Held(&image), Source::InLayers(&by_layers)].map(|source| {
-                let params = Params {
-                    spacing: Spacing::Constant(7.0),
-                    ..Params::default()
-                };
-                let kept = Checkpoint::new(&folder.path().join("kept")).unwrap();
-                let way = Way {
-                    checkpoint: Some(&kept),
-                    ..Way::default()
-                };
-                let outcome = run_from(source, &params, way, &mut Unobserved).unwrap();
-                // What was kept of the one is of the same job.
-                assert!(
-                    outcome
-                        .report
-                        .notes
-                        .iter()
-                        .all(|note| !note.contains("anew"))
-                );
-                let path = folder.path().join("mesh.vtu");
-                outcome.write_with_image(&path, source).unwrap();
-                std::fs::read(path).unwrap()
-            });
+        let [held, in_layers] = [
+            ImageSource::InMemory(&image),
+            ImageSource::Layered(&by_layers),
+        ]
+        .map(|source| {
+            let params = Params {
+                spacing: Spacing::Constant(7.0),
+                ..Params::default()
+            };
+            let kept = Checkpoint::new(&folder.path().join("kept")).unwrap();
+            let way = RunOptions {
+                checkpoint: Some(&kept),
+                ..RunOptions::default()
+            };
+            let outcome = run_from(source, &params, way, &mut NoProgress).unwrap();
+            // What was kept of the one is of the same job.
+            assert!(
+                outcome
+                    .report
+                    .notes
+                    .iter()
+                    .all(|note| !note.contains("anew"))
+            );
+            let path = folder.path().join("mesh.vtu");
+            outcome.write_with_image(&path, source).unwrap();
+            std::fs::read(path).unwrap()
+        });
         assert!(held == in_layers);
         // Labels are found with all samples at hand.
         let label = |s: &f32| f32::from(u8::from(*s > 0.5));
         let samples = image.as_slice().iter().map(label).collect();
         let mask = Image::new(image.dims(), samples, Geometry::default());
         let features = run_from(
-            Source::InLayers(&ByLayers(&mask)),
+            ImageSource::Layered(&LayeredImage(&mask)),
             &Params::default(),
-            Way::default(),
-            &mut Unobserved,
+            RunOptions::default(),
+            &mut NoProgress,
         );
         let notes = features.unwrap().report.notes;
         assert!(notes[0].contains("labels"), "{notes:?}");
@@ -461,14 +480,14 @@ mod tests {
     fn an_invalid_mesh_is_no_result() {
         let problems = vec!["the triangles fill 4 instead of the box's 5".to_string()];
         let mut report = Report::default();
-        assert!(refuse_invalid(&report).is_ok());
-        report.filling = Some(Check::default());
-        assert!(refuse_invalid(&report).is_ok());
-        report.filling = Some(Check {
+        assert!(check_validity(&report).is_ok());
+        report.box_check = Some(Check::default());
+        assert!(check_validity(&report).is_ok());
+        report.box_check = Some(Check {
             problems,
             ..Check::default()
         });
-        let said = refuse_invalid(&report).unwrap_err().to_string();
+        let said = check_validity(&report).unwrap_err().to_string();
         assert!(said.contains("fill 4 instead of the box's 5"), "{said}");
     }
 }

@@ -246,7 +246,7 @@ impl Settings {
     /// [`Error::Job`] if a path is no UTF-8.
     pub fn table(&self) -> Result<toml::Table> {
         toml::Table::try_from(self).map_err(|e| {
-            Error::Job(cause("options", &e, "use file names that are valid UTF-8").because(e))
+            Error::Job(cause("options", &e, "use file names that are valid UTF-8").with_source(e))
         })
     }
 
@@ -265,7 +265,7 @@ impl Settings {
             }
         }
         merged.try_into().map_err(|e: toml::de::Error| {
-            Error::Job(cause("options", e.message(), "see the list of options")).because(e)
+            Error::Job(cause("options", e.message(), "see the list of options")).with_source(e)
         })
     }
 }

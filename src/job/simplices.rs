@@ -1,93 +1,99 @@
 //! Atoms at rest become tetrahedra, or triangles in the plane.
 
-use super::canny::smoothed;
-use super::join::{Joined, close_holes, neighbors_of};
-use super::measure::Measured;
+use super::canny::smooth_image;
+use super::join::{JoinedMesh, cell_neighbours, close_holes};
+use super::measure::MeasuredMesh;
 use super::regions;
-use super::{CellKind, Made, Meshing, Params, Scene, Space, Stages};
+use super::{CellKind, MeshResult, MeshScene, MeshSpace, Meshing, Params, StageRunner};
+use crate::comm;
 use crate::error::cause;
-use crate::feature::steepness::steepness;
+use crate::feature::gradient_magnitude::gradient_magnitude;
 use crate::feature::volume::Volume;
-use crate::image::{Field, Image, Source};
-use crate::improve::regions::Places;
+use crate::image::{Image, ImageSource, ScalarField};
+use crate::improve::regions::SamplePoints;
 use crate::improve::triangles::relax::{self, Relaxation};
 use crate::improve::{SliverMethod, Target};
 use crate::lattice::seeding::Atoms;
-use crate::observer::{Patience, Stage};
-use crate::ranks;
-use crate::report::{Report, Rival};
+use crate::progress::{CancelToken, Stage};
+use crate::report::{Baseline, Report};
 use crate::{Error, Result};
 
 /// Refuses smoothing where there is nothing to be smoothed.
 pub(super) fn check_smoothing<const D: usize>(params: &Params<D>) -> Result<()> {
-    if params.smooth.is_some() && (D != 2 || params.cells == CellKind::Voronoi) {
+    if params.smoothing.is_some() && (D != 2 || params.cells == CellKind::Voronoi) {
         let (problem, remedy) = ("is for the triangles of 2-D images", "omit it");
         return Err(Error::Job(
-            cause("smoothing by the image", problem, remedy).about("smooth"),
+            cause("smoothing by the image", problem, remedy).with_parameter("smooth"),
         ));
     }
     Ok(())
 }
 
 /// What is asked of angles.
-pub(super) fn target<const D: usize>(params: &Params<D>) -> Option<Target> {
+pub(super) fn angle_target<const D: usize>(params: &Params<D>) -> Option<Target> {
     params.min_dihedral.map(|min_dihedral| Target {
         min_dihedral,
-        method: params.slivers,
+        method: params.sliver_method,
     })
 }
 
 /// Joins atoms, improves the mesh, and measures it.
-pub(super) fn made<const D: usize>(
+pub(super) fn make_simplices<const D: usize>(
     atoms: Atoms<D>,
-    scene: &Scene<'_, D>,
-    source: Source<'_, D>,
+    scene: &MeshScene<'_, D>,
+    source: ImageSource<'_, D>,
     params: &Params<D>,
-    stages: &mut Stages<'_>,
-) -> Result<(Made<D>, Report)>
+    stages: &mut StageRunner<'_>,
+) -> Result<(MeshResult<D>, Report)>
 where
-    Space<D>: Meshing<D>,
+    MeshSpace<D>: Meshing<D>,
 {
     let step = scene.features.potential.step;
-    let relaxation = match params.smooth {
-        Some(scheme) => Some(relaxation(&*source.whole()?, scheme, params, step)),
+    let relaxation = match params.smoothing {
+        Some(scheme) => Some(relaxation_options(
+            &*source.to_image()?,
+            scheme,
+            params,
+            step,
+        )),
         None => None,
     };
-    let options = target(params);
-    ranks::same("atoms at rest", &atoms)?;
-    let (joined, neighbors) = stages.kept("5-improved", |stages| {
-        let joined = Space::<D>::join(atoms, scene, relaxation.as_ref(), options.as_ref(), stages)?;
-        sealed(joined, scene, stages)
+    let options = angle_target(params);
+    comm::ensure_identical("atoms at rest", &atoms)?;
+    let (joined, neighbors) = stages.load_or_run("5-improved", |stages| {
+        let joined =
+            MeshSpace::<D>::join(atoms, scene, relaxation.as_ref(), options.as_ref(), stages)?;
+        seal_mesh(joined, scene, stages)
     })?;
-    let Joined {
-        mut made,
+    let JoinedMesh {
+        annotated_mesh: mut made,
         improvement,
-        rival,
+        baseline: rival,
         ..
     } = joined;
-    ranks::same("the mesh", &made)?;
+    comm::ensure_identical("the mesh", &made)?;
     let numbers = scene.features.labels.as_ref().map(|labelled| {
         let angle = improvement
             .is_some()
             .then_some(params.min_dihedral)
             .flatten();
-        stages.patiently(|patience| {
-            regions::of_simplices(&mut made, &neighbors, scene, labelled, angle, patience)
+        stages.run_cancellable(|patience| {
+            regions::assign_regions(&mut made, &neighbors, scene, labelled, angle, patience)
         })
     });
     stages.begin(Stage::Measuring);
     let claimed = improvement.is_some().then_some(&*made.feature_faces);
-    let labelled = numbers.is_some().then(|| source.whole()).transpose()?;
-    let measured = Measured {
+    let labelled = numbers.is_some().then(|| source.to_image()).transpose()?;
+    let measured = MeasuredMesh {
         mesh: &made.mesh,
         neighbors: Some(&neighbors),
-        claimed,
+        tagged_faces: claimed,
         feature_faces: Some(&made.feature_faces),
         scene,
     };
-    let report = stages.patiently(|patience| {
+    let report = stages.run_cancellable(|patience| {
         let mut figures = measured.figures(patience)?;
-        let judged = figures.judged.take().unwrap_or_default();
+        let judged = figures.angle_assessment.take().unwrap_or_default();
         if let Some(quality) = &mut figures.quality {
             quality.angles = Some(judged.angles.clone());
         }
@@ -95,29 +101,29 @@ where
             .as_ref()
             .zip(labelled.as_ref())
             .and_then(|(numbers, image)| {
-                let places = Places::of_simplices(&made.mesh);
+                let places = SamplePoints::from_simplices(&made.mesh);
                 let contacts = regions::contacts_of_simplices(&made.mesh, &neighbors, numbers);
                 let held = (&places, &contacts);
                 regions::report(image, &params.labels, held, numbers, step, patience)
             });
         let mut report = Report {
             quality: figures.quality,
-            filling: figures.filling,
+            box_check: figures.box_check,
             fidelity: figures.fidelity,
             lattice: figures.lattice,
             regions,
             ..Report::default()
         };
         if let Some((mesh, faces)) = rival {
-            let other = Measured {
+            let other = MeasuredMesh {
                 mesh: &mesh,
                 neighbors: None,
-                claimed: Some(&faces),
+                tagged_faces: Some(&faces),
                 feature_faces: None,
                 scene,
             };
             let other = other.figures(patience)?;
-            report.rival = other.quality.map(|quality| Rival {
+            report.baseline = other.quality.map(|quality| Baseline {
                 method: SliverMethod::Joe,
                 quality,
                 fidelity: other.fidelity,
@@ -126,35 +132,35 @@ where
         Ok((report, judged))
     });
     let (report, judged) = report?;
-    made.judged = judged;
+    made.angle_assessment = judged;
     let report = Report {
         improvement,
         ..report
     };
-    Ok((Made::Simplices(made), report))
+    Ok((MeshResult::Simplices(made), report))
 }
 
 /// Closes the holes of what was improved; gives the neighbours of cells besides.
-pub(super) fn sealed<const D: usize>(
-    mut joined: Joined<<Space<D> as Meshing<D>>::Mesh>,
-    scene: &Scene<'_, D>,
-    stages: &mut Stages<'_>,
-) -> Result<(Joined<<Space<D> as Meshing<D>>::Mesh>, Vec<u32>)>
+pub(super) fn seal_mesh<const D: usize>(
+    mut joined: JoinedMesh<<MeshSpace<D> as Meshing<D>>::Mesh>,
+    scene: &MeshScene<'_, D>,
+    stages: &mut StageRunner<'_>,
+) -> Result<(JoinedMesh<<MeshSpace<D> as Meshing<D>>::Mesh>, Vec<u32>)>
 where
-    Space<D>: Meshing<D>,
+    MeshSpace<D>: Meshing<D>,
 {
-    let Joined {
-        made,
+    let JoinedMesh {
+        annotated_mesh: made,
         neighbors,
         improvement,
         ..
     } = &mut joined;
     let neighbors = match neighbors.take() {
         Some(neighbors) => neighbors,
-        None => neighbors_of(&made.mesh)?,
+        None => cell_neighbours(&made.mesh)?,
     };
     if let Some(improvement) = improvement {
-        improvement.sealed = stages.patiently(|patience| {
+        improvement.sealed = stages.run_cancellable(|patience| {
             let marks = &mut made.feature_faces;
             close_holes(&made.mesh, &neighbors, scene, marks, patience)
         });
@@ -163,22 +169,22 @@ where
 }
 
 /// How the triangles shall be smoothed.
-fn relaxation<const D: usize>(
+fn relaxation_options<const D: usize>(
     image: &Image<D>,
     scheme: relax::Scheme,
     params: &Params<D>,
     step: [f64; D],
 ) -> Relaxation<D> {
     // It is of the plane, and soon done.
-    let patience = &Patience::endless();
-    let image = smoothed(image, step, params.sigma.unwrap_or(1.0), patience);
-    let steepness = steepness(Volume::new(image.dims, &image.samples), patience);
+    let patience = &CancelToken::never();
+    let image = smooth_image(image, step, params.sigma.unwrap_or(1.0), patience);
+    let steepness = gradient_magnitude(Volume::new(image.dims, &image.samples), patience);
     Relaxation {
         scheme,
-        weight: relax::weight(Field {
+        weight: relax::weight(ScalarField {
             samples: steepness,
             ..image
         }),
-        rounds: relax::ROUNDS,
+        rounds: relax::DEFAULT_ROUNDS,
     }
 }

@@ -1,84 +1,87 @@
 //! What clock and observer are told.
 
-use super::checkpoint::{Found, Kept, OfJob};
+use super::checkpoint::{Codec, JobCheckpoint, StoredStage};
 use crate::Result;
+use crate::comm::{self, WorldComm};
+use crate::lattice::partition::OwnedAtoms;
 use crate::lattice::seeding::Atoms;
-use crate::lattice::share::OwnAtoms;
-use crate::observer::{Observer, Patience, Stage, interrupted};
-use crate::ranks::{self, Ranks};
+use crate::progress::{CancelToken, Progress, Stage, interrupted_error};
 use crate::report::{Clock, StageCost};
 
 /// Tells clock and observer of each stage, and remembers whether one was stopped.
-pub struct Stages<'a> {
+pub struct StageRunner<'a> {
     clock: Clock,
-    pub(super) observer: &'a mut dyn Observer,
+    pub(super) observer: &'a mut dyn Progress,
     interrupted: bool,
-    checkpoint: Option<OfJob>,
+    checkpoint: Option<JobCheckpoint>,
     /// Each rank may have a part of the mesh only.
-    pub(super) in_pieces: bool,
+    pub(super) may_partition: bool,
 }
 
-impl<'a> Stages<'a> {
+impl<'a> StageRunner<'a> {
     /// No stage yet.
-    pub fn new(observer: &'a mut dyn Observer) -> Self {
+    pub fn new(observer: &'a mut dyn Progress) -> Self {
         Self {
             clock: Clock::new(),
             observer,
             interrupted: false,
             checkpoint: None,
-            in_pieces: false,
+            may_partition: false,
         }
     }
 
     /// The same; what they give is kept there.
-    pub(super) fn keeping(mut self, checkpoint: Option<OfJob>) -> Self {
+    pub(super) fn with_checkpoint(mut self, checkpoint: Option<JobCheckpoint>) -> Self {
         self.checkpoint = checkpoint;
         self
     }
 
     /// The same; each rank may have a part of the mesh only.
-    pub(super) fn in_pieces(self, in_pieces: bool) -> Self {
-        Self { in_pieces, ..self }
+    pub(super) fn with_partitioning(self, in_pieces: bool) -> Self {
+        Self {
+            may_partition: in_pieces,
+            ..self
+        }
     }
 
     /// What `work` gives, or what was kept of it under this name when the job was run before.
     ///
     /// # Errors
     /// Those of the work, and of keeping its result.
-    pub(super) fn kept<T: Kept>(
+    pub(super) fn load_or_run<T: Codec>(
         &mut self,
         name: &str,
         work: impl FnOnce(&mut Self) -> Result<T>,
     ) -> Result<T> {
         if self.checkpoint.is_some()
-            && let Some(value) = ranks::of_first(name, || Ok(self.found(name)))?
+            && let Some(value) = comm::broadcast_from_root(name, || Ok(self.load(name)))?
         {
             return Ok(value);
         }
         let value = work(self)?;
-        if ranks::is_first() {
-            self.keep(name, &value)?;
+        if comm::is_root() {
+            self.save(name, &value)?;
         }
         Ok(value)
     }
 
     /// What was kept under this name.
-    fn found<T: Kept>(&mut self, name: &str) -> Option<T> {
-        match self.checkpoint.as_ref()?.found(name) {
-            Found::Whole(value) => Some(value),
-            Found::Useless(why) => {
+    fn load<T: Codec>(&mut self, name: &str) -> Option<T> {
+        match self.checkpoint.as_ref()?.load(name) {
+            StoredStage::Complete(value) => Some(value),
+            StoredStage::Unusable(why) => {
                 self.observer.note(&why);
                 None
             }
-            Found::Nothing => None,
+            StoredStage::Missing => None,
         }
     }
 
     /// Keeps what a stage gave, unless it was stopped: then that is no whole result.
-    fn keep<T: Kept>(&mut self, name: &str, value: &T) -> Result<()> {
+    fn save<T: Codec>(&mut self, name: &str, value: &T) -> Result<()> {
         let whole = self.checkpoint.is_some() && self.keep_going() && !self.interrupted;
         let checkpoint = self.checkpoint.as_ref().filter(|_| whole);
-        checkpoint.map_or(Ok(()), |checkpoint| checkpoint.keep(name, value))
+        checkpoint.map_or(Ok(()), |checkpoint| checkpoint.save(name, value))
     }
 
     /// The same of a lattice of which each rank has a share, and of what all have: only the first rank ever has all
@@ -86,28 +89,28 @@ impl<'a> Stages<'a> {
     ///
     /// # Errors
     /// Those of the work, and of keeping its result.
-    pub(super) fn kept_in_shares<const D: usize, T: Kept>(
+    pub(super) fn load_or_run_shares<const D: usize, T: Codec>(
         &mut self,
         name: &str,
-        work: impl FnOnce(&mut Self) -> Result<(OwnAtoms<D>, T)>,
-    ) -> Result<(OwnAtoms<D>, T)> {
+        work: impl FnOnce(&mut Self) -> Result<(OwnedAtoms<D>, T)>,
+    ) -> Result<(OwnedAtoms<D>, T)> {
         if self.checkpoint.is_none() {
             return work(self);
         }
         let mut atoms = Atoms::default();
-        let found = ranks::of_first(name, || {
-            Ok(self.found(name).map(|(all, rest)| {
+        let found = comm::broadcast_from_root(name, || {
+            Ok(self.load(name).map(|(all, rest)| {
                 atoms = all;
                 rest
             }))
         })?;
         if let Some(rest) = found {
-            return Ok((OwnAtoms::dealt(atoms, &Ranks)?, rest));
+            return Ok((OwnedAtoms::scatter_from_root(atoms, &WorldComm)?, rest));
         }
         let (share, rest) = work(self)?;
-        let kept = (share.clone().gathered_by_first(&Ranks)?, rest);
-        if ranks::is_first() {
-            self.keep(name, &kept)?;
+        let kept = (share.clone().gather_to_root(&WorldComm)?, rest);
+        if comm::is_root() {
+            self.save(name, &kept)?;
         }
         Ok((share, kept.1))
     }
@@ -124,44 +127,44 @@ impl<'a> Stages<'a> {
     /// As [`need_to_go_on`](Self::need_to_go_on).
     pub fn begin_unless_stopped(&mut self, stage: Stage) -> Result<()> {
         self.begin(stage);
-        self.need_to_go_on(stage)
+        self.check_interrupted(stage)
     }
 
     /// Asks whether to go on where there is no result to stop with.
     ///
     /// # Errors
     /// [`Error::Interrupted`](crate::Error::Interrupted) if the observer says no.
-    pub fn need_to_go_on(&mut self, stage: Stage) -> Result<()> {
+    pub fn check_interrupted(&mut self, stage: Stage) -> Result<()> {
         if self.keep_going() {
             return Ok(());
         }
-        Err(interrupted(stage))
+        Err(interrupted_error(stage))
     }
 
     /// What `work` gives, which ends soon where the observer says no.
-    pub(super) fn patiently<T>(&mut self, work: impl FnOnce(&Patience<'_>) -> T) -> T {
+    pub(super) fn run_cancellable<T>(&mut self, work: impl FnOnce(&CancelToken<'_>) -> T) -> T {
         let ask = &mut |share: Option<f64>| {
             if let Some(share) = share {
-                self.observer.share(share);
+                self.observer.fraction_done(share);
             }
             self.keep_going()
         };
-        Patience::telling(ask, work)
+        CancelToken::run_with_progress(ask, work)
     }
 
     /// The same where there is no result to stop with.
     ///
     /// # Errors
     /// Those of the work; [`Error::Interrupted`](crate::Error::Interrupted) if the observer says no.
-    pub(super) fn unless_stopped<T>(
+    pub(super) fn run_or_interrupt<T>(
         &mut self,
         stage: Stage,
-        work: impl FnOnce(&Patience<'_>) -> Result<T>,
+        work: impl FnOnce(&CancelToken<'_>) -> Result<T>,
     ) -> Result<T> {
-        self.patiently(|patience| {
+        self.run_cancellable(|patience| {
             let done = work(patience);
             // What was left undone may look like another fault.
-            patience.lasts(stage)?;
+            patience.check(stage)?;
             done
         })
     }
@@ -174,12 +177,12 @@ impl<'a> Stages<'a> {
     }
 
     /// A stage has ended because the observer said no to it.
-    pub(super) fn stopped(&mut self) {
+    pub(super) fn mark_interrupted(&mut self) {
         self.interrupted = true;
     }
 
     /// What every stage cost, and whether one was stopped.
-    pub(super) fn end(mut self) -> (Vec<StageCost>, bool) {
+    pub(super) fn finish(mut self) -> (Vec<StageCost>, bool) {
         self.clock.end();
         (self.clock.costs().to_vec(), self.interrupted)
     }
@@ -192,37 +195,37 @@ mod tests {
     use super::*;
     use crate::ErrorKind;
     use crate::feature::FeatureKind;
-    use crate::image::synth::{self, Kind};
-    use crate::image::{Geometry, Image, Source};
+    use crate::image::synth::{self, SyntheticKind};
+    use crate::image::{Geometry, Image, ImageSource};
     use crate::job::{
-        self, BOX_TOLERANCE, CellKind, Made, Meshing, Outcome, Params, Space, Spacing,
+        self, BOX_TOLERANCE, CellKind, MeshResult, MeshSpace, Meshing, Outcome, Params, Spacing,
     };
-    use crate::lattice::optimize::{Method, Stop};
+    use crate::lattice::optimize::{Method, StopReason};
     use crate::lattice::seeding::Seeding;
-    use crate::mesh::check::{Known, check, check_known};
+    use crate::mesh::check::{CheckHints, check, check_with_hints};
 
     /// Counts questions by stage; says no from some question of one stage on.
     #[derive(Default)]
-    struct Counting {
-        now: Option<Stage>,
+    struct CountingObserver {
+        current: Option<Stage>,
         questions: BTreeMap<Stage, usize>,
-        stop: Option<(Stage, usize)>,
-        over: bool,
+        stop_at: Option<(Stage, usize)>,
+        is_over: bool,
     }
 
-    impl Observer for Counting {
+    impl Progress for CountingObserver {
         fn stage(&mut self, stage: Stage) {
-            self.now = Some(stage);
+            self.current = Some(stage);
         }
 
         fn keep_going(&mut self) -> bool {
-            let Some(now) = self.now else { return true };
+            let Some(now) = self.current else { return true };
             let asked = self.questions.entry(now).or_default();
             *asked += 1;
-            self.over |= self
-                .stop
+            self.is_over |= self
+                .stop_at
                 .is_some_and(|(stage, after)| stage == now && *asked > after);
-            !self.over
+            !self.is_over
         }
     }
 
@@ -230,13 +233,13 @@ mod tests {
         image: &Image<D>,
         params: &Params<D>,
         stop: Option<(Stage, usize)>,
-    ) -> (Result<Outcome<D>>, Counting)
+    ) -> (Result<Outcome<D>>, CountingObserver)
     where
-        Space<D>: Meshing<D>,
+        MeshSpace<D>: Meshing<D>,
     {
-        let mut observer = Counting {
-            stop,
-            ..Counting::default()
+        let mut observer = CountingObserver {
+            stop_at: stop,
+            ..CountingObserver::default()
         };
         let outcome = job::run(image, params, &mut observer);
         (outcome, observer)
@@ -244,18 +247,18 @@ mod tests {
 
     /// Every stage named asks at least so often, and a stop at its first question, at its second and in
     /// its midst gives what the stage promises.
-    fn stopped<const D: usize>(image: &Image<D>, params: &Params<D>, stages: &[(Stage, usize)])
+    fn assert_stops<const D: usize>(image: &Image<D>, params: &Params<D>, stages: &[(Stage, usize)])
     where
-        Space<D>: Meshing<D>,
+        MeshSpace<D>: Meshing<D>,
     {
         let (outcome, counted) = run(image, params, None);
-        assert_ne!(outcome.unwrap().stop, Stop::Interrupted);
+        assert_ne!(outcome.unwrap().stop, StopReason::Interrupted);
         for &(stage, least) in stages {
             let asked = counted.questions.get(&stage).copied().unwrap_or(0);
             assert!(asked >= least, "{stage}: asked {asked} times");
             for after in [0, 1, asked / 2].into_iter().filter(|&n| n < asked) {
                 let (outcome, observer) = run(image, params, Some((stage, after)));
-                assert!(observer.over, "{stage}: never stopped after {after}");
+                assert!(observer.is_over, "{stage}: never stopped after {after}");
                 match outcome {
                     Err(error) => {
                         assert_eq!(error.kind(), ErrorKind::Interrupted, "{stage}: {error}");
@@ -263,24 +266,28 @@ mod tests {
                     }
                     Ok(outcome) => {
                         assert!(stage.has_lattice(), "{stage} gave a mesh after {after}");
-                        assert_eq!(outcome.stop, Stop::Interrupted, "{stage} after {after}");
+                        assert_eq!(
+                            outcome.stop,
+                            StopReason::Interrupted,
+                            "{stage} after {after}"
+                        );
                         let (low, tolerance) = ([0.0; D], BOX_TOLERANCE);
-                        let check = match &outcome.made {
-                            Made::Simplices(made) => {
+                        let check = match &outcome.mesh {
+                            MeshResult::Simplices(made) => {
                                 check(&made.mesh, low, outcome.extent, tolerance)
                             }
-                            Made::Voronoi { mesh, weld } => {
-                                let known = Known {
+                            MeshResult::Voronoi { mesh, weld } => {
+                                let known = CheckHints {
                                     weld: *weld,
-                                    ..Known::default()
+                                    ..CheckHints::default()
                                 };
-                                check_known(mesh, known, low, outcome.extent, tolerance)
+                                check_with_hints(mesh, known, low, outcome.extent, tolerance)
                             }
                         };
                         assert!(check.passed(), "{stage} after {after}: {check:?}");
                         // It goes on saying no: only what was measured before is there.
                         let report = outcome.report;
-                        let measured = report.filling.is_some() || report.voronoi.is_some();
+                        let measured = report.box_check.is_some() || report.voronoi.is_some();
                         let may = stage == Stage::Measuring && after > 0;
                         assert!(may || !measured, "{stage} after {after}");
                         let compared = report.fidelity.is_some();
@@ -296,7 +303,7 @@ mod tests {
             dims: [36, 33, 30],
             ..Default::default()
         };
-        synth::make(Kind::Sphere, &options).unwrap().image
+        synth::make(SyntheticKind::Sphere, &options).unwrap().image
     }
 
     /// A disc with a soft edge.
@@ -334,13 +341,17 @@ mod tests {
             let params = params::<3>(kind, Seeding::Fcc);
             let options = params.feature_options([1.0; 3]);
             let seek = |stop: usize| {
-                let mut observer = Counting {
-                    now: Some(Stage::Features),
-                    stop: Some((Stage::Features, stop)),
-                    ..Counting::default()
+                let mut observer = CountingObserver {
+                    current: Some(Stage::Features),
+                    stop_at: Some((Stage::Features, stop)),
+                    ..CountingObserver::default()
                 };
-                let found = Patience::of(&mut || observer.keep_going(), |patience| {
-                    crate::feature::detect_while(Source::Held(&image), &options, patience)
+                let found = CancelToken::run(&mut || observer.keep_going(), |patience| {
+                    crate::feature::detect_with_cancel(
+                        ImageSource::InMemory(&image),
+                        &options,
+                        patience,
+                    )
                 });
                 (found, observer.questions[&Stage::Features])
             };
@@ -370,12 +381,12 @@ mod tests {
             (Improving, 10),
             (Measuring, 8),
         ];
-        stopped(&ball(), &params, &stages);
+        assert_stops(&ball(), &params, &stages);
         let genetic = Params {
             optimizer: Method::Genetic,
             ..params
         };
-        stopped(&ball(), &genetic, &[(Optimising, 20)]);
+        assert_stops(&ball(), &genetic, &[(Optimising, 20)]);
     }
 
     #[test]
@@ -385,14 +396,14 @@ mod tests {
             Seeding::Grown,
             Seeding::Guide {
                 seed: 1,
-                most: usize::MAX,
+                max_atoms: usize::MAX,
             },
             Seeding::Projection,
             Seeding::Refine { seed: 1 },
         ];
         for seeding in seedings {
             let params = params(FeatureKind::Edges, seeding);
-            stopped(
+            assert_stops(
                 &disc(),
                 &params,
                 &[
@@ -404,10 +415,10 @@ mod tests {
             );
         }
         let canny = Params {
-            spacing: Spacing::OfAtoms { min: 2.0, max: 7.0 },
+            spacing: Spacing::FromCannyAtoms { min: 2.0, max: 7.0 },
             ..params(FeatureKind::Canny, Seeding::Canny)
         };
-        stopped(&disc(), &canny, &[(Features, 100), (Placing, 50)]);
+        assert_stops(&disc(), &canny, &[(Features, 100), (Placing, 50)]);
         let cells = Params {
             cells: CellKind::Voronoi,
             ..params(FeatureKind::Edges, Seeding::Fcc)
@@ -419,6 +430,6 @@ mod tests {
             (Conforming, 1),
             (Measuring, 100),
         ];
-        stopped(&disc(), &cells, &stages);
+        assert_stops(&disc(), &cells, &stages);
     }
 }

@@ -9,10 +9,10 @@
 
 pub mod distance;
 pub mod energy;
-pub mod held;
+pub mod halo;
 pub mod optimize;
+pub(crate) mod partition;
 pub mod seeding;
-pub(crate) mod share;
 
 /// What an atom (mesh node) may do: how many of the box's sides hold it, or a user.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

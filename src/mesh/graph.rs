@@ -4,7 +4,7 @@
 use crate::parallel::prelude::*;
 
 use super::TetMesh;
-use super::poly::{Beyond, PolyMesh};
+use super::poly::{FaceNeighbour, PolyMesh};
 use crate::Result;
 use crate::geometry::dot;
 
@@ -93,8 +93,8 @@ impl<const D: usize> Graph<D> {
     /// its shadow from above: what flows down a column passes that, however the face dips.
     pub fn from_poly(mesh: &PolyMesh<D>) -> Self {
         let shapes = mesh.cell_shapes();
-        let inner = mesh.inner_faces();
-        let in_columns = mesh.stands_in_columns();
+        let inner = mesh.inner_face_count();
+        let in_columns = mesh.is_columnar();
         let connections = (0..inner)
             .into_par_iter()
             .map(|f| {
@@ -102,7 +102,9 @@ impl<const D: usize> Graph<D> {
                 let mut shape = mesh.face_shape(f);
                 let [above, below] = [a, b].map(|cell| &mesh.sites[cell as usize]);
                 if in_columns && above[..2] == below[..2] {
-                    shape.centroid = mesh.under(f, *above).unwrap_or(shape.centroid);
+                    shape.centroid = mesh
+                        .vertical_projection(f, *above)
+                        .unwrap_or(shape.centroid);
                     shape.area_vector[..2].fill(0.0);
                 }
                 Connection {
@@ -122,8 +124,8 @@ impl<const D: usize> Graph<D> {
             .map(|f| {
                 let cell = mesh.face_cells[f][0];
                 let shape = mesh.face_shape(f);
-                let side = match mesh.beyond(f) {
-                    Beyond::Side(side) => Some(side as u8),
+                let side = match mesh.face_neighbour(f) {
+                    FaceNeighbour::Side(side) => Some(side as u8),
                     _ => None,
                 };
                 BoundaryFace {
@@ -240,13 +242,16 @@ impl<'a, const D: usize> Locator<'a, D> {
         let mut near = vec![found];
         for _ in 0..2 {
             for i in 0..near.len() {
-                near.extend(self.faces(near[i], point).filter_map(|(next, _)| next));
+                near.extend(
+                    self.face_distances(near[i], point)
+                        .filter_map(|(next, _)| next),
+                );
             }
             near.sort_unstable();
             near.dedup();
         }
         let outside = |cell: usize| {
-            let off = self.faces(cell, point).map(|(_, off)| off);
+            let off = self.face_distances(cell, point).map(|(_, off)| off);
             off.fold(f64::NEG_INFINITY, f64::max)
         };
         let deepest = near.into_iter().map(|cell| (outside(cell), cell));
@@ -256,7 +261,7 @@ impl<'a, const D: usize> Locator<'a, D> {
     }
 
     /// What lies beyond each face of a cell, and how far a point is beyond the face's plane.
-    fn faces(
+    fn face_distances(
         &self,
         cell: usize,
         point: [f64; D],
@@ -293,7 +298,9 @@ impl<'a, const D: usize> Locator<'a, D> {
         let beginnings = (0..cells).step_by(every.max(1));
         let mut cell = beginnings.min_by(|&a, &b| far(a).total_cmp(&far(b)))?;
         for _ in 0..cells {
-            let (beyond, off) = self.faces(cell, point).max_by(|a, b| a.1.total_cmp(&b.1))?;
+            let (beyond, off) = self
+                .face_distances(cell, point)
+                .max_by(|a, b| a.1.total_cmp(&b.1))?;
             let size = self.graph.volume[cell].powf(1.0 / D as f64);
             match beyond {
                 _ if off < -1e-9 * size => return Some(cell),
@@ -322,7 +329,7 @@ impl Graph<3> {
 }
 
 /// Length and direction of a vector.
-fn split<const D: usize>(v: [f64; D]) -> (f64, [f64; D]) {
+fn length_and_direction<const D: usize>(v: [f64; D]) -> (f64, [f64; D]) {
     let length = dot(v, v).sqrt();
     (
         length,
@@ -338,8 +345,8 @@ impl<const D: usize> Connection<D> {
         area_vector: [f64; D],
         centre: [f64; D],
     ) -> Self {
-        let (area, mut normal) = split(area_vector);
-        let (length, line) = split(std::array::from_fn(|k| b[k] - a[k]));
+        let (area, mut normal) = length_and_direction(area_vector);
+        let (length, line) = length_and_direction(std::array::from_fn(|k| b[k] - a[k]));
         // The normal of a face this small, or this narrow, is mere rounding.
         if area < (1e-4 * length).powi(D as i32 - 1) {
             normal = line;
@@ -369,7 +376,7 @@ impl<const D: usize> BoundaryFace<D> {
         area_vector: [f64; D],
         point: [f64; D],
     ) -> Self {
-        let (area, normal) = split(area_vector);
+        let (area, normal) = length_and_direction(area_vector);
         Self {
             cell,
             side,

@@ -12,10 +12,10 @@ use std::ops::Range;
 
 use crate::parallel::prelude::*;
 
-use super::check::Checked;
+use super::check::CellChecks;
 use super::complex::{self, NONE};
-use super::poly::{Beyond, Lists, PolyMesh};
-use super::quality::{BLOCK, Corners, Shape, Shapes};
+use super::poly::{FaceNeighbour, Lists, PolyMesh};
+use super::quality::{BLOCK_SIZE, CornerBlock, SimplexShape, SimplexShapeBlock};
 use super::{TetMesh, TriMesh, tri};
 use crate::error::cause;
 use crate::geometry::{cross, norm, sub, volume6};
@@ -26,11 +26,11 @@ use crate::{Error, Result};
 /// Faces are numbered as in [`Connection::face`](super::graph::Connection::face): face k of simplex c
 /// is `(D + 1) c + k`, so that a face between two simplices has two numbers; those of polyhedra and
 /// polygons are the mesh's own.
-pub trait Mesh<const D: usize>: Clone + Debug + Send + Sync + Checked<D> + 'static {
+pub trait Mesh<const D: usize>: Clone + Debug + Send + Sync + CellChecks<D> + 'static {
     /// What the cells are called, in the plural.
-    const CELLS: &'static str;
+    const CELLS_NAME: &'static str;
     /// What the size of a cell is called.
-    const VOLUME: &'static str = if D == 2 { "area" } else { "volume" };
+    const VOLUME_NAME: &'static str = if D == 2 { "area" } else { "volume" };
     /// VTK's number of the cell.
     const VTK_CELL: u8;
 
@@ -54,7 +54,7 @@ pub trait Mesh<const D: usize>: Clone + Debug + Send + Sync + Checked<D> + 'stat
 
     /// Every face once: its nodes in order round it, and whether it is marked; `marks` by number of
     /// face, or none at all.
-    fn faces_once(&self, marks: &[bool]) -> (Lists, Vec<bool>);
+    fn unique_faces(&self, marks: &[bool]) -> (Lists, Vec<bool>);
 
     /// For each number of a face its cell and the cell beyond, `NONE` on the boundary. Where two
     /// numbers mean one face, the second has `NONE` twice.
@@ -78,10 +78,10 @@ pub trait Mesh<const D: usize>: Clone + Debug + Send + Sync + Checked<D> + 'stat
 
     /// Exchanges all positions of the mesh for others, and `others` for those. If one of the two
     /// spaces mirrors the other, every cell is turned round, so that all stay positively oriented.
-    fn exchange(&mut self, others: &mut Positions<D>, mirrored: bool);
+    fn swap_positions(&mut self, others: &mut Positions<D>, mirrored: bool);
 
     /// All positions, each as `map` has it; `None` if it has none for one of them.
-    fn positions(
+    fn mapped_positions(
         &self,
         map: impl Fn(&[f64; D]) -> Option<[f64; D]> + Sync + Send,
     ) -> Option<Positions<D>>;
@@ -105,10 +105,10 @@ pub struct Positions<const D: usize> {
 /// Face k of a cell (an edge in the plane) is the face opposite its node k.
 pub trait Simplices<const D: usize>: Mesh<D> {
     /// What a file calls the smallest angle of each cell.
-    const MIN_ANGLE: &'static str = if D == 2 { "min_angle" } else { "min_dihedral" };
+    const MIN_ANGLE_ARRAY: &'static str = if D == 2 { "min_angle" } else { "min_dihedral" };
     /// What a file calls the bits of each cell's faces that lie on features: bit k for the face
     /// opposite node k.
-    const FEATURE_FACES: &'static str = if D == 2 {
+    const FEATURE_FACES_ARRAY: &'static str = if D == 2 {
         "feature_edges"
     } else {
         "feature_faces"
@@ -157,10 +157,10 @@ pub trait Simplices<const D: usize>: Mesh<D> {
     fn face_area(face: &[[f64; D]; D]) -> f64;
 
     /// Measures cell `c`.
-    fn shape(&self, c: usize) -> Shape<Self::Cosines>;
+    fn shape(&self, c: usize) -> SimplexShape<Self::Cosines>;
 
     /// Measures cells, in their order.
-    fn shapes(&self, cells: Range<usize>, mut visit: impl FnMut(Shape<Self::Cosines>)) {
+    fn shapes(&self, cells: Range<usize>, mut visit: impl FnMut(SimplexShape<Self::Cosines>)) {
         for c in cells {
             visit(self.shape(c));
         }
@@ -168,7 +168,7 @@ pub trait Simplices<const D: usize>: Mesh<D> {
 }
 
 impl<const D: usize, M: Simplices<D>> Mesh<D> for M {
-    const CELLS: &'static str = if D == 2 { "triangles" } else { "tetrahedra" };
+    const CELLS_NAME: &'static str = if D == 2 { "triangles" } else { "tetrahedra" };
     const VTK_CELL: u8 = if D == 2 { 5 } else { 10 };
 
     fn nodes(&self) -> &[[f64; D]] {
@@ -193,7 +193,7 @@ impl<const D: usize, M: Simplices<D>> Mesh<D> for M {
         visit(facet);
     }
 
-    fn faces_once(&self, marks: &[bool]) -> (Lists, Vec<bool>) {
+    fn unique_faces(&self, marks: &[bool]) -> (Lists, Vec<bool>) {
         let mut faces: Vec<([u32; D], bool)> = Vec::with_capacity(self.face_count());
         for number in 0..self.face_count() {
             let mut face = self.face(number / (D + 1), number % (D + 1));
@@ -214,7 +214,7 @@ impl<const D: usize, M: Simplices<D>> Mesh<D> for M {
         let neighbors = self.neighbors().map_err(|face| {
             Error::Mesh(cause(
                 "mesh",
-                format!("more than two {} share the face {face:?}", M::CELLS),
+                format!("more than two {} share the face {face:?}", M::CELLS_NAME),
                 "run atomesh validate",
             ))
         })?;
@@ -254,15 +254,15 @@ impl<const D: usize, M: Simplices<D>> Mesh<D> for M {
         })
     }
 
-    fn exchange(&mut self, others: &mut Positions<D>, mirrored: bool) {
+    fn swap_positions(&mut self, others: &mut Positions<D>, mirrored: bool) {
         let (nodes, corners) = self.parts_mut();
         std::mem::swap(nodes, &mut others.nodes);
         if mirrored {
-            turn_round::<D>(corners);
+            reverse_orientation::<D>(corners);
         }
     }
 
-    fn positions(
+    fn mapped_positions(
         &self,
         map: impl Fn(&[f64; D]) -> Option<[f64; D]> + Sync + Send,
     ) -> Option<Positions<D>> {
@@ -274,7 +274,7 @@ impl<const D: usize, M: Simplices<D>> Mesh<D> for M {
 }
 
 /// Turns simplices round: the last two nodes of each change places.
-pub fn turn_round<const D: usize>(corners: &mut [u32]) {
+pub fn reverse_orientation<const D: usize>(corners: &mut [u32]) {
     for cell in corners.chunks_exact_mut(D + 1) {
         cell.swap(D - 1, D);
     }
@@ -324,13 +324,13 @@ impl Simplices<3> for TetMesh {
         0.5 * norm(cross(sub(*b, *a), sub(*c, *a)))
     }
 
-    fn shape(&self, c: usize) -> Shape {
-        Shape::of(&self.corners(c))
+    fn shape(&self, c: usize) -> SimplexShape {
+        SimplexShape::from_corners(&self.corners(c))
     }
 
-    fn shapes(&self, cells: Range<usize>, mut visit: impl FnMut(Shape)) {
-        let (mut corners, mut shapes) = (Corners::default(), Shapes::default());
-        for block in self.tets[cells].chunks(BLOCK) {
+    fn shapes(&self, cells: Range<usize>, mut visit: impl FnMut(SimplexShape)) {
+        let (mut corners, mut shapes) = (CornerBlock::default(), SimplexShapeBlock::default());
+        for block in self.tets[cells].chunks(BLOCK_SIZE) {
             corners.gather(&self.nodes, block);
             shapes.measure(&corners);
             for i in 0..block.len() {
@@ -362,7 +362,7 @@ impl Simplices<2> for TriMesh {
     }
 
     fn volume(&self, c: usize) -> f64 {
-        0.5 * tri::area2(&self.corners(c))
+        0.5 * tri::double_area(&self.corners(c))
     }
 
     fn neighbors(&self) -> std::result::Result<Vec<u32>, Vec<u32>> {
@@ -376,19 +376,19 @@ impl Simplices<2> for TriMesh {
         (b[0] - a[0]).hypot(b[1] - a[1])
     }
 
-    fn shape(&self, c: usize) -> Shape<[f64; 3]> {
+    fn shape(&self, c: usize) -> SimplexShape<[f64; 3]> {
         let p = self.corners(c);
-        Shape {
+        SimplexShape {
             cosines: tri::angles(&p).map(|angle| angle.to_radians().cos()),
-            mean_ratio: tri::shape(&p),
+            mean_ratio: tri::shape_quality(&p),
             radius_edge: tri::radius_edge_ratio(&p),
-            volume: 0.5 * tri::area2(&p),
+            volume: 0.5 * tri::double_area(&p),
         }
     }
 }
 
 impl<const D: usize> Mesh<D> for PolyMesh<D> {
-    const CELLS: &'static str = if D == 2 { "polygons" } else { "polyhedra" };
+    const CELLS_NAME: &'static str = if D == 2 { "polygons" } else { "polyhedra" };
     const VTK_CELL: u8 = if D == 2 { 7 } else { 42 };
 
     fn nodes(&self) -> &[[f64; D]] {
@@ -419,7 +419,7 @@ impl<const D: usize> Mesh<D> for PolyMesh<D> {
         }
     }
 
-    fn faces_once(&self, marks: &[bool]) -> (Lists, Vec<bool>) {
+    fn unique_faces(&self, marks: &[bool]) -> (Lists, Vec<bool>) {
         let marked = |f: usize| marks.get(f).is_some_and(|on| *on);
         let count = self.face_cells.len();
         (self.faces.clone(), (0..count).map(marked).collect())
@@ -427,8 +427,8 @@ impl<const D: usize> Mesh<D> for PolyMesh<D> {
 
     fn cells_of_faces(&self) -> Result<Vec<[u32; 2]>> {
         let cells = |face: usize| {
-            let beyond = match self.beyond(face) {
-                Beyond::Cell(cell) => cell as u32,
+            let beyond = match self.face_neighbour(face) {
+                FaceNeighbour::Cell(cell) => cell as u32,
                 _ => NONE,
             };
             [self.face_cells[face][0], beyond]
@@ -445,15 +445,15 @@ impl<const D: usize> Mesh<D> for PolyMesh<D> {
         Box::new(move |c| shapes[c].1)
     }
 
-    fn exchange(&mut self, others: &mut Positions<D>, mirrored: bool) {
+    fn swap_positions(&mut self, others: &mut Positions<D>, mirrored: bool) {
         std::mem::swap(&mut self.nodes, &mut others.nodes);
         std::mem::swap(&mut self.sites, &mut others.sites);
         if mirrored {
-            self.turn_faces();
+            self.reverse_faces();
         }
     }
 
-    fn positions(
+    fn mapped_positions(
         &self,
         map: impl Fn(&[f64; D]) -> Option<[f64; D]> + Sync + Send,
     ) -> Option<Positions<D>> {
@@ -466,6 +466,6 @@ impl<const D: usize> Mesh<D> for PolyMesh<D> {
 
 /// Marks for the faces of simplices, in the order of their numbers, from a byte a cell of which bit k
 /// stands for face k.
-pub fn marks_of_bits<const D: usize>(bits: &[u8]) -> impl Iterator<Item = bool> {
+pub fn marks_from_bits<const D: usize>(bits: &[u8]) -> impl Iterator<Item = bool> {
     (bits.iter()).flat_map(|&bits| (0..=D).map(move |k| bits >> k & 1 == 1))
 }

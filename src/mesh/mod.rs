@@ -34,13 +34,13 @@ pub(crate) mod complex;
 pub mod delaunay;
 pub mod graph;
 pub(crate) mod interface;
-pub(crate) mod part;
-pub(crate) mod piece;
+pub(crate) mod partition;
 pub mod poly;
 mod poly_columns;
-pub(crate) mod poly_from;
+pub(crate) mod poly_convert;
 pub mod quality;
 pub(crate) mod tri;
+pub(crate) mod view;
 pub mod voronoi;
 
 pub use interface::{Mesh, Positions, Simplices};

@@ -13,10 +13,10 @@ use crate::parallel::prelude::*;
 
 /// Numbers from here on in [`PolyMesh::face_cells`] are sides of the box: `SIDE_0 + 2 axis` is the lower
 /// one, `SIDE_0 + 2 axis + 1` the upper one.
-pub const SIDE_0: u32 = u32::MAX - 6;
+pub const FIRST_SIDE: u32 = u32::MAX - 6;
 
 /// The names of the box's sides, in the order of their numbers.
-pub const SIDES: [&str; 6] = ["xmin", "xmax", "ymin", "ymax", "zmin", "zmax"];
+pub const SIDE_NAMES: [&str; 6] = ["xmin", "xmax", "ymin", "ymax", "zmin", "zmax"];
 
 /// Beyond a face on the boundary of a mesh that fills no box.
 pub const NO_CELL: u32 = u32::MAX;
@@ -86,13 +86,13 @@ pub struct PolyMesh<const D: usize> {
 
 /// What is beyond a face.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Beyond {
+pub enum FaceNeighbour {
     /// Another cell.
     Cell(usize),
     /// A side of the box: 2 axis for the lower one, 2 axis + 1 for the upper one.
     Side(usize),
     /// Nothing that is known.
-    Nothing,
+    Unknown,
 }
 
 /// A face as the integral formulas see it: a fan of triangles (one edge in 2-D) round `apex`.
@@ -116,23 +116,23 @@ impl<const D: usize> FaceShape<D> {
 impl<const D: usize> PolyMesh<D> {
     /// What is beyond face `f`.
     #[inline]
-    pub fn beyond(&self, f: usize) -> Beyond {
+    pub fn face_neighbour(&self, f: usize) -> FaceNeighbour {
         match self.face_cells[f][1] {
-            NO_CELL => Beyond::Nothing,
-            side if side >= SIDE_0 => Beyond::Side((side - SIDE_0) as usize),
-            cell => Beyond::Cell(cell as usize),
+            NO_CELL => FaceNeighbour::Unknown,
+            side if side >= FIRST_SIDE => FaceNeighbour::Side((side - FIRST_SIDE) as usize),
+            cell => FaceNeighbour::Cell(cell as usize),
         }
     }
 
     /// The number of faces between cells; they come before the faces on the boundary.
-    pub fn inner_faces(&self) -> usize {
-        self.face_cells.partition_point(|c| c[1] < SIDE_0)
+    pub fn inner_face_count(&self) -> usize {
+        self.face_cells.partition_point(|c| c[1] < FIRST_SIDE)
     }
 
     /// The faces of each cell, ascending.
     pub fn faces_of_cells(&self) -> Lists {
         let mut offsets = vec![0u32; self.sites.len() + 1];
-        let inside = |c: &[u32; 2]| [Some(c[0]), (c[1] < SIDE_0).then_some(c[1])];
+        let inside = |c: &[u32; 2]| [Some(c[0]), (c[1] < FIRST_SIDE).then_some(c[1])];
         for cell in self.face_cells.iter().flat_map(inside).flatten() {
             offsets[cell as usize + 1] += 1;
         }
@@ -271,7 +271,7 @@ impl<const D: usize> PolyMesh<D> {
     /// lies in none (as the top and the base of columns do), to the one that looks the same way.
     pub fn assign_sides(&mut self, low: [f64; D], high: [f64; D]) {
         let longest = (0..D).map(|k| high[k] - low[k]).fold(0.0, f64::max);
-        for f in self.inner_faces()..self.face_cells.len() {
+        for f in self.inner_face_count()..self.face_cells.len() {
             let normal = self.face_shape(f).area_vector;
             let turned = |side: usize| normal[side / 2] * if side % 2 == 1 { 1.0 } else { -1.0 };
             let off = |side: usize| {
@@ -289,7 +289,7 @@ impl<const D: usize> PolyMesh<D> {
                 }
                 nearest => nearest,
             };
-            self.face_cells[f][1] = SIDE_0 + side.unwrap_or(0) as u32;
+            self.face_cells[f][1] = FIRST_SIDE + side.unwrap_or(0) as u32;
         }
     }
 
@@ -303,13 +303,13 @@ impl<const D: usize> PolyMesh<D> {
             ..self.clone()
         };
         if mirrored {
-            mesh.turn_faces();
+            mesh.reverse_faces();
         }
         mesh
     }
 
     /// Turns all faces round.
-    pub(super) fn turn_faces(&mut self) {
+    pub(super) fn reverse_faces(&mut self) {
         for range in self.faces.offsets.windows(2) {
             self.faces.items[range[0] as usize..range[1] as usize].reverse();
         }
@@ -352,27 +352,33 @@ pub(crate) mod samples {
         let mut put = |nodes: &[u32], cells: [u32; 2]| {
             mesh.faces.push(nodes.iter().copied());
             mesh.face_cells.push(cells);
-            mesh.on_feature.push(cells[1] < SIDE_0);
+            mesh.on_feature.push(cells[1] < FIRST_SIDE);
         };
         if D == 2 {
             put(&[2, 3], [0, 1]);
-            put(&[1, 0], [0, SIDE_0]);
-            put(&[0, 2], [0, SIDE_0 + 2]);
-            put(&[3, 1], [0, SIDE_0 + 3]);
-            put(&[4, 5], [1, SIDE_0 + 1]);
-            put(&[2, 4], [1, SIDE_0 + 2]);
-            put(&[5, 3], [1, SIDE_0 + 3]);
+            put(&[1, 0], [0, FIRST_SIDE]);
+            put(&[0, 2], [0, FIRST_SIDE + 2]);
+            put(&[3, 1], [0, FIRST_SIDE + 3]);
+            put(&[4, 5], [1, FIRST_SIDE + 1]);
+            put(&[2, 4], [1, FIRST_SIDE + 2]);
+            put(&[5, 3], [1, FIRST_SIDE + 3]);
         } else {
             put(&[4, 5, 7, 6], [0, 1]);
-            put(&[0, 2, 3, 1], [0, SIDE_0]);
+            put(&[0, 2, 3, 1], [0, FIRST_SIDE]);
             for (cell, low) in [(0, 0), (1, 4)] {
                 if cell == 1 {
-                    put(&[8, 9, 11, 10], [1, SIDE_0 + 1]);
+                    put(&[8, 9, 11, 10], [1, FIRST_SIDE + 1]);
                 }
-                put(&[low, low + 4, low + 6, low + 2], [cell, SIDE_0 + 2]);
-                put(&[low + 1, low + 3, low + 7, low + 5], [cell, SIDE_0 + 3]);
-                put(&[low, low + 1, low + 5, low + 4], [cell, SIDE_0 + 4]);
-                put(&[low + 2, low + 6, low + 7, low + 3], [cell, SIDE_0 + 5]);
+                put(&[low, low + 4, low + 6, low + 2], [cell, FIRST_SIDE + 2]);
+                put(
+                    &[low + 1, low + 3, low + 7, low + 5],
+                    [cell, FIRST_SIDE + 3],
+                );
+                put(&[low, low + 1, low + 5, low + 4], [cell, FIRST_SIDE + 4]);
+                put(
+                    &[low + 2, low + 6, low + 7, low + 3],
+                    [cell, FIRST_SIDE + 5],
+                );
             }
         }
         mesh
@@ -399,14 +405,14 @@ mod tests {
             let site = mesh.sites[mesh.face_cells[f][0] as usize];
             let out: [f64; D] = std::array::from_fn(|k| shape.centroid[k] - site[k]);
             assert!(dot(out, shape.area_vector) > 0.0, "face {f}");
-            if let Beyond::Side(side) = mesh.beyond(f) {
+            if let FaceNeighbour::Side(side) = mesh.face_neighbour(f) {
                 let (axis, upper) = (side / 2, side % 2 == 1);
                 assert!((shape.area_vector[axis] > 0.0) == upper);
                 assert_eq!(shape.area(), shape.area_vector[axis].abs());
             }
         }
-        assert_eq!(mesh.inner_faces(), 1);
-        assert_eq!(mesh.beyond(0), Beyond::Cell(1));
+        assert_eq!(mesh.inner_face_count(), 1);
+        assert_eq!(mesh.face_neighbour(0), FaceNeighbour::Cell(1));
         // Twice as wide and mirrored along x.
         let map = |p: [f64; D]| std::array::from_fn(|k| if k == 0 { -2.0 * p[0] } else { p[k] });
         let mirrored = mesh.mapped(map, true);

@@ -5,9 +5,9 @@ use super::poly::PolyMesh;
 impl<const D: usize> PolyMesh<D> {
     /// Whether the cells are columns (or prisms): every face between two cells is upright, on two
     /// vertical lines, or lies between sites that are exactly above one another. Never in 2-D.
-    pub fn stands_in_columns(&self) -> bool {
+    pub fn is_columnar(&self) -> bool {
         D == 3
-            && (0..self.inner_faces()).all(|f| {
+            && (0..self.inner_face_count()).all(|f| {
                 let [a, b] = self.face_cells[f].map(|cell| &self.sites[cell as usize]);
                 a[..2] == b[..2] || self.is_upright(f)
             })
@@ -24,7 +24,7 @@ impl<const D: usize> PolyMesh<D> {
 
     /// The point of face `f`, as the fan that it is, above or below `x`; `None` in 2-D and for upright
     /// faces. Beyond the face's rim its nearest triangle goes on.
-    pub fn under(&self, f: usize, x: [f64; D]) -> Option<[f64; D]> {
+    pub fn vertical_projection(&self, f: usize, x: [f64; D]) -> Option<[f64; D]> {
         let nodes = self.faces.get(f);
         let apex = self.face_shape(f).apex;
         let area = |a: [f64; D], b: [f64; D], c: [f64; D]| {
@@ -58,7 +58,7 @@ impl<const D: usize> PolyMesh<D> {
             .iter()
             .map(|p| p[last])
             .fold(f64::INFINITY, f64::min);
-        for f in self.inner_faces()..self.face_cells.len() {
+        for f in self.inner_face_count()..self.face_cells.len() {
             let nodes = self.faces.get(f);
             let apex = self.face_shape(f).apex;
             let triangles = if D == 2 { 1 } else { nodes.len() };

@@ -1,27 +1,27 @@
 //! The shape of a tetrahedron, measured by its dihedral angles.
 
 use super::EDGES;
-use crate::geometry::wide::wide;
+use crate::geometry::simd::dispatch_simd;
 use crate::geometry::{cross, dot, sub, volume6};
 
 /// So many tetrahedra are measured side by side.
-pub const BLOCK: usize = 64;
+pub const BLOCK_SIZE: usize = 64;
 
 /// The corners of up to [`BLOCK`] tetrahedra, side by side for vectors to measure: by node, axis and
 /// tetrahedron.
-pub struct Corners([[[f64; BLOCK]; 3]; 4]);
+pub struct CornerBlock([[[f64; BLOCK_SIZE]; 3]; 4]);
 
-impl Default for Corners {
+impl Default for CornerBlock {
     fn default() -> Self {
-        Self([[[0.0; BLOCK]; 3]; 4])
+        Self([[[0.0; BLOCK_SIZE]; 3]; 4])
     }
 }
 
-impl Corners {
+impl CornerBlock {
     /// Copies together the corners of at most [`BLOCK`] tetrahedra. Places without one keep what they
     /// had.
     pub fn gather(&mut self, nodes: &[[f64; 3]], tets: &[[u32; 4]]) {
-        for (i, tet) in tets.iter().enumerate().take(BLOCK) {
+        for (i, tet) in tets.iter().enumerate().take(BLOCK_SIZE) {
             for (corner, &node) in self.0.iter_mut().zip(tet) {
                 let [x, y, z] = nodes[node as usize];
                 (corner[0][i], corner[1][i], corner[2][i]) = (x, y, z);
@@ -30,7 +30,7 @@ impl Corners {
     }
 
     #[inline(always)]
-    fn of(&self, i: usize) -> [[f64; 3]; 4] {
+    fn get(&self, i: usize) -> [[f64; 3]; 4] {
         let [a, b, c, d] = &self.0;
         [
             [a[0][i], a[1][i], a[2][i]],
@@ -41,12 +41,12 @@ impl Corners {
     }
 
     /// [`min_sine`] of each.
-    pub fn min_sines(&self, sines: &mut [f64; BLOCK]) {
-        wide(
+    pub fn min_sines(&self, sines: &mut [f64; BLOCK_SIZE]) {
+        dispatch_simd(
             #[inline(always)]
             || {
                 for (i, sine) in sines.iter_mut().enumerate() {
-                    *sine = min_sine(&self.of(i));
+                    *sine = min_sine(&self.get(i));
                 }
             },
         );
@@ -139,7 +139,7 @@ pub fn radius_edge_ratio(p: &[[f64; 3]; 4]) -> f64 {
 
 /// All figures of one simplex.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Shape<C = [f64; 6]> {
+pub struct SimplexShape<C = [f64; 6]> {
     /// Of its angles; of a tetrahedron's dihedral angles, in the order of [`EDGES`], good to 1e-6
     /// degrees near 0 and 180. An angle at a face without area is called 0.
     pub cosines: C,
@@ -153,10 +153,10 @@ pub struct Shape<C = [f64; 6]> {
 }
 
 /// A tetrahedron's figures, from what they share: a quarter of the cost of one by one.
-impl Shape {
+impl SimplexShape {
     /// Measures the tetrahedron with these corners.
     #[inline]
-    pub fn of(p: &[[f64; 3]; 4]) -> Self {
+    pub fn from_corners(p: &[[f64; 3]; 4]) -> Self {
         Self::measure(p)
     }
 
@@ -240,32 +240,32 @@ fn cube_root(x: f64) -> f64 {
 }
 
 /// The figures of up to [`BLOCK`] tetrahedra, as those of [`Shape`] side by side.
-pub struct Shapes {
-    cosines: [[f64; BLOCK]; 6],
-    mean_ratio: [f64; BLOCK],
-    radius_edge: [f64; BLOCK],
-    volume: [f64; BLOCK],
+pub struct SimplexShapeBlock {
+    cosines: [[f64; BLOCK_SIZE]; 6],
+    mean_ratio: [f64; BLOCK_SIZE],
+    radius_edge: [f64; BLOCK_SIZE],
+    volume: [f64; BLOCK_SIZE],
 }
 
-impl Default for Shapes {
+impl Default for SimplexShapeBlock {
     fn default() -> Self {
         Self {
-            cosines: [[0.0; BLOCK]; 6],
-            mean_ratio: [0.0; BLOCK],
-            radius_edge: [0.0; BLOCK],
-            volume: [0.0; BLOCK],
+            cosines: [[0.0; BLOCK_SIZE]; 6],
+            mean_ratio: [0.0; BLOCK_SIZE],
+            radius_edge: [0.0; BLOCK_SIZE],
+            volume: [0.0; BLOCK_SIZE],
         }
     }
 }
 
-impl Shapes {
+impl SimplexShapeBlock {
     /// Measures every tetrahedron of a block.
-    pub fn measure(&mut self, corners: &Corners) {
-        wide(
+    pub fn measure(&mut self, corners: &CornerBlock) {
+        dispatch_simd(
             #[inline(always)]
             || {
-                for i in 0..BLOCK {
-                    let shape = Shape::measure(&corners.of(i));
+                for i in 0..BLOCK_SIZE {
+                    let shape = SimplexShape::measure(&corners.get(i));
                     for e in 0..6 {
                         self.cosines[e][i] = shape.cosines[e];
                     }
@@ -279,8 +279,8 @@ impl Shapes {
 
     /// The figures of one of them.
     #[inline]
-    pub fn get(&self, i: usize) -> Shape {
-        Shape {
+    pub fn get(&self, i: usize) -> SimplexShape {
+        SimplexShape {
             cosines: std::array::from_fn(|e| self.cosines[e][i]),
             mean_ratio: self.mean_ratio[i],
             radius_edge: self.radius_edge[i],
@@ -294,7 +294,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const REGULAR: [[f64; 3]; 4] = [
+    const REGULAR_CORNERS: [[f64; 3]; 4] = [
         [1.0, 1.0, 1.0],
         [-1.0, 1.0, -1.0],
         [1.0, -1.0, -1.0],
@@ -303,13 +303,13 @@ mod tests {
 
     #[test]
     fn regular_tetrahedron() {
-        assert!(volume6(&REGULAR) > 0.0);
-        for angle in dihedral_angles(&REGULAR) {
+        assert!(volume6(&REGULAR_CORNERS) > 0.0);
+        for angle in dihedral_angles(&REGULAR_CORNERS) {
             assert!((angle - (1.0f64 / 3.0).acos().to_degrees()).abs() < 1e-12);
         }
-        assert!((min_sine(&REGULAR) - 8f64.sqrt() / 3.0).abs() < 1e-14);
-        assert!((mean_ratio(&REGULAR) - 1.0).abs() < 1e-14);
-        assert!((radius_edge_ratio(&REGULAR) - 6f64.sqrt() / 4.0).abs() < 1e-14);
+        assert!((min_sine(&REGULAR_CORNERS) - 8f64.sqrt() / 3.0).abs() < 1e-14);
+        assert!((mean_ratio(&REGULAR_CORNERS) - 1.0).abs() < 1e-14);
+        assert!((radius_edge_ratio(&REGULAR_CORNERS) - 6f64.sqrt() / 4.0).abs() < 1e-14);
     }
 
     #[test]
@@ -340,15 +340,15 @@ mod tests {
             picks in proptest::collection::vec(0u32..40, 4 * 50)
         ) {
             let (nodes, tets) = (c.as_chunks::<3>().0, picks.as_chunks::<4>().0);
-            let (mut corners, mut shapes) = (Corners::default(), Shapes::default());
+            let (mut corners, mut shapes) = (CornerBlock::default(), SimplexShapeBlock::default());
             corners.gather(nodes, tets);
             shapes.measure(&corners);
-            let mut sines = [0.0; BLOCK];
+            let mut sines = [0.0; BLOCK_SIZE];
             corners.min_sines(&mut sines);
             for (i, tet) in tets.iter().enumerate() {
                 let p = tet.map(|n| nodes[n as usize]);
                 prop_assert_eq!(sines[i].to_bits(), min_sine(&p).to_bits());
-                let (one, many) = (Shape::of(&p), shapes.get(i));
+                let (one, many) = (SimplexShape::from_corners(&p), shapes.get(i));
                 prop_assert_eq!(one.cosines, many.cosines);
                 prop_assert_eq!(one.mean_ratio.to_bits(), many.mean_ratio.to_bits());
                 prop_assert_eq!(one.volume.to_bits(), many.volume.to_bits());
@@ -359,7 +359,7 @@ mod tests {
         fn shapes_are_the_single_figures(c in proptest::array::uniform12(-1.0f64..1.0)) {
             let p = [[c[0], c[1], c[2]], [c[3], c[4], c[5]], [c[6], c[7], c[8]], [c[9], c[10], c[11]]];
             prop_assume!(volume6(&p).abs() > 1e-4);
-            let shape = Shape::of(&p);
+            let shape = SimplexShape::from_corners(&p);
             let angles = dihedral_angles(&p);
             for (cosine, exact) in shape.cosines.into_iter().zip(angles) {
                 prop_assert!((cosine.acos().to_degrees() - exact).abs() < 1e-5);

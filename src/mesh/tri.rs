@@ -30,7 +30,7 @@ pub const SIDES: [[usize; 2]; 3] = [[1, 2], [2, 0], [0, 1]];
 
 /// Twice the signed area of a triangle; positive for the module's orientation.
 #[inline]
-pub fn area2(p: &[[f64; 2]; 3]) -> f64 {
+pub fn double_area(p: &[[f64; 2]; 3]) -> f64 {
     (p[1][0] - p[0][0]) * (p[2][1] - p[0][1]) - (p[1][1] - p[0][1]) * (p[2][0] - p[0][0])
 }
 
@@ -42,7 +42,7 @@ pub fn squared_sides(p: &[[f64; 2]; 3]) -> [f64; 3] {
 
 /// The three angles in degrees, at nodes 0, 1 and 2.
 pub fn angles(p: &[[f64; 2]; 3]) -> [f64; 3] {
-    let area2 = area2(p).abs();
+    let area2 = double_area(p).abs();
     let [a, b, c] = squared_sides(p);
     // The scalar product of the two edges that meet at the node opposite the first side.
     let at = |opposite: f64, s: f64, t: f64| {
@@ -57,7 +57,7 @@ pub fn angles(p: &[[f64; 2]; 3]) -> [f64; 3] {
 /// 180 - 2 a) exactly when it is at most cot(a).
 #[inline]
 pub fn worst_cotangent(p: &[[f64; 2]; 3]) -> f64 {
-    let area2 = area2(p);
+    let area2 = double_area(p);
     if area2 <= 0.0 {
         return f64::INFINITY;
     }
@@ -68,10 +68,10 @@ pub fn worst_cotangent(p: &[[f64; 2]; 3]) -> f64 {
 
 /// Q = 4 sqrt(3) A / (l1^2 + l2^2 + l3^2): 1 for the equilateral triangle, 0 for a flat or inverted
 /// one (Fernandes & Gattass 2009).
-pub fn shape(p: &[[f64; 2]; 3]) -> f64 {
+pub fn shape_quality(p: &[[f64; 2]; 3]) -> f64 {
     let sum: f64 = squared_sides(p).iter().sum();
     if sum > 0.0 {
-        (2.0 * 3f64.sqrt() * area2(p) / sum).max(0.0)
+        (2.0 * 3f64.sqrt() * double_area(p) / sum).max(0.0)
     } else {
         0.0
     }
@@ -80,7 +80,7 @@ pub fn shape(p: &[[f64; 2]; 3]) -> f64 {
 /// Radius of the circumscribed circle over the shortest edge; 0.577 for the equilateral triangle.
 pub fn radius_edge_ratio(p: &[[f64; 2]; 3]) -> f64 {
     let [a, b, c] = squared_sides(p).map(f64::sqrt);
-    0.5 * a * b * c / area2(p).abs() / a.min(b).min(c)
+    0.5 * a * b * c / double_area(p).abs() / a.min(b).min(c)
 }
 
 /// Neighbours of every triangle by matching edges, in time linear in their number.
@@ -141,13 +141,13 @@ mod tests {
     #[test]
     fn the_equilateral_triangle() {
         let p = [[0.0, 0.0], [2.0, 0.0], [1.0, 3f64.sqrt()]];
-        assert!((area2(&p) - 2.0 * 3f64.sqrt()).abs() < 1e-15);
+        assert!((double_area(&p) - 2.0 * 3f64.sqrt()).abs() < 1e-15);
         assert!(angles(&p).iter().all(|a| (a - 60.0).abs() < 1e-12));
-        assert!((shape(&p) - 1.0).abs() < 1e-15);
+        assert!((shape_quality(&p) - 1.0).abs() < 1e-15);
         assert!((radius_edge_ratio(&p) - 1.0 / 3f64.sqrt()).abs() < 1e-15);
         assert!((worst_cotangent(&p) - 1.0 / 3f64.sqrt()).abs() < 1e-15);
         let inverted = [p[0], p[2], p[1]];
-        assert_eq!(shape(&inverted), 0.0);
+        assert_eq!(shape_quality(&inverted), 0.0);
         assert_eq!(worst_cotangent(&inverted), f64::INFINITY);
     }
 
@@ -157,8 +157,8 @@ mod tests {
         for (got, want) in angles(&p).iter().zip([90.0, 45.0, 45.0]) {
             assert!((got - want).abs() < 1e-12);
         }
-        assert!((shape(&p) - 3f64.sqrt() / 2.0).abs() < 1e-15);
-        assert_eq!(shape(&[[0.0; 2]; 3]), 0.0);
+        assert!((shape_quality(&p) - 3f64.sqrt() / 2.0).abs() < 1e-15);
+        assert_eq!(shape_quality(&[[0.0; 2]; 3]), 0.0);
     }
 
     #[test]
@@ -179,15 +179,15 @@ mod tests {
         #[test]
         fn angles_sum_to_a_half_turn(c in proptest::array::uniform6(-1.0f64..1.0)) {
             let mut p = [[c[0], c[1]], [c[2], c[3]], [c[4], c[5]]];
-            if area2(&p) < 0.0 {
+            if double_area(&p) < 0.0 {
                 p.swap(1, 2);
             }
-            prop_assume!(area2(&p) > 1e-3);
+            prop_assume!(double_area(&p) > 1e-3);
             let angles = angles(&p);
             prop_assert!((angles.iter().sum::<f64>() - 180.0).abs() < 1e-9);
             let smallest = angles.iter().copied().fold(180.0, f64::min).to_radians();
             prop_assert!((worst_cotangent(&p) * smallest.tan() - 1.0).abs() < 1e-6);
-            prop_assert!(shape(&p) <= 1.0 + 1e-12);
+            prop_assert!(shape_quality(&p) <= 1.0 + 1e-12);
         }
     }
 }

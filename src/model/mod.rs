@@ -12,9 +12,9 @@
 pub mod columns;
 pub mod edit;
 pub mod flow;
+pub mod geodesics;
 pub mod paint;
 pub mod reservoir;
 pub mod segment;
 pub mod slice;
 pub mod surface;
-pub mod ways;

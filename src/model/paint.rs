@@ -11,19 +11,19 @@
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap};
 
-use crate::geometry::sets::Sets;
-use crate::model::surface::adjacency::Adjacency;
+use crate::geometry::union_find::UnionFind;
+use crate::model::geodesics::{Arrivals, GeodesicSource, Geodesics};
+use crate::model::surface::adjacency::CellAdjacency;
 use crate::model::surface::facets::NONE;
-use crate::model::ways::{Arrivals, Source, Ways};
 
 /// For each cell the distance to the nearest surface, along ways between cell centres that cross
 /// none; infinite where there is none to reach.
-pub fn clearance<const D: usize>(cells: &Adjacency<D>) -> Vec<f64> {
+pub fn clearance<const D: usize>(cells: &CellAdjacency<D>) -> Vec<f64> {
     let mut least = vec![f64::INFINITY; cells.len()];
     let mut done = vec![false; cells.len()];
     // Distances are not negative, so their bits are in their order.
     let mut queue: BinaryHeap<Reverse<(u64, u32)>> = BinaryHeap::new();
-    for link in cells.links.iter().filter(|link| !link.open) {
+    for link in cells.links.iter().filter(|link| !link.is_open) {
         queue.extend(
             link.cells
                 .map(|c| Reverse(((0.5 * link.distance).to_bits(), c))),
@@ -35,9 +35,9 @@ pub fn clearance<const D: usize>(cells: &Adjacency<D>) -> Vec<f64> {
         }
         let at = f64::from_bits(at);
         least[c as usize] = at;
-        for (_, link, n) in cells.around(c) {
+        for (_, link, n) in cells.links_of(c) {
             let there = at + link.distance;
-            if link.open && !done[n as usize] && there < least[n as usize] {
+            if link.is_open && !done[n as usize] && there < least[n as usize] {
                 least[n as usize] = there;
                 queue.push(Reverse((there.to_bits(), n)));
             }
@@ -51,22 +51,26 @@ pub fn clearance<const D: usize>(cells: &Adjacency<D>) -> Vec<f64> {
 /// most area, openly if they can.
 ///
 /// With `neck` 0, every opening joins; with 1, only ways as wide as the smaller room.
-pub fn blocks<const D: usize>(cells: &Adjacency<D>, neck: f64, least: usize) -> (Vec<u32>, usize) {
+pub fn blocks<const D: usize>(
+    cells: &CellAdjacency<D>,
+    neck: f64,
+    least: usize,
+) -> (Vec<u32>, usize) {
     let clearance = clearance(cells);
     let mut order: Vec<u32> = (0..cells.len() as u32).collect();
     order.sort_by(|&a, &b| {
         let [x, y] = [a, b].map(|c| clearance[c as usize]);
         y.total_cmp(&x).then(a.cmp(&b))
     });
-    let mut sets = Sets::new(cells.len());
+    let mut sets = UnionFind::new(cells.len());
     let mut peak = clearance.clone();
     let mut done = vec![false; cells.len()];
     for &c in &order {
         done[c as usize] = true;
         let here = clearance[c as usize];
         let near = cells
-            .around(c)
-            .filter(|(_, link, n)| link.open && done[*n as usize]);
+            .links_of(c)
+            .filter(|(_, link, n)| link.is_open && done[*n as usize]);
         // Through a wide face, and away from walls.
         let mut near: Vec<(f64, u32)> = near
             .map(|(_, link, n)| (link.area * clearance[n as usize], n))
@@ -83,10 +87,10 @@ pub fn blocks<const D: usize>(cells: &Adjacency<D>, neck: f64, least: usize) -> 
         }
     }
     loop {
-        let (block, count) = sets.clone().numbered();
-        let crumbs = absorbing(cells, &block, count, least);
+        let (block, count) = sets.clone().into_labels();
+        let crumbs = merge_targets(cells, &block, count, least);
         if crumbs.is_empty() {
-            return by_size(cells, block, count);
+            return sort_by_volume(cells, block, count);
         }
         let mut first = vec![NONE; count];
         for (c, &b) in block.iter().enumerate().rev() {
@@ -99,8 +103,8 @@ pub fn blocks<const D: usize>(cells: &Adjacency<D>, neck: f64, least: usize) -> 
 }
 
 /// The blocks of fewer than `least` cells, and the neighbour that each should join.
-fn absorbing<const D: usize>(
-    cells: &Adjacency<D>,
+fn merge_targets<const D: usize>(
+    cells: &CellAdjacency<D>,
     block: &[u32],
     count: usize,
     least: usize,
@@ -115,7 +119,7 @@ fn absorbing<const D: usize>(
         for (from, to) in [(a, b), (b, a)] {
             if a != b && size[from as usize] < least {
                 // Any opening counts for more than all that is closed.
-                let weight = if link.open { 1e6 } else { 1.0 };
+                let weight = if link.is_open { 1e6 } else { 1.0 };
                 *shared.entry((from, to)).or_default() += weight * link.area;
             }
         }
@@ -131,8 +135,8 @@ fn absorbing<const D: usize>(
 }
 
 /// Blocks numbered by falling volume.
-fn by_size<const D: usize>(
-    cells: &Adjacency<D>,
+fn sort_by_volume<const D: usize>(
+    cells: &CellAdjacency<D>,
     mut block: Vec<u32>,
     count: usize,
 ) -> (Vec<u32>, usize) {
@@ -154,24 +158,24 @@ fn by_size<const D: usize>(
 /// the shortest way, as far as `level`; it stays in the block (see [`blocks`]) of its seed. What links
 /// say in `harder` (see [`contrast`]) lengthens ways through them.
 pub fn paint<const D: usize>(
-    ways: &Ways<'_, D>,
+    ways: &Geodesics<'_, D>,
     block: &[u32],
     harder: Option<&[f64]>,
-    seeds: &[Source<D>],
+    seeds: &[GeodesicSource<D>],
     level: f64,
 ) -> Arrivals {
     let links = &ways.cells().links;
     let passes = |l: usize| {
         let [a, b] = links[l].cells.map(|c| block[c as usize]);
-        links[l].open && a == b
+        links[l].is_open && a == b
     };
     let toll = |l: usize| harder.map_or(0.0, |harder| (harder[l] - 1.0) * links[l].distance);
-    ways.spread(seeds, passes, toll, level)
+    ways.shortest_paths(seeds, passes, toll, level)
 }
 
 /// How much harder paint flows between cells whose image values differ: 1 + (difference / rms
 /// difference)^2, for each link.
-pub fn contrast<const D: usize>(cells: &Adjacency<D>, values: &[f64]) -> Vec<f64> {
+pub fn contrast_factors<const D: usize>(cells: &CellAdjacency<D>, values: &[f64]) -> Vec<f64> {
     let square = |[a, b]: [u32; 2]| (values[a as usize] - values[b as usize]).powi(2);
     let sum: f64 = cells.links.iter().map(|link| square(link.cells)).sum();
     let mean = sum / cells.links.len().max(1) as f64;

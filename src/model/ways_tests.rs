@@ -5,12 +5,12 @@ use crate::geometry::random::Random;
 use crate::mesh::boxes::jittered_box;
 use crate::mesh::voronoi::voronoi_plane;
 use crate::mesh::{Simplices, TetMesh, TriMesh};
-use crate::model::surface::adjacency::holding;
+use crate::model::surface::adjacency::find_cell;
 
 /// Ways on a mesh from a point, as far as `most`, and how well the cells that they reach agree with the
 /// places for which `within` holds: Dice's coefficient, which whole cells cannot make 1, and that of all
 /// cells of which half and more is within.
-fn dice<const D: usize, F: Mesh<D>>(
+fn check_geodesics<const D: usize, F: Mesh<D>>(
     mesh: &F,
     closed: &[[u32; D]],
     at: [f64; D],
@@ -18,11 +18,15 @@ fn dice<const D: usize, F: Mesh<D>>(
     within: impl Fn([f64; D]) -> bool,
 ) -> [f64; 2] {
     let across = mesh.cells_of_faces().unwrap();
-    let cells = Adjacency::new(mesh, &across, closed);
-    let ways = Ways::new(mesh, &across, &cells);
-    let cell = holding(mesh, &across, at).unwrap();
-    let source = Source { at, cell, label: 3 };
-    let found = ways.spread(&[source], |l| cells.links[l].open, |_| 0.0, most);
+    let cells = CellAdjacency::new(mesh, &across, closed);
+    let ways = Geodesics::new(mesh, &across, &cells);
+    let cell = find_cell(mesh, &across, at).unwrap();
+    let source = GeodesicSource {
+        position: at,
+        cell,
+        label: 3,
+    };
+    let found = ways.shortest_paths(&[source], |l| cells.links[l].is_open, |_| 0.0, most);
     let reached = |c: usize| found.label[c].is_some();
     for c in 0..cells.len() {
         assert!(found.cost[c].is_finite() == reached(c));
@@ -71,7 +75,7 @@ fn length<const D: usize>(a: [f64; D], b: [f64; D]) -> f64 {
 }
 
 /// Atoms in the plane about `d` apart.
-fn scattered(extent: f64, d: f64) -> Vec<[f64; 2]> {
+fn random_points(extent: f64, d: f64) -> Vec<[f64; 2]> {
     let n = (extent / d) as usize;
     let mut random = Random::new(2);
     let mut atoms = Vec::new();
@@ -91,13 +95,13 @@ fn ways_reach_a_disc_and_a_ball_whatever_the_cells() {
         let middle = [0.5 * extent + 0.3, 0.5 * extent - 0.4];
         let disc = |p| length(p, middle) <= radius;
         let squares: TriMesh = jittered_box([n; 2], [extent; 2], 0.3, |_| true);
-        let [found, best] = dice(&squares, &[], middle, radius, disc);
+        let [found, best] = check_geodesics(&squares, &[], middle, radius, disc);
         assert!(
             found > 0.97 && found > best - 0.003,
             "triangles, {d}: {found} {best}"
         );
-        let polygons = voronoi_plane(&scattered(extent, d), [extent; 2]).unwrap();
-        let [found, best] = dice(&polygons, &[], middle, radius, disc);
+        let polygons = voronoi_plane(&random_points(extent, d), [extent; 2]).unwrap();
+        let [found, best] = check_geodesics(&polygons, &[], middle, radius, disc);
         assert!(
             found > 0.97 && found > best - 0.003,
             "polygons, {d}: {found} {best}"
@@ -105,7 +109,7 @@ fn ways_reach_a_disc_and_a_ball_whatever_the_cells() {
     }
     let cubes: TetMesh = jittered_box([16; 3], [32.0; 3], 0.25, |_| true);
     let middle = [16.3, 15.8, 16.1];
-    let [found, best] = dice(&cubes, &[], middle, 15.0, |p| length(p, middle) <= 15.0);
+    let [found, best] = check_geodesics(&cubes, &[], middle, 15.0, |p| length(p, middle) <= 15.0);
     assert!(
         found > 0.96 && found > best - 0.003,
         "tetrahedra: {found} {best}"
@@ -148,10 +152,10 @@ fn ways_go_round_the_end_of_a_wall() {
         wall.sort_unstable();
         wall.dedup();
         assert_eq!(wall.len(), n / 2);
-        let [found, best] = dice(&mesh, &wall, at, most, |p| way(p) <= most);
+        let [found, best] = check_geodesics(&mesh, &wall, at, most, |p| way(p) <= most);
         assert!(found > least && found > best - 0.02, "{n}: {found} {best}");
         // As the crow flies it would be another place.
-        assert!(dice(&mesh, &wall, at, most, |p| length(at, p) <= most)[0] < 0.93);
+        assert!(check_geodesics(&mesh, &wall, at, most, |p| length(at, p) <= most)[0] < 0.93);
     }
 }
 
@@ -159,16 +163,20 @@ fn ways_go_round_the_end_of_a_wall() {
 fn tolls_are_paid_and_the_nearer_source_wins() {
     let mesh: TriMesh = jittered_box([40, 10], [40.0, 10.0], 0.2, |_| true);
     let across = mesh.cells_of_faces().unwrap();
-    let cells = Adjacency::new(&mesh, &across, &[]);
-    let ways = Ways::new(&mesh, &across, &cells);
+    let cells = CellAdjacency::new(&mesh, &across, &[]);
+    let ways = Geodesics::new(&mesh, &across, &cells);
     let source = |x: f64, label| {
         let at = [x, 5.1];
-        let cell = holding(&mesh, &across, at).unwrap();
-        Source { at, cell, label }
+        let cell = find_cell(&mesh, &across, at).unwrap();
+        GeodesicSource {
+            position: at,
+            cell,
+            label,
+        }
     };
     let both = [source(4.3, 1), source(30.1, 2)];
     let divide = |toll: &dyn Fn(usize) -> f64| {
-        let found = ways.spread(&both, |_| true, toll, f64::INFINITY);
+        let found = ways.shortest_paths(&both, |_| true, toll, f64::INFINITY);
         let own = (0..cells.len()).filter(|&c| found.label[c] == Some(1));
         own.map(|c| cells.volumes[c]).sum::<f64>() / 10.0
     };

@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::{Indexed, Limits, Parallel};
+use super::{Indexed, Parallel, PieceLimits};
 
 /// [`Parallel::map`].
 pub struct Map<P, F> {
@@ -18,7 +18,7 @@ impl<P: Parallel, R: Send, F: Fn(P::Item) -> R + Sync> Parallel for Map<P, F> {
         self.base.len()
     }
 
-    fn limits(&self) -> Limits {
+    fn limits(&self) -> PieceLimits {
         self.base.limits()
     }
 
@@ -54,7 +54,7 @@ where
         self.base.len()
     }
 
-    fn limits(&self) -> Limits {
+    fn limits(&self) -> PieceLimits {
         self.base.limits()
     }
 
@@ -92,7 +92,7 @@ impl<P: Parallel, F: Fn(&P::Item) -> bool + Sync> Parallel for Filter<P, F> {
         self.base.len()
     }
 
-    fn limits(&self) -> Limits {
+    fn limits(&self) -> PieceLimits {
         self.base.limits()
     }
 
@@ -119,7 +119,7 @@ impl<P: Parallel, R: Send, F: Fn(P::Item) -> Option<R> + Sync> Parallel for Filt
         self.base.len()
     }
 
-    fn limits(&self) -> Limits {
+    fn limits(&self) -> PieceLimits {
         self.base.limits()
     }
 
@@ -152,7 +152,7 @@ where
         self.base.len()
     }
 
-    fn limits(&self) -> Limits {
+    fn limits(&self) -> PieceLimits {
         self.base.limits()
     }
 
@@ -169,7 +169,7 @@ where
 pub struct TakeAnyWhile<P, F> {
     pub(super) base: P,
     pub(super) f: F,
-    pub(super) ended: AtomicBool,
+    pub(super) is_done: AtomicBool,
 }
 
 impl<P: Parallel, F: Fn(&P::Item) -> bool + Sync> Parallel for TakeAnyWhile<P, F> {
@@ -180,7 +180,7 @@ impl<P: Parallel, F: Fn(&P::Item) -> bool + Sync> Parallel for TakeAnyWhile<P, F
         self.base.len()
     }
 
-    fn limits(&self) -> Limits {
+    fn limits(&self) -> PieceLimits {
         self.base.limits()
     }
 
@@ -190,9 +190,9 @@ impl<P: Parallel, F: Fn(&P::Item) -> bool + Sync> Parallel for TakeAnyWhile<P, F
 
     fn items(&self, piece: P::Piece) -> impl Iterator<Item = P::Item> {
         self.base.items(piece).take_while(|item| {
-            let goes_on = !self.ended.load(Ordering::Relaxed) && (self.f)(item);
+            let goes_on = !self.is_done.load(Ordering::Relaxed) && (self.f)(item);
             if !goes_on {
-                self.ended.store(true, Ordering::Relaxed);
+                self.is_done.store(true, Ordering::Relaxed);
             }
             goes_on
         })
@@ -212,7 +212,7 @@ impl<P: Indexed> Parallel for Enumerate<P> {
         self.base.len()
     }
 
-    fn limits(&self) -> Limits {
+    fn limits(&self) -> PieceLimits {
         self.base.limits()
     }
 
@@ -246,11 +246,11 @@ impl<A: Indexed, B: Indexed> Parallel for Zip<A, B> {
         self.a.len().min(self.b.len())
     }
 
-    fn limits(&self) -> Limits {
+    fn limits(&self) -> PieceLimits {
         let (a, b) = (self.a.limits(), self.b.limits());
-        Limits {
-            least: a.least.max(b.least),
-            most: a.most.min(b.most),
+        PieceLimits {
+            min_len: a.min_len.max(b.min_len),
+            max_len: a.max_len.min(b.max_len),
         }
     }
 
@@ -267,12 +267,12 @@ impl<A: Indexed, B: Indexed> Parallel for Zip<A, B> {
 impl<A: Indexed, B: Indexed> Indexed for Zip<A, B> {}
 
 /// [`Indexed::with_min_len`] and [`Indexed::with_max_len`].
-pub struct Limited<P> {
+pub struct MinMaxLen<P> {
     pub(super) base: P,
-    pub(super) limits: Limits,
+    pub(super) limits: PieceLimits,
 }
 
-impl<P: Indexed> Parallel for Limited<P> {
+impl<P: Indexed> Parallel for MinMaxLen<P> {
     type Item = P::Item;
     type Piece = P::Piece;
 
@@ -280,7 +280,7 @@ impl<P: Indexed> Parallel for Limited<P> {
         self.base.len()
     }
 
-    fn limits(&self) -> Limits {
+    fn limits(&self) -> PieceLimits {
         self.limits
     }
 
@@ -293,4 +293,4 @@ impl<P: Indexed> Parallel for Limited<P> {
     }
 }
 
-impl<P: Indexed> Indexed for Limited<P> {}
+impl<P: Indexed> Indexed for MinMaxLen<P> {}

@@ -21,9 +21,9 @@ mod tests;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-use adaptors::{Enumerate, Filter, FilterMap, FlatMap, Limited, Map, MapInit, TakeAnyWhile, Zip};
+use adaptors::{Enumerate, Filter, FilterMap, FlatMap, Map, MapInit, MinMaxLen, TakeAnyWhile, Zip};
 use rayon::iter::{IndexedParallelIterator as _, ParallelIterator as _};
-use sources::Owned;
+use sources::VecItems;
 
 /// The traits, for `use crate::parallel::prelude::*`.
 pub mod prelude {
@@ -34,10 +34,10 @@ pub mod prelude {
 
 /// Pieces for each thread: enough that threads end at about the same time though items take unequally long, and
 /// few enough that scratch space made for each piece pays.
-const PIECES_A_THREAD: usize = 32;
+const PIECES_PER_THREAD: usize = 32;
 
 /// Calls `work` with each number below `count`, on all threads. The only place where loops meet rayon's scheduler.
-fn for_each_number(count: usize, work: &(dyn Fn(usize) + Sync)) {
+fn for_each_index(count: usize, work: &(dyn Fn(usize) + Sync)) {
     if count <= 1 || rayon::current_num_threads() == 1 {
         (0..count).for_each(work);
     } else {
@@ -48,12 +48,12 @@ fn for_each_number(count: usize, work: &(dyn Fn(usize) + Sync)) {
 }
 
 /// Returns what `work` makes of each piece, in the order of the pieces.
-fn for_each_piece<P: Send, R: Send>(pieces: Vec<P>, work: &(dyn Fn(P) -> R + Sync)) -> Vec<R> {
+fn map_pieces<P: Send, R: Send>(pieces: Vec<P>, work: &(dyn Fn(P) -> R + Sync)) -> Vec<R> {
     let slots: Vec<Mutex<(Option<P>, Option<R>)>> = pieces
         .into_iter()
         .map(|piece| Mutex::new((Some(piece), None)))
         .collect();
-    for_each_number(slots.len(), &|number| {
+    for_each_index(slots.len(), &|number| {
         let lock = || slots[number].lock().unwrap_or_else(PoisonError::into_inner);
         let piece = lock().0.take();
         // The lock is not held meanwhile.
@@ -68,16 +68,19 @@ fn for_each_piece<P: Send, R: Send>(pieces: Vec<P>, work: &(dyn Fn(P) -> R + Syn
 
 /// How many items a piece may have.
 #[derive(Debug, Clone, Copy)]
-pub struct Limits {
-    least: usize,
-    most: usize,
+pub struct PieceLimits {
+    min_len: usize,
+    max_len: usize,
 }
 
-impl Limits {
+impl PieceLimits {
     /// Returns how many of `len` items a piece has.
-    fn piece_of(self, len: usize) -> usize {
-        let pieces = PIECES_A_THREAD * rayon::current_num_threads();
-        len.div_ceil(pieces).max(self.least).min(self.most).max(1)
+    fn piece_len(self, len: usize) -> usize {
+        let pieces = PIECES_PER_THREAD * rayon::current_num_threads();
+        len.div_ceil(pieces)
+            .max(self.min_len)
+            .min(self.max_len)
+            .max(1)
     }
 }
 
@@ -95,10 +98,10 @@ pub trait Parallel: Sized + Sync {
     fn len(&self) -> usize;
 
     /// Returns how many items a piece may have.
-    fn limits(&self) -> Limits {
-        Limits {
-            least: 1,
-            most: usize::MAX,
+    fn limits(&self) -> PieceLimits {
+        PieceLimits {
+            min_len: 1,
+            max_len: usize::MAX,
         }
     }
 
@@ -155,7 +158,7 @@ pub trait Parallel: Sized + Sync {
         TakeAnyWhile {
             base: self,
             f,
-            ended: AtomicBool::new(false),
+            is_done: AtomicBool::new(false),
         }
     }
 
@@ -169,20 +172,20 @@ pub trait Parallel: Sized + Sync {
     }
 
     /// Returns what `work` makes of each piece, in the order of the pieces.
-    fn for_pieces<R: Send>(mut self, work: impl Fn(&Self, Self::Piece) -> R + Sync) -> Vec<R> {
-        let size = self.limits().piece_of(self.len());
+    fn map_pieces<R: Send>(mut self, work: impl Fn(&Self, Self::Piece) -> R + Sync) -> Vec<R> {
+        let size = self.limits().piece_len(self.len());
         let pieces = self.pieces(size);
-        for_each_piece(pieces, &|piece| work(&self, piece))
+        map_pieces(pieces, &|piece| work(&self, piece))
     }
 
     /// Calls `f` with each item.
     fn for_each<F: Fn(Self::Item) + Sync>(self, f: F) {
-        self.for_pieces(|all, piece| all.items(piece).for_each(&f));
+        self.map_pieces(|all, piece| all.items(piece).for_each(&f));
     }
 
     /// Calls `f` with each item and a state that `init` makes for each piece.
     fn for_each_init<S>(self, init: impl Fn() -> S + Sync, f: impl Fn(&mut S, Self::Item) + Sync) {
-        self.for_pieces(|all, piece| {
+        self.map_pieces(|all, piece| {
             let mut state = init();
             all.items(piece).for_each(|item| f(&mut state, item));
         });
@@ -209,7 +212,7 @@ pub trait Parallel: Sized + Sync {
         f: impl Fn(&mut S, Self::Item) -> Result<(), E> + Sync,
     ) -> Result<(), E> {
         let failed = AtomicBool::new(false);
-        let ended = self.for_pieces(|all, piece| {
+        let ended = self.map_pieces(|all, piece| {
             if failed.load(Ordering::Relaxed) {
                 return Ok(());
             }
@@ -223,7 +226,7 @@ pub trait Parallel: Sized + Sync {
 
     /// Collects the items in their order.
     fn collect<C: Collect<Self::Item>>(self) -> C {
-        C::from_pieces(self.for_pieces(|all, piece| C::of_piece(all.items(piece))))
+        C::from_pieces(self.map_pieces(|all, piece| C::collect_piece(all.items(piece))))
     }
 
     /// Collects the two halves of the items, which are pairs.
@@ -231,20 +234,20 @@ pub trait Parallel: Sized + Sync {
     where
         Self: Parallel<Item = (A, B)>,
     {
-        let pieces = self.for_pieces(|all, piece| all.items(piece).unzip());
+        let pieces = self.map_pieces(|all, piece| all.items(piece).unzip());
         let (a, b): (Vec<Vec<A>>, Vec<Vec<B>>) = pieces.into_iter().unzip();
         (Vec::from_pieces(a), Vec::from_pieces(b))
     }
 
     /// Sums the items of each piece, and then these sums: for numbers of which the order makes no difference.
     fn sum<S: std::iter::Sum<Self::Item> + std::iter::Sum<S> + Send>(self) -> S {
-        let sums = self.for_pieces(|all, piece| all.items(piece).sum::<S>());
+        let sums = self.map_pieces(|all, piece| all.items(piece).sum::<S>());
         sums.into_iter().sum()
     }
 
     /// Returns the number of items.
     fn count(self) -> usize {
-        let counts = self.for_pieces(|all, piece| all.items(piece).count());
+        let counts = self.map_pieces(|all, piece| all.items(piece).count());
         counts.into_iter().sum()
     }
 
@@ -253,7 +256,7 @@ pub trait Parallel: Sized + Sync {
     where
         Self::Item: Ord,
     {
-        let least = self.for_pieces(|all, piece| all.items(piece).min());
+        let least = self.map_pieces(|all, piece| all.items(piece).min());
         least.into_iter().flatten().min()
     }
 
@@ -262,7 +265,7 @@ pub trait Parallel: Sized + Sync {
     where
         Self::Item: Ord,
     {
-        let greatest = self.for_pieces(|all, piece| all.items(piece).max());
+        let greatest = self.map_pieces(|all, piece| all.items(piece).max());
         greatest.into_iter().flatten().max()
     }
 
@@ -272,7 +275,7 @@ pub trait Parallel: Sized + Sync {
         identity: impl Fn() -> Self::Item + Sync,
         f: impl Fn(Self::Item, Self::Item) -> Self::Item + Sync,
     ) -> Self::Item {
-        let reduced = self.for_pieces(|all, piece| all.items(piece).fold(identity(), &f));
+        let reduced = self.map_pieces(|all, piece| all.items(piece).fold(identity(), &f));
         reduced.into_iter().fold(identity(), &f)
     }
 
@@ -281,8 +284,8 @@ pub trait Parallel: Sized + Sync {
         self,
         identity: impl Fn() -> T + Sync,
         f: impl Fn(T, Self::Item) -> T + Sync,
-    ) -> Owned<T> {
-        let folded = self.for_pieces(|all, piece| all.items(piece).fold(identity(), &f));
+    ) -> VecItems<T> {
+        let folded = self.map_pieces(|all, piece| all.items(piece).fold(identity(), &f));
         folded.into_par_iter()
     }
 
@@ -294,7 +297,7 @@ pub trait Parallel: Sized + Sync {
     /// Returns whether `f` is true of any item.
     fn any(self, f: impl Fn(Self::Item) -> bool + Sync) -> bool {
         let found = AtomicBool::new(false);
-        self.for_pieces(|all, piece| {
+        self.map_pieces(|all, piece| {
             if !found.load(Ordering::Relaxed) && all.items(piece).any(&f) {
                 found.store(true, Ordering::Relaxed);
             }
@@ -319,21 +322,21 @@ pub trait Indexed: Parallel {
     }
 
     /// Asks for pieces of at least so many items.
-    fn with_min_len(self, least: usize) -> Limited<Self> {
-        let limits = Limits {
-            least,
+    fn with_min_len(self, least: usize) -> MinMaxLen<Self> {
+        let limits = PieceLimits {
+            min_len: least,
             ..self.limits()
         };
-        Limited { base: self, limits }
+        MinMaxLen { base: self, limits }
     }
 
     /// Asks for pieces of at most so many items.
-    fn with_max_len(self, most: usize) -> Limited<Self> {
-        let limits = Limits {
-            most,
+    fn with_max_len(self, most: usize) -> MinMaxLen<Self> {
+        let limits = PieceLimits {
+            max_len: most,
             ..self.limits()
         };
-        Limited { base: self, limits }
+        MinMaxLen { base: self, limits }
     }
 
     /// Returns the number of the first item of which `f` is true.
@@ -356,7 +359,7 @@ pub trait Collect<T>: Sized {
     type Piece: Send;
 
     /// Collects a piece.
-    fn of_piece(items: impl Iterator<Item = T>) -> Self::Piece;
+    fn collect_piece(items: impl Iterator<Item = T>) -> Self::Piece;
 
     /// Joins the pieces.
     fn from_pieces(pieces: Vec<Self::Piece>) -> Self;
@@ -365,7 +368,7 @@ pub trait Collect<T>: Sized {
 impl<T: Send> Collect<T> for Vec<T> {
     type Piece = Self;
 
-    fn of_piece(items: impl Iterator<Item = T>) -> Self {
+    fn collect_piece(items: impl Iterator<Item = T>) -> Self {
         items.collect()
     }
 
@@ -383,7 +386,7 @@ impl<T: Send> Collect<T> for Vec<T> {
 impl<T: Send, E: Send> Collect<Result<T, E>> for Result<Vec<T>, E> {
     type Piece = Self;
 
-    fn of_piece(items: impl Iterator<Item = Result<T, E>>) -> Self {
+    fn collect_piece(items: impl Iterator<Item = Result<T, E>>) -> Self {
         items.collect()
     }
 
@@ -396,7 +399,7 @@ impl<T: Send, E: Send> Collect<Result<T, E>> for Result<Vec<T>, E> {
 impl<E: Send> Collect<Result<(), E>> for Result<(), E> {
     type Piece = Self;
 
-    fn of_piece(mut items: impl Iterator<Item = Self>) -> Self {
+    fn collect_piece(mut items: impl Iterator<Item = Self>) -> Self {
         items.try_for_each(|item| item)
     }
 
@@ -408,7 +411,7 @@ impl<E: Send> Collect<Result<(), E>> for Result<(), E> {
 impl<T: Send> Collect<Option<T>> for Option<Vec<T>> {
     type Piece = Self;
 
-    fn of_piece(items: impl Iterator<Item = Option<T>>) -> Self {
+    fn collect_piece(items: impl Iterator<Item = Option<T>>) -> Self {
         items.collect()
     }
 
@@ -446,7 +449,7 @@ pub trait ParallelExtend<T> {
 
 impl<T: Send> ParallelExtend<T> for Vec<T> {
     fn par_extend(&mut self, items: impl Parallel<Item = T>) {
-        let pieces = items.for_pieces(|all, piece| all.items(piece).collect::<Self>());
+        let pieces = items.map_pieces(|all, piece| all.items(piece).collect::<Self>());
         self.reserve(pieces.iter().map(Self::len).sum());
         pieces.into_iter().for_each(|piece| self.extend(piece));
     }

@@ -13,11 +13,11 @@ fn ranges(len: usize, size: usize) -> impl Iterator<Item = Range<usize>> {
 }
 
 /// A loop over whole numbers.
-pub struct Numbers<T>(Range<T>);
+pub struct RangeItems<T>(Range<T>);
 
 macro_rules! numbers {
     ($number:ty) => {
-        impl Parallel for Numbers<$number> {
+        impl Parallel for RangeItems<$number> {
             type Item = $number;
             type Piece = Range<$number>;
 
@@ -36,14 +36,14 @@ macro_rules! numbers {
             }
         }
 
-        impl Indexed for Numbers<$number> {}
+        impl Indexed for RangeItems<$number> {}
 
         impl IntoParallel for Range<$number> {
             type Item = $number;
-            type Loop = Numbers<$number>;
+            type Loop = RangeItems<$number>;
 
-            fn into_par_iter(self) -> Numbers<$number> {
-                Numbers(self)
+            fn into_par_iter(self) -> RangeItems<$number> {
+                RangeItems(self)
             }
         }
     };
@@ -78,14 +78,14 @@ impl<T: Sync> Indexed for Items<'_, T> {}
 /// A loop over the items of a slice, which it may change.
 pub struct ItemsMut<'a, T> {
     len: usize,
-    all: Mutex<&'a mut [T]>,
+    slice: Mutex<&'a mut [T]>,
 }
 
 impl<'a, T> ItemsMut<'a, T> {
     fn new(all: &'a mut [T]) -> Self {
         Self {
             len: all.len(),
-            all: Mutex::new(all),
+            slice: Mutex::new(all),
         }
     }
 }
@@ -99,7 +99,7 @@ impl<'a, T: Send> Parallel for ItemsMut<'a, T> {
     }
 
     fn pieces(&mut self, size: usize) -> Vec<&'a mut [T]> {
-        taken(&mut self.all).chunks_mut(size).collect()
+        take_inner(&mut self.slice).chunks_mut(size).collect()
     }
 
     fn items(&self, piece: &'a mut [T]) -> impl Iterator<Item = &'a mut T> {
@@ -134,7 +134,7 @@ impl<T: Sync> Indexed for Chunks<'_, T> {}
 /// A loop over chunks of a slice, which it may change.
 pub struct ChunksMut<'a, T> {
     chunk: usize,
-    all: ItemsMut<'a, T>,
+    items: ItemsMut<'a, T>,
 }
 
 impl<'a, T: Send> Parallel for ChunksMut<'a, T> {
@@ -142,11 +142,11 @@ impl<'a, T: Send> Parallel for ChunksMut<'a, T> {
     type Piece = &'a mut [T];
 
     fn len(&self) -> usize {
-        self.all.len.div_ceil(self.chunk)
+        self.items.len.div_ceil(self.chunk)
     }
 
     fn pieces(&mut self, size: usize) -> Vec<&'a mut [T]> {
-        self.all.pieces(size * self.chunk)
+        self.items.pieces(size * self.chunk)
     }
 
     fn items(&self, piece: &'a mut [T]) -> impl Iterator<Item = &'a mut [T]> {
@@ -157,12 +157,12 @@ impl<'a, T: Send> Parallel for ChunksMut<'a, T> {
 impl<T: Send> Indexed for ChunksMut<'_, T> {}
 
 /// A loop over items that it owns.
-pub struct Owned<T> {
+pub struct VecItems<T> {
     len: usize,
-    all: Mutex<Vec<T>>,
+    items: Mutex<Vec<T>>,
 }
 
-impl<T: Send> Parallel for Owned<T> {
+impl<T: Send> Parallel for VecItems<T> {
     type Item = T;
     type Piece = Vec<T>;
 
@@ -171,7 +171,7 @@ impl<T: Send> Parallel for Owned<T> {
     }
 
     fn pieces(&mut self, size: usize) -> Vec<Vec<T>> {
-        let mut rest = taken(&mut self.all).into_iter();
+        let mut rest = take_inner(&mut self.items).into_iter();
         let count = self.len.div_ceil(size);
         (0..count)
             .map(|_| rest.by_ref().take(size).collect())
@@ -183,22 +183,22 @@ impl<T: Send> Parallel for Owned<T> {
     }
 }
 
-impl<T: Send> Indexed for Owned<T> {}
+impl<T: Send> Indexed for VecItems<T> {}
 
 impl<T: Send> IntoParallel for Vec<T> {
     type Item = T;
-    type Loop = Owned<T>;
+    type Loop = VecItems<T>;
 
-    fn into_par_iter(self) -> Owned<T> {
-        Owned {
+    fn into_par_iter(self) -> VecItems<T> {
+        VecItems {
             len: self.len(),
-            all: Mutex::new(self),
+            items: Mutex::new(self),
         }
     }
 }
 
 /// What a lock that nobody else has any more holds.
-fn taken<T: Default>(lock: &mut Mutex<T>) -> T {
+fn take_inner<T: Default>(lock: &mut Mutex<T>) -> T {
     std::mem::take(lock.get_mut().unwrap_or_else(PoisonError::into_inner))
 }
 
@@ -274,7 +274,7 @@ impl<T> ParallelSliceMut<T> for [T] {
     fn par_chunks_mut(&mut self, size: usize) -> ChunksMut<'_, T> {
         ChunksMut {
             chunk: size,
-            all: ItemsMut::new(self),
+            items: ItemsMut::new(self),
         }
     }
 }

@@ -1,4 +1,4 @@
-use super::super::acute::Pair;
+use super::super::acute::AcutePair;
 use super::super::quality::quality;
 use super::*;
 use crate::mesh::Mesh;
@@ -6,38 +6,46 @@ use crate::mesh::boxes::kuhn_box;
 use crate::mesh::{TetMesh, TriMesh};
 
 /// Cubes along x and y; a few along z.
-const N: usize = 12;
-const DEEP: usize = 4;
+const CUBES_XY: usize = 12;
+const CUBES_Z: usize = 4;
 /// Numbers of a node along x and y.
-type At = [usize; 2];
+type GridIndex = [usize; 2];
 
 /// Cubes cut into tetrahedra along all diagonal planes x - y = const, in units of their own, so narrow
 /// along x that those planes are at `degrees` to the planes x = const.
-fn space(degrees: f64) -> TetMesh {
-    let mut mesh = kuhn_box([N, N, DEEP], 1.0);
+fn tetrahedra_of_cubes(degrees: f64) -> TetMesh {
+    let mut mesh = kuhn_box([CUBES_XY, CUBES_XY, CUBES_Z], 1.0);
     let narrow = degrees.to_radians().tan();
     mesh.nodes.iter_mut().for_each(|x| x[0] *= narrow);
     mesh
 }
 
 /// The same of squares in the plane.
-fn plane(degrees: f64) -> TriMesh {
+fn triangles_of_squares(degrees: f64) -> TriMesh {
     let narrow = degrees.to_radians().tan();
-    let at = |i: usize| [(i % (N + 1)) as f64 * narrow, (i / (N + 1)) as f64];
+    let at = |i: usize| {
+        [
+            (i % (CUBES_XY + 1)) as f64 * narrow,
+            (i / (CUBES_XY + 1)) as f64,
+        ]
+    };
     let square = |i: usize| {
-        let a = (i / N * (N + 1) + i % N) as u32;
-        let [b, c, d] = [1, N as u32 + 1, N as u32 + 2].map(|more| a + more);
+        let a = (i / CUBES_XY * (CUBES_XY + 1) + i % CUBES_XY) as u32;
+        let [b, c, d] = [1, CUBES_XY as u32 + 1, CUBES_XY as u32 + 2].map(|more| a + more);
         [[a, b, d], [a, d, c]]
     };
     TriMesh {
-        nodes: (0..(N + 1) * (N + 1)).map(at).collect(),
-        triangles: (0..N * N).flat_map(square).collect(),
+        nodes: (0..(CUBES_XY + 1) * (CUBES_XY + 1)).map(at).collect(),
+        triangles: (0..CUBES_XY * CUBES_XY).flat_map(square).collect(),
     }
 }
 
-fn at(node: u32) -> At {
+fn grid_index(node: u32) -> GridIndex {
     let node = node as usize;
-    [node % (N + 1), node / (N + 1) % (N + 1)]
+    [
+        node % (CUBES_XY + 1),
+        node / (CUBES_XY + 1) % (CUBES_XY + 1),
+    ]
 }
 
 fn extent<const D: usize, M: Simplices<D>>(mesh: &M) -> [f64; D] {
@@ -48,40 +56,50 @@ fn extent<const D: usize, M: Simplices<D>>(mesh: &M) -> [f64; D] {
 }
 
 /// Bits of the faces that lie on one of the features.
-fn faces<const D: usize, M: Simplices<D>>(mesh: &M, features: &[fn(At) -> bool]) -> Vec<u8> {
-    let on = |face: [u32; D]| features.iter().any(|on| face.iter().all(|&n| on(at(n))));
+fn feature_bits<const D: usize, M: Simplices<D>>(
+    mesh: &M,
+    features: &[fn(GridIndex) -> bool],
+) -> Vec<u8> {
+    let on = |face: [u32; D]| {
+        features
+            .iter()
+            .any(|on| face.iter().all(|&n| on(grid_index(n))))
+    };
     let bits = |c: usize| (0..=D).map(|k| u8::from(on(mesh.face(c, k))) << k).sum();
     (0..mesh.len()).map(bits).collect()
 }
 
-fn judge<const D: usize, M: Simplices<D>>(mesh: &M, features: &[fn(At) -> bool]) -> Judged {
-    judged(mesh, &faces(mesh, features), extent(mesh), |_| 1.0)
+fn judge<const D: usize, M: Simplices<D>>(
+    mesh: &M,
+    features: &[fn(GridIndex) -> bool],
+) -> AngleAssessment {
+    assess_angles(mesh, &feature_bits(mesh, features), extent(mesh), |_| 1.0)
 }
 
-fn middle(at: At) -> bool {
-    at[0] == N / 2
+fn is_middle(at: GridIndex) -> bool {
+    at[0] == CUBES_XY / 2
 }
 
-fn diagonal(at: At) -> bool {
+fn is_diagonal(at: GridIndex) -> bool {
     at[0] == at[1]
 }
 
 /// The diagonal moved along y, so that it ends in the middle of a side.
-fn beside(at: At) -> bool {
+fn is_shifted_diagonal(at: GridIndex) -> bool {
     at[0] + 3 == at[1]
 }
 
 /// What is known of lines: pair, length, least and mean angle, numbers of a node.
-fn described(judged: &Judged) -> Vec<(Pair, f64, f64, f64, At)> {
+fn line_summaries(judged: &AngleAssessment) -> Vec<(AcutePair, f64, f64, f64, GridIndex)> {
     let lines = judged.angles.acute_lines.iter();
     let mut found: Vec<_> = lines
         .map(|l| {
             (
                 l.pair,
                 l.length,
-                l.least_angle,
+                l.min_angle,
                 l.mean_angle,
-                at(l.nodes[0]),
+                grid_index(l.nodes[0]),
             )
         })
         .collect();
@@ -91,17 +109,17 @@ fn described(judged: &Judged) -> Vec<(Pair, f64, f64, f64, At)> {
 
 /// Every cell's verdict follows from the lines, by the rule as it is stated, one cell and line at a time;
 /// some cells have each verdict.
-fn assert_judged_by_the_rule<const D: usize, M: Simplices<D>>(mesh: &M, judged: &Judged) {
+fn assert_judged_by_the_rule<const D: usize, M: Simplices<D>>(mesh: &M, judged: &AngleAssessment) {
     let mut counts = [0; 3];
     for c in 0..mesh.len() {
         let cosines = mesh.shape(c).cosines;
-        let [most, least] = [largest(cosines.as_ref()), smallest(cosines.as_ref())];
+        let [most, least] = [max_value(cosines.as_ref()), min_value(cosines.as_ref())];
         let worse = most.acos().to_degrees();
         let worse = worse.min(180.0 - least.acos().to_degrees());
         let held = |&n: &u32| {
             let x = mesh.nodes()[n as usize];
             let on_side = (0..D).any(|k| x[k] == 0.0 || x[k] == extent(mesh)[k]);
-            on_side || middle(at(n)) || diagonal(at(n))
+            on_side || is_middle(grid_index(n)) || is_diagonal(grid_index(n))
         };
         let near = judged.angles.acute_lines.iter().any(|line| {
             // Lines run along z from one end of the box to the other.
@@ -119,7 +137,7 @@ fn assert_judged_by_the_rule<const D: usize, M: Simplices<D>>(mesh: &M, judged: 
             (false, true) => NEAR_ACUTE_LINE,
             (false, false) => UNEXPLAINED,
         };
-        assert_eq!(judged.cells[c], verdict, "{c}: {worse}");
+        assert_eq!(judged.cell_classes[c], verdict, "{c}: {worse}");
         counts[usize::from(verdict)] += 1;
     }
     let Angles {
@@ -132,7 +150,10 @@ fn assert_judged_by_the_rule<const D: usize, M: Simplices<D>>(mesh: &M, judged: 
     assert!(near_acute_line > 0 && unexplained > 0, "{counts:?}");
 }
 
-fn assert_close(found: &[(Pair, f64, f64, f64, At)], want: &[(Pair, f64, f64, At)]) {
+fn assert_close(
+    found: &[(AcutePair, f64, f64, f64, GridIndex)],
+    want: &[(AcutePair, f64, f64, GridIndex)],
+) {
     assert_eq!(found.len(), want.len(), "{found:?}");
     for (line, &(pair, length, angle, at)) in found.iter().zip(want) {
         assert_eq!((line.0, line.4), (pair, at));
@@ -144,32 +165,40 @@ fn assert_close(found: &[(Pair, f64, f64, f64, At)], want: &[(Pair, f64, f64, At
 
 #[test]
 fn planes_that_cross_at_20_degrees_make_a_line_of_20_degrees() {
-    let mesh = space(20.0);
-    let judged = judge(&mesh, &[middle, diagonal]);
-    let deep = DEEP as f64;
+    let mesh = tetrahedra_of_cubes(20.0);
+    let judged = judge(&mesh, &[is_middle, is_diagonal]);
+    let deep = CUBES_Z as f64;
     // The diagonal ends in two edges of the box, at 20 degrees to one of the sides there.
     let want = [
-        (Pair::Side(0), deep, 20.0, [0, 0]),
-        (Pair::Features, deep, 20.0, [N / 2, N / 2]),
-        (Pair::Side(1), deep, 20.0, [N, N]),
+        (AcutePair::Side(0), deep, 20.0, [0, 0]),
+        (
+            AcutePair::Features,
+            deep,
+            20.0,
+            [CUBES_XY / 2, CUBES_XY / 2],
+        ),
+        (AcutePair::Side(1), deep, 20.0, [CUBES_XY, CUBES_XY]),
     ];
-    assert_close(&described(&judged), &want);
+    assert_close(&line_summaries(&judged), &want);
     for line in &judged.angles.acute_lines {
-        assert_eq!((line.nodes.len(), line.angles.len()), (DEEP + 1, DEEP));
+        assert_eq!(
+            (line.nodes.len(), line.angles.len()),
+            (CUBES_Z + 1, CUBES_Z)
+        );
     }
     assert_judged_by_the_rule(&mesh, &judged);
 }
 
 #[test]
 fn curves_that_cross_at_20_degrees_make_a_corner_of_20_degrees() {
-    let mesh = plane(20.0);
-    let judged = judge(&mesh, &[middle, diagonal]);
+    let mesh = triangles_of_squares(20.0);
+    let judged = judge(&mesh, &[is_middle, is_diagonal]);
     let want = [
-        (Pair::Side(0), 0.0, 20.0, [0, 0]),
-        (Pair::Features, 0.0, 20.0, [N / 2, N / 2]),
-        (Pair::Side(1), 0.0, 20.0, [N, N]),
+        (AcutePair::Side(0), 0.0, 20.0, [0, 0]),
+        (AcutePair::Features, 0.0, 20.0, [CUBES_XY / 2, CUBES_XY / 2]),
+        (AcutePair::Side(1), 0.0, 20.0, [CUBES_XY, CUBES_XY]),
     ];
-    assert_close(&described(&judged), &want);
+    assert_close(&line_summaries(&judged), &want);
     assert_judged_by_the_rule(&mesh, &judged);
 }
 
@@ -177,30 +206,36 @@ fn curves_that_cross_at_20_degrees_make_a_corner_of_20_degrees() {
 fn a_feature_at_25_degrees_to_a_side_makes_a_line() {
     let want = |deep| {
         [
-            (Pair::Side(0), deep, 25.0, [0, 3]),
+            (AcutePair::Side(0), deep, 25.0, [0, 3]),
             // At the other end it leaves through the side y, to which it is steep.
         ]
     };
-    let judged = judge(&space(25.0), &[beside]);
-    assert_close(&described(&judged), &want(DEEP as f64));
-    let judged = judge(&plane(25.0), &[beside]);
-    assert_close(&described(&judged), &want(0.0));
+    let judged = judge(&tetrahedra_of_cubes(25.0), &[is_shifted_diagonal]);
+    assert_close(&line_summaries(&judged), &want(CUBES_Z as f64));
+    let judged = judge(&triangles_of_squares(25.0), &[is_shifted_diagonal]);
+    assert_close(&line_summaries(&judged), &want(0.0));
 }
 
 #[test]
 fn what_is_square_to_all_sides_or_meets_at_more_than_30_degrees_makes_none() {
-    assert!(described(&judge(&space(20.0), &[middle])).is_empty());
-    assert!(described(&judge(&plane(20.0), &[middle])).is_empty());
-    let judged = judge(&space(31.0), &[middle, diagonal, beside]);
-    assert!(described(&judged).is_empty(), "{:?}", judged.angles);
-    let judged = judge(&plane(31.0), &[middle, diagonal, beside]);
-    assert!(described(&judged).is_empty(), "{:?}", judged.angles);
+    assert!(line_summaries(&judge(&tetrahedra_of_cubes(20.0), &[is_middle])).is_empty());
+    assert!(line_summaries(&judge(&triangles_of_squares(20.0), &[is_middle])).is_empty());
+    let judged = judge(
+        &tetrahedra_of_cubes(31.0),
+        &[is_middle, is_diagonal, is_shifted_diagonal],
+    );
+    assert!(line_summaries(&judged).is_empty(), "{:?}", judged.angles);
+    let judged = judge(
+        &triangles_of_squares(31.0),
+        &[is_middle, is_diagonal, is_shifted_diagonal],
+    );
+    assert!(line_summaries(&judged).is_empty(), "{:?}", judged.angles);
 }
 
 #[test]
 fn a_bad_cell_away_from_every_line_is_unexplained() {
-    let mut mesh = kuhn_box([N, N, DEEP], 1.0);
-    let sound = judge(&mesh, &[middle]);
+    let mut mesh = kuhn_box([CUBES_XY, CUBES_XY, CUBES_Z], 1.0);
+    let sound = judge(&mesh, &[is_middle]);
     assert_eq!(sound.angles.ok, mesh.len());
     assert_eq!(sound.angles.worst_unexplained, None);
     // Pushed towards a neighbour, a node flattens the cells between the two.
@@ -210,7 +245,7 @@ fn a_bad_cell_away_from_every_line_is_unexplained() {
         .position(|x| *x == [3.0, 4.0, 2.0])
         .unwrap();
     mesh.nodes[node][1] += 0.8;
-    let judged = judge(&mesh, &[middle]);
+    let judged = judge(&mesh, &[is_middle]);
     let quality = quality(&mesh);
     let angles = &judged.angles;
     assert_eq!(angles.near_acute_line, 0);
@@ -218,12 +253,12 @@ fn a_bad_cell_away_from_every_line_is_unexplained() {
     assert_eq!(angles.ok + angles.unexplained, mesh.len());
     let worst = angles.worst_unexplained.as_ref().unwrap();
     assert_eq!(worst, &quality.worst[0]);
-    assert_eq!(judged.cells[worst.cell], UNEXPLAINED);
+    assert_eq!(judged.cell_classes[worst.cell], UNEXPLAINED);
 
-    let mut mesh = plane(45.0);
-    assert_eq!(judge(&mesh, &[middle]).angles.ok, mesh.len());
-    mesh.nodes[4 * (N + 1) + 3][1] += 0.8;
-    let angles = judge(&mesh, &[middle]).angles;
+    let mut mesh = triangles_of_squares(45.0);
+    assert_eq!(judge(&mesh, &[is_middle]).angles.ok, mesh.len());
+    mesh.nodes[4 * (CUBES_XY + 1) + 3][1] += 0.8;
+    let angles = judge(&mesh, &[is_middle]).angles;
     assert!(
         angles.unexplained > 0 && angles.near_acute_line == 0,
         "{angles:?}"
@@ -232,29 +267,31 @@ fn a_bad_cell_away_from_every_line_is_unexplained() {
 
 #[test]
 fn a_single_face_that_stands_off_a_feature_explains_nothing() {
-    let mesh = space(20.0);
-    let mut bits = faces(&mesh, &[middle]);
+    let mesh = tetrahedra_of_cubes(20.0);
+    let mut bits = feature_bits(&mesh, &[is_middle]);
     let ends_on_it = |c: usize, k: usize| {
-        let face = mesh.face(c, k).map(at);
-        face.into_iter().all(diagonal) && face.into_iter().filter(|&n| middle(n)).count() == 2
+        let face = mesh.face(c, k).map(grid_index);
+        face.into_iter().all(is_diagonal) && face.into_iter().filter(|&n| is_middle(n)).count() == 2
     };
     let all = (0..mesh.len()).flat_map(|c| (0..4).map(move |k| (c, k)));
     let (cell, k) = all.into_iter().find(|&(c, k)| ends_on_it(c, k)).unwrap();
     bits[cell] |= 1 << k;
-    let judged = judged(&mesh, &bits, extent(&mesh), |_| 1.0);
-    assert!(described(&judged).is_empty(), "{:?}", judged.angles);
+    let judged = assess_angles(&mesh, &bits, extent(&mesh), |_| 1.0);
+    assert!(line_summaries(&judged).is_empty(), "{:?}", judged.angles);
 }
 
 #[test]
 fn lines_are_the_same_whatever_the_unit_of_length() {
     let lines = |unit: f64| {
-        let mut mesh = space(20.0);
-        let bits = faces(&mesh, &[middle, diagonal]);
+        let mut mesh = tetrahedra_of_cubes(20.0);
+        let bits = feature_bits(&mesh, &[is_middle, is_diagonal]);
         let far = extent(&mesh).map(|x| unit * x);
         for x in mesh.nodes.iter_mut().flatten() {
             *x *= unit;
         }
-        judged(&mesh, &bits, far, |_| unit).angles.acute_lines
+        assess_angles(&mesh, &bits, far, |_| unit)
+            .angles
+            .acute_lines
     };
     let one = lines(1.0);
     assert!(!one.is_empty());
@@ -269,22 +306,26 @@ fn lines_are_the_same_whatever_the_unit_of_length() {
 
 #[test]
 fn a_line_goes_on_where_single_edges_are_wider_and_may_not_be_too_short() {
-    let mut mesh = kuhn_box([N, N, DEEP], 1.0);
+    let mut mesh = kuhn_box([CUBES_XY, CUBES_XY, CUBES_Z], 1.0);
     for x in &mut mesh.nodes {
         // From 25 to 33 degrees.
         let narrow = (25.0 + 2.0 * x[2]).to_radians().tan();
-        x[0] = 100.0 + (x[0] - N as f64 / 2.0) * narrow;
+        x[0] = 100.0 + (x[0] - CUBES_XY as f64 / 2.0) * narrow;
     }
-    let bits = faces(&mesh, &[middle, diagonal]);
-    let lines = |d: f64| judged(&mesh, &bits, [1e3; 3], |_| d).angles.acute_lines;
+    let bits = feature_bits(&mesh, &[is_middle, is_diagonal]);
+    let lines = |d: f64| {
+        assess_angles(&mesh, &bits, [1e3; 3], |_| d)
+            .angles
+            .acute_lines
+    };
     let [line] = &lines(1.0)[..] else {
         panic!("{:?}", lines(1.0));
     };
-    assert_eq!((line.pair, line.nodes.len()), (Pair::Features, DEEP + 1));
-    assert!(
-        line.least_angle < 28.0 && line.mean_angle < 30.0,
-        "{line:?}"
+    assert_eq!(
+        (line.pair, line.nodes.len()),
+        (AcutePair::Features, CUBES_Z + 1)
     );
+    assert!(line.min_angle < 28.0 && line.mean_angle < 30.0, "{line:?}");
     assert!(line.angles.iter().any(|angle| *angle > 30.0), "{line:?}");
     // It is 4 long.
     assert_eq!(lines(1.9).len(), 1);
@@ -298,14 +339,14 @@ fn the_angle_of_a_line_is_that_of_its_neighbourhood() {
     let mut angles = vec![20.0; 10];
     angles[5] = 5.0;
     let line = AcuteLine {
-        pair: Pair::Features,
+        pair: AcutePair::Features,
         length: 10.0,
-        least_angle: 5.0,
+        min_angle: 5.0,
         mean_angle: 18.5,
         nodes: (0..11).collect(),
         angles,
     };
-    let pieces = line.pieces(&nodes, &|_| 1.0);
+    let pieces = line.edges(&nodes, &|_| 1.0);
     let angles: Vec<f64> = pieces.iter().map(|piece| piece.angle).collect();
     let want = [20.0, 20.0, 20.0, 17.0, 17.0, 17.0, 17.0, 17.0, 20.0, 20.0];
     for (i, (found, want)) in angles.iter().zip(want).enumerate() {
@@ -316,9 +357,9 @@ fn the_angle_of_a_line_is_that_of_its_neighbourhood() {
 
 #[test]
 fn edges_stand_for_distances_that_are_not_known() {
-    let mesh = plane(45.0);
-    let edges = mean_edges(&mesh);
+    let mesh = triangles_of_squares(45.0);
+    let edges = mean_edge_lengths(&mesh);
     // In its six cells a node inside has four edges of 1 and two of the square root of 2, twice each.
-    let inside = edges[4 * (N + 1) + 3];
+    let inside = edges[4 * (CUBES_XY + 1) + 3];
     assert!((inside - (4.0 + 2.0 * 2f64.sqrt()) / 6.0).abs() < 1e-12);
 }

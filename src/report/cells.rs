@@ -2,14 +2,14 @@
 
 use serde::Serialize;
 
-use super::Lattice;
+use super::LatticeReport;
+use crate::comm::SelfComm;
 use crate::geometry::{norm, sub};
 use crate::mesh::check::Check;
 use crate::mesh::graph::{Connection, Graph};
-use crate::ranks::Alone;
 
 /// Shares of the mean area below which faces are counted as tiny.
-pub const TINY: [f64; 4] = [1e-6, 1e-4, 1e-3, 1e-2];
+pub const TINY_FACE_RATIOS: [f64; 4] = [1e-6, 1e-4, 1e-3, 1e-2];
 
 /// Voronoi cells in figures.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -45,11 +45,15 @@ pub struct Voronoi {
     /// The same in physical space, unless its axes mix units: where it is not 0, two-point flux is an approximation.
     pub angle_physical: Option<[f64; 2]>,
     /// Connections whose two-point transmissibility is not positive, in physical space.
-    pub not_positive: usize,
+    pub non_positive_connections: usize,
 }
 
 /// Measures cells, of whose validity `check` tells, by their graph in lattice space and in the world.
-pub fn voronoi<const D: usize>(check: Check, graph: &Graph<D>, physical: &Graph<D>) -> Voronoi {
+pub fn measure_voronoi<const D: usize>(
+    check: Check,
+    graph: &Graph<D>,
+    physical: &Graph<D>,
+) -> Voronoi {
     let count = graph.connections.len();
     let mean = |sum: f64, count: usize| sum / count.max(1) as f64;
     let area = mean(graph.connections.iter().map(|c| c.area).sum(), count);
@@ -62,7 +66,7 @@ pub fn voronoi<const D: usize>(check: Check, graph: &Graph<D>, physical: &Graph<
     let angles = |in_space: &Graph<D>| {
         let (mut worst, mut sum, mut all) = (0.0f64, 0.0, 0.0);
         for (c, here) in graph.connections.iter().zip(&in_space.connections) {
-            if c.area >= TINY[0] * area {
+            if c.area >= TINY_FACE_RATIOS[0] * area {
                 let angle = here.angle_error(&in_space.site);
                 worst = worst.max(angle);
                 sum += angle * here.area;
@@ -99,10 +103,10 @@ pub fn voronoi<const D: usize>(check: Check, graph: &Graph<D>, physical: &Graph<
         conforming: None,
         shortest_connection: least(&mut lengths()) / mean(lengths().sum(), count),
         smallest_face: least(&mut graph.connections.iter().map(|c| c.area)) / area,
-        tiny_faces: TINY.map(tiny),
+        tiny_faces: TINY_FACE_RATIOS.map(tiny),
         angle: angles(graph),
         angle_physical: Some(angles(physical)),
-        not_positive: physical
+        non_positive_connections: physical
             .connections
             .iter()
             .filter(|c| !(c.distance.into_iter().all(positive) && c.area > 0.0))
@@ -115,7 +119,7 @@ pub fn voronoi<const D: usize>(check: Check, graph: &Graph<D>, physical: &Graph<
 pub fn lattice_of_graph<const D: usize>(
     graph: &Graph<D>,
     distance: impl Fn([f64; D]) -> f64,
-) -> Lattice {
+) -> LatticeReport {
     let mut nearest = vec![f64::INFINITY; graph.site.len()];
     for connection in &graph.connections {
         let [a, b] = connection.cells.map(|c| c as usize);
@@ -125,6 +129,6 @@ pub fn lattice_of_graph<const D: usize>(
         nearest[b] = nearest[b].min(square);
     }
     let nearest = (nearest.into_iter()).zip(graph.site.iter().map(|&site| distance(site)));
-    let Ok(found) = super::lattice::figures(nearest, graph.site.len(), &Alone);
+    let Ok(found) = super::lattice::lattice_figures(nearest, graph.site.len(), &SelfComm);
     found
 }

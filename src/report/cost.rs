@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use serde::Serialize;
 
-use crate::observer::Stage;
+use crate::progress::Stage;
 
 /// The cost of one stage of a job.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -24,9 +24,9 @@ pub struct StageCost {
 #[derive(Debug)]
 pub struct Clock {
     start: Instant,
-    cpu: f64,
+    cpu_start: f64,
     current: Option<Stage>,
-    done: Vec<StageCost>,
+    finished_stages: Vec<StageCost>,
 }
 
 impl Clock {
@@ -34,9 +34,9 @@ impl Clock {
     pub fn new() -> Self {
         Self {
             start: Instant::now(),
-            cpu: 0.0,
+            cpu_start: 0.0,
             current: None,
-            done: Vec::new(),
+            finished_stages: Vec::new(),
         }
     }
 
@@ -45,16 +45,16 @@ impl Clock {
         self.end();
         self.current = Some(stage);
         self.start = Instant::now();
-        self.cpu = cpu_seconds();
+        self.cpu_start = cpu_seconds();
     }
 
     /// Ends the stage that is being measured.
     pub fn end(&mut self) {
         if let Some(stage) = self.current.take() {
-            self.done.push(StageCost {
+            self.finished_stages.push(StageCost {
                 stage,
                 seconds: self.start.elapsed().as_secs_f64(),
-                cpu_seconds: cpu_seconds() - self.cpu,
+                cpu_seconds: cpu_seconds() - self.cpu_start,
                 peak_mb: peak_mb(),
             });
         }
@@ -62,7 +62,7 @@ impl Clock {
 
     /// All stages measured so far.
     pub fn costs(&self) -> &[StageCost] {
-        &self.done
+        &self.finished_stages
     }
 }
 

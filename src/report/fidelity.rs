@@ -6,34 +6,34 @@
 //! three nodes declared on a feature) are measured beside them. In the plane faces are edges and
 //! areas lengths; nothing else differs.
 
-use super::pieces::{Piece, sample};
-use super::reach::to_faces;
+use super::face_distances::distances_to_faces;
+use super::face_samples::{FaceSample, sample_face};
+use super::mesh_faces::{MeshFaces, merge_equal_faces};
 use super::reference::Reference;
-use super::surface::{Surface, together};
-use super::tally::{Distances, Together, of_all, reached};
-use crate::files::kept::fields;
+use super::tally::{DistanceShares, WeightedDistances, quantiles, summaries};
+use crate::comm::LocalOrComm;
+use crate::comm::SelfComm;
+use crate::files::codec::codec_fields;
 use crate::mesh::Simplices;
-use crate::mesh::part::Part;
 use crate::mesh::poly::PolyMesh;
-use crate::observer::Patience;
+use crate::mesh::view::MeshView;
 use crate::parallel::prelude::*;
-use crate::ranks::Alone;
-use crate::ranks::Holders;
+use crate::progress::CancelToken;
 use crate::{Error, Result, error::cause};
 use serde::Serialize;
 
 /// Largest distance of an on-feature face's nodes from the feature, in samples.
-const NODE: f64 = 0.75;
+const MAX_NODE_DISTANCE: f64 = 0.75;
 /// Largest distance of its centroid; also what counts as *on* for precision.
-const CENTROID: f64 = 1.0;
+const MAX_CENTROID_DISTANCE: f64 = 1.0;
 /// Nodes or faces in one task: neighbours, so that one's nearest feature point is a hint for the next. Unit tests
 /// have few.
-const CHUNK: usize = if cfg!(test) { 64 } else { 4096 };
+const ITEMS_PER_TASK: usize = if cfg!(test) { 64 } else { 4096 };
 
 /// How a set of faces compares with the features. What has no value (no faces, no features) is
 /// NaN or infinite, which JSON shows as null.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Match {
+pub struct FaceMatch {
     /// Number of faces.
     pub faces: usize,
     /// Their area, in square samples.
@@ -70,15 +70,17 @@ pub struct GapClass {
 }
 
 /// Where classes of distance to the next feature begin, in samples.
-const GAPS: [f64; 6] = [0.0, 2.0, 3.0, 4.0, 6.0, 8.0];
+const GAP_BOUNDS: [f64; 6] = [0.0, 2.0, 3.0, 4.0, 6.0, 8.0];
 
 impl GapClass {
     /// Of points of which `next` tells the distance (and angle) of the next feature and `to_faces` that of the nearest
     /// face, those of each class: all, and those within half a sample of a face and within one.
-    fn counts(next: &[[f32; 2]], to_faces: &[f64]) -> [[u64; 3]; GAPS.len()] {
-        let mut counts = [[0; 3]; GAPS.len()];
+    fn count_by_gap(next: &[[f32; 2]], to_faces: &[f64]) -> [[u64; 3]; GAP_BOUNDS.len()] {
+        let mut counts = [[0; 3]; GAP_BOUNDS.len()];
         for (next, far) in next.iter().zip(to_faces) {
-            let classes = GAPS.iter().take_while(|&&from| f64::from(next[0]) >= from);
+            let classes = GAP_BOUNDS
+                .iter()
+                .take_while(|&&from| f64::from(next[0]) >= from);
             if let Some(class) = classes.count().checked_sub(1) {
                 let counted = [true, *far <= 0.5, *far <= 1.0];
                 (counts[class].iter_mut().zip(counted)).for_each(|(n, is)| *n += u64::from(is));
@@ -88,9 +90,9 @@ impl GapClass {
     }
 
     /// The classes of so many.
-    fn all(counts: [[u64; 3]; GAPS.len()]) -> Vec<Self> {
-        let ends = GAPS[1..].iter().copied().chain([f64::INFINITY]);
-        let classes = GAPS.into_iter().zip(ends).zip(counts);
+    fn from_counts(counts: [[u64; 3]; GAP_BOUNDS.len()]) -> Vec<Self> {
+        let ends = GAP_BOUNDS[1..].iter().copied().chain([f64::INFINITY]);
+        let classes = GAP_BOUNDS.into_iter().zip(ends).zip(counts);
         classes
             .map(|((from, to), [points, half, one])| Self {
                 from,
@@ -111,9 +113,9 @@ pub struct Fidelity {
     /// Number of feature points.
     pub feature_points: usize,
     /// The faces that lie on features.
-    pub on_feature: Match,
+    pub on_feature: FaceMatch,
     /// The faces that the mesh says lie on features, if it says so.
-    pub claimed: Option<Match>,
+    pub tagged_faces: Option<FaceMatch>,
 }
 
 /// Compares a mesh, in lattice space with a step of 1 (else divide its nodes by the step), with
@@ -130,29 +132,29 @@ pub fn fidelity<const D: usize, M: Simplices<D>>(
     reference: &Reference<'_, D>,
     claimed: Option<&[u8]>,
 ) -> Result<Fidelity> {
-    fidelity_while(mesh, reference, claimed, &Patience::endless())
+    fidelity_with_cancel(mesh, reference, claimed, &CancelToken::never())
 }
 
 /// The same as long as `patience` lasts; once it is over, the figures are of no use.
 ///
 /// # Errors
 /// Those of [`fidelity`].
-pub(crate) fn fidelity_while<const D: usize, M: Simplices<D>>(
+pub(crate) fn fidelity_with_cancel<const D: usize, M: Simplices<D>>(
     mesh: &M,
     reference: &Reference<'_, D>,
     claimed: Option<&[u8]>,
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> Result<Fidelity> {
-    let claims = Claims::new(mesh, claimed)?;
-    let Ok(found) = fidelity_of_part(&Part::all(mesh), reference, claims, patience);
+    let claims = TaggedFaces::new(mesh, claimed)?;
+    let Ok(found) = fidelity_of_partition(&MeshView::from_mesh(mesh), reference, claims, patience);
     Ok(found)
 }
 
 /// The faces that a mesh holds to lie on features, if it says so.
 #[derive(Clone, Copy)]
-pub(crate) struct Claims<'a>(Option<&'a [u8]>);
+pub(crate) struct TaggedFaces<'a>(Option<&'a [u8]>);
 
-impl<'a> Claims<'a> {
+impl<'a> TaggedFaces<'a> {
     /// For each cell a byte, of which bit k stands for face k.
     ///
     /// # Errors
@@ -166,7 +168,7 @@ impl<'a> Claims<'a> {
         {
             return Err(Error::Mesh(cause(
                 "fidelity",
-                format!("{} bytes for {} {}", flags.len(), mesh.len(), M::CELLS),
+                format!("{} bytes for {} {}", flags.len(), mesh.len(), M::CELLS_NAME),
                 "give one byte per cell",
             )));
         }
@@ -178,21 +180,15 @@ impl<'a> Claims<'a> {
 ///
 /// # Errors
 /// Those of the other holders.
-pub(crate) fn fidelity_of_part<const D: usize, M: Simplices<D>, H: Holders + ?Sized>(
-    part: &Part<'_, D, M, H>,
+pub(crate) fn fidelity_of_partition<const D: usize, M: Simplices<D>, H: LocalOrComm + ?Sized>(
+    part: &MeshView<'_, D, M, H>,
     reference: &Reference<'_, D>,
-    claims: Claims<'_>,
-    patience: &Patience<'_>,
+    claims: TaggedFaces<'_>,
+    patience: &CancelToken<'_>,
 ) -> std::result::Result<Fidelity, H::Error> {
-    let faces = faces(part.mesh, reference, claims.0, patience);
-    let surface = Surface::own("faces near features", part, faces)?;
-    judge(
-        &surface,
-        claims.0.is_some(),
-        reference,
-        part.holders,
-        patience,
-    )
+    let faces = face_sets(part.mesh, reference, claims.0, patience);
+    let surface = MeshFaces::owned_faces("faces near features", part, faces)?;
+    compare_faces(&surface, claims.0.is_some(), reference, part.comm, patience)
 }
 
 /// [`fidelity`] of polyhedra (polygons), by the same rules: their faces are fans of triangles about
@@ -201,22 +197,23 @@ pub fn fidelity_of_cells<const D: usize>(
     mesh: &PolyMesh<D>,
     reference: &Reference<'_, D>,
 ) -> Fidelity {
-    fidelity_of_cells_while(mesh, reference, &Patience::endless())
+    fidelity_of_cells_with_cancel(mesh, reference, &CancelToken::never())
 }
 
 /// The same as long as `patience` lasts; once it is over, the figures are of no use.
-pub(crate) fn fidelity_of_cells_while<const D: usize>(
+pub(crate) fn fidelity_of_cells_with_cancel<const D: usize>(
     mesh: &PolyMesh<D>,
     reference: &Reference<'_, D>,
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> Fidelity {
-    let near = near(&mesh.nodes, reference, patience);
-    let sets_of_faces: Vec<u8> = (0..mesh.inner_faces())
+    let near = nodes_near_features(&mesh.nodes, reference, patience);
+    let sets_of_faces: Vec<u8> = (0..mesh.inner_face_count())
         .into_par_iter()
         .map(|f| {
             let all_near = mesh.faces.get(f).iter().all(|&n| near[n as usize]);
-            let on = all_near && reference.within(mesh.face_shape(f).centroid, CENTROID);
-            (u8::from(on) * ON_FEATURE) | (u8::from(mesh.on_feature[f]) * CLAIMED)
+            let on =
+                all_near && reference.is_within(mesh.face_shape(f).centroid, MAX_CENTROID_DISTANCE);
+            (u8::from(on) * ON_FEATURE) | (u8::from(mesh.on_feature[f]) * TAGGED)
         })
         .collect();
     let mut nodes = mesh.nodes.clone();
@@ -236,31 +233,35 @@ pub(crate) fn fidelity_of_cells_while<const D: usize>(
             sets.push(set);
         }
     }
-    let surface = Surface {
+    let surface = MeshFaces {
         nodes: &nodes,
         faces: triangles,
         sets,
     };
-    let Ok(mut found) = judge(&surface, true, reference, &Alone, patience);
+    let Ok(mut found) = compare_faces(&surface, true, reference, &SelfComm, patience);
     let count = |set: u8| sets_of_faces.iter().filter(|&&s| s & set != 0).count();
     found.on_feature.faces = count(ON_FEATURE);
-    if let Some(found) = &mut found.claimed {
-        found.faces = count(CLAIMED);
+    if let Some(found) = &mut found.tagged_faces {
+        found.faces = count(TAGGED);
     }
     found
 }
 
 /// Whether each node is as near to a feature as those of on-feature faces.
-fn near<const D: usize>(
+fn nodes_near_features<const D: usize>(
     nodes: &[[f64; D]],
     reference: &Reference<'_, D>,
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> Vec<bool> {
     let mut near = vec![false; nodes.len()];
-    let parts = near.par_chunks_mut(CHUNK).zip(nodes.par_chunks(CHUNK));
+    let parts = near
+        .par_chunks_mut(ITEMS_PER_TASK)
+        .zip(nodes.par_chunks(ITEMS_PER_TASK));
     parts.for_each(|(near, nodes)| {
-        if !patience.over() {
-            let within = nodes.iter().map(|&p| reference.within(p, NODE));
+        if !patience.is_cancelled() {
+            let within = nodes
+                .iter()
+                .map(|&p| reference.is_within(p, MAX_NODE_DISTANCE));
             near.iter_mut().zip(within).for_each(|(n, w)| *n = w);
         }
     });
@@ -268,49 +269,54 @@ fn near<const D: usize>(
 }
 
 /// Compares the faces that holders have with the features: each measures its own, and some points.
-fn judge<const D: usize, H: Holders + ?Sized>(
-    surface: &Surface<'_, D>,
+fn compare_faces<const D: usize, H: LocalOrComm + ?Sized>(
+    surface: &MeshFaces<'_, D>,
     claims: bool,
     reference: &Reference<'_, D>,
     holders: &H,
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> std::result::Result<Fidelity, H::Error> {
-    let wanted = [ON_FEATURE, CLAIMED];
-    let own = reference.own(holders);
+    let wanted = [ON_FEATURE, TAGGED];
+    let own = reference.owned_points(holders);
     let points = &reference.points[own.clone()];
-    let to_faces = to_faces(surface, points, wanted, holders, patience)?;
-    let next = reference.next.as_ref().map(|next| &next[own]);
-    let own = Own {
+    let to_faces = distances_to_faces(surface, points, wanted, holders, patience)?;
+    let next = reference.next_feature.as_ref().map(|next| &next[own]);
+    let own = LocalMatch {
         faces: wanted.map(|set| surface.sets.iter().filter(|&&s| s & set != 0).count()),
-        corners: farthest_corners(surface, wanted, reference, patience),
-        gaps: next.map(|next| to_faces.each_ref().map(|far| GapClass::counts(next, far))),
+        max_corner_distances: find_farthest_corners(surface, wanted, reference, patience),
+        gap_counts: next.map(|next| {
+            to_faces
+                .each_ref()
+                .map(|far| GapClass::count_by_gap(next, far))
+        }),
     };
-    let all: Vec<Own> = holders.told("faces and features", own)?;
+    let all: Vec<LocalMatch> = holders.try_all_gather("faces and features", own)?;
     let by_gap = |set: usize| -> Vec<GapClass> {
-        if reference.next.is_none() {
+        if reference.next_feature.is_none() {
             return Vec::new();
         }
-        let mut sums = [[0; 3]; GAPS.len()];
-        for counts in all.iter().filter_map(|own| own.gaps) {
+        let mut sums = [[0; 3]; GAP_BOUNDS.len()];
+        for counts in all.iter().filter_map(|own| own.gap_counts) {
             let both = sums.as_flattened_mut().iter_mut();
             both.zip(counts[set].as_flattened())
                 .for_each(|(sum, count)| *sum += count);
         }
-        GapClass::all(sums)
+        GapClass::from_counts(sums)
     };
-    let pieces = pieces(surface, reference, patience);
+    let pieces = face_samples(surface, reference, patience);
     let [on, claimed] = wanted.map(|set| {
         let of_set = pieces.iter().filter(|(sets, _)| sets & set != 0);
-        Distances::weighted(of_set.map(|(_, piece)| *piece).collect())
+        WeightedDistances::from_weighted(of_set.map(|(_, piece)| *piece).collect())
     });
     drop(pieces);
-    let [to_on, to_claimed] = to_faces.map(Distances::counted);
-    let [on_points, claimed_points] = of_all([&to_on, &to_claimed], [0.5, 1.0], holders)?;
-    let [on_faces, claimed_faces] = of_all([&on, &claimed], [CENTROID], holders)?;
+    let [to_on, to_claimed] = to_faces.map(WeightedDistances::from_distances);
+    let [on_points, claimed_points] = summaries([&to_on, &to_claimed], [0.5, 1.0], holders)?;
+    let [on_faces, claimed_faces] = summaries([&on, &claimed], [MAX_CENTROID_DISTANCE], holders)?;
     // Up to where 95 % of them are.
-    let of_points = |all: &Together<2>| (0.95 * all.count as f64) as u64 + 1;
-    let of_faces = |all: &Together<1>| ((0.95 * all.all as f64).ceil() as u64).max(1);
-    let most = reached(
+    let of_points = |all: &DistanceShares<2>| (0.95 * all.count as f64) as u64 + 1;
+    let of_faces =
+        |all: &DistanceShares<1>| ((0.95 * all.total_weight as f64).ceil() as u64).max(1);
+    let most = quantiles(
         [&to_on, &to_claimed, &on, &claimed],
         [
             of_points(&on_points),
@@ -320,11 +326,14 @@ fn judge<const D: usize, H: Holders + ?Sized>(
         ],
         holders,
     )?;
-    let found = |set: usize, points: &Together<2>, faces: &Together<1>| {
-        let corner = all.iter().map(|own| own.corners[set]).fold(0.0, f64::max);
+    let found = |set: usize, points: &DistanceShares<2>, faces: &DistanceShares<1>| {
+        let corner = all
+            .iter()
+            .map(|own| own.max_corner_distances[set])
+            .fold(0.0, f64::max);
         let farthest = points.largest.zip(faces.largest);
-        let is_any = points.count > 0 && faces.all > 0;
-        Match {
+        let is_any = points.count > 0 && faces.total_weight > 0;
+        FaceMatch {
             faces: all.iter().map(|own| own.faces[set]).sum(),
             area: faces.area(),
             coverage_half: points.share(0),
@@ -342,36 +351,36 @@ fn judge<const D: usize, H: Holders + ?Sized>(
         reference: reference.source.to_string(),
         feature_points: on_points.count as usize,
         on_feature: found(0, &on_points, &on_faces),
-        claimed: claims.then(|| found(1, &claimed_points, &claimed_faces)),
+        tagged_faces: claims.then(|| found(1, &claimed_points, &claimed_faces)),
     })
 }
 
 /// What one of the holders has of both sets of faces.
-struct Own {
+struct LocalMatch {
     /// How many.
     faces: [usize; 2],
     /// How far the farthest corners are from the features.
-    corners: [f64; 2],
+    max_corner_distances: [f64; 2],
     /// Of networks with known truth: points by the next feature.
-    gaps: Option<[[[u64; 3]; GAPS.len()]; 2]>,
+    gap_counts: Option<[[[u64; 3]; GAP_BOUNDS.len()]; 2]>,
 }
 
-fields! { Own as Own { faces, corners, gaps } }
+codec_fields! { LocalMatch as LocalMatch { faces, max_corner_distances, gap_counts } }
 
 /// The set of on-feature faces, as a bit.
 const ON_FEATURE: u8 = 1;
 /// The set of claimed faces, as a bit.
-const CLAIMED: u8 = 2;
+const TAGGED: u8 = 2;
 
 /// The faces of either set, nodes ascending, and the sets that each belongs to. One between two cells is there once
 /// or twice; one cell may claim a face that the other does not.
-fn faces<const D: usize>(
+fn face_sets<const D: usize>(
     mesh: &impl Simplices<D>,
     reference: &Reference<'_, D>,
     claimed: Option<&[u8]>,
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> Vec<([u32; D], u8)> {
-    let near = near(mesh.nodes(), reference, patience);
+    let near = nodes_near_features(mesh.nodes(), reference, patience);
     let mut found: Vec<([u32; D], u8)> = (0..mesh.len())
         .into_par_iter()
         .flat_map_iter(|c| {
@@ -383,20 +392,20 @@ fn faces<const D: usize>(
                 let mut face = mesh.face(c, k);
                 let all_near = face.iter().all(|&n| near[n as usize]);
                 let claim = claims >> k & 1 == 1;
-                let sets = (u8::from(all_near) * ON_FEATURE) | (u8::from(claim) * CLAIMED);
+                let sets = (u8::from(all_near) * ON_FEATURE) | (u8::from(claim) * TAGGED);
                 face.sort_unstable();
                 (sets != 0).then_some((face, sets))
             })
         })
         .collect();
-    together(&mut found);
+    merge_equal_faces(&mut found);
     found
         .into_par_iter()
         .map(|(face, mut sets)| {
             let corners = face.map(|n| mesh.nodes()[n as usize]);
             let sum = |k: usize| corners.iter().map(|p| p[k]).sum::<f64>();
             let centroid = std::array::from_fn(|k| sum(k) / D as f64);
-            if sets & ON_FEATURE != 0 && !reference.within(centroid, CENTROID) {
+            if sets & ON_FEATURE != 0 && !reference.is_within(centroid, MAX_CENTROID_DISTANCE) {
                 sets &= !ON_FEATURE;
             }
             (face, sets)
@@ -406,21 +415,24 @@ fn faces<const D: usize>(
 }
 
 /// How far the farthest corners of the faces of each set are from the features.
-fn farthest_corners<const D: usize>(
-    surface: &Surface<'_, D>,
+fn find_farthest_corners<const D: usize>(
+    surface: &MeshFaces<'_, D>,
     wanted: [u8; 2],
     reference: &Reference<'_, D>,
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> [f64; 2] {
     let mut sets = vec![0; surface.nodes.len()];
     for (face, set) in surface.faces.iter().zip(&surface.sets) {
         face.iter().for_each(|&node| sets[node as usize] |= set);
     }
-    let chunks = surface.nodes.par_chunks(CHUNK).zip(sets.par_chunks(CHUNK));
+    let chunks = surface
+        .nodes
+        .par_chunks(ITEMS_PER_TASK)
+        .zip(sets.par_chunks(ITEMS_PER_TASK));
     let of_chunk = |(nodes, sets): (&[[f64; D]], &[u8])| {
         let (mut hint, mut most) = (None, [0.0f64; 2]);
         for (&x, &set) in nodes.iter().zip(sets) {
-            if set == 0 || patience.over() {
+            if set == 0 || patience.is_cancelled() {
                 continue;
             }
             let far = reference.distance(x, &mut hint);
@@ -439,20 +451,20 @@ fn farthest_corners<const D: usize>(
 }
 
 /// The small pieces of every face, with the face's sets.
-fn pieces<const D: usize>(
-    surface: &Surface<'_, D>,
+fn face_samples<const D: usize>(
+    surface: &MeshFaces<'_, D>,
     reference: &Reference<'_, D>,
-    patience: &Patience<'_>,
-) -> Vec<(u8, Piece)> {
+    patience: &CancelToken<'_>,
+) -> Vec<(u8, FaceSample)> {
     let count = surface.faces.len();
-    let chunks = (0..count.div_ceil(CHUNK)).into_par_iter();
+    let chunks = (0..count.div_ceil(ITEMS_PER_TASK)).into_par_iter();
     chunks
-        .take_any_while(|_| !patience.over())
+        .take_any_while(|_| !patience.is_cancelled())
         .flat_map_iter(|chunk| {
             let mut found = Vec::new();
             let mut hint = None;
-            for f in chunk * CHUNK..count.min((chunk + 1) * CHUNK) {
-                sample(&surface.corners(f), reference, &mut hint, |piece| {
+            for f in chunk * ITEMS_PER_TASK..count.min((chunk + 1) * ITEMS_PER_TASK) {
+                sample_face(&surface.corners(f), reference, &mut hint, |piece| {
                     found.push((surface.sets[f], piece));
                 });
             }

@@ -1,6 +1,6 @@
 use super::*;
-use crate::image::synth::truth::{REACH, Truth};
-use crate::image::synth::{Kind, Options, make};
+use crate::image::synth::truth::{MAX_DISTANCE, Truth};
+use crate::image::synth::{Options, SyntheticKind, make};
 use crate::mesh::TriMesh;
 use crate::mesh::boxes::kuhn_box;
 use crate::mesh::tri::SIDES;
@@ -11,13 +11,13 @@ fn truth_of(dims: [usize; 3], closest: impl Fn([f64; 3]) -> (f64, [f64; 3])) -> 
         dims,
         distance: vec![],
         direction: vec![],
-        smooth: true,
-        next: None,
+        is_smooth: true,
+        next_feature: None,
     };
     for i in 0..dims[0] * dims[1] * dims[2] {
         let p = [i % dims[0], i / dims[0] % dims[1], i / (dims[0] * dims[1])].map(|c| c as f64);
         let (d, n) = closest(p);
-        truth.distance.push((d as f32).min(REACH));
+        truth.distance.push((d as f32).min(MAX_DISTANCE));
         truth
             .direction
             .push(n.map(|c| if d < 10.0 { c as f32 } else { 0.0 }));
@@ -46,7 +46,7 @@ fn a_plane_of_nodes_is_matched_entirely() {
     assert_eq!((on.coverage_half, on.coverage_one), (1.0, 1.0));
     assert!((on.precision - 1.0).abs() < 1e-12);
     assert!(on.hausdorff < 1e-6 && on.hausdorff_95 < 1e-6);
-    assert!(found.claimed.is_none());
+    assert!(found.tagged_faces.is_none());
 }
 
 #[test]
@@ -102,7 +102,7 @@ fn claims_away_from_every_feature_lower_precision() {
             .collect();
         fidelity(&mesh, &reference, Some(&flags))
             .unwrap()
-            .claimed
+            .tagged_faces
             .unwrap()
     };
     let both = claim(&|p| p[0] == 8.0 || p[0] == 12.0);
@@ -116,7 +116,7 @@ fn claims_away_from_every_feature_lower_precision() {
     assert!(fidelity(&mesh, &reference, Some(&[1])).is_err());
 }
 
-fn scatter(count: usize, mut each: impl FnMut(&mut dyn FnMut() -> f64)) {
+fn for_each_random_point(count: usize, mut each: impl FnMut(&mut dyn FnMut() -> f64)) {
     let mut state = 9u64;
     let mut next = || {
         state = state
@@ -132,7 +132,7 @@ fn scatter(count: usize, mut each: impl FnMut(&mut dyn FnMut() -> f64)) {
 #[test]
 fn distance_between_samples_matches_a_sphere_and_crossing_planes() {
     let sphere = make(
-        Kind::Sphere,
+        SyntheticKind::Sphere,
         &Options {
             dims: [101, 101, 101],
             signal_to_noise: f64::INFINITY,
@@ -143,7 +143,7 @@ fn distance_between_samples_matches_a_sphere_and_crossing_planes() {
     .truth;
     let reference = Reference::from_truth(&sphere);
     let mut worst = 0f64;
-    scatter(20_000, |next| {
+    for_each_random_point(20_000, |next| {
         let v: [f64; 3] = std::array::from_fn(|_| next() - 0.5);
         let length = v.iter().map(|c| c * c).sum::<f64>().sqrt();
         let off = 4.0 * next() - 2.0;
@@ -166,7 +166,7 @@ fn distance_between_samples_matches_a_sphere_and_crossing_planes() {
     });
     let reference = Reference::from_truth(&truth);
     let mut worst = 0f64;
-    scatter(20_000, |next| {
+    for_each_random_point(20_000, |next| {
         let p: [f64; 3] = std::array::from_fn(|_| 16.0 * next());
         let exact = planes
             .map(|n| height(p, n).abs())
@@ -205,7 +205,7 @@ fn distance_does_not_run_on_where_a_surface_ends() {
 
 #[test]
 fn detected_points_stand_in_for_truth() {
-    use crate::feature::{Detection, FeaturePoint, Features};
+    use crate::feature::{DetectionOptions, FeaturePoint, Features};
     let points = (0..17 * 17)
         .map(|i| FeaturePoint {
             position: [8.0, (i % 17) as f32, (i / 17) as f32],
@@ -215,7 +215,7 @@ fn detected_points_stand_in_for_truth() {
         .collect();
     let features = Features {
         points,
-        ..Features::none([17; 3], &Detection::default())
+        ..Features::empty([17; 3], &DetectionOptions::default())
     };
     let reference = Reference::from_features(&features);
     assert!((reference.distance([8.4, 3.5, 3.5], &mut None) - 0.4).abs() < 1e-9);
@@ -233,7 +233,7 @@ fn the_figures_do_not_depend_on_the_number_of_threads() {
         count: Some(3),
         ..Options::default()
     };
-    let truth = make(Kind::Faults, &options).unwrap().truth;
+    let truth = make(SyntheticKind::Faults, &options).unwrap().truth;
     let reference = Reference::from_truth(&truth);
     let mesh = kuhn_box([39, 35, 31], 1.0);
     let all = fidelity(&mesh, &reference, None).unwrap();
@@ -278,8 +278,8 @@ fn in_the_plane_edges_take_the_place_of_faces() {
         direction: (0..289)
             .map(|i| [if at < (i % 17) as f32 { -1.0 } else { 1.0 }, 0.0])
             .collect(),
-        smooth: true,
-        next: None,
+        is_smooth: true,
+        next_feature: None,
     };
     let found = fidelity(&mesh, &Reference::from_truth(&line(8.0)), None).unwrap();
     assert_eq!((found.feature_points, found.on_feature.faces), (17, 8));
@@ -305,7 +305,7 @@ fn in_the_plane_edges_take_the_place_of_faces() {
     let truth = line(8.0);
     let claimed = fidelity(&mesh, &Reference::from_truth(&truth), Some(&flags))
         .unwrap()
-        .claimed;
+        .tagged_faces;
     let claimed = claimed.unwrap();
     assert_eq!(claimed.faces, 16);
     assert!((claimed.precision - 0.5).abs() < 1e-12 && (claimed.hausdorff - 4.0).abs() < 1e-6);

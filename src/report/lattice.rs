@@ -1,14 +1,14 @@
 //! How evenly the atoms are spread.
 
+use crate::comm::LocalOrComm;
+use crate::comm::selection::order_statistics;
 use crate::mesh::Simplices;
-use crate::mesh::part::Part;
-use crate::ranks::Holders;
-use crate::ranks::order::at_ranks;
+use crate::mesh::view::MeshView;
 use serde::Serialize;
 
 /// The lattice of atoms from which a mesh was made.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Lattice {
+pub struct LatticeReport {
     /// Number of atoms.
     pub atoms: usize,
     /// Distance to the nearest neighbour over the nominal distance d(x): the values that 1, 50 and
@@ -58,11 +58,11 @@ pub struct TracedLattice {
 
 /// Figures of a lattice from its mesh, in lattice space, with the nominal distance at any
 /// position. Neighbours are nodes joined by an edge, among which a Delaunay mesh has the nearest.
-pub fn lattice<const D: usize, M: Simplices<D>>(
+pub fn measure_lattice<const D: usize, M: Simplices<D>>(
     mesh: &M,
     distance: impl Fn([f64; D]) -> f64,
-) -> Lattice {
-    let Ok(found) = lattice_of_part(&Part::all(mesh), distance);
+) -> LatticeReport {
+    let Ok(found) = lattice_of_partition(&MeshView::from_mesh(mesh), distance);
     found
 }
 
@@ -70,10 +70,10 @@ pub fn lattice<const D: usize, M: Simplices<D>>(
 ///
 /// # Errors
 /// Those of the other holders.
-pub(crate) fn lattice_of_part<const D: usize, M: Simplices<D>, H: Holders + ?Sized>(
-    part: &Part<'_, D, M, H>,
+pub(crate) fn lattice_of_partition<const D: usize, M: Simplices<D>, H: LocalOrComm + ?Sized>(
+    part: &MeshView<'_, D, M, H>,
     distance: impl Fn([f64; D]) -> f64,
-) -> Result<Lattice, H::Error> {
+) -> Result<LatticeReport, H::Error> {
     let (mesh, nodes) = (part.mesh, part.mesh.nodes());
     let mut nearest = vec![f64::INFINITY; nodes.len()];
     for cell in mesh.connectivity().chunks_exact(D + 1) {
@@ -88,16 +88,16 @@ pub(crate) fn lattice_of_part<const D: usize, M: Simplices<D>, H: Holders + ?Siz
     }
     // Of a node that parts share one of them says how near its neighbours in all of these are.
     let of_shared = |n: u32| (nearest[n as usize], distance(nodes[n as usize]));
-    let of_shared = part.said_of_shared("nearest neighbours", of_shared)?;
+    let of_shared = part.gather_shared("nearest neighbours", of_shared)?;
     let least = |all: &[(u32, (f64, f64))]| {
         let squares = all.iter().map(|(_, (square, _))| *square);
         (squares.fold(f64::INFINITY, f64::min), all[0].1.1)
     };
     let of_shared = of_shared.chunk_by(|a, b| a.0 == b.0).map(least);
-    let own = nearest.iter().zip(nodes).zip(part.is_shared());
+    let own = nearest.iter().zip(nodes).zip(part.shared_mask());
     let own = own.filter(|(_, is_shared)| !is_shared);
     let own = own.map(|((square, &x), _)| (*square, distance(x)));
-    figures(own.chain(of_shared), part.whole[0], part.holders)
+    lattice_figures(own.chain(of_shared), part.global_counts[0], part.comm)
 }
 
 /// Figures of a lattice of so many atoms from the squares of the distances to each one's nearest neighbour, and the
@@ -105,18 +105,18 @@ pub(crate) fn lattice_of_part<const D: usize, M: Simplices<D>, H: Holders + ?Siz
 ///
 /// # Errors
 /// Those of the other holders.
-pub(super) fn figures<H: Holders + ?Sized>(
+pub(super) fn lattice_figures<H: LocalOrComm + ?Sized>(
     nearest: impl Iterator<Item = (f64, f64)>,
     atoms: usize,
     holders: &H,
-) -> Result<Lattice, H::Error> {
+) -> Result<LatticeReport, H::Error> {
     let spacing: Vec<f64> = nearest
         .filter(|(square, _)| square.is_finite())
         .map(|(square, distance)| square.sqrt() / distance)
         .collect();
     let ranks = |total: usize| [0.01, 0.5, 0.99].map(|s| (s * (total - 1) as f64) as usize);
-    let spacing = at_ranks(&[spacing.iter().copied()], &[ranks], holders)?;
-    Ok(Lattice {
+    let spacing = order_statistics(&[spacing.iter().copied()], &[ranks], holders)?;
+    Ok(LatticeReport {
         atoms,
         spacing: std::array::from_fn(|i| spacing[0][i]),
         optimisation: None,
@@ -132,16 +132,16 @@ mod tests {
     #[test]
     fn spacing_is_the_shortest_edge_over_the_nominal_distance() {
         let mut mesh = kuhn_box([6, 6, 6], 2.0);
-        assert_eq!(lattice(&mesh, |_| 4.0).spacing, [0.5; 3]);
+        assert_eq!(measure_lattice(&mesh, |_| 4.0).spacing, [0.5; 3]);
         // One atom halfway to its neighbour: its figure and the neighbour's fall to a quarter.
         let middle = 3 * 49 + 3 * 7 + 3;
         mesh.nodes[middle][0] += 1.0;
-        let found = lattice(&mesh, |_| 4.0);
+        let found = measure_lattice(&mesh, |_| 4.0);
         assert_eq!(found.spacing, [0.5; 3]);
         assert_eq!(found.atoms, 343);
         // Half the atoms are asked to be twice as far apart.
-        let found = lattice(&mesh, |p| if p[0] > 6.0 { 4.0 } else { 2.0 });
+        let found = measure_lattice(&mesh, |p| if p[0] > 6.0 { 4.0 } else { 2.0 });
         assert_eq!((found.spacing[0], found.spacing[2]), (0.5, 1.0));
-        assert!(lattice(&TetMesh::default(), |_| 1.0).spacing[1].is_nan());
+        assert!(measure_lattice(&TetMesh::default(), |_| 1.0).spacing[1].is_nan());
     }
 }

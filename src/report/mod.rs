@@ -20,36 +20,38 @@
 mod acute;
 pub(crate) mod angles;
 pub(crate) mod cells;
+mod codecs;
 pub mod cost;
+mod face_distances;
+mod face_samples;
 pub(crate) mod fidelity;
-mod kept;
 pub(crate) mod lattice;
+mod mesh_faces;
 mod nearest;
-mod pieces;
 pub(crate) mod quality;
-mod reach;
 pub(crate) mod reference;
 mod regions;
-mod surface;
 pub(crate) mod table;
 mod tally;
 mod verdict;
 
-pub use acute::{AcuteLine, Pair};
-pub(crate) use angles::judged_of_part;
-pub use angles::{Angles, Judged, judged};
-pub use cells::{Voronoi, lattice_of_graph, voronoi};
+pub use acute::{AcuteLine, AcutePair};
+pub(crate) use angles::assess_partition_angles;
+pub use angles::{AngleAssessment, Angles, assess_angles};
+pub use cells::{Voronoi, lattice_of_graph, measure_voronoi};
 pub use cost::{Clock, StageCost};
-pub(crate) use fidelity::{Claims, fidelity_of_cells_while, fidelity_of_part, fidelity_while};
-pub use fidelity::{Fidelity, Match, fidelity, fidelity_of_cells};
-pub(crate) use lattice::lattice_of_part;
-pub use lattice::{Lattice, Optimisation, TracedLattice, lattice};
-pub(crate) use nearest::square_to_face;
+pub use fidelity::{FaceMatch, Fidelity, fidelity, fidelity_of_cells};
+pub(crate) use fidelity::{
+    TaggedFaces, fidelity_of_cells_with_cancel, fidelity_of_partition, fidelity_with_cancel,
+};
+pub(crate) use lattice::lattice_of_partition;
+pub use lattice::{LatticeReport, Optimisation, TracedLattice, measure_lattice};
+pub(crate) use nearest::squared_distance_to_face;
 pub use quality::{Quality, quality, smallest_angles};
-pub(crate) use quality::{quality_of_part, quality_while};
+pub(crate) use quality::{quality_of_partition, quality_with_cancel};
 pub use reference::Reference;
-pub(crate) use regions::DAMAGED;
-pub use regions::{Hole, Lost, Region, Regions};
+pub(crate) use regions::MIN_MISSING_SHARE;
+pub use regions::{Hole, LostParts, RegionReport, RegionSummary};
 pub use verdict::{Grade, Verdict};
 
 use crate::feature::{Doubt, KindOutcome, MissingData};
@@ -70,7 +72,7 @@ pub struct Report {
     /// What each stage cost, in the order in which they ran.
     pub stages: Vec<StageCost>,
     /// The atoms.
-    pub lattice: Option<Lattice>,
+    pub lattice: Option<LatticeReport>,
     /// The lattice as it moved, where it was traced.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub trace: Vec<TracedLattice>,
@@ -95,16 +97,16 @@ pub struct Report {
     pub fidelity: Option<Fidelity>,
     /// Whether the mesh is valid and fills its box.
     #[serde(rename = "box")]
-    pub filling: Option<Check>,
+    pub box_check: Option<Check>,
     /// The cells of a Voronoi mesh, of which the above says nothing.
     pub voronoi: Option<Voronoi>,
     /// The regions that the labels of the image became.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub regions: Option<Regions>,
+    pub regions: Option<RegionSummary>,
     /// What was improved, and what stands in the way of the rest.
     pub improvement: Option<Improvement>,
     /// What the other method makes of the same atoms, where the two are compared.
-    pub rival: Option<Rival>,
+    pub baseline: Option<Baseline>,
     /// Lines that whoever reads the report should know.
     pub notes: Vec<String>,
 }
@@ -126,11 +128,11 @@ impl Default for Report {
             missing: None,
             used_in_physical_space: false,
             fidelity: None,
-            filling: None,
+            box_check: None,
             voronoi: None,
             regions: None,
             improvement: None,
-            rival: None,
+            baseline: None,
             notes: Vec::new(),
         }
     }
@@ -151,23 +153,23 @@ pub struct Input {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Improvement {
     /// Tetrahedra below the target before.
-    pub poor_before: usize,
+    pub below_target_before: usize,
     /// Tetrahedra below the target after.
-    pub poor_after: usize,
+    pub below_target_after: usize,
     /// Changes made.
-    pub counts: improve::Counts,
+    pub counts: improve::OperationCounts,
     /// Holes in the faces on features that were closed.
-    pub sealed: improve::Sealed,
+    pub sealed: improve::SealReport,
     /// The tetrahedra still below the target, grouped by what holds their nodes; largest group
     /// first.
     pub blockers: Vec<Blocker>,
     /// The worst of them.
-    pub worst: Vec<improve::Blocked>,
+    pub worst: Vec<improve::BlockedCell>,
 }
 
 /// A mesh of the same atoms by another method of improvement.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Rival {
+pub struct Baseline {
     /// The method.
     pub method: improve::SliverMethod,
     /// Its shapes in lattice space.
@@ -176,7 +178,7 @@ pub struct Rival {
     pub fidelity: Option<Fidelity>,
 }
 
-impl std::fmt::Display for Rival {
+impl std::fmt::Display for Baseline {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self {
             method, quality, ..
@@ -186,7 +188,7 @@ impl std::fmt::Display for Rival {
             "{method} instead: {:.1} to {:.1}, {} below 30",
             quality.smallest_angle.worst, quality.largest_angle.worst, quality.below_30
         )?;
-        match self.fidelity.as_ref().and_then(|f| f.claimed.as_ref()) {
+        match self.fidelity.as_ref().and_then(|f| f.tagged_faces.as_ref()) {
             Some(faces) => write!(
                 f,
                 "; cover {:.3} {:.3} precision {:.3}",
@@ -214,8 +216,8 @@ pub struct Blocker {
     pub largest: f64,
 }
 
-impl From<&improve::Improved> for Improvement {
-    fn from(outcome: &improve::Improved) -> Self {
+impl From<&improve::ImproveReport> for Improvement {
+    fn from(outcome: &improve::ImproveReport) -> Self {
         let mut blockers: Vec<Blocker> = Vec::new();
         for b in &outcome.blocked {
             let held = (b.nodes_on_sides, b.nodes_on_features, b.nodes_on_crossings);
@@ -224,25 +226,25 @@ impl From<&improve::Improved> for Improvement {
             };
             if let Some(group) = blockers.iter_mut().find(same) {
                 group.tets += 1;
-                group.smallest = group.smallest.min(b.smallest);
-                group.largest = group.largest.max(b.largest);
+                group.smallest = group.smallest.min(b.min_angle);
+                group.largest = group.largest.max(b.max_angle);
             } else {
                 blockers.push(Blocker {
                     tets: 1,
                     nodes_on_sides: held.0,
                     nodes_on_features: held.1,
                     nodes_on_crossings: held.2,
-                    smallest: b.smallest,
-                    largest: b.largest,
+                    smallest: b.min_angle,
+                    largest: b.max_angle,
                 });
             }
         }
         blockers.sort_by_key(|group| std::cmp::Reverse(group.tets));
         Self {
-            poor_before: outcome.poor_before,
-            poor_after: outcome.poor_after,
+            below_target_before: outcome.below_target_before,
+            below_target_after: outcome.below_target_after,
             counts: outcome.counts,
-            sealed: improve::Sealed::default(),
+            sealed: improve::SealReport::default(),
             blockers,
             worst: outcome.blocked.iter().take(20).cloned().collect(),
         }

@@ -1,16 +1,16 @@
 //! Nearest-item queries: points in cells, a tree of bounding boxes, and the distance from a point to a
 //! triangle or a segment.
 
-use crate::geometry::groups::grouped;
-use crate::geometry::{dot, in_space, sub};
+use crate::geometry::counting_sort::sort_by_group;
+use crate::geometry::{dot, sub, to_3d};
 
-type Point = [f64; 3];
+type Point3 = [f64; 3];
 
 /// Squared distance from a point to a triangle, exact for all seven regions of its plane (the
 /// inside, three edges, three corners), also for a degenerate triangle. After Ericson, Real-Time
 /// Collision Detection, 5.1.5.
 #[inline]
-pub(super) fn square_to_triangle(p: Point, [a, b, c]: [Point; 3]) -> f64 {
+pub(super) fn squared_distance_to_triangle(p: Point3, [a, b, c]: [Point3; 3]) -> f64 {
     let (ab, ac, ap) = (sub(b, a), sub(c, a), sub(p, a));
     let square = |t: f64, u: f64| {
         let x = ap[0] - t * ab[0] - u * ac[0];
@@ -51,12 +51,12 @@ pub(super) fn square_to_triangle(p: Point, [a, b, c]: [Point; 3]) -> f64 {
 
 /// Squared distance from a point to a face of a mesh: a triangle in space, a segment in the plane
 /// (which is a flat triangle in space).
-pub(crate) fn square_to_face<const D: usize>(p: [f64; D], face: &[[f64; D]; D]) -> f64 {
-    square_to_triangle(in_space(p), [face[0], face[1], face[D - 1]].map(in_space))
+pub(crate) fn squared_distance_to_face<const D: usize>(p: [f64; D], face: &[[f64; D]; D]) -> f64 {
+    squared_distance_to_triangle(to_3d(p), [face[0], face[1], face[D - 1]].map(to_3d))
 }
 
 /// Points in the cells of a grid: for nearest points of which most are within a cell or two.
-pub(super) struct Points<const D: usize> {
+pub(super) struct PointGrid<const D: usize> {
     /// In the order of their cells.
     sorted: Vec<[f32; D]>,
     /// Where each cell's points start; x fastest, one more at the end.
@@ -67,16 +67,16 @@ pub(super) struct Points<const D: usize> {
 }
 
 /// Side of a cell, or, where there would be more cells than this, twice or four times as much.
-const CELL: f64 = 2.0;
-const CELLS: usize = 1 << 24;
+const MIN_CELL_SIDE: f64 = 2.0;
+const MAX_CELLS: usize = 1 << 24;
 
-impl<const D: usize> Points<D> {
+impl<const D: usize> PointGrid<D> {
     /// Sorts points in or near the box `[0, extent]`; also gives their numbers in the new order.
     pub(super) fn new(points: &[[f32; D]], extent: [f64; D]) -> (Self, Vec<u32>) {
-        let mut side = CELL;
+        let mut side = MIN_CELL_SIDE;
         let dims = loop {
             let dims = extent.map(|e| (e / side) as usize + 1);
-            if dims.iter().product::<usize>() <= CELLS {
+            if dims.iter().product::<usize>() <= MAX_CELLS {
                 break dims;
             }
             side *= 2.0;
@@ -85,7 +85,7 @@ impl<const D: usize> Points<D> {
             let along = |k: usize| ((f64::from(p[k]) / side) as usize).min(dims[k] - 1);
             (0..D).rev().fold(0, |cell, k| cell * dims[k] + along(k))
         };
-        let (start, order) = grouped(dims.iter().product(), points.iter().map(cell));
+        let (start, order) = sort_by_group(dims.iter().product(), points.iter().map(cell));
         let sorted = order.iter().map(|&i| points[i as usize]).collect();
         (
             Self {
@@ -99,7 +99,7 @@ impl<const D: usize> Points<D> {
     }
 
     #[inline]
-    fn along(&self, k: usize, x: f64) -> usize {
+    fn cell_coordinate(&self, k: usize, x: f64) -> usize {
         ((x / self.side) as usize).min(self.dims[k] - 1)
     }
 
@@ -109,7 +109,7 @@ impl<const D: usize> Points<D> {
     }
 
     #[inline]
-    fn square(&self, p: [f64; D], i: usize) -> f64 {
+    fn squared_distance(&self, p: [f64; D], i: usize) -> f64 {
         let q = &self.sorted[i];
         let mut sum = 0.0;
         for k in 0..D {
@@ -128,7 +128,7 @@ impl<const D: usize> Points<D> {
         hint: Option<usize>,
     ) -> Option<(usize, f64)> {
         // Some point is as near as this.
-        let mut near = hint.map_or(f64::INFINITY, |i| self.square(p, i));
+        let mut near = hint.map_or(f64::INFINITY, |i| self.squared_distance(p, i));
         let known = near.sqrt() * (1.0 + 1e-9);
         // Every point within the radius is looked at: it grows until the nearest is among them.
         let mut radius = known.min(self.side).min(limit);
@@ -145,7 +145,7 @@ impl<const D: usize> Points<D> {
     /// The square of how far at least the points in cells of that number along an axis are away along
     /// it. The outermost cells have all points outside the box, too.
     #[inline]
-    fn square_to_slab(&self, k: usize, along: usize, x: f64) -> f64 {
+    fn squared_distance_to_slab(&self, k: usize, along: usize, x: f64) -> f64 {
         let mut gap = 0f64;
         if along > 0 {
             gap = gap.max(self.side * along as f64 - x);
@@ -158,7 +158,7 @@ impl<const D: usize> Points<D> {
 
     /// The points in each row of cells that touch a box, with the place of the row's first cell.
     #[inline]
-    fn rows(
+    fn visit_rows(
         &self,
         low: [f64; D],
         high: [f64; D],
@@ -166,8 +166,8 @@ impl<const D: usize> Points<D> {
     ) {
         let (mut first, mut last) = ([0; D], [0; D]);
         for k in 0..D {
-            first[k] = self.along(k, low[k]);
-            last[k] = self.along(k, high[k]);
+            first[k] = self.cell_coordinate(k, low[k]);
+            last[k] = self.cell_coordinate(k, high[k]);
         }
         let mut at = first;
         loop {
@@ -191,8 +191,8 @@ impl<const D: usize> Points<D> {
     }
 
     /// The points in a box, by their numbers in the new order.
-    pub(super) fn within(&self, low: [f64; D], high: [f64; D], mut each: impl FnMut(usize)) {
-        self.rows(low, high, |_, points| {
+    pub(super) fn visit_box(&self, low: [f64; D], high: [f64; D], mut each: impl FnMut(usize)) {
+        self.visit_rows(low, high, |_, points| {
             for i in points {
                 let q = &self.sorted[i];
                 let mut inside = true;
@@ -219,8 +219,8 @@ impl<const D: usize> Points<D> {
         let (mut which, mut least) = (usize::MAX, limit * limit);
         // It lets far rows be passed over. Rounding must not lose equally near ones, of which the first is taken.
         let mut near = near.min(least);
-        self.rows(p, p, |_, points| {
-            near = points.fold(near, |near, i| near.min(self.square(p, i)));
+        self.visit_rows(p, p, |_, points| {
+            near = points.fold(near, |near, i| near.min(self.squared_distance(p, i)));
         });
         near *= 1.0 + 1e-9;
         let (mut low, mut high) = (p, p);
@@ -229,16 +229,16 @@ impl<const D: usize> Points<D> {
             low[k] -= reach;
             high[k] += reach;
         }
-        self.rows(low, high, |at, points| {
+        self.visit_rows(low, high, |at, points| {
             let mut away = 0.0;
             for k in 1..D {
-                away += self.square_to_slab(k, at[k], p[k]);
+                away += self.squared_distance_to_slab(k, at[k], p[k]);
             }
             if away > near {
                 return;
             }
             for i in points {
-                let square = self.square(p, i);
+                let square = self.squared_distance(p, i);
                 if square < least {
                     (which, least) = (i, square);
                 }
@@ -249,32 +249,32 @@ impl<const D: usize> Points<D> {
 }
 
 /// Items in a leaf.
-const LEAF: usize = 4;
+const LEAF_SIZE: usize = 4;
 /// What is in a box may seem nearer than the box by what is rounded away: so much farther ones are looked into.
-const SLACK: f64 = 1.0 + 1e-9;
+const ROUNDING_SLACK: f64 = 1.0 + 1e-9;
 
-struct Node<const D: usize> {
+struct TreeNode<const D: usize> {
     low: [f64; D],
     high: [f64; D],
     /// Items `start..end` of the order; a leaf if there are at most [`LEAF`].
     start: u32,
     end: u32,
     /// The second child; the first follows its parent.
-    second: u32,
+    second_child: u32,
     /// The sets that its items belong to, as bits.
     sets: u8,
 }
 
-impl<const D: usize> Node<D> {
+impl<const D: usize> TreeNode<D> {
     #[inline]
-    fn square(&self, p: [f64; D]) -> f64 {
-        square_to_box(p, &self.low, &self.high)
+    fn squared_distance(&self, p: [f64; D]) -> f64 {
+        squared_distance_to_box(p, &self.low, &self.high)
     }
 }
 
 /// Squared distance from a point to a box.
 #[inline]
-fn square_to_box<const D: usize>(p: [f64; D], low: &[f64; D], high: &[f64; D]) -> f64 {
+fn squared_distance_to_box<const D: usize>(p: [f64; D], low: &[f64; D], high: &[f64; D]) -> f64 {
     let mut sum = 0.0;
     for k in 0..D {
         let gap = (low[k] - p[k]).max(p[k] - high[k]).max(0.0);
@@ -285,14 +285,14 @@ fn square_to_box<const D: usize>(p: [f64; D], low: &[f64; D], high: &[f64; D]) -
 
 /// A tree of bounding boxes over items that are known by their index, each of which belongs to the
 /// sets of its bits.
-pub(super) struct Tree<'a, const D: usize> {
-    nodes: Vec<Node<D>>,
+pub(super) struct BoxTree<'a, const D: usize> {
+    nodes: Vec<TreeNode<D>>,
     order: Vec<u32>,
     boxes: &'a [[[f64; D]; 2]],
     sets: &'a [u8],
 }
 
-impl<'a, const D: usize> Tree<'a, D> {
+impl<'a, const D: usize> BoxTree<'a, D> {
     /// A tree over items with the given boxes (low and high corner) and sets, split at the median of
     /// the longest axis.
     pub(super) fn new(boxes: &'a [[[f64; D]; 2]], sets: &'a [u8]) -> Self {
@@ -333,7 +333,7 @@ impl<'a, const D: usize> Tree<'a, D> {
         while depth > 0 {
             depth -= 1;
             let (at, bound) = stack[depth];
-            if bound >= least * SLACK {
+            if bound >= least * ROUNDING_SLACK {
                 continue;
             }
             let node = &self.nodes[at as usize];
@@ -341,11 +341,13 @@ impl<'a, const D: usize> Tree<'a, D> {
                 continue;
             }
             let items = &self.order[node.start as usize..node.end as usize];
-            if items.len() <= LEAF {
+            if items.len() <= LEAF_SIZE {
                 for &item in items {
                     let item = item as usize;
                     let [low, high] = &self.boxes[item];
-                    if !is_wanted(item) || square_to_box(p, low, high) >= least * SLACK {
+                    if !is_wanted(item)
+                        || squared_distance_to_box(p, low, high) >= least * ROUNDING_SLACK
+                    {
                         continue;
                     }
                     let d = square(item);
@@ -354,8 +356,11 @@ impl<'a, const D: usize> Tree<'a, D> {
                     }
                 }
             } else {
-                let first = (at + 1, self.nodes[at as usize + 1].square(p));
-                let second = (node.second, self.nodes[node.second as usize].square(p));
+                let first = (at + 1, self.nodes[at as usize + 1].squared_distance(p));
+                let second = (
+                    node.second_child,
+                    self.nodes[node.second_child as usize].squared_distance(p),
+                );
                 // The nearer child is on top of the stack.
                 let (far, near) = if first.1 <= second.1 {
                     (second, first)
@@ -377,7 +382,7 @@ fn build<const D: usize>(
     sets: &[u8],
     order: &mut [u32],
     start: usize,
-    nodes: &mut Vec<Node<D>>,
+    nodes: &mut Vec<TreeNode<D>>,
 ) {
     let (mut low, mut high) = ([f64::INFINITY; D], [f64::NEG_INFINITY; D]);
     let mut all = 0;
@@ -391,15 +396,15 @@ fn build<const D: usize>(
     }
     let at = nodes.len();
     let end = (start + order.len()) as u32;
-    nodes.push(Node {
+    nodes.push(TreeNode {
         low,
         high,
         start: start as u32,
         end,
-        second: 0,
+        second_child: 0,
         sets: all,
     });
-    if order.len() <= LEAF {
+    if order.len() <= LEAF_SIZE {
         return;
     }
     let size = |k: usize| high[k] - low[k];
@@ -411,7 +416,7 @@ fn build<const D: usize>(
     });
     let (left, right) = order.split_at_mut(half);
     build(boxes, sets, left, start, nodes);
-    nodes[at].second = nodes.len() as u32;
+    nodes[at].second_child = nodes.len() as u32;
     build(boxes, sets, right, start + half, nodes);
 }
 
@@ -420,7 +425,7 @@ mod tests {
     use super::*;
     use crate::geometry::distance2;
 
-    const FAR: f64 = f64::INFINITY;
+    const UNLIMITED: f64 = f64::INFINITY;
 
     fn random(state: &mut u64) -> f64 {
         *state = state
@@ -433,15 +438,15 @@ mod tests {
     fn distance_to_a_triangle_is_the_least_over_its_points() {
         let mut seed = 1;
         for _ in 0..300 {
-            let mut point = || -> Point { std::array::from_fn(|_| random(&mut seed)) };
+            let mut point = || -> Point3 { std::array::from_fn(|_| random(&mut seed)) };
             let (p, t) = (point(), [point(), point(), point()]);
-            let exact = square_to_triangle(p, t).sqrt();
+            let exact = squared_distance_to_triangle(p, t).sqrt();
             let n = 100;
             let mut scanned = f64::INFINITY;
             for i in 0..=n {
                 for j in 0..=n - i {
                     let (u, v) = (i as f64 / n as f64, j as f64 / n as f64);
-                    let q: Point = std::array::from_fn(|k| {
+                    let q: Point3 = std::array::from_fn(|k| {
                         (1.0 - u - v) * t[0][k] + u * t[1][k] + v * t[2][k]
                     });
                     let gap = sub(p, q);
@@ -464,9 +469,9 @@ mod tests {
             ([4.0, 2.0], 2.0),
             ([1.5, 1.0], 0.0),
         ] {
-            assert_eq!(square_to_face(p, &segment), square);
+            assert_eq!(squared_distance_to_face(p, &segment), square);
         }
-        assert_eq!(square_to_face([0.0, 0.0], &[[3.0, 4.0]; 2]), 25.0);
+        assert_eq!(squared_distance_to_face([0.0, 0.0], &[[3.0, 4.0]; 2]), 25.0);
     }
 
     #[test]
@@ -476,14 +481,14 @@ mod tests {
         let points: Vec<[f32; 3]> = (0..400)
             .map(|_| extent.map(|e| (0.2 * e + 0.7 * e * random(&mut seed)) as f32))
             .collect();
-        let (grid, order) = Points::new(&points, extent);
+        let (grid, order) = PointGrid::new(&points, extent);
         for _ in 0..500 {
-            let p: Point = extent.map(|e| e * (1.4 * random(&mut seed) - 0.2));
+            let p: Point3 = extent.map(|e| e * (1.4 * random(&mut seed) - 0.2));
             let square = |i: usize| {
                 let gap = sub(p, points[i].map(f64::from));
                 dot(gap, gap)
             };
-            let scanned = (0..points.len()).map(square).fold(FAR, f64::min);
+            let scanned = (0..points.len()).map(square).fold(UNLIMITED, f64::min);
             for hint in [None, Some(7)] {
                 let (i, found) = grid.nearest(p, 50.0, hint).unwrap();
                 assert!((found - scanned).abs() < 1e-12);
@@ -494,62 +499,65 @@ mod tests {
             }
         }
         for _ in 0..100 {
-            let low: Point = extent.map(|e| e * (1.4 * random(&mut seed) - 0.4));
+            let low: Point3 = extent.map(|e| e * (1.4 * random(&mut seed) - 0.4));
             let high = low.map(|c| c + 6.0 * random(&mut seed));
             let mut found = Vec::new();
-            grid.within(low, high, |i| found.push(order[i]));
+            grid.visit_box(low, high, |i| found.push(order[i]));
             found.sort_unstable();
             let inside = |q: &[f32; 3]| (0..3).all(|k| (low[k]..=high[k]).contains(&q[k].into()));
             let scanned = (0..).zip(&points).filter(|(_, q)| inside(q));
             assert!(found.into_iter().eq(scanned.map(|(i, _)| i)));
         }
-        let (none, _) = Points::new(&[], extent);
+        let (none, _) = PointGrid::new(&[], extent);
         assert!(none.nearest([1.0; 3], 9.0, None).is_none());
     }
 
     #[test]
     fn the_tree_finds_what_a_scan_finds() {
         let mut seed = 2;
-        let points: Vec<Point> = (0..500)
+        let points: Vec<Point3> = (0..500)
             .map(|_| std::array::from_fn(|_| random(&mut seed)))
             .collect();
-        let boxes: Vec<[Point; 2]> = points.iter().map(|&p| [p, p]).collect();
+        let boxes: Vec<[Point3; 2]> = points.iter().map(|&p| [p, p]).collect();
         // One set of every item, one of every third, one of the last.
         let last = points.len() - 1;
         let sets: Vec<u8> = (0..=last)
             .map(|i| 1 | u8::from(i % 3 == 0) << 1 | u8::from(i == last) << 2)
             .collect();
-        let tree = Tree::new(&boxes, &sets);
+        let tree = BoxTree::new(&boxes, &sets);
         for _ in 0..200 {
-            let p: Point = std::array::from_fn(|_| 2.0 * random(&mut seed) - 0.5);
+            let p: Point3 = std::array::from_fn(|_| 2.0 * random(&mut seed) - 0.5);
             let square = |i: usize| dot(sub(p, points[i]), sub(p, points[i]));
             for wanted in [1, 2, 4, 6, 7] {
                 let of_sets = (0..points.len()).filter(|&i| sets[i] & wanted != 0);
                 let scanned = of_sets.map(square).fold(f64::INFINITY, f64::min);
                 let nearest = |limit, hint| tree.nearest(p, wanted, limit, hint, square);
-                assert_eq!(nearest(FAR, None).unwrap().1, scanned);
-                assert_eq!(nearest(FAR, Some(7)).unwrap().1, scanned);
+                assert_eq!(nearest(UNLIMITED, None).unwrap().1, scanned);
+                assert_eq!(nearest(UNLIMITED, Some(7)).unwrap().1, scanned);
                 assert!(nearest(scanned, Some(7)).is_none());
             }
         }
-        let none = Tree::<3>::new(&[], &[]);
-        assert!(none.nearest([0.0; 3], 1, FAR, None, |_| 0.0).is_none());
+        let none = BoxTree::<3>::new(&[], &[]);
+        assert!(
+            none.nearest([0.0; 3], 1, UNLIMITED, None, |_| 0.0)
+                .is_none()
+        );
     }
 
     #[test]
     fn sets_without_items_cost_no_search() {
-        let boxes: Vec<[Point; 2]> = (0..4096)
+        let boxes: Vec<[Point3; 2]> = (0..4096)
             .map(|i| [[f64::from(i % 64), f64::from(i / 64), 0.0]; 2])
             .collect();
         let sets: Vec<u8> = (0..4096).map(|i| 1 | u8::from(i == 77) << 1).collect();
-        let tree = Tree::new(&boxes, &sets);
+        let tree = BoxTree::new(&boxes, &sets);
         for (wanted, most) in [(4, 0), (2, 1)] {
             let looked_at = std::cell::Cell::new(0);
             let square = |i: usize| {
                 looked_at.set(looked_at.get() + 1);
                 distance2(&boxes[i][0], &[60.2, 60.1, 5.0])
             };
-            tree.nearest([60.2, 60.1, 5.0], wanted, FAR, None, square);
+            tree.nearest([60.2, 60.1, 5.0], wanted, UNLIMITED, None, square);
             assert_eq!(looked_at.get(), most);
         }
     }

@@ -2,27 +2,27 @@
 //! angles.
 
 use super::Angles;
-use crate::files::kept::fields;
+use crate::comm::LocalOrComm;
+use crate::comm::selection::order_statistics;
+use crate::files::codec::codec_fields;
 use crate::mesh::Simplices;
-use crate::mesh::part::Part;
-use crate::observer::Patience;
+use crate::mesh::view::MeshView;
 use crate::parallel::prelude::*;
-use crate::ranks::Holders;
-use crate::ranks::order::at_ranks;
+use crate::progress::CancelToken;
 use serde::Serialize;
 use std::borrow::Cow;
 
 /// Bins of the histogram of angles, of 10 degrees each.
 pub const BINS: usize = 18;
 /// Cells in one task; fixed, so that sums do not depend on the number of threads.
-pub(super) const CHUNK: usize = 1 << 14;
+pub(super) const CELLS_PER_TASK: usize = 1 << 14;
 /// How many of the worst cells are listed.
-const LISTED: usize = 10;
+const MAX_LISTED_CELLS: usize = 10;
 
 /// The worst value of all cells, and the values that 0.1, 1 and 50 % of them do not reach or
 /// are worse than.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Points {
+pub struct Quantiles {
     /// The worst of all.
     pub worst: f64,
     /// Only one in a thousand is worse.
@@ -57,9 +57,9 @@ pub struct Quality {
     /// What they are: `tetrahedra` or `triangles`.
     pub kind: Cow<'static, str>,
     /// Each cell's smallest angle; the worst is the smallest.
-    pub smallest_angle: Points,
+    pub smallest_angle: Quantiles,
     /// Each cell's largest angle; the worst is the largest.
-    pub largest_angle: Points,
+    pub largest_angle: Quantiles,
     /// Cells with an angle below 20 degrees.
     pub below_20: usize,
     /// Cells with an angle below 30 degrees.
@@ -74,10 +74,10 @@ pub struct Quality {
     pub histogram: [u64; BINS],
     /// Mean ratio, 1 for the regular cell, 0 for a flat one; in the plane this is
     /// Q = 4 sqrt(3) A / (l1^2 + l2^2 + l3^2).
-    pub mean_ratio: Points,
+    pub mean_ratio: Quantiles,
     /// Circumradius over shortest edge, 0.612 for the regular tetrahedron, 0.577 for the equilateral
     /// triangle; the worst is the largest.
-    pub radius_edge: Points,
+    pub radius_edge: Quantiles,
     /// Mean of all mean ratios.
     pub mean_ratio_mean: f64,
     /// Sum of the (signed) volumes; areas in the plane.
@@ -95,13 +95,13 @@ pub struct Quality {
 /// The smallest angle of every cell, in degrees.
 pub fn smallest_angles<const D: usize, M: Simplices<D>>(mesh: &M) -> Vec<f32> {
     let mut angles = vec![0.0f32; mesh.len()];
-    let chunks = angles.par_chunks_mut(CHUNK).enumerate();
+    let chunks = angles.par_chunks_mut(CELLS_PER_TASK).enumerate();
     chunks.for_each(|(chunk, angles)| {
-        let first = chunk * CHUNK;
+        let first = chunk * CELLS_PER_TASK;
         let mut places = angles.iter_mut();
         mesh.shapes(first..first + places.len(), |shape| {
             if let Some(angle) = places.next() {
-                *angle = largest(shape.cosines.as_ref()).acos().to_degrees() as f32;
+                *angle = max_value(shape.cosines.as_ref()).acos().to_degrees() as f32;
             }
         });
     });
@@ -111,24 +111,24 @@ pub fn smallest_angles<const D: usize, M: Simplices<D>>(mesh: &M) -> Vec<f32> {
 /// What is kept of a cell. Angles are kept as what they need for a cosine of one, which grows with them
 /// and tells the smallest apart: no arc cosine for each of millions of cells.
 #[derive(Clone, Copy, Default)]
-struct OfCell {
+struct CellShape {
     /// 1 - cos of the smallest angle.
     smallest: f32,
     /// 1 + cos of the largest angle, 1 - cos of what it lacks of 180 degrees.
     largest: f32,
-    ratio: f32,
-    radius: f32,
+    mean_ratio: f32,
+    radius_edge: f32,
 }
 
-impl OfCell {
+impl CellShape {
     /// What is kept of the angle that is farther from 90 degrees.
-    fn worse(&self) -> f32 {
+    fn worst_versine(&self) -> f32 {
         self.smallest.min(self.largest)
     }
 }
 
 /// The sums of the cells of one task.
-struct Sums {
+struct ShapeSums {
     histogram: [u64; BINS],
     ratio_sum: f64,
     volume: f64,
@@ -137,15 +137,15 @@ struct Sums {
 
 /// Measures every cell in the space in which the mesh's nodes are given.
 pub fn quality<const D: usize, M: Simplices<D>>(mesh: &M) -> Quality {
-    quality_while(mesh, &Patience::endless())
+    quality_with_cancel(mesh, &CancelToken::never())
 }
 
 /// The same as long as `patience` lasts; once it is over, the figures are of no use.
-pub(crate) fn quality_while<const D: usize, M: Simplices<D>>(
+pub(crate) fn quality_with_cancel<const D: usize, M: Simplices<D>>(
     mesh: &M,
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> Quality {
-    let Ok(found) = quality_of_part(&Part::all(mesh), patience);
+    let Ok(found) = quality_of_partition(&MeshView::from_mesh(mesh), patience);
     found
 }
 
@@ -153,23 +153,28 @@ pub(crate) fn quality_while<const D: usize, M: Simplices<D>>(
 ///
 /// # Errors
 /// Those of the other holders.
-pub(crate) fn quality_of_part<const D: usize, M: Simplices<D>, H: Holders + ?Sized>(
-    part: &Part<'_, D, M, H>,
-    patience: &Patience<'_>,
+pub(crate) fn quality_of_partition<const D: usize, M: Simplices<D>, H: LocalOrComm + ?Sized>(
+    part: &MeshView<'_, D, M, H>,
+    patience: &CancelToken<'_>,
 ) -> Result<Quality, H::Error> {
     let mesh = part.mesh;
-    let mut of_cells = vec![OfCell::default(); mesh.len()];
-    let sums: Vec<Sums> = (of_cells.par_chunks_mut(CHUNK).enumerate())
-        .take_any_while(|_| !patience.over())
-        .map(|(chunk, of_cells)| shapes(mesh, chunk * CHUNK, of_cells))
+    let mut of_cells = vec![CellShape::default(); mesh.len()];
+    let sums: Vec<ShapeSums> = (of_cells.par_chunks_mut(CELLS_PER_TASK).enumerate())
+        .take_any_while(|_| !patience.is_cancelled())
+        .map(|(chunk, of_cells)| measure_shapes(mesh, chunk * CELLS_PER_TASK, of_cells))
         .collect();
-    let all = (part.holders).told("shapes", Own::new(part, &of_cells, &sums))?;
-    let series: [Figure; 4] = [|c| c.smallest, |c| c.largest, |c| c.ratio, |c| c.radius];
+    let all = (part.comm).try_all_gather("shapes", LocalQuality::new(part, &of_cells, &sums))?;
+    let series: [ShapeMeasure; 4] = [
+        |c| c.smallest,
+        |c| c.largest,
+        |c| c.mean_ratio,
+        |c| c.radius_edge,
+    ];
     let series = series.map(|of| of_cells.iter().map(of));
-    let [smallest, largest, mean_ratio, radius_edge] = points(
+    let [smallest, largest, mean_ratio, radius_edge] = quantiles(
         series,
-        [Bad::Small, Bad::Small, Bad::Small, Bad::Large],
-        part.holders,
+        [BadEnd::Small, BadEnd::Small, BadEnd::Small, BadEnd::Large],
+        part.comm,
     )?;
     let count = |k: usize| all.iter().map(|own| own.counts[k]).sum::<u64>();
     let [below_20, below_30, above_120, above_150, above_160] =
@@ -178,36 +183,36 @@ pub(crate) fn quality_of_part<const D: usize, M: Simplices<D>, H: Holders + ?Siz
     let mut worst: Vec<(f32, Worst)> = all.iter().flat_map(|own| own.worst.clone()).collect();
     worst.sort_by_key(|(_, worst)| worst.cell);
     Ok(Quality {
-        nodes: part.whole[0],
-        cells: part.whole[1],
-        kind: M::CELLS.into(),
-        smallest_angle: smallest.map(angle),
-        largest_angle: largest.map(|v| 180.0 - angle(v)),
+        nodes: part.global_counts[0],
+        cells: part.global_counts[1],
+        kind: M::CELLS_NAME.into(),
+        smallest_angle: smallest.map(angle_from_versine),
+        largest_angle: largest.map(|v| 180.0 - angle_from_versine(v)),
         below_20,
         below_30,
         above_120,
         above_150,
         above_160,
-        histogram: std::array::from_fn(|bin| count(LIMITS.len() + bin)),
-        worst: farthest(worst)
+        histogram: std::array::from_fn(|bin| count(ANGLE_LIMITS.len() + bin)),
+        worst: worst_cells(worst)
             .into_iter()
             .map(|(_, worst)| worst)
             .collect(),
         angles: None,
         mean_ratio,
         radius_edge,
-        mean_ratio_mean: sum(0) / part.whole[1] as f64,
+        mean_ratio_mean: sum(0) / part.global_counts[1] as f64,
         volume: sum(1),
-        smallest_volume: (all.iter().map(|own| own.range[0])).fold(f64::NAN, f64::min),
-        largest_volume: (all.iter().map(|own| own.range[1])).fold(f64::NAN, f64::max),
+        smallest_volume: (all.iter().map(|own| own.volume_range[0])).fold(f64::NAN, f64::min),
+        largest_volume: (all.iter().map(|own| own.volume_range[1])).fold(f64::NAN, f64::max),
     })
 }
 
 /// A figure of a cell.
-type Figure = fn(&OfCell) -> f32;
+type ShapeMeasure = fn(&CellShape) -> f32;
 
 /// What is counted: cells with the smallest angle, or with what the largest lacks of 180 degrees, below a limit.
-const LIMITS: [(Figure, f64); 5] = [
+const ANGLE_LIMITS: [(ShapeMeasure, f64); 5] = [
     (|c| c.smallest, 20.0),
     (|c| c.smallest, 30.0),
     (|c| c.largest, 60.0),
@@ -216,40 +221,40 @@ const LIMITS: [(Figure, f64); 5] = [
 ];
 
 /// What is told of the cells of a part.
-struct Own {
+struct LocalQuality {
     /// Of [`LIMITS`], then the bins of the histogram.
     counts: Vec<u64>,
     /// Of mean ratios, and of volumes.
     sums: [f64; 2],
     /// The smallest volume and the largest.
-    range: [f64; 2],
+    volume_range: [f64; 2],
     /// The cells whose angles are farthest from 90 degrees, with their [`OfCell::worse`].
     worst: Vec<(f32, Worst)>,
 }
 
-fields! { Own as Own { counts, sums, range, worst } }
+codec_fields! { LocalQuality as LocalQuality { counts, sums, volume_range, worst } }
 
-impl Own {
-    fn new<const D: usize, M: Simplices<D>, H: Holders + ?Sized>(
-        part: &Part<'_, D, M, H>,
-        of_cells: &[OfCell],
-        sums: &[Sums],
+impl LocalQuality {
+    fn new<const D: usize, M: Simplices<D>, H: LocalOrComm + ?Sized>(
+        part: &MeshView<'_, D, M, H>,
+        of_cells: &[CellShape],
+        sums: &[ShapeSums],
     ) -> Self {
-        let below = |(of, angle): (Figure, f64)| {
+        let below = |(of, angle): (ShapeMeasure, f64)| {
             let limit = 1.0 - angle.to_radians().cos();
             let values = of_cells.par_iter().map(of);
             values.filter(|&v| f64::from(v) < limit).count() as u64
         };
-        let mut counts = LIMITS.map(below).to_vec();
+        let mut counts = ANGLE_LIMITS.map(below).to_vec();
         counts.extend((0..BINS).map(|bin| sums.iter().map(|s| s.histogram[bin]).sum::<u64>()));
-        let worst = farthest(of_cells.iter().map(OfCell::worse).zip(0..));
+        let worst = worst_cells(of_cells.iter().map(CellShape::worst_versine).zip(0..));
         let listed = |(worse, c): (f32, usize)| {
             let cell = &of_cells[c];
             let worst = Worst {
-                cell: part.first + c,
+                cell: part.first_cell + c,
                 centroid: centroid(part.mesh, c),
-                smallest: angle(cell.smallest.into()),
-                largest: 180.0 - angle(cell.largest.into()),
+                smallest: angle_from_versine(cell.smallest.into()),
+                largest: 180.0 - angle_from_versine(cell.largest.into()),
             };
             (worse, worst)
         };
@@ -259,7 +264,7 @@ impl Own {
                 sums.iter().map(|s| s.ratio_sum).sum(),
                 sums.iter().map(|s| s.volume).sum(),
             ],
-            range: [
+            volume_range: [
                 (sums.iter().map(|s| s.volume_range[0])).fold(f64::NAN, f64::min),
                 (sums.iter().map(|s| s.volume_range[1])).fold(f64::NAN, f64::max),
             ],
@@ -269,27 +274,31 @@ impl Own {
 }
 
 /// Measures the cells from one on.
-fn shapes<const D: usize>(mesh: &impl Simplices<D>, first: usize, of_cells: &mut [OfCell]) -> Sums {
+fn measure_shapes<const D: usize>(
+    mesh: &impl Simplices<D>,
+    first: usize,
+    of_cells: &mut [CellShape],
+) -> ShapeSums {
     let cells = first..first + of_cells.len();
     let mut places = of_cells.iter_mut();
-    let mut found = Sums {
+    let mut found = ShapeSums {
         histogram: [0; BINS],
         ratio_sum: 0.0,
         volume: 0.0,
         volume_range: [f64::INFINITY, f64::NEG_INFINITY],
     };
-    let bins = Bins::new();
+    let bins = AngleBins::new();
     mesh.shapes(cells, |shape| {
         let cosines = shape.cosines.as_ref();
         for &cosine in cosines {
-            found.histogram[bins.of(cosine)] += 1;
+            found.histogram[bins.bin_index(cosine)] += 1;
         }
         if let Some(cell) = places.next() {
-            *cell = OfCell {
-                smallest: (1.0 - largest(cosines)) as f32,
-                largest: (1.0 + smallest(cosines)) as f32,
-                ratio: shape.mean_ratio as f32,
-                radius: shape.radius_edge as f32,
+            *cell = CellShape {
+                smallest: (1.0 - max_value(cosines)) as f32,
+                largest: (1.0 + min_value(cosines)) as f32,
+                mean_ratio: shape.mean_ratio as f32,
+                radius_edge: shape.radius_edge as f32,
             };
         }
         found.ratio_sum += shape.mean_ratio;
@@ -303,58 +312,62 @@ fn shapes<const D: usize>(mesh: &impl Simplices<D>, first: usize, of_cells: &mut
 }
 
 /// The angle, in degrees, whose cosine is that much below one.
-pub(super) fn angle(versine: f64) -> f64 {
+pub(super) fn angle_from_versine(versine: f64) -> f64 {
     (1.0 - versine).acos().to_degrees()
 }
 
-pub(super) fn largest(values: &[f64]) -> f64 {
+pub(super) fn max_value(values: &[f64]) -> f64 {
     values.iter().copied().fold(f64::NEG_INFINITY, f64::max)
 }
 
-pub(super) fn smallest(values: &[f64]) -> f64 {
+pub(super) fn min_value(values: &[f64]) -> f64 {
     values.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
 /// The bins of the histogram, for cosines: no arc cosine for each of millions of angles.
-struct Bins {
+struct AngleBins {
     /// Cosines of the bins' upper ends; the last is never reached.
-    ends: [f64; BINS],
+    upper_ends: [f64; BINS],
     /// The bin of the largest cosine in each of the equal parts of [-1, 1], none of which holds
     /// more than one end.
-    of_part: [u8; PARTS + 1],
+    bin_of_interval: [u8; COSINE_INTERVALS + 1],
 }
 
-const PARTS: usize = 512;
+const COSINE_INTERVALS: usize = 512;
 
-impl Bins {
+impl AngleBins {
     fn new() -> Self {
         let width = std::f64::consts::PI / BINS as f64;
-        let mut ends: [f64; BINS] = std::array::from_fn(|bin| ((bin + 1) as f64 * width).cos());
-        ends[BINS - 1] = -2.0;
-        let of_part = std::array::from_fn(|part| {
-            let top = 2.0 * (part + 1) as f64 / PARTS as f64 - 1.0;
-            ends.iter().filter(|&&end| top <= end).count() as u8
+        let mut upper_ends: [f64; BINS] =
+            std::array::from_fn(|bin| ((bin + 1) as f64 * width).cos());
+        upper_ends[BINS - 1] = -2.0;
+        let bin_of_interval = std::array::from_fn(|part| {
+            let top = 2.0 * (part + 1) as f64 / COSINE_INTERVALS as f64 - 1.0;
+            upper_ends.iter().filter(|&&end| top <= end).count() as u8
         });
-        Self { ends, of_part }
+        Self {
+            upper_ends,
+            bin_of_interval,
+        }
     }
 
     /// The bin of an angle with that cosine: the number of ends that it has reached.
     #[inline]
-    fn of(&self, cosine: f64) -> usize {
-        let part = ((cosine + 1.0) * (0.5 * PARTS as f64)) as usize;
-        let bin = usize::from(self.of_part[part.min(PARTS)]);
-        bin + usize::from(cosine <= self.ends[bin])
+    fn bin_index(&self, cosine: f64) -> usize {
+        let part = ((cosine + 1.0) * (0.5 * COSINE_INTERVALS as f64)) as usize;
+        let bin = usize::from(self.bin_of_interval[part.min(COSINE_INTERVALS)]);
+        bin + usize::from(cosine <= self.upper_ends[bin])
     }
 }
 
 /// Which end of a range is bad.
 #[derive(Clone, Copy)]
-enum Bad {
+enum BadEnd {
     Small,
     Large,
 }
 
-impl Points {
+impl Quantiles {
     fn map(self, f: impl Fn(f64) -> f64) -> Self {
         Self {
             worst: f(self.worst),
@@ -366,25 +379,25 @@ impl Points {
 }
 
 /// Of each series of values these of all holders.
-fn points<const N: usize, H: Holders + ?Sized>(
+fn quantiles<const N: usize, H: LocalOrComm + ?Sized>(
     series: [impl Iterator<Item = f32> + Clone + Sync; N],
-    bad: [Bad; N],
+    bad: [BadEnd; N],
     holders: &H,
-) -> Result<[Points; N], H::Error> {
+) -> Result<[Quantiles; N], H::Error> {
     let ranks = bad.map(|bad| {
         move |total: usize| {
             let last = total - 1;
             let ranks = [0.0, 0.001, 0.01, 0.5].map(|share| (share * last as f64) as usize);
             match bad {
-                Bad::Small => ranks,
-                Bad::Large => ranks.map(|rank| last - rank),
+                BadEnd::Small => ranks,
+                BadEnd::Large => ranks.map(|rank| last - rank),
             }
         }
     });
-    let found = at_ranks(&series, &ranks, holders)?;
+    let found = order_statistics(&series, &ranks, holders)?;
     Ok(std::array::from_fn(|i| {
         let [worst, permille, percent, median] = std::array::from_fn(|of| found[i][of]);
-        Points {
+        Quantiles {
             worst,
             permille,
             percent,
@@ -402,15 +415,15 @@ pub(super) fn centroid<const D: usize>(mesh: &impl Simplices<D>, c: usize) -> Ve
 
 /// The few cells whose angles are farthest from 90 degrees, worst first, of all in the order of their numbers: each
 /// with its [`OfCell::worse`].
-fn farthest<T>(cells: impl IntoIterator<Item = (f32, T)>) -> Vec<(f32, T)> {
-    let mut found: Vec<(f32, T)> = Vec::with_capacity(LISTED + 1);
+fn worst_cells<T>(cells: impl IntoIterator<Item = (f32, T)>) -> Vec<(f32, T)> {
+    let mut found: Vec<(f32, T)> = Vec::with_capacity(MAX_LISTED_CELLS + 1);
     for (worse, cell) in cells {
-        if found.len() == LISTED && found.last().is_some_and(|last| worse >= last.0) {
+        if found.len() == MAX_LISTED_CELLS && found.last().is_some_and(|last| worse >= last.0) {
             continue;
         }
         let place = found.partition_point(|other| other.0 <= worse);
         found.insert(place, (worse, cell));
-        found.truncate(LISTED);
+        found.truncate(MAX_LISTED_CELLS);
     }
     found
 }

@@ -1,10 +1,10 @@
 use super::*;
+use crate::comm::SelfComm;
 use crate::mesh::boxes::kuhn_box;
 use crate::mesh::{TetMesh, TriMesh};
-use crate::ranks::Alone;
 
-fn points(values: impl Iterator<Item = f32> + Clone + Sync, bad: Bad) -> Points {
-    let Ok([points]) = super::points([values], [bad], &Alone);
+fn points(values: impl Iterator<Item = f32> + Clone + Sync, bad: BadEnd) -> Quantiles {
+    let Ok([points]) = super::quantiles([values], [bad], &SelfComm);
     points
 }
 
@@ -112,23 +112,26 @@ fn flat_tetrahedra_are_counted_listed_and_do_not_break_the_figures() {
 
 #[test]
 fn bins_are_those_of_the_angles() {
-    let bins = Bins::new();
+    let bins = AngleBins::new();
     for i in 1..18_000 {
         let angle = f64::from(i) / 100.0 - 0.005;
-        assert_eq!(bins.of(angle.to_radians().cos()), (angle / 10.0) as usize);
+        assert_eq!(
+            bins.bin_index(angle.to_radians().cos()),
+            (angle / 10.0) as usize
+        );
     }
-    assert_eq!((bins.of(1.0), bins.of(-1.0)), (0, BINS - 1));
+    assert_eq!((bins.bin_index(1.0), bins.bin_index(-1.0)), (0, BINS - 1));
 }
 
 #[test]
 fn points_are_the_ranks_of_the_sorted_values() {
     let values: Vec<f32> = (0..1001).map(|i| ((i * 617) % 1001) as f32).collect();
-    let low = points(values.iter().copied(), Bad::Small);
+    let low = points(values.iter().copied(), BadEnd::Small);
     assert_eq!(
         (low.worst, low.permille, low.percent, low.median),
         (0.0, 1.0, 10.0, 500.0)
     );
-    let high = points(values.iter().copied(), Bad::Large);
+    let high = points(values.iter().copied(), BadEnd::Large);
     let found = (high.worst, high.permille, high.percent, high.median);
     assert_eq!(found, (1000.0, 999.0, 990.0, 500.0));
 }

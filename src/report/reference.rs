@@ -2,16 +2,16 @@
 //!
 //! All positions and distances here are in samples, that is, in lattice space with a step of 1.
 
-use super::nearest::Points;
+use super::nearest::PointGrid;
+use crate::comm::LocalOrComm;
 use crate::feature::{FeaturePoint, Features};
 use crate::geometry::dot;
 use crate::image::synth::Truth;
-use crate::image::synth::truth::REACH;
-use crate::ranks::Holders;
+use crate::image::synth::truth::MAX_DISTANCE;
 use std::ops::Range;
 
 /// How far sideways, in samples, a detected point stands for the plane through it.
-const SIDEWAYS: f64 = 1.0;
+const PLANE_RADIUS: f64 = 1.0;
 
 /// The features of an image: as points on them, and as a distance from anywhere.
 pub struct Reference<'a, const D: usize = 3> {
@@ -20,21 +20,21 @@ pub struct Reference<'a, const D: usize = 3> {
     /// Points on the features: from truth, each sample closer than half a sample to a feature, moved
     /// onto it (but where the feature tapers out); else the detected points, or a share of them.
     pub points: Vec<[f32; D]>,
-    in_shares: bool,
+    is_shared: bool,
     /// For each of them, where the truth knows it, how far the next feature is and at what angle it
     /// lies (degrees).
-    pub next: Option<Vec<[f32; 2]>>,
-    field: Field<'a, D>,
+    pub next_feature: Option<Vec<[f32; 2]>>,
+    field: DistanceField<'a, D>,
 }
 
-enum Field<'a, const D: usize> {
+enum DistanceField<'a, const D: usize> {
     Truth(&'a Truth<D>),
-    Detected(Detected<D>),
+    Detected(DetectedPoints<D>),
 }
 
 /// Detected points, for distances.
-struct Detected<const D: usize> {
-    points: Points<D>,
+struct DetectedPoints<const D: usize> {
+    points: PointGrid<D>,
     /// Of each point, in the order of the cells.
     normals: Vec<[f32; D]>,
 }
@@ -49,22 +49,28 @@ impl<'a, const D: usize> Reference<'a, D> {
             std::array::from_fn(|k| index[k] as f32 + truth.distance[i] * truth.direction[i][k])
         };
         let inside = |p: [f32; D]| (0..D).all(|k| (-1e-3..=last[k] + 1e-3).contains(&p[k]));
-        let (mut points, mut next) = (Vec::new(), truth.next.as_ref().map(|_| Vec::new()));
-        let asked_for = |i: usize| truth.next.as_ref().is_none_or(|next| next[i][0] >= 0.0);
+        let (mut points, mut next_feature) =
+            (Vec::new(), truth.next_feature.as_ref().map(|_| Vec::new()));
+        let asked_for = |i: usize| {
+            truth
+                .next_feature
+                .as_ref()
+                .is_none_or(|next| next[i][0] >= 0.0)
+        };
         let wanted = |&i: &usize| truth.distance[i] < 0.5 && asked_for(i) && inside(point(i));
         for i in (0..truth.distance.len()).filter(wanted) {
             points.push(point(i));
-            if let (Some(next), Some(of_samples)) = (&mut next, &truth.next) {
+            if let (Some(next), Some(of_samples)) = (&mut next_feature, &truth.next_feature) {
                 next.push(of_samples[i]);
             }
         }
-        let source = if truth.smooth { "truth" } else { "mask" };
+        let source = if truth.is_smooth { "truth" } else { "mask" };
         Self {
             source,
             points,
-            in_shares: false,
-            next,
-            field: Field::Truth(truth),
+            is_shared: false,
+            next_feature,
+            field: DistanceField::Truth(truth),
         }
     }
 
@@ -76,7 +82,7 @@ impl<'a, const D: usize> Reference<'a, D> {
     /// The same where each of several has a share of the points: `near` are those near to what is measured here.
     pub(crate) fn from_share(features: &Features<D>, near: &[FeaturePoint<D>]) -> Self {
         Self {
-            in_shares: true,
+            is_shared: true,
             ..Self::detected(features, near)
         }
     }
@@ -91,7 +97,7 @@ impl<'a, const D: usize> Reference<'a, D> {
         };
         let dims = features.potential.dims;
         let extent = dims.map(|n| (n.max(1) - 1) as f64);
-        let (sorted, order) = Points::new(&in_samples(near), extent);
+        let (sorted, order) = PointGrid::new(&in_samples(near), extent);
         let normals = order
             .iter()
             .map(|&i| {
@@ -109,9 +115,9 @@ impl<'a, const D: usize> Reference<'a, D> {
         Self {
             source: "detected",
             points: in_samples(&features.points),
-            in_shares: false,
-            next: None,
-            field: Field::Detected(Detected {
+            is_shared: false,
+            next_feature: None,
+            field: DistanceField::Detected(DetectedPoints {
                 points: sorted,
                 normals,
             }),
@@ -119,27 +125,27 @@ impl<'a, const D: usize> Reference<'a, D> {
     }
 
     /// The points that one of some holders compares with faces.
-    pub(super) fn own<H: Holders + ?Sized>(&self, holders: &H) -> Range<usize> {
-        match self.in_shares {
+    pub(super) fn owned_points<H: LocalOrComm + ?Sized>(&self, holders: &H) -> Range<usize> {
+        match self.is_shared {
             true => 0..self.points.len(),
-            false => holders.share(self.points.len(), holders.rank()),
+            false => holders.range_of_rank(self.points.len(), holders.rank()),
         }
     }
 
     /// Whether a position is within `limit` of the features; cheap far from them.
-    pub fn within(&self, p: [f64; D], limit: f64) -> bool {
+    pub fn is_within(&self, p: [f64; D], limit: f64) -> bool {
         match &self.field {
-            Field::Truth(truth) => {
+            DistanceField::Truth(truth) => {
                 let at: [usize; D] = std::array::from_fn(|k| {
                     (p[k].max(0.0).round() as usize).min(truth.dims[k] - 1)
                 });
                 let gap: [f64; D] = std::array::from_fn(|k| p[k] - at[k] as f64);
-                let d = f64::from(truth.distance[truth.sample(at)]);
-                d - dot(gap, gap).sqrt() <= limit && from_corners(truth, p) <= limit
+                let d = f64::from(truth.distance[truth.sample_index(at)]);
+                d - dot(gap, gap).sqrt() <= limit && distance_from_corners(truth, p) <= limit
             }
-            Field::Detected(detected) => {
+            DistanceField::Detected(detected) => {
                 // The nearest point is that much farther at most than the distance to its plane.
-                let far = limit.hypot(SIDEWAYS) + 1e-9;
+                let far = limit.hypot(PLANE_RADIUS) + 1e-9;
                 detected.distance(p, far, &mut None) <= limit
             }
         }
@@ -153,13 +159,15 @@ impl<'a, const D: usize> Reference<'a, D> {
     /// one before, which saves time.
     pub fn distance(&self, p: [f64; D], hint: &mut Option<usize>) -> f64 {
         match &self.field {
-            Field::Truth(truth) => from_corners(truth, p),
-            Field::Detected(detected) => detected.distance(p, f64::from(REACH), hint),
+            DistanceField::Truth(truth) => distance_from_corners(truth, p),
+            DistanceField::Detected(detected) => {
+                detected.distance(p, f64::from(MAX_DISTANCE), hint)
+            }
         }
     }
 }
 
-impl<const D: usize> Detected<D> {
+impl<const D: usize> DetectedPoints<D> {
     /// The distance from detected points; `far` if no point is nearer than that.
     fn distance(&self, p: [f64; D], far: f64, hint: &mut Option<usize>) -> f64 {
         let Some((i, square)) = self.points.nearest(p, far, *hint) else {
@@ -170,7 +178,7 @@ impl<const D: usize> Detected<D> {
         let gap: [f64; D] = std::array::from_fn(|k| p[k] - f64::from(point[k]));
         let along = dot(gap, self.normals[i].map(f64::from)).abs();
         let sideways = square - along * along;
-        if sideways > SIDEWAYS * SIDEWAYS {
+        if sideways > PLANE_RADIUS * PLANE_RADIUS {
             square.sqrt()
         } else {
             along
@@ -179,7 +187,7 @@ impl<const D: usize> Detected<D> {
 }
 
 /// Most corners of a cell of samples: eight in space, four of them used in the plane.
-const MOST: usize = 8;
+const MAX_CORNERS: usize = 8;
 
 /// Distance from the eight samples (four in the plane) about a position.
 ///
@@ -190,19 +198,19 @@ const MOST: usize = 8;
 /// crossing. As a distance changes no faster than position, it is at least every
 /// d_i - |p - x_i|: that holds where a surface ends (but for less than a sample behind its end, where
 /// it may still seem to go on).
-fn from_corners<const D: usize>(truth: &Truth<D>, p: [f64; D]) -> f64 {
+fn distance_from_corners<const D: usize>(truth: &Truth<D>, p: [f64; D]) -> f64 {
     let cell: [usize; D] = std::array::from_fn(|k| (p[k].max(0.0) as usize).min(truth.dims[k] - 2));
     let inside: [f64; D] = std::array::from_fn(|k| (p[k] - cell[k] as f64).clamp(0.0, 1.0));
     let count = 1 << D;
-    let mut weights = [0f64; MOST];
-    let mut normals = [[0f64; D]; MOST];
-    let mut gaps = [[0f64; D]; MOST];
-    let mut known = [false; MOST];
+    let mut weights = [0f64; MAX_CORNERS];
+    let mut normals = [[0f64; D]; MAX_CORNERS];
+    let mut gaps = [[0f64; D]; MAX_CORNERS];
+    let mut known = [false; MAX_CORNERS];
     let mut least = 0f64;
     for c in 0..count {
         let bit: [usize; D] = std::array::from_fn(|k| c >> k & 1);
         let at: [usize; D] = std::array::from_fn(|k| cell[k] + bit[k]);
-        let i = truth.sample(at);
+        let i = truth.sample_index(at);
         let d = f64::from(truth.distance[i]);
         let from: [f64; D] = std::array::from_fn(|k| p[k] - at[k] as f64);
         least = least.max(d - dot(from, from).sqrt());
@@ -219,20 +227,20 @@ fn from_corners<const D: usize>(truth: &Truth<D>, p: [f64; D]) -> f64 {
             })
             .product();
     }
-    let corners = Corners {
+    let corners = CellCorners {
         weights,
         normals,
-        gaps,
+        offsets: gaps,
     };
     let first = known.iter().position(|&k| k).unwrap_or(0);
     // Far from crossings all samples see one surface, and one mean normal serves them all.
-    let shared = (0..count).all(|i| known[i] && corners.turn(first, i) != 0.0);
-    let shared = (shared && truth.smooth).then(|| corners.mean_normal(first));
-    let mut best = f64::from(REACH);
+    let shared = (0..count).all(|i| known[i] && corners.orientation_sign(first, i) != 0.0);
+    let shared = (shared && truth.is_smooth).then(|| corners.mean_normal(first));
+    let mut best = f64::from(MAX_DISTANCE);
     for i in (0..count).filter(|&i| known[i]) {
-        let height = if truth.smooth && normals[i] != [0.0; D] {
+        let height = if truth.is_smooth && normals[i] != [0.0; D] {
             let mean = match shared {
-                Some(mean) => mean.map(|c| corners.turn(first, i) * c),
+                Some(mean) => mean.map(|c| corners.orientation_sign(first, i) * c),
                 None => corners.mean_normal(i),
             };
             0.5 * (dot(gaps[i], normals[i]) + dot(gaps[i], mean)).abs()
@@ -241,21 +249,21 @@ fn from_corners<const D: usize>(truth: &Truth<D>, p: [f64; D]) -> f64 {
         };
         best = best.min(height);
     }
-    best.max(least).clamp(0.0, f64::from(REACH))
+    best.max(least).clamp(0.0, f64::from(MAX_DISTANCE))
 }
 
 /// The samples about a position p: their weights in p, their normals, and p minus their
 /// closest feature points.
-struct Corners<const D: usize> {
-    weights: [f64; MOST],
-    normals: [[f64; D]; MOST],
-    gaps: [[f64; D]; MOST],
+struct CellCorners<const D: usize> {
+    weights: [f64; MAX_CORNERS],
+    normals: [[f64; D]; MAX_CORNERS],
+    offsets: [[f64; D]; MAX_CORNERS],
 }
 
-impl<const D: usize> Corners<D> {
+impl<const D: usize> CellCorners<D> {
     /// 1 or -1 if samples i and j see the same surface with normals alike or opposite, else 0.
     #[inline]
-    fn turn(&self, i: usize, j: usize) -> f64 {
+    fn orientation_sign(&self, i: usize, j: usize) -> f64 {
         let turn = dot(self.normals[i], self.normals[j]);
         if turn.abs() < 0.9 {
             return 0.0;
@@ -264,7 +272,7 @@ impl<const D: usize> Corners<D> {
         // The chord q_j - q_i against the mean normal: small on one and the same surface.
         let chord: f64 = (0..D)
             .map(|k| {
-                (self.gaps[i][k] - self.gaps[j][k])
+                (self.offsets[i][k] - self.offsets[j][k])
                     * (self.normals[i][k] + sign * self.normals[j][k])
             })
             .sum();
@@ -275,7 +283,7 @@ impl<const D: usize> Corners<D> {
     fn mean_normal(&self, i: usize) -> [f64; D] {
         let mut sum = [0f64; D];
         for j in 0..1 << D {
-            let share = self.turn(i, j) * self.weights[j];
+            let share = self.orientation_sign(i, j) * self.weights[j];
             for k in 0..D {
                 sum[k] += share * self.normals[j][k];
             }

@@ -5,15 +5,15 @@ use serde::Serialize;
 
 /// The regions of a mesh.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Regions {
+pub struct RegionSummary {
     /// One for each label, in ascending order.
-    pub regions: Vec<Region>,
+    pub regions: Vec<RegionReport>,
     /// Pairs of labels that touch in the mesh and nowhere in the image, the largest contact first.
     pub holes: Vec<Hole>,
     /// Connected parts of labels that the mesh does not have, by label.
-    pub lost: Vec<Lost>,
+    pub lost: Vec<LostParts>,
     /// Connected parts of labels of which much is missing, by label.
-    pub damaged: Vec<Lost>,
+    pub damaged: Vec<LostParts>,
 }
 
 /// Two labels that touch in the mesh although something lies between them in the image, which so has holes.
@@ -27,7 +27,7 @@ pub struct Hole {
 
 /// A region of the mesh.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Region {
+pub struct RegionReport {
     /// The value that its samples have.
     pub label: LabelValue,
     /// The value that its cells have.
@@ -43,19 +43,19 @@ pub struct Region {
     /// Volume (area in 2-D) of its cells, in the image's units.
     pub volume: f64,
     /// Volume of its samples, as far as they lie in the box through the outermost samples.
-    pub volume_of_samples: f64,
+    pub sample_volume: f64,
     /// By how much the volume is off that of the samples, in percent.
-    pub off_percent: f64,
+    pub volume_error_percent: f64,
     /// The distance between atoms, in samples, that suits its thickness; `None` if it has that already.
     pub distance: Option<f64>,
 }
 
 /// The share of the largest part's volume that is missing where it is damaged.
-pub const DAMAGED: f64 = 0.25;
+pub const MIN_MISSING_SHARE: f64 = 0.25;
 
 /// Parts of a label that the mesh does not have.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Lost {
+pub struct LostParts {
     /// The label.
     pub label: LabelValue,
     /// What it is called.
@@ -63,48 +63,52 @@ pub struct Lost {
     /// How many parts.
     pub parts: usize,
     /// Whether that is all of the label.
-    pub whole: bool,
+    pub is_whole_label: bool,
     /// Their samples.
     pub samples: usize,
     /// The samples of the largest.
-    pub largest: usize,
+    pub largest_samples: usize,
     /// Where its first sample is, in the image's coordinates.
-    pub at: Vec<f64>,
+    pub first_sample: Vec<f64>,
     /// The distance between atoms, in samples, that would keep it; `None` if it has that already.
     pub distance: Option<f64>,
 }
 
-impl Lost {
+impl LostParts {
     /// The option that would keep the largest, if one would.
-    pub fn option(&self) -> Option<String> {
-        option(self.label, self.distance)
+    pub fn remedy(&self) -> Option<String> {
+        distance_option(self.label, self.distance)
     }
 
     /// What to say of parts that are lost.
-    pub fn said(&self) -> String {
-        self.said_as("LOST")
+    pub fn message(&self) -> String {
+        self.message_with_fate("LOST")
     }
 
-    fn said_as(&self, what_became: &str) -> String {
+    fn message_with_fate(&self, what_became: &str) -> String {
         let name = self
             .name
             .as_ref()
             .map_or(String::new(), |name| format!(" ({name})"));
-        let at: Vec<String> = self.at.iter().map(|x| format!("{x:.4}")).collect();
+        let at: Vec<String> = self
+            .first_sample
+            .iter()
+            .map(|x| format!("{x:.4}"))
+            .collect();
         let at = at
             .iter()
             .map(|x| x.trim_end_matches('0').trim_end_matches('.'));
         let at = at.collect::<Vec<_>>().join(", ");
         let what = match self.parts {
-            1 => format!("a part of {} samples at ({at})", self.largest),
+            1 => format!("a part of {} samples at ({at})", self.largest_samples),
             parts => format!(
                 "{parts} parts of {} samples, the largest of {} at ({at})",
-                self.samples, self.largest
+                self.samples, self.largest_samples
             ),
         };
-        let remedy = match self.option() {
+        let remedy = match self.remedy() {
             Some(option) => format!("{option} keeps it"),
-            None => RESAMPLE.to_string(),
+            None => RESAMPLING_ADVICE.to_string(),
         };
         format!(
             "{what_became} of label {}{name}: {what}; {remedy}",
@@ -114,24 +118,24 @@ impl Lost {
 }
 
 /// What helps where atoms cannot be nearer together.
-pub const RESAMPLE: &str = "an image of twice as many samples along each axis keeps it";
+pub const RESAMPLING_ADVICE: &str = "an image of twice as many samples along each axis keeps it";
 
 /// The option that gives a label a distance.
-pub fn option(label: LabelValue, distance: Option<f64>) -> Option<String> {
+pub fn distance_option(label: LabelValue, distance: Option<f64>) -> Option<String> {
     Some(format!("--label {label}:distance={}", distance?))
 }
 
 /// How many regions are shown.
-const SHOWN: usize = 40;
+const MAX_SHOWN_REGIONS: usize = 40;
 
-impl Regions {
+impl RegionSummary {
     /// The lines of the table.
     pub(super) fn lines(&self) -> Vec<String> {
         let mut lines = vec![format!(
             "{:>8} {:>9} {:>14} {:>14} {:>8}  name",
             "label", "cells", "volume", "of samples", "off %"
         )];
-        for region in self.regions.iter().take(SHOWN) {
+        for region in self.regions.iter().take(MAX_SHOWN_REGIONS) {
             let number = |x: f64| match x.abs() {
                 a if a >= 1e9 || (a < 1e-2 && a > 0.0) => format!("{x:.4e}"),
                 _ => format!("{x:.1}"),
@@ -139,23 +143,26 @@ impl Regions {
             lines.push(format!(
                 "{:>8} {:>9} {:>14} {:>14} {:>+8.2}  {}",
                 region.label.to_string(),
-                super::table::grouped(region.cells),
+                super::table::group_digits(region.cells),
                 number(region.volume),
-                number(region.volume_of_samples),
-                region.off_percent,
+                number(region.sample_volume),
+                region.volume_error_percent,
                 region.name.as_deref().unwrap_or("")
             ));
         }
-        if self.regions.len() > SHOWN {
-            lines.push(format!("... {} more in JSON", self.regions.len() - SHOWN));
+        if self.regions.len() > MAX_SHOWN_REGIONS {
+            lines.push(format!(
+                "... {} more in JSON",
+                self.regions.len() - MAX_SHOWN_REGIONS
+            ));
         }
-        lines.extend(self.holes.iter().take(SHOWN).map(|hole| {
+        lines.extend(self.holes.iter().take(MAX_SHOWN_REGIONS).map(|hole| {
             let [a, b] = hole.labels;
             format!("HOLES: labels {a} and {b} touch over {:.1} square samples, and nowhere in the image", hole.area)
         }));
-        lines.extend(self.lost.iter().map(Lost::said));
+        lines.extend(self.lost.iter().map(LostParts::message));
         let damaged = self.damaged.iter();
-        lines.extend(damaged.map(|lost| lost.said_as("DAMAGED")));
+        lines.extend(damaged.map(|lost| lost.message_with_fate("DAMAGED")));
         lines
     }
 }
@@ -166,18 +173,18 @@ mod tests {
 
     #[test]
     fn what_is_lost_is_named_with_its_size_and_what_keeps_it() {
-        let lost = Lost {
+        let lost = LostParts {
             label: LabelValue::Whole(13),
             name: Some("cyst".into()),
             parts: 2,
-            whole: false,
+            is_whole_label: false,
             samples: 20,
-            largest: 18,
-            at: vec![29.0, 42.5, 71.0],
+            largest_samples: 18,
+            first_sample: vec![29.0, 42.5, 71.0],
             distance: Some(1.4),
         };
         assert_eq!(
-            lost.said(),
+            lost.message(),
             "LOST of label 13 (cyst): 2 parts of 20 samples, the largest of 18 at (29, 42.5, 71); \
              --label 13:distance=1.4 keeps it"
         );

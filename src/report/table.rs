@@ -1,15 +1,15 @@
 //! A report on one screen.
 
-use super::quality::{Points, Quality};
-use super::{Angles, Fidelity, Match, Report, TracedLattice, Verdict, Voronoi};
-use crate::improve::Sealed;
+use super::quality::{Quality, Quantiles};
+use super::{Angles, FaceMatch, Fidelity, Report, TracedLattice, Verdict, Voronoi};
+use crate::improve::SealReport;
 
 /// Characters beside the heading of a line of prose.
-const WIDTH: usize = 88;
+const PROSE_WIDTH: usize = 88;
 /// How many groups of blocked tetrahedra are shown.
-const GROUPS: usize = 4;
+const MAX_SHOWN_GROUPS: usize = 4;
 /// How many lattices of a trace are shown, about evenly chosen from the first to the last.
-const TRACED: usize = 10;
+const MAX_SHOWN_LATTICES: usize = 10;
 
 impl Report {
     /// The report as a table of plain lines, about 80 columns wide; sections without figures are
@@ -17,9 +17,9 @@ impl Report {
     pub fn table(&self) -> String {
         let mut lines = Vec::new();
         let mut line = |name: &str, text: String| lines.push(format!("{name:<12}{text}"));
-        if let Some(verdict) = Verdict::of(self) {
+        if let Some(verdict) = Verdict::from_report(self) {
             for (name, text) in verdict.lines() {
-                for (number, text) in wrapped(&text).into_iter().enumerate() {
+                for (number, text) in wrap_text(&text).into_iter().enumerate() {
                     line(if number == 0 { name } else { "" }, text);
                 }
             }
@@ -31,10 +31,10 @@ impl Report {
             line("", input.hash.clone());
         }
         if let Some(quality) = &self.quality {
-            let (nodes, cells) = (grouped(quality.nodes), grouped(quality.cells));
+            let (nodes, cells) = (group_digits(quality.nodes), group_digits(quality.cells));
             line("size", format!("{nodes} nodes, {cells} {}", quality.kind));
         }
-        if let Some(filling) = &self.filling {
+        if let Some(filling) = &self.box_check {
             let state = if filling.passed() {
                 "valid, fills its box".into()
             } else {
@@ -50,7 +50,7 @@ impl Report {
             );
         }
         if let Some(voronoi) = &self.voronoi {
-            cells(&mut line, voronoi);
+            add_cells(&mut line, voronoi);
         }
         if let Some(lattice) = &self.lattice {
             let [low, middle, high] = lattice.spacing;
@@ -82,7 +82,7 @@ impl Report {
                 line("", format!("{} evaluations, {}", o.evaluations, o.stop));
             }
         }
-        traced(&mut line, &self.trace);
+        add_trace(&mut line, &self.trace);
         for (space, quality) in [
             ("lattice", &self.quality),
             ("physical", &self.quality_physical),
@@ -93,23 +93,23 @@ impl Report {
                 } else {
                     ""
                 };
-                shapes(&mut line, name, quality);
+                add_shapes(&mut line, name, quality);
             }
         }
         for outcome in &self.outcomes {
-            let out = outcome.left_out;
+            let out = outcome.dropped;
             let parts = [
-                (out.near_another_sheet, "too near another sheet"),
+                (out.near_another_surface, "too near another sheet"),
                 (out.in_small_pieces, "in small pieces"),
                 (out.in_narrow_parts, "in narrow parts"),
                 (out.weak, "weak"),
             ];
-            let said = parts.map(|(count, why)| format!("{} {why}", grouped(count)));
+            let said = parts.map(|(count, why)| format!("{} {why}", group_digits(count)));
             let kind = outcome.kind;
             line("left out", format!("points of {kind}: {}", said.join(", ")));
         }
         if let Some(fidelity) = &self.fidelity {
-            matches(&mut line, fidelity);
+            add_matches(&mut line, fidelity);
         }
         if let Some(regions) = &self.regions {
             for (number, text) in regions.lines().into_iter().enumerate() {
@@ -121,16 +121,16 @@ impl Report {
                 "slivers",
                 format!(
                     "{} below target, {} before improvement",
-                    grouped(improvement.poor_after),
-                    grouped(improvement.poor_before)
+                    group_digits(improvement.below_target_after),
+                    group_digits(improvement.below_target_before)
                 ),
             );
-            for group in improvement.blockers.iter().take(GROUPS) {
+            for group in improvement.blockers.iter().take(MAX_SHOWN_GROUPS) {
                 line(
                     "",
                     format!(
                         "{:>7} with {} nodes on sides, {} on features, {} on crossings: {:.1} to {:.1}",
-                        grouped(group.tets),
+                        group_digits(group.tets),
                         group.nodes_on_sides,
                         group.nodes_on_features,
                         group.nodes_on_crossings,
@@ -139,22 +139,25 @@ impl Report {
                     ),
                 );
             }
-            let Sealed {
-                faces, area, rooms, ..
+            let SealReport {
+                faces,
+                area,
+                compartments: rooms,
+                ..
             } = improvement.sealed;
             line(
                 "rooms",
                 format!(
                     "{} between the faces on features, of which {} (area {area:.0}) close holes",
-                    grouped(rooms),
-                    grouped(faces)
+                    group_digits(rooms),
+                    group_digits(faces)
                 ),
             );
         }
-        if let Some(rival) = &self.rival {
+        if let Some(rival) = &self.baseline {
             line("", rival.to_string());
         }
-        self.costs(&mut line);
+        self.add_costs(&mut line);
         for note in &self.notes {
             line("note", note.clone());
         }
@@ -164,7 +167,7 @@ impl Report {
             .collect()
     }
 
-    fn costs(&self, line: &mut impl FnMut(&str, String)) {
+    fn add_costs(&self, line: &mut impl FnMut(&str, String)) {
         if self.stages.is_empty() {
             return;
         }
@@ -191,7 +194,7 @@ impl Report {
         let peak = self.stages.iter().map(|s| s.peak_mb).fold(0.0, f64::max);
         line("", row(&"all", seconds, cpu, peak));
         if let (Some(quality), true) = (&self.quality, seconds > 0.0 && cpu > 0.0) {
-            let rate = |count: usize, time: f64| grouped((count as f64 / time) as usize);
+            let rate = |count: usize, time: f64| group_digits((count as f64 / time) as usize);
             line(
                 "",
                 format!(
@@ -208,12 +211,12 @@ impl Report {
 }
 
 /// Lattices on their way, as Fernandes & Gattass (2009) show them in their table 3.
-fn traced(line: &mut impl FnMut(&str, String), trace: &[TracedLattice]) {
+fn add_trace(line: &mut impl FnMut(&str, String), trace: &[TracedLattice]) {
     let Some(last) = trace.len().checked_sub(1) else {
         return;
     };
     line("trace", "  step   worst Q    mean Q   energy P".into());
-    let shown = TRACED.min(last + 1);
+    let shown = MAX_SHOWN_LATTICES.min(last + 1);
     for row in 0..shown {
         let lattice = &trace[row * last / (shown - 1).max(1)];
         let TracedLattice {
@@ -228,9 +231,13 @@ fn traced(line: &mut impl FnMut(&str, String), trace: &[TracedLattice]) {
     }
 }
 
-fn cells(line: &mut impl FnMut(&str, String), voronoi: &Voronoi) {
+fn add_cells(line: &mut impl FnMut(&str, String), voronoi: &Voronoi) {
     let check = &voronoi.check;
-    let [faces, count] = [check.of_cells.as_ref().map_or(0, |c| c.faces), check.cells].map(grouped);
+    let [faces, count] = [
+        check.cell_check.as_ref().map_or(0, |c| c.faces),
+        check.cells,
+    ]
+    .map(group_digits);
     line("size", format!("{count} {}, {faces} faces", voronoi.kind));
     let state = if check.passed() {
         "valid, fills its box".into()
@@ -264,9 +271,9 @@ fn cells(line: &mut impl FnMut(&str, String), voronoi: &Voronoi) {
         "faces",
         format!(
             "{} between cells, {} on features; {} with a transmissibility that is not positive",
-            grouped(voronoi.connections),
-            grouped(voronoi.on_feature),
-            grouped(voronoi.not_positive)
+            group_digits(voronoi.connections),
+            group_digits(voronoi.on_feature),
+            group_digits(voronoi.non_positive_connections)
         ),
     );
     let [a, b, c, d] = voronoi.tiny_faces.map(|share| 100.0 * share);
@@ -286,8 +293,8 @@ fn cells(line: &mut impl FnMut(&str, String), voronoi: &Voronoi) {
     line("", off);
 }
 
-fn shapes(line: &mut impl FnMut(&str, String), space: &str, quality: &Quality) {
-    let row = |p: &Points, digits: usize| {
+fn add_shapes(line: &mut impl FnMut(&str, String), space: &str, quality: &Quality) {
+    let row = |p: &Quantiles, digits: usize| {
         let number = |v: f64| format!("{v:>8.digits$}");
         [p.worst, p.permille, p.percent, p.median]
             .map(number)
@@ -322,27 +329,31 @@ fn shapes(line: &mut impl FnMut(&str, String), space: &str, quality: &Quality) {
     let mut counts = format!(
         "{} below 20: {}, below 30: {}",
         quality.kind,
-        grouped(quality.below_20),
-        grouped(quality.below_30)
+        group_digits(quality.below_20),
+        group_digits(quality.below_30)
     );
     if flat {
-        counts += &format!(", above 120: {}", grouped(quality.above_120));
+        counts += &format!(", above 120: {}", group_digits(quality.above_120));
     }
     counts += &format!(
         ", above 150: {}, above 160: {}",
-        grouped(quality.above_150),
-        grouped(quality.above_160)
+        group_digits(quality.above_150),
+        group_digits(quality.above_160)
     );
     line("", counts);
     if let Some(angles) = &quality.angles {
-        explained(line, angles);
+        add_angles(line, angles);
     }
-    line("", format!("angles 0 |{}| 180", bars(&quality.histogram)));
+    line(
+        "",
+        format!("angles 0 |{}| 180", bar_chart(&quality.histogram)),
+    );
 }
 
 /// What bad angles are due to.
-fn explained(line: &mut impl FnMut(&str, String), angles: &Angles) {
-    let [ok, near, rest] = [angles.ok, angles.near_acute_line, angles.unexplained].map(grouped);
+fn add_angles(line: &mut impl FnMut(&str, String), angles: &Angles) {
+    let [ok, near, rest] =
+        [angles.ok, angles.near_acute_line, angles.unexplained].map(group_digits);
     let mut counts = format!("in [30, 150]: {ok}, near an acute line: {near}, unexplained: {rest}");
     if let Some(worst) = &angles.worst_unexplained {
         counts += &format!(" ({:.1} to {:.1})", worst.smallest, worst.largest);
@@ -353,25 +364,25 @@ fn explained(line: &mut impl FnMut(&str, String), angles: &Angles) {
         return;
     }
     let length: f64 = lines.iter().map(|line| line.length).sum();
-    let least = lines.iter().map(|line| line.least_angle);
+    let least = lines.iter().map(|line| line.min_angle);
     let least = least.fold(f64::INFINITY, f64::min);
     let text = match length > 0.0 {
         true => format!(
             "acute lines: {}, {length:.0} long in all",
-            grouped(lines.len())
+            group_digits(lines.len())
         ),
-        false => format!("acute corners: {}", grouped(lines.len())),
+        false => format!("acute corners: {}", group_digits(lines.len())),
     };
     line("", format!("{text}; least angle {least:.1}"));
 }
 
-fn matches(line: &mut impl FnMut(&str, String), fidelity: &Fidelity) {
+fn add_matches(line: &mut impl FnMut(&str, String), fidelity: &Fidelity) {
     line(
         "fidelity",
         format!(
             "to {} ({} points) {:>9} {:>7} {:>9} {:>7} {:>7}",
             fidelity.reference,
-            grouped(fidelity.feature_points),
+            group_digits(fidelity.feature_points),
             "cover 0.5",
             "cover 1",
             "precision",
@@ -382,30 +393,30 @@ fn matches(line: &mut impl FnMut(&str, String), fidelity: &Fidelity) {
     let width = format!(
         "to {} ({} points)",
         fidelity.reference,
-        grouped(fidelity.feature_points)
+        group_digits(fidelity.feature_points)
     )
     .len();
-    let mut row = |name: &str, m: &Match| {
-        let faces = format!("{name}, {} faces", grouped(m.faces));
+    let mut row = |name: &str, m: &FaceMatch| {
+        let faces = format!("{name}, {} faces", group_digits(m.faces));
         line(
             "",
             format!(
                 "{faces:<width$} {:>9} {:>7} {:>9} {:>7} {:>7}",
-                share(m.coverage_half),
-                share(m.coverage_one),
-                share(m.precision),
-                samples(m.hausdorff_95),
-                samples(m.hausdorff)
+                format_share(m.coverage_half),
+                format_share(m.coverage_one),
+                format_share(m.precision),
+                format_samples(m.hausdorff_95),
+                format_samples(m.hausdorff)
             ),
         );
     };
     row("on it", &fidelity.on_feature);
-    if let Some(claimed) = &fidelity.claimed {
+    if let Some(claimed) = &fidelity.tagged_faces {
         row("claimed", claimed);
     }
 }
 
-fn share(value: f64) -> String {
+fn format_share(value: f64) -> String {
     if value.is_finite() {
         format!("{value:.3}")
     } else {
@@ -413,7 +424,7 @@ fn share(value: f64) -> String {
     }
 }
 
-fn samples(value: f64) -> String {
+fn format_samples(value: f64) -> String {
     if value.is_finite() {
         format!("{value:.2}")
     } else {
@@ -422,12 +433,12 @@ fn samples(value: f64) -> String {
 }
 
 /// Returns the text in lines of at most [`WIDTH`] characters, broken between words.
-fn wrapped(text: &str) -> Vec<String> {
+fn wrap_text(text: &str) -> Vec<String> {
     let mut lines = vec![String::new()];
     for word in text.split(' ') {
         match lines.last_mut() {
             Some(line) if line.is_empty() => line.push_str(word),
-            Some(line) if line.chars().count() + 1 + word.chars().count() <= WIDTH => {
+            Some(line) if line.chars().count() + 1 + word.chars().count() <= PROSE_WIDTH => {
                 *line += " ";
                 line.push_str(word);
             }
@@ -438,7 +449,7 @@ fn wrapped(text: &str) -> Vec<String> {
 }
 
 /// 1234567 as 1,234,567.
-pub(super) fn grouped(count: usize) -> String {
+pub(super) fn group_digits(count: usize) -> String {
     let digits = count.to_string();
     let mut text = String::new();
     for (k, digit) in digits.chars().enumerate() {
@@ -451,7 +462,7 @@ pub(super) fn grouped(count: usize) -> String {
 }
 
 /// A bar for each bin, as high as its share of the largest; a bin that holds anything shows.
-fn bars(bins: &[u64]) -> String {
+fn bar_chart(bins: &[u64]) -> String {
     const BARS: [char; 9] = [' ', '▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
     let most = bins.iter().copied().max().unwrap_or(0).max(1);
     bins.iter()
@@ -465,12 +476,12 @@ mod tests {
     use super::*;
     use crate::mesh::boxes::kuhn_box;
     use crate::mesh::check::check;
-    use crate::observer::Stage;
+    use crate::progress::Stage;
 
-    fn full() -> Report {
+    fn full_report() -> Report {
         let mesh = kuhn_box([8, 8, 8], 2.0);
         let truth = crate::image::synth::make(
-            crate::image::synth::Kind::Sphere,
+            crate::image::synth::SyntheticKind::Sphere,
             &crate::image::synth::Options {
                 dims: [17; 3],
                 ..Default::default()
@@ -479,32 +490,32 @@ mod tests {
         .unwrap()
         .truth;
         let claimed = vec![0u8; mesh.tets.len()];
-        let blocked = improve::Blocked {
+        let blocked = improve::BlockedCell {
             centroid: [1.0; 3],
-            smallest: 12.0,
-            largest: 150.0,
+            min_angle: 12.0,
+            max_angle: 150.0,
             nodes_on_sides: 1,
             nodes_on_features: 3,
             nodes_on_crossings: 0,
         };
-        let other = improve::Blocked {
+        let other = improve::BlockedCell {
             nodes_on_sides: 4,
             ..blocked.clone()
         };
-        let outcome = improve::Improved {
-            poor_before: 5000,
-            poor_after: 3,
-            counts: improve::Counts::default(),
+        let outcome = improve::ImproveReport {
+            below_target_before: 5000,
+            below_target_after: 3,
+            counts: improve::OperationCounts::default(),
             blocked: vec![
                 other,
                 blocked.clone(),
-                improve::Blocked {
-                    smallest: 9.0,
+                improve::BlockedCell {
+                    min_angle: 9.0,
                     ..blocked
                 },
             ],
         };
-        let mut found = lattice(&mesh, |_| 2.0);
+        let mut found = measure_lattice(&mesh, |_| 2.0);
         found.optimisation = Some(Optimisation {
             energy_lattice: -0.3,
             energy_image: -0.1,
@@ -524,7 +535,7 @@ mod tests {
             parameters: serde_json::json!({ "distance": 2.0, "seed": 1 }),
             stages: vec![
                 StageCost {
-                    stage: Stage::Joining,
+                    stage: Stage::Triangulating,
                     seconds: 1.0,
                     cpu_seconds: 2.0,
                     peak_mb: 90.0,
@@ -542,7 +553,7 @@ mod tests {
             fidelity: Some(
                 fidelity(&mesh, &Reference::from_truth(&truth), Some(&claimed)).unwrap(),
             ),
-            filling: Some(check(&mesh, [0.0; 3], [16.0; 3], 1e-9)),
+            box_check: Some(check(&mesh, [0.0; 3], [16.0; 3], 1e-9)),
             improvement: Some(Improvement::from(&outcome)),
             notes: vec!["threshold 0.4 from the image".into()],
             ..Report::default()
@@ -551,7 +562,7 @@ mod tests {
 
     #[test]
     fn the_table_fits_a_screen_and_shows_every_section() {
-        let text = full().table();
+        let text = full_report().table();
         assert!(text.lines().count() <= 48, "{text}");
         for l in text.lines() {
             assert!(l.chars().count() <= 100, "{l}");
@@ -579,7 +590,7 @@ mod tests {
 
     #[test]
     fn json_has_every_section_and_null_for_what_has_no_value() {
-        let json = serde_json::to_value(full()).unwrap();
+        let json = serde_json::to_value(full_report()).unwrap();
         assert_eq!(json["quality"]["cells"], 3072);
         assert_eq!(json["parameters"]["seed"], 1);
         assert_eq!(json["box"]["problems"].as_array().unwrap().len(), 0);
@@ -592,9 +603,9 @@ mod tests {
 
     #[test]
     fn numbers_and_bars() {
-        assert_eq!(grouped(0), "0");
-        assert_eq!(grouped(999), "999");
-        assert_eq!(grouped(1_234_567), "1,234,567");
-        assert_eq!(bars(&[0, 1, 50, 100]), " ▁▄█");
+        assert_eq!(group_digits(0), "0");
+        assert_eq!(group_digits(999), "999");
+        assert_eq!(group_digits(1_234_567), "1,234,567");
+        assert_eq!(bar_chart(&[0, 1, 50, 100]), " ▁▄█");
     }
 }

@@ -1,90 +1,90 @@
 //! How far things are from others, where several have some each: shares, largest, and up to where a share of them is.
 //! Counts and areas are whole numbers, so that it makes no difference who has what.
 
+use crate::comm::LocalOrComm;
 use crate::parallel::prelude::*;
-use crate::ranks::Holders;
 
 /// Areas are counted in these parts of a square sample.
-const AREA: f64 = (1u64 << 24) as f64;
+const PARTS_PER_AREA: f64 = (1u64 << 24) as f64;
 
 /// Distances, none negative, each with a weight.
 #[derive(Debug, Default)]
-pub(super) struct Distances {
+pub(super) struct WeightedDistances {
     /// Rising.
     sorted: Vec<f64>,
     /// The weights up to each; none where all weigh one.
-    up_to: Vec<u64>,
+    cumulative_weights: Vec<u64>,
 }
 
-impl Distances {
+impl WeightedDistances {
     /// Of as many things.
-    pub fn counted(mut distances: Vec<f64>) -> Self {
+    pub fn from_distances(mut distances: Vec<f64>) -> Self {
         distances.par_sort_unstable_by(f64::total_cmp);
         Self {
             sorted: distances,
-            up_to: Vec::new(),
+            cumulative_weights: Vec::new(),
         }
     }
 
     /// Of things with areas.
-    pub fn weighted(mut all: Vec<(f64, f64)>) -> Self {
+    pub fn from_weighted(mut all: Vec<(f64, f64)>) -> Self {
         all.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
         let mut sum = 0;
         let weigh = |area: f64| {
-            sum += (area * AREA).round() as u64;
+            sum += (area * PARTS_PER_AREA).round() as u64;
             sum
         };
         Self {
-            up_to: all.iter().map(|(_, area)| *area).map(weigh).collect(),
+            cumulative_weights: all.iter().map(|(_, area)| *area).map(weigh).collect(),
             sorted: all.into_iter().map(|(distance, _)| distance).collect(),
         }
     }
 
     /// The weight of the first.
-    fn of_first(&self, count: usize) -> u64 {
+    fn prefix_weight(&self, count: usize) -> u64 {
         match count.checked_sub(1) {
-            Some(last) => *self.up_to.get(last).unwrap_or(&(count as u64)),
+            Some(last) => *self.cumulative_weights.get(last).unwrap_or(&(count as u64)),
             None => 0,
         }
     }
 
     /// The weight of all.
-    fn all(&self) -> u64 {
-        self.of_first(self.sorted.len())
+    fn total_weight(&self) -> u64 {
+        self.prefix_weight(self.sorted.len())
     }
 
     /// The weight of those up to a distance.
-    fn within(&self, distance: f64) -> u64 {
-        self.of_first(self.sorted.partition_point(|&d| d <= distance))
+    fn weight_within(&self, distance: f64) -> u64 {
+        self.prefix_weight(self.sorted.partition_point(|&d| d <= distance))
     }
 
     /// The weight of those that come before one whose bits are these: distances are in the order of their bits.
-    fn before(&self, bits: u64) -> u64 {
-        self.of_first(self.sorted.partition_point(|&d| d.to_bits() < bits))
+    fn weight_before(&self, bits: u64) -> u64 {
+        self.prefix_weight(self.sorted.partition_point(|&d| d.to_bits() < bits))
     }
 }
 
 /// What all holders have of some distances together.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Together<const N: usize> {
+pub(super) struct DistanceShares<const N: usize> {
     /// How many there are.
     pub count: u64,
     /// Their weight, and that of those up to each of the distances that were asked for.
-    pub all: u64,
-    pub within: [u64; N],
+    pub total_weight: u64,
+    pub weights_within: [u64; N],
     /// The largest, if there is any.
     pub largest: Option<f64>,
 }
 
-impl<const N: usize> Together<N> {
+impl<const N: usize> DistanceShares<N> {
     /// The share of the weight that is up to one of the distances; NaN if there is none.
     pub fn share(&self, i: usize) -> f64 {
-        self.within[i] as f64 / self.all as f64
+        self.weights_within[i] as f64 / self.total_weight as f64
     }
 
     /// The weight as an area.
     pub fn area(&self) -> f64 {
-        self.all as f64 / AREA
+        self.total_weight as f64 / PARTS_PER_AREA
     }
 }
 
@@ -92,28 +92,28 @@ impl<const N: usize> Together<N> {
 ///
 /// # Errors
 /// Those of the other holders.
-pub(super) fn of_all<const M: usize, const N: usize, H: Holders + ?Sized>(
-    own: [&Distances; M],
+pub(super) fn summaries<const M: usize, const N: usize, H: LocalOrComm + ?Sized>(
+    own: [&WeightedDistances; M],
     up_to: [f64; N],
     holders: &H,
-) -> Result<[Together<N>; M], H::Error> {
-    let of = |own: &Distances| {
-        let figures = [own.sorted.len() as u64, own.all()];
-        let within = up_to.map(|distance| own.within(distance));
+) -> Result<[DistanceShares<N>; M], H::Error> {
+    let of = |own: &WeightedDistances| {
+        let figures = [own.sorted.len() as u64, own.total_weight()];
+        let within = up_to.map(|distance| own.weight_within(distance));
         (figures, (within, own.sorted.last().copied()))
     };
-    let told = holders.told("distances", own.map(of))?;
+    let told = holders.try_all_gather("distances", own.map(of))?;
     let of_all = |i: usize| {
-        let mut all = Together {
+        let mut all = DistanceShares {
             count: 0,
-            all: 0,
-            within: [0; N],
+            total_weight: 0,
+            weights_within: [0; N],
             largest: None,
         };
         for ([count, weight], (within, largest)) in told.iter().map(|told| told[i]) {
             all.count += count;
-            all.all += weight;
-            all.within = std::array::from_fn(|k| all.within[k] + within[k]);
+            all.total_weight += weight;
+            all.weights_within = std::array::from_fn(|k| all.weights_within[k] + within[k]);
             all.largest = all
                 .largest
                 .into_iter()
@@ -130,8 +130,8 @@ pub(super) fn of_all<const M: usize, const N: usize, H: Holders + ?Sized>(
 ///
 /// # Errors
 /// Those of the other holders.
-pub(super) fn reached<const M: usize, H: Holders + ?Sized>(
-    own: [&Distances; M],
+pub(super) fn quantiles<const M: usize, H: LocalOrComm + ?Sized>(
+    own: [&WeightedDistances; M],
     weights: [u64; M],
     holders: &H,
 ) -> Result<[f64; M], H::Error> {
@@ -139,8 +139,8 @@ pub(super) fn reached<const M: usize, H: Holders + ?Sized>(
     let mut found = [0u64; M];
     for bit in (0..63).rev() {
         let tried = found.map(|found| found | 1 << bit);
-        let before: [u64; M] = std::array::from_fn(|i| own[i].before(tried[i]));
-        let told = holders.told("distances before one", before)?;
+        let before: [u64; M] = std::array::from_fn(|i| own[i].weight_before(tried[i]));
+        let told = holders.try_all_gather("distances before one", before)?;
         for i in 0..M {
             if told.iter().map(|before| before[i]).sum::<u64>() < weights[i] {
                 found[i] = tried[i];
@@ -153,8 +153,8 @@ pub(super) fn reached<const M: usize, H: Holders + ?Sized>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::comm::{Comm, SelfComm, run_threads};
     use crate::geometry::random::Random;
-    use crate::ranks::{Alone, Group, shared};
 
     #[test]
     fn several_have_the_figures_of_one() {
@@ -175,10 +175,10 @@ mod tests {
             let all = some(count);
             let distances =
                 |of: &[(f64, f64)]| -> Vec<f64> { of.iter().map(|one| one.0).collect() };
-            let counted = Distances::counted(distances(&all));
-            let weighted = Distances::weighted(all.clone());
+            let counted = WeightedDistances::from_distances(distances(&all));
+            let weighted = WeightedDistances::from_weighted(all.clone());
             let both = [&counted, &weighted];
-            let Ok(found) = of_all(both, [0.5, 1.0], &Alone);
+            let Ok(found) = summaries(both, [0.5, 1.0], &SelfComm);
             let within = |far: f64| all.iter().filter(move |one| one.0 <= far);
             assert_eq!(found[0].share(0), within(0.5).count() as f64 / count as f64);
             let area = |far: f64| within(far).map(|one| one.1).sum::<f64>();
@@ -194,31 +194,31 @@ mod tests {
             );
             let weights = [
                 1 + (0.95 * count as f64) as u64,
-                (0.5 * found[1].all as f64) as u64,
+                (0.5 * found[1].total_weight as f64) as u64,
             ];
             let weights = weights.map(|weight| weight.clamp(1, u64::MAX));
-            let Ok(reach) = reached(both, [weights[0].min(count as u64), weights[1]], &Alone);
+            let Ok(reach) = quantiles(both, [weights[0].min(count as u64), weights[1]], &SelfComm);
             assert_eq!(reach[0], sorted[weights[0].min(count as u64) as usize - 1]);
             let before = sorted.iter().rev().find(|&&far| far < reach[1]);
             assert!(area(reach[1]) >= 0.5 * whole - 1e-6);
             assert!(before.is_none_or(|&far| area(far) < 0.5 * whole + 1e-6));
             for holders in [2, 7] {
-                shared(holders, |group: &dyn Group| {
-                    let own = group.share(count, group.rank());
+                run_threads(holders, |group: &dyn Comm| {
+                    let own = group.range_of_rank(count, group.rank());
                     let own = &all[own];
                     let own = [
-                        Distances::counted(distances(own)),
-                        Distances::weighted(own.to_vec()),
+                        WeightedDistances::from_distances(distances(own)),
+                        WeightedDistances::from_weighted(own.to_vec()),
                     ];
                     let own = own.each_ref();
-                    assert_eq!(of_all(own, [0.5, 1.0], group).unwrap(), found);
+                    assert_eq!(summaries(own, [0.5, 1.0], group).unwrap(), found);
                     let weights = [weights[0].min(count as u64), weights[1]];
-                    assert_eq!(reached(own, weights, group).unwrap(), reach);
+                    assert_eq!(quantiles(own, weights, group).unwrap(), reach);
                 });
             }
         }
-        let none = Distances::default();
-        let Ok([nothing]) = of_all([&none], [0.5], &Alone);
+        let none = WeightedDistances::default();
+        let Ok([nothing]) = summaries([&none], [0.5], &SelfComm);
         assert!(nothing.share(0).is_nan() && nothing.largest.is_none() && nothing.area() == 0.0);
     }
 }

@@ -2,45 +2,45 @@
 
 use crate::parallel::prelude::*;
 
-use super::file::UNITS;
-use super::stored::{LatticeSpace, Stored, StoredMesh};
+use super::output::UNITS_FIELD;
+use super::stored_mesh::{LatticeSpace, Storable, StoredMesh};
 use super::{FieldValue, MeshFile};
 use crate::error::cause;
 use crate::files::vtk::DataArray;
-use crate::image::{Geometry, Velocities};
+use crate::image::{Geometry, VelocityModel};
 use crate::job::Job;
 use crate::job::asked::VelocityFrom;
 use crate::mesh::Mesh;
 use crate::{Error, Result};
 
 /// What made depth of time: a velocity in m/s, or the name of a file of velocities.
-const VELOCITY: &str = "depth_velocity";
+const VELOCITY_FIELD: &str = "depth_velocity";
 
 /// The fields that say where lattice space is.
-const SPACE: [&str; 4] = ["origin", "axes", "lattice_step", "lattice_extent"];
+const LATTICE_SPACE_FIELDS: [&str; 4] = ["origin", "axes", "lattice_step", "lattice_extent"];
 
 /// Cell arrays that are as large as cells in the world are.
-const SIZES: [&str; 2] = ["volume", "area"];
+const SIZE_ARRAYS: [&str; 2] = ["volume", "area"];
 
 /// A mesh with depth in metres for two-way time, as [`Geometry::in_depth`] has it. In lattice space it
 /// is the same as before.
 ///
 /// # Errors
 /// As [`Geometry::in_depth`].
-pub fn in_depth<const D: usize, M: Mesh<D>>(
+pub fn to_depth<const D: usize, M: Mesh<D>>(
     file: MeshFile<M>,
     velocity: f64,
 ) -> Result<MeshFile<M>> {
-    let geometry = match LatticeSpace::of(&file, file.mesh.nodes()) {
+    let geometry = match LatticeSpace::from_file(&file, file.mesh.nodes()) {
         Some(space) => space.geometry,
         None => Geometry::default(),
     };
-    let (depth, factor) = geometry.in_depth(velocity)?;
+    let (depth, factor) = geometry.to_depth(velocity)?;
     let scaled = |x: &[f64; D]| Some(std::array::from_fn(|k| x[k] * factor[k]));
-    let positions = file.mesh.positions(scaled);
-    let (mut mesh, mut rest) = file.split();
+    let positions = file.mesh.mapped_positions(scaled);
+    let (mut mesh, mut rest) = file.into_parts();
     if let Some(mut positions) = positions {
-        mesh.exchange(&mut positions, false);
+        mesh.swap_positions(&mut positions, false);
     }
     let grown: f64 = factor.iter().product();
     set_sizes(&mut rest.cell_data, |c, size| (size[c] * grown) as f32);
@@ -48,26 +48,26 @@ pub fn in_depth<const D: usize, M: Mesh<D>>(
         match (name.as_str(), value) {
             ("origin", FieldValue::F64s(origin)) => *origin = depth.origin.to_vec(),
             ("axes", FieldValue::F64s(axes)) => *axes = depth.axes.as_flattened().to_vec(),
-            (UNITS, FieldValue::Text(units)) => *units = depth.units.join(","),
+            (UNITS_FIELD, FieldValue::Text(units)) => *units = depth.units.join(","),
             _ => {}
         }
     }
     let velocity = FieldValue::F64s(vec![velocity]);
-    rest.field_data.push((VELOCITY.into(), velocity));
+    rest.field_data.push((VELOCITY_FIELD.into(), velocity));
     Ok(rest.with_mesh(mesh))
 }
 
 /// Gives sizes of cells other values: of each the number of the cell and the values so far.
 fn set_sizes(arrays: &mut [DataArray], size: impl Fn(usize, &[f64]) -> f32) {
     let sizes = arrays.iter_mut();
-    for array in sizes.filter(|array| SIZES.contains(&array.name.as_str())) {
+    for array in sizes.filter(|array| SIZE_ARRAYS.contains(&array.name.as_str())) {
         let old = array.values.to_f64();
         let new: Vec<f32> = (0..old.len()).map(|c| size(c, &old)).collect();
         array.values = new.into();
     }
 }
 
-impl<const D: usize, M: Stored<D>> StoredMesh<D, M> {
+impl<const D: usize, M: Storable<D>> StoredMesh<D, M> {
     /// Lets a mesh in two-way time sink to depth in metres by a volume of velocities, each node and site by
     /// itself. Its lattice stays as it is, but the world is no affine image of it any more, and the file will
     /// not say where it is. `place` names the mesh in errors. Gives what the user should know.
@@ -75,15 +75,21 @@ impl<const D: usize, M: Stored<D>> StoredMesh<D, M> {
     /// # Errors
     /// [`Error::Image`] for a mesh that is not in two-way time or lies elsewhere, [`Error::Mesh`] if cells turn
     /// inside out.
-    pub fn sink(&mut self, velocities: &Velocities<D>, place: &str) -> Result<Vec<String>> {
+    pub fn convert_to_depth(
+        &mut self,
+        velocities: &VelocityModel<D>,
+        place: &str,
+    ) -> Result<Vec<String>> {
         let geometry = &self.space.geometry;
-        let reach = velocities.check_reach(self.world.nodes.iter().copied(), geometry)?;
-        let (c, seconds) = (reach.coordinate, reach.seconds);
-        let sunk = |at: [f64; D]| seconds.signum() * velocities.column(at).depth(at[c] * seconds);
+        let reach = velocities.check_coverage(self.world.nodes.iter().copied(), geometry)?;
+        let (c, seconds) = (reach.coordinate, reach.seconds_per_unit);
+        let sunk = |at: [f64; D]| {
+            seconds.signum() * velocities.time_depth_curve(at).depth(at[c] * seconds)
+        };
         for points in [&mut self.world.nodes, &mut self.world.sites] {
             points.par_iter_mut().for_each(|p| p[c] = sunk(*p));
         }
-        let volumes = self.in_world(M::volumes);
+        let volumes = self.with_world_mesh(M::volumes);
         let turned = |volume: &f64| volume.is_nan() || *volume <= 0.0;
         let count = volumes.iter().filter(|volume| turned(volume)).count();
         if let Some(cell) = volumes.iter().position(turned) {
@@ -97,18 +103,23 @@ impl<const D: usize, M: Stored<D>> StoredMesh<D, M> {
             return Err(Error::Mesh(cause(place, problem, remedy)));
         }
         set_sizes(&mut self.arrays.cell_data, |cell, _| volumes[cell] as f32);
-        self.space.geometry = self.about(c, sunk);
-        self.space.by_file = false;
+        self.space.geometry = self.affine_geometry(c, sunk);
+        self.space.is_stored = false;
         let fields = &mut self.arrays.field_data;
-        fields.retain(|(name, _)| !SPACE.contains(&name.as_str()) && name != UNITS);
+        fields.retain(|(name, _)| {
+            !LATTICE_SPACE_FIELDS.contains(&name.as_str()) && name != UNITS_FIELD
+        });
         let units = FieldValue::Text(self.space.geometry.units.join(","));
         let velocity = FieldValue::Text(velocities.name.clone());
-        fields.extend([(UNITS.into(), units), (VELOCITY.into(), velocity)]);
+        fields.extend([
+            (UNITS_FIELD.into(), units),
+            (VELOCITY_FIELD.into(), velocity),
+        ]);
         Ok(reach.notes)
     }
 
     /// An affine geometry in which depth, along coordinate `c`, is right at the ends of the trace at the origin.
-    fn about(&self, c: usize, depth: impl Fn([f64; D]) -> f64) -> Geometry<D> {
+    fn affine_geometry(&self, c: usize, depth: impl Fn([f64; D]) -> f64) -> Geometry<D> {
         let (time, dims) = (&self.space.geometry, self.space.dims());
         let mut geometry = time.clone();
         geometry.origin[c] = depth(time.origin);
@@ -123,11 +134,11 @@ impl<const D: usize, M: Stored<D>> StoredMesh<D, M> {
 }
 
 /// The file of velocities by which a mesh lies in depth, if it does by one.
-pub(super) fn velocities_of<M>(file: &MeshFile<M>) -> Option<String> {
-    if let Some(FieldValue::Text(name)) = file.field(VELOCITY) {
+pub(super) fn velocity_file<M>(file: &MeshFile<M>) -> Option<String> {
+    if let Some(FieldValue::Text(name)) = file.field_value(VELOCITY_FIELD) {
         return Some(name.trim_end_matches('\0').to_string());
     }
-    let Some(FieldValue::Text(record)) = file.field("parameters") else {
+    let Some(FieldValue::Text(record)) = file.field_value("parameters") else {
         return None;
     };
     let job: Job = toml::from_str(record.trim_end_matches('\0')).ok()?;
@@ -152,11 +163,11 @@ impl<const D: usize> LatticeSpace<D> {
     /// difference: then there are as many samples.
     fn check_time(&self, image: &Geometry<D>, dims: [usize; D], place: &str) -> Result<()> {
         let in_depth = |c: usize| self.velocities.is_some() || self.geometry.units[c] == "m";
-        if !image.time_axis().is_some_and(in_depth) {
+        if !image.time_coordinate().is_some_and(in_depth) {
             return Ok(());
         }
         let (by, velocity) = match &self.velocities {
-            None if self.holds(dims) => return Ok(()),
+            None if self.fits_dims(dims) => return Ok(()),
             None => (String::new(), "V"),
             Some(name) => (format!(" by {name}"), name.as_str()),
         };
@@ -173,20 +184,21 @@ impl<const D: usize> LatticeSpace<D> {
 ///
 /// # Errors
 /// [`Error::Image`] if it would have to be stretched.
-pub fn in_depth_of<const D: usize, M: Mesh<D>>(
+pub fn image_geometry_in_depth<const D: usize, M: Mesh<D>>(
     file: &MeshFile<M>,
     image: &Geometry<D>,
     dims: [usize; D],
     place: &str,
 ) -> Result<Option<Geometry<D>>> {
-    let Some(space) = LatticeSpace::of(file, file.mesh.nodes()) else {
+    let Some(space) = LatticeSpace::from_file(file, file.mesh.nodes()) else {
         return Ok(None);
     };
-    if image.time_axis().is_none() {
+    if image.time_coordinate().is_none() {
         return Ok(None);
     }
     space.check_time(image, dims, place)?;
-    let in_depth = space.by_file && space.holds(dims) && space.geometry.time_axis().is_none();
+    let in_depth =
+        space.is_stored && space.fits_dims(dims) && space.geometry.time_coordinate().is_none();
     Ok(in_depth.then(|| Geometry {
         names: image.names.clone(),
         ..space.geometry
@@ -199,12 +211,12 @@ mod tests {
     use crate::image::Image;
     use crate::mesh::poly::samples::two_cells;
     use crate::mesh::{Simplices, TetMesh};
-    use crate::store::stored::tests::file;
+    use crate::store::stored_mesh::tests::file;
 
     /// Says that a file's third coordinate is time.
-    fn in_time<M>(file: &mut MeshFile<M>) {
+    fn set_time_axis<M>(file: &mut MeshFile<M>) {
         let units = FieldValue::Text("m,m,ms".into());
-        file.field_data.push((UNITS.into(), units));
+        file.field_data.push((UNITS_FIELD.into(), units));
     }
 
     fn geometry(units: [&str; 3], origin: [f64; 3], spacing: [f64; 3]) -> Geometry<3> {
@@ -217,7 +229,7 @@ mod tests {
     #[test]
     fn an_image_in_time_lies_where_its_mesh_in_depth_does() {
         let (mut time, space) = file(two_cells::<3>(0.75), -4.0);
-        in_time(&mut time);
+        set_time_axis(&mut time);
         let names = ["sample", "crossline", "inline"].map(String::from);
         let image = Geometry {
             units: ["m", "m", "ms"].map(String::from),
@@ -226,10 +238,10 @@ mod tests {
         };
         let dims = [5; 3];
         let beside = |mesh: &MeshFile<_>, image: &Geometry<3>, dims: [usize; 3]| {
-            in_depth_of(mesh, image, dims, "image.sgy")
+            image_geometry_in_depth(mesh, image, dims, "image.sgy")
         };
         assert_eq!(beside(&time, &image, dims).unwrap(), None);
-        let mut depth = in_depth(time, 3000.0).unwrap();
+        let mut depth = to_depth(time, 3000.0).unwrap();
         let said = beside(&depth, &image, [5, 5, 6]).unwrap_err().to_string();
         assert!(
             said.contains("image.sgy: is in two-way time, the mesh in depth;"),
@@ -256,7 +268,7 @@ mod tests {
     }
 
     /// A mesh of one cell on three of the corners of its box and `apex`, sunk by velocities of x and time.
-    fn sunk(
+    fn depth_converted_cell(
         apex: [f64; 3],
         down: f64,
         v: impl Fn(f64, f64) -> f64,
@@ -266,14 +278,14 @@ mod tests {
             tets: vec![[0, 1, 2, 3]],
         };
         let (mut file, _) = file(one, down);
-        in_time(&mut file);
+        set_time_axis(&mut file);
         let volume = DataArray::scalars("volume", vec![1.0f32]);
         file.cell_data.push(volume);
         let mut stored = StoredMesh::new(file, "mesh.vtu")?;
         let at = |i: usize| v(10.0 * (i % 4) as f64, 0.1 * (i / 8) as f64) as f32;
         let place = geometry(["m", "m", "s"], [0.0; 3], [10.0, 40.0, 0.1]);
         let image = Image::new([4, 2, 3], (0..24).map(at).collect(), place);
-        stored.sink(&Velocities::new(image, "v.npy")?, "mesh.vtu")?;
+        stored.convert_to_depth(&VelocityModel::new(image, "v.npy")?, "mesh.vtu")?;
         Ok(stored)
     }
 
@@ -281,7 +293,8 @@ mod tests {
     fn nodes_sink_each_by_its_own_column_and_cells_stay_upright() {
         for down in [2.0, -2.0] {
             let mut stored =
-                sunk([0.0, 0.0, 2.0], down, |x, t| 2000.0 + 10.0 * x + 400.0 * t).unwrap();
+                depth_converted_cell([0.0, 0.0, 2.0], down, |x, t| 2000.0 + 10.0 * x + 400.0 * t)
+                    .unwrap();
             for (lattice, world) in stored.lattice.nodes().iter().zip(&stored.world.nodes) {
                 // Lattice space has two units a sample, of 2 m.
                 let [x, t] = [
@@ -292,13 +305,13 @@ mod tests {
                 assert!((world[0] - x).abs() < 1e-12);
                 assert!((world[2] - depth).abs() < 1e-9, "{world:?} {depth}");
             }
-            let volume = stored.in_world(|mesh| mesh.volume(0));
+            let volume = stored.with_world_mesh(|mesh| mesh.volume(0));
             let said = stored.arrays.cell_array("volume").unwrap().values.to_f64();
             assert!(volume > 0.0 && (said[0] / volume - 1.0).abs() < 1e-6);
             assert_eq!(stored.space.geometry.units, ["m", "m", "m"]);
             // What is written says that no image in time lies below.
             let again = StoredMesh::new(stored.into_file(), "again.vtu").unwrap();
-            assert!(!again.space.by_file && again.space.velocities.as_deref() == Some("v.npy"));
+            assert!(!again.space.is_stored && again.space.velocities.as_deref() == Some("v.npy"));
         }
     }
 
@@ -306,7 +319,7 @@ mod tests {
     fn cells_that_turn_inside_out_are_refused() {
         // Slower in the middle, where the flat cell has its apex, than at its ends.
         let sag = |least: f64| {
-            sunk([1.0, 1.0, 0.1], 2.0, move |x, _| {
+            depth_converted_cell([1.0, 1.0, 0.1], 2.0, move |x, _| {
                 least + 100.0 * (x - 20.0).abs()
             })
         };

@@ -3,11 +3,11 @@
 use serde::{Deserialize, Serialize};
 
 use super::{FieldValue, MeshFile};
-use crate::feature::Labelled;
+use crate::feature::LabelMap;
 use crate::image::LabelValue;
 
 /// The name under which a file keeps them.
-const LABELS: &str = "labels";
+const LABELS_FIELD: &str = "labels";
 
 /// A region that is a label of the image.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -22,7 +22,7 @@ pub struct LabelledRegion {
 }
 
 /// What a file says of labels.
-pub(super) fn labels_field<const D: usize>(labelled: &Labelled<D>) -> Option<(String, FieldValue)> {
+pub(super) fn labels_field<const D: usize>(labelled: &LabelMap<D>) -> Option<(String, FieldValue)> {
     let regions: Vec<LabelledRegion> = (labelled.labels.iter().zip(&labelled.names))
         .zip(labelled.regions())
         .map(|((&label, name), region)| LabelledRegion {
@@ -31,23 +31,23 @@ pub(super) fn labels_field<const D: usize>(labelled: &Labelled<D>) -> Option<(St
             name: name.clone(),
         })
         .collect();
-    labels_text(&regions)
+    regions_field(&regions)
 }
 
 /// The field that says it.
-pub(super) fn labels_text(regions: &[LabelledRegion]) -> Option<(String, FieldValue)> {
+pub(super) fn regions_field(regions: &[LabelledRegion]) -> Option<(String, FieldValue)> {
     let text = serde_json::to_string(regions).ok()?;
-    Some((LABELS.into(), FieldValue::Text(text)))
+    Some((LABELS_FIELD.into(), FieldValue::Text(text)))
 }
 
 /// Regions that are set anew are no labels any more.
-pub(super) fn forget_labels<M>(file: &mut MeshFile<M>) {
-    file.field_data.retain(|(name, _)| name != LABELS);
+pub(super) fn remove_labels<M>(file: &mut MeshFile<M>) {
+    file.field_data.retain(|(name, _)| name != LABELS_FIELD);
 }
 
 /// The labels of a file; none if its regions are no labels.
-pub fn labels_of<M>(file: &MeshFile<M>) -> Vec<LabelledRegion> {
-    match file.field(LABELS) {
+pub fn read_labels<M>(file: &MeshFile<M>) -> Vec<LabelledRegion> {
+    match file.field_value(LABELS_FIELD) {
         Some(FieldValue::Text(text)) => serde_json::from_str(text.trim()).unwrap_or_default(),
         _ => Vec::new(),
     }

@@ -5,8 +5,8 @@ use std::path::Path;
 use crate::Result;
 use crate::feature::FeatureLine;
 use crate::files::atomic_write;
-use crate::files::vtk::{Document, Source};
-use crate::geometry::in_space;
+use crate::files::vtk::{ArraySource, Document};
+use crate::geometry::to_3d;
 use crate::report::AcuteLine;
 
 /// Writes lines as poly lines, in the plane as vertices; `place` is where a node is in the world. Cell
@@ -22,23 +22,23 @@ pub fn write_lines<const D: usize>(
     place: impl Fn(u32) -> [f64; D],
 ) -> Result<()> {
     let nodes = lines.iter().flat_map(|line| &line.nodes);
-    let points: Vec<[f64; 3]> = nodes.map(|&n| in_space(place(n))).collect();
-    let angles: Vec<f64> = lines.iter().flat_map(at_nodes).collect();
+    let points: Vec<[f64; 3]> = nodes.map(|&n| to_3d(place(n))).collect();
+    let angles: Vec<f64> = lines.iter().flat_map(node_angles).collect();
     let pairs: Vec<u8> = lines.iter().map(|line| line.pair.code()).collect();
     let of_lines = |name: &str, of: fn(&AcuteLine) -> f64| {
         let value = move |i: usize| of(&lines[i]);
-        Source::computed(name, 1, lines.len(), value)
+        ArraySource::computed(name, 1, lines.len(), value)
     };
     write_poly_lines::<D>(
         path,
         &points,
         lines.iter().map(|line| line.nodes.len()),
-        vec![Source::slice("angle", 1, &angles)],
+        vec![ArraySource::slice("angle", 1, &angles)],
         vec![
             of_lines("mean_angle", |line| line.mean_angle),
-            of_lines("least_angle", |line| line.least_angle),
+            of_lines("least_angle", |line| line.min_angle),
             of_lines("length", |line| line.length),
-            Source::slice("pair", 1, &pairs),
+            ArraySource::slice("pair", 1, &pairs),
         ],
     )
 }
@@ -55,24 +55,24 @@ pub fn write_feature_lines<const D: usize>(
     lines: &[FeatureLine<D>],
     place: impl Fn([f64; D]) -> [f64; D],
 ) -> Result<()> {
-    let places = lines.iter().flat_map(|line| &line.places);
-    let points: Vec<[f64; 3]> = places.map(|&x| in_space(place(x))).collect();
+    let places = lines.iter().flat_map(|line| &line.points);
+    let points: Vec<[f64; 3]> = places.map(|&x| to_3d(place(x))).collect();
     let kinds: Vec<u8> = lines.iter().map(|line| line.kind as u8).collect();
-    let sheets: Vec<u32> = lines.iter().flat_map(|line| line.sheets).collect();
+    let sheets: Vec<u32> = lines.iter().flat_map(|line| line.surfaces).collect();
     let of_lines = |name: &str, of: fn(&FeatureLine<D>) -> f64| {
         let value = move |i: usize| of(&lines[i]);
-        Source::computed(name, 1, lines.len(), value)
+        ArraySource::computed(name, 1, lines.len(), value)
     };
     write_poly_lines::<D>(
         path,
         &points,
-        lines.iter().map(|line| line.places.len()),
+        lines.iter().map(|line| line.points.len()),
         Vec::new(),
         vec![
-            Source::slice("kind", 1, &kinds),
+            ArraySource::slice("kind", 1, &kinds),
             of_lines("angle", |line| line.angle),
             of_lines("length", |line| line.length),
-            Source::slice("sheets", 2, &sheets),
+            ArraySource::slice("sheets", 2, &sheets),
         ],
     )
 }
@@ -82,8 +82,8 @@ fn write_poly_lines<'a, const D: usize>(
     path: &Path,
     points: &'a [[f64; 3]],
     counts: impl ExactSizeIterator<Item = usize>,
-    of_points: Vec<Source<'a>>,
-    of_lines: Vec<Source<'a>>,
+    of_points: Vec<ArraySource<'a>>,
+    of_lines: Vec<ArraySource<'a>>,
 ) -> Result<()> {
     let mut end = 0;
     let ends: Vec<i64> = counts
@@ -104,24 +104,29 @@ fn write_poly_lines<'a, const D: usize>(
     document.open("PointData", &[]);
     of_points
         .into_iter()
-        .for_each(|array| document.array(array));
+        .for_each(|array| document.add_array(array));
     document.close();
     document.open("CellData", &[]);
-    of_lines.into_iter().for_each(|array| document.array(array));
+    of_lines
+        .into_iter()
+        .for_each(|array| document.add_array(array));
     document.close();
     document.open("Points", &[]);
-    document.array(Source::slice("Points", 3, points.as_flattened()));
+    document.add_array(ArraySource::slice("Points", 3, points.as_flattened()));
     document.close();
     document.open(shape, &[]);
-    document.array(Source::computed("connectivity", 1, points.len(), |i| {
-        i as i64
-    }));
-    document.array(Source::slice("offsets", 1, &ends));
+    document.add_array(ArraySource::computed(
+        "connectivity",
+        1,
+        points.len(),
+        |i| i as i64,
+    ));
+    document.add_array(ArraySource::slice("offsets", 1, &ends));
     atomic_write(path, |out| document.write(out))
 }
 
 /// The angle at each node of a line: the mean of the edges that meet there.
-fn at_nodes(line: &AcuteLine) -> Vec<f64> {
+fn node_angles(line: &AcuteLine) -> Vec<f64> {
     let edges = &line.angles;
     let at = |i: usize| {
         let around = &edges[i.saturating_sub(1)..edges.len().min(i + 1)];

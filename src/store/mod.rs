@@ -15,27 +15,27 @@
 //! - `solids`: cells of several shapes as polyhedra
 //! - `stored`: meshes that files hold, whatever their cells are, and the way back to lattice space
 
-pub(crate) mod cells;
+pub(crate) mod cell_output;
 pub(crate) mod depth;
-pub(crate) mod file;
 mod foreign;
 pub(crate) mod labels;
 pub(crate) mod lines;
-pub(crate) mod named;
-pub(crate) mod parts;
+mod mixed_elements;
+pub(crate) mod named_surfaces;
+pub(crate) mod output;
 pub(crate) mod polyhedra;
 pub(crate) mod pvd;
-mod solids;
-pub(crate) mod stored;
+pub(crate) mod pvtu;
+pub(crate) mod stored_mesh;
 pub(crate) mod vtu;
 
-pub use depth::{in_depth, in_depth_of};
+pub use depth::{image_geometry_in_depth, to_depth};
 pub use foreign::read_any_mesh;
-pub use labels::{LabelledRegion, labels_of};
+pub use labels::{LabelledRegion, read_labels};
 pub use lines::{write_feature_lines, write_lines};
-pub use polyhedra::{Streams, write_cells_vtu};
-pub use pvd::Trace;
-pub use stored::{LatticeSpace, Stored, StoredMesh};
+pub use polyhedra::{CellStreams, write_cells_vtu};
+pub use pvd::PvdSeries;
+pub use stored_mesh::{LatticeSpace, Storable, StoredMesh};
 #[cfg(feature = "cli")]
 pub(crate) use vtu::with_mesh;
 pub use vtu::{AnyMesh, FieldValue, MeshFile, read_any_vtu, read_vtu, write_vtu};
@@ -44,7 +44,7 @@ use crate::parallel::prelude::*;
 
 use crate::image::Geometry;
 use crate::mesh::Simplices;
-use crate::mesh::interface::turn_round;
+use crate::mesh::interface::reverse_orientation;
 
 /// A mesh in lattice space (sample index times `step`) as a mesh in physical space.
 ///
@@ -57,19 +57,19 @@ pub fn to_physical<const D: usize, M: Simplices<D>>(
 ) -> M {
     let physical = |p: &[f64; D]| geometry.to_physical(std::array::from_fn(|k| p[k] / step[k]));
     let nodes = mesh.nodes().par_iter().map(physical).collect();
-    turned(mesh, nodes, geometry)
+    replace_nodes(mesh, nodes, geometry)
 }
 
 /// The same cells with other nodes; where the geometry mirrors space, the last two nodes of every
 /// cell change places.
-pub fn turned<const D: usize, M: Simplices<D>>(
+pub fn replace_nodes<const D: usize, M: Simplices<D>>(
     mesh: &M,
     nodes: Vec<[f64; D]>,
     geometry: &Geometry<D>,
 ) -> M {
     let mut mesh = mesh.with_nodes(nodes);
     if geometry.determinant() < 0.0 {
-        turn_round::<D>(mesh.parts_mut().1);
+        reverse_orientation::<D>(mesh.parts_mut().1);
     }
     mesh
 }

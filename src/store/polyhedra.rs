@@ -9,30 +9,30 @@ use std::path::Path;
 use crate::parallel::prelude::*;
 
 use super::vtu::{
-    self, FieldValue, MeshFile, cell_array, cell_values, check_lengths, integers, read_arrays,
-    read_fields, read_nodes,
+    self, FieldValue, MeshFile, check_lengths, integer_source, read_arrays, read_cell_integers,
+    read_cell_values, read_fields, read_nodes,
 };
 use crate::error::{Error, Result};
 use crate::files::Batch;
 use crate::files::vtk::xml::Element;
-use crate::files::vtk::{DataArray, Document, Packing, Source, VtkFile};
-use crate::mesh::poly::{Beyond, Lists, NO_CELL, PolyMesh};
+use crate::files::vtk::{ArrayPacking, ArraySource, DataArray, Document, VtkFile};
+use crate::mesh::poly::{FaceNeighbour, Lists, NO_CELL, PolyMesh};
 use crate::mesh::{Mesh, TriMesh};
 
 /// The cell array of sites.
-const SITE: &str = "site";
+const SITE_ARRAY: &str = "site";
 /// The cell array of regions.
-const REGION: &str = "region";
+const REGION_ARRAY: &str = "region";
 /// The field array of faces on features: pairs of cells.
-const FEATURE_FACES: &str = "feature_faces";
+const FEATURE_FACES_FIELD: &str = "feature_faces";
 
 /// VTK's number of the quadrilateral.
-const QUADRILATERAL: u8 = 9;
+const VTK_QUADRILATERAL: u8 = 9;
 
 /// Cells in one task.
-const CHUNK: usize = 4096;
+const CHUNK_CELLS: usize = 4096;
 /// Tasks whose results are in memory at once.
-const CHUNKS: usize = 16;
+const CHUNKS_PER_BATCH: usize = 16;
 
 /// Writes a mesh of polyhedra or polygons; the file appears whole or not at all. `site`, `region` and
 /// `feature_faces` come from the mesh; `point_data` and `cell_data` are what else there is.
@@ -50,7 +50,7 @@ pub fn write_cells_vtu<const D: usize>(path: &Path, file: &MeshFile<PolyMesh<D>>
         points,
         cells,
         &file.field_data,
-        Packing::Zlib,
+        ArrayPacking::Zlib,
     )?;
     batch.commit()
 }
@@ -66,30 +66,30 @@ pub fn add_cells_vtu<const D: usize>(
     point_data: &[DataArray],
     cell_data: &[DataArray],
     field_data: &[(String, FieldValue)],
-    packing: Packing,
+    packing: ArrayPacking,
 ) -> Result<()> {
     let (nodes, cells) = (mesh.nodes.len(), mesh.sites.len());
     check_lengths(path, point_data, nodes, "nodes")?;
     check_lengths(path, cell_data, cells, "cells")?;
     let site = DataArray {
-        name: SITE.to_string(),
+        name: SITE_ARRAY.to_string(),
         components: 3,
-        values: vtu::in_space(&mesh.sites).into(),
+        values: vtu::coordinates_3d(&mesh.sites).into(),
     };
-    let region = DataArray::scalars(REGION, mesh.region.clone());
+    let region = DataArray::scalars(REGION_ARRAY, mesh.region.clone());
     let mut pairs = Vec::new();
     for f in (0..mesh.face_cells.len()).filter(|&f| mesh.on_feature[f]) {
-        if let Beyond::Cell(_) = mesh.beyond(f) {
+        if let FaceNeighbour::Cell(_) = mesh.face_neighbour(f) {
             pairs.extend(mesh.face_cells[f].map(i64::from));
         }
     }
-    let pairs = (FEATURE_FACES.to_string(), FieldValue::Ints(pairs));
+    let pairs = (FEATURE_FACES_FIELD.to_string(), FieldValue::Ints(pairs));
     let fields: Vec<_> = field_data.iter().chain([&pairs]).collect();
     let cell_data: Vec<_> = [&region, &site].into_iter().chain(cell_data).collect();
     let point_data: Vec<_> = point_data.iter().collect();
-    let streams = Streams::new(mesh);
+    let streams = CellStreams::new(mesh);
 
-    let mut document = Document::packed("UnstructuredGrid", &[], packing);
+    let mut document = Document::with_packing("UnstructuredGrid", &[], packing);
     vtu::begin_piece(
         &mut document,
         &fields,
@@ -99,20 +99,20 @@ pub fn add_cells_vtu<const D: usize>(
         &cell_data,
     );
     document.open("Cells", &[]);
-    document.array(integers("connectivity", &streams.corners));
-    document.array(integers("offsets", &streams.corner_ends));
+    document.add_array(integer_source("connectivity", &streams.corners));
+    document.add_array(integer_source("offsets", &streams.corner_ends));
     let kind = PolyMesh::<D>::VTK_CELL;
-    document.array(Source::computed("types", 1, cells, |_| kind));
+    document.add_array(ArraySource::computed("types", 1, cells, |_| kind));
     if D == 3 {
-        document.array(integers("faces", &streams.faces));
-        document.array(integers("faceoffsets", &streams.face_ends));
+        document.add_array(integer_source("faces", &streams.faces));
+        document.add_array(integer_source("faceoffsets", &streams.face_ends));
     }
     batch.write(path, |out| document.write(out))
 }
 
 /// The cells as VTK lists them.
 #[derive(Debug, Default)]
-pub struct Streams {
+pub struct CellStreams {
     /// The nodes of each cell; in the plane in order round it.
     pub corners: Vec<u32>,
     /// Where those of each cell end.
@@ -123,23 +123,23 @@ pub struct Streams {
     pub face_ends: Vec<u64>,
 }
 
-impl Streams {
+impl CellStreams {
     /// Of a mesh.
     pub fn new<const D: usize>(mesh: &PolyMesh<D>) -> Self {
         let lists = mesh.faces_of_cells();
         let cells = mesh.sites.len();
         let part = |chunk: usize| {
             let mut part = Self::default();
-            for cell in chunk * CHUNK..((chunk + 1) * CHUNK).min(cells) {
+            for cell in chunk * CHUNK_CELLS..((chunk + 1) * CHUNK_CELLS).min(cells) {
                 part.add(mesh, cell, lists.get(cell));
             }
             part
         };
         let mut all = Self::default();
-        let chunks = cells.div_ceil(CHUNK);
+        let chunks = cells.div_ceil(CHUNK_CELLS);
         // A few parts at a time, so that little is in memory twice.
-        for first in (0..chunks).step_by(CHUNKS) {
-            let few = first..chunks.min(first + CHUNKS);
+        for first in (0..chunks).step_by(CHUNKS_PER_BATCH) {
+            let few = first..chunks.min(first + CHUNKS_PER_BATCH);
             let parts: Vec<Self> = few.into_par_iter().map(part).collect();
             parts.iter().for_each(|part| all.append(part));
         }
@@ -160,7 +160,7 @@ impl Streams {
         let own = |f: u32| mesh.face_cells[f as usize][0] as usize == cell;
         let start = self.corners.len();
         if D == 2 {
-            mesh.ring(cell, faces, &mut self.corners);
+            mesh.append_ring(cell, faces, &mut self.corners);
             self.corner_ends.push(self.corners.len() as u64);
             return;
         }
@@ -197,11 +197,11 @@ impl Streams {
 /// face.
 pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<PolyMesh<D>>> {
     let piece = file.piece()?;
-    let points = vtu::count(file, piece, "NumberOfPoints")?;
-    let count = vtu::count(file, piece, "NumberOfCells")?;
+    let points = vtu::read_count(file, piece, "NumberOfPoints")?;
+    let count = vtu::read_count(file, piece, "NumberOfCells")?;
     let nodes = read_nodes(file, file.child(piece, "Points")?, points)?;
     let element = file.child(piece, "Cells")?;
-    let types = cell_values(file, element, "types")?;
+    let types = read_cell_integers(file, element, "types")?;
     let kind = i64::from(PolyMesh::<D>::VTK_CELL);
     let fits = |t: i64| if D == 2 { is_polygon(t) } else { t == kind };
     if let Some(cell) = types.iter().position(|&t| !fits(t)) {
@@ -209,27 +209,27 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
             "cell {cell} is of VTK's type {}, not {kind} like the first",
             types[cell]
         );
-        return Err(file.fault(problem, "give a mesh of one kind of cells"));
+        return Err(file.error(problem, "give a mesh of one kind of cells"));
     }
-    let broken = |what: &str| broken(file, what);
+    let broken = |what: &str| damaged_error(file, what);
     // Every face of every cell: the cell, and its nodes in the cell's stream.
     let numbers = |name: &str| {
-        let numbers = cell_array(file, element, name)?.to_u32();
+        let numbers = read_cell_values(file, element, name)?.to_u32();
         numbers.ok_or_else(|| broken("their nodes"))
     };
     let (stream, ends) = if D == 2 {
         (
             numbers("connectivity")?,
-            cell_values(file, element, "offsets")?,
+            read_cell_integers(file, element, "offsets")?,
         )
     } else {
-        streams_of_faces(file, element)?
+        face_streams(file, element)?
     };
     let too_many = points.max(stream.len()) >= u32::MAX as usize;
     if types.len() != count || ends.len() != count || too_many {
         return Err(broken("their number"));
     }
-    let mut sides = Sides::default();
+    let mut sides = CellFaces::default();
     let mut start = 0;
     for (cell, &end) in ends.iter().enumerate() {
         let end = usize::try_from(end)
@@ -237,7 +237,7 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
             .filter(|&end| end <= stream.len() && end >= start);
         let own = &stream[start..end.ok_or_else(|| broken("their ends"))?];
         start += own.len();
-        let added = sides.add::<D>(cell as u32, own);
+        let added = sides.push_stream::<D>(cell as u32, own);
         added.ok_or_else(|| broken("their faces"))?;
     }
     drop(stream);
@@ -245,28 +245,28 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
         return Err(broken("their nodes"));
     }
     let mut mesh =
-        (sides.joined::<D>(nodes, count)).ok_or_else(|| broken("a face with three cells"))?;
+        (sides.into_mesh::<D>(nodes, count)).ok_or_else(|| broken("a face with three cells"))?;
 
     let mut cell_data = read_arrays(file, piece, "CellData", count)?;
     let mut take = |name: &str| {
         let at = cell_data.iter().position(|a| a.name == name)?;
         Some(cell_data.remove(at).values)
     };
-    if let Some(values) = take(REGION) {
+    if let Some(values) = take(REGION_ARRAY) {
         mesh.region = values.to_i64().iter().map(|&r| r as i32).collect();
     }
-    match take(SITE).map(|values| values.to_f64()) {
+    match take(SITE_ARRAY).map(|values| values.to_f64()) {
         Some(sites) if sites.len() == 3 * count => {
             let site = |s: &[f64]| std::array::from_fn(|k| s[k]);
             mesh.sites = sites.chunks_exact(3).map(site).collect();
         }
-        _ => mesh.sites = means(&mesh, count),
+        _ => mesh.sites = node_means(&mesh, count),
     }
     let mut field_data = read_fields(file)?;
-    if let Some(at) = field_data.iter().position(|f| f.0 == FEATURE_FACES)
+    if let Some(at) = field_data.iter().position(|f| f.0 == FEATURE_FACES_FIELD)
         && let (_, FieldValue::Ints(pairs)) = field_data.remove(at)
     {
-        let inner = mesh.inner_faces();
+        let inner = mesh.inner_face_count();
         for pair in pairs.chunks_exact(2) {
             let pair = [pair[0] as u32, pair[1] as u32];
             if let Ok(f) = mesh.face_cells[..inner].binary_search(&pair) {
@@ -282,40 +282,44 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
     })
 }
 
-fn broken(file: &VtkFile, what: &str) -> Error {
+fn damaged_error(file: &VtkFile, what: &str) -> Error {
     let problem = format!("its cells are damaged ({what})");
-    file.fault(problem, "write it again")
+    file.error(problem, "write it again")
 }
 
 /// The faces of polyhedra in a stream, and where those of each cell end; other cells have none.
-pub(super) fn streams_of_faces(file: &VtkFile, element: &Element) -> Result<(Vec<u32>, Vec<i64>)> {
+pub(super) fn face_streams(file: &VtkFile, element: &Element) -> Result<(Vec<u32>, Vec<i64>)> {
     let numbers = |name: &str| {
-        let numbers = cell_array(file, element, name)?.to_u32();
-        numbers.ok_or_else(|| broken(file, "their nodes"))
+        let numbers = read_cell_values(file, element, name)?.to_u32();
+        numbers.ok_or_else(|| damaged_error(file, "their nodes"))
     };
     let has = |name: &str| (element.children.iter()).any(|a| a.attribute("Name") == Some(name));
     if has("polyhedron_to_faces") {
         let [nodes, node_ends, faces] =
             ["face_connectivity", "face_offsets", "polyhedron_to_faces"].map(numbers);
         let ends = numbers("polyhedron_offsets")?;
-        return listed(&nodes?, &node_ends?, &faces?, &ends)
-            .ok_or_else(|| broken(file, "their faces"));
+        return read_face_lists(&nodes?, &node_ends?, &faces?, &ends)
+            .ok_or_else(|| damaged_error(file, "their faces"));
     }
     Ok((
         numbers("faces")?,
-        cell_values(file, element, "faceoffsets")?,
+        read_cell_integers(file, element, "faceoffsets")?,
     ))
 }
 
 /// Whether cells of VTK's type are polygons, whatever VTK calls them.
 pub(super) fn is_polygon(kind: i64) -> bool {
-    let kinds = [TriMesh::VTK_CELL, PolyMesh::<2>::VTK_CELL, QUADRILATERAL];
+    let kinds = [
+        TriMesh::VTK_CELL,
+        PolyMesh::<2>::VTK_CELL,
+        VTK_QUADRILATERAL,
+    ];
     kinds.map(i64::from).contains(&kind)
 }
 
 /// Polyhedra as VTK writes them since version 9.4, each a list of faces that are lists of nodes, as
 /// they were before: a stream of counts and nodes, and where each polyhedron ends in it.
-fn listed(
+fn read_face_lists(
     nodes: &[u32],
     node_ends: &[u32],
     faces: &[u32],
@@ -341,23 +345,23 @@ fn listed(
 
 /// The faces of all cells as a file has them: those between two cells twice.
 #[derive(Default)]
-pub(super) struct Sides {
+pub(super) struct CellFaces {
     /// The cell of each.
-    cell: Vec<u32>,
+    face_cell: Vec<u32>,
     /// The nodes of each, in order round it.
     pub rings: Lists,
 }
 
-impl Sides {
+impl CellFaces {
     /// Adds a face of a cell.
-    pub fn put(&mut self, cell: u32, ring: &[u32]) {
+    pub fn push(&mut self, cell: u32, ring: &[u32]) {
         self.rings.push(ring.iter().copied());
-        self.cell.push(cell);
+        self.face_cell.push(cell);
     }
 
     /// Adds the faces in a cell's stream; `None` if it makes no sense.
-    fn add<const D: usize>(&mut self, cell: u32, stream: &[u32]) -> Option<()> {
-        let mut put = |ring: &[u32]| self.put(cell, ring);
+    fn push_stream<const D: usize>(&mut self, cell: u32, stream: &[u32]) -> Option<()> {
+        let mut put = |ring: &[u32]| self.push(cell, ring);
         if D == 2 {
             let (&[first, _, ..], &[.., last]) = (stream, stream) else {
                 return None;
@@ -376,7 +380,7 @@ impl Sides {
     }
 
     /// The least three nodes of a face (of an edge both), ascending: hardly two faces have the same.
-    fn key(&self, side: usize) -> [u32; 3] {
+    fn sort_key(&self, side: usize) -> [u32; 3] {
         let mut least = [u32::MAX; 3];
         for &n in self.rings.get(side) {
             if n < least[2] {
@@ -393,37 +397,41 @@ impl Sides {
     }
 
     /// The nodes of a face, ascending.
-    fn set(&self, side: u32) -> Vec<u32> {
+    fn sorted_nodes(&self, side: u32) -> Vec<u32> {
         let mut set = self.rings.get(side as usize).to_vec();
         set.sort_unstable();
         set
     }
 
     /// The mesh; `None` if three cells share a face.
-    pub fn joined<const D: usize>(
+    pub fn into_mesh<const D: usize>(
         &self,
         nodes: Vec<[f64; D]>,
         cells: usize,
     ) -> Option<PolyMesh<D>> {
-        let sides = 0..self.cell.len();
+        let sides = 0..self.face_cell.len();
         let mut order: Vec<([u32; 3], u32)> = sides
             .into_par_iter()
-            .map(|i| (self.key(i), i as u32))
+            .map(|i| (self.sort_key(i), i as u32))
             .collect();
         order.par_sort_unstable();
         // Whether on the boundary, the cells, and the place in the file: the order of faces.
         let mut faces: Vec<(bool, [u32; 2], u32)> = Vec::with_capacity(order.len() / 2);
         let mut put = |one: u32, other: Option<u32>| {
-            let beyond = other.map_or(NO_CELL, |other| self.cell[other as usize]);
-            faces.push((other.is_none(), [self.cell[one as usize], beyond], one));
+            let beyond = other.map_or(NO_CELL, |other| self.face_cell[other as usize]);
+            faces.push((other.is_none(), [self.face_cell[one as usize], beyond], one));
         };
         for group in order.chunk_by(|a, b| a.0 == b.0) {
             match *group {
                 [(_, one)] => put(one, None),
-                [(_, one), (_, other)] if self.set(one) == self.set(other) => put(one, Some(other)),
+                [(_, one), (_, other)] if self.sorted_nodes(one) == self.sorted_nodes(other) => {
+                    put(one, Some(other))
+                }
                 _ => {
-                    let mut sets: Vec<(Vec<u32>, u32)> =
-                        group.iter().map(|&(_, i)| (self.set(i), i)).collect();
+                    let mut sets: Vec<(Vec<u32>, u32)> = group
+                        .iter()
+                        .map(|&(_, i)| (self.sorted_nodes(i), i))
+                        .collect();
                     sets.sort_unstable();
                     for same in sets.chunk_by(|a, b| a.0 == b.0) {
                         match *same {
@@ -453,7 +461,7 @@ impl Sides {
 }
 
 /// The mean of each cell's nodes (each as often as it has faces there).
-pub(super) fn means<const D: usize>(mesh: &PolyMesh<D>, cells: usize) -> Vec<[f64; D]> {
+pub(super) fn node_means<const D: usize>(mesh: &PolyMesh<D>, cells: usize) -> Vec<[f64; D]> {
     let mut sums = vec![([0.0; D], 0.0); cells];
     for (f, owners) in mesh.face_cells.iter().enumerate() {
         for &cell in owners {
@@ -508,7 +516,7 @@ mod tests {
         let any = read_any_vtu(&path).unwrap();
         assert!(matches!(
             (D, any),
-            (2, AnyMesh::PlaneCells(_)) | (3, AnyMesh::SpaceCells(_))
+            (2, AnyMesh::Polygons(_)) | (3, AnyMesh::Polyhedra(_))
         ));
         file.cell_data.push(DataArray::scalars("short", vec![1u8]));
         assert!(write_cells_vtu(&path, &file).is_err());
@@ -528,7 +536,7 @@ mod tests {
 
     #[test]
     fn streams_that_make_no_sense_are_refused() {
-        let add = |stream: &[u32]| Sides::default().add::<3>(0, stream);
+        let add = |stream: &[u32]| CellFaces::default().push_stream::<3>(0, stream);
         for wrong in [
             &[][..],
             &[1, 3, 0, 1],
@@ -538,17 +546,20 @@ mod tests {
         ] {
             assert!(add(wrong).is_none(), "{wrong:?}");
         }
-        let mut sides = Sides::default();
-        assert!(sides.add::<3>(7, &[1, 4, 5, 0, 9, 2]).is_some());
-        assert_eq!((sides.rings.get(0), sides.cell[0]), (&[5, 0, 9, 2][..], 7));
-        assert_eq!(sides.key(0), [0, 2, 5]);
-        assert!(Sides::default().add::<2>(0, &[0, 1]).is_none());
+        let mut sides = CellFaces::default();
+        assert!(sides.push_stream::<3>(7, &[1, 4, 5, 0, 9, 2]).is_some());
+        assert_eq!(
+            (sides.rings.get(0), sides.face_cell[0]),
+            (&[5, 0, 9, 2][..], 7)
+        );
+        assert_eq!(sides.sort_key(0), [0, 2, 5]);
+        assert!(CellFaces::default().push_stream::<2>(0, &[0, 1]).is_none());
     }
 
     #[test]
     fn lists_of_faces_that_make_no_sense_are_refused() {
         let nodes = [0, 2, 1, 0, 1, 3];
-        let stream = listed(&nodes, &[3, 6], &[0, 1], &[2]).unwrap();
+        let stream = read_face_lists(&nodes, &[3, 6], &[0, 1], &[2]).unwrap();
         assert_eq!(stream, (vec![2, 3, 0, 2, 1, 3, 0, 1, 3], vec![9]));
         for (node_ends, faces, face_ends) in [
             (&[3, 7], [0, 1], [2]),
@@ -556,19 +567,23 @@ mod tests {
             (&[3, 6], [0, 2], [2]),
             (&[3, 6], [0, 1], [3]),
         ] {
-            assert_eq!(listed(&nodes, node_ends, &faces, &face_ends), None);
+            assert_eq!(read_face_lists(&nodes, node_ends, &faces, &face_ends), None);
         }
     }
 
     #[test]
     fn faces_with_the_same_least_nodes_are_told_apart() {
         // Two faces of one cell each, and one of two cells, all with the nodes 0, 1, 2.
-        let mut sides = Sides::default();
-        sides.add::<3>(0, &[2, 4, 0, 1, 2, 3, 3, 0, 1, 2]).unwrap();
-        sides.add::<3>(1, &[2, 4, 0, 2, 1, 4, 3, 2, 1, 0]).unwrap();
-        let mesh = sides.joined::<3>(vec![[0.0; 3]; 5], 2).unwrap();
+        let mut sides = CellFaces::default();
+        sides
+            .push_stream::<3>(0, &[2, 4, 0, 1, 2, 3, 3, 0, 1, 2])
+            .unwrap();
+        sides
+            .push_stream::<3>(1, &[2, 4, 0, 2, 1, 4, 3, 2, 1, 0])
+            .unwrap();
+        let mesh = sides.into_mesh::<3>(vec![[0.0; 3]; 5], 2).unwrap();
         assert_eq!(mesh.face_cells, [[0, 1], [0, NO_CELL], [1, NO_CELL]]);
-        sides.add::<3>(2, &[1, 3, 0, 1, 2]).unwrap();
-        assert!(sides.joined::<3>(vec![[0.0; 3]; 5], 3).is_none());
+        sides.push_stream::<3>(2, &[1, 3, 0, 1, 2]).unwrap();
+        assert!(sides.into_mesh::<3>(vec![[0.0; 3]; 5], 3).is_none());
     }
 }

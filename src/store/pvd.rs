@@ -12,13 +12,13 @@ use crate::store::{MeshFile, write_vtu};
 
 /// Writes a trace; after every [`add`](Self::add) the files on disk are complete and consistent.
 #[derive(Debug, Clone)]
-pub struct Trace {
+pub struct PvdSeries {
     path: PathBuf,
     /// Time and file name of each round so far.
     rounds: Vec<(f64, String)>,
 }
 
-impl Trace {
+impl PvdSeries {
     /// Begins a trace with an empty collection at `path`.
     ///
     /// # Errors
@@ -78,7 +78,7 @@ mod tests {
     fn every_round_is_listed_and_readable() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("run & co.pvd");
-        let mut trace = Trace::create(&path).unwrap();
+        let mut trace = PvdSeries::create(&path).unwrap();
         for round in 0..3u8 {
             let lattice = MeshFile {
                 mesh: TetMesh {
@@ -108,6 +108,6 @@ mod tests {
             );
         }
         let missing = folder.path().join("nowhere/run.pvd");
-        assert!(Trace::create(&missing).is_err());
+        assert!(PvdSeries::create(&missing).is_err());
     }
 }

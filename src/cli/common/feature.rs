@@ -1,6 +1,6 @@
 //! How features are asked for, which several verbs do.
 
-use super::options::named;
+use super::options::with_option_name;
 use crate::feature;
 use crate::feature::PathSeeds;
 use crate::job::asked::{Job, What};
@@ -11,8 +11,8 @@ use crate::{Error, Result, error::cause};
 ///
 /// # Errors
 /// [`Error::Job`] that names the option that is impossible.
-pub fn job_of(settings: Settings) -> Result<Job> {
-    Job::try_from(settings).map_err(named)
+pub fn feature_job(settings: Settings) -> Result<Job> {
+    Job::try_from(settings).map_err(with_option_name)
 }
 
 /// How features are sought for atoms at least `d_min` apart in a lattice space where samples are `step`
@@ -24,18 +24,18 @@ pub fn detection<const D: usize>(
     job: &Job,
     d_min: f64,
     step: [f64; D],
-) -> Result<feature::Detection<D>> {
-    Ok(feature::Detection {
+) -> Result<feature::DetectionOptions<D>> {
+    Ok(feature::DetectionOptions {
         kind: job.features.kind(),
         scale: job.features.sigma,
         threshold: job.features.threshold(),
         weights: job.features.weights(),
-        seeds: seeds(job)?,
+        seeds: path_seeds(job)?,
         labels: job.features.labels().to_vec(),
         keep_nulls: job.input.keeps_nulls(),
         d_min,
         step,
-        ..feature::Detection::default()
+        ..feature::DetectionOptions::default()
     })
 }
 
@@ -43,7 +43,7 @@ pub fn detection<const D: usize>(
 ///
 /// # Errors
 /// [`Error::Job`] for what is no point of `D` coordinates.
-pub fn seeds<const D: usize>(job: &Job) -> Result<PathSeeds<D>> {
+pub fn path_seeds<const D: usize>(job: &Job) -> Result<PathSeeds<D>> {
     let seed = job.seed.0;
     let What::Paths { object, background } = &job.features.what else {
         return Ok(PathSeeds {

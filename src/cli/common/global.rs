@@ -4,7 +4,7 @@ use clap::Args;
 
 /// Options that every verb has.
 #[derive(Debug, Clone, Args)]
-pub struct Common {
+pub struct CommonOptions {
     /// Print only errors (and the JSON, if requested)
     #[arg(long, global = true, display_order = 900)]
     pub quiet: bool,
@@ -16,12 +16,12 @@ pub struct Common {
     pub threads: Option<usize>,
     /// Memory that may be taken, e.g. 8G or 500M; what would take more is refused before it is begun
     /// [default: what is free]
-    #[arg(long, global = true, value_name = "SIZE", display_order = 900, value_parser = bytes)]
+    #[arg(long, global = true, value_name = "SIZE", display_order = 900, value_parser = parse_bytes)]
     pub max_memory: Option<u64>,
 }
 
 /// A number of bytes: 500M, 8G, 1.5T; without a letter, of bytes.
-fn bytes(text: &str) -> Result<u64, String> {
+fn parse_bytes(text: &str) -> Result<u64, String> {
     let wrong = || format!("{text} is no size of memory; give one such as 8G or 500M");
     let digits = text.trim_end_matches(['b', 'B']).trim_end_matches('i');
     let (number, unit) = match digits.char_indices().next_back() {
@@ -53,17 +53,17 @@ mod tests {
             ("77", 77),
         ];
         for (text, expected) in good {
-            assert_eq!(bytes(text), Ok(expected), "{text}");
+            assert_eq!(parse_bytes(text), Ok(expected), "{text}");
         }
         for text in ["", "G", "-1G", "8X", "nanG", "0", "infG", "é"] {
-            assert!(bytes(text).is_err(), "{text}");
+            assert!(parse_bytes(text).is_err(), "{text}");
         }
     }
 }
 
 /// How a verb ended that did not fail.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Ending {
+pub enum VerbStatus {
     /// All done.
     Done,
     /// The user interrupted it; what it had is written.

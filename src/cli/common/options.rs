@@ -6,18 +6,18 @@ use crate::job::settings::Settings;
 use crate::{Error, Result};
 
 /// An error that begins with the name of a setting begins with the option's.
-pub fn named(error: Error) -> Error {
-    match setting_of(&error.cause().place) {
+pub fn with_option_name(error: Error) -> Error {
+    match setting_name(&error.cause().place) {
         Some(_) => {
             let place = format!("--{}", error.cause().place);
-            error.at(place)
+            error.with_place(place)
         }
         None => error,
     }
 }
 
 /// The setting with whose name a place begins.
-pub fn setting_of(place: &str) -> Option<&str> {
+pub fn setting_name(place: &str) -> Option<&str> {
     let name = place.split(' ').next()?;
     let settings = Settings::augment_args(Command::new("settings"));
     let known = settings
@@ -35,5 +35,5 @@ pub fn read_options(
     input: &crate::image::formats::InputOptions,
     path: &std::path::Path,
 ) -> Result<crate::image::formats::ReadOptions> {
-    input.for_file(path).map_err(named)
+    input.read_options_for(path).map_err(with_option_name)
 }

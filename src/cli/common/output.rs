@@ -6,11 +6,11 @@ use serde_json::json;
 
 use crate::cli::console::Console;
 use crate::error::cause;
-use crate::image::{Field, Geometry, Image};
+use crate::image::{Geometry, Image, ScalarField};
 use crate::{Error, Result};
 
 /// The endings of the image formats that are written.
-pub const WRITTEN: [&str; 11] = [
+pub const IMAGE_EXTENSIONS: [&str; 11] = [
     "vti", "npy", "png", "nrrd", "mha", "nii", "gz", "zarr", "irap", "zmap", "cps3",
 ];
 
@@ -61,7 +61,10 @@ pub fn same_file(a: &Path, b: &Path) -> bool {
 }
 
 /// A potential, or what else there is a value of for every sample, as an image that lies where the image it came from lies.
-pub fn potential_image<const D: usize>(potential: Field<D>, geometry: &Geometry<D>) -> Image<D> {
+pub fn potential_image<const D: usize>(
+    potential: ScalarField<D>,
+    geometry: &Geometry<D>,
+) -> Image<D> {
     Image::new(potential.dims, potential.samples, geometry.clone())
 }
 
@@ -69,28 +72,32 @@ pub fn potential_image<const D: usize>(potential: Field<D>, geometry: &Geometry<
 ///
 /// # Errors
 /// As [`Console::write_image`].
-pub fn written<const D: usize>(console: &mut Console, path: &Path, image: Image<D>) -> Result<()> {
+pub fn write_image<const D: usize>(
+    console: &mut Console,
+    path: &Path,
+    image: Image<D>,
+) -> Result<()> {
     let dims = image.dims();
     console.write_image(path, image)?;
-    said_written(console, path, &dims);
+    report_written_image(console, path, &dims);
     Ok(())
 }
 
 /// Says which image was written, and of how many samples.
-pub fn said_written(console: &mut Console, path: &Path, dims: &[usize]) {
+pub fn report_written_image(console: &mut Console, path: &Path, dims: &[usize]) {
     console.result(
-        format_args!("wrote {}: {} samples", path.display(), by(dims)),
-        &json!({ "file": shown(path), "dims": dims.to_vec() }),
+        format_args!("wrote {}: {} samples", path.display(), format_dims(dims)),
+        &json!({ "file": path_text(path), "dims": dims.to_vec() }),
     );
 }
 
 /// A path as text, for JSON, which has no place for names that are not UTF-8.
-pub fn shown(path: &Path) -> String {
+pub fn path_text(path: &Path) -> String {
     path.display().to_string()
 }
 
 /// 3 x 4 x 5.
-pub fn by(dims: &[usize]) -> String {
+pub fn format_dims(dims: &[usize]) -> String {
     let words: Vec<String> = dims.iter().map(usize::to_string).collect();
     words.join(" x ")
 }

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use crate::cli::common::output::shown;
-use crate::image::formats::stream::Head;
-use crate::image::geometry::Ruler;
+use crate::cli::common::output::path_text;
+use crate::image::formats::stream::ImageHeader;
+use crate::image::geometry::AxisScale;
 use crate::mesh::Mesh;
 use crate::model::slice::Caption;
 use crate::store::{FieldValue, MeshFile};
@@ -13,7 +13,7 @@ use crate::store::{FieldValue, MeshFile};
 pub(super) fn title(above: &[&Path], image: Option<&Path>) -> String {
     let name = |path: &Path| match path.file_name() {
         Some(name) => name.to_string_lossy().into_owned(),
-        None => shown(path),
+        None => path_text(path),
     };
     let above: Vec<String> = above.iter().map(|path| name(path)).collect();
     match (above.join(", "), image.map(name)) {
@@ -24,14 +24,14 @@ pub(super) fn title(above: &[&Path], image: Option<&Path>) -> String {
 }
 
 /// How many cells a mesh has, and how far apart atoms were asked to be.
-pub(super) fn cells<const D: usize, M: Mesh<D>>(file: &MeshFile<M>) -> String {
-    let distance = distance(file).map_or(String::new(), |d| format!(", d = {d} samples"));
-    format!("{} {}{distance}", file.mesh.len(), M::CELLS)
+pub(super) fn cells_caption<const D: usize, M: Mesh<D>>(file: &MeshFile<M>) -> String {
+    let distance = distance_text(file).map_or(String::new(), |d| format!(", d = {d} samples"));
+    format!("{} {}{distance}", file.mesh.len(), M::CELLS_NAME)
 }
 
 /// The distance of atoms that was asked for, as it was typed.
-fn distance<M>(file: &MeshFile<M>) -> Option<String> {
-    let Some(FieldValue::Text(text)) = file.field("parameters") else {
+fn distance_text<M>(file: &MeshFile<M>) -> Option<String> {
+    let Some(FieldValue::Text(text)) = file.field_value("parameters") else {
         return None;
     };
     let table = toml::from_str::<toml::Table>(text.trim_end_matches('\0')).ok()?;
@@ -39,8 +39,8 @@ fn distance<M>(file: &MeshFile<M>) -> Option<String> {
 }
 
 /// An image axis that is read off by line numbers: of a survey's inlines or crosslines.
-pub(super) fn lines<const D: usize>(head: &Head<D>, k: usize) -> Option<Ruler> {
-    let [inlines, crosslines] = head.lines?;
+pub(super) fn line_ruler<const D: usize>(head: &ImageHeader<D>, k: usize) -> Option<AxisScale> {
+    let [inlines, crosslines] = head.line_numbers?;
     let geometry = &head.geometry;
     let name = &geometry.names[k];
     let lines = match &**name {
@@ -61,7 +61,7 @@ pub(super) fn lines<const D: usize>(head: &Head<D>, k: usize) -> Option<Ruler> {
             format!("{name} ({} apart)", format!("{apart} {unit}").trim())
         }
     };
-    Some(Ruler {
+    Some(AxisScale {
         label,
         first: lines.first as f64,
         last: lines.last() as f64,
@@ -69,7 +69,7 @@ pub(super) fn lines<const D: usize>(head: &Head<D>, k: usize) -> Option<Ruler> {
 }
 
 /// Where the sections of a survey meet: lines, and coordinates.
-pub(super) fn met(head: &Head<3>, at: [f64; 3], caption: &Caption) -> String {
+pub(super) fn crossing_caption(head: &ImageHeader<3>, at: [f64; 3], caption: &Caption) -> String {
     let dims = head.dims;
     let number = |k: usize| {
         let ruler = caption.rulers[k].as_ref()?;

@@ -5,22 +5,22 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
-use crate::cli::common::output::{check_output, shown};
+use crate::cli::common::output::{check_output, path_text};
 use crate::cli::console::Console;
-use crate::cli::parse::{bad, number};
+use crate::cli::parse::{number, option_error};
 use crate::error::cause;
 use crate::export::surfaces::vtp::read_triangles;
 use crate::export::{Gocad, read_gocad};
 use crate::image::Geometry;
-use crate::image::formats::AnyLoaded;
+use crate::image::formats::AnyImage;
 use crate::image::formats::InputOptions;
 use crate::mesh::poly::PolyMesh;
-use crate::model::columns::horizon::{Horizon, Triangles};
-use crate::model::columns::{Columns, Division, columns};
+use crate::model::columns::horizon::{Horizon, TriangleIndex};
+use crate::model::columns::{Columns, LayerDivision, columns};
 use crate::store::{AnyMesh, LatticeSpace, StoredMesh};
 
-use crate::model::columns::drawn::columns_to_file;
-use crate::store::file::Provenance;
+use crate::model::columns::file::columns_to_file;
+use crate::store::output::Provenance;
 use crate::{Error, Result};
 
 /// `atomesh columns`.
@@ -65,7 +65,7 @@ pub fn run(args: &ColumnsArgs, console: &mut Console) -> Result<()> {
     if !(args.least_thickness >= 0.0 && args.least_thickness.is_finite()) {
         let value = args.least_thickness.to_string();
         let remedy = "give 0 or more, in the unit of z";
-        return Err(bad(
+        return Err(option_error(
             "--least-thickness",
             &value,
             "is not a thickness",
@@ -76,11 +76,11 @@ pub fn run(args: &ColumnsArgs, console: &mut Console) -> Result<()> {
     let inputs: Vec<&Path> = [args.map.as_path()].into_iter().chain(files).collect();
     check_output(&args.output, "--output", &["vtu"], &inputs)?;
     console.begin_stage("reading");
-    let (map, space) = map(&args.map, console)?;
+    let (map, space) = read_map(&args.map, console)?;
     let mut z = Vec::new();
     for text in &args.horizon {
-        let horizon = horizon(text, &space, &args.input, console)?;
-        let (values, missing) = horizon.at_nodes(&map, text)?;
+        let horizon = read_horizon(text, &space, &args.input, console)?;
+        let (values, missing) = horizon.z_at_nodes(&map, text)?;
         if missing > 0 {
             console.note(format_args!(
                 "{text} is not known at {missing} of the map's {} nodes: extrapolated smoothly there",
@@ -96,10 +96,10 @@ pub fn run(args: &ColumnsArgs, console: &mut Console) -> Result<()> {
     let result = json!({
         "cells": found.column.len(),
         "columns": map.sites.len(),
-        "layers": found.counts,
-        "missing": found.missing,
-        "z_grows": if found.z_up { "upwards" } else { "downwards" },
-        "file": shown(&args.output),
+        "layers": found.layer_counts,
+        "missing": found.missing_counts,
+        "z_grows": if found.is_z_up { "upwards" } else { "downwards" },
+        "file": path_text(&args.output),
     });
     console.begin_stage("writing");
     let provenance = Provenance {
@@ -117,7 +117,7 @@ pub fn run(args: &ColumnsArgs, console: &mut Console) -> Result<()> {
 }
 
 fn table(found: &Columns, map: &PolyMesh<2>) -> String {
-    let layers: Vec<String> = found.counts.iter().map(usize::to_string).collect();
+    let layers: Vec<String> = found.layer_counts.iter().map(usize::to_string).collect();
     let mut lines = vec![
         format!(
             "cells          {} in {} columns",
@@ -130,14 +130,14 @@ fn table(found: &Columns, map: &PolyMesh<2>) -> String {
         ),
         format!(
             "z              grows {}",
-            if found.z_up {
+            if found.is_z_up {
                 "upwards"
             } else {
                 "downwards: export it with --down z"
             }
         ),
     ];
-    let missing = found.missing.iter().enumerate().filter(|m| *m.1 > 0);
+    let missing = found.missing_counts.iter().enumerate().filter(|m| *m.1 > 0);
     let missing: Vec<String> = missing
         .map(|(layer, count)| format!("layer {layer} in {count} columns"))
         .collect();
@@ -147,28 +147,28 @@ fn table(found: &Columns, map: &PolyMesh<2>) -> String {
     lines.join("\n")
 }
 
-fn division(args: &ColumnsArgs) -> Result<Division> {
+fn division(args: &ColumnsArgs) -> Result<LayerDivision> {
     if let Some(thickness) = args.layer_thickness {
-        return Ok(Division::Thickness(thickness));
+        return Ok(LayerDivision::Thickness(thickness));
     }
     let text = args.layers.as_deref().unwrap_or("1");
     let counts: Option<Vec<usize>> = text.split(',').map(|w| w.trim().parse().ok()).collect();
-    counts.map(Division::Counts).ok_or_else(|| {
+    counts.map(LayerDivision::Counts).ok_or_else(|| {
         let remedy = "give one, or one for each interval, such as 3,5";
-        bad("--layers", text, "is not a number of layers", remedy)
+        option_error("--layers", text, "is not a number of layers", remedy)
     })
 }
 
 /// The map, where its file has it, and where its lattice space is.
-fn map(path: &Path, console: &Console) -> Result<(PolyMesh<2>, LatticeSpace<2>)> {
+fn read_map(path: &Path, console: &Console) -> Result<(PolyMesh<2>, LatticeSpace<2>)> {
     let what = match console.read_mesh(path)? {
-        AnyMesh::PlaneCells(file) => {
+        AnyMesh::Polygons(file) => {
             let stored = StoredMesh::new(file, &path.display().to_string())?;
             let space = stored.space.clone();
             return Ok((stored.into_file().mesh, space));
         }
-        AnyMesh::Plane(_) => "has triangles, which make poor columns for flow",
-        AnyMesh::Space(_) | AnyMesh::SpaceCells(_) => "is not a map but a 3-D mesh",
+        AnyMesh::Triangles(_) => "has triangles, which make poor columns for flow",
+        AnyMesh::Tetrahedra(_) | AnyMesh::Polyhedra(_) => "is not a map but a 3-D mesh",
     };
     Err(Error::Mesh(cause(
         path.display(),
@@ -178,7 +178,7 @@ fn map(path: &Path, console: &Console) -> Result<(PolyMesh<2>, LatticeSpace<2>)>
 }
 
 /// A horizon as typed.
-fn horizon(
+fn read_horizon(
     text: &str,
     space: &LatticeSpace<2>,
     input: &InputOptions,
@@ -195,7 +195,7 @@ fn horizon(
         Some((path, which)) if path.ends_with(".vtp") => {
             let which = which.parse().map_err(|_| {
                 let remedy = "give FILE.vtp or FILE.vtp:NUMBER";
-                bad("--horizon", text, "names no surface", remedy)
+                option_error("--horizon", text, "names no surface", remedy)
             })?;
             (Path::new(path), Some(which))
         }
@@ -208,9 +208,14 @@ fn horizon(
         let triangles = read_triangles(path, which)?;
         if triangles.is_empty() {
             let remedy = "give a surface of `atomesh surface`: FILE.vtp, or FILE.vtp:NUMBER";
-            return Err(bad("--horizon", text, "has no such surface", remedy));
+            return Err(option_error(
+                "--horizon",
+                text,
+                "has no such surface",
+                remedy,
+            ));
         }
-        return Ok(Horizon::Surface(Triangles::new(triangles)));
+        return Ok(Horizon::Surface(TriangleIndex::new(triangles)));
     }
     if path
         .extension()
@@ -218,25 +223,30 @@ fn horizon(
     {
         let Gocad::Surfaces(file) = read_gocad(path)? else {
             let remedy = "give a file of TSurf objects";
-            return Err(bad("--horizon", text, "holds lines, no surface", remedy));
+            return Err(option_error(
+                "--horizon",
+                text,
+                "holds lines, no surface",
+                remedy,
+            ));
         };
         let corners = file
             .facets
             .iter()
             .map(|f| f.map(|n| file.nodes[n as usize]));
-        return Ok(Horizon::Surface(Triangles::new(corners.collect())));
+        return Ok(Horizon::Surface(TriangleIndex::new(corners.collect())));
     }
     let loaded = console.read_image(path, input)?;
-    let AnyLoaded::Plane(loaded) = loaded else {
+    let AnyImage::Plane(loaded) = loaded else {
         let remedy = "give an image of z over the map";
-        return Err(bad("--horizon", text, "is a 3-D image", remedy));
+        return Err(option_error("--horizon", text, "is a 3-D image", remedy));
     };
     loaded.notes.iter().for_each(|note| console.note(note));
     let mut image = loaded.image;
     // Samples that say nowhere where they lie are those of the map.
     let bare = Geometry::<2>::default();
     let placed = (image.geometry.origin, image.geometry.axes) != (bare.origin, bare.axes);
-    if !placed && space.holds(image.dims()) {
+    if !placed && space.fits_dims(image.dims()) {
         image.geometry = space.geometry.clone();
     }
     Ok(Horizon::Grid(image))

@@ -6,16 +6,16 @@ use clap::Args;
 use serde_json::json;
 
 use crate::cli::common::depth::image_in_depth;
-use crate::cli::common::output::{WRITTEN, check_output, said_written, shown};
+use crate::cli::common::output::{IMAGE_EXTENSIONS, check_output, path_text, report_written_image};
 use crate::cli::console::Console;
 use crate::error::cause;
 use crate::export::surfaces::vtp::read_surfaces;
 use crate::export::{
-    Gocad, Sticks, SurfaceFile, read_gocad, read_sticks, write_obj, write_sticks, write_tsurf,
+    FaultSticks, Gocad, SurfaceFile, read_gocad, read_sticks, write_obj, write_sticks, write_tsurf,
     write_vtp,
 };
-use crate::image::formats::stream::{Opened, Stream};
-use crate::image::formats::{AnyLoaded, InputOptions, Loaded, Parts, is_written_in_parts};
+use crate::image::formats::stream::{ImageStream, OpenedImage};
+use crate::image::formats::{AnyImage, InputOptions, LoadedImage, StreamedImage, can_stream};
 use crate::job::asked::VelocityFrom;
 use crate::{Error, Result};
 
@@ -39,12 +39,12 @@ pub struct ConvertArgs {
 }
 
 /// The endings of surfaces that are read and of those that are written.
-const SURFACES: [&str; 4] = ["vtp", "ts", "pl", "csv"];
-const SURFACES_OUT: [&str; 5] = ["vtp", "obj", "ts", "pl", "csv"];
+const SURFACE_INPUT_EXTENSIONS: [&str; 4] = ["vtp", "ts", "pl", "csv"];
+const SURFACE_OUTPUT_EXTENSIONS: [&str; 5] = ["vtp", "obj", "ts", "pl", "csv"];
 
 /// Runs the verb.
 pub fn convert(args: &ConvertArgs, console: &mut Console) -> Result<()> {
-    if SURFACES.contains(&ending(&args.input_file).as_str()) {
+    if SURFACE_INPUT_EXTENSIONS.contains(&extension(&args.input_file).as_str()) {
         args.input.refuse_unused("surfaces are read")?;
         if let Some(velocity) = &args.velocity {
             let place = format!("--velocity {velocity}");
@@ -52,29 +52,36 @@ pub fn convert(args: &ConvertArgs, console: &mut Console) -> Result<()> {
             let remedy = "make the surfaces in depth, by atomesh surface --velocity";
             return Err(Error::Job(cause(place, problem, remedy)));
         }
-        check_output(&args.output, "OUT", &SURFACES_OUT, &[&args.input_file])?;
-        return surfaces(&args.input_file, &args.output, console);
+        check_output(
+            &args.output,
+            "OUT",
+            &SURFACE_OUTPUT_EXTENSIONS,
+            &[&args.input_file],
+        )?;
+        return convert_surfaces(&args.input_file, &args.output, console);
     }
     let mut inputs = vec![args.input_file.as_path()];
     inputs.extend(args.input.geometry_from.as_deref());
     if let Some(VelocityFrom::File(path)) = &args.velocity {
         inputs.push(path);
     }
-    check_output(&args.output, "OUT", &WRITTEN, &inputs)?;
+    check_output(&args.output, "OUT", &IMAGE_EXTENSIONS, &inputs)?;
     let opened = match console.open_image(&args.input_file, &args.input)? {
-        Opened::Stream(stream) if args.velocity.is_none() && in_parts(&args.output, console) => {
-            return pass_on(stream, &args.output, console);
+        OpenedImage::Stream(stream)
+            if args.velocity.is_none() && is_streamed(&args.output, console) =>
+        {
+            return convert_stream(stream, &args.output, console);
         }
         other => other,
     };
     match opened.load(&args.input_file)? {
-        AnyLoaded::Plane(loaded) => rewrite(loaded, args, console),
-        AnyLoaded::Space(loaded) => rewrite(loaded, args, console),
+        AnyImage::Plane(loaded) => rewrite(loaded, args, console),
+        AnyImage::Space(loaded) => rewrite(loaded, args, console),
     }
 }
 
 fn rewrite<const D: usize>(
-    loaded: Loaded<D>,
+    loaded: LoadedImage<D>,
     args: &ConvertArgs,
     console: &mut Console,
 ) -> Result<()> {
@@ -84,84 +91,88 @@ fn rewrite<const D: usize>(
         console.note(note);
     }
     let (to, dims) = (args.output.as_path(), image.dims());
-    console.write_survey(to, image, loaded.lines)?;
-    said_written(console, to, &dims);
+    console.write_survey(to, image, loaded.line_numbers)?;
+    report_written_image(console, to, &dims);
     Ok(())
 }
 
 /// Whether what goes to `to` is written part by part.
-fn in_parts(to: &Path, console: &Console) -> bool {
-    !console.keeps(to) && is_written_in_parts(to)
+fn is_streamed(to: &Path, console: &Console) -> bool {
+    !console.keeps_in_memory(to) && can_stream(to)
 }
 
 /// Writes an image that may be larger than memory as it is read.
-fn pass_on(stream: Stream, to: &Path, console: &mut Console) -> Result<()> {
-    let head = &stream.head;
+fn convert_stream(stream: ImageStream, to: &Path, console: &mut Console) -> Result<()> {
+    let head = &stream.header;
     for note in &head.notes {
         console.note(note);
     }
-    let parts = Parts {
+    let parts = StreamedImage {
         dims: head.dims,
         geometry: &head.geometry,
         missing: &head.missing,
-        lines: head.lines,
-        sample: stream.coded.sample,
+        line_numbers: head.line_numbers,
+        sample_type: stream.encoding.sample_type,
         slabs: &stream,
     };
     parts.write(to)?;
-    if let Some(note) = stream.note() {
+    if let Some(note) = stream.rounding_note() {
         console.note(note);
     }
-    said_written(console, to, &head.dims);
+    report_written_image(console, to, &head.dims);
     Ok(())
 }
 
-fn ending(path: &Path) -> String {
+fn extension(path: &Path) -> String {
     let ending = path.extension().unwrap_or_default();
     ending.to_string_lossy().to_lowercase()
 }
 
 /// What a file of surfaces holds.
-enum Found {
+enum SurfaceInput {
     Surfaces(SurfaceFile<3>),
     Lines(SurfaceFile<2>),
-    Sticks(Vec<Sticks>),
+    Sticks(Vec<FaultSticks>),
 }
 
-fn surfaces(from: &Path, to: &Path, console: &mut Console) -> Result<()> {
-    let found = match ending(from).as_str() {
-        "vtp" => Found::Surfaces(read_surfaces(from)?),
-        "csv" => Found::Sticks(read_sticks(from)?),
+fn convert_surfaces(from: &Path, to: &Path, console: &mut Console) -> Result<()> {
+    let found = match extension(from).as_str() {
+        "vtp" => SurfaceInput::Surfaces(read_surfaces(from)?),
+        "csv" => SurfaceInput::Sticks(read_sticks(from)?),
         _ => match read_gocad(from)? {
-            Gocad::Surfaces(file) => Found::Surfaces(file),
-            Gocad::Lines(file) => Found::Lines(file),
+            Gocad::Surfaces(file) => SurfaceInput::Surfaces(file),
+            Gocad::Lines(file) => SurfaceInput::Lines(file),
         },
     };
-    let count = match (found, ending(to).as_str()) {
-        (Found::Surfaces(_), "pl") => {
+    let count = match (found, extension(to).as_str()) {
+        (SurfaceInput::Surfaces(_), "pl") => {
             let remedy = "write surfaces as .ts, or as .csv of sticks, and these as .pl";
             let place = format!("OUT {}", to.display());
             let problem = format!("holds lines, but {} surfaces", from.display());
             return Err(Error::Job(cause(place, problem, remedy)));
         }
-        (Found::Surfaces(file), "csv") => {
-            let sticks = Sticks::of(&file, None);
+        (SurfaceInput::Surfaces(file), "csv") => {
+            let sticks = FaultSticks::from_surfaces(&file, None);
             write_sticks(to, &sticks)?;
             sticks.len()
         }
-        (Found::Surfaces(file), _) => put(to, file, console)?,
-        (Found::Lines(file), "csv") => {
-            let sticks = Sticks::of_lines(&file);
+        (SurfaceInput::Surfaces(file), _) => write_surfaces(to, file, console)?,
+        (SurfaceInput::Lines(file), "csv") => {
+            let sticks = FaultSticks::from_lines(&file);
             write_sticks(to, &sticks)?;
             sticks.len()
         }
-        (Found::Lines(file), _) => put(to, file, console)?,
-        (Found::Sticks(sticks), "csv") => {
+        (SurfaceInput::Lines(file), _) => write_surfaces(to, file, console)?,
+        (SurfaceInput::Sticks(sticks), "csv") => {
             write_sticks(to, &sticks)?;
             sticks.len()
         }
-        (Found::Sticks(sticks), "pl") => put(to, Sticks::lines(&sticks), console)?,
-        (Found::Sticks(sticks), _) => put(to, Sticks::surfaces(&sticks), console)?,
+        (SurfaceInput::Sticks(sticks), "pl") => {
+            write_surfaces(to, FaultSticks::to_lines(&sticks), console)?
+        }
+        (SurfaceInput::Sticks(sticks), _) => {
+            write_surfaces(to, FaultSticks::to_surfaces(&sticks), console)?
+        }
     };
     if count == 0 {
         let remedy = "give a file with some";
@@ -173,14 +184,18 @@ fn surfaces(from: &Path, to: &Path, console: &mut Console) -> Result<()> {
     }
     console.result(
         format_args!("wrote {}: {count} surfaces", to.display()),
-        &json!({ "file": shown(to), "surfaces": count }),
+        &json!({ "file": path_text(to), "surfaces": count }),
     );
     Ok(())
 }
 
-fn put<const D: usize>(to: &Path, file: SurfaceFile<D>, console: &mut Console) -> Result<usize> {
+fn write_surfaces<const D: usize>(
+    to: &Path,
+    file: SurfaceFile<D>,
+    console: &mut Console,
+) -> Result<usize> {
     let count = file.names.len();
-    console.write_surfaces(to, file, |file| match ending(to).as_str() {
+    console.write_surfaces(to, file, |file| match extension(to).as_str() {
         "vtp" => write_vtp(to, file),
         "obj" => write_obj(to, file),
         _ => write_tsurf(to, file),

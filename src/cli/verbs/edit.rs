@@ -6,26 +6,28 @@ use clap::Args;
 use serde_json::json;
 
 use crate::cli::common::depth::{image_in_depth, params_in_depth};
-use crate::cli::common::output::{check_output, shown};
+use crate::cli::common::output::{check_output, path_text};
 use crate::cli::console::Console;
 use crate::cli::interrupts::Interrupts;
-use crate::cli::job::params;
+use crate::cli::job_files::read_params;
 use crate::cli::parse;
-use crate::error::{cause, os};
+use crate::error::{cause, io_error};
 use crate::feature::{self, FeatureKind};
 use crate::image::formats::InputOptions;
-use crate::image::formats::{AnyLoaded, Loaded};
-use crate::image::{Image, Source};
+use crate::image::formats::{AnyImage, LoadedImage};
+use crate::image::{Image, ImageSource};
 use crate::improve;
 use crate::job::asked::{Apart, Cells, DistanceFrom, PlacementJob, Slivers};
 use crate::job::{Job, Params};
 use crate::mesh::Mesh;
 use crate::model::edit::cells::{self, edit_cells};
-use crate::model::edit::{Change, Edit, Edited, Summary, body, edit as edit_simplices};
-use crate::observer::{Observer, Stage};
+use crate::model::edit::{
+    AtomChange, Edit, EditedMesh, Summary, edit as edit_simplices, editable_mesh,
+};
+use crate::progress::{Progress, Stage};
 use crate::report::{Clock, Report};
-use crate::store::file::with_image;
-use crate::store::{FieldValue, MeshFile, Stored, with_mesh};
+use crate::store::output::with_image;
+use crate::store::{FieldValue, MeshFile, Storable, with_mesh};
 use crate::{Error, Result};
 
 /// `atomesh edit`.
@@ -61,8 +63,8 @@ pub struct EditArgs {
     pub input: InputOptions,
 }
 
-const POINT: &str = "give a point such as 1500,2000,300 (1500,2000 in 2-D)";
-const ATOM: &str = "give the number of a point of the mesh, as ParaView shows it";
+const POINT_REMEDY: &str = "give a point such as 1500,2000,300 (1500,2000 in 2-D)";
+const ATOM_REMEDY: &str = "give the number of a point of the mesh, as ParaView shows it";
 
 /// Runs the verb.
 pub fn edit(args: &EditArgs, interrupts: &Interrupts, console: &mut Console) -> Result<()> {
@@ -74,40 +76,42 @@ pub fn edit(args: &EditArgs, interrupts: &Interrupts, console: &mut Console) -> 
     clock.begin(Stage::Reading);
     with_mesh!(console.read_mesh(&args.mesh)?,
         simplices file => {
-            let lost = body::dropped(&file);
+            let lost = editable_mesh::dropped_arrays(&file);
             run(args, file, edit_simplices, lost, clock, interrupts, console)
         },
         cells file => {
-            let lost = cells::dropped(&file);
+            let lost = cells::dropped_arrays(&file);
             run(args, file, edit_cells, lost, clock, interrupts, console)
         }
     )
 }
 
 /// How a mesh of some kind of cells is edited.
-type Editing<const D: usize, M> = fn(
+type EditFn<const D: usize, M> = fn(
     MeshFile<M>,
     &str,
     &Image<D>,
     &Params<D>,
     &[Edit<D>],
     bool,
-    &mut dyn Observer,
-) -> Result<Edited<M>>;
+    &mut dyn Progress,
+) -> Result<EditedMesh<M>>;
 
 /// The same in the plane and in space, whatever the cells are; arrays that are `lost` are dropped.
-fn run<const D: usize, M: Stored<D>>(
+fn run<const D: usize, M: Storable<D>>(
     args: &EditArgs,
     file: MeshFile<M>,
-    edit: Editing<D, M>,
+    edit: EditFn<D, M>,
     lost: Vec<String>,
     mut clock: Clock,
     interrupts: &Interrupts,
     console: &mut Console,
 ) -> Result<()> {
-    let edits = edits(args)?;
-    let (job, mut notes) = job(args, &file)?;
-    let Some(Loaded { image, .. }) = loaded(console.read_image(&args.image, &job.input)?) else {
+    let edits = parse_edits(args)?;
+    let (job, mut notes) = recorded_job(args, &file)?;
+    let Some(LoadedImage { image, .. }) =
+        image_of_dimension(console.read_image(&args.image, &job.input)?)
+    else {
         return Err(Error::Job(cause(
             args.image.display(),
             format!("is not a {D}-D image, but the mesh is {D}-D"),
@@ -115,18 +119,18 @@ fn run<const D: usize, M: Stored<D>>(
         )));
     };
     image.check(&args.image.display().to_string())?;
-    let mut params = params::<D>(&job)?;
+    let mut params = read_params::<D>(&job)?;
     // An image in depth is taken as it is.
-    let velocity = (job.velocity.as_ref()).filter(|_| image.geometry.time_axis().is_some());
+    let velocity = (job.velocity.as_ref()).filter(|_| image.geometry.time_coordinate().is_some());
     let labels = params.feature == FeatureKind::Labels;
     let (image, stretch) = image_in_depth(image, velocity, labels, console)?;
     params_in_depth(&mut params, stretch.as_ref())?;
     let image = match feature::fills_gaps(&image, params.feature, params.modality) {
-        true => (image.marked(!params.keep_nulls)?).map_or(image, |marked| marked.image),
+        true => (image.mark_dead(!params.keep_nulls)?).map_or(image, |marked| marked.image),
         false => image,
     };
     let hash = console.hash(&args.image)?;
-    if text(&file, "input_sha256").is_some_and(|known| known.trim() != hash) {
+    if text_field(&file, "input_sha256").is_some_and(|known| known.trim() != hash) {
         notes.push(format!(
             "{} is not the file that was meshed (its SHA-256 differs)",
             args.image.display()
@@ -142,7 +146,7 @@ fn run<const D: usize, M: Stored<D>>(
 
     let place = args.mesh.display().to_string();
     let before = file.mesh.len();
-    let mut watcher = Watcher {
+    let mut watcher = EditProgress {
         console,
         interrupts,
     };
@@ -158,7 +162,7 @@ fn run<const D: usize, M: Stored<D>>(
     let after = edited.file.mesh.len();
     console.begin_stage(Stage::Writing);
     clock.begin(Stage::Writing);
-    let file = with_image(edited.file, Source::Held(&image))?;
+    let file = with_image(edited.file, ImageSource::InMemory(&image))?;
     console.write_mesh(&args.output, file)?;
     clock.end();
 
@@ -169,7 +173,7 @@ fn run<const D: usize, M: Stored<D>>(
         .splice(0..0, clock.costs()[..1].iter().cloned());
     summary.stages.extend_from_slice(&clock.costs()[1..]);
     let mut json = json!({
-        "file": shown(&args.output),
+        "file": path_text(&args.output),
         "edits": edits.iter().map(|edit| &edit.name).collect::<Vec<_>>(),
     });
     if let (Some(all), Ok(serde_json::Value::Object(more))) =
@@ -187,16 +191,16 @@ fn run<const D: usize, M: Stored<D>>(
 }
 
 /// An image of the mesh's dimension.
-fn loaded<const D: usize>(any: AnyLoaded) -> Option<Loaded<D>> {
+fn image_of_dimension<const D: usize>(any: AnyImage) -> Option<LoadedImage<D>> {
     let any: Box<dyn std::any::Any> = match any {
-        AnyLoaded::Plane(loaded) => Box::new(loaded),
-        AnyLoaded::Space(loaded) => Box::new(loaded),
+        AnyImage::Plane(loaded) => Box::new(loaded),
+        AnyImage::Space(loaded) => Box::new(loaded),
     };
     any.downcast().ok().map(|loaded| *loaded)
 }
 
 /// A text that belongs to the whole mesh.
-fn text<'a, M>(file: &'a MeshFile<M>, name: &str) -> Option<&'a str> {
+fn text_field<'a, M>(file: &'a MeshFile<M>, name: &str) -> Option<&'a str> {
     let mut fields = file.field_data.iter();
     fields.find_map(|(known, value)| match value {
         FieldValue::Text(text) if known == name => Some(text.as_str()),
@@ -206,9 +210,9 @@ fn text<'a, M>(file: &'a MeshFile<M>, name: &str) -> Option<&'a str> {
 
 /// The job that made the mesh, as its record says, as far as an edit needs it; with notes on what an
 /// edit does not do again.
-fn job<M>(args: &EditArgs, file: &MeshFile<M>) -> Result<(Job, Vec<String>)> {
+fn recorded_job<M>(args: &EditArgs, file: &MeshFile<M>) -> Result<(Job, Vec<String>)> {
     let refuse = |problem: String, remedy| Error::Mesh(cause(args.mesh.display(), problem, remedy));
-    let record = text(file, "parameters").ok_or_else(|| {
+    let record = text_field(file, "parameters").ok_or_else(|| {
         refuse(
             "does not record how it was made (no field data `parameters`)".into(),
             "give a mesh that atomesh mesh wrote",
@@ -221,13 +225,14 @@ fn job<M>(args: &EditArgs, file: &MeshFile<M>) -> Result<(Job, Vec<String>)> {
             format!("has parameters that this version does not accept: {problem}"),
             "mesh the image again",
         )
-        .because(e)
+        .with_source(e)
     })?;
     let mut notes = Vec::new();
     let mut note = |line: &str| notes.push(line.to_string());
     // The mesh knows its fixed atoms and its distances, which files may not do any more.
     // Voronoi cells know the former once they have been edited.
-    let asks = matches!(job.cells, Cells::Voronoi { .. }) && file.cell_array(cells::KIND).is_none();
+    let asks =
+        matches!(job.cells, Cells::Voronoi { .. }) && file.cell_array(cells::ATOM_KIND).is_none();
     if !asks {
         job.atoms_from = None;
     }
@@ -253,38 +258,38 @@ fn job<M>(args: &EditArgs, file: &MeshFile<M>) -> Result<(Job, Vec<String>)> {
             );
         }
     }
-    job.input = args.input.over(&job.input);
+    job.input = args.input.with_fallback(&job.input);
     Ok((job, notes))
 }
 
 /// All edits, in the order of the options' names, then those of the file.
-fn edits<const D: usize>(args: &EditArgs) -> Result<Vec<Edit<D>>> {
+fn parse_edits<const D: usize>(args: &EditArgs) -> Result<Vec<Edit<D>>> {
     let mut edits = Vec::new();
     for words in &args.add {
         edits.push(Edit {
             name: format!("--add {words}"),
-            change: Change::Add(parse::point("--add", words, POINT)?),
+            change: AtomChange::Add(parse::point("--add", words, POINT_REMEDY)?),
         });
     }
     for words in &args.moves {
         let remedy = "give an atom and its new place such as 812:1500,2000,300";
         let Some((node, to)) = words.split_once(':') else {
-            return Err(parse::bad("--move", words, "has no colon", remedy));
+            return Err(parse::option_error("--move", words, "has no colon", remedy));
         };
-        let node = atom("--move", words, node)?;
+        let node = parse_atom("--move", words, node)?;
         edits.push(Edit {
             name: format!("--move {words}"),
-            change: Change::Move(node, parse::point("--move", to, POINT)?),
+            change: AtomChange::Move(node, parse::point("--move", to, POINT_REMEDY)?),
         });
     }
     for words in &args.remove {
         edits.push(Edit {
             name: format!("--remove {words}"),
-            change: Change::Remove(atom("--remove", words, words)?),
+            change: AtomChange::Remove(parse_atom("--remove", words, words)?),
         });
     }
     if let Some(path) = &args.edits {
-        edits.extend(from_file(path)?);
+        edits.extend(read_edits(path)?);
     }
     if edits.is_empty() {
         return Err(Error::Job(cause(
@@ -296,14 +301,14 @@ fn edits<const D: usize>(args: &EditArgs) -> Result<Vec<Edit<D>>> {
     Ok(edits)
 }
 
-fn atom(option: &str, value: &str, word: &str) -> Result<u32> {
+fn parse_atom(option: &str, value: &str, word: &str) -> Result<u32> {
     let atom = word.trim().parse();
-    atom.map_err(|_| parse::bad(option, value, "does not name an atom", ATOM))
+    atom.map_err(|_| parse::option_error(option, value, "does not name an atom", ATOM_REMEDY))
 }
 
 /// Edits from a CSV file; empty lines and lines that begin with `#` are skipped.
-fn from_file<const D: usize>(path: &Path) -> Result<Vec<Edit<D>>> {
-    let text = std::fs::read_to_string(path).map_err(|e| os(path, "read", e))?;
+fn read_edits<const D: usize>(path: &Path) -> Result<Vec<Edit<D>>> {
+    let text = std::fs::read_to_string(path).map_err(|e| io_error(path, "read", e))?;
     let mut edits = Vec::new();
     for (number, line) in (1..).zip(text.lines()) {
         let line = line.trim();
@@ -313,11 +318,14 @@ fn from_file<const D: usize>(path: &Path) -> Result<Vec<Edit<D>>> {
         let place = format!("{}:{number}", path.display());
         let (verb, rest) = line.split_once(',').unwrap_or((line, ""));
         let change = match verb.trim().to_ascii_lowercase().as_str() {
-            "add" => Change::Add(parse::point(&place, rest, POINT)?),
-            "remove" => Change::Remove(atom(&place, rest, rest)?),
+            "add" => AtomChange::Add(parse::point(&place, rest, POINT_REMEDY)?),
+            "remove" => AtomChange::Remove(parse_atom(&place, rest, rest)?),
             "move" => {
                 let (node, to) = rest.split_once(',').unwrap_or((rest, ""));
-                Change::Move(atom(&place, rest, node)?, parse::point(&place, to, POINT)?)
+                AtomChange::Move(
+                    parse_atom(&place, rest, node)?,
+                    parse::point(&place, to, POINT_REMEDY)?,
+                )
             }
             _ => {
                 return Err(Error::Job(cause(
@@ -348,7 +356,7 @@ fn table<const D: usize, M: Mesh<D>>(
             format!("{} is {is}", edit.name.trim_start_matches('-')),
         );
     }
-    let kind = M::CELLS;
+    let kind = M::CELLS_NAME;
     let [before, after] = summary.nodes;
     line(
         "mesh",
@@ -361,7 +369,7 @@ fn table<const D: usize, M: Mesh<D>>(
         "changed",
         format!(
             "{} of {} {kind} made again, around {} atoms free to move; {} made room",
-            summary.cells[1], summary.cells[0], summary.warm, summary.made_room
+            summary.cells[1], summary.cells[0], summary.movable_atoms, summary.removed_neighbours
         ),
     );
     if let [Some(before), Some(after)] = &summary.quality {
@@ -395,21 +403,21 @@ fn table<const D: usize, M: Mesh<D>>(
 }
 
 /// Shows the stages.
-struct Watcher<'a> {
+struct EditProgress<'a> {
     console: &'a mut Console,
     interrupts: &'a Interrupts,
 }
 
-impl Observer for Watcher<'_> {
+impl Progress for EditProgress<'_> {
     fn stage(&mut self, stage: Stage) {
         self.console.begin_stage(stage);
     }
 
-    fn share(&mut self, share: f64) {
+    fn fraction_done(&mut self, share: f64) {
         self.console.progress(share, "");
     }
 
     fn keep_going(&mut self) -> bool {
-        !self.interrupts.wanted()
+        !self.interrupts.is_requested()
     }
 }

@@ -7,16 +7,16 @@ use clap::builder::{PossibleValue, PossibleValuesParser};
 use serde_json::json;
 
 use crate::cli::case::{CaseOptions, SpaceOptions, check_depth};
-use crate::cli::common::output::shown;
+use crate::cli::common::output::path_text;
 use crate::cli::console::Console;
-use crate::cli::faults::{FaultOptions, standing};
-use crate::cli::parse::bad;
+use crate::cli::faults::{FaultOptions, parse_standing};
+use crate::cli::parse::option_error;
 use crate::cli::rock::RockOptions;
 use crate::cli::wells::is_well_file;
 use crate::error::cause;
-use crate::export::{Content, FORMATS, Format, corner_point_deck};
-use crate::model::flow::through::FaultLaws;
-use crate::model::reservoir::{Checks, Placement, Prepared};
+use crate::export::{ExportContent, ExportFormat, FORMATS, corner_point_deck};
+use crate::model::flow::driver::FaultLaws;
+use crate::model::reservoir::{MeshPlacement, ModelChecks, PreparedModel};
 use crate::store::AnyMesh;
 use crate::{Error, Result};
 
@@ -59,68 +59,88 @@ pub struct ExportArgs {
 
 /// The names of the formats, with what they are.
 fn formats() -> PossibleValuesParser {
-    let named = |format: &Format| PossibleValue::new(format.name).help(format.what);
+    let named = |format: &ExportFormat| PossibleValue::new(format.name).help(format.description);
     PossibleValuesParser::new(FORMATS.iter().map(named))
 }
 
 /// Three numbers of cells.
-fn grid(text: &str) -> Result<[usize; 3]> {
+fn parse_grid(text: &str) -> Result<[usize; 3]> {
     let numbers: Option<Vec<usize>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
     let counts = numbers.and_then(|n| <[usize; 3]>::try_from(n).ok());
     let fits = |n: &[usize; 3]| n.iter().all(|n| (1..=10_000).contains(n));
     counts.filter(fits).ok_or_else(|| {
         let remedy = "give NX,NY,NZ, each from 1 to 10000";
-        bad("--grid", text, "is not three numbers of cells", remedy)
+        option_error("--grid", text, "is not three numbers of cells", remedy)
     })
 }
 
 /// An option that would change nothing.
-fn refuse(option: &str, problem: &str) -> Error {
+fn no_effect_error(option: &str, problem: &str) -> Error {
     Error::Job(cause(option, problem, "omit it"))
 }
 
 impl ExportArgs {
     /// No option is typed that the format, or what else is typed, leaves without effect.
-    fn check_options(&self, format: &Format, laws: &FaultLaws) -> Result<()> {
+    fn check_options(&self, format: &ExportFormat, laws: &FaultLaws) -> Result<()> {
         let (rock, case) = (&self.rock, &self.case);
         let typed = [
-            ("--porosity", rock.porosity.is_some(), Content::Porosity),
-            ("--region", rock.region.is_some(), Content::Regions),
+            (
+                "--porosity",
+                rock.porosity.is_some(),
+                ExportContent::Porosity,
+            ),
+            ("--region", rock.region.is_some(), ExportContent::Regions),
             (
                 "--permeability",
                 rock.permeability.is_some(),
-                Content::Permeability,
+                ExportContent::Permeability,
             ),
-            ("--property", !rock.property.is_empty(), Content::Properties),
-            ("--injector", !case.injector.is_empty(), Content::Wells),
-            ("--producer", !case.producer.is_empty(), Content::Wells),
-            ("--well-radius", case.well_radius.is_some(), Content::Wells),
-            ("--fluid", case.fluid.is_some(), Content::Fluid),
+            (
+                "--property",
+                !rock.property.is_empty(),
+                ExportContent::Properties,
+            ),
+            (
+                "--injector",
+                !case.injector.is_empty(),
+                ExportContent::Wells,
+            ),
+            (
+                "--producer",
+                !case.producer.is_empty(),
+                ExportContent::Wells,
+            ),
+            (
+                "--well-radius",
+                case.well_radius.is_some(),
+                ExportContent::Wells,
+            ),
+            ("--fluid", case.fluid.is_some(), ExportContent::Fluid),
             (
                 "--pressure-at-top",
                 case.pressure_at_top.is_some(),
-                Content::Pressure,
+                ExportContent::InitialPressure,
             ),
-            ("--no-gravity", case.no_gravity, Content::Gravity),
-            ("--days", case.days.is_some(), Content::Duration),
-            ("--grid", self.grid.is_some(), Content::Grid),
-            ("--split", self.split.is_some(), Content::Split),
-            ("--quadratic", self.quadratic, Content::Quadratic),
+            ("--no-gravity", case.no_gravity, ExportContent::Gravity),
+            ("--days", case.days.is_some(), ExportContent::Duration),
+            ("--grid", self.grid.is_some(), ExportContent::Grid),
+            ("--split", self.split.is_some(), ExportContent::SplitNodes),
+            ("--quadratic", self.quadratic, ExportContent::Quadratic),
         ];
         for (option, _, content) in typed.iter().filter(|typed| typed.1) {
-            format.check_holds(*content, option)?;
+            format.check_content(*content, option)?;
         }
-        if let Some(option) = self.faults.typed() {
-            let content = match laws.any_between() {
-                true => Content::Faults,
-                false => Content::ClosedFaults,
+        if let Some(option) = self.faults.given_option() {
+            let content = match laws.has_partial_law() {
+                true => ExportContent::Faults,
+                false => ExportContent::ClosedFaults,
             };
-            format.check_holds(content, option)?;
+            format.check_content(content, option)?;
         }
         let has_rock = rock.permeability.is_some() && rock.porosity.is_some();
         if let Some((option, ..)) = typed
             .iter()
-            .find(|typed| typed.1 && typed.2.is_of_a_case())
+            .find(|typed| typed.1 && typed.2.is_simulation_input())
             .filter(|_| !has_rock && format.case_needs_rock())
         {
             let problem = format!(
@@ -132,17 +152,19 @@ impl ExportArgs {
         }
         if rock.permeability.is_none() {
             if rock.permeability_unit.is_some() {
-                return Err(refuse(
+                return Err(no_effect_error(
                     "--permeability-unit",
                     "is given without a permeability",
                 ));
             }
-            if let Some(option) = self.faults.typed()
-                && !format.holds.contains(&Content::BareFaults)
+            if let Some(option) = self.faults.given_option()
+                && !format
+                    .supported_content
+                    .contains(&ExportContent::FaultsWithoutRock)
             {
                 let problem =
                     "changes the transmissibility of faults, but no permeability is given";
-                return Err(refuse(option, problem));
+                return Err(no_effect_error(option, problem));
             }
         }
         let wells = case.injector.iter().chain(&case.producer);
@@ -154,7 +176,7 @@ impl ExportArgs {
         };
         if case.well_radius.is_some() && !wells.clone().any(is_point) {
             let problem = "is the radius of wells that are given by a point, but there are none";
-            return Err(refuse("--well-radius", problem));
+            return Err(no_effect_error("--well-radius", problem));
         }
         Ok(())
     }
@@ -162,17 +184,23 @@ impl ExportArgs {
 
 /// Runs the verb.
 pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
-    let format = Format::named(&args.to)?;
-    let placement = Placement {
-        keep_unit: !format.is_of_flow(),
+    let format = ExportFormat::from_name(&args.to)?;
+    let placement = MeshPlacement {
+        keeps_unit: !format.is_flow_format(),
         ..args.space.placement()?
     };
     let laws = args.faults.laws("open")?;
-    let split = args.split.as_deref().map(|text| standing("--split", text));
+    let split = args
+        .split
+        .as_deref()
+        .map(|text| parse_standing("--split", text));
     let split = split.transpose()?;
     args.check_options(format, &laws)?;
     format.check_target(&args.output)?;
-    let inputs = [Some(args.output.clone()), format.twin_of(&args.output)];
+    let inputs = [
+        Some(args.output.clone()),
+        format.companion_path(&args.output),
+    ];
     if inputs
         .iter()
         .flatten()
@@ -188,22 +216,22 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
     console.begin_stage("reading");
     let place = args.mesh.display().to_string();
     let mesh = console.read_mesh(&args.mesh)?;
-    let in_space = matches!(mesh, AnyMesh::Space(_) | AnyMesh::SpaceCells(_));
+    let in_space = matches!(mesh, AnyMesh::Tetrahedra(_) | AnyMesh::Polyhedra(_));
     if args.space.thickness.is_some() && in_space {
-        return Err(refuse(
+        return Err(no_effect_error(
             "--thickness",
             "is for 2-D meshes, but the mesh is 3-D",
         ));
     }
-    let names = format.holds.contains(&Content::Names);
-    let mut prepared = match names || split.is_some() || args.faults.typed().is_some() {
-        true => Prepared::new(mesh, &place, &placement)?,
-        false => Prepared::without_surfaces(mesh, &place, &placement)?,
+    let names = format.supported_content.contains(&ExportContent::Names);
+    let mut prepared = match names || split.is_some() || args.faults.given_option().is_some() {
+        true => PreparedModel::new(mesh, &place, &placement)?,
+        false => PreparedModel::without_surfaces(mesh, &place, &placement)?,
     };
-    if format.depth {
+    if format.uses_depth {
         check_depth(&prepared.model, &args.space)?;
     }
-    if !prepared.features_known {
+    if !prepared.has_feature_faces {
         console.note(format_args!(
             "{place} does not say which faces lie on features: no faults"
         ));
@@ -221,22 +249,22 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
     if let Some(rock) = rock {
         prepared.model.set_permeability(rock)?;
     }
-    if !(args.case.injector.is_empty() && args.case.producer.is_empty()) || format.depth {
+    if !(args.case.injector.is_empty() && args.case.producer.is_empty()) || format.uses_depth {
         prepared.model.case = args.case.case(&prepared, console)?;
         let idle = prepared.model.idle_producers();
         idle.iter().for_each(|note| console.note(note));
         let parted = prepared.model.notes_on_wells();
         parted.iter().for_each(|note| console.note(note));
     }
-    prepared.model.quadratic = args.quadratic;
+    prepared.model.is_quadratic = args.quadratic;
     if let Some(along) = split {
-        prepared.model.tear(along)?;
+        prepared.model.split_along(along)?;
     }
-    prepared.model.grid = args.grid.as_deref().map(grid).transpose()?;
+    prepared.model.grid = args.grid.as_deref().map(parse_grid).transpose()?;
     console.begin_stage("checking");
     let model = &prepared.model;
-    let checks = Checks::new(model, prepared.box_volume);
-    if format.is_of_flow() {
+    let checks = ModelChecks::new(model, prepared.box_volume);
+    if format.is_flow_format() {
         checks.notes().iter().for_each(|note| console.note(note));
         if checks.is_rough() {
             let ratios = prepared.axis_ratios()?;
@@ -252,7 +280,7 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
     console.begin_stage("writing");
     let deck = (format.name == "grdecl").then(|| corner_point_deck(&args.output));
     format.write(model, &args.output)?;
-    let mut table = checks.table(&prepared.unit, format.is_of_flow());
+    let mut table = checks.table(&prepared.unit, format.is_flow_format());
     for well in &model.case.wells {
         let index: f64 = well.cells.iter().map(|c| c.1).sum();
         let place = match well.cells[..] {
@@ -264,7 +292,7 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
         };
         table += &format!("\nwell {:<9} {place}, index {index:.3e} m^3", well.name);
     }
-    table += &format!("\nwrote {}: {}", args.output.display(), format.what);
+    table += &format!("\nwrote {}: {}", args.output.display(), format.description);
     let usual = args.output.with_extension("DATA");
     let has_deck = model.porosity.is_some() && model.permeability.is_some();
     if let Some(deck) = deck.filter(|deck| has_deck && *deck != usual) {
@@ -274,7 +302,7 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
             deck.display()
         ));
     }
-    let twin = format.twin_of(&args.output);
+    let twin = format.companion_path(&args.output);
     if let Some(twin) = &twin {
         table += &format!(
             "\nwrote {}: the same cells with their shapes",
@@ -285,8 +313,8 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
         table,
         &json!({
             "format": format.name,
-            "file": shown(&args.output),
-            "twin": twin.as_deref().map(shown),
+            "file": path_text(&args.output),
+            "twin": twin.as_deref().map(path_text),
             "checks": checks,
             "wells": model.case.wells.iter().map(|well| {
                 json!({ "name": well.name, "cells": well.cells, "lengths": well.lengths })

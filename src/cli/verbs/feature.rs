@@ -5,13 +5,15 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::{Value, json};
 
-use crate::cli::common::feature::{detection, job_of};
-use crate::cli::common::output::{WRITTEN, by, check_output, potential_image, shown};
+use crate::cli::common::feature::{detection, feature_job};
+use crate::cli::common::output::{
+    IMAGE_EXTENSIONS, check_output, format_dims, path_text, potential_image,
+};
 use crate::cli::console::Console;
 use crate::error::cause;
-use crate::feature::{FeatureKind, Features, LineKind, SHORTEST};
+use crate::feature::{FeatureKind, Features, LineKind, MIN_LENGTH};
 use crate::image::formats::InputOptions;
-use crate::image::formats::{AnyLoaded, Loaded};
+use crate::image::formats::{AnyImage, LoadedImage};
 use crate::image::{Geometry, Modality};
 use crate::job::Settings;
 use crate::store::write_feature_lines;
@@ -66,7 +68,7 @@ pub struct FeatureArgs {
 
 /// Runs the verb.
 pub fn feature(args: &FeatureArgs, console: &mut Console) -> Result<()> {
-    check_output(&args.output, "--output", &WRITTEN, &[&args.image])?;
+    check_output(&args.output, "--output", &IMAGE_EXTENSIONS, &[&args.image])?;
     if let Some(path) = &args.lines {
         check_output(path, "--lines", &["vtp"], &[&args.image, &args.output])?;
     }
@@ -74,7 +76,7 @@ pub fn feature(args: &FeatureArgs, console: &mut Console) -> Result<()> {
         check_output(
             path,
             "--confidence-out",
-            &WRITTEN,
+            &IMAGE_EXTENSIONS,
             &[&args.image, &args.output],
         )?;
         if args.feature != FeatureKind::Paths {
@@ -86,17 +88,17 @@ pub fn feature(args: &FeatureArgs, console: &mut Console) -> Result<()> {
         }
     }
     match console.read_image(&args.image, &args.input)? {
-        AnyLoaded::Plane(loaded) => find(args, loaded, console),
-        AnyLoaded::Space(loaded) => find(args, loaded, console),
+        AnyImage::Plane(loaded) => detect_features(args, loaded, console),
+        AnyImage::Space(loaded) => detect_features(args, loaded, console),
     }
 }
 
-fn find<const D: usize>(
+fn detect_features<const D: usize>(
     args: &FeatureArgs,
-    loaded: Loaded<D>,
+    loaded: LoadedImage<D>,
     console: &mut Console,
 ) -> Result<()> {
-    let job = job_of(Settings {
+    let job = feature_job(Settings {
         distance: Some(args.distance.to_string()),
         feature: Some(args.feature),
         sigma: args.sigma,
@@ -109,14 +111,14 @@ fn find<const D: usize>(
         ..Settings::default()
     })?;
     let mut options = detection(&job, args.distance, [1.0; D])?;
-    options.modality = Modality::of(loaded.format, &loaded.image.geometry);
+    options.modality = Modality::detect(loaded.format, &loaded.image.geometry);
     for note in &loaded.notes {
         console.note(note);
     }
     loaded.image.check(&args.image.display().to_string())?;
     console.begin_stage("finding features");
     let found = feature::detect(&loaded.image, &options)?;
-    let potential = potential_image(found.potential.dense(), &loaded.image.geometry);
+    let potential = potential_image(found.potential.to_dense(), &loaded.image.geometry);
     if let (Some(path), Some(confidence)) = (&args.confidence_out, &found.confidence) {
         console.write_image(
             path,
@@ -124,7 +126,7 @@ fn find<const D: usize>(
         )?;
     }
     let lines = match &args.lines {
-        Some(path) => Some(written_lines(path, &found, &loaded.image.geometry)?),
+        Some(path) => Some(write_lines(path, &found, &loaded.image.geometry)?),
         None => None,
     };
     let dims = potential.dims().to_vec();
@@ -134,13 +136,13 @@ fn find<const D: usize>(
         format_args!(
             "{}\nwrote {path}: {} samples{}",
             found.notes.join("\n"),
-            by(&dims),
+            format_dims(&dims),
             lines
                 .as_ref()
-                .map_or_else(String::new, |lines| lines.shown.clone()),
+                .map_or_else(String::new, |lines| lines.text.clone()),
         ),
         &json!({
-            "file": shown(&args.output),
+            "file": path_text(&args.output),
             "dims": dims,
             "points": found.points.len(),
             "sigma": found.sigma,
@@ -152,17 +154,17 @@ fn find<const D: usize>(
 }
 
 /// What is said of lines that were written.
-struct WrittenLines {
-    shown: String,
+struct LinesSummary {
+    text: String,
     json: Value,
 }
 
 /// Writes the lines at which features meet and end.
-fn written_lines<const D: usize>(
+fn write_lines<const D: usize>(
     path: &Path,
     found: &Features<D>,
     geometry: &Geometry<D>,
-) -> Result<WrittenLines> {
+) -> Result<LinesSummary> {
     let lines = feature::lines(found)?;
     // Samples are one apart in the lattice space of this verb.
     write_feature_lines(path, &lines, |x| geometry.to_physical(x))?;
@@ -181,10 +183,10 @@ fn written_lines<const D: usize>(
         [LineKind::Crossing, LineKind::Branch, LineKind::Tip].map(of_kind);
     let least = match D {
         2 => String::new(),
-        _ => format!("; lines shorter than {SHORTEST:.0} samples are left out"),
+        _ => format!("; lines shorter than {MIN_LENGTH:.0} samples are left out"),
     };
-    Ok(WrittenLines {
-        shown: format!(
+    Ok(LinesSummary {
+        text: format!(
             "\nwrote {}: crossings {}, branches {}, tips {}{least}",
             path.display(),
             crossings.0,
@@ -192,7 +194,7 @@ fn written_lines<const D: usize>(
             tips.0,
         ),
         json: json!({
-            "file": shown(path),
+            "file": path_text(path),
             "crossings": crossings.1,
             "branches": branches.1,
             "tips": tips.1,

@@ -5,23 +5,24 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
-use crate::cli::common::depth::{mesh_in_depth, warn_of_time};
+use crate::cli::common::depth::{mesh_in_depth, warn_if_time};
 use crate::cli::common::output::check_output;
 use crate::cli::console::Console;
 use crate::cli::faults::FaultOptions;
 use crate::cli::interrupts::Interrupts;
-use crate::cli::parse::{bad, by_region, number};
+use crate::cli::parse::{number, option_error, values_by_region};
 use crate::error::cause;
 use crate::job::asked::VelocityFrom;
-use crate::job::{Meshing, Space};
+use crate::job::{MeshSpace, Meshing};
 use crate::mesh::Simplices;
 use crate::mesh::poly::PolyMesh;
-use crate::model::flow::report::FlowReport;
-use crate::model::flow::through::{
-    Conditions, FaultLaws, FlowOutcome, SIDES, barriers, flow_through_cells, flow_through_elements,
+use crate::model::flow::driver::{
+    BoundaryConditions, FaultLaws, FlowOutcome, SIDE_NAMES, barriers, flow_through_cells,
+    flow_through_elements,
 };
-use crate::model::flow::{Barriers, Rock, Streamlines, Tensor, Well};
-use crate::store::{MeshFile, Stored, StoredMesh, with_mesh};
+use crate::model::flow::report::FlowReport;
+use crate::model::flow::{Barriers, PointWell, Rock, Streamlines, Tensor};
+use crate::store::{MeshFile, Storable, StoredMesh, with_mesh};
 use crate::{Error, Result, memory};
 
 /// `atomesh flow`.
@@ -97,33 +98,33 @@ impl FlowArgs {
         }
         if let Some(lines) = self.lines {
             let what = format!("{lines} streamlines");
-            memory::afford("--lines", 4e3 * lines as f64, what, "ask for fewer")?;
+            memory::ensure_available("--lines", 4e3 * lines as f64, what, "ask for fewer")?;
         }
         Ok(())
     }
 }
 
 /// Rate in m^3/s of a source for which none is given.
-const RATE: f64 = 1e-3;
+const DEFAULT_RATE: f64 = 1e-3;
 
 /// Number of streamlines unless one is given.
-const LINES: usize = 200;
+const DEFAULT_LINE_COUNT: usize = 200;
 
 /// Runs the verb.
 pub fn flow(args: &FlowArgs, interrupts: &Interrupts, console: &mut Console) -> Result<()> {
-    let typed = Typed {
+    let typed = FlowInput {
         args,
         interrupts,
-        wells: TypedWell::all(args)?,
-        sides: sides(&args.pressure)?,
+        wells: WellInput::parse_all(args)?,
+        sides: parse_sides(&args.pressure)?,
         laws: args.faults.laws("closed")?,
     };
     args.check_files()?;
     args.check_options()?;
     console.begin_stage("reading");
     let report = with_mesh!(console.read_mesh(&args.mesh)?,
-        simplices file => typed.through_elements(file, console),
-        cells file => typed.through_cells(file, console)
+        simplices file => typed.solve_simplices(file, console),
+        cells file => typed.solve_cells(file, console)
     )?;
     console.result(
         format_args!("{}\nwrote {}", report.table(), args.output.display()),
@@ -133,65 +134,65 @@ pub fn flow(args: &FlowArgs, interrupts: &Interrupts, console: &mut Console) -> 
 }
 
 /// What was typed, as far as it can be understood without the mesh.
-struct Typed<'a> {
+struct FlowInput<'a> {
     args: &'a FlowArgs,
     interrupts: &'a Interrupts,
-    wells: Vec<TypedWell>,
+    wells: Vec<WellInput>,
     sides: Vec<(u8, f64)>,
     laws: FaultLaws,
 }
 
-impl Typed<'_> {
-    fn through_elements<const D: usize, M: Simplices<D>>(
+impl FlowInput<'_> {
+    fn solve_simplices<const D: usize, M: Simplices<D>>(
         &self,
         file: MeshFile<M>,
         console: &mut Console,
     ) -> Result<FlowReport> {
         let args = self.args;
-        let mut stored = sound(args, file, console)?;
-        warn_of_time(&stored.space.geometry, console);
-        let rock = rock(args, &stored)?;
+        let mut stored = check_mesh(args, file, console)?;
+        warn_if_time(&stored.space.geometry, console);
+        let rock = cell_mobility(args, &stored)?;
         let conditions = self.conditions()?;
         let barriers = self.barriers(&mut stored, console)?;
         console.begin_stage("computing pressure");
         let lines = args
             .streamlines
             .as_ref()
-            .map(|_| args.lines.unwrap_or(LINES));
-        let outcome = self.interrupts.until_wanted(console, |patience| {
+            .map(|_| args.lines.unwrap_or(DEFAULT_LINE_COUNT));
+        let outcome = self.interrupts.run_until_interrupted(console, |patience| {
             flow_through_elements(stored, rock, &barriers, &conditions, lines, patience)
         })?;
         self.write(outcome, console)
     }
 
     /// Through Voronoi cells (or any polyhedra or polygons).
-    fn through_cells<const D: usize>(
+    fn solve_cells<const D: usize>(
         &self,
         file: MeshFile<PolyMesh<D>>,
         console: &mut Console,
     ) -> Result<FlowReport>
     where
-        Space<D>: Meshing<D>,
+        MeshSpace<D>: Meshing<D>,
     {
         let args = self.args;
-        let mut stored = sound(args, file, console)?;
-        warn_of_time(&stored.space.geometry, console);
-        let rock = rock(args, &stored)?;
+        let mut stored = check_mesh(args, file, console)?;
+        warn_if_time(&stored.space.geometry, console);
+        let rock = cell_mobility(args, &stored)?;
         let conditions = self.conditions()?;
         let barriers = self.barriers(&mut stored, console)?;
         console.begin_stage("computing pressure");
         let lines = args
             .streamlines
             .as_ref()
-            .map(|_| args.lines.unwrap_or(LINES));
-        let (outcome, notes) = self.interrupts.until_wanted(console, |patience| {
+            .map(|_| args.lines.unwrap_or(DEFAULT_LINE_COUNT));
+        let (outcome, notes) = self.interrupts.run_until_interrupted(console, |patience| {
             flow_through_cells(stored, &rock, &barriers, &conditions, lines, patience)
         })?;
         notes.iter().for_each(|note| console.note(note));
         self.write(outcome, console)
     }
 
-    fn write<const D: usize, M: Stored<D>>(
+    fn write<const D: usize, M: Storable<D>>(
         &self,
         outcome: FlowOutcome<D, M>,
         console: &mut Console,
@@ -205,41 +206,41 @@ impl Typed<'_> {
     }
 
     /// In a mesh of dimension `D`.
-    fn conditions<const D: usize>(&self) -> Result<Conditions<D>> {
-        let well = |well: &TypedWell| {
+    fn conditions<const D: usize>(&self) -> Result<BoundaryConditions<D>> {
+        let well = |well: &WellInput| {
             let position = well.position.as_slice().try_into().map_err(|_| {
                 let problem = format!("has {} coordinates, the mesh {D}", well.position.len());
                 Error::Flow(cause(&well.name, problem, "give as many"))
             })?;
-            Ok(Well {
+            Ok(PointWell {
                 name: well.name.clone(),
                 position,
                 rate: well.rate,
             })
         };
         if let Some(side) = self.sides.iter().find(|side| usize::from(side.0) >= 2 * D) {
-            let place = format!("--pressure {}={}", SIDES[usize::from(side.0)], side.1);
+            let place = format!("--pressure {}={}", SIDE_NAMES[usize::from(side.0)], side.1);
             let problem = format!("names a side that a {D}-D mesh does not have");
-            let remedy = format!("give one of {}", SIDES[..2 * D].join(", "));
+            let remedy = format!("give one of {}", SIDE_NAMES[..2 * D].join(", "));
             return Err(Error::Flow(cause(place, problem, remedy)));
         }
-        Ok(Conditions {
+        Ok(BoundaryConditions {
             wells: self.wells.iter().map(well).collect::<Result<_>>()?,
             sides: self.sides.clone(),
         })
     }
 
-    fn barriers<const D: usize, M: Stored<D>>(
+    fn barriers<const D: usize, M: Storable<D>>(
         &self,
         stored: &mut StoredMesh<D, M>,
         console: &mut Console,
     ) -> Result<Barriers> {
         let laws = &self.laws;
-        if laws.law.are_open() && laws.own.is_empty() {
+        if laws.law.is_open() && laws.overrides.is_empty() {
             return Ok(Barriers::default());
         }
         let place = self.args.mesh.display();
-        match stored.marks() {
+        match stored.feature_marks() {
             Some(marks) => {
                 console.begin_stage("grouping faces into faults");
                 let (barriers, idle) = barriers(stored, &marks, laws)?;
@@ -250,7 +251,7 @@ impl Typed<'_> {
                 }
                 Ok(barriers)
             }
-            None if self.args.faults.faults.is_some() || !laws.own.is_empty() => {
+            None if self.args.faults.faults.is_some() || !laws.overrides.is_empty() => {
                 Err(Error::Flow(cause(
                     place,
                     "does not say which of its faces lie on features",
@@ -268,7 +269,7 @@ impl Typed<'_> {
 }
 
 /// A mesh through which fluid can flow wherever it should.
-fn sound<const D: usize, M: Stored<D>>(
+fn check_mesh<const D: usize, M: Storable<D>>(
     args: &FlowArgs,
     file: MeshFile<M>,
     console: &Console,
@@ -280,21 +281,26 @@ fn sound<const D: usize, M: Stored<D>>(
 }
 
 /// Sides of the box with their pressures.
-fn sides(texts: &[String]) -> Result<Vec<(u8, f64)>> {
+fn parse_sides(texts: &[String]) -> Result<Vec<(u8, f64)>> {
     let mut sides: Vec<(u8, f64)> = Vec::new();
     for text in texts {
         let remedy = "give a side and its pressure, such as xmin=1e7";
         let (name, value) = text
             .split_once('=')
-            .ok_or_else(|| bad("--pressure", text, "has no '='", remedy))?;
-        let side = SIDES.iter().position(|side| *side == name.trim());
+            .ok_or_else(|| option_error("--pressure", text, "has no '='", remedy))?;
+        let side = SIDE_NAMES.iter().position(|side| *side == name.trim());
         let side = side.ok_or_else(|| {
             let problem = format!("'{name}' is not a side of the box");
-            let remedy = format!("give one of {}", SIDES.join(", "));
-            bad("--pressure", text, &problem, &remedy)
+            let remedy = format!("give one of {}", SIDE_NAMES.join(", "));
+            option_error("--pressure", text, &problem, &remedy)
         })? as u8;
         if sides.iter().any(|known| known.0 == side) {
-            return Err(bad("--pressure", text, "is given twice", "give it once"));
+            return Err(option_error(
+                "--pressure",
+                text,
+                "is given twice",
+                "give it once",
+            ));
         }
         sides.push((side, number("--pressure", value, remedy)?));
     }
@@ -302,15 +308,15 @@ fn sides(texts: &[String]) -> Result<Vec<(u8, f64)>> {
 }
 
 /// A well with as many coordinates as were typed.
-struct TypedWell {
+struct WellInput {
     name: String,
     position: Vec<f64>,
     rate: f64,
 }
 
-impl TypedWell {
+impl WellInput {
     /// Sources, then sinks.
-    fn all(args: &FlowArgs) -> Result<Vec<Self>> {
+    fn parse_all(args: &FlowArgs) -> Result<Vec<Self>> {
         let mut wells = Vec::new();
         let mut without_rate = Vec::new();
         let typed = [
@@ -319,14 +325,14 @@ impl TypedWell {
         ];
         for (option, texts, sign) in typed {
             for text in texts {
-                let (position, rate) = well(option, text)?;
+                let (position, rate) = parse_well(option, text)?;
                 if rate.is_none() && sign < 0.0 && args.pressure.is_empty() {
                     without_rate.push(wells.len());
                 }
                 wells.push(Self {
                     name: format!("{option} {text}"),
                     position,
-                    rate: sign * rate.unwrap_or(RATE),
+                    rate: sign * rate.unwrap_or(DEFAULT_RATE),
                 });
             }
         }
@@ -353,7 +359,7 @@ impl TypedWell {
 }
 
 /// `X,Y,Z` or `X,Y,Z:RATE` (in the plane without Z).
-fn well(option: &str, text: &str) -> Result<(Vec<f64>, Option<f64>)> {
+fn parse_well(option: &str, text: &str) -> Result<(Vec<f64>, Option<f64>)> {
     let remedy = "give X,Y,Z or X,Y,Z:RATE, such as 120,80,40:0.001";
     let (place, rate) = match text.split_once(':') {
         Some((place, rate)) => (place, Some(number(option, rate, remedy)?)),
@@ -361,29 +367,42 @@ fn well(option: &str, text: &str) -> Result<(Vec<f64>, Option<f64>)> {
     };
     if rate.is_some_and(|rate| rate <= 0.0) {
         let remedy = "give a positive rate: --sink takes fluid out";
-        return Err(bad(option, text, "has a rate that is not positive", remedy));
+        return Err(option_error(
+            option,
+            text,
+            "has a rate that is not positive",
+            remedy,
+        ));
     }
     let position = place.split(',').map(|word| number(option, word, remedy));
     Ok((position.collect::<Result<_>>()?, rate))
 }
 
 /// The mobility of every cell: from numbers, from a file by region, or from an array of the mesh.
-fn rock<const D: usize, M: Stored<D>>(args: &FlowArgs, stored: &StoredMesh<D, M>) -> Result<Rock> {
+fn cell_mobility<const D: usize, M: Storable<D>>(
+    args: &FlowArgs,
+    stored: &StoredMesh<D, M>,
+) -> Result<Rock> {
     let (text, viscosity) = (&args.permeability, args.viscosity);
     if !(viscosity > 0.0 && viscosity.is_finite()) {
         let remedy = "give Pa s: water has 0.001";
         let problem = "is not a positive number";
-        return Err(bad("--viscosity", &viscosity.to_string(), problem, remedy));
+        return Err(option_error(
+            "--viscosity",
+            &viscosity.to_string(),
+            problem,
+            remedy,
+        ));
     }
     let remedy = match D {
         2 => "give K, or KX,KY, or KXX,KYY,KXY, positive definite, in m^2",
         _ => "give K, or KX,KY,KZ, or KXX,KYY,KZZ,KXY,KYZ,KXZ, positive definite, in m^2",
     };
-    let refuse = |problem: &str| bad("--permeability", text, problem, remedy);
+    let refuse = |problem: &str| option_error("--permeability", text, problem, remedy);
     let numbers: std::result::Result<Vec<f64>, _> =
         text.split(',').map(|word| word.trim().parse()).collect();
     if let Ok(numbers) = numbers {
-        let tensor = Tensor::of_dimension::<D>(&numbers);
+        let tensor = Tensor::from_components::<D>(&numbers);
         let tensor = tensor.ok_or_else(|| refuse("is not a permeability"))?;
         return Ok(Rock::uniform(tensor, viscosity));
     }
@@ -400,7 +419,7 @@ fn rock<const D: usize, M: Stored<D>>(args: &FlowArgs, stored: &StoredMesh<D, M>
         )));
     }
     let lines = "write region,K or region,KX,KY,KZ, in m^2";
-    let kinds = by_region(path, Tensor::of_dimension::<D>, lines)?;
+    let kinds = values_by_region(path, Tensor::from_components::<D>, lines)?;
     let regions = stored.regions().ok_or_else(|| {
         refuse(
             "is given by region, but the mesh has no cell array 'region': give one value for all",

@@ -13,7 +13,7 @@ use crate::files::vtk::DataArray;
 use crate::image::formats;
 use crate::image::formats::InputOptions;
 use crate::mesh::Mesh;
-use crate::store::stored::bounds;
+use crate::store::stored_mesh::bounding_box;
 use crate::store::{FieldValue, MeshFile, with_mesh};
 
 /// `atomesh info`.
@@ -28,12 +28,12 @@ pub struct InfoArgs {
 }
 
 /// Longer lists are but counted.
-const MOST: usize = 64;
+const MAX_LISTED: usize = 64;
 
 /// Runs the verb: of an image, or of a mesh.
 pub fn info(args: &InfoArgs, console: &mut Console) -> Result<()> {
     if is_mesh(&args.file) {
-        return of_mesh(&args.file, console);
+        return mesh_info(&args.file, console);
     }
     let description = formats::describe(&args.file, &read_options(&args.input, &args.file)?)?;
     let value = serde_json::to_value(&description).unwrap_or_default();
@@ -52,18 +52,18 @@ fn is_mesh(path: &Path) -> bool {
 }
 
 /// The same of a mesh.
-fn of_mesh(path: &Path, console: &mut Console) -> Result<()> {
+fn mesh_info(path: &Path, console: &mut Console) -> Result<()> {
     with_mesh!(console.read_mesh(path)?, file => describe(path, &file, console));
     Ok(())
 }
 
 fn describe<const D: usize, M: Mesh<D>>(path: &Path, file: &MeshFile<M>, console: &mut Console) {
-    let (low, high) = bounds(file.mesh.nodes());
+    let (low, high) = bounding_box(file.mesh.nodes());
     let names = |arrays: &[DataArray]| -> Vec<String> {
         arrays.iter().map(|array| array.name.clone()).collect()
     };
     let (points, arrays) = (names(&file.point_data), names(&file.cell_data));
-    let (nodes, cells, kind) = (file.mesh.nodes().len(), file.mesh.len(), M::CELLS);
+    let (nodes, cells, kind) = (file.mesh.nodes().len(), file.mesh.len(), M::CELLS_NAME);
     let mut lines = vec![
         format!("file        {}", path.display()),
         "format      VTK unstructured grid".to_string(),
@@ -82,7 +82,7 @@ fn describe<const D: usize, M: Mesh<D>>(path: &Path, file: &MeshFile<M>, console
         };
         let shown = match &value {
             serde_json::Value::String(text) => text.trim().replace('\n', ", "),
-            serde_json::Value::Array(list) if list.len() > MOST => {
+            serde_json::Value::Array(list) if list.len() > MAX_LISTED => {
                 format!("{} numbers", list.len())
             }
             other => other.to_string(),

@@ -6,35 +6,36 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use crate::cli::allocator;
-use crate::cli::common::depth::{image_in_depth, params_in_depth, warn_of_time};
-use crate::cli::common::global::Ending;
-use crate::cli::common::options::{named, setting_of};
+use crate::cli::common::depth::{image_in_depth, params_in_depth, warn_if_time};
+use crate::cli::common::global::VerbStatus;
+use crate::cli::common::options::{setting_name, with_option_name};
 use crate::cli::common::output::potential_image;
-use crate::cli::console::{Console, Hashing, print};
+use crate::cli::console::{Console, PendingHash, print};
 use crate::cli::interrupts::Interrupts;
-use crate::cli::job::{check_files, output, params};
-use crate::error::{cause, os};
-use crate::export::page::{self, About, LARGEST, Written};
+use crate::cli::job_files::{check_files, output_path, read_params};
+use crate::error::{cause, io_error};
+use crate::export::page::{self, MAX_PAGE_BYTES, PageInfo, PageStats};
 use crate::feature::FeatureKind;
 use crate::files::vtk::DataArray;
-use crate::image::formats::stream::{Opened, Stream};
-use crate::image::formats::{AnyLoaded, Loaded, of_its_axes};
-use crate::image::{Geometry, Image, Modality, Source};
+use crate::image::formats::stream::{ImageStream, OpenedImage};
+use crate::image::formats::{AnyImage, LoadedImage, into_any_image};
+use crate::image::{Geometry, Image, ImageSource, Modality};
 use crate::job::asked::VelocityFrom;
 use crate::job::{
-    Checkpoint, Job, Made, Meshing, Outcome, Params, Provenance, Settings, Space, Way,
+    Checkpoint, Job, MeshResult, MeshSpace, Meshing, Outcome, Params, Provenance, RunOptions,
+    Settings,
 };
-use crate::lattice::optimize::Stop;
+use crate::lattice::optimize::StopReason;
 use crate::memory::Bytes;
 use crate::mesh::Simplices;
 use crate::mesh::delaunay::{delaunay, delaunay_plane};
-use crate::observer::{Estimate, Observer, Progress, Snapshot, Stage};
+use crate::progress::{LatticeSnapshot, OptimizeStatus, Progress, SizeEstimate, Stage};
 use crate::report::{Clock, Input, TracedLattice, quality, smallest_angles};
-use crate::store::cells::cells_to_file;
-use crate::store::file::{to_file, with_image};
-use crate::store::parts::is_in_parts;
-use crate::store::{FieldValue, MeshFile, StoredMesh, Trace, to_physical};
-use crate::{Error, Result, ranks};
+use crate::store::cell_output::cell_mesh_file;
+use crate::store::output::{simplex_mesh_file, with_image};
+use crate::store::pvtu::is_pvtu;
+use crate::store::{FieldValue, MeshFile, PvdSeries, StoredMesh, to_physical};
+use crate::{Error, Result, comm};
 
 /// `atomesh mesh`.
 #[derive(Debug, Args)]
@@ -55,13 +56,13 @@ pub struct MeshArgs {
 }
 
 /// Runs the verb.
-pub fn mesh(args: &MeshArgs, interrupts: &Interrupts, console: &mut Console) -> Result<Ending> {
-    let job = asked(args)?;
+pub fn mesh(args: &MeshArgs, interrupts: &Interrupts, console: &mut Console) -> Result<VerbStatus> {
+    let job = read_job(args)?;
     let image = args.image.as_deref().unwrap_or(Path::new("image"));
     check_files(image, &job, args.config.as_deref())?;
     if args.print_config {
-        print(toml_of(&job)?.trim_end());
-        return Ok(Ending::Done);
+        print(job_to_toml(&job)?.trim_end());
+        return Ok(VerbStatus::Done);
     }
 
     let mut clock = Clock::new();
@@ -70,13 +71,14 @@ pub fn mesh(args: &MeshArgs, interrupts: &Interrupts, console: &mut Console) -> 
     // Traces are stretched in memory.
     let stretched = matches!(job.velocity, Some(VelocityFrom::File(_)));
     let opened = match console.open_image(image, &job.input)? {
-        Opened::Stream(stream) if stretched || !stream.stays() => {
-            stream.loaded(image).map(of_its_axes).map(Opened::Held)?
-        }
+        OpenedImage::Stream(stream) if stretched || !stream.stays_in_file() => stream
+            .into_loaded(image)
+            .map(into_any_image)
+            .map(OpenedImage::InMemory)?,
         opened => opened,
     };
     clock.end();
-    let run = Run {
+    let run = MeshRun {
         path: image,
         job: &job,
         interrupts,
@@ -84,19 +86,21 @@ pub fn mesh(args: &MeshArgs, interrupts: &Interrupts, console: &mut Console) -> 
     };
     let able = cfg!(feature = "tetgen");
     match opened {
-        Opened::Held(AnyLoaded::Plane(loaded)) => run.mesh_held(loaded, console),
-        Opened::Held(AnyLoaded::Space(loaded)) if able => run.mesh_held(loaded, console),
-        Opened::Stream(mut stream) if able => {
+        OpenedImage::InMemory(AnyImage::Plane(loaded)) => run.mesh_in_memory(loaded, console),
+        OpenedImage::InMemory(AnyImage::Space(loaded)) if able => {
+            run.mesh_in_memory(loaded, console)
+        }
+        OpenedImage::Stream(mut stream) if able => {
             if let Some(VelocityFrom::Constant(velocity)) = job.velocity {
-                let geometry = &mut stream.head.geometry;
-                *geometry = geometry.in_depth(velocity).map_err(named)?.0;
+                let geometry = &mut stream.header.geometry;
+                *geometry = geometry.to_depth(velocity).map_err(with_option_name)?.0;
             }
-            let (image, dims) = (Source::InLayers(&stream), stream.head.dims);
+            let (image, dims) = (ImageSource::Layered(&stream), stream.header.dims);
             let params = Params {
-                modality: Modality::of(stream.head.format, &stream.head.geometry),
-                ..params(&job)?
+                modality: Modality::detect(stream.header.format, &stream.header.geometry),
+                ..read_params(&job)?
             };
-            run.mesh(image, dims, params, &|| said_of(&stream), console)
+            run.mesh(image, dims, params, &|| stream_notes(&stream), console)
         }
         _ => Err(Error::Job(cause(
             "atomesh mesh",
@@ -107,9 +111,9 @@ pub fn mesh(args: &MeshArgs, interrupts: &Interrupts, console: &mut Console) -> 
 }
 
 /// What is to be said of an image that is still in its file.
-fn said_of(stream: &Stream) -> Vec<String> {
-    let mut notes = stream.head.notes.clone();
-    notes.extend(stream.note());
+fn stream_notes(stream: &ImageStream) -> Vec<String> {
+    let mut notes = stream.header.notes.clone();
+    notes.extend(stream.rounding_note());
     notes.push("the image is left in its file, some layers of which are read at a time".into());
     notes
 }
@@ -119,11 +123,11 @@ fn said_of(stream: &Stream) -> Vec<String> {
 /// # Errors
 /// [`Error::Io`] if the configuration file cannot be read, [`Error::Job`] if it holds what is no
 /// option, or for an option that is impossible.
-fn asked(args: &MeshArgs) -> Result<Job> {
+fn read_job(args: &MeshArgs) -> Result<Job> {
     let Some(path) = &args.config else {
-        return Job::try_from(args.settings.clone()).map_err(named);
+        return Job::try_from(args.settings.clone()).map_err(with_option_name);
     };
-    let text = std::fs::read_to_string(path).map_err(|e| os(path, "read", e))?;
+    let text = std::fs::read_to_string(path).map_err(|e| io_error(path, "read", e))?;
     let from_file: Settings = toml::from_str(&text).map_err(|e| {
         let line = e
             .span()
@@ -133,45 +137,47 @@ fn asked(args: &MeshArgs) -> Result<Job> {
             e.message().replace('\n', ", "),
             "atomesh mesh --print-config shows how it is written",
         ))
-        .because(e)
+        .with_source(e)
     })?;
     let typed = args.settings.table()?;
     Job::try_from(args.settings.over(&from_file)?).map_err(|error| match error {
         // What was not typed stands in the file.
-        error if setting_of(&error.cause().place).is_some_and(|name| !typed.contains_key(name)) => {
+        error
+            if setting_name(&error.cause().place).is_some_and(|name| !typed.contains_key(name)) =>
+        {
             let place = format!("{}: {}", path.display(), error.cause().place);
-            error.at(place)
+            error.with_place(place)
         }
-        error => named(error),
+        error => with_option_name(error),
     })
 }
 
 /// A job as a configuration file or a record holds it.
-fn toml_of(job: &Job) -> Result<String> {
+fn job_to_toml(job: &Job) -> Result<String> {
     toml::to_string(job).map_err(|e| {
-        Error::Job(cause("options", &e, "use file names that are valid UTF-8").because(e))
+        Error::Job(cause("options", &e, "use file names that are valid UTF-8").with_source(e))
     })
 }
 
 /// A job whose image is read.
-struct Run<'a> {
+struct MeshRun<'a> {
     path: &'a Path,
     job: &'a Job,
     interrupts: &'a Interrupts,
     clock: Clock,
 }
 
-impl Run<'_> {
+impl MeshRun<'_> {
     /// Meshes an image in memory.
-    fn mesh_held<const D: usize, M: Simplices<D>>(
+    fn mesh_in_memory<const D: usize, M: Simplices<D>>(
         self,
-        loaded: Loaded<D>,
+        loaded: LoadedImage<D>,
         console: &mut Console,
-    ) -> Result<Ending>
+    ) -> Result<VerbStatus>
     where
-        Space<D>: Meshing<D, Mesh = M>,
+        MeshSpace<D>: Meshing<D, Mesh = M>,
     {
-        let Loaded {
+        let LoadedImage {
             image,
             mut notes,
             format,
@@ -179,15 +185,15 @@ impl Run<'_> {
         } = loaded;
         let dims = image.dims();
         image.check(&self.path.display().to_string())?;
-        let mut params = params::<D>(self.job)?;
-        params.modality = Modality::of(format, &image.geometry);
+        let mut params = read_params::<D>(self.job)?;
+        params.modality = Modality::detect(format, &image.geometry);
         let velocity = self.job.velocity.as_ref();
         let labels = params.feature == FeatureKind::Labels;
         let (image, stretch) = image_in_depth(image, velocity, labels, console)?;
         params_in_depth(&mut params, stretch.as_ref())?;
         notes.extend(stretch.into_iter().flat_map(|stretch| stretch.notes));
         self.mesh(
-            Source::Held(&image),
+            ImageSource::InMemory(&image),
             dims,
             params,
             &|| notes.clone(),
@@ -198,14 +204,14 @@ impl Run<'_> {
     /// Meshes an image, of which there are `notes`; its file is of so many samples.
     fn mesh<const D: usize, M: Simplices<D>>(
         self,
-        image: Source<'_, D>,
+        image: ImageSource<'_, D>,
         dims: [usize; D],
         params: Params<D>,
         notes: &dyn Fn() -> Vec<String>,
         console: &mut Console,
-    ) -> Result<Ending>
+    ) -> Result<VerbStatus>
     where
-        Space<D>: Meshing<D, Mesh = M>,
+        MeshSpace<D>: Meshing<D, Mesh = M>,
     {
         let Self {
             path,
@@ -214,24 +220,24 @@ impl Run<'_> {
             mut clock,
         } = self;
         let geometry = image.geometry();
-        warn_of_time(geometry, console);
-        let hashing = ranks::is_first().then(|| console.hashing(path));
-        let output = output(path, job);
+        warn_if_time(geometry, console);
+        let hashing = comm::is_root().then(|| console.start_hash(path));
+        let output = output_path(path, job);
 
         let step = params.metric.step(geometry);
-        let mut watcher = Watcher {
+        let mut watcher = MeshProgress {
             console,
-            most: crate::job::moving(&params).max_evaluations,
+            max_evaluations: crate::job::optimize_options(&params).max_evaluations,
             interrupts,
             trace_path: job.lattice().and_then(|lattice| lattice.trace.as_deref()),
             trace: None,
-            traced: Vec::new(),
-            plane: D == 2,
-            geometry: geometry.in_space(),
+            traced_lattices: Vec::new(),
+            is_planar: D == 2,
+            geometry: geometry.to_3d(),
             step: std::array::from_fn(|k| step.get(k).copied().unwrap_or(1.0)),
-            failed: None,
+            trace_error: None,
             stage: Stage::Reading,
-            heard: None,
+            interrupted_stage: None,
         };
         let checkpoint = (job.outputs.checkpoint.as_deref())
             .map(Checkpoint::new)
@@ -243,55 +249,55 @@ impl Run<'_> {
             &outputs.surfaces,
             &outputs.potential,
         ];
-        let way = Way {
+        let way = RunOptions {
             checkpoint: checkpoint.as_ref(),
-            in_pieces: is_in_parts(&output) && whole.iter().all(|path| path.is_none()),
+            may_partition: is_pvtu(&output) && whole.iter().all(|path| path.is_none()),
         };
         let outcome = crate::job::run_from(image, &params, way, &mut watcher);
-        let (failed, traced) = (watcher.failed, watcher.traced);
+        let (failed, traced) = (watcher.trace_error, watcher.traced_lattices);
         let mut outcome = match failed.map_or(outcome, Err) {
             Ok(outcome) => outcome,
             Err(error) => {
                 // What was left undone may look like another fault.
-                return Err(match interrupts.wanted() {
+                return Err(match interrupts.is_requested() {
                     true => Error::Interrupted(error.cause().clone()),
                     false => error,
                 });
             }
         };
 
-        allocator::give_back();
+        allocator::trim();
         console.begin_stage(Stage::Writing);
-        interrupts.stage(Stage::Writing);
+        interrupts.set_stage(Stage::Writing);
         clock.begin(Stage::Writing);
-        let found = || hashing.map_or_else(|| console.hash(path), Hashing::end);
-        let input_sha256 = ranks::of_first("the image's hash", found)?;
+        let found = || hashing.map_or_else(|| console.hash(path), PendingHash::wait);
+        let input_sha256 = comm::broadcast_from_root("the image's hash", found)?;
         outcome.provenance = Provenance {
-            parameters: toml_of(&job.clone().reproducible())?,
+            parameters: job_to_toml(&job.clone().reproducible())?,
             input_sha256,
         };
-        let ending = match outcome.stop == Stop::Interrupted || interrupts.wanted() {
-            true => Ending::Interrupted,
-            false => Ending::Done,
+        let ending = match outcome.stop == StopReason::Interrupted || interrupts.is_requested() {
+            true => VerbStatus::Interrupted,
+            false => VerbStatus::Done,
         };
-        if ranks::is_first() || is_in_parts(&output) {
+        if comm::is_root() || is_pvtu(&output) {
             console.write_outcome(&output, &outcome, image)?;
         }
-        let in_world = match ranks::is_first() || outcome.share.is_some() {
+        let in_world = match comm::is_root() || outcome.share.is_some() {
             true => outcome.quality_in_world()?,
             false => None,
         };
-        if !ranks::is_first() {
+        if !comm::is_root() {
             return Ok(ending);
         }
         if let Some(path) = &job.outputs.lines {
             outcome.write_lines(path)?;
         }
         outcome.report.quality_physical = in_world;
-        let modality = params.modality.or_of(geometry);
+        let modality = params.modality.or_detect(geometry);
         outcome.report.used_in_physical_space = modality != Modality::Survey;
         if let Some(path) = &job.outputs.potential {
-            let potential = outcome.features.potential.dense();
+            let potential = outcome.features.potential.to_dense();
             console.write_image(path, potential_image(potential, geometry))?;
         }
         clock.end();
@@ -315,8 +321,8 @@ impl Run<'_> {
         }
         let mut said = format!("{}\nwrote {}", report.table().trim_end(), output.display());
         if let Some(path) = &job.outputs.page {
-            let written = write_page(path, &output, &*image.whole()?, &outcome, json.clone())?;
-            said = format!("{said}\n{}", super::report::said(path, written));
+            let written = write_page(path, &output, &*image.to_image()?, &outcome, json.clone())?;
+            said = format!("{said}\n{}", super::report::written_message(path, written));
         }
         if let Some(path) = &job.outputs.surfaces {
             let surfaces = write_surfaces(path, &output, &outcome, console)?;
@@ -336,17 +342,17 @@ fn write_surfaces<const D: usize, M: Simplices<D>>(
     console: &mut Console,
 ) -> Result<usize>
 where
-    Space<D>: Meshing<D, Mesh = M>,
+    MeshSpace<D>: Meshing<D, Mesh = M>,
 {
     let place = output.display().to_string();
-    match &outcome.made {
-        Made::Simplices(made) => {
-            let stored = StoredMesh::new(to_file(outcome, made), &place)?;
-            super::surface::write_marked(path, &stored, console)
+    match &outcome.mesh {
+        MeshResult::Simplices(made) => {
+            let stored = StoredMesh::new(simplex_mesh_file(outcome, made), &place)?;
+            super::surface::write_tagged_surfaces(path, &stored, console)
         }
-        Made::Voronoi { mesh, weld } => {
-            let stored = StoredMesh::new(cells_to_file(outcome, mesh, *weld), &place)?;
-            super::surface::write_marked(path, &stored, console)
+        MeshResult::Voronoi { mesh, weld } => {
+            let stored = StoredMesh::new(cell_mesh_file(outcome, mesh, *weld), &place)?;
+            super::surface::write_tagged_surfaces(path, &stored, console)
         }
     }
 }
@@ -358,12 +364,12 @@ fn write_page<const D: usize, M: Simplices<D>>(
     image: &Image<D>,
     outcome: &Outcome<D>,
     report: serde_json::Value,
-) -> Result<Written>
+) -> Result<PageStats>
 where
-    Space<D>: Meshing<D, Mesh = M>,
+    MeshSpace<D>: Meshing<D, Mesh = M>,
 {
     let name = output.file_name().unwrap_or(output.as_os_str());
-    let about = About {
+    let about = PageInfo {
         title: name.to_string_lossy().into_owned(),
         report,
         parameters: outcome.provenance.parameters.clone(),
@@ -371,22 +377,28 @@ where
     };
     let place = output.display().to_string();
     // As the file has it.
-    match &outcome.made {
-        Made::Simplices(made) => {
-            let file = with_image(to_file(outcome, made), Source::Held(image))?;
+    match &outcome.mesh {
+        MeshResult::Simplices(made) => {
+            let file = with_image(
+                simplex_mesh_file(outcome, made),
+                ImageSource::InMemory(image),
+            )?;
             let stored = StoredMesh::new(file, &place)?;
-            page::write(path, Some(image), &stored, &about, LARGEST)
+            page::write(path, Some(image), &stored, &about, MAX_PAGE_BYTES)
         }
-        Made::Voronoi { mesh, weld } => {
-            let file = with_image(cells_to_file(outcome, mesh, *weld), Source::Held(image))?;
+        MeshResult::Voronoi { mesh, weld } => {
+            let file = with_image(
+                cell_mesh_file(outcome, mesh, *weld),
+                ImageSource::InMemory(image),
+            )?;
             let stored = StoredMesh::new(file, &place)?;
-            page::write(path, Some(image), &stored, &about, LARGEST)
+            page::write(path, Some(image), &stored, &about, MAX_PAGE_BYTES)
         }
     }
 }
 
 /// A large number in two digits.
-fn rounded(number: f64) -> String {
+fn round_to_two_digits(number: f64) -> String {
     match number {
         n if n >= 1e6 => format!("{:.1} million", n / 1e6),
         n => {
@@ -397,127 +409,130 @@ fn rounded(number: f64) -> String {
 }
 
 /// Shows the pipeline's progress, keeps its lattices, and passes on the wish to stop.
-struct Watcher<'a> {
+struct MeshProgress<'a> {
     console: &'a mut Console,
     /// Most evaluations of the energy.
-    most: usize,
+    max_evaluations: usize,
     interrupts: &'a Interrupts,
     trace_path: Option<&'a Path>,
     /// Begun with the first lattice.
-    trace: Option<Trace>,
+    trace: Option<PvdSeries>,
     /// The lattices in it.
-    traced: Vec<TracedLattice>,
+    traced_lattices: Vec<TracedLattice>,
     /// Whether lattices lie in the plane z = 0.
-    plane: bool,
+    is_planar: bool,
     geometry: Geometry<3>,
     step: [f64; 3],
     /// Why a lattice could not be written.
-    failed: Option<Error>,
+    trace_error: Option<Error>,
     stage: Stage,
     /// In which stage it heard that the user wants to stop.
-    heard: Option<Stage>,
+    interrupted_stage: Option<Stage>,
 }
 
-impl Watcher<'_> {
+impl MeshProgress<'_> {
     /// Adds a lattice to the trace.
-    fn keep(&mut self, path: &Path, snapshot: &Snapshot<'_>) -> Result<()> {
+    fn add_snapshot(&mut self, path: &Path, snapshot: &LatticeSnapshot<'_>) -> Result<()> {
         // The lattice with which another optimisation begins is there already.
         if self.trace.is_some() && snapshot.round == 0 {
             return Ok(());
         }
-        if self.plane {
+        if self.is_planar {
             let atoms: Vec<[f64; 2]> = snapshot.positions.iter().map(|x| [x[0], x[1]]).collect();
             let step = [self.step[0], self.step[1]];
             let geometry = self.geometry.flatten();
-            return self.add(path, &delaunay_plane(&atoms)?, step, &geometry, snapshot);
+            return self.add_cells(path, &delaunay_plane(&atoms)?, step, &geometry, snapshot);
         }
         let (mesh, geometry) = (delaunay(snapshot.positions)?, self.geometry.clone());
-        self.add(path, &mesh, self.step, &geometry, snapshot)
+        self.add_cells(path, &mesh, self.step, &geometry, snapshot)
     }
 
     /// Adds the cells of a lattice to the trace, in the world, and what is said of it.
-    fn add<const D: usize, M: Simplices<D>>(
+    fn add_cells<const D: usize, M: Simplices<D>>(
         &mut self,
         path: &Path,
         mesh: &M,
         step: [f64; D],
         geometry: &Geometry<D>,
-        snapshot: &Snapshot<'_>,
+        snapshot: &LatticeSnapshot<'_>,
     ) -> Result<()> {
         let energies = [
             ("energy", snapshot.energy),
-            ("energy_lattice", snapshot.lattice),
-            ("energy_image", snapshot.image),
+            ("energy_lattice", snapshot.lattice_energy),
+            ("energy_image", snapshot.image_energy),
         ];
         let field = |(name, value): (&str, f64)| (name.into(), FieldValue::F64s(vec![value]));
         let shapes = quality(mesh);
         let mesh = to_physical(mesh, step, geometry);
         let frame = MeshFile {
             point_data: Vec::new(),
-            cell_data: vec![DataArray::scalars(M::MIN_ANGLE, smallest_angles(&mesh))],
+            cell_data: vec![DataArray::scalars(
+                M::MIN_ANGLE_ARRAY,
+                smallest_angles(&mesh),
+            )],
             field_data: energies.into_iter().map(field).collect(),
             mesh,
         };
         let trace = match &mut self.trace {
             Some(trace) => trace,
-            none => none.insert(Trace::create(path)?),
+            none => none.insert(PvdSeries::create(path)?),
         };
-        let step = self.traced.len();
+        let step = self.traced_lattices.len();
         trace.add(step as f64, &frame)?;
-        self.traced.push(TracedLattice {
+        self.traced_lattices.push(TracedLattice {
             step,
             worst_quality: shapes.mean_ratio.worst,
             mean_quality: shapes.mean_ratio_mean,
             energy: snapshot.energy,
-            energy_lattice: snapshot.lattice,
-            energy_image: snapshot.image,
+            energy_lattice: snapshot.lattice_energy,
+            energy_image: snapshot.image_energy,
         });
         Ok(())
     }
 }
 
-impl Observer for Watcher<'_> {
+impl Progress for MeshProgress<'_> {
     fn stage(&mut self, stage: Stage) {
-        allocator::give_back();
+        allocator::trim();
         self.stage = stage;
         self.console.begin_stage(stage);
-        self.interrupts.stage(stage);
+        self.interrupts.set_stage(stage);
     }
 
     fn note(&mut self, line: &str) {
         self.console.note(line);
     }
 
-    fn estimate(&mut self, estimate: &Estimate) {
-        let Estimate {
+    fn estimate(&mut self, estimate: &SizeEstimate) {
+        let SizeEstimate {
             atoms,
             cells,
             bytes,
         } = *estimate;
-        self.console.line(format_args!(
+        self.console.log_line(format_args!(
             "about {} atoms, {} cells, {} of memory",
-            rounded(atoms),
-            rounded(cells),
+            round_to_two_digits(atoms),
+            round_to_two_digits(cells),
             Bytes(bytes)
         ));
     }
 
-    fn progress(&mut self, progress: &Progress) {
+    fn optimize_step(&mut self, progress: &OptimizeStatus) {
         self.console.progress(
-            progress.evaluations as f64 / self.most as f64,
+            progress.evaluations as f64 / self.max_evaluations as f64,
             format_args!("round {}, energy {:.4e}", progress.round, progress.energy),
         );
     }
 
-    fn share(&mut self, share: f64) {
+    fn fraction_done(&mut self, share: f64) {
         self.console.progress(share, "");
     }
 
-    fn lattice(&mut self, snapshot: &Snapshot<'_>) {
+    fn lattice(&mut self, snapshot: &LatticeSnapshot<'_>) {
         if let Some(path) = self.trace_path
-            && self.failed.is_none()
+            && self.trace_error.is_none()
         {
-            self.failed = self.keep(path, snapshot).err();
+            self.trace_error = self.add_snapshot(path, snapshot).err();
         }
     }
 
@@ -526,16 +541,16 @@ impl Observer for Watcher<'_> {
     }
 
     fn keep_going(&mut self) -> bool {
-        if self.failed.is_some() {
+        if self.trace_error.is_some() {
             return false;
         }
-        if self.heard.is_none() && self.interrupts.wanted() {
-            self.heard = Some(self.stage);
+        if self.interrupted_stage.is_none() && self.interrupts.is_requested() {
+            self.interrupted_stage = Some(self.stage);
             self.console
                 .note("interrupted: what there is becomes a mesh if that takes no longer than two seconds; press Ctrl-C again to end at once");
         }
         // Atoms that were stopped are joined and improved in full.
-        self.heard
+        self.interrupted_stage
             .is_none_or(|heard| heard == Stage::Optimising && heard != self.stage)
     }
 }

@@ -1,6 +1,5 @@
 //! The verbs, one a file: its arguments and its run.
 
-mod between;
 mod captions;
 pub mod columns;
 pub mod convert;
@@ -9,10 +8,11 @@ pub mod export;
 pub mod feature;
 pub mod flow;
 pub mod info;
+mod interpretation;
 pub mod mesh;
 pub mod paint;
-mod picks;
 pub mod quality;
+mod region_interfaces;
 pub mod report;
 pub mod segment;
 pub mod setup;

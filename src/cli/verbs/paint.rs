@@ -6,23 +6,25 @@ use clap::Args;
 use serde::Serialize;
 use serde_json::json;
 
-use super::surface::{Grouping, WRITTEN, image_of, marked_facets, write_file};
+use super::surface::{
+    GroupingOptions, SURFACE_EXTENSIONS, read_mesh_image, tagged_facets, write_file,
+};
 use crate::Result;
-use crate::cli::common::output::{check_output, shown};
+use crate::cli::common::output::{check_output, path_text};
 use crate::cli::console::Console;
 use crate::cli::parse;
 use crate::export::SurfaceFile;
-use crate::image::Field;
+use crate::image::ScalarField;
 use crate::image::formats::InputOptions;
 use crate::mesh::Mesh;
-use crate::model::paint::{blocks, contrast, paint as flow};
-use crate::model::surface::adjacency::{Adjacency, holding, skin};
-use crate::model::surface::stored::group;
-use crate::model::ways::{Source, Ways};
-use crate::store::{LatticeSpace, MeshFile, Stored, StoredMesh, with_mesh};
+use crate::model::geodesics::{GeodesicSource, Geodesics};
+use crate::model::paint::{blocks, contrast_factors, paint as flow};
+use crate::model::surface::adjacency::{CellAdjacency, enclosing_facets, find_cell};
+use crate::model::surface::stored_surfaces::group_facets;
+use crate::store::{LatticeSpace, MeshFile, Storable, StoredMesh, with_mesh};
 
 /// Smaller rooms than this many cells are crumbs between surfaces.
-const CRUMB: usize = 24;
+const MIN_COMPARTMENT_CELLS: usize = 24;
 
 /// `atomesh paint`.
 #[derive(Debug, Args)]
@@ -57,7 +59,7 @@ pub struct PaintArgs {
     pub surface_out: Option<PathBuf>,
     /// The surfaces that paint does not cross.
     #[command(flatten)]
-    pub grouping: Grouping,
+    pub grouping: GroupingOptions,
     /// How to read the image.
     #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,
@@ -65,7 +67,7 @@ pub struct PaintArgs {
 
 /// What was painted.
 #[derive(Debug, Serialize)]
-struct Region {
+struct PaintedRegion {
     region: u32,
     cells: usize,
     volume: f64,
@@ -81,7 +83,7 @@ pub fn paint(args: &PaintArgs, console: &mut Console) -> Result<()> {
     check_output(&args.output, "--output", &["vtu"], &inputs)?;
     if let Some(path) = &args.surface_out {
         let inputs = [inputs.as_slice(), &[&args.output]].concat();
-        check_output(path, "--surface-out", &WRITTEN, &inputs)?;
+        check_output(path, "--surface-out", &SURFACE_EXTENSIONS, &inputs)?;
     }
     if args.image.is_none() {
         args.input.refuse_unused("no image is given")?;
@@ -90,47 +92,52 @@ pub fn paint(args: &PaintArgs, console: &mut Console) -> Result<()> {
     with_mesh!(console.read_mesh(&args.mesh)?, file => paint_mesh(args, file, console))
 }
 
-fn paint_mesh<const D: usize, M: Stored<D>>(
+fn paint_mesh<const D: usize, M: Storable<D>>(
     args: &PaintArgs,
     file: MeshFile<M>,
     console: &mut Console,
 ) -> Result<()> {
-    let seeds = seeds::<D>(&args.seed)?;
+    let seeds = parse_seeds::<D>(&args.seed)?;
     let options = args.grouping.options(Some(0.0))?;
-    let (_, z_up) = args.grouping.up::<D>()?;
-    let level = within(
+    let (_, z_up) = args.grouping.up_direction::<D>()?;
+    let level = check_range(
         "--level",
         args.level.unwrap_or(f64::INFINITY),
         0.0..=f64::INFINITY,
     )?;
-    let neck = within("--neck", args.neck, 0.0..=1.0)?;
+    let neck = check_range("--neck", args.neck, 0.0..=1.0)?;
     let stored = StoredMesh::new(file, &args.mesh.display().to_string())?;
-    let marked = marked_facets(&stored, &args.mesh)?;
-    let mut closed = group(&stored, marked, &options).facets;
+    let marked = tagged_facets(&stored, &args.mesh)?;
+    let mut closed = group_facets(&stored, marked, &options).facets;
     closed.iter_mut().for_each(|facet| facet.sort_unstable());
     closed.sort_unstable();
 
     console.begin_stage("painting");
     let across = stored.lattice.cells_of_faces()?;
-    let cells = Adjacency::new(&stored.lattice, &across, &closed);
-    let (block, count) = blocks(&cells, neck, CRUMB);
+    let cells = CellAdjacency::new(&stored.lattice, &across, &closed);
+    let (block, count) = blocks(&cells, neck, MIN_COMPARTMENT_CELLS);
     let space = stored.space.clone();
     let regions: Vec<u32> = match &seeds {
         None => block.iter().map(|b| b + 1).collect(),
         Some(seeds) => {
-            let sources: Vec<Source<D>> = (seeds.iter().zip(&args.seed))
+            let sources: Vec<GeodesicSource<D>> = (seeds.iter().zip(&args.seed))
                 .map(|(&(p, label), text)| {
                     let at = space.to_lattice(p);
-                    let held = at.and_then(|at| Some((at, holding(&stored.lattice, &across, at)?)));
+                    let held =
+                        at.and_then(|at| Some((at, find_cell(&stored.lattice, &across, at)?)));
                     let (at, cell) = held.ok_or_else(|| {
                         let remedy = "give physical coordinates; atomesh info shows their range";
-                        parse::bad("--seed", text, "lies outside the mesh", remedy)
+                        parse::option_error("--seed", text, "lies outside the mesh", remedy)
                     })?;
-                    Ok(Source { at, cell, label })
+                    Ok(GeodesicSource {
+                        position: at,
+                        cell,
+                        label,
+                    })
                 })
                 .collect::<Result<_>>()?;
             let harder = image_contrast(args, &space, &cells, console)?;
-            let ways = Ways::new(&stored.lattice, &across, &cells);
+            let ways = Geodesics::new(&stored.lattice, &across, &cells);
             let painted = flow(&ways, &block, harder.as_deref(), &sources, level);
             let label = |label: Option<u32>| label.unwrap_or(0);
             painted.label.into_iter().map(label).collect()
@@ -146,8 +153,8 @@ fn paint_mesh<const D: usize, M: Stored<D>>(
     if let Some(path) = &args.surface_out {
         let physical = &file.mesh;
         let (mut facets, mut start) = (Vec::new(), vec![0]);
-        for Region { region, .. } in &found {
-            facets.extend(skin(physical, &across, &regions, *region));
+        for PaintedRegion { region, .. } in &found {
+            facets.extend(enclosing_facets(physical, &across, &regions, *region));
             start.push(facets.len());
         }
         let mut skins = SurfaceFile::new(physical.nodes(), &facets, &start, "region");
@@ -180,14 +187,14 @@ fn paint_mesh<const D: usize, M: Stored<D>>(
     console.result(
         lines.join("\n"),
         &json!({
-            "file": shown(&args.output), "surface": args.surface_out.as_deref().map(shown), "blocks": count, "regions": found,
+            "file": path_text(&args.output), "surface": args.surface_out.as_deref().map(path_text), "blocks": count, "regions": found,
         }),
     );
     Ok(())
 }
 
 /// Cells, volume and share of the whole of each region that has cells, but for 0, unpainted.
-fn totals<const D: usize, M: Mesh<D>>(mesh: &M, regions: &[u32]) -> Vec<Region> {
+fn totals<const D: usize, M: Mesh<D>>(mesh: &M, regions: &[u32]) -> Vec<PaintedRegion> {
     let most = regions.iter().copied().max().unwrap_or(0) as usize;
     let mut sums = vec![(0, 0.0); most + 1];
     let mut all = 0.0;
@@ -198,7 +205,7 @@ fn totals<const D: usize, M: Mesh<D>>(mesh: &M, regions: &[u32]) -> Vec<Region> 
     }
     let numbered = (0..).zip(sums).skip(1).filter(|(_, sum)| sum.0 > 0);
     numbered
-        .map(|(region, (cells, volume))| Region {
+        .map(|(region, (cells, volume))| PaintedRegion {
             region,
             cells,
             volume,
@@ -211,27 +218,27 @@ fn totals<const D: usize, M: Mesh<D>>(mesh: &M, regions: &[u32]) -> Vec<Region> 
 fn image_contrast<const D: usize>(
     args: &PaintArgs,
     space: &LatticeSpace<D>,
-    cells: &Adjacency<D>,
+    cells: &CellAdjacency<D>,
     console: &Console,
 ) -> Result<Option<Vec<f64>>> {
     let Some(path) = &args.image else {
         return Ok(None);
     };
-    let image = image_of(path, &args.input, space, console)?;
-    let field = Field {
+    let image = read_mesh_image(path, &args.input, space, console)?;
+    let field = ScalarField {
         dims: image.dims(),
         step: space.step,
         samples: image.as_slice().to_vec(),
     };
     let values: Vec<f64> = cells.centres.iter().map(|&x| field.value(x)).collect();
-    Ok(Some(contrast(cells, &values)))
+    Ok(Some(contrast_factors(cells, &values)))
 }
 
 /// Where paint begins, and its region, from 1.
-type Place<const D: usize> = ([f64; D], u32);
+type SeedPoint<const D: usize> = ([f64; D], u32);
 
 /// Seeds with their regions; `None` for `auto`.
-fn seeds<const D: usize>(texts: &[String]) -> Result<Option<Vec<Place<D>>>> {
+fn parse_seeds<const D: usize>(texts: &[String]) -> Result<Option<Vec<SeedPoint<D>>>> {
     if let [only] = texts
         && only == "auto"
     {
@@ -250,8 +257,9 @@ fn seeds<const D: usize>(texts: &[String]) -> Result<Option<Vec<Place<D>>>> {
                     .parse()
                     .ok()
                     .filter(|u| (1..=1_000_000).contains(u));
-                let wrong =
-                    || parse::bad("--seed", text, "has no region from 1 to 1000000", remedy);
+                let wrong = || {
+                    parse::option_error("--seed", text, "has no region from 1 to 1000000", remedy)
+                };
                 (point, unit.ok_or_else(wrong)?)
             }
         };
@@ -262,12 +270,12 @@ fn seeds<const D: usize>(texts: &[String]) -> Result<Option<Vec<Place<D>>>> {
 }
 
 /// A number in a range.
-fn within(option: &str, value: f64, range: std::ops::RangeInclusive<f64>) -> Result<f64> {
+fn check_range(option: &str, value: f64, range: std::ops::RangeInclusive<f64>) -> Result<f64> {
     if range.contains(&value) {
         return Ok(value);
     }
     let remedy = format!("give a number from {} to {}", range.start(), range.end());
-    Err(parse::bad(
+    Err(parse::option_error(
         option,
         &value.to_string(),
         "is out of range",

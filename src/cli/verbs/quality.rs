@@ -9,15 +9,15 @@ use crate::cli::console::Console;
 use crate::error::cause;
 use crate::image::Modality;
 use crate::image::synth::Truth;
-use crate::job::{cells, scaled};
+use crate::job::{cells, scaled_mesh};
 use crate::mesh::Simplices;
-use crate::mesh::check::{Known, check, check_known};
+use crate::mesh::check::{CheckHints, check, check_with_hints};
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::PolyMesh;
-use crate::observer::Patience;
-use crate::report::angles::mean_edges;
-use crate::report::{self, Judged, Quality, Reference, Report};
-use crate::store::file::DISTANCE;
+use crate::progress::CancelToken;
+use crate::report::angles::mean_edge_lengths;
+use crate::report::{self, AngleAssessment, Quality, Reference, Report};
+use crate::store::output::DISTANCE_ARRAY;
 use crate::store::{LatticeSpace, StoredMesh, with_mesh, write_lines};
 use crate::{Error, Result};
 
@@ -65,7 +65,7 @@ fn measure<const D: usize, M: Simplices<D>>(
         let angles = report.quality.as_ref().and_then(|q| q.angles.as_ref());
         write_lines(path, angles.map_or(&[], |a| &a.acute_lines), place)?;
     }
-    show(report, stored.space.by_file, console);
+    show(report, stored.space.is_stored, console);
     Ok(())
 }
 
@@ -75,17 +75,17 @@ pub(super) fn figures<const D: usize, M: Simplices<D>>(
     truth: Option<(Truth<D>, String)>,
 ) -> Result<Report> {
     let (mesh, space) = (&stored.lattice, &stored.space);
-    let judged = judged(stored);
+    let judged = explained_angles(stored);
     let mut report = Report {
         quality: Some(Quality {
             angles: Some(judged.angles),
             ..report::quality(mesh)
         }),
-        filling: Some(check(mesh, [0.0; D], space.extent, space.tolerance())),
+        box_check: Some(check(mesh, [0.0; D], space.extent, space.tolerance())),
         ..Report::default()
     };
     if let Some((truth, note)) = &truth {
-        let in_samples = scaled(mesh, space.step.map(|s| 1.0 / s));
+        let in_samples = scaled_mesh(mesh, space.step.map(|s| 1.0 / s));
         let reference = Reference::from_truth(truth);
         report.fidelity = Some(report::fidelity(
             &*in_samples,
@@ -95,24 +95,24 @@ pub(super) fn figures<const D: usize, M: Simplices<D>>(
         report.notes.push(note.clone());
     }
     report.used_in_physical_space = space.geometry.modality() != Modality::Survey;
-    if !space.geometry.has_shape_of(space.step) && space.geometry.has_angles() {
-        report.quality_physical = Some(stored.in_world(report::quality));
+    if !space.geometry.preserves_shapes(space.step) && space.geometry.has_uniform_units() {
+        report.quality_physical = Some(stored.with_world_mesh(report::quality));
     }
     Ok(report)
 }
 
 /// Which angles the features explain. A mesh that does not say how far apart its atoms shall be, stands
 /// for itself.
-fn judged<const D: usize, M: Simplices<D>>(stored: &StoredMesh<D, M>) -> Judged {
+fn explained_angles<const D: usize, M: Simplices<D>>(stored: &StoredMesh<D, M>) -> AngleAssessment {
     let (mesh, space) = (&stored.lattice, &stored.space);
     let arrays = &stored.arrays.point_data;
-    let given = arrays.iter().find(|array| array.name == DISTANCE);
+    let given = arrays.iter().find(|array| array.name == DISTANCE_ARRAY);
     let given = given.map(|array| array.values.to_f64());
     let distance = given
         .filter(|d| d.len() == mesh.nodes().len() && d.iter().all(|d| *d > 0.0))
-        .unwrap_or_else(|| mean_edges(mesh));
+        .unwrap_or_else(|| mean_edge_lengths(mesh));
     let faces = stored.feature_faces.as_deref().unwrap_or_default();
-    report::judged(mesh, faces, space.extent, |n| distance[n as usize])
+    report::assess_angles(mesh, faces, space.extent, |n| distance[n as usize])
 }
 
 /// The same for polyhedra or polygons.
@@ -132,37 +132,37 @@ fn measure_cells<const D: usize>(
     }
     let truth = read_truth(args, &stored.space)?;
     console.begin_stage("measuring the mesh");
-    let report = figures_of_cells(&mut stored, truth);
-    show(report, stored.space.by_file, console);
+    let report = cell_figures(&mut stored, truth);
+    show(report, stored.space.is_stored, console);
     Ok(())
 }
 
 /// The same for polyhedra or polygons.
-pub(super) fn figures_of_cells<const D: usize>(
+pub(super) fn cell_figures<const D: usize>(
     stored: &mut StoredMesh<D, PolyMesh<D>>,
     truth: Option<(Truth<D>, String)>,
 ) -> Report {
     let (mesh, space) = (&stored.lattice, &stored.space);
-    let known = Known {
+    let known = CheckHints {
         weld: stored.weld,
-        ..Known::default()
+        ..CheckHints::default()
     };
-    let found = check_known(mesh, known, [0.0; D], space.extent, space.tolerance());
+    let found = check_with_hints(mesh, known, [0.0; D], space.extent, space.tolerance());
     let graph = Graph::from_poly(mesh);
     let mut report = Report::default();
     if let Some((truth, note)) = &truth {
         let reference = Reference::from_truth(truth);
-        report.fidelity = Some(cells::fidelity(
+        report.fidelity = Some(cells::cell_fidelity(
             mesh,
             space.step,
             &reference,
-            &Patience::endless(),
+            &CancelToken::never(),
         ));
         report.notes.push(note.clone());
     }
-    let physical = stored.in_world(Graph::from_poly);
-    let measured = report::voronoi(found, &graph, &physical);
-    let has_angles = stored.space.geometry.has_angles();
+    let physical = stored.with_world_mesh(Graph::from_poly);
+    let measured = report::measure_voronoi(found, &graph, &physical);
+    let has_angles = stored.space.geometry.has_uniform_units();
     report.voronoi = Some(report::Voronoi {
         angle_physical: measured.angle_physical.filter(|_| has_angles),
         ..measured
@@ -188,7 +188,7 @@ fn read_truth<const D: usize>(
         return Ok(None);
     };
     let (truth, note) = Truth::read(path)?;
-    if !space.holds(truth.dims) {
+    if !space.fits_dims(truth.dims) {
         let problem = format!(
             "is of {:?} samples, the mesh of {:?}",
             truth.dims,

@@ -5,17 +5,17 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::{Value, json};
 
-use super::quality::{figures, figures_of_cells};
-use crate::cli::common::output::{check_output, shown};
+use super::quality::{cell_figures, figures};
+use crate::cli::common::output::{check_output, path_text};
 use crate::cli::console::Console;
-use crate::error::{cause, os};
-use crate::export::page::{self, About, LARGEST, Written};
+use crate::error::{cause, io_error};
+use crate::export::page::{self, MAX_PAGE_BYTES, PageInfo, PageStats};
 use crate::image::Image;
-use crate::image::formats::{AnyLoaded, InputOptions};
+use crate::image::formats::{AnyImage, InputOptions};
 use crate::mesh::Simplices;
 use crate::mesh::poly::PolyMesh;
 use crate::report::{Input, Report};
-use crate::store::{AnyMesh, FieldValue, MeshFile, Stored, StoredMesh};
+use crate::store::{AnyMesh, FieldValue, MeshFile, Storable, StoredMesh};
 use crate::{Error, Result};
 
 /// `atomesh report`.
@@ -51,16 +51,27 @@ pub fn report(args: &ReportArgs, console: &mut Console) -> Result<()> {
     let given = args.figures.as_deref().map(read_figures).transpose()?;
     let image = console.read_image(&args.image, &args.input)?;
     let mesh = console.read_mesh(&args.mesh)?;
-    let job = Asked { args, given };
+    let job = ReportRequest {
+        args,
+        run_report: given,
+    };
     let written = match (image, mesh) {
-        (AnyLoaded::Plane(l), AnyMesh::Plane(file)) => job.simplices(&l.image, file, console)?,
-        (AnyLoaded::Plane(l), AnyMesh::PlaneCells(file)) => job.cells(&l.image, file, console)?,
-        (AnyLoaded::Space(l), AnyMesh::Space(file)) => job.simplices(&l.image, file, console)?,
-        (AnyLoaded::Space(l), AnyMesh::SpaceCells(file)) => job.cells(&l.image, file, console)?,
+        (AnyImage::Plane(l), AnyMesh::Triangles(file)) => {
+            job.report_simplices(&l.image, file, console)?
+        }
+        (AnyImage::Plane(l), AnyMesh::Polygons(file)) => {
+            job.report_cells(&l.image, file, console)?
+        }
+        (AnyImage::Space(l), AnyMesh::Tetrahedra(file)) => {
+            job.report_simplices(&l.image, file, console)?
+        }
+        (AnyImage::Space(l), AnyMesh::Polyhedra(file)) => {
+            job.report_cells(&l.image, file, console)?
+        }
         (image, _) => {
             let (of_image, of_mesh) = match image {
-                AnyLoaded::Plane(_) => (2, 3),
-                AnyLoaded::Space(_) => (3, 2),
+                AnyImage::Plane(_) => (2, 3),
+                AnyImage::Space(_) => (3, 2),
             };
             let problem = format!("is a {of_mesh}-D mesh, but the image is {of_image}-D");
             let remedy = "give the mesh of the image";
@@ -68,21 +79,21 @@ pub fn report(args: &ReportArgs, console: &mut Console) -> Result<()> {
         }
     };
     console.result(
-        said(&args.output, written),
-        &json!({ "file": shown(&args.output), "page": written }),
+        written_message(&args.output, written),
+        &json!({ "file": path_text(&args.output), "page": written }),
     );
     Ok(())
 }
 
 /// A line that says what was written.
-pub(super) fn said(path: &Path, written: Written) -> String {
+pub(super) fn written_message(path: &Path, written: PageStats) -> String {
     let megabytes = written.bytes as f64 * 1e-6;
-    let thinned = match written.thinned {
+    let thinned = match written.is_thinned {
         true => format!(
             ", {} of {} faces: its cut stops at {} places along each axis",
             written.faces,
-            written.of_faces,
-            written.steps - 1
+            written.total_faces,
+            written.cut_steps - 1
         ),
         false => String::new(),
     };
@@ -91,7 +102,7 @@ pub(super) fn said(path: &Path, written: Written) -> String {
 
 /// The report of a run, as JSON.
 fn read_figures(path: &Path) -> Result<Value> {
-    let text = std::fs::read_to_string(path).map_err(|e| os(path, "read", e))?;
+    let text = std::fs::read_to_string(path).map_err(|e| io_error(path, "read", e))?;
     let refuse = |problem: String| {
         let place = format!("--figures {}", path.display());
         Error::Job(cause(
@@ -100,8 +111,8 @@ fn read_figures(path: &Path) -> Result<Value> {
             "give the file that mesh --report has written",
         ))
     };
-    let value: Value =
-        serde_json::from_str(&text).map_err(|e| refuse(format!("is no JSON ({e})")).because(e))?;
+    let value: Value = serde_json::from_str(&text)
+        .map_err(|e| refuse(format!("is no JSON ({e})")).with_source(e))?;
     match value.get("version").is_some() && value.get("quality").is_some() {
         true => Ok(value),
         false => Err(refuse("is no report of atomesh".to_string())),
@@ -109,40 +120,43 @@ fn read_figures(path: &Path) -> Result<Value> {
 }
 
 /// What was asked for.
-struct Asked<'a> {
+struct ReportRequest<'a> {
     args: &'a ReportArgs,
-    given: Option<Value>,
+    run_report: Option<Value>,
 }
 
-impl Asked<'_> {
-    fn simplices<const D: usize, M: Simplices<D>>(
+impl ReportRequest<'_> {
+    fn report_simplices<const D: usize, M: Simplices<D>>(
         self,
         image: &Image<D>,
         file: MeshFile<M>,
         console: &mut Console,
-    ) -> Result<Written> {
+    ) -> Result<PageStats> {
         self.write(image, file, console, |stored| figures(stored, None))
     }
 
-    fn cells<const D: usize>(
+    fn report_cells<const D: usize>(
         self,
         image: &Image<D>,
         file: MeshFile<PolyMesh<D>>,
         console: &mut Console,
-    ) -> Result<Written> {
+    ) -> Result<PageStats> {
         self.write(image, file, console, |stored| {
-            Ok(figures_of_cells(stored, None))
+            Ok(cell_figures(stored, None))
         })
     }
 
-    fn write<const D: usize, M: Stored<D>>(
+    fn write<const D: usize, M: Storable<D>>(
         self,
         image: &Image<D>,
         file: MeshFile<M>,
         console: &mut Console,
         measure: impl FnOnce(&mut StoredMesh<D, M>) -> Result<Report>,
-    ) -> Result<Written> {
-        let Self { args, given } = self;
+    ) -> Result<PageStats> {
+        let Self {
+            args,
+            run_report: given,
+        } = self;
         let place = args.mesh.display().to_string();
         let mut stored = StoredMesh::new(file, &place)?;
         stored.space.check_image(
@@ -156,7 +170,7 @@ impl Asked<'_> {
                 console.begin_stage("measuring the mesh");
                 let mut report = measure(&mut stored)?;
                 report.input = Some(Input {
-                    file: shown(&args.image),
+                    file: path_text(&args.image),
                     dims: image.dims().to_vec(),
                     hash: format!("sha256:{}", console.hash(&args.image)?),
                 });
@@ -164,17 +178,17 @@ impl Asked<'_> {
             }
         };
         console.begin_stage("writing");
-        let text = |name: &str| match stored.arrays.field(name) {
+        let text = |name: &str| match stored.arrays.field_value(name) {
             Some(FieldValue::Text(text)) => text.trim_end_matches('\0').to_string(),
             _ => String::new(),
         };
         let name = args.mesh.file_name().unwrap_or(args.mesh.as_os_str());
-        let about = About {
+        let about = PageInfo {
             title: (args.title.clone()).unwrap_or_else(|| name.to_string_lossy().into_owned()),
             report,
             parameters: text("parameters"),
             input_hash: text("input_sha256"),
         };
-        page::write(&args.output, Some(image), &stored, &about, LARGEST)
+        page::write(&args.output, Some(image), &stored, &about, MAX_PAGE_BYTES)
     }
 }

@@ -6,8 +6,8 @@ use clap::Args;
 use serde::Serialize;
 use serde_json::json;
 
-use super::surface::{WRITTEN as SURFACES, image_of, write_file};
-use crate::cli::common::output::{WRITTEN, check_output, shown};
+use super::surface::{SURFACE_EXTENSIONS as SURFACES, read_mesh_image, write_file};
+use crate::cli::common::output::{IMAGE_EXTENSIONS, check_output, path_text};
 use crate::cli::console::Console;
 use crate::cli::parse;
 use crate::error::cause;
@@ -17,10 +17,10 @@ use crate::image::formats::InputOptions;
 use crate::image::{Geometry, Image};
 use crate::mesh::Mesh;
 use crate::model::segment::superpixels::Superpixels;
-use crate::model::segment::{Options, Seeds, boundary, cut_cells, cut_samples, dice};
-use crate::model::surface::adjacency::{Adjacency, holding};
+use crate::model::segment::{Options, SegmentSeeds, boundary, cut_cells, cut_samples, dice};
+use crate::model::surface::adjacency::{CellAdjacency, find_cell};
 use crate::report::cost::cpu_seconds;
-use crate::store::{LatticeSpace, MeshFile, Stored, StoredMesh, with_mesh};
+use crate::store::{LatticeSpace, MeshFile, Storable, StoredMesh, with_mesh};
 use crate::{Error, Result};
 
 /// `atomesh segment`.
@@ -79,7 +79,7 @@ pub struct SegmentArgs {
 
 /// What a cut found and cost.
 #[derive(Debug, Serialize)]
-struct Cut {
+struct CutResult {
     /// Cells, or samples.
     nodes: usize,
     /// Those of the object.
@@ -95,8 +95,8 @@ struct Cut {
     dice: Option<f64>,
 }
 
-impl Cut {
-    fn line(&self, name: &str) -> String {
+impl CutResult {
+    fn summary_line(&self, name: &str) -> String {
         let dice = self.dice.map_or("-".into(), |d| format!("{d:.4}"));
         format!(
             "{name:<8} {:>9} {:>9} {:>7.2}% {:>8.3} {:>8.3} {dice:>7}",
@@ -116,7 +116,7 @@ pub fn segment(args: &SegmentArgs, console: &mut Console) -> Result<()> {
     check_output(&args.output, "--output", &["vtu"], &inputs)?;
     inputs.push(&args.output);
     if let Some(path) = &args.labels_out {
-        check_output(path, "--labels-out", &WRITTEN, &inputs)?;
+        check_output(path, "--labels-out", &IMAGE_EXTENSIONS, &inputs)?;
         inputs.push(path);
     }
     if let Some(path) = &args.surface_out {
@@ -125,7 +125,7 @@ pub fn segment(args: &SegmentArgs, console: &mut Console) -> Result<()> {
     for (option, value) in [("--lambda", Some(args.lambda)), ("--sigma", args.sigma)] {
         if let Some(value) = value.filter(|v| !(v.is_finite() && *v > 0.0)) {
             let remedy = "give a positive number";
-            return Err(parse::bad(
+            return Err(parse::option_error(
                 option,
                 &value.to_string(),
                 "is out of range",
@@ -134,20 +134,20 @@ pub fn segment(args: &SegmentArgs, console: &mut Console) -> Result<()> {
         }
     }
     console.begin_stage("reading");
-    with_mesh!(console.read_mesh(&args.mesh)?, file => of_mesh(args, file, console))
+    with_mesh!(console.read_mesh(&args.mesh)?, file => segment_mesh(args, file, console))
 }
 
-fn of_mesh<const D: usize, M: Stored<D>>(
+fn segment_mesh<const D: usize, M: Storable<D>>(
     args: &SegmentArgs,
     file: MeshFile<M>,
     console: &mut Console,
 ) -> Result<()> {
-    let marks = Marks::<D>::all(args)?;
+    let marks = SeedBoxes::<D>::parse_all(args)?;
     let stored = StoredMesh::new(file, &args.mesh.display().to_string())?;
     let space = stored.space.clone();
-    let image = image_of(&args.image, &args.input, &space, console)?;
+    let image = read_mesh_image(&args.image, &args.input, &space, console)?;
     let truth = (args.truth.as_deref())
-        .map(|path| image_of(path, &InputOptions::default(), &space, console))
+        .map(|path| read_mesh_image(path, &InputOptions::default(), &space, console))
         .transpose()?;
     let truth: Option<Vec<u8>> = truth.map(|image| {
         image
@@ -165,7 +165,7 @@ fn of_mesh<const D: usize, M: Stored<D>>(
     let start = cpu_seconds();
     let mesh = &stored.lattice;
     let across = mesh.cells_of_faces()?;
-    let cells = Adjacency::new(mesh, &across, &[]);
+    let cells = CellAdjacency::new(mesh, &across, &[]);
     let superpixels = Superpixels::new(mesh, &cells, &across, &image, space.step);
     let averaged = cpu_seconds();
     console.begin_stage("cutting");
@@ -175,14 +175,14 @@ fn of_mesh<const D: usize, M: Stored<D>>(
 
     let labels = &found.labels;
     let of_samples =
-        (args.labels_out.is_some() || truth.is_some()).then(|| superpixels.spread(labels));
+        (args.labels_out.is_some() || truth.is_some()).then(|| superpixels.sample_labels(labels));
     let whole: f64 = cells.volumes.iter().sum();
     let inside = cells
         .volumes
         .iter()
         .zip(labels)
         .filter(|(_, label)| **label == 1);
-    let mut rows = vec![Cut {
+    let mut rows = vec![CutResult {
         nodes: cells.len(),
         object: labels.iter().filter(|label| **label == 1).count(),
         share: inside.map(|(volume, _)| volume).sum::<f64>() / whole,
@@ -197,7 +197,7 @@ fn of_mesh<const D: usize, M: Stored<D>>(
     }];
     if args.voxels {
         console.begin_stage("cutting samples");
-        rows.push(voxels(
+        rows.push(segment_voxels(
             &image,
             &space.geometry,
             &marks,
@@ -217,7 +217,7 @@ fn of_mesh<const D: usize, M: Stored<D>>(
         let physical = &file.mesh;
         // Faces have other numbers where the world mirrors the lattice.
         let across = physical.cells_of_faces()?;
-        let facets = boundary::between(physical, &across, labels);
+        let facets = boundary::boundary_facets(physical, &across, labels);
         let mut nodes = physical.nodes().to_vec();
         boundary::smooth(&mut nodes, &facets);
         let surface = SurfaceFile::new(&nodes, &facets, &[0, facets.len()], "object");
@@ -236,14 +236,19 @@ fn of_mesh<const D: usize, M: Stored<D>>(
         "{:<8} {:>9} {:>9} {:>8} {:>8} {:>8} {:>7}",
         "cut of", "number", "object", "share", "means s", "cut s", "Dice"
     )];
-    lines.extend(names.iter().zip(&rows).map(|(name, cut)| cut.line(name)));
+    lines.extend(
+        names
+            .iter()
+            .zip(&rows)
+            .map(|(name, cut)| cut.summary_line(name)),
+    );
     lines.push(format!("wrote {}", args.output.display()));
     let mut rows = rows.into_iter();
     let [cells, samples] = [rows.next(), rows.next()];
     console.result(
         lines.join("\n"),
         &json!({
-            "file": shown(&args.output), "labels": args.labels_out.as_deref().map(shown), "surface": args.surface_out.as_deref().map(shown),
+            "file": path_text(&args.output), "labels": args.labels_out.as_deref().map(path_text), "surface": args.surface_out.as_deref().map(path_text),
             "cells": cells, "samples": samples,
         }),
     );
@@ -251,19 +256,19 @@ fn of_mesh<const D: usize, M: Stored<D>>(
 }
 
 /// Cuts the samples themselves.
-fn voxels<const D: usize>(
+fn segment_voxels<const D: usize>(
     image: &Image<D>,
     geometry: &Geometry<D>,
-    marks: &Marks<D>,
+    marks: &SeedBoxes<D>,
     options: &Options,
     truth: Option<&[u8]>,
-) -> Result<Cut> {
+) -> Result<CutResult> {
     let seeds = marks.samples(image.dims(), geometry)?;
     let start = cpu_seconds();
     let found = cut_samples(image, &seeds, options)?;
     let cut_seconds = cpu_seconds() - start;
     let object = found.labels.iter().filter(|label| **label == 1).count();
-    Ok(Cut {
+    Ok(CutResult {
         nodes: found.labels.len(),
         object,
         share: object as f64 / found.labels.len() as f64,
@@ -276,14 +281,14 @@ fn voxels<const D: usize>(
 }
 
 /// A box in physical coordinates, or a point, and what was typed.
-struct Mark<const D: usize> {
+struct SeedBox<const D: usize> {
     option: &'static str,
     text: String,
     low: [f64; D],
     high: [f64; D],
 }
 
-impl<const D: usize> Mark<D> {
+impl<const D: usize> SeedBox<D> {
     fn parse(option: &'static str, text: &str) -> Result<Self> {
         let remedy = match D {
             2 => "give a point X,Y or a box X,Y:X,Y",
@@ -302,15 +307,15 @@ impl<const D: usize> Mark<D> {
         })
     }
 
-    fn holds(&self, p: [f64; D]) -> bool {
+    fn contains(&self, p: [f64; D]) -> bool {
         (0..D).all(|k| self.low[k] <= p[k] && p[k] <= self.high[k])
     }
 
-    fn middle(&self) -> [f64; D] {
+    fn centre(&self) -> [f64; D] {
         std::array::from_fn(|k| 0.5 * (self.low[k] + self.high[k]))
     }
 
-    fn outside(&self, of: &str) -> Error {
+    fn outside_error(&self, of: &str) -> Error {
         let place = format!("{} {}", self.option, self.text);
         let remedy = "give physical coordinates; atomesh info shows their range";
         Error::Job(cause(place, format!("lies outside the {of}"), remedy))
@@ -318,17 +323,17 @@ impl<const D: usize> Mark<D> {
 }
 
 /// Everything that the user marked.
-struct Marks<const D: usize> {
-    object: Vec<Mark<D>>,
-    background: Vec<Mark<D>>,
+struct SeedBoxes<const D: usize> {
+    object: Vec<SeedBox<D>>,
+    background: Vec<SeedBox<D>>,
 }
 
-impl<const D: usize> Marks<D> {
-    fn all(args: &SegmentArgs) -> Result<Self> {
+impl<const D: usize> SeedBoxes<D> {
+    fn parse_all(args: &SegmentArgs) -> Result<Self> {
         let parse = |option: &'static str, texts: &[String]| {
             texts
                 .iter()
-                .map(|text| Mark::parse(option, text))
+                .map(|text| SeedBox::parse(option, text))
                 .collect::<Result<_>>()
         };
         Ok(Self {
@@ -342,23 +347,23 @@ impl<const D: usize> Marks<D> {
         &self,
         mesh: &M,
         space: &LatticeSpace<D>,
-        cells: &Adjacency<D>,
+        cells: &CellAdjacency<D>,
         across: &[[u32; 2]],
-    ) -> Result<Seeds> {
+    ) -> Result<SegmentSeeds> {
         let centres = cells.centres.iter().map(|&p| space.to_world(p));
         let centres: Vec<[f64; D]> = centres.collect();
-        let find = |marks: &[Mark<D>]| {
+        let find = |marks: &[SeedBox<D>]| {
             let mut found = Vec::new();
             for mark in marks {
                 let middle = space
-                    .to_lattice(mark.middle())
-                    .and_then(|p| holding(mesh, across, p))
-                    .ok_or_else(|| mark.outside("mesh"))?;
+                    .to_lattice(mark.centre())
+                    .and_then(|p| find_cell(mesh, across, p))
+                    .ok_or_else(|| mark.outside_error("mesh"))?;
                 found.push(middle);
                 found.extend(
                     (0..)
                         .zip(&centres)
-                        .filter(|(_, p)| mark.holds(**p))
+                        .filter(|(_, p)| mark.contains(**p))
                         .map(|(c, _)| c),
                 );
             }
@@ -366,14 +371,14 @@ impl<const D: usize> Marks<D> {
             found.dedup();
             Ok::<Vec<u32>, Error>(found)
         };
-        Ok(Seeds {
+        Ok(SegmentSeeds {
             object: find(&self.object)?,
             background: find(&self.background)?,
         })
     }
 
     /// Samples that the boxes hold, and those nearest to the boxes' middles.
-    fn samples(&self, dims: [usize; D], geometry: &Geometry<D>) -> Result<Seeds> {
+    fn samples(&self, dims: [usize; D], geometry: &Geometry<D>) -> Result<SegmentSeeds> {
         let count: usize = dims.iter().product();
         let index_of = |mut i: usize| {
             dims.map(|n| {
@@ -382,19 +387,19 @@ impl<const D: usize> Marks<D> {
                 index as f64
             })
         };
-        let find = |marks: &[Mark<D>]| {
+        let find = |marks: &[SeedBox<D>]| {
             let mut found = Vec::new();
             for mark in marks {
-                let index = geometry.to_index(mark.middle()).map(|p| p.map(f64::round));
+                let index = geometry.to_index(mark.centre()).map(|p| p.map(f64::round));
                 let middle = index
                     .filter(|p| (0..D).all(|k| 0.0 <= p[k] && p[k] < dims[k] as f64))
-                    .ok_or_else(|| mark.outside("image"))?;
+                    .ok_or_else(|| mark.outside_error("image"))?;
                 let at = (0..D)
                     .rev()
                     .fold(0, |at, k| at * dims[k] + middle[k] as usize);
                 found.push(at as u32);
                 if mark.low != mark.high {
-                    let held = |i: &usize| mark.holds(geometry.to_physical(index_of(*i)));
+                    let held = |i: &usize| mark.contains(geometry.to_physical(index_of(*i)));
                     found.extend((0..count).filter(held).map(|i| i as u32));
                 }
             }
@@ -402,7 +407,7 @@ impl<const D: usize> Marks<D> {
             found.dedup();
             Ok::<Vec<u32>, Error>(found)
         };
-        Ok(Seeds {
+        Ok(SegmentSeeds {
             object: find(&self.object)?,
             background: find(&self.background)?,
         })

@@ -8,9 +8,9 @@ use clap_complete::Shell;
 use serde_json::json;
 
 use crate::cli::args::CommandLine;
-use crate::cli::common::output::shown;
+use crate::cli::common::output::path_text;
 use crate::cli::console::{Console, print};
-use crate::error::{cause, os};
+use crate::error::{cause, io_error};
 use crate::{Error, Result};
 
 /// `atomesh completions`.
@@ -53,17 +53,18 @@ pub fn man(args: &ManArgs, console: &mut Console) -> Result<()> {
     }
     let command = CommandLine::command();
     let count = 1 + command.get_subcommands().count();
-    clap_mangen::generate_to(command, &args.output).map_err(|e| os(&args.output, "write", e))?;
+    clap_mangen::generate_to(command, &args.output)
+        .map_err(|e| io_error(&args.output, "write", e))?;
     console.result(
         format_args!("wrote {count} pages into {}", args.output.display()),
-        &json!({ "folder": shown(&args.output), "pages": count }),
+        &json!({ "folder": path_text(&args.output), "pages": count }),
     );
     Ok(())
 }
 
 /// Programs that judge or use what atomesh writes, how they are asked whether they are there, and what
 /// they are for.
-const PROGRAMS: [(&str, &str, &str); 8] = [
+const EXTERNAL_PROGRAMS: [(&str, &str, &str); 8] = [
     (
         "flow",
         "--version",
@@ -136,7 +137,7 @@ pub fn doctor(console: &mut Console) -> Result<()> {
         (
             "MPI",
             built(
-                crate::ranks::world::can_join(),
+                crate::comm::world::can_join(),
                 "built in",
                 "one process a job; atomesh-mpi has it",
             ),
@@ -155,7 +156,7 @@ pub fn doctor(console: &mut Console) -> Result<()> {
             ),
         ),
     ];
-    for (program, option, what) in PROGRAMS {
+    for (program, option, what) in EXTERNAL_PROGRAMS {
         // What an answer says differs too much to be shown; that there is one counts.
         let there = Command::new(program)
             .arg(option)

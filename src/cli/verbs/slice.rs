@@ -5,21 +5,21 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
-use super::captions::{cells, lines, met, title};
-use crate::cli::common::output::{check_output, shown};
+use super::captions::{cells_caption, crossing_caption, line_ruler, title};
+use crate::cli::common::output::{check_output, path_text};
 use crate::cli::console::Console;
 use crate::cli::parse;
 use crate::error::cause;
 use crate::export::surfaces::vtp::read_shapes;
 use crate::image::Geometry;
-use crate::image::formats::stream::{Head, Opened, Slabs};
-use crate::image::formats::{AnyLoaded, InputOptions, Loaded};
+use crate::image::formats::stream::{ImageHeader, OpenedImage, SlabSource};
+use crate::image::formats::{AnyImage, InputOptions, LoadedImage};
 use crate::mesh::{Mesh, TetMesh, TriMesh};
 use crate::model::slice::{
-    self, Body, Canvas, Caption, Cut, Overlay, Paint, Painted, Sections, Shape, Skeleton, Solid,
-    Upward,
+    self, Canvas, Caption, CutMode, Overlay, OverlayShape, Paint, PaintedCells, Sections, Skeleton,
+    SolidMesh, SolidView, UpDirection,
 };
-use crate::store::{AnyMesh, MeshFile, Stored, StoredMesh, in_depth_of};
+use crate::store::{AnyMesh, MeshFile, Storable, StoredMesh, image_geometry_in_depth};
 use crate::{Error, Result};
 
 /// `atomesh slice`.
@@ -45,7 +45,7 @@ pub struct SliceArgs {
     /// What is taken away in --view 3d: the corner beyond that point, or all in front of the plane through it
     /// across x, y or z [default: corner]
     #[arg(long, value_name = "WHERE")]
-    pub cut: Option<Taken>,
+    pub cut: Option<Cutaway>,
     /// Which way is up: x, y, z or -x, -y, -z in physical coordinates [default: as the image has it; z where
     /// none is known]
     #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
@@ -67,7 +67,7 @@ pub enum View {
 
 /// What is taken away of a body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Taken {
+pub enum Cutaway {
     /// A corner; of a mesh whole cells
     Corner,
     /// Half of it, across x
@@ -79,7 +79,7 @@ pub enum Taken {
 }
 
 /// What the files are.
-struct Files<'a> {
+struct InputFiles<'a> {
     args: &'a SliceArgs,
     image: Option<&'a Path>,
     mesh: Option<&'a Path>,
@@ -87,11 +87,11 @@ struct Files<'a> {
 }
 
 /// Endings of meshes, if it is not the place among the files that tells.
-const MESHES: [&str; 5] = ["vtu", "msh", "e", "exo", "ex2"];
+const MESH_EXTENSIONS: [&str; 5] = ["vtu", "msh", "e", "exo", "ex2"];
 
-impl<'a> Files<'a> {
+impl<'a> InputFiles<'a> {
     /// Surfaces and lines are told by their ending; of two others the first is the image.
-    fn of(args: &'a SliceArgs) -> Result<Self> {
+    fn classify(args: &'a SliceArgs) -> Result<Self> {
         let ends = |path: &Path, endings: &[&str]| {
             let ending = path.extension().and_then(|ending| ending.to_str());
             ending.is_some_and(|ending| endings.iter().any(|e| ending.eq_ignore_ascii_case(e)))
@@ -100,12 +100,12 @@ impl<'a> Files<'a> {
         let (shapes, others): (Vec<_>, Vec<_>) = files.partition(|path| ends(path, &["vtp"]));
         let (image, mesh) = match others[..] {
             [] => (None, None),
-            [mesh] if ends(mesh, &MESHES) => (None, Some(mesh)),
+            [mesh] if ends(mesh, &MESH_EXTENSIONS) => (None, Some(mesh)),
             [image] => (Some(image), None),
             [image, mesh] => (Some(image), Some(mesh)),
             [.., last] => {
                 let problem = "is one file too many: there is an image and a mesh already";
-                return Err(refuse(last, problem, "leave it out"));
+                return Err(slice_error(last, problem, "leave it out"));
             }
         };
         Ok(Self {
@@ -117,7 +117,7 @@ impl<'a> Files<'a> {
     }
 
     /// No option is typed that the files or another option leave without effect.
-    fn check(&self) -> Result<()> {
+    fn check_options(&self) -> Result<()> {
         let args = self.args;
         let refuse = |place: &str, problem: &str, remedy: &str| {
             Err(Error::Job(cause(place, problem, remedy)))
@@ -155,8 +155,8 @@ impl<'a> Files<'a> {
 pub fn slice(args: &SliceArgs, console: &mut Console) -> Result<()> {
     let inputs: Vec<&Path> = args.files.iter().map(PathBuf::as_path).collect();
     check_output(&args.output, "--output", &["png"], &inputs)?;
-    let files = Files::of(args)?;
-    files.check()?;
+    let files = InputFiles::classify(args)?;
+    files.check_options()?;
     let at = args
         .at
         .as_deref()
@@ -168,7 +168,7 @@ pub fn slice(args: &SliceArgs, console: &mut Console) -> Result<()> {
         match args.view {
             View::Sections => Ok(image),
             // Painted at any point, not only on planes.
-            View::Solid => image.load(path).map(Opened::Held),
+            View::Solid => image.load(path).map(OpenedImage::InMemory),
         }
     };
     let image = files.image.map(open).transpose()?;
@@ -178,34 +178,38 @@ pub fn slice(args: &SliceArgs, console: &mut Console) -> Result<()> {
         shapes.extend(read_shapes(path)?);
     }
     console.begin_stage("drawing");
-    let drawing = Drawing { files, shapes, at };
-    let picture = drawing.picture(image, mesh)?;
+    let drawing = Drawing {
+        files,
+        shapes,
+        crossing_point: at,
+    };
+    let picture = drawing.draw(image, mesh)?;
     picture.write(&args.output)?;
     let [width, height] = picture.size();
     console.result(
         format_args!("wrote {}: {width} x {height} pixels", args.output.display()),
-        &json!({ "file": shown(&args.output), "size": [width, height] }),
+        &json!({ "file": path_text(&args.output), "size": [width, height] }),
     );
     Ok(())
 }
 
-fn refuse(place: &Path, problem: &str, remedy: &str) -> Error {
+fn slice_error(place: &Path, problem: &str, remedy: &str) -> Error {
     Error::Job(cause(place.display(), problem, remedy))
 }
 
 /// What is drawn, besides the image and the mesh.
 struct Drawing<'a> {
-    files: Files<'a>,
-    shapes: Vec<Shape>,
-    at: Option<[f64; 3]>,
+    files: InputFiles<'a>,
+    shapes: Vec<OverlayShape>,
+    crossing_point: Option<[f64; 3]>,
 }
 
 impl Drawing<'_> {
-    fn picture(self, image: Option<Opened>, mesh: Option<AnyMesh>) -> Result<Canvas> {
+    fn draw(self, image: Option<OpenedImage>, mesh: Option<AnyMesh>) -> Result<Canvas> {
         let other = |mesh: u8, image: u8| {
             let problem = format!("is a {mesh}-D mesh, but the image is {image}-D");
             let place = self.files.mesh.unwrap_or(Path::new("the mesh"));
-            refuse(place, &problem, "give the mesh of the image")
+            slice_error(place, &problem, "give the mesh of the image")
         };
         let solid = self.files.args.view == View::Solid;
         let flat = |what: &str| {
@@ -213,45 +217,49 @@ impl Drawing<'_> {
             Error::Job(cause("--view 3d", problem, "omit it"))
         };
         match (image, mesh) {
-            (Some(Opened::Held(AnyLoaded::Plane(_))), _) if solid => Err(flat("the image")),
-            (None, Some(AnyMesh::Plane(_) | AnyMesh::PlaneCells(_))) => Err(flat("the mesh")),
-            (Some(Opened::Held(AnyLoaded::Plane(loaded))), mesh) => match mesh {
-                None => self.plane::<TriMesh>(loaded, None),
-                Some(AnyMesh::Plane(file)) => self.plane(loaded, Some(file)),
-                Some(AnyMesh::PlaneCells(file)) => self.plane(loaded, Some(file)),
+            (Some(OpenedImage::InMemory(AnyImage::Plane(_))), _) if solid => Err(flat("the image")),
+            (None, Some(AnyMesh::Triangles(_) | AnyMesh::Polygons(_))) => Err(flat("the mesh")),
+            (Some(OpenedImage::InMemory(AnyImage::Plane(loaded))), mesh) => match mesh {
+                None => self.draw_plane::<TriMesh>(loaded, None),
+                Some(AnyMesh::Triangles(file)) => self.draw_plane(loaded, Some(file)),
+                Some(AnyMesh::Polygons(file)) => self.draw_plane(loaded, Some(file)),
                 _ => Err(other(3, 2)),
             },
-            (image, None) => self.space::<TetMesh>(image, None),
-            (image, Some(AnyMesh::Space(file))) => self.space(image, Some(file)),
-            (image, Some(AnyMesh::SpaceCells(file))) => self.space(image, Some(file)),
+            (image, None) => self.draw_space::<TetMesh>(image, None),
+            (image, Some(AnyMesh::Tetrahedra(file))) => self.draw_space(image, Some(file)),
+            (image, Some(AnyMesh::Polyhedra(file))) => self.draw_space(image, Some(file)),
             _ => Err(other(2, 3)),
         }
     }
 
     /// Where the image lies, in depth if its mesh does.
-    fn placed<const D: usize, M: Mesh<D>>(
+    fn image_geometry<const D: usize, M: Mesh<D>>(
         &self,
         geometry: &Geometry<D>,
         dims: [usize; D],
         file: Option<&MeshFile<M>>,
     ) -> Result<Geometry<D>> {
-        let depth = |file| in_depth_of(file, geometry, dims, &self.image_place());
+        let depth = |file| image_geometry_in_depth(file, geometry, dims, &self.image_name());
         let depth = file.map(depth).transpose()?.flatten();
         Ok(depth.unwrap_or_else(|| geometry.clone()))
     }
 
     /// The image, where [`Self::placed`] says.
-    fn below<const D: usize, M: Mesh<D>>(
+    fn place_image<const D: usize, M: Mesh<D>>(
         &self,
-        mut loaded: Loaded<D>,
+        mut loaded: LoadedImage<D>,
         file: Option<&MeshFile<M>>,
-    ) -> Result<Loaded<D>> {
+    ) -> Result<LoadedImage<D>> {
         let image = &mut loaded.image;
-        image.geometry = self.placed(&image.geometry, image.dims(), file)?;
+        image.geometry = self.image_geometry(&image.geometry, image.dims(), file)?;
         Ok(loaded)
     }
 
-    fn plane<M: Stored<2>>(self, loaded: Loaded<2>, file: Option<MeshFile<M>>) -> Result<Canvas> {
+    fn draw_plane<M: Storable<2>>(
+        self,
+        loaded: LoadedImage<2>,
+        file: Option<MeshFile<M>>,
+    ) -> Result<Canvas> {
         if let Some(shape) = self.shapes.iter().find(|shape| !shape.triangles.is_empty()) {
             let problem = format!(
                 "is a surface in space, but the image is 2-D: {}",
@@ -259,38 +267,38 @@ impl Drawing<'_> {
             );
             return Err(Error::Job(cause("slice", problem, "leave it out")));
         }
-        let loaded = self.below(loaded, file.as_ref())?;
-        let caption = self.caption(file.as_ref(), Some(&loaded.head()));
+        let loaded = self.place_image(loaded, file.as_ref())?;
+        let caption = self.caption(file.as_ref(), Some(&loaded.header()));
         let image = &loaded.image;
         let over = self.overlay(file, &image.geometry, image.dims())?;
-        slice::plane(image, &over, &caption)
+        slice::draw_plane(image, &over, &caption)
     }
 
-    fn space<M: Stored<3>>(
+    fn draw_space<M: Storable<3>>(
         self,
-        image: Option<Opened>,
+        image: Option<OpenedImage>,
         file: Option<MeshFile<M>>,
     ) -> Result<Canvas> {
         let image = match image {
-            Some(Opened::Held(AnyLoaded::Space(loaded))) => {
-                let loaded = self.below(loaded, file.as_ref())?;
-                Some(Opened::Held(AnyLoaded::Space(loaded)))
+            Some(OpenedImage::InMemory(AnyImage::Space(loaded))) => {
+                let loaded = self.place_image(loaded, file.as_ref())?;
+                Some(OpenedImage::InMemory(AnyImage::Space(loaded)))
             }
             other => other,
         };
-        let (head, slabs): (Head<3>, &dyn Slabs) = match &image {
-            Some(Opened::Stream(stream)) => {
-                let mut head = stream.head.clone();
-                head.geometry = self.placed(&head.geometry, head.dims, file.as_ref())?;
+        let (head, slabs): (ImageHeader<3>, &dyn SlabSource) = match &image {
+            Some(OpenedImage::Stream(stream)) => {
+                let mut head = stream.header.clone();
+                head.geometry = self.image_geometry(&head.geometry, head.dims, file.as_ref())?;
                 (head, stream)
             }
-            Some(Opened::Held(AnyLoaded::Space(loaded))) => {
+            Some(OpenedImage::InMemory(AnyImage::Space(loaded))) => {
                 if self.files.args.view == View::Solid {
-                    return self.solid(Some(loaded), file);
+                    return self.draw_solid(Some(loaded), file);
                 }
-                (loaded.head(), &loaded.image)
+                (loaded.header(), &loaded.image)
             }
-            _ => return self.solid(None, file),
+            _ => return self.draw_solid(None, file),
         };
         if let Some(lines) = self.shapes.iter().find(|shape| shape.triangles.is_empty()) {
             let problem = format!("does not show lines in space: {}", lines.name);
@@ -300,133 +308,146 @@ impl Drawing<'_> {
                 "give --view 3d",
             )));
         }
-        let at = match self.at {
-            Some(at) => head.geometry.to_index(at).ok_or_else(|| self.flat())?,
+        let at = match self.crossing_point {
+            Some(at) => head
+                .geometry
+                .to_index(at)
+                .ok_or_else(|| self.degenerate_axes_error())?,
             None => head.dims.map(|n| (n / 2) as f64),
         };
         let mut caption = self.caption(file.as_ref(), Some(&head));
-        caption.subtitle += &met(&head, at, &caption);
+        caption.subtitle += &crossing_caption(&head, at, &caption);
         let place = self.files.image.unwrap_or(Path::new("the image"));
-        let sections = Sections::of(place, head.dims, slabs, at)?;
+        let sections = Sections::new(place, head.dims, slabs, at)?;
         let over = self.overlay(file, &head.geometry, head.dims)?;
-        slice::space(&sections, &head.geometry, &over, &caption)
+        slice::draw_sections(&sections, &head.geometry, &over, &caption)
     }
 
-    fn solid<M: Stored<3>>(
+    fn draw_solid<M: Storable<3>>(
         self,
-        loaded: Option<&Loaded<3>>,
+        loaded: Option<&LoadedImage<3>>,
         file: Option<MeshFile<M>>,
     ) -> Result<Canvas> {
-        let head = loaded.map(Loaded::head);
+        let head = loaded.map(LoadedImage::header);
         let caption = self.caption(file.as_ref(), head.as_ref());
-        let stored = file.map(|file| self.stored(file)).transpose()?;
+        let stored = file.map(|file| self.to_stored(file)).transpose()?;
         let space = match (&stored, loaded) {
             (Some(stored), loaded) => {
                 if let Some(loaded) = loaded {
                     let dims = loaded.image.dims();
-                    stored.space.check_dims(dims, &self.image_place())?;
+                    stored.space.check_dims(dims, &self.image_name())?;
                 }
                 stored.space.clone()
             }
-            (None, Some(loaded)) => Solid::space_of(loaded.image.dims(), &loaded.image.geometry),
-            (None, None) => Solid::space_around(&self.shapes),
+            (None, Some(loaded)) => {
+                SolidView::image_space(loaded.image.dims(), &loaded.image.geometry)
+            }
+            (None, None) => SolidView::bounding_space(&self.shapes),
         };
-        let index = |at| space.geometry.to_index(at).ok_or_else(|| self.flat());
-        let at = self.at.map(index).transpose()?;
+        let index = |at| {
+            space
+                .geometry
+                .to_index(at)
+                .ok_or_else(|| self.degenerate_axes_error())
+        };
+        let at = self.crossing_point.map(index).transpose()?;
         // Surfaces, and meshes that do not say where their image lies, have z up.
-        let said = loaded.is_some() || stored.as_ref().is_some_and(|s| s.space.by_file);
-        let up = self.up::<3>()?.or((!said).then_some(Upward {
+        let said = loaded.is_some() || stored.as_ref().is_some_and(|s| s.space.is_stored);
+        let up = self.up_direction::<3>()?.or((!said).then_some(UpDirection {
             coordinate: 2,
-            down: false,
+            points_down: false,
         }));
-        let drawn = Solid {
+        let drawn = SolidView {
             space,
             image: loaded.map(|loaded| &loaded.image),
-            mesh: stored.as_ref().map(Body::of).transpose()?,
+            mesh: stored.as_ref().map(SolidMesh::from_stored).transpose()?,
             paint: stored
                 .as_ref()
                 .map(|s| self.paint(s))
                 .transpose()?
                 .flatten(),
             shapes: self.shapes,
-            up,
-            cut: match self.files.args.cut.unwrap_or(Taken::Corner) {
-                Taken::Corner => Cut::Corner,
-                Taken::X => Cut::Plane(0),
-                Taken::Y => Cut::Plane(1),
-                Taken::Z => Cut::Plane(2),
+            up_direction: up,
+            cut: match self.files.args.cut.unwrap_or(Cutaway::Corner) {
+                Cutaway::Corner => CutMode::Corner,
+                Cutaway::X => CutMode::Plane(0),
+                Cutaway::Y => CutMode::Plane(1),
+                Cutaway::Z => CutMode::Plane(2),
             },
-            at,
+            cut_point: at,
         };
         drawn.draw(&caption)
     }
 
     /// What is drawn over an image of these dims.
-    fn overlay<const D: usize, M: Stored<D>>(
+    fn overlay<const D: usize, M: Storable<D>>(
         self,
         file: Option<MeshFile<M>>,
         geometry: &Geometry<D>,
         dims: [usize; D],
     ) -> Result<Overlay<D>> {
-        let up = self.up::<D>()?;
+        let up = self.up_direction::<D>()?;
         let Some(file) = file else {
             return Ok(Overlay {
                 shapes: self.shapes,
-                up,
+                up_direction: up,
                 ..Overlay::default()
             });
         };
-        let mesh = Skeleton::new(&file, geometry).ok_or_else(|| self.flat())?;
+        let mesh = Skeleton::new(&file, geometry).ok_or_else(|| self.degenerate_axes_error())?;
         let mut painted = None;
         if self.files.args.color.is_some() {
-            let stored = self.stored(file)?;
-            stored.space.check_dims(dims, &self.image_place())?;
+            let stored = self.to_stored(file)?;
+            stored.space.check_dims(dims, &self.image_name())?;
             let paint = self.paint(&stored)?;
-            painted = paint.map(|p| Painted::new(&stored, p)).transpose()?;
+            painted = paint.map(|p| PaintedCells::new(&stored, p)).transpose()?;
         }
         Ok(Overlay {
             mesh,
-            painted,
+            painted_cells: painted,
             shapes: self.shapes,
-            up,
+            up_direction: up,
         })
     }
 
-    fn stored<const D: usize, M: Stored<D>>(&self, file: MeshFile<M>) -> Result<StoredMesh<D, M>> {
-        let place = self.files.mesh.map(shown).unwrap_or_default();
+    fn to_stored<const D: usize, M: Storable<D>>(
+        &self,
+        file: MeshFile<M>,
+    ) -> Result<StoredMesh<D, M>> {
+        let place = self.files.mesh.map(path_text).unwrap_or_default();
         StoredMesh::new(file, &place)
     }
 
-    fn paint<const D: usize, M: Stored<D>>(
+    fn paint<const D: usize, M: Storable<D>>(
         &self,
         stored: &StoredMesh<D, M>,
     ) -> Result<Option<Paint>> {
-        let place = self.files.mesh.map(shown).unwrap_or_default();
+        let place = self.files.mesh.map(path_text).unwrap_or_default();
         let color = self.files.args.color.as_deref();
         color
-            .map(|name| Paint::of(stored, name, &place))
+            .map(|name| Paint::from_array(stored, name, &place))
             .transpose()
     }
 
-    fn up<const D: usize>(&self) -> Result<Option<Upward>> {
+    fn up_direction<const D: usize>(&self) -> Result<Option<UpDirection>> {
         let Some(text) = &self.files.args.up else {
             return Ok(None);
         };
         let (coordinate, positive) = parse::axis::<D>("--up", text)?;
-        Ok(Some(Upward {
+        Ok(Some(UpDirection {
             coordinate,
-            down: !positive,
+            points_down: !positive,
         }))
     }
 
-    fn image_place(&self) -> String {
-        self.files.image.map(shown).unwrap_or_default()
+    fn image_name(&self) -> String {
+        self.files.image.map(path_text).unwrap_or_default()
     }
 
-    fn flat(&self) -> Error {
+    fn degenerate_axes_error(&self) -> Error {
         let problem = "the image's axes are linearly dependent";
         let place = self.files.mesh.or(self.files.image);
-        refuse(
+        slice_error(
             place.unwrap_or(Path::new("slice")),
             problem,
             "correct its geometry",
@@ -437,15 +458,15 @@ impl Drawing<'_> {
     fn caption<const D: usize, M: Mesh<D>>(
         &self,
         file: Option<&MeshFile<M>>,
-        head: Option<&Head<D>>,
+        head: Option<&ImageHeader<D>>,
     ) -> Caption {
         let files = &self.files;
         let above: Vec<&Path> = files.mesh.into_iter().chain(files.shapes.clone()).collect();
-        let rulers = std::array::from_fn(|k| (k < D).then(|| lines(head?, k)).flatten());
+        let rulers = std::array::from_fn(|k| (k < D).then(|| line_ruler(head?, k)).flatten());
         Caption {
             title: title(&above, files.image),
-            subtitle: file.map(cells).unwrap_or_default(),
-            values: String::new(),
+            subtitle: file.map(cells_caption).unwrap_or_default(),
+            value_label: String::new(),
             rulers,
         }
     }

@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
-use super::between::regions_of;
-use super::picks::{GRIDS, Picks, STICKS};
+use super::interpretation::{GRID_EXTENSIONS, InterpretationOptions, STICK_EXTENSIONS};
+use super::region_interfaces::write_region_interfaces;
 use crate::cli::common::depth::mesh_in_depth;
-use crate::cli::common::feature::{detection, job_of};
-use crate::cli::common::output::{check_output, shown};
+use crate::cli::common::feature::{detection, feature_job};
+use crate::cli::common::output::{check_output, path_text};
 use crate::cli::console::Console;
 use crate::cli::parse;
 use crate::error::cause;
@@ -21,10 +21,12 @@ use crate::image::{Geometry, Image};
 use crate::job::Settings;
 use crate::job::asked::VelocityFrom;
 use crate::mesh::Mesh;
-use crate::model::surface::measure::Up;
-use crate::model::surface::stored::{group, horizon_facets};
-use crate::model::surface::{Kind, Measure, Options, Surfaces, measure, select};
-use crate::store::{LatticeSpace, MeshFile, Stored, StoredMesh, labels_of, with_mesh};
+use crate::model::surface::measure::MapAxes;
+use crate::model::surface::stored_surfaces::{group_facets, horizon_facets};
+use crate::model::surface::{
+    Options, SurfaceKind, SurfaceMeasure, Surfaces, facet_selection, measure,
+};
+use crate::store::{LatticeSpace, MeshFile, Storable, StoredMesh, read_labels, with_mesh};
 use crate::{Error, Result, feature};
 
 /// `atomesh surface`.
@@ -42,17 +44,17 @@ pub struct SurfaceArgs {
     pub output: PathBuf,
     /// How surfaces are told apart.
     #[command(flatten)]
-    pub grouping: Grouping,
+    pub grouping: GroupingOptions,
     /// What makes faces one surface
     #[arg(long, value_name = "WHAT", default_value = "bends")]
-    pub by: By,
+    pub by: GroupBy,
     /// Omit surfaces smaller than this, in square samples (length in 2-D); 0 keeps all [default: ten
     /// faces, and 2 % of the largest surface]
     #[arg(long, value_name = "AREA", allow_negative_numbers = true)]
     pub min_area: Option<f64>,
     /// What becomes sticks or a grid.
     #[command(flatten)]
-    pub picks: Picks,
+    pub interpretation: InterpretationOptions,
     /// Show in the table which surfaces meet (--json always says it)
     #[arg(long)]
     pub meets: bool,
@@ -85,7 +87,7 @@ pub struct SurfaceArgs {
 
 /// What makes faces one surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum By {
+pub enum GroupBy {
     /// Faces on features that continue one another: faults, horizons
     Bends,
     /// All faces between the same two regions, and between a region and the sides of the mesh: those of a
@@ -95,9 +97,9 @@ pub enum By {
 
 /// What makes faces one surface, and how its orientation is told.
 #[derive(Debug, Clone, Args)]
-pub struct Grouping {
+pub struct GroupingOptions {
     /// Largest bend from face to face within a surface, in degrees
-    #[arg(long, value_name = "DEGREES", default_value_t = MAX_BEND)]
+    #[arg(long, value_name = "DEGREES", default_value_t = DEFAULT_MAX_BEND)]
     pub max_bend: f64,
     /// Which way is up: x, y, z or -x, -y, -z in physical coordinates [default: z; y in 2-D]
     #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
@@ -105,18 +107,18 @@ pub struct Grouping {
 }
 
 /// The largest bend from face to face within a surface unless it is said, in degrees.
-const MAX_BEND: f64 = 25.0;
+const DEFAULT_MAX_BEND: f64 = 25.0;
 
 /// The endings of the surface formats that are written.
-pub const WRITTEN: [&str; 3] = ["vtp", "obj", "ts"];
+pub const SURFACE_EXTENSIONS: [&str; 3] = ["vtp", "obj", "ts"];
 
 /// How deep valleys are, where faces lie on features, unless it is said.
-const DEPTH: f64 = 0.6;
+const DEFAULT_VALLEY_DEPTH: f64 = 0.6;
 
 /// Faces lie along a feature if their normals differ by less than 35 degrees from its.
-const ALONG: f64 = 0.82;
+const MIN_NORMAL_COSINE: f64 = 0.82;
 
-impl Grouping {
+impl GroupingOptions {
     /// The options, checked, for surfaces of at least `min_area`.
     ///
     /// # Errors
@@ -148,10 +150,10 @@ impl Grouping {
     ///
     /// # Errors
     /// [`Error::Job`] for anything but an axis of space or of the plane, or minus one.
-    pub fn up<const D: usize>(&self) -> Result<(Up<D>, bool)> {
+    pub fn up_direction<const D: usize>(&self) -> Result<(MapAxes<D>, bool)> {
         let typed = self.up.as_deref().unwrap_or(["x", "y", "z"][D - 1]);
         let (axis, positive) = parse::axis::<D>("--up", typed)?;
-        Ok((Up::along(axis, positive), positive))
+        Ok((MapAxes::from_axis(axis, positive), positive))
     }
 }
 
@@ -159,12 +161,12 @@ impl Grouping {
 ///
 /// # Errors
 /// [`Error::Mesh`] if it says nothing, or that none does.
-pub fn marked_facets<const D: usize, M: Stored<D>>(
+pub fn tagged_facets<const D: usize, M: Storable<D>>(
     stored: &StoredMesh<D, M>,
     place: &Path,
 ) -> Result<Vec<[u32; D]>> {
-    let marks = stored.marks();
-    let facets = marks.map(|marks| select::marked(&stored.lattice, &marks));
+    let marks = stored.feature_marks();
+    let facets = marks.map(|marks| facet_selection::marked_facets(&stored.lattice, &marks));
     let refuse =
         |problem: &str, remedy: &str| Err(Error::Mesh(cause(place.display(), problem, remedy)));
     match facets {
@@ -184,7 +186,7 @@ pub fn marked_facets<const D: usize, M: Stored<D>>(
 ///
 /// # Errors
 /// [`Error::Image`] or [`Error::Io`] if it cannot be used.
-pub fn image_of<const D: usize>(
+pub fn read_mesh_image<const D: usize>(
     path: &Path,
     input: &InputOptions,
     space: &LatticeSpace<D>,
@@ -192,7 +194,7 @@ pub fn image_of<const D: usize>(
 ) -> Result<Image<D>> {
     let place = path.display().to_string();
     let read = console.read_image(path, input)?;
-    let image = read.image().ok_or_else(|| {
+    let image = read.into_image().ok_or_else(|| {
         let problem = format!("is not a {D}-D image, but the mesh is {D}-D");
         Error::Image(cause(&place, problem, "give the image that was meshed"))
     })?;
@@ -209,8 +211,8 @@ fn facets_on_image<const D: usize, M: Mesh<D>>(
     distance: Option<f64>,
     console: &mut Console,
 ) -> Result<Vec<[u32; D]>> {
-    let image = image_of(path, &args.input, &stored.space, console)?;
-    let job = job_of(Settings {
+    let image = read_mesh_image(path, &args.input, &stored.space, console)?;
+    let job = feature_job(Settings {
         feature: args.feature,
         sigma: args.sigma,
         threshold: args.threshold,
@@ -221,8 +223,9 @@ fn facets_on_image<const D: usize, M: Mesh<D>>(
     let features = feature::detect(&image, &options)?;
     features.notes.iter().for_each(|note| console.note(note));
     let (b, sigma) = (&features.potential, features.sigma);
-    let depth = args.depth.unwrap_or(DEPTH);
-    let facets = select::in_valleys(&stored.lattice, b, sigma, depth, ALONG);
+    let depth = args.depth.unwrap_or(DEFAULT_VALLEY_DEPTH);
+    let facets =
+        facet_selection::valley_facets(&stored.lattice, b, sigma, depth, MIN_NORMAL_COSINE);
     if facets.is_empty() {
         return Err(Error::Mesh(cause(
             args.mesh.display(),
@@ -234,7 +237,7 @@ fn facets_on_image<const D: usize, M: Mesh<D>>(
 }
 
 /// The least nominal distance between nodes, if the mesh says so.
-fn least_distance<M>(file: &MeshFile<M>) -> Option<f64> {
+fn min_distance<M>(file: &MeshFile<M>) -> Option<f64> {
     let mut arrays = file.point_data.iter().chain(&file.cell_data);
     let array = arrays.find(|a| a.name == "distance")?;
     let distances = array.values.to_f64().into_iter();
@@ -252,16 +255,16 @@ fn mean_spacing<const D: usize, M: Mesh<D>>(mesh: &M) -> f64 {
 pub fn surface(args: &SurfaceArgs, console: &mut Console) -> Result<()> {
     let mut inputs = vec![args.mesh.as_path()];
     inputs.extend(args.image.as_deref());
-    let endings = [&WRITTEN[..], &STICKS, &GRIDS].concat();
+    let endings = [&SURFACE_EXTENSIONS[..], &STICK_EXTENSIONS, &GRID_EXTENSIONS].concat();
     check_output(&args.output, "--output", &endings, &inputs)?;
-    args.picks.refuse_unused(&args.output)?;
-    let depth = args.depth.unwrap_or(DEPTH);
+    args.interpretation.refuse_unused(&args.output)?;
+    let depth = args.depth.unwrap_or(DEFAULT_VALLEY_DEPTH);
     if args.image.is_none() {
         args.input.refuse_unused("no image is given")?;
     }
     if !(depth > 0.0 && depth < 1.0) {
         let remedy = "give a number above 0 and below 1; 0.6 is the default";
-        return Err(parse::bad(
+        return Err(parse::option_error(
             "--depth",
             &depth.to_string(),
             "is out of range",
@@ -269,29 +272,29 @@ pub fn surface(args: &SurfaceArgs, console: &mut Console) -> Result<()> {
         ));
     }
     console.begin_stage("reading");
-    with_mesh!(console.read_mesh(&args.mesh)?, file => surfaces_of(args, file, console))
+    with_mesh!(console.read_mesh(&args.mesh)?, file => extract_surfaces(args, file, console))
 }
 
-fn surfaces_of<const D: usize, M: Stored<D>>(
+fn extract_surfaces<const D: usize, M: Storable<D>>(
     args: &SurfaceArgs,
     file: MeshFile<M>,
     console: &mut Console,
 ) -> Result<()> {
     let options = args.grouping.options(args.min_area)?;
-    let (up, z_up) = args.grouping.up::<D>()?;
-    let distance = least_distance(&file);
-    let labels = labels_of(&file);
+    let (up, z_up) = args.grouping.up_direction::<D>()?;
+    let distance = min_distance(&file);
+    let labels = read_labels(&file);
     let place = args.mesh.display().to_string();
     let mut stored = mesh_in_depth(file, args.velocity.as_ref(), &place, console)?;
-    if args.by == By::Regions {
-        return regions_of(args, &stored, &labels, z_up, console);
+    if args.by == GroupBy::Regions {
+        return write_region_interfaces(args, &stored, &labels, z_up, console);
     }
     // What else the file holds is not needed any more, but for regions that are labels.
     if labels.is_empty() {
         stored.arrays = MeshFile::default();
     }
     let facets = match &args.image {
-        None => marked_facets(&stored, &args.mesh)?,
+        None => tagged_facets(&stored, &args.mesh)?,
         Some(path) => {
             console.begin_stage("finding features");
             facets_on_image(args, path, &stored, distance, console)?
@@ -299,19 +302,19 @@ fn surfaces_of<const D: usize, M: Stored<D>>(
     };
     console.begin_stage("grouping faces");
     let units = &stored.space.geometry.units;
-    let up = up.in_units(units);
-    if !up.dips {
-        let time = stored.space.geometry.time_axis().is_some();
-        console.note(mixed_units(units, &up, time));
+    let up = up.with_units(units);
+    if !up.has_dip {
+        let time = stored.space.geometry.time_coordinate().is_some();
+        console.note(mixed_units_note(units, &up, time));
     }
     let up = (&up, z_up);
-    let to = (args.output.as_path(), &args.picks);
+    let to = (args.output.as_path(), &args.interpretation);
     let (surfaces, measures) = write_groups(to, &stored, facets, &options, up, console)?;
     let mut text = table(&measures, D, args.meets);
-    if surfaces.dropped > 0 {
+    if surfaces.dropped_count > 0 {
         text += &format!(
             "\nleft out: {} small surfaces, {:.0} {} in all, {:.1} % of the area; --min-area 0 keeps them",
-            surfaces.dropped,
+            surfaces.dropped_count,
             surfaces.dropped_area,
             if D == 2 { "samples" } else { "square samples" },
             100.0 * surfaces.dropped_share(stored.lattice.nodes()),
@@ -325,9 +328,9 @@ fn surfaces_of<const D: usize, M: Stored<D>>(
     console.result(
         text,
         &json!({
-            "file": shown(&args.output),
+            "file": path_text(&args.output),
             "surfaces": measures,
-            "dropped": surfaces.dropped,
+            "dropped": surfaces.dropped_count,
             "dropped_area": surfaces.dropped_area,
         }),
     );
@@ -336,21 +339,21 @@ fn surfaces_of<const D: usize, M: Stored<D>>(
 
 /// Groups facets of a mesh into surfaces, measures and writes them; `up` says where up is, and whether z
 /// is.
-fn write_groups<const D: usize, M: Stored<D>>(
-    (path, picks): (&Path, &Picks),
+fn write_groups<const D: usize, M: Storable<D>>(
+    (path, picks): (&Path, &InterpretationOptions),
     stored: &StoredMesh<D, M>,
     facets: Vec<[u32; D]>,
     options: &Options,
-    (up, z_up): (&Up<D>, bool),
+    (up, z_up): (&MapAxes<D>, bool),
     console: &mut Console,
-) -> Result<(Surfaces<D>, Vec<Measure>)> {
-    let mut surfaces = group(stored, facets, options);
+) -> Result<(Surfaces<D>, Vec<SurfaceMeasure>)> {
+    let mut surfaces = group_facets(stored, facets, options);
     let nodes = stored.world.nodes.as_slice();
     surfaces.orient(nodes, up.up);
-    let up = &up.in_samples(&stored.space.geometry);
+    let up = &up.with_geometry(&stored.space.geometry);
     let measures = measure(&surfaces, nodes, up, &horizon_facets(stored));
     let mut file = SurfaceFile::new(nodes, &surfaces.facets, &surfaces.start, "surface");
-    file.names = measures.iter().map(name).collect();
+    file.names = measures.iter().map(surface_name).collect();
     file.cell_data = cell_data(&surfaces, &measures, nodes);
     console.begin_stage("writing");
     let geometry = &stored.space.geometry;
@@ -365,41 +368,41 @@ fn write_groups<const D: usize, M: Stored<D>>(
 ///
 /// # Errors
 /// [`Error::Io`] if the file cannot be written.
-pub(super) fn write_marked<const D: usize, M: Stored<D>>(
+pub(super) fn write_tagged_surfaces<const D: usize, M: Storable<D>>(
     path: &Path,
     stored: &StoredMesh<D, M>,
     console: &mut Console,
 ) -> Result<usize> {
-    let grouping = Grouping {
-        max_bend: MAX_BEND,
+    let grouping = GroupingOptions {
+        max_bend: DEFAULT_MAX_BEND,
         up: None,
     };
-    let (up, z_up) = grouping.up::<D>()?;
-    let up = up.in_units(&stored.space.geometry.units);
-    let marks = stored.marks().unwrap_or_default();
+    let (up, z_up) = grouping.up_direction::<D>()?;
+    let up = up.with_units(&stored.space.geometry.units);
+    let marks = stored.feature_marks().unwrap_or_default();
     let facets = match marks.is_empty() {
         true => Vec::new(),
-        false => select::marked(&stored.lattice, &marks),
+        false => facet_selection::marked_facets(&stored.lattice, &marks),
     };
     let options = grouping.options(None)?;
-    let to = (path, &Picks::default());
+    let to = (path, &InterpretationOptions::default());
     let (surfaces, _) = write_groups(to, stored, facets, &options, (&up, z_up), console)?;
     Ok(surfaces.len())
 }
 
 /// What a surface is called in files.
-fn name(measure: &Measure) -> String {
+fn surface_name(measure: &SurfaceMeasure) -> String {
     let own = measure.name.clone();
     own.unwrap_or_else(|| format!("{}{}", measure.kind.name(), measure.surface))
 }
 
 /// Why dips are not given.
-fn mixed_units<const D: usize>(units: &[String; D], up: &Up<D>, time: bool) -> String {
+fn mixed_units_note<const D: usize>(units: &[String; D], up: &MapAxes<D>, time: bool) -> String {
     let said = |unit: &String| match unit.as_str() {
         "" => "no unit".to_string(),
         unit => unit.to_string(),
     };
-    let lost = if up.strikes {
+    let lost = if up.has_strike {
         "no dip"
     } else {
         "neither dip nor strike"
@@ -426,7 +429,7 @@ pub fn write_file<const D: usize>(
     z_up: bool,
     console: &mut Console,
 ) -> Result<()> {
-    file.units = geometry.in_space().units;
+    file.units = geometry.to_3d().units;
     file.z_up = z_up;
     let ends = |ending: &str| {
         path.extension()
@@ -446,11 +449,11 @@ pub fn write_file<const D: usize>(
 /// What is known of each face and of the surface that it is part of.
 fn cell_data<const D: usize>(
     surfaces: &Surfaces<D>,
-    measures: &[Measure],
+    measures: &[SurfaceMeasure],
     nodes: &[[f64; D]],
 ) -> Vec<DataArray> {
     let labels = surfaces.labels();
-    let of = |value: &dyn Fn(&Measure) -> f64| -> Vec<f32> {
+    let of = |value: &dyn Fn(&SurfaceMeasure) -> f64| -> Vec<f32> {
         labels
             .iter()
             .map(|&s| value(&measures[s as usize]) as f32)
@@ -460,7 +463,7 @@ fn cell_data<const D: usize>(
         let n = unit(normal(&facet.map(|i| nodes[i as usize])));
         [0, 1, 2].map(|k| n.get(k).copied().unwrap_or(0.0) as f32)
     };
-    let horizon = |&s: &u32| u8::from(measures[s as usize].kind == Kind::Horizon);
+    let horizon = |&s: &u32| u8::from(measures[s as usize].kind == SurfaceKind::Horizon);
     vec![
         DataArray {
             name: "normal".into(),
@@ -480,8 +483,8 @@ fn cell_data<const D: usize>(
 }
 
 /// The largest surfaces as lines of text, and if asked for the surfaces that they meet.
-fn table(measures: &[Measure], dimension: usize, meets: bool) -> String {
-    const MOST: usize = 40;
+fn table(measures: &[SurfaceMeasure], dimension: usize, meets: bool) -> String {
+    const MAX_ROWS: usize = 40;
     let [area, rim] = match dimension {
         2 => ["length", "ends"],
         _ => ["area", "rim"],
@@ -507,22 +510,22 @@ fn table(measures: &[Measure], dimension: usize, meets: bool) -> String {
         lines[0] += "  name";
     }
     let angle = |angle: Option<f64>| angle.map_or("-".into(), |angle| format!("{angle:.0}"));
-    for m in measures.iter().take(MOST) {
-        let others = m.meets.iter().filter(|_| meets);
+    for m in measures.iter().take(MAX_ROWS) {
+        let others = m.adjacent_surfaces.iter().filter(|_| meets);
         let others: Vec<String> = others.map(ToString::to_string).collect();
         lines.push(format!(
             "{:>7} {:>7} {:>11.5} {:>6} {:>6} {:>4} {:>9.3} {:>9.5} {:>6} {:>5} {:>9.3}  {}",
             m.surface,
             m.kind.name(),
-            Short(m.area),
+            ShortNumber(m.area),
             m.facets,
             angle(m.strike),
             angle(m.dip),
-            Short(m.off_plane),
-            Short(m.rim),
+            ShortNumber(m.rms_plane_distance),
+            ShortNumber(m.rim),
             m.components,
             m.holes,
-            Short(m.hole_area),
+            ShortNumber(m.hole_area),
             others.join(" ")
         ));
         if let (Some(name), Some(line)) = (&m.name, lines.last_mut()) {
@@ -532,16 +535,19 @@ fn table(measures: &[Measure], dimension: usize, meets: bool) -> String {
     lines
         .iter_mut()
         .for_each(|line| line.truncate(line.trim_end().len()));
-    if measures.len() > MOST {
-        lines.push(format!("... and {} smaller ones", measures.len() - MOST));
+    if measures.len() > MAX_ROWS {
+        lines.push(format!(
+            "... and {} smaller ones",
+            measures.len() - MAX_ROWS
+        ));
     }
     lines.join("\n")
 }
 
 /// A number in about as many digits as the precision asks for.
-pub(super) struct Short(pub f64);
+pub(super) struct ShortNumber(pub f64);
 
-impl std::fmt::Display for Short {
+impl std::fmt::Display for ShortNumber {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let digits = f.precision().unwrap_or(4) as i32;
         let before = self.0.abs().clamp(1e-300, 1e300).log10().floor() as i32 + 1;

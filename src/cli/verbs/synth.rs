@@ -5,11 +5,11 @@ use std::path::PathBuf;
 use clap::Args;
 
 use crate::Result;
-use crate::cli::common::output::{WRITTEN, check_output, written};
+use crate::cli::common::output::{IMAGE_EXTENSIONS, check_output, write_image};
 use crate::cli::console::Console;
 use crate::cli::parse;
 use crate::image::synth;
-use crate::image::synth::Synthetic;
+use crate::image::synth::SyntheticImage;
 
 /// `atomesh synth`.
 #[derive(Debug, Args)]
@@ -45,12 +45,12 @@ pub struct SynthArgs {
 }
 
 fn synth_kind() -> clap::builder::PossibleValuesParser {
-    synth::Kind::ALL.map(|(name, _)| name).into()
+    synth::SyntheticKind::ALL.map(|(name, _)| name).into()
 }
 
 /// Runs the verb.
 pub fn synth(args: &SynthArgs, console: &mut Console) -> Result<()> {
-    check_output(&args.output, "--output", &WRITTEN, &[])?;
+    check_output(&args.output, "--output", &IMAGE_EXTENSIONS, &[])?;
     if let Some(truth) = &args.truth {
         check_output(truth, "--truth", &["npy"], &[&args.output])?;
     }
@@ -71,21 +71,25 @@ pub fn synth(args: &SynthArgs, console: &mut Console) -> Result<()> {
             &["npy"],
             &others.into_iter().flatten().collect::<Vec<_>>(),
         )?;
-        let depth = synth::layers(kind, &options)?;
+        let depth = synth::layer_depths(kind, &options)?;
         match dims.len() {
             2 => console.write_image(layers, depth.flatten())?,
             _ => console.write_image(layers, depth)?,
         }
     }
     match dims.len() {
-        2 => keep(args, synth::make_plane(kind, &options)?, console),
-        _ => keep(args, synth::make(kind, &options)?, console),
+        2 => write_synthetic(args, synth::make_2d(kind, &options)?, console),
+        _ => write_synthetic(args, synth::make(kind, &options)?, console),
     }
 }
 
-fn keep<const D: usize>(args: &SynthArgs, made: Synthetic<D>, console: &mut Console) -> Result<()> {
+fn write_synthetic<const D: usize>(
+    args: &SynthArgs,
+    made: SyntheticImage<D>,
+    console: &mut Console,
+) -> Result<()> {
     if let Some(path) = &args.truth {
         made.truth.write(path)?;
     }
-    written(console, &args.output, made.image)
+    write_image(console, &args.output, made.image)
 }

@@ -6,10 +6,10 @@ use clap::Args;
 use serde::Serialize;
 use serde_json::json;
 
-use crate::cli::common::output::shown;
+use crate::cli::common::output::path_text;
 use crate::cli::console::Console;
 use crate::error::cause;
-use crate::mesh::check::{Known, check_known};
+use crate::mesh::check::{CheckHints, check_with_hints};
 use crate::mesh::delaunay;
 use crate::mesh::{Mesh, Simplices, TetMesh, TriMesh};
 use crate::store::{AnyMesh, StoredMesh};
@@ -31,36 +31,39 @@ pub fn validate(args: &ValidateArgs, console: &mut Console) -> Result<()> {
     console.begin_stage("checking");
     // The second opinions differ by kind: who knows cells of that kind is asked.
     let verdicts = match mesh {
-        AnyMesh::Plane(file) => {
+        AnyMesh::Triangles(file) => {
             let stored = StoredMesh::new(file, &place)?;
-            others_too(by_atomesh(&stored), || {
-                Ok(vec![by_spade(&stored.lattice, stored.space.tolerance())?])
+            with_other_checkers(atomesh_verdict(&stored), || {
+                Ok(vec![spade_verdict(
+                    &stored.lattice,
+                    stored.space.tolerance(),
+                )?])
             })
         }
-        AnyMesh::Space(file) => {
+        AnyMesh::Tetrahedra(file) => {
             let mut stored = StoredMesh::new(file, &place)?;
-            others_too(by_atomesh(&stored), || {
+            with_other_checkers(atomesh_verdict(&stored), || {
                 let tolerance = stored.space.tolerance();
                 let mut verdicts = Vec::new();
                 if cfg!(feature = "tetgen") {
-                    verdicts.push(by_tetgen(&stored.lattice, tolerance)?);
+                    verdicts.push(tetgen_verdict(&stored.lattice, tolerance)?);
                 }
                 if cfg!(feature = "cgal") {
-                    verdicts.push(stored.in_world(|mesh| by_cgal(mesh, tolerance))?);
+                    verdicts.push(stored.with_world_mesh(|mesh| cgal_verdict(mesh, tolerance))?);
                 }
                 Ok(verdicts)
             })
         }
-        AnyMesh::PlaneCells(file) => Ok(vec![by_atomesh(&StoredMesh::new(file, &place)?)]),
-        AnyMesh::SpaceCells(file) => Ok(vec![by_atomesh(&StoredMesh::new(file, &place)?)]),
+        AnyMesh::Polygons(file) => Ok(vec![atomesh_verdict(&StoredMesh::new(file, &place)?)]),
+        AnyMesh::Polyhedra(file) => Ok(vec![atomesh_verdict(&StoredMesh::new(file, &place)?)]),
     }?;
-    let lines: Vec<String> = verdicts.iter().map(Verdict::line).collect();
+    let lines: Vec<String> = verdicts.iter().map(CheckerVerdict::summary_line).collect();
     let failed = verdicts
         .iter()
-        .find_map(|v| Some((v.by, v.problem.clone()?)));
+        .find_map(|v| Some((v.checker, v.problem.clone()?)));
     console.result(
         lines.join("\n"),
-        &json!({ "file": shown(&args.mesh), "valid": failed.is_none(), "checks": verdicts }),
+        &json!({ "file": path_text(&args.mesh), "valid": failed.is_none(), "checks": verdicts }),
     );
     match failed {
         None => Ok(()),
@@ -74,7 +77,10 @@ pub fn validate(args: &ValidateArgs, console: &mut Console) -> Result<()> {
 
 /// What the others say as well. They are not asked about a mesh in which our own checker finds a fault:
 /// TetGen takes the process down with it when nodes make no sense.
-fn others_too(own: Verdict, others: impl FnOnce() -> Result<Vec<Verdict>>) -> Result<Vec<Verdict>> {
+fn with_other_checkers(
+    own: CheckerVerdict,
+    others: impl FnOnce() -> Result<Vec<CheckerVerdict>>,
+) -> Result<Vec<CheckerVerdict>> {
     let mut verdicts = vec![own];
     if verdicts[0].problem.is_none() {
         verdicts.extend(others()?);
@@ -83,26 +89,26 @@ fn others_too(own: Verdict, others: impl FnOnce() -> Result<Vec<Verdict>>) -> Re
 }
 
 /// Our own checker, in lattice space, where the sides are known.
-fn by_atomesh<const D: usize, M: Mesh<D>>(stored: &StoredMesh<D, M>) -> Verdict {
-    let known = Known {
+fn atomesh_verdict<const D: usize, M: Mesh<D>>(stored: &StoredMesh<D, M>) -> CheckerVerdict {
+    let known = CheckHints {
         weld: stored.weld,
-        ..Known::default()
+        ..CheckHints::default()
     };
     let (low, high) = ([0.0; D], stored.space.extent);
-    let found = check_known(&stored.lattice, known, low, high, stored.space.tolerance());
-    let what = match &found.of_cells {
+    let found = check_with_hints(&stored.lattice, known, low, high, stored.space.tolerance());
+    let what = match &found.cell_check {
         None => format!(
             "{} {} of positive {}, conforming, fill the box ({} off by {:.0e}), sides flat, all {} \
              nodes used",
             found.cells,
-            M::CELLS,
-            M::VOLUME,
-            M::VOLUME,
+            M::CELLS_NAME,
+            M::VOLUME_NAME,
+            M::VOLUME_NAME,
             found.volume_error,
             found.nodes
         ),
         Some(of_cells) => {
-            let [faces, space] = match of_cells.in_columns {
+            let [faces, space] = match of_cells.is_columnar {
                 true => [
                     "faces, the vertical ones flat,",
                     "what lies between top and base",
@@ -116,71 +122,71 @@ fn by_atomesh<const D: usize, M: Mesh<D>>(stored: &StoredMesh<D, M>) -> Verdict 
             )
         }
     };
-    Verdict {
-        by: "atomesh",
-        what,
+    CheckerVerdict {
+        checker: "atomesh",
+        criterion: what,
         problem: found.problems.first().cloned(),
     }
 }
 
 /// TetGen cannot read a mesh without changing it, so it is asked for the convex hull of the nodes:
 /// the mesh must fill it.
-fn by_tetgen(mesh: &TetMesh, tolerance: f64) -> Result<Verdict> {
+fn tetgen_verdict(mesh: &TetMesh, tolerance: f64) -> Result<CheckerVerdict> {
     let hull = delaunay::delaunay(&mesh.nodes)?;
-    Ok(by_hull("TetGen", mesh, &hull, tolerance))
+    Ok(hull_verdict("TetGen", mesh, &hull, tolerance))
 }
 
 /// The same in the plane by spade.
-fn by_spade(mesh: &TriMesh, tolerance: f64) -> Result<Verdict> {
+fn spade_verdict(mesh: &TriMesh, tolerance: f64) -> Result<CheckerVerdict> {
     let hull = delaunay::delaunay_plane(&mesh.nodes)?;
-    Ok(by_hull("spade", mesh, &hull, tolerance))
+    Ok(hull_verdict("spade", mesh, &hull, tolerance))
 }
 
 /// Whether a mesh fills the convex hull of its nodes, of which another triangulation is given.
-fn by_hull<const D: usize, M: Simplices<D>>(
+fn hull_verdict<const D: usize, M: Simplices<D>>(
     by: &'static str,
     mesh: &M,
     hull: &M,
     tolerance: f64,
-) -> Verdict {
+) -> CheckerVerdict {
     let volume = |mesh: &M| -> f64 { (0..mesh.len()).map(|c| mesh.volume(c)).sum() };
     let error = (volume(mesh) - volume(hull)).abs() / volume(hull);
-    let name = M::VOLUME;
-    Verdict {
-        by,
-        what: format!("fills the convex hull of its nodes ({name} off by {error:.0e})"),
+    let name = M::VOLUME_NAME;
+    CheckerVerdict {
+        checker: by,
+        criterion: format!("fills the convex hull of its nodes ({name} off by {error:.0e})"),
         problem: (error > tolerance)
             .then(|| format!("its {name} differs from that of its nodes' hull by {error:.1e}")),
     }
 }
 
 /// CGAL's exact predicates, on the coordinates as they are in the file.
-fn by_cgal(mesh: &TetMesh, tolerance: f64) -> Result<Verdict> {
+fn cgal_verdict(mesh: &TetMesh, tolerance: f64) -> Result<CheckerVerdict> {
     let TetMesh { nodes, tets } = mesh;
     let verdict = delaunay::cgal::validate(nodes, tets)?;
-    Ok(Verdict {
-        by: "CGAL",
-        what: "a triangulation of the convex hull of its nodes, by exact predicates".into(),
+    Ok(CheckerVerdict {
+        checker: "CGAL",
+        criterion: "a triangulation of the convex hull of its nodes, by exact predicates".into(),
         problem: verdict.faults(tolerance).into_iter().next(),
     })
 }
 
 /// What one checker says.
 #[derive(Debug, Serialize)]
-struct Verdict {
+struct CheckerVerdict {
     /// Who checked.
-    by: &'static str,
+    checker: &'static str,
     /// What holds if nothing is wrong.
-    what: String,
+    criterion: String,
     /// What is wrong, if anything.
     problem: Option<String>,
 }
 
-impl Verdict {
-    fn line(&self) -> String {
+impl CheckerVerdict {
+    fn summary_line(&self) -> String {
         match &self.problem {
-            None => format!("{:8} passed: {}", self.by, self.what),
-            Some(problem) => format!("{:8} FAILED: {problem}", self.by),
+            None => format!("{:8} passed: {}", self.checker, self.criterion),
+            Some(problem) => format!("{:8} FAILED: {problem}", self.checker),
         }
     }
 }

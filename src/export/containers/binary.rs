@@ -6,55 +6,55 @@ use std::ops::Range;
 
 use crate::parallel::prelude::*;
 
-use crate::files::vtk::Scalar;
+use crate::files::vtk::VtkScalar;
 
 /// Numbers in one task.
-const NUMBERS: usize = 1 << 15;
+const NUMBERS_PER_TASK: usize = 1 << 15;
 /// Tasks whose bytes are in memory at once.
-const TASKS: usize = 16;
+const TASKS_IN_MEMORY: usize = 16;
 
 /// Appends the bytes of a range of an array's numbers.
-type Fill<'a> = Box<dyn Fn(Range<usize>, &mut Vec<u8>) + Sync + 'a>;
+type FillFn<'a> = Box<dyn Fn(Range<usize>, &mut Vec<u8>) + Sync + 'a>;
 
 /// Numbers that are made when they are written.
-pub struct Numbers<'a> {
+pub struct LazyArray<'a> {
     /// VTK's name of their type.
-    pub kind: &'static str,
+    pub vtk_type: &'static str,
     /// How many there are.
     pub len: usize,
-    size: usize,
-    fill: Fill<'a>,
+    element_size: usize,
+    fill: FillFn<'a>,
 }
 
-impl<'a> Numbers<'a> {
+impl<'a> LazyArray<'a> {
     /// `len` numbers, number `i` by `value(i)`.
-    pub fn computed<T: Scalar>(len: usize, value: impl Fn(usize) -> T + Sync + 'a) -> Self {
-        Self::filled::<T>(len, move |range, bytes| {
-            range.for_each(|i| value(i).put(bytes));
+    pub fn from_fn<T: VtkScalar>(len: usize, value: impl Fn(usize) -> T + Sync + 'a) -> Self {
+        Self::from_fill::<T>(len, move |range, bytes| {
+            range.for_each(|i| value(i).append_bytes(bytes));
         })
     }
 
     /// `len` numbers, any range of them by `fill`.
-    pub fn filled<T: Scalar>(
+    pub fn from_fill<T: VtkScalar>(
         len: usize,
         fill: impl Fn(Range<usize>, &mut Vec<u8>) + Sync + 'a,
     ) -> Self {
         Self {
-            kind: T::KIND,
+            vtk_type: T::TYPE_NAME,
             len,
-            size: T::SIZE,
+            element_size: T::SIZE,
             fill: Box::new(fill),
         }
     }
 
     /// Numbers that are in memory.
-    pub fn slice<T: Scalar>(values: &'a [T]) -> Self {
-        Self::computed(values.len(), |i| values[i])
+    pub fn from_slice<T: VtkScalar>(values: &'a [T]) -> Self {
+        Self::from_fn(values.len(), |i| values[i])
     }
 
     /// How many bytes they take.
-    pub fn bytes(&self) -> u64 {
-        (self.len * self.size) as u64
+    pub fn byte_len(&self) -> u64 {
+        (self.len * self.element_size) as u64
     }
 
     /// Writes them, little endian.
@@ -70,18 +70,21 @@ impl<'a> Numbers<'a> {
     /// # Errors
     /// If `out` cannot be written.
     pub fn write_big_endian(&self, out: &mut impl Write) -> io::Result<()> {
-        let turn = |part: &mut [u8]| part.chunks_exact_mut(self.size).for_each(<[u8]>::reverse);
+        let turn = |part: &mut [u8]| {
+            part.chunks_exact_mut(self.element_size)
+                .for_each(<[u8]>::reverse)
+        };
         self.write_parts(out, turn)
     }
 
     fn write_parts(&self, out: &mut impl Write, last: impl Fn(&mut [u8]) + Sync) -> io::Result<()> {
-        let tasks = TASKS.min(self.len.div_ceil(NUMBERS));
+        let tasks = TASKS_IN_MEMORY.min(self.len.div_ceil(NUMBERS_PER_TASK));
         let mut parts: Vec<Vec<u8>> = vec![Vec::new(); tasks];
-        for start in (0..self.len).step_by(TASKS * NUMBERS) {
+        for start in (0..self.len).step_by(TASKS_IN_MEMORY * NUMBERS_PER_TASK) {
             parts.par_iter_mut().enumerate().for_each(|(task, part)| {
                 part.clear();
-                let first = (start + task * NUMBERS).min(self.len);
-                (self.fill)(first..self.len.min(first + NUMBERS), part);
+                let first = (start + task * NUMBERS_PER_TASK).min(self.len);
+                (self.fill)(first..self.len.min(first + NUMBERS_PER_TASK), part);
                 last(part);
             });
             parts.iter().try_for_each(|part| out.write_all(part))?;
@@ -96,11 +99,16 @@ mod tests {
 
     #[test]
     fn numbers_come_in_order() {
-        for len in [0, 1, NUMBERS, TASKS * NUMBERS + 5] {
-            let numbers = Numbers::computed(len, |i| 3 * i as u32);
+        for len in [
+            0,
+            1,
+            NUMBERS_PER_TASK,
+            TASKS_IN_MEMORY * NUMBERS_PER_TASK + 5,
+        ] {
+            let numbers = LazyArray::from_fn(len, |i| 3 * i as u32);
             let mut bytes = Vec::new();
             numbers.write(&mut bytes).unwrap();
-            assert_eq!(bytes.len() as u64, numbers.bytes());
+            assert_eq!(bytes.len() as u64, numbers.byte_len());
             let (numbers, _) = bytes.as_chunks();
             let at = |i: usize| u32::from_le_bytes(numbers[i]);
             assert!((0..len).all(|i| at(i) == 3 * i as u32));

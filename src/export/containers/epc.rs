@@ -9,7 +9,7 @@ use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, ZipWriter};
 
 /// An object of the model.
-pub struct Object {
+pub struct EpcObject {
     /// Its type, without `obj_`.
     pub kind: &'static str,
     /// Its name among all objects that there ever were.
@@ -19,18 +19,18 @@ pub struct Object {
     /// What is in it after the citation.
     pub body: String,
     /// Places of the objects that it refers to.
-    pub refers_to: Vec<usize>,
+    pub references: Vec<usize>,
     /// Whether it has arrays in the HDF5 file.
     pub has_arrays: bool,
 }
 
 /// The object that stands for the HDF5 file.
-pub const PROXY: &str = "EpcExternalPartReference";
-const EML: &str = "http://www.energistics.org/energyml/data/commonv2";
-const RESQML: &str = "http://www.energistics.org/energyml/data/resqmlv2";
-const RELATION: &str = "http://schemas.energistics.org/package/2012/relationships/";
+pub const PROXY_KIND: &str = "EpcExternalPartReference";
+const EML_NAMESPACE: &str = "http://www.energistics.org/energyml/data/commonv2";
+const RESQML_NAMESPACE: &str = "http://www.energistics.org/energyml/data/resqmlv2";
+const RELATIONSHIP_NAMESPACE: &str = "http://schemas.energistics.org/package/2012/relationships/";
 /// The moment that files are said to be made at: the same model is the same bytes.
-const MOMENT: &str = "2000-01-01T00:00:00Z";
+const CREATION_TIME: &str = "2000-01-01T00:00:00Z";
 
 /// A UUID that follows from what is named: the same for the same, as version 5 is.
 pub fn uuid(digest: &Sha256, name: &str) -> String {
@@ -44,9 +44,9 @@ pub fn uuid(digest: &Sha256, name: &str) -> String {
         .to_string()
 }
 
-impl Object {
-    fn space(&self) -> (&'static str, &'static str) {
-        if self.kind == PROXY {
+impl EpcObject {
+    fn namespace(&self) -> (&'static str, &'static str) {
+        if self.kind == PROXY_KIND {
             ("eml", "application/x-eml+xml;version=2.0;type=obj_")
         } else {
             ("resqml2", "application/x-resqml+xml;version=2.0;type=obj_")
@@ -54,10 +54,10 @@ impl Object {
     }
 
     fn content_type(&self) -> String {
-        format!("{}{}", self.space().1, self.kind)
+        format!("{}{}", self.namespace().1, self.kind)
     }
 
-    fn part(&self) -> String {
+    fn part_name(&self) -> String {
         format!("obj_{}_{}.xml", self.kind, self.uuid)
     }
 
@@ -73,13 +73,13 @@ impl Object {
     }
 
     fn xml(&self) -> String {
-        let (space, kind) = (self.space().0, self.kind);
+        let (space, kind) = (self.namespace().0, self.kind);
         format!(
-            "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<{space}:{kind} xmlns:eml=\"{EML}\" \
-             xmlns:resqml2=\"{RESQML}\" xmlns:xsi=\"http://www.w3.org/2001/XMLSchema-instance\" \
+            "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<{space}:{kind} xmlns:eml=\"{EML_NAMESPACE}\" \
+             xmlns:resqml2=\"{RESQML_NAMESPACE}\" xmlns:xsi=\"http://www.w3.org/2001/XMLSchema-instance\" \
              schemaVersion=\"2.0\" uuid=\"{}\" xsi:type=\"{space}:obj_{kind}\">\n\
              <eml:Citation xsi:type=\"eml:Citation\"><eml:Title>{}</eml:Title>\
-             <eml:Originator>atomesh</eml:Originator><eml:Creation>{MOMENT}</eml:Creation>\
+             <eml:Originator>atomesh</eml:Originator><eml:Creation>{CREATION_TIME}</eml:Creation>\
              <eml:Format>atomesh:{}</eml:Format></eml:Citation>\n{}\n</{space}:{kind}>\n",
             self.uuid,
             self.title,
@@ -93,7 +93,11 @@ impl Object {
 ///
 /// # Errors
 /// If `out` cannot be written.
-pub fn write(out: &mut (impl Write + Seek), objects: &[Object], companion: &str) -> io::Result<()> {
+pub fn write(
+    out: &mut (impl Write + Seek),
+    objects: &[EpcObject],
+    companion: &str,
+) -> io::Result<()> {
     let mut types = String::from(
         "<?xml version=\"1.0\" encoding=\"UTF-8\" standalone=\"yes\"?>\n<Types \
          xmlns=\"http://schemas.openxmlformats.org/package/2006/content-types\">\n<Default \
@@ -103,7 +107,7 @@ pub fn write(out: &mut (impl Write + Seek), objects: &[Object], companion: &str)
     );
     let mut parts = Vec::new();
     for (i, object) in objects.iter().enumerate() {
-        let (part, kind) = (object.part(), object.content_type());
+        let (part, kind) = (object.part_name(), object.content_type());
         let _ = writeln!(
             types,
             "<Override PartName=\"/{part}\" ContentType=\"{kind}\"/>"
@@ -112,7 +116,7 @@ pub fn write(out: &mut (impl Write + Seek), objects: &[Object], companion: &str)
         let mut relate = |id: &str, kind: &str, target: &str, mode: &str| {
             let _ = writeln!(
                 relations,
-                "<Relationship Id=\"{id}\" Type=\"{RELATION}{kind}\" Target=\"{target}\"{mode}/>"
+                "<Relationship Id=\"{id}\" Type=\"{RELATIONSHIP_NAMESPACE}{kind}\" Target=\"{target}\"{mode}/>"
             );
         };
         if i == 0 {
@@ -124,10 +128,11 @@ pub fn write(out: &mut (impl Write + Seek), objects: &[Object], companion: &str)
             );
         }
         for (j, other) in objects.iter().enumerate() {
-            let mut to = |kind: &str| relate(&format!("_{}", other.uuid), kind, &other.part(), "");
-            if object.refers_to.contains(&j) {
+            let mut to =
+                |kind: &str| relate(&format!("_{}", other.uuid), kind, &other.part_name(), "");
+            if object.references.contains(&j) {
                 to("destinationObject");
-            } else if other.refers_to.contains(&i) {
+            } else if other.references.contains(&i) {
                 to("sourceObject");
             } else if i == 0 && other.has_arrays {
                 to("externalPartProxyToMl");
@@ -136,7 +141,7 @@ pub fn write(out: &mut (impl Write + Seek), objects: &[Object], companion: &str)
             }
         }
         parts.push((part.clone(), object.xml()));
-        parts.push((format!("_rels/{part}.rels"), relationships(&relations)));
+        parts.push((format!("_rels/{part}.rels"), relationships_xml(&relations)));
     }
     types.push_str("</Types>\n");
     let core = format!(
@@ -144,10 +149,10 @@ pub fn write(out: &mut (impl Write + Seek), objects: &[Object], companion: &str)
          xmlns:cp=\"http://schemas.openxmlformats.org/package/2006/metadata/core-properties\" \
          xmlns:dc=\"http://purl.org/dc/elements/1.1/\" xmlns:dcterms=\"http://purl.org/dc/terms/\" \
          xmlns:xsi=\"http://www.w3.org/2001/XMLSchema-instance\"><dcterms:created \
-         xsi:type=\"dcterms:W3CDTF\">{MOMENT}</dcterms:created><dc:creator>atomesh</dc:creator>\
+         xsi:type=\"dcterms:W3CDTF\">{CREATION_TIME}</dcterms:created><dc:creator>atomesh</dc:creator>\
          <cp:version>1.0</cp:version></cp:coreProperties>\n"
     );
-    let root = relationships(
+    let root = relationships_xml(
         "<Relationship Id=\"CoreProperties\" Type=\"http://schemas.openxmlformats.org/package/2006/\
          relationships/metadata/core-properties\" Target=\"docProps/core.xml\"/>\n",
     );
@@ -157,7 +162,7 @@ pub fn write(out: &mut (impl Write + Seek), objects: &[Object], companion: &str)
     zip(out, &parts)
 }
 
-fn relationships(lines: &str) -> String {
+fn relationships_xml(lines: &str) -> String {
     format!(
         "<?xml version=\"1.0\" encoding=\"UTF-8\" standalone=\"yes\"?>\n<Relationships \
          xmlns=\"http://schemas.openxmlformats.org/package/2006/relationships\">\n{lines}</Relationships>\n"

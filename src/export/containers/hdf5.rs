@@ -6,20 +6,20 @@
 
 use std::io::{self, Write};
 
-use super::binary::Numbers;
+use super::binary::LazyArray;
 
 /// A group or a dataset.
-pub enum Node<'a> {
+pub enum Hdf5Node<'a> {
     /// Named nodes; names have less than 256 bytes.
-    Group(Vec<(String, Node<'a>)>),
+    Group(Vec<(String, Hdf5Node<'a>)>),
     /// The same with attributes.
-    Described(Vec<(String, Attribute)>, Vec<(String, Node<'a>)>),
+    GroupWithAttributes(Vec<(String, Hdf5Attribute)>, Vec<(String, Hdf5Node<'a>)>),
     /// Lengths along all axes, the slowest first, and the numbers.
-    Data(Vec<u64>, Numbers<'a>),
+    Dataset(Vec<u64>, LazyArray<'a>),
 }
 
 /// What is said of a group.
-pub enum Attribute {
+pub enum Hdf5Attribute {
     /// A text in so many bytes, the last of which are 0 if it is shorter.
     Text(String, usize),
     /// Whole numbers.
@@ -27,26 +27,26 @@ pub enum Attribute {
 }
 
 /// Things by name.
-type Named<T> = [(String, T)];
+type NamedList<T> = [(String, T)];
 
-impl Node<'_> {
+impl Hdf5Node<'_> {
     /// The attributes and the nodes of a group.
-    fn group(&self) -> Option<(&Named<Attribute>, &Named<Self>)> {
+    fn as_group(&self) -> Option<(&NamedList<Hdf5Attribute>, &NamedList<Self>)> {
         match self {
             Self::Group(links) => Some((&[], links)),
-            Self::Described(attributes, links) => Some((attributes, links)),
-            Self::Data(..) => None,
+            Self::GroupWithAttributes(attributes, links) => Some((attributes, links)),
+            Self::Dataset(..) => None,
         }
     }
 }
 
-const SUPERBLOCK: u64 = 96;
-const UNDEFINED: [u8; 8] = [0xff; 8];
+const SUPERBLOCK_SIZE: u64 = 96;
+const UNDEFINED_ADDRESS: [u8; 8] = [0xff; 8];
 /// Types of messages in headers.
 const DATASPACE: u16 = 1;
 const LINK_INFO: u16 = 2;
 const DATATYPE: u16 = 3;
-const FILL: u16 = 5;
+const FILL_VALUE: u16 = 5;
 const LINK: u16 = 6;
 const LAYOUT: u16 = 8;
 const GROUP_INFO: u16 = 10;
@@ -59,24 +59,24 @@ type Message = (u16, Vec<u8>);
 ///
 /// # Errors
 /// If `out` cannot be written.
-pub fn write(out: &mut impl Write, root: &Node) -> io::Result<()> {
+pub fn write(out: &mut impl Write, root: &Hdf5Node) -> io::Result<()> {
     // Headers first, then data; so that all addresses are known.
-    let mut headers = SUPERBLOCK;
+    let mut headers = SUPERBLOCK_SIZE;
     count_headers(root, &mut headers);
     let mut data = headers;
-    let (mut bytes, mut next) = (Vec::new(), SUPERBLOCK);
-    lay_out(root, &mut next, &mut data, &mut bytes);
+    let (mut bytes, mut next) = (Vec::new(), SUPERBLOCK_SIZE);
+    append_headers(root, &mut next, &mut data, &mut bytes);
 
     let mut head = b"\x89HDF\r\n\x1a\n".to_vec();
     // Versions; 8 bytes for offsets and for lengths; sizes of trees that are not used.
     head.extend([0, 0, 0, 0, 0, 8, 8, 0, 4, 0, 16, 0, 0, 0, 0, 0]);
     head.extend(0u64.to_le_bytes());
-    head.extend(UNDEFINED);
+    head.extend(UNDEFINED_ADDRESS);
     head.extend(data.to_le_bytes());
-    head.extend(UNDEFINED);
+    head.extend(UNDEFINED_ADDRESS);
     head.extend(0u64.to_le_bytes());
-    head.extend(SUPERBLOCK.to_le_bytes());
-    head.resize(SUPERBLOCK as usize, 0);
+    head.extend(SUPERBLOCK_SIZE.to_le_bytes());
+    head.resize(SUPERBLOCK_SIZE as usize, 0);
     out.write_all(&head)?;
     out.write_all(&bytes)?;
     write_data(root, out)
@@ -91,19 +91,19 @@ fn header_size(messages: &[Message]) -> u64 {
     16 + messages.iter().map(size).sum::<u64>()
 }
 
-fn count_headers(node: &Node, end: &mut u64) {
-    if let Some((attributes, links)) = node.group() {
+fn count_headers(node: &Hdf5Node, end: &mut u64) {
+    if let Some((attributes, links)) = node.as_group() {
         let names = links.iter().map(|(name, _)| (name.as_str(), 0));
-        *end += header_size(&group(attributes, names));
+        *end += header_size(&group_messages(attributes, names));
         links.iter().for_each(|(_, node)| count_headers(node, end));
     }
-    if let Node::Data(dims, numbers) = node {
-        *end += header_size(&dataset(dims, numbers, 0));
+    if let Hdf5Node::Dataset(dims, numbers) = node {
+        *end += header_size(&dataset_messages(dims, numbers, 0));
     }
 }
 
 /// Appends the header of a node and those below it, from `next` on; their data goes to `data`.
-fn lay_out(node: &Node, next: &mut u64, data: &mut u64, bytes: &mut Vec<u8>) {
+fn append_headers(node: &Hdf5Node, next: &mut u64, data: &mut u64, bytes: &mut Vec<u8>) {
     let put = |messages: &[Message], bytes: &mut Vec<u8>| {
         let size = header_size(messages) - 16;
         bytes.extend([1, 0]);
@@ -120,34 +120,34 @@ fn lay_out(node: &Node, next: &mut u64, data: &mut u64, bytes: &mut Vec<u8>) {
             bytes.resize(bytes.len() + size as usize - content.len(), 0);
         }
     };
-    if let Some((attributes, links)) = node.group() {
+    if let Some((attributes, links)) = node.as_group() {
         let names = links.iter().map(|(name, _)| (name.as_str(), 0));
-        *next += header_size(&group(attributes, names));
+        *next += header_size(&group_messages(attributes, names));
         let (mut addresses, mut below) = (Vec::new(), Vec::new());
         for (name, node) in links {
             addresses.push((name.as_str(), *next));
-            lay_out(node, next, data, &mut below);
+            append_headers(node, next, data, &mut below);
         }
-        put(&group(attributes, addresses.into_iter()), bytes);
+        put(&group_messages(attributes, addresses.into_iter()), bytes);
         bytes.extend(below);
     }
-    if let Node::Data(dims, numbers) = node {
-        let messages = dataset(dims, numbers, *data);
+    if let Hdf5Node::Dataset(dims, numbers) = node {
+        let messages = dataset_messages(dims, numbers, *data);
         *next += header_size(&messages);
-        *data += padded(numbers.bytes());
+        *data += padded(numbers.byte_len());
         put(&messages, bytes);
     }
 }
 
-fn write_data(node: &Node, out: &mut impl Write) -> io::Result<()> {
-    if let Some((_, links)) = node.group() {
+fn write_data(node: &Hdf5Node, out: &mut impl Write) -> io::Result<()> {
+    if let Some((_, links)) = node.as_group() {
         links
             .iter()
             .try_for_each(|(_, node)| write_data(node, out))?;
     }
-    if let Node::Data(_, numbers) = node {
+    if let Hdf5Node::Dataset(_, numbers) = node {
         numbers.write(out)?;
-        let bytes = numbers.bytes();
+        let bytes = numbers.byte_len();
         out.write_all(&[0; 8][..(padded(bytes) - bytes) as usize])?;
     }
     Ok(())
@@ -155,8 +155,8 @@ fn write_data(node: &Node, out: &mut impl Write) -> io::Result<()> {
 
 /// The messages of a group with these attributes and links, which are numbered in their order: some readers
 /// ask for them so.
-fn group<'a>(
-    attributes: &[(String, Attribute)],
+fn group_messages<'a>(
+    attributes: &[(String, Hdf5Attribute)],
     links: impl Iterator<Item = (&'a str, u64)>,
 ) -> Vec<Message> {
     // Links are in the header, not in a heap with a tree.
@@ -170,20 +170,26 @@ fn group<'a>(
         count += 1;
         (LINK, link)
     }));
-    let info = [&[0, 1][..], &count.to_le_bytes(), &UNDEFINED, &UNDEFINED].concat();
+    let info = [
+        &[0, 1][..],
+        &count.to_le_bytes(),
+        &UNDEFINED_ADDRESS,
+        &UNDEFINED_ADDRESS,
+    ]
+    .concat();
     messages.insert(0, (LINK_INFO, info));
     messages.extend(
         attributes
             .iter()
-            .map(|(name, value)| (ATTRIBUTE, attribute(name, value))),
+            .map(|(name, value)| (ATTRIBUTE, attribute_message(name, value))),
     );
     messages
 }
 
 /// The content of an attribute's message.
-fn attribute(name: &str, value: &Attribute) -> Vec<u8> {
+fn attribute_message(name: &str, value: &Hdf5Attribute) -> Vec<u8> {
     let (kind, space, bytes) = match value {
-        Attribute::Text(text, size) => {
+        Hdf5Attribute::Text(text, size) => {
             let mut bytes = text.as_bytes().to_vec();
             bytes.resize(*size, 0);
             // Text that ends with a 0, of ASCII.
@@ -191,7 +197,7 @@ fn attribute(name: &str, value: &Attribute) -> Vec<u8> {
             kind.extend((*size as u32).to_le_bytes());
             (kind, vec![1, 0, 0, 0, 0, 0, 0, 0], bytes)
         }
-        Attribute::Ints(values) => {
+        Hdf5Attribute::Ints(values) => {
             let mut space = vec![1, 1, 0, 0, 0, 0, 0, 0];
             space.extend((values.len() as u64).to_le_bytes());
             let bytes = values
@@ -218,17 +224,17 @@ fn attribute(name: &str, value: &Attribute) -> Vec<u8> {
 }
 
 /// The messages of a dataset whose numbers are at an address.
-fn dataset(dims: &[u64], numbers: &Numbers, address: u64) -> Vec<Message> {
+fn dataset_messages(dims: &[u64], numbers: &LazyArray, address: u64) -> Vec<Message> {
     let mut space = vec![1, dims.len() as u8, 0, 0, 0, 0, 0, 0];
     dims.iter().for_each(|n| space.extend(n.to_le_bytes()));
     let mut layout = vec![3, 1];
     layout.extend(address.to_le_bytes());
-    layout.extend(numbers.bytes().to_le_bytes());
+    layout.extend(numbers.byte_len().to_le_bytes());
     vec![
         (DATASPACE, space),
-        (DATATYPE, datatype(numbers.kind)),
+        (DATATYPE, datatype(numbers.vtk_type)),
         // Written with the rest; no value of its own.
-        (FILL, vec![2, 1, 2, 0]),
+        (FILL_VALUE, vec![2, 1, 2, 0]),
         (LAYOUT, layout),
     ]
 }
@@ -266,11 +272,14 @@ mod tests {
     #[test]
     fn data_is_where_headers_say() {
         let numbers = [1.5, -2.0, 3.0];
-        let data = Node::Data(vec![3], Numbers::slice(&numbers));
-        let bytes = Node::Data(vec![5], Numbers::computed(5, |i| i as u8));
-        let inner = Node::Group(vec![("numbers".into(), data)]);
-        let said = vec![("Version".into(), Attribute::Ints(vec![2, 3]))];
-        let root = Node::Described(said, vec![("inner".into(), inner), ("bytes".into(), bytes)]);
+        let data = Hdf5Node::Dataset(vec![3], LazyArray::from_slice(&numbers));
+        let bytes = Hdf5Node::Dataset(vec![5], LazyArray::from_fn(5, |i| i as u8));
+        let inner = Hdf5Node::Group(vec![("numbers".into(), data)]);
+        let said = vec![("Version".into(), Hdf5Attribute::Ints(vec![2, 3]))];
+        let root = Hdf5Node::GroupWithAttributes(
+            said,
+            vec![("inner".into(), inner), ("bytes".into(), bytes)],
+        );
         let mut file = Vec::new();
         write(&mut file, &root).unwrap();
         // End of file, and the data at the end.

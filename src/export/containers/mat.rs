@@ -7,26 +7,26 @@
 use std::io::{self, Write};
 use std::path::Path;
 
-use super::binary::Numbers;
+use super::binary::LazyArray;
 use crate::error::cause;
 use crate::{Error, Result};
 
 /// A value of a variable or a field.
-pub enum Value<'a> {
+pub enum MatValue<'a> {
     /// A matrix: number of rows and of columns, and its numbers column by column.
-    Matrix(usize, usize, Numbers<'a>),
+    Matrix(usize, usize, LazyArray<'a>),
     /// A row of characters (ASCII).
     Text(&'a str),
     /// A row of values.
-    Cells(Vec<Value<'a>>),
+    CellArray(Vec<MatValue<'a>>),
     /// Named values; names have at most 31 letters.
-    Struct(Fields<'a>),
+    Struct(MatFields<'a>),
     /// A column of such, all with the same names.
-    Structs(Vec<Fields<'a>>),
+    StructArray(Vec<MatFields<'a>>),
 }
 
 /// Named values.
-pub type Fields<'a> = Vec<(&'a str, Value<'a>)>;
+pub type MatFields<'a> = Vec<(&'a str, MatValue<'a>)>;
 
 /// Types of the elements of a file.
 const INT8: u32 = 1;
@@ -35,25 +35,25 @@ const INT32: u32 = 5;
 const UINT32: u32 = 6;
 const MATRIX: u32 = 14;
 /// Bytes for the name of a field.
-const NAME: usize = 32;
+const FIELD_NAME_BYTES: usize = 32;
 /// No variable may have more bytes.
-const MOST: u64 = (1 << 31) - 1;
+const MAX_VARIABLE_BYTES: u64 = (1 << 31) - 1;
 
-impl<'a> Value<'a> {
+impl<'a> MatValue<'a> {
     /// A column of numbers.
-    pub fn column(numbers: Numbers<'a>) -> Self {
+    pub fn column(numbers: LazyArray<'a>) -> Self {
         Self::Matrix(numbers.len, 1, numbers)
     }
 
     /// One number.
-    pub fn number(value: f64) -> Self {
-        Self::column(Numbers::computed(1, move |_| value))
+    pub fn scalar(value: f64) -> Self {
+        Self::column(LazyArray::from_fn(1, move |_| value))
     }
 
-    fn class(&self) -> u32 {
+    fn array_class(&self) -> u32 {
         match self {
-            Self::Cells(_) => 1,
-            Self::Struct(_) | Self::Structs(_) => 2,
+            Self::CellArray(_) => 1,
+            Self::Struct(_) | Self::StructArray(_) => 2,
             Self::Text(_) => 4,
             Self::Matrix(..) => 6,
         }
@@ -63,65 +63,68 @@ impl<'a> Value<'a> {
         match self {
             Self::Matrix(rows, columns, _) => [*rows, *columns],
             Self::Text(text) => [1, text.len()],
-            Self::Cells(values) => [1, values.len()],
+            Self::CellArray(values) => [1, values.len()],
             Self::Struct(_) => [1, 1],
-            Self::Structs(all) => [all.len(), 1],
+            Self::StructArray(all) => [all.len(), 1],
         }
     }
 
     /// Bytes of the element without its tag.
-    fn size(&self, name: &str) -> u64 {
+    fn content_size(&self, name: &str) -> u64 {
         let head = 16 + 16 + 8 + padded(name.len() as u64);
         head + match self {
-            Self::Matrix(_, _, numbers) => 8 + padded(numbers.bytes()),
+            Self::Matrix(_, _, numbers) => 8 + padded(numbers.byte_len()),
             Self::Text(text) => 8 + padded(2 * text.len() as u64),
-            Self::Cells(values) => values.iter().map(|value| 8 + value.size("")).sum(),
-            Self::Struct(fields) => size_of(std::slice::from_ref(fields)),
-            Self::Structs(all) => size_of(all),
+            Self::CellArray(values) => values.iter().map(|value| 8 + value.content_size("")).sum(),
+            Self::Struct(fields) => structs_size(std::slice::from_ref(fields)),
+            Self::StructArray(all) => structs_size(all),
         }
     }
 
     fn write(&self, name: &str, out: &mut impl Write) -> io::Result<()> {
-        tag(out, MATRIX, self.size(name))?;
+        tag(out, MATRIX, self.content_size(name))?;
         element(
             out,
             UINT32,
-            &[self.class(), 0].map(u32::to_le_bytes).concat(),
+            &[self.array_class(), 0].map(u32::to_le_bytes).concat(),
         )?;
         let dims = self.dims().map(|n| (n as u32).to_le_bytes());
         element(out, INT32, &dims.concat())?;
         element(out, INT8, name.as_bytes())?;
         match self {
             Self::Matrix(_, _, numbers) => {
-                tag(out, stored_as(numbers.kind), numbers.bytes())?;
+                tag(out, type_number(numbers.vtk_type), numbers.byte_len())?;
                 numbers.write(out)?;
-                pad(out, numbers.bytes())
+                pad(out, numbers.byte_len())
             }
             Self::Text(text) => {
                 let letters: Vec<u8> = text.bytes().flat_map(|b| [b, 0]).collect();
                 element(out, UINT16, &letters)
             }
-            Self::Cells(values) => values.iter().try_for_each(|value| value.write("", out)),
+            Self::CellArray(values) => values.iter().try_for_each(|value| value.write("", out)),
             Self::Struct(fields) => write_structs(std::slice::from_ref(fields), out),
-            Self::Structs(all) => write_structs(all, out),
+            Self::StructArray(all) => write_structs(all, out),
         }
     }
 }
 
 /// Bytes of structures' names and values.
-fn size_of(all: &[Fields<'_>]) -> u64 {
-    let names = 8 + padded((NAME * all.first().map_or(0, Vec::len)) as u64);
-    let values = all.iter().flatten().map(|(_, value)| 8 + value.size(""));
+fn structs_size(all: &[MatFields<'_>]) -> u64 {
+    let names = 8 + padded((FIELD_NAME_BYTES * all.first().map_or(0, Vec::len)) as u64);
+    let values = all
+        .iter()
+        .flatten()
+        .map(|(_, value)| 8 + value.content_size(""));
     8 + names + values.sum::<u64>()
 }
 
-fn write_structs(all: &[Fields<'_>], out: &mut impl Write) -> io::Result<()> {
+fn write_structs(all: &[MatFields<'_>], out: &mut impl Write) -> io::Result<()> {
     // Packed with its tag, as readers (Octave) ask for it here.
     out.write_all(&(INT32 | 4 << 16).to_le_bytes())?;
-    out.write_all(&(NAME as u32).to_le_bytes())?;
+    out.write_all(&(FIELD_NAME_BYTES as u32).to_le_bytes())?;
     let fields = all.first().map_or(&[][..], Vec::as_slice);
-    let mut names = vec![0; NAME * fields.len()];
-    for (room, (name, _)) in names.chunks_mut(NAME).zip(fields) {
+    let mut names = vec![0; FIELD_NAME_BYTES * fields.len()];
+    for (room, (name, _)) in names.chunks_mut(FIELD_NAME_BYTES).zip(fields) {
         room[..name.len()].copy_from_slice(name.as_bytes());
     }
     element(out, INT8, &names)?;
@@ -149,7 +152,7 @@ fn element(out: &mut impl Write, kind: u32, bytes: &[u8]) -> io::Result<()> {
 }
 
 /// The number of a type that VTK calls `kind`.
-fn stored_as(kind: &str) -> u32 {
+fn type_number(kind: &str) -> u32 {
     match kind {
         "Int8" => INT8,
         "UInt8" => 2,
@@ -165,9 +168,9 @@ fn stored_as(kind: &str) -> u32 {
 }
 
 /// Whether a name can be one of a field or variable.
-pub fn is_name(name: &str) -> bool {
+pub fn is_valid_name(name: &str) -> bool {
     let plain = |c: char| c.is_ascii_alphanumeric() || c == '_';
-    name.len() < NAME
+    name.len() < FIELD_NAME_BYTES
         && name.starts_with(|c: char| c.is_ascii_alphabetic())
         && name.chars().all(plain)
 }
@@ -176,12 +179,12 @@ pub fn is_name(name: &str) -> bool {
 ///
 /// # Errors
 /// [`Error::Export`] for one of 2 GiB or more, which the format does not hold.
-pub fn check(path: &Path, variables: &[(&str, Value)]) -> Result<()> {
-    let large = |(name, value): &&(&str, Value)| value.size(name) > MOST;
+pub fn check(path: &Path, variables: &[(&str, MatValue)]) -> Result<()> {
+    let large = |(name, value): &&(&str, MatValue)| value.content_size(name) > MAX_VARIABLE_BYTES;
     let Some((name, value)) = variables.iter().find(large) else {
         return Ok(());
     };
-    let size = value.size(name) as f64 / f64::from(1 << 30);
+    let size = value.content_size(name) as f64 / f64::from(1 << 30);
     Err(Error::Export(cause(
         path.display(),
         format!("would have a variable {name} of {size:.1} GiB, and MAT-files hold less than 2"),
@@ -193,7 +196,7 @@ pub fn check(path: &Path, variables: &[(&str, Value)]) -> Result<()> {
 ///
 /// # Errors
 /// If `out` cannot be written.
-pub fn write(out: &mut impl Write, variables: &[(&str, Value)]) -> io::Result<()> {
+pub fn write(out: &mut impl Write, variables: &[(&str, MatValue)]) -> io::Result<()> {
     let mut head = [b' '; 128];
     let text = format!("MATLAB 5.0 MAT-file, atomesh {}", env!("CARGO_PKG_VERSION"));
     head[..text.len()].copy_from_slice(text.as_bytes());
@@ -213,31 +216,34 @@ mod tests {
     fn sizes_are_those_of_what_is_written() {
         let numbers = [1.0, 2.5, -3.0];
         let fields = vec![
-            ("a", Value::column(Numbers::slice(&numbers))),
+            ("a", MatValue::column(LazyArray::from_slice(&numbers))),
             (
                 "bytes",
-                Value::Matrix(1, 5, Numbers::computed(5, |i| i as u8)),
+                MatValue::Matrix(1, 5, LazyArray::from_fn(5, |i| i as u8)),
             ),
-            ("none", Value::Matrix(0, 3, Numbers::slice::<f64>(&[]))),
+            (
+                "none",
+                MatValue::Matrix(0, 3, LazyArray::from_slice::<f64>(&[])),
+            ),
             (
                 "kind",
-                Value::Cells(vec![Value::Text("odd"), Value::number(7.0)]),
+                MatValue::CellArray(vec![MatValue::Text("odd"), MatValue::scalar(7.0)]),
             ),
             (
                 "all",
-                Value::Structs(vec![
-                    vec![("name", Value::Text("one"))],
-                    vec![("name", Value::Text("another"))],
+                MatValue::StructArray(vec![
+                    vec![("name", MatValue::Text("one"))],
+                    vec![("name", MatValue::Text("another"))],
                 ]),
             ),
         ];
-        let value = Value::Struct(fields);
+        let value = MatValue::Struct(fields);
         let mut bytes = Vec::new();
         value.write("G", &mut bytes).unwrap();
-        assert_eq!(bytes.len() as u64, 8 + value.size("G"));
+        assert_eq!(bytes.len() as u64, 8 + value.content_size("G"));
         assert!(bytes.len().is_multiple_of(8));
         check(Path::new("a.mat"), &[("G", value)]).unwrap();
-        let large = Value::column(Numbers::computed(1 << 28, |_| 0.0));
+        let large = MatValue::column(LazyArray::from_fn(1 << 28, |_| 0.0));
         let error = check(Path::new("a.mat"), &[("T", large)]).unwrap_err();
         assert!(
             error.to_string().contains("variable T of 2.0 GiB"),
@@ -247,7 +253,12 @@ mod tests {
 
     #[test]
     fn names_are_matlabs() {
-        assert!(is_name("sw_2") && !is_name("2_sw") && !is_name("") && !is_name("a-b"));
-        assert!(!is_name(&"a".repeat(NAME)));
+        assert!(
+            is_valid_name("sw_2")
+                && !is_valid_name("2_sw")
+                && !is_valid_name("")
+                && !is_valid_name("a-b")
+        );
+        assert!(!is_valid_name(&"a".repeat(FIELD_NAME_BYTES)));
     }
 }

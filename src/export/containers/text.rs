@@ -7,17 +7,17 @@ use std::ops::Range;
 use crate::parallel::prelude::*;
 
 /// Lines in one task.
-const LINES: usize = 4096;
+const LINES_PER_TASK: usize = 4096;
 /// Tasks whose text is in memory at once.
-const TASKS: usize = 32;
+const TASKS_IN_MEMORY: usize = 32;
 
 /// Text that is being put together.
 #[derive(Debug, Default)]
-pub struct Text {
+pub struct TextBuilder {
     bytes: Vec<u8>,
 }
 
-impl Text {
+impl TextBuilder {
     /// Adds words as they are.
     #[inline]
     pub fn word(&mut self, word: &str) -> &mut Self {
@@ -39,7 +39,7 @@ impl Text {
 
     /// Adds a number in at most `width` characters (12 or more): as [`real`](Self::real) does if that
     /// fits, else with as many digits as do.
-    pub fn real_within(&mut self, number: f64, width: usize) -> &mut Self {
+    pub fn real_in_width(&mut self, number: f64, width: usize) -> &mut Self {
         let start = self.bytes.len();
         self.real(number);
         for decimals in (0..width).rev() {
@@ -55,13 +55,13 @@ impl Text {
 
     /// Adds a number, a space before it.
     #[inline]
-    pub fn and_int(&mut self, number: impl itoa::Integer) -> &mut Self {
+    pub fn spaced_int(&mut self, number: impl itoa::Integer) -> &mut Self {
         self.word(" ").int(number)
     }
 
     /// Adds a number as [`real`](Self::real) does, a space before it.
     #[inline]
-    pub fn and_real(&mut self, number: f64) -> &mut Self {
+    pub fn spaced_real(&mut self, number: f64) -> &mut Self {
         self.word(" ").real(number)
     }
 
@@ -69,14 +69,14 @@ impl Text {
     #[inline]
     pub fn point(&mut self, point: [f64; 3]) -> &mut Self {
         point.iter().for_each(|&x| {
-            self.and_real(x);
+            self.spaced_real(x);
         });
         self
     }
 
     /// Ends the line.
     #[inline]
-    pub fn end(&mut self) {
+    pub fn end_line(&mut self) {
         self.bytes.push(b'\n');
     }
 }
@@ -88,7 +88,7 @@ impl Text {
 pub fn write_items(
     out: &mut impl Write,
     count: usize,
-    put: impl Fn(&mut Text, usize) + Sync,
+    put: impl Fn(&mut TextBuilder, usize) + Sync,
 ) -> io::Result<()> {
     write_ranges(out, count, &|text, items| {
         items.for_each(|item| put(text, item))
@@ -99,19 +99,22 @@ pub fn write_items(
 fn write_ranges(
     out: &mut dyn Write,
     count: usize,
-    put: &(dyn Fn(&mut Text, Range<usize>) + Sync),
+    put: &(dyn Fn(&mut TextBuilder, Range<usize>) + Sync),
 ) -> io::Result<()> {
-    let mut texts: Vec<Text> = Vec::new();
-    texts.resize_with(TASKS.min(count.div_ceil(LINES)), Text::default);
+    let mut texts: Vec<TextBuilder> = Vec::new();
+    texts.resize_with(
+        TASKS_IN_MEMORY.min(count.div_ceil(LINES_PER_TASK)),
+        TextBuilder::default,
+    );
     let mut start = 0;
     while start < count {
         texts.par_iter_mut().enumerate().for_each(|(task, text)| {
             text.bytes.clear();
-            let first = start + task * LINES;
-            put(text, first..count.min(first + LINES));
+            let first = start + task * LINES_PER_TASK;
+            put(text, first..count.min(first + LINES_PER_TASK));
         });
         texts.iter().try_for_each(|t| out.write_all(&t.bytes))?;
-        start += TASKS * LINES;
+        start += TASKS_IN_MEMORY * LINES_PER_TASK;
     }
     Ok(())
 }
@@ -125,11 +128,11 @@ pub fn write_numbers(
     count: usize,
     value: impl Fn(usize) -> f64 + Sync,
 ) -> io::Result<()> {
-    const IN_LINE: usize = 5;
+    const NUMBERS_PER_LINE: usize = 5;
     write_items(out, count, |text, i| {
-        text.and_real(value(i));
-        if i % IN_LINE == IN_LINE - 1 || i + 1 == count {
-            text.end();
+        text.spaced_real(value(i));
+        if i % NUMBERS_PER_LINE == NUMBERS_PER_LINE - 1 || i + 1 == count {
+            text.end_line();
         }
     })
 }
@@ -148,8 +151,8 @@ mod tests {
             612_345.678,
             -1.234_567_890_123_456_7e300,
         ] {
-            let mut text = Text::default();
-            text.real_within(number, 20);
+            let mut text = TextBuilder::default();
+            text.real_in_width(number, 20);
             let text = String::from_utf8(text.bytes).unwrap();
             let read: f64 = text.parse().unwrap();
             assert!(text.len() <= 20, "{text}");
@@ -159,11 +162,11 @@ mod tests {
 
     #[test]
     fn items_come_in_order_and_numbers_come_back() {
-        let count = TASKS * LINES + 5;
+        let count = TASKS_IN_MEMORY * LINES_PER_TASK + 5;
         let value = |i: usize| (i as f64 - 1e4) / 3.0 * 1e-7;
         let mut bytes = Vec::new();
         write_items(&mut bytes, count, |text, i| {
-            text.int(i).and_real(value(i)).end();
+            text.int(i).spaced_real(value(i)).end_line();
         })
         .unwrap();
         let text = String::from_utf8(bytes).unwrap();

@@ -10,31 +10,33 @@ use std::path::{Path, PathBuf};
 
 use crate::parallel::prelude::*;
 
-use super::corners::Corners;
-use super::faults::Resistances;
-use super::layers::{Layers, lines_of};
+use super::cell_walk::CellWalker;
+use super::faults::FaultResistances;
+use super::grid::CornerPointGrid;
+use super::layers::{GridLayers, column_lines};
 use super::pillars::{Outline, Pillars};
-use super::walk::Walk;
 use super::wells;
-use crate::export::containers::text::{Text, write_items, write_numbers};
-use crate::export::meshers::groups::shift_of_regions;
-use crate::export::simulators::deck::{self, Done, Opening, Out, WATER_LEFT};
+use crate::export::containers::text::{TextBuilder, write_items, write_numbers};
+use crate::export::meshers::groups::region_shift;
+use crate::export::simulators::deck::{
+    self, CONNATE_WATER_SATURATION, FileWriter, WellConnection, WriteResult,
+};
 use crate::files::Batch;
 use crate::model::reservoir::{BAR, Fluid, MILLIDARCY, Model};
 use crate::{Result, memory};
 
 /// Lines through a column along i and j, on which cells are averaged.
-const LINES: usize = 3;
-const NEEDS: &str = "a corner-point grid";
+const LINES_PER_AXIS: usize = 3;
+const ERROR_PLACE: &str = "a corner-point grid";
 /// The end of the first line of a deck with a corner-point grid.
-const CORNER_POINT_DECK: &str = "a corner-point grid";
+const DECK_TITLE_SUFFIX: &str = "a corner-point grid";
 
 /// Whether a file is a deck with a corner-point grid that was written here.
 pub fn is_corner_point_deck(path: &Path) -> bool {
     let file = std::fs::File::open(path).map(std::io::BufReader::new);
     let mut first = String::new();
     let line = file.and_then(|file| file.take(200).read_line(&mut first));
-    line.is_ok() && first.trim_end().ends_with(CORNER_POINT_DECK)
+    line.is_ok() && first.trim_end().ends_with(DECK_TITLE_SUFFIX)
 }
 
 /// The deck beside a corner-point grid: `NAME.DATA`, but `NAME-grid.DATA` if there is a file of that name
@@ -50,10 +52,10 @@ pub fn deck_path(path: &Path) -> PathBuf {
 
 /// What a cell of the grid holds.
 #[derive(Clone, Default)]
-struct Sum {
+struct CellSum {
     /// How much of it there is, and how much of that is active.
     weight: f64,
-    active: f64,
+    active_weight: f64,
     porosity: f64,
     /// Logarithms of the permeability along i, j and z.
     permeability: [f64; 3],
@@ -67,27 +69,27 @@ struct Sum {
 /// [`Error::Io`](crate::Error::Io) if a file cannot be written.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let graph = &model.graph;
-    let outline = Outline::new(graph, &model.mesh.nodes, NEEDS)?;
-    let [n, m, layers] = model.grid.unwrap_or_else(|| usual(model, &outline));
+    let outline = Outline::new(graph, &model.mesh.nodes, ERROR_PLACE)?;
+    let [n, m, layers] = model.grid.unwrap_or_else(|| default_dims(model, &outline));
     let cells = [n, m, layers].iter().map(|&n| n as f64).product::<f64>();
     let what = format!("a grid of {cells} cells");
-    memory::afford("grid", 250.0 * cells, what, "ask for fewer cells")?;
+    memory::ensure_available("grid", 250.0 * cells, what, "ask for fewer cells")?;
     let pillars = Pillars::new(&outline, [n, m], graph);
-    let walk = Walk::new(&model.mesh, graph);
-    let layers = Layers::new(model, &walk, &pillars, layers);
-    let columns: Vec<Vec<Sum>> = (0..m)
+    let walk = CellWalker::new(&model.mesh, graph);
+    let layers = GridLayers::new(model, &walk, &pillars, layers);
+    let columns: Vec<Vec<CellSum>> = (0..m)
         .into_par_iter()
         .flat_map_iter(|j| {
             let mut from = 0;
-            let sums = |i| sums(model, &walk, &pillars, &layers, j * n + i, &mut from);
+            let sums = |i| column_sums(model, &walk, &pillars, &layers, j * n + i, &mut from);
             (0..n).map(sums).collect::<Vec<_>>()
         })
         .collect();
-    let grid = Corners {
+    let grid = CornerPointGrid {
         pillars: &pillars,
         layers: &layers,
     };
-    let resistances = Resistances::new(model, &walk, &grid);
+    let resistances = FaultResistances::new(model, &walk, &grid);
     let cells = n * m * layers.count;
     let cell = |at: usize| &columns[at % (n * m)][at / (n * m)];
     let mean = |at: usize, sum: f64| match cell(at).weight {
@@ -101,7 +103,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         } else {
             "upright"
         };
-        let how = if layers.by_region {
+        let how = if layers.follows_regions {
             "between regions"
         } else {
             "of equal thickness"
@@ -118,7 +120,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             for (end, z) in pillars.ends[p].iter().zip(pillars.z) {
                 text.point([end[0], end[1], -z]);
             }
-            text.end();
+            text.end_line();
         })?;
         writeln!(out, "/\n\nZCORN")?;
         // Layer after layer its top and its bottom; of each, row after row of corners.
@@ -128,12 +130,12 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             let k = level.div_ceil(2);
             for i in 0..2 * n {
                 let corner = i % 2 + 2 * (row % 2);
-                text.and_real(-layers.corner(row / 2 * n + i / 2, corner)[k]);
+                text.spaced_real(-layers.corner_depths(row / 2 * n + i / 2, corner)[k]);
             }
-            text.end();
+            text.end_line();
         })?;
         writeln!(out, "/\n\nACTNUM")?;
-        whole_numbers(out, cells, |at| i64::from(cell(at).active > 0.0))?;
+        write_ints(out, cells, |at| i64::from(cell(at).active_weight > 0.0))?;
         if model.porosity.is_some() {
             writeln!(out, "PORO")?;
             write_numbers(out, cells, |at| mean(at, cell(at).porosity))?;
@@ -154,10 +156,10 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let ending = path.extension().unwrap_or_default().to_string_lossy();
     let regions = path.with_file_name(format!("{stem}-regions.{ending}"));
-    let shift = shift_of_regions(model);
+    let shift = region_shift(model);
     batch.write(&regions, |out| {
         writeln!(out, "FIPNUM")?;
-        whole_numbers(out, cells, |at| {
+        write_ints(out, cells, |at| {
             // The region with most of the cell.
             let regions = cell(at).regions.iter();
             let most = regions.max_by(|a, b| a.1.total_cmp(&b.1));
@@ -172,17 +174,17 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         return Ok(());
     };
     deck::check(model, porosity)?;
-    let rock = |at: [usize; 3]| cell(grid.at(at)).mean_permeability();
-    let open: Vec<Vec<Opening>> = (model.case.wells.iter())
-        .map(|well| wells::openings(well, &grid, rock))
+    let rock = |at: [usize; 3]| cell(grid.cell_index(at)).mean_permeability();
+    let open: Vec<Vec<WellConnection>> = (model.case.wells.iter())
+        .map(|well| wells::well_connections(well, &grid, rock))
         .collect::<Result<_>>()?;
     let [name, regions, edits] =
         [path, &regions, &edits].map(|p| p.file_name().unwrap_or_default());
-    let top = model.top();
+    let top = model.top_depth();
     batch.write(&deck_path(path), |out| {
-        let says = CORNER_POINT_DECK;
-        deck::head(out, &model.case, says, grid.dims(), &open)?;
-        let include = |out: Out, name: &std::ffi::OsStr| {
+        let says = DECK_TITLE_SUFFIX;
+        deck::write_runspec(out, &model.case, says, grid.dims(), &open)?;
+        let include = |out: FileWriter, name: &std::ffi::OsStr| {
             writeln!(out, "INCLUDE\n '{}' /\n", name.to_string_lossy())
         };
         writeln!(out, "GRID\nINIT\nGRIDFILE\n 0 1 /\n")?;
@@ -191,35 +193,35 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             writeln!(out, "EDIT\n")?;
             include(out, edits)?;
         }
-        deck::properties(out, &model.case)?;
+        deck::write_props(out, &model.case)?;
         writeln!(out, "REGIONS\n")?;
         include(out, regions)?;
         writeln!(out, "SOLUTION\n")?;
-        deck::array(out, "PRESSURE", cells, |at| {
+        deck::write_array(out, "PRESSURE", cells, |at| {
             let middle = grid.point([at % n, at / n % m, at / (n * m)], [0.5; 3]);
             model.initial_pressure(-middle[2], top) / BAR
         })?;
         if model.case.fluid == Fluid::OilWater {
-            writeln!(out, "SWAT\n {cells}*{WATER_LEFT} /")?;
+            writeln!(out, "SWAT\n {cells}*{CONNATE_WATER_SATURATION} /")?;
         }
-        deck::schedule(out, &model.case, &open)
+        deck::write_schedule(out, &model.case, &open)
     })
 }
 
 /// Whole numbers, many a line, and the slash at their end.
-fn whole_numbers(out: Out, count: usize, value: impl Fn(usize) -> i64 + Sync) -> Done {
-    const IN_LINE: usize = 30;
-    write_items(out, count, |text: &mut Text, i| {
-        text.and_int(value(i));
-        if i % IN_LINE == IN_LINE - 1 || i + 1 == count {
-            text.end();
+fn write_ints(out: FileWriter, count: usize, value: impl Fn(usize) -> i64 + Sync) -> WriteResult {
+    const NUMBERS_PER_LINE: usize = 30;
+    write_items(out, count, |text: &mut TextBuilder, i| {
+        text.spaced_int(value(i));
+        if i % NUMBERS_PER_LINE == NUMBERS_PER_LINE - 1 || i + 1 == count {
+            text.end_line();
         }
     })?;
     writeln!(out, "/\n")
 }
 
 /// As many cells as the mesh has, shaped as those are on average.
-fn usual(model: &Model, outline: &Outline) -> [usize; 3] {
+fn default_dims(model: &Model, outline: &Outline) -> [usize; 3] {
     let lengths = outline.lengths();
     let axes = [0, 1].map(|k| outline.edges[k].map(|e| e / lengths[k]));
     let along = |p: [f64; 3]| {
@@ -252,31 +254,31 @@ fn usual(model: &Model, outline: &Outline) -> [usize; 3] {
 }
 
 /// What is in the cells of a column.
-fn sums(
+fn column_sums(
     model: &Model,
-    walk: &Walk,
+    walk: &CellWalker,
     pillars: &Pillars,
-    layers: &Layers,
+    layers: &GridLayers,
     column: usize,
     from: &mut u32,
-) -> Vec<Sum> {
-    let mut sums = vec![Sum::default(); layers.count];
-    let at = |k: usize| (k as f64 + 0.5) / LINES as f64;
-    let places: Vec<[f64; 2]> = (0..LINES * LINES)
-        .map(|k| [at(k % LINES), at(k / LINES)])
+) -> Vec<CellSum> {
+    let mut sums = vec![CellSum::default(); layers.count];
+    let at = |k: usize| (k as f64 + 0.5) / LINES_PER_AXIS as f64;
+    let places: Vec<[f64; 2]> = (0..LINES_PER_AXIS * LINES_PER_AXIS)
+        .map(|k| [at(k % LINES_PER_AXIS), at(k / LINES_PER_AXIS)])
         .collect();
-    let lines = lines_of(walk, pillars, column, &places, from);
+    let lines = column_lines(walk, pillars, column, &places, from);
     for (line, [u, v]) in lines.iter().zip(places) {
         let weights = [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v];
         let tops: Vec<f64> = (0..=layers.count)
             .map(|k| {
                 (0..4)
-                    .map(|c| weights[c] * layers.corner(column, c)[k])
+                    .map(|c| weights[c] * layers.corner_depths(column, c)[k])
                     .sum()
             })
             .collect();
         let mut k = 0;
-        for piece in &line.pieces {
+        for piece in &line.segments {
             let (top, bottom) = (line.z(piece.start), line.z(piece.end));
             while k > 0 && tops[k] < top {
                 k -= 1;
@@ -297,11 +299,11 @@ fn sums(
     sums
 }
 
-impl Sum {
+impl CellSum {
     /// The geometric mean along i, j and z; `None` without rock.
     fn mean_permeability(&self) -> Option<[f64; 3]> {
-        let mean = || self.permeability.map(|k| (k / self.active).exp());
-        (self.active > 0.0).then(mean)
+        let mean = || self.permeability.map(|k| (k / self.active_weight).exp());
+        (self.active_weight > 0.0).then(mean)
     }
 
     fn add(&mut self, model: &Model, pillars: &Pillars, cell: u32, weight: f64) {
@@ -311,10 +313,10 @@ impl Sum {
             self.porosity += weight * porosity[at];
         }
         let is_active = model.is_active(at);
-        self.active += if is_active { weight } else { 0.0 };
+        self.active_weight += if is_active { weight } else { 0.0 };
         if let Some(permeability) = model.permeability.as_ref().filter(|_| is_active) {
             let k = permeability.rock.mobility(at);
-            let [i, j] = pillars.axes.map(|[x, y]| k.along([x, y, 0.0]));
+            let [i, j] = pillars.axes.map(|[x, y]| k.normal_component([x, y, 0.0]));
             for (sum, k) in self.permeability.iter_mut().zip([i, j, k.0[2]]) {
                 *sum += weight * k.ln();
             }
@@ -334,8 +336,8 @@ mod tests {
     use crate::mesh::{TriMesh, voronoi};
 
     /// The numbers of columns and layers in a grid of a mesh of the plane, one unit thick.
-    fn grid_of(mesh: &PolyMesh<2>) -> [usize; 3] {
-        let model = Model::new(mesh.extruded(1.0), None);
+    fn grid_dims(mesh: &PolyMesh<2>) -> [usize; 3] {
+        let model = Model::new(mesh.extrude(1.0), None);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("A.GRDECL");
         let mut batch = Batch::default();
@@ -352,7 +354,7 @@ mod tests {
         let row = |n: u32| (0..n).map(|i| 0.5 + f64::from(i));
         let atoms: Vec<[f64; 2]> = row(4).flat_map(|y| row(6).map(move |x| [x, y])).collect();
         let cells = voronoi::voronoi_plane_welded(&atoms, [6.0, 4.0], 1e-9).unwrap();
-        assert_eq!(grid_of(&cells), [6, 4, 1]);
+        assert_eq!(grid_dims(&cells), [6, 4, 1]);
 
         let square = TriMesh {
             nodes: vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]],
@@ -360,6 +362,6 @@ mod tests {
         };
         let mut cells = PolyMesh::from_simplices(&square, &[], &[]).unwrap();
         cells.assign_sides([0.0; 2], [1.0; 2]);
-        assert_eq!(grid_of(&cells)[2], 1);
+        assert_eq!(grid_dims(&cells)[2], 1);
     }
 }

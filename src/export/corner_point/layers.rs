@@ -4,92 +4,95 @@
 
 use crate::parallel::prelude::*;
 
+use super::cell_walk::{CellWalker, LineSegment};
 use super::pillars::{Pillars, is_steep};
-use super::walk::{Piece, Walk};
 use crate::mesh::graph::Graph;
 use crate::model::reservoir::Model;
 
 /// How far from its pillar, as a share of the column, the depths of a column's corner are taken.
-const INSET: f64 = 0.1;
+const CORNER_INSET: f64 = 0.1;
 /// Share of the changes of region along lines that may be against the order.
-const AGAINST: f64 = 0.05;
+const MAX_REVERSED_SHARE: f64 = 0.05;
 /// No more regions than these are followed.
-const MOST_REGIONS: usize = 100;
+const MAX_REGIONS: usize = 100;
 
 /// Layers of a pillar grid.
-pub struct Layers {
+pub struct GridLayers {
     /// Number of layers.
     pub count: usize,
     /// z of every corner: of column after column, its four corners (as
     /// [`Pillars::of_column`]), each from the top down, `count + 1` numbers.
     pub z: Vec<f64>,
     /// Whether they follow regions.
-    pub by_region: bool,
+    pub follows_regions: bool,
 }
 
 /// A line through the cells from the top of the pillars to their bottom.
-pub struct Line {
+pub struct ColumnLine {
     /// Its ends.
     ends: [[f64; 3]; 2],
     /// Its parts in cells.
-    pub pieces: Vec<Piece>,
+    pub segments: Vec<LineSegment>,
 }
 
-impl Line {
+impl ColumnLine {
     /// z at a share of the line.
     pub fn z(&self, share: f64) -> f64 {
         self.ends[0][2] + share * (self.ends[1][2] - self.ends[0][2])
     }
 
     /// The point at z.
-    pub fn at(&self, z: f64) -> [f64; 3] {
+    pub fn point_at(&self, z: f64) -> [f64; 3] {
         let share = (z - self.ends[0][2]) / (self.ends[1][2] - self.ends[0][2]);
         std::array::from_fn(|k| self.ends[0][k] + share * (self.ends[1][k] - self.ends[0][k]))
     }
 }
 
 /// The lines through a column at some places, from left to right and from front to back.
-pub fn lines_of(
-    walk: &Walk,
+pub fn column_lines(
+    walk: &CellWalker,
     pillars: &Pillars,
     column: usize,
     places: &[[f64; 2]],
     from: &mut u32,
-) -> Vec<Line> {
+) -> Vec<ColumnLine> {
     let line = |&place: &[f64; 2]| {
-        let ends = pillars.within(column, place);
+        let ends = pillars.line_ends(column, place);
         let along = std::array::from_fn(|k| ends[1][k] - ends[0][k]);
-        let pieces = walk.line(ends[0], along, *from);
+        let pieces = walk.trace_line(ends[0], along, *from);
         if let Some(piece) = pieces.get(pieces.len() / 2) {
             *from = piece.cell;
         }
-        Line { ends, pieces }
+        ColumnLine {
+            ends,
+            segments: pieces,
+        }
     };
     places.iter().map(line).collect()
 }
 
 /// The four corners, a little inside.
-const CORNERS: [[f64; 2]; 4] = [
-    [INSET, INSET],
-    [1.0 - INSET, INSET],
-    [INSET, 1.0 - INSET],
-    [1.0 - INSET, 1.0 - INSET],
+const INSET_CORNERS: [[f64; 2]; 4] = [
+    [CORNER_INSET, CORNER_INSET],
+    [1.0 - CORNER_INSET, CORNER_INSET],
+    [CORNER_INSET, 1.0 - CORNER_INSET],
+    [1.0 - CORNER_INSET, 1.0 - CORNER_INSET],
 ];
 
-impl Layers {
+impl GridLayers {
     /// About `count` layers.
-    pub fn new(model: &Model, walk: &Walk, pillars: &Pillars, count: usize) -> Self {
+    pub fn new(model: &Model, walk: &CellWalker, pillars: &Pillars, count: usize) -> Self {
         let [n, m] = pillars.columns;
-        let corners: Vec<Vec<Line>> = (0..m)
+        let corners: Vec<Vec<ColumnLine>> = (0..m)
             .into_par_iter()
             .flat_map_iter(|j| {
                 let mut from = 0;
-                let lines = |i| lines_of(walk, pillars, j * n + i, &CORNERS, &mut from);
+                let lines = |i| column_lines(walk, pillars, j * n + i, &INSET_CORNERS, &mut from);
                 (0..n).map(lines).collect::<Vec<_>>()
             })
             .collect();
-        let order = order(&corners, &model.graph);
-        let by_region = order.len() > 1;
+        let order = region_order(&corners, &model.graph);
+        let follows_regions = order.len() > 1;
         // Of each corner the top of every region, and the bottom of the last.
         let parts = order.len().max(1);
         let place = |cell: u32| {
@@ -100,11 +103,11 @@ impl Layers {
         let mut thickness = vec![0.0; parts];
         for line in corners.iter().flatten() {
             let mut within = vec![0.0; parts];
-            for piece in &line.pieces {
+            for piece in &line.segments {
                 within[place(piece.cell)] += line.z(piece.start) - line.z(piece.end);
             }
             let mut z = line
-                .pieces
+                .segments
                 .first()
                 .map_or(line.ends[0][2], |p| line.z(p.start));
             horizons.push(z);
@@ -114,7 +117,7 @@ impl Layers {
                 horizons.push(z);
             }
         }
-        join(
+        join_corners(
             &mut horizons,
             parts + 1,
             &corners,
@@ -137,23 +140,23 @@ impl Layers {
         Self {
             count,
             z,
-            by_region,
+            follows_regions,
         }
     }
 
     /// z of a corner of a column, from the top down.
-    pub fn corner(&self, column: usize, corner: usize) -> &[f64] {
+    pub fn corner_depths(&self, column: usize, corner: usize) -> &[f64] {
         let size = self.count + 1;
         &self.z[(4 * column + corner) * size..][..size]
     }
 }
 
 /// The regions from the top down, if they lie one above the other; else none.
-fn order(corners: &[Vec<Line>], graph: &Graph<3>) -> Vec<i32> {
+fn region_order(corners: &[Vec<ColumnLine>], graph: &Graph<3>) -> Vec<i32> {
     let mut regions = graph.region.clone();
     regions.sort_unstable();
     regions.dedup();
-    if regions.len() > MOST_REGIONS {
+    if regions.len() > MAX_REGIONS {
         return Vec::new();
     }
     let place = |cell: u32| regions.partition_point(|&r| r < graph.region[cell as usize]);
@@ -162,13 +165,13 @@ fn order(corners: &[Vec<Line>], graph: &Graph<3>) -> Vec<i32> {
     let mut above = vec![0usize; size * size];
     let mut depths = vec![(0.0, 0.0); size];
     for line in corners.iter().flatten() {
-        for piece in &line.pieces {
+        for piece in &line.segments {
             let length = piece.end - piece.start;
             let (sum, weight) = &mut depths[place(piece.cell)];
             *sum += 0.5 * length * (piece.start + piece.end);
             *weight += length;
         }
-        for pair in line.pieces.windows(2) {
+        for pair in line.segments.windows(2) {
             let [upper, lower] = [place(pair[0].cell), place(pair[1].cell)];
             above[upper * size + lower] += usize::from(upper != lower);
         }
@@ -180,18 +183,18 @@ fn order(corners: &[Vec<Line>], graph: &Graph<3>) -> Vec<i32> {
     let pairs = (0..size * size).filter(|&at| rank(at / size) > rank(at % size));
     let against: usize = pairs.map(|at| above[at]).sum();
     let all: usize = above.iter().sum();
-    if against as f64 > AGAINST * all as f64 {
+    if against as f64 > MAX_REVERSED_SHARE * all as f64 {
         return Vec::new();
     }
     order.into_iter().map(|r| regions[r]).collect()
 }
 
 /// Gives the corners round each pillar one depth, unless a feature is between them.
-fn join(
+fn join_corners(
     horizons: &mut [f64],
     size: usize,
-    corners: &[Vec<Line>],
-    walk: &Walk,
+    corners: &[Vec<ColumnLine>],
+    walk: &CellWalker,
     pillars: &Pillars,
     graph: &Graph<3>,
 ) {
@@ -204,13 +207,13 @@ fn join(
     // Not all faces along a feature are on it: three lines see it better than one.
     let parted = |a: (usize, usize), b: (usize, usize), [za, zb]: [f64; 2]| {
         [za, 0.5 * (za + zb), zb].iter().any(|&z| {
-            let [p, q] = [a, b].map(|(column, corner)| corners[column][corner].at(z));
-            let pieces = &corners[a.0][a.1].pieces;
+            let [p, q] = [a, b].map(|(column, corner)| corners[column][corner].point_at(z));
+            let pieces = &corners[a.0][a.1].segments;
             let from = pieces.get(pieces.len() / 2).map_or(0, |piece| piece.cell);
             let along = std::array::from_fn(|k| q[k] - p[k]);
-            let line = walk.line(p, along, from);
+            let line = walk.trace_line(p, along, from);
             let mut between = line.iter().filter(|piece| (0.0..1.0).contains(&piece.end));
-            between.any(|piece| piece.leaves_by.is_some_and(steep))
+            between.any(|piece| piece.exit_connection.is_some_and(steep))
         })
     };
     for pillar in 0..(n + 1) * (m + 1) {

@@ -7,10 +7,10 @@
 //! - `wells`: the cells that wells are open to
 //! - `walk`: lines through cells, by which both are found
 
-pub(crate) mod corners;
+pub(crate) mod cell_walk;
 pub(crate) mod faults;
 pub(crate) mod grdecl;
+pub(crate) mod grid;
 pub(crate) mod layers;
 pub(crate) mod pillars;
-pub(crate) mod walk;
 pub(crate) mod wells;

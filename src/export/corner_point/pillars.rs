@@ -11,13 +11,13 @@ use crate::geometry::{add_scaled, dot, sub};
 use crate::mesh::graph::{Connection, Graph};
 use crate::{Error, Result};
 
-type Point = [f64; 2];
+type Point2 = [f64; 2];
 
 /// Least angle from the vertical, as the normal's share in z, that is too flat for a pillar (60 degrees
 /// of dip).
-const FLAT: f64 = 0.5;
+const MAX_PILLAR_NORMAL_Z: f64 = 0.5;
 /// Least area of a column in a section, as a share of what it would be without features.
-const NARROW: f64 = 0.25;
+const MIN_COLUMN_AREA_RATIO: f64 = 0.25;
 
 /// Pillars, those along i first.
 #[derive(Debug, Clone, PartialEq)]
@@ -27,24 +27,24 @@ pub struct Pillars {
     /// Where their tops and their bottoms are in z.
     pub z: [f64; 2],
     /// The top and the bottom of each.
-    pub ends: Vec<[Point; 2]>,
+    pub ends: Vec<[Point2; 2]>,
     /// Unit vectors along i and j.
-    pub axes: [Point; 2],
+    pub axes: [Point2; 2],
 }
 
 /// A model seen from above: a parallelogram between four upright sides.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outline {
     /// The corner from which i and j grow.
-    origin: Point,
+    origin: Point2,
     /// From there to the next corner along i, and along j.
-    pub edges: [Point; 2],
+    pub edges: [Point2; 2],
     /// The highest and the lowest z.
     pub z: [f64; 2],
 }
 
 /// The area between two vectors; positive if the second is to the left of the first.
-fn area_between([a, b]: Point, [c, d]: Point) -> f64 {
+fn signed_area([a, b]: Point2, [c, d]: Point2) -> f64 {
     a * d - b * c
 }
 
@@ -87,7 +87,7 @@ impl Outline {
         };
         let corner = |s: usize, t: usize| {
             let ((m, a), (n, b)) = (line(s), line(t));
-            let d = area_between(m, n);
+            let d = signed_area(m, n);
             [(a * n[1] - b * m[1]) / d, (m[0] * b - n[0] * a) / d]
         };
         let origin = corner(2 * i, 2 * j);
@@ -96,7 +96,7 @@ impl Outline {
             sub(corner(2 * i, 2 * j + 1), origin),
         ];
         // Seen from above, from i to j is to the left, as simulators have it.
-        if area_between(edges[0], edges[1]) < 0.0 {
+        if signed_area(edges[0], edges[1]) < 0.0 {
             edges.swap(0, 1);
         }
         let z = nodes
@@ -115,21 +115,21 @@ impl Outline {
 }
 
 /// A steep feature face: where it is, how far it goes sideways a unit of z, and its area.
-struct Steep {
-    point: Point,
+struct SteepFace {
+    point: Point2,
     z: f64,
     /// Unit normal in the plane.
-    normal: Point,
-    slope: Point,
+    normal: Point2,
+    slope: Point2,
     area: f64,
 }
 
 /// Whether a pillar can stand in a face with this normal.
 pub fn is_steep(normal: [f64; 3]) -> bool {
-    normal[2].abs() < FLAT
+    normal[2].abs() < MAX_PILLAR_NORMAL_Z
 }
 
-impl Steep {
+impl SteepFace {
     fn new(c: &Connection<3>) -> Option<Self> {
         let [x, y, z] = c.normal;
         let level = x.hypot(y);
@@ -170,28 +170,32 @@ impl Pillars {
             )
         };
         let count = (n + 1) * (m + 1);
-        let middle: Vec<Point> = (0..count).map(upright).collect();
-        let steep: Vec<Steep> = graph.connections.iter().filter_map(Steep::new).collect();
+        let middle: Vec<Point2> = (0..count).map(upright).collect();
+        let steep: Vec<SteepFace> = graph
+            .connections
+            .iter()
+            .filter_map(SteepFace::new)
+            .collect();
         let spacing = [lengths[0] / n as f64, lengths[1] / m as f64];
-        let leaning = |p: usize| pillars.leaning(p, middle[p], &steep, spacing, lengths);
+        let leaning = |p: usize| pillars.pillar_adjustment(p, middle[p], &steep, spacing, lengths);
         // How far the middle of each pillar is moved, and how it leans.
-        let mut moves: Vec<[Point; 2]> = if steep.is_empty() {
+        let mut moves: Vec<[Point2; 2]> = if steep.is_empty() {
             vec![[[0.0; 2]; 2]; count]
         } else {
             (0..count).into_par_iter().map(leaning).collect()
         };
         let half = 0.5 * (outline.z[0] - outline.z[1]);
-        let ends = |moves: &[[Point; 2]]| -> Vec<[Point; 2]> {
-            let both = |(p, [shift, slope]): (&Point, &[Point; 2])| {
+        let ends = |moves: &[[Point2; 2]]| -> Vec<[Point2; 2]> {
+            let both = |(p, [shift, slope]): (&Point2, &[Point2; 2])| {
                 [half, -half].map(|z| add_scaled(add_scaled(*p, 1.0, *shift), z, *slope))
             };
             middle.iter().zip(moves).map(both).collect()
         };
         pillars.ends = ends(&moves);
-        let whole = area_between(outline.edges[0], outline.edges[1]) / (n * m) as f64;
+        let whole = signed_area(outline.edges[0], outline.edges[1]) / (n * m) as f64;
         // Where a column would become too narrow, its pillars give way.
         loop {
-            let narrow = pillars.narrow(NARROW * whole);
+            let narrow = pillars.narrow_pillars(MIN_COLUMN_AREA_RATIO * whole);
             if narrow.is_empty() {
                 return pillars;
             }
@@ -207,7 +211,7 @@ impl Pillars {
     }
 
     /// The four pillars of a column: (0, 0), (1, 0), (0, 1), (1, 1) along (i, j).
-    pub fn of_column(&self, column: usize) -> [usize; 4] {
+    pub fn column_pillars(&self, column: usize) -> [usize; 4] {
         let (i, j) = (column % self.columns[0], column / self.columns[0]);
         let row = self.columns[0] + 1;
         let first = j * row + i;
@@ -215,8 +219,8 @@ impl Pillars {
     }
 
     /// Top and bottom of the line through a column at the shares (u, v) along i and j.
-    pub fn within(&self, column: usize, [u, v]: Point) -> [[f64; 3]; 2] {
-        let pillars = self.of_column(column);
+    pub fn line_ends(&self, column: usize, [u, v]: Point2) -> [[f64; 3]; 2] {
+        let pillars = self.column_pillars(column);
         let weights = [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v];
         [0, 1].map(|end| {
             let mut point = [0.0, 0.0];
@@ -229,15 +233,15 @@ impl Pillars {
 
     /// The pillars of columns one of whose corners, at top or bottom, spans a parallelogram of less
     /// than this area.
-    fn narrow(&self, least: f64) -> Vec<usize> {
+    fn narrow_pillars(&self, least: f64) -> Vec<usize> {
         let mut narrow = Vec::new();
         for column in 0..self.columns[0] * self.columns[1] {
-            let [a, b, c, d] = self.of_column(column);
+            let [a, b, c, d] = self.column_pillars(column);
             let bad = (0..2).any(|end| {
                 let ring = [a, b, d, c].map(|p| self.ends[p][end]);
                 (0..4).any(|k| {
                     let [before, at, after] = [k + 3, k, k + 1].map(|k| ring[k % 4]);
-                    area_between(sub(after, at), sub(before, at)) < least
+                    signed_area(sub(after, at), sub(before, at)) < least
                 })
             });
             if bad {
@@ -250,14 +254,14 @@ impl Pillars {
     }
 
     /// How far the middle of a pillar is to be moved, and how it is to lean, for steep features.
-    fn leaning(
+    fn pillar_adjustment(
         &self,
         pillar: usize,
-        at: Point,
-        steep: &[Steep],
-        spacing: Point,
+        at: Point2,
+        steep: &[SteepFace],
+        spacing: Point2,
         lengths: [f64; 3],
-    ) -> [Point; 2] {
+    ) -> [Point2; 2] {
         let row = self.columns[0] + 1;
         let index = [pillar % row, pillar / row];
         let middle = 0.5 * (self.z[0] + self.z[1]);
@@ -274,7 +278,7 @@ impl Pillars {
         // Less towards the sides, which are upright.
         let mut along = [0, 1].map(|k| {
             let other = self.axes[1 - k];
-            area_between(slope, other) / area_between(self.axes[k], other)
+            signed_area(slope, other) / signed_area(self.axes[k], other)
         });
         for k in 0..2 {
             let off = index[k].min(self.columns[k] - index[k]) as f64 * spacing[k];

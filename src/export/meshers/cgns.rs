@@ -9,25 +9,25 @@
 
 use std::path::Path;
 
-use super::groups::Names;
-use super::simplices::Simplices;
+use super::groups::FaceNames;
+use super::simplices::SimplexMesh;
 use crate::Result;
-use crate::export::containers::binary::Numbers;
-use crate::export::containers::hdf5::{self, Attribute, Node};
-use crate::export::values::columns;
+use crate::export::containers::binary::LazyArray;
+use crate::export::containers::hdf5::{self, Hdf5Attribute, Hdf5Node};
+use crate::export::values::scalar_columns;
 use crate::files::Batch;
 use crate::mesh::poly::Lists;
 use crate::model::reservoir::Model;
 
 /// Numbers of element types: linear and quadratic simplices, by their number of corners; others.
-const SIMPLEX: [[i32; 2]; 5] = [[0, 0], [0, 0], [3, 4], [5, 6], [10, 11]];
-const POLYGONS: i32 = 22;
-const POLYHEDRA: i32 = 23;
+const SIMPLEX_TYPES: [[i32; 2]; 5] = [[0, 0], [0, 0], [3, 4], [5, 6], [10, 11]];
+const NGON_TYPE: i32 = 22;
+const NFACE_TYPE: i32 = 23;
 /// Bytes of a name or a label, with the 0 at its end.
-const NAME: usize = 33;
+const NAME_BYTES: usize = 33;
 
 /// A named node.
-type Child<'a> = (String, Node<'a>);
+type NamedNode<'a> = (String, Hdf5Node<'a>);
 
 /// Writes the mesh.
 ///
@@ -36,11 +36,11 @@ type Child<'a> = (String, Node<'a>);
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let faces = model.mesh.faces_of_cells();
     let simplices = match model.tets.is_some() || model.triangles.is_some() {
-        true => Some(Simplices::new(model, "CGNS")?),
+        true => Some(SimplexMesh::new(model, "CGNS")?),
         false => None,
     };
     let (dim, nodes) = match &simplices {
-        Some(mesh) => (mesh.size - 1, mesh.node_count()),
+        Some(mesh) => (mesh.corner_count - 1, mesh.node_count()),
         None => (3, model.mesh.nodes.len()),
     };
     let point = |i: usize| match &simplices {
@@ -49,51 +49,51 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     };
     let axes = (0..3).zip(["CoordinateX", "CoordinateY", "CoordinateZ"]);
     let axes = axes.map(|(k, name)| {
-        let numbers = Numbers::computed(nodes, move |i| point(i)[k]);
-        array(name, numbers)
+        let numbers = LazyArray::from_fn(nodes, move |i| point(i)[k]);
+        array_node(name, numbers)
     });
     let mut zone = vec![
-        text("ZoneType", "ZoneType_t", "Unstructured"),
-        inner("GridCoordinates", "GridCoordinates_t", axes.collect()),
+        text_node("ZoneType", "ZoneType_t", "Unstructured"),
+        group_node("GridCoordinates", "GridCoordinates_t", axes.collect()),
     ];
     let (sections, conditions) = match &simplices {
-        Some(mesh) => of_simplices(mesh),
-        None => of_polyhedra(model, &faces),
+        Some(mesh) => simplex_sections(mesh),
+        None => polyhedron_sections(model, &faces),
     };
     zone.extend(sections);
     let families = conditions.iter().map(|(name, _)| {
-        let condition = text("FamBC", "FamilyBC_t", "UserDefined");
-        inner(name, "Family_t", vec![condition])
+        let condition = text_node("FamBC", "FamilyBC_t", "UserDefined");
+        group_node(name, "Family_t", vec![condition])
     });
-    let families: Vec<Child> = families.collect();
-    zone.push(inner("ZoneBC", "ZoneBC_t", conditions));
-    let mut values = vec![text("GridLocation", "GridLocation_t", "CellCenter")];
-    for (name, column) in columns(model) {
-        let numbers = Numbers::computed(column.len(), move |i| column[i]);
-        values.push(array(&name, numbers));
+    let families: Vec<NamedNode> = families.collect();
+    zone.push(group_node("ZoneBC", "ZoneBC_t", conditions));
+    let mut values = vec![text_node("GridLocation", "GridLocation_t", "CellCenter")];
+    for (name, column) in scalar_columns(model) {
+        let numbers = LazyArray::from_fn(column.len(), move |i| column[i]);
+        values.push(array_node(&name, numbers));
     }
-    zone.push(inner("Values", "FlowSolution_t", values));
+    zone.push(group_node("Values", "FlowSolution_t", values));
     let sizes = [nodes as i32, model.len() as i32, 0];
-    let zone = node(
+    let zone = data_node(
         "Zone",
         "Zone_t",
         "I4",
-        Some((vec![3, 1], ints(sizes.to_vec()))),
+        Some((vec![3, 1], int_array(sizes.to_vec()))),
         zone,
     );
     let dims = vec![dim as i32, 3];
     let below = [zone].into_iter().chain(families).collect();
-    let base = node(
+    let base = data_node(
         "Base",
         "CGNSBase_t",
         "I4",
-        Some((vec![2], ints(dims))),
+        Some((vec![2], int_array(dims))),
         below,
     );
     // Polygons have their offsets since version 4; what else there is, older libraries read.
     let version: f32 = if simplices.is_some() { 3.4 } else { 4.2 };
-    let version = Numbers::computed(1, move |_| version);
-    let version = node(
+    let version = LazyArray::from_fn(1, move |_| version);
+    let version = data_node(
         "CGNSLibraryVersion",
         "CGNSLibraryVersion_t",
         "R4",
@@ -103,19 +103,22 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let said = vec![
         (
             "name".into(),
-            Attribute::Text("HDF5 MotherNode".into(), NAME),
+            Hdf5Attribute::Text("HDF5 MotherNode".into(), NAME_BYTES),
         ),
         (
             "label".into(),
-            Attribute::Text("Root Node of HDF5 File".into(), NAME),
+            Hdf5Attribute::Text("Root Node of HDF5 File".into(), NAME_BYTES),
         ),
-        ("type".into(), Attribute::Text("MT".into(), 3)),
+        ("type".into(), Hdf5Attribute::Text("MT".into(), 3)),
     ];
-    let root = Node::Described(
+    let root = Hdf5Node::GroupWithAttributes(
         said,
         vec![
-            (" format".into(), letters("IEEE_LITTLE_32", 15)),
-            (" hdf5version".into(), letters("HDF5 Version 1.8.0", NAME)),
+            (" format".into(), chars_node("IEEE_LITTLE_32", 15)),
+            (
+                " hdf5version".into(),
+                chars_node("HDF5 Version 1.8.0", NAME_BYTES),
+            ),
             version,
             base,
         ],
@@ -124,81 +127,93 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
 }
 
 /// A node of some type of numbers.
-fn node<'a>(
+fn data_node<'a>(
     name: &str,
     label: &str,
     kind: &str,
-    data: Option<(Vec<u64>, Numbers<'a>)>,
-    children: Vec<Child<'a>>,
-) -> Child<'a> {
+    data: Option<(Vec<u64>, LazyArray<'a>)>,
+    children: Vec<NamedNode<'a>>,
+) -> NamedNode<'a> {
     let mut name = name.replace('/', "_");
     name.truncate(
-        (0..NAME)
+        (0..NAME_BYTES)
             .rev()
             .find(|&at| name.is_char_boundary(at))
             .unwrap_or(0),
     );
     let said = vec![
-        ("name".into(), Attribute::Text(name.clone(), NAME)),
-        ("label".into(), Attribute::Text(label.into(), NAME)),
-        ("type".into(), Attribute::Text(kind.into(), 3)),
-        ("flags".into(), Attribute::Ints(vec![1])),
+        ("name".into(), Hdf5Attribute::Text(name.clone(), NAME_BYTES)),
+        (
+            "label".into(),
+            Hdf5Attribute::Text(label.into(), NAME_BYTES),
+        ),
+        ("type".into(), Hdf5Attribute::Text(kind.into(), 3)),
+        ("flags".into(), Hdf5Attribute::Ints(vec![1])),
     ];
-    let mut links: Vec<Child<'a>> = Vec::new();
+    let mut links: Vec<NamedNode<'a>> = Vec::new();
     if let Some((dims, numbers)) = data {
-        links.push((" data".into(), Node::Data(dims, numbers)));
+        links.push((" data".into(), Hdf5Node::Dataset(dims, numbers)));
     }
     links.extend(children);
-    (name, Node::Described(said, links))
+    (name, Hdf5Node::GroupWithAttributes(said, links))
 }
 
 /// A node without numbers.
-fn inner<'a>(name: &str, label: &str, children: Vec<Child<'a>>) -> Child<'a> {
-    node(name, label, "MT", None, children)
+fn group_node<'a>(name: &str, label: &str, children: Vec<NamedNode<'a>>) -> NamedNode<'a> {
+    data_node(name, label, "MT", None, children)
 }
 
-fn letters<'a>(text: &str, length: usize) -> Node<'a> {
+fn chars_node<'a>(text: &str, length: usize) -> Hdf5Node<'a> {
     let mut bytes = text.as_bytes().to_vec();
     bytes.resize(length, 0);
-    Node::Data(
+    Hdf5Node::Dataset(
         vec![length as u64],
-        Numbers::computed(length, move |i| bytes[i] as i8),
+        LazyArray::from_fn(length, move |i| bytes[i] as i8),
     )
 }
 
-fn text<'a>(name: &str, label: &str, text: &str) -> Child<'a> {
-    text_above(name, label, text, Vec::new())
+fn text_node<'a>(name: &str, label: &str, text: &str) -> NamedNode<'a> {
+    text_parent_node(name, label, text, Vec::new())
 }
 
 /// A text with nodes below it.
-fn text_above<'a>(name: &str, label: &str, text: &str, children: Vec<Child<'a>>) -> Child<'a> {
+fn text_parent_node<'a>(
+    name: &str,
+    label: &str,
+    text: &str,
+    children: Vec<NamedNode<'a>>,
+) -> NamedNode<'a> {
     let bytes = text.as_bytes().to_vec();
-    let numbers = Numbers::computed(bytes.len(), move |i| bytes[i] as i8);
+    let numbers = LazyArray::from_fn(bytes.len(), move |i| bytes[i] as i8);
     let data = Some((vec![numbers.len as u64], numbers));
-    node(name, label, "C1", data, children)
+    data_node(name, label, "C1", data, children)
 }
 
-fn ints<'a>(values: Vec<i32>) -> Numbers<'a> {
-    Numbers::computed(values.len(), move |i| values[i])
+fn int_array<'a>(values: Vec<i32>) -> LazyArray<'a> {
+    LazyArray::from_fn(values.len(), move |i| values[i])
 }
 
 /// A list of numbers.
-fn array<'a>(name: &str, numbers: Numbers<'a>) -> Child<'a> {
-    let kind = if numbers.kind == "Int32" { "I4" } else { "R8" };
+fn array_node<'a>(name: &str, numbers: LazyArray<'a>) -> NamedNode<'a> {
+    let kind = if numbers.vtk_type == "Int32" {
+        "I4"
+    } else {
+        "R8"
+    };
     let dims = vec![numbers.len as u64];
-    node(name, "DataArray_t", kind, Some((dims, numbers)), Vec::new())
+    data_node(name, "DataArray_t", kind, Some((dims, numbers)), Vec::new())
 }
 
 /// Elements of one type, numbered from `first` on.
-fn section<'a>(
+fn element_section<'a>(
     name: &str,
     kind: i32,
     first: usize,
     count: usize,
-    lists: Vec<Child<'a>>,
-) -> Child<'a> {
-    let range = ints(vec![first as i32, (first + count - 1) as i32]);
-    let mut children = vec![node(
+    lists: Vec<NamedNode<'a>>,
+) -> NamedNode<'a> {
+    let range = int_array(vec![first as i32, (first + count - 1) as i32]);
+    let mut children = vec![data_node(
         "ElementRange",
         "IndexRange_t",
         "I4",
@@ -206,61 +221,90 @@ fn section<'a>(
         Vec::new(),
     )];
     children.extend(lists);
-    let kind = ints(vec![kind, 0]);
-    node(name, "Elements_t", "I4", Some((vec![2], kind)), children)
+    let kind = int_array(vec![kind, 0]);
+    data_node(name, "Elements_t", "I4", Some((vec![2], kind)), children)
 }
 
 /// What has a name: numbers of faces, a list of them or the first and last.
-fn condition<'a>(name: &str, place: &str, points: Vec<i32>, is_range: bool) -> Child<'a> {
+fn boundary_condition<'a>(
+    name: &str,
+    place: &str,
+    points: Vec<i32>,
+    is_range: bool,
+) -> NamedNode<'a> {
     let (list, label) = match is_range {
         true => ("PointRange", "IndexRange_t"),
         false => ("PointList", "IndexArray_t"),
     };
     let dims = vec![points.len() as u64, 1];
-    let points = node(list, label, "I4", Some((dims, ints(points))), Vec::new());
-    let place = text("GridLocation", "GridLocation_t", place);
-    let family = text("FamilyName", "FamilyName_t", name);
+    let points = data_node(
+        list,
+        label,
+        "I4",
+        Some((dims, int_array(points))),
+        Vec::new(),
+    );
+    let place = text_node("GridLocation", "GridLocation_t", place);
+    let family = text_node("FamilyName", "FamilyName_t", name);
     let children = vec![points, place, family];
-    text_above(name, "BC_t", "FamilySpecified", children)
+    text_parent_node(name, "BC_t", "FamilySpecified", children)
 }
 
 /// Sections, and boundary conditions.
-fn of_simplices<'a>(mesh: &Simplices) -> (Vec<Child<'a>>, Vec<Child<'a>>) {
+fn simplex_sections<'a>(mesh: &SimplexMesh) -> (Vec<NamedNode<'a>>, Vec<NamedNode<'a>>) {
     let order = usize::from(mesh.is_quadratic());
-    let place = if mesh.size == 4 {
+    let place = if mesh.corner_count == 4 {
         "FaceCenter"
     } else {
         "EdgeCenter"
     };
-    let connectivity = |nodes: Vec<i32>| vec![array("ElementConnectivity", ints(nodes))];
+    let connectivity = |nodes: Vec<i32>| vec![array_node("ElementConnectivity", int_array(nodes))];
     let mut nodes = Vec::new();
-    (0..mesh.len()).for_each(|i| mesh.visit(mesh.get(i), |n| nodes.push(n as i32 + 1)));
-    let kind = SIMPLEX[mesh.size][order];
-    let mut sections = vec![section("Cells", kind, 1, mesh.len(), connectivity(nodes))];
+    (0..mesh.len()).for_each(|i| mesh.visit_nodes(mesh.get(i), |n| nodes.push(n as i32 + 1)));
+    let kind = SIMPLEX_TYPES[mesh.corner_count][order];
+    let mut sections = vec![element_section(
+        "Cells",
+        kind,
+        1,
+        mesh.len(),
+        connectivity(nodes),
+    )];
     let (mut conditions, mut next) = (Vec::new(), mesh.len() + 1);
-    for named in &mesh.named {
+    for named in &mesh.named_sides {
         let (count, mut nodes) = (named.cells.len(), Vec::new());
-        (0..count).for_each(|i| mesh.visit(named.sides.get(i), |n| nodes.push(n as i32 + 1)));
-        let kind = SIMPLEX[mesh.size - 1][order];
-        sections.push(section(&named.name, kind, next, count, connectivity(nodes)));
+        (0..count).for_each(|i| mesh.visit_nodes(named.sides.get(i), |n| nodes.push(n as i32 + 1)));
+        let kind = SIMPLEX_TYPES[mesh.corner_count - 1][order];
+        sections.push(element_section(
+            &named.name,
+            kind,
+            next,
+            count,
+            connectivity(nodes),
+        ));
         let range = vec![next as i32, (next + count - 1) as i32];
-        conditions.push(condition(&named.name, place, range, true));
+        conditions.push(boundary_condition(&named.name, place, range, true));
         next += count;
     }
     (sections, conditions)
 }
 
 /// The same of polyhedra: all faces, then the cells, whose faces have a minus where they turn inwards.
-fn of_polyhedra<'a>(model: &'a Model, of_cells: &'a Lists) -> (Vec<Child<'a>>, Vec<Child<'a>>) {
+fn polyhedron_sections<'a>(
+    model: &'a Model,
+    of_cells: &'a Lists,
+) -> (Vec<NamedNode<'a>>, Vec<NamedNode<'a>>) {
     let mesh = &model.mesh;
     let offsets = |list: &'a Lists| {
-        let numbers = Numbers::computed(list.offsets.len(), |i| list.offsets[i] as i32);
-        array("ElementStartOffset", numbers)
+        let numbers = LazyArray::from_fn(list.offsets.len(), |i| list.offsets[i] as i32);
+        array_node("ElementStartOffset", numbers)
     };
     let faces = mesh.face_cells.len();
-    let nodes = Numbers::computed(mesh.faces.items.len(), |i| mesh.faces.items[i] as i32 + 1);
-    let lists = vec![offsets(&mesh.faces), array("ElementConnectivity", nodes)];
-    let polygons = section("Faces", POLYGONS, 1, faces, lists);
+    let nodes = LazyArray::from_fn(mesh.faces.items.len(), |i| mesh.faces.items[i] as i32 + 1);
+    let lists = vec![
+        offsets(&mesh.faces),
+        array_node("ElementConnectivity", nodes),
+    ];
+    let polygons = element_section("Faces", NGON_TYPE, 1, faces, lists);
     let mut signed = Vec::with_capacity(of_cells.items.len());
     for cell in 0..model.len() {
         for &face in of_cells.get(cell) {
@@ -271,13 +315,13 @@ fn of_polyhedra<'a>(model: &'a Model, of_cells: &'a Lists) -> (Vec<Child<'a>>, V
     }
     let lists = vec![
         offsets(of_cells),
-        array("ElementConnectivity", ints(signed)),
+        array_node("ElementConnectivity", int_array(signed)),
     ];
-    let cells = section("Cells", POLYHEDRA, faces + 1, model.len(), lists);
-    let groups = Names::new(model).groups().into_iter();
+    let cells = element_section("Cells", NFACE_TYPE, faces + 1, model.len(), lists);
+    let groups = FaceNames::new(model).groups().into_iter();
     let conditions = groups.map(|group| {
         let list = group.faces.iter().map(|&f| f as i32 + 1).collect();
-        condition(&group.name, "FaceCenter", list, false)
+        boundary_condition(&group.name, "FaceCenter", list, false)
     });
     (vec![polygons, cells], conditions.collect())
 }

@@ -9,32 +9,32 @@
 use std::io::Write;
 use std::path::Path;
 
-use super::groups::{region_name, regions};
-use super::simplices::Simplices;
+use super::groups::{region_name, sorted_regions};
+use super::simplices::SimplexMesh;
 use crate::Result;
-use crate::export::containers::text::{Text, write_items};
+use crate::export::containers::text::{TextBuilder, write_items};
 use crate::files::Batch;
 use crate::model::reservoir::Model;
 
-type Out<'a> = &'a mut std::io::BufWriter<std::fs::File>;
+type FileWriter<'a> = &'a mut std::io::BufWriter<std::fs::File>;
 
 /// Characters of a number: the most that is read.
-const WIDTH: usize = 20;
+const NUMBER_WIDTH: usize = 20;
 /// Numbers in a line of a set.
-const IN_LINE: usize = 16;
+const NUMBERS_PER_LINE: usize = 16;
 /// The local nodes of faces S1 to S4, from 0 on.
-const FACES: [&[usize]; 4] = [&[0, 1, 2], &[0, 3, 1], &[1, 3, 2], &[2, 3, 0]];
+const FACE_NODES: [&[usize]; 4] = [&[0, 1, 2], &[0, 3, 1], &[1, 3, 2], &[2, 3, 0]];
 /// Of a triangle's edges.
-const EDGES: [&[usize]; 3] = [&[0, 1], &[1, 2], &[2, 0]];
+const EDGE_NODES: [&[usize]; 3] = [&[0, 1], &[1, 2], &[2, 0]];
 
 /// Writes the mesh; numbers begin with 1.
 ///
 /// # Errors
 /// [`Error::Export`](crate::Error::Export) if the cells are neither tetrahedra nor triangles.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
-    let mesh = &Simplices::new(model, "Abaqus' format")?;
+    let mesh = &SimplexMesh::new(model, "Abaqus' format")?;
     let level = mesh.nodes.iter().all(|p| p[2] == mesh.nodes[0][2]);
-    let kind = match (mesh.size, mesh.is_quadratic()) {
+    let kind = match (mesh.corner_count, mesh.is_quadratic()) {
         (4, false) => "C3D4",
         (4, true) => "C3D10",
         (_, false) if level => "CPE3",
@@ -48,56 +48,61 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             let [x, y, z] = mesh.point(i);
             text.int(i + 1);
             for x in [x, y, z] {
-                text.word(", ").real_within(x, WIDTH);
+                text.word(", ").real_in_width(x, NUMBER_WIDTH);
             }
-            text.end();
+            text.end_line();
         })?;
         writeln!(out, "*ELEMENT, TYPE={kind}, ELSET=EALL")?;
         write_items(out, mesh.len(), |text, t| {
             text.int(t + 1);
-            mesh.visit(mesh.get(t), |n| {
+            mesh.visit_nodes(mesh.get(t), |n| {
                 text.word(", ").int(n + 1);
             });
-            text.end();
+            text.end_line();
         })?;
-        for region in regions(model) {
+        for region in sorted_regions(model) {
             let of = |t: &u32| mesh.region[*t as usize] == region;
             let own: Vec<u32> = (0..mesh.len() as u32).filter(of).collect();
             let name = region_name(model, region).to_uppercase();
             writeln!(out, "*ELSET, ELSET={name}")?;
-            set(out, &own)?;
+            write_set(out, &own)?;
         }
-        for named in &mesh.named {
+        for named in &mesh.named_sides {
             let name = named.name.to_uppercase();
             let mut nodes = Vec::new();
-            (0..named.sides.len()).for_each(|i| mesh.visit(named.sides.get(i), |n| nodes.push(n)));
+            (0..named.sides.len())
+                .for_each(|i| mesh.visit_nodes(named.sides.get(i), |n| nodes.push(n)));
             nodes.sort_unstable();
             nodes.dedup();
             writeln!(out, "*NSET, NSET=N{name}")?;
-            set(out, &nodes)?;
+            write_set(out, &nodes)?;
             if kind.starts_with('S') {
                 continue;
             }
-            let faces = if mesh.size == 4 { &FACES[..] } else { &EDGES };
+            let faces = if mesh.corner_count == 4 {
+                &FACE_NODES[..]
+            } else {
+                &EDGE_NODES
+            };
             writeln!(out, "*SURFACE, NAME=S{name}, TYPE=ELEMENT")?;
             write_items(out, named.cells.len(), |text, i| {
                 let cell = named.cells[i] as usize;
                 let (ring, corners) = (named.sides.get(i), mesh.get(cell));
                 let of_face = |face: &&[usize]| face.iter().all(|&k| ring.contains(&corners[k]));
                 let side = faces.iter().position(of_face).map_or(0, |k| k + 1);
-                text.int(cell + 1).word(", S").int(side).end();
+                text.int(cell + 1).word(", S").int(side).end_line();
             })?;
         }
         Ok(())
     })?;
-    mesh.write_twins(batch, path, 1)?;
-    cohesive(mesh, batch, path)
+    mesh.write_face_pairs(batch, path, 1)?;
+    write_cohesive(mesh, batch, path)
 }
 
 /// The elements between the two sides of what the mesh is torn along, with numbers that follow those of the
 /// others.
-fn cohesive(mesh: &Simplices, batch: &mut Batch, path: &Path) -> Result<()> {
-    if mesh.torn.is_empty() {
+fn write_cohesive(mesh: &SimplexMesh, batch: &mut Batch, path: &Path) -> Result<()> {
+    if mesh.torn_surfaces.is_empty() {
         return Ok(());
     }
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
@@ -105,17 +110,17 @@ fn cohesive(mesh: &Simplices, batch: &mut Batch, path: &Path) -> Result<()> {
         &path.with_file_name(format!("{stem}-cohesive.inp")),
         |out| {
             let mut next = mesh.len() + 1;
-            for torn in &mesh.torn {
+            for torn in &mesh.torn_surfaces {
                 let name = torn.name.to_uppercase();
                 writeln!(out, "*ELEMENT, TYPE=COH3D6, ELSET={name}")?;
-                write_items(out, torn.pairs.len(), |text, i| {
+                write_items(out, torn.face_pairs.len(), |text, i| {
                     text.int(next + i);
-                    for &n in torn.pairs[i].as_flattened() {
+                    for &n in torn.face_pairs[i].as_flattened() {
                         text.word(", ").int(n + 1);
                     }
-                    text.end();
+                    text.end_line();
                 })?;
-                next += torn.pairs.len();
+                next += torn.face_pairs.len();
             }
             Ok(())
         },
@@ -123,17 +128,18 @@ fn cohesive(mesh: &Simplices, batch: &mut Batch, path: &Path) -> Result<()> {
 }
 
 /// The numbers of a set, from 1 on.
-fn set(out: Out, numbers: &[u32]) -> std::io::Result<()> {
+fn write_set(out: FileWriter, numbers: &[u32]) -> std::io::Result<()> {
     write_items(
         out,
-        numbers.len().div_ceil(IN_LINE),
-        |text: &mut Text, line| {
-            let line = &numbers[line * IN_LINE..numbers.len().min((line + 1) * IN_LINE)];
+        numbers.len().div_ceil(NUMBERS_PER_LINE),
+        |text: &mut TextBuilder, line| {
+            let line =
+                &numbers[line * NUMBERS_PER_LINE..numbers.len().min((line + 1) * NUMBERS_PER_LINE)];
             text.int(line[0] + 1);
             for n in &line[1..] {
                 text.word(", ").int(n + 1);
             }
-            text.end();
+            text.end_line();
         },
     )
 }

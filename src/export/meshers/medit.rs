@@ -4,7 +4,7 @@
 use std::io::Write;
 use std::path::Path;
 
-use super::simplices::Simplices;
+use super::simplices::SimplexMesh;
 use crate::Result;
 use crate::export::containers::text::write_items;
 use crate::files::Batch;
@@ -15,8 +15,8 @@ use crate::model::reservoir::Model;
 /// # Errors
 /// [`Error::Export`](crate::Error::Export) if the cells are neither tetrahedra nor triangles.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
-    let mesh = &Simplices::new(model, "Medit's format")?;
-    let (names, of_side) = match mesh.size {
+    let mesh = &SimplexMesh::new(model, "Medit's format")?;
+    let (names, of_side) = match mesh.corner_count {
         3 => ("Triangles", "Edges"),
         _ => ("Tetrahedra", "Triangles"),
     };
@@ -28,15 +28,19 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         )?;
         write_items(out, mesh.nodes.len(), |text, i| {
             let [x, y, z] = mesh.nodes[i];
-            text.real(x).and_real(y).and_real(z).word(" 0").end();
+            text.real(x)
+                .spaced_real(y)
+                .spaced_real(z)
+                .word(" 0")
+                .end_line();
         })?;
-        writeln!(out, "{of_side}\n{}", mesh.sides())?;
-        for named in &mesh.named {
+        writeln!(out, "{of_side}\n{}", mesh.named_side_count())?;
+        for named in &mesh.named_sides {
             write_items(out, named.sides.len(), |text, i| {
                 for &n in named.sides.get(i) {
                     text.int(n + 1).word(" ");
                 }
-                text.int(named.number).end();
+                text.int(named.number).end_line();
             })?;
         }
         writeln!(out, "{names}\n{}", mesh.len())?;
@@ -44,7 +48,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             for n in mesh.get(t) {
                 text.int(n + 1).word(" ");
             }
-            text.int(mesh.region[t]).end();
+            text.int(mesh.region[t]).end_line();
         })?;
         writeln!(out, "End")
     })

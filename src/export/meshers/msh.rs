@@ -10,35 +10,40 @@
 use std::io::Write;
 use std::path::Path;
 
-use super::groups::Named;
-use super::groups::{region_name, regions};
-use super::simplices::{Simplices, Torn};
+use super::groups::NamedSides;
+use super::groups::{region_name, sorted_regions};
+use super::simplices::{SimplexMesh, TornSurface};
 use crate::Result;
-use crate::export::containers::text::{Text, write_items};
+use crate::export::containers::text::{TextBuilder, write_items};
 use crate::files::Batch;
-use crate::geometry::spread;
+use crate::geometry::bounding_box;
 use crate::model::reservoir::Model;
 
-type Out<'a> = &'a mut std::io::BufWriter<std::fs::File>;
-type Done = std::io::Result<()>;
+type FileWriter<'a> = &'a mut std::io::BufWriter<std::fs::File>;
+type WriteResult = std::io::Result<()>;
 
 /// Gmsh's numbers of element types, by their number of corners; and of quadratic ones.
-const TYPES: [[u8; 2]; 5] = [[0, 0], [0, 0], [1, 8], [2, 9], [4, 11]];
+const ELEMENT_TYPES: [[u8; 2]; 5] = [[0, 0], [0, 0], [1, 8], [2, 9], [4, 11]];
 /// Its number of prisms.
-const PRISM: u8 = 6;
+const PRISM_TYPE: u8 = 6;
 
-fn head(out: Out, version: &str, names: &[String], mesh: &Simplices) -> Done {
-    let dim = mesh.size - 1;
+fn write_header(
+    out: FileWriter,
+    version: &str,
+    names: &[String],
+    mesh: &SimplexMesh,
+) -> WriteResult {
+    let dim = mesh.corner_count - 1;
     writeln!(
         out,
         "$MeshFormat\n{version} 0 8\n$EndMeshFormat\n$PhysicalNames"
     )?;
-    let count = mesh.named.len() + mesh.torn.len() + names.len();
+    let count = mesh.named_sides.len() + mesh.torn_surfaces.len() + names.len();
     writeln!(out, "{count}")?;
-    for Named { number, name, .. } in &mesh.named {
+    for NamedSides { number, name, .. } in &mesh.named_sides {
         writeln!(out, "{} {number} \"{name}\"", dim - 1)?;
     }
-    for Torn { number, name, .. } in &mesh.torn {
+    for TornSurface { number, name, .. } in &mesh.torn_surfaces {
         writeln!(out, "{dim} {number} \"{name}\"")?;
     }
     for (number, name) in (mesh.next_number()..).zip(names) {
@@ -48,15 +53,15 @@ fn head(out: Out, version: &str, names: &[String], mesh: &Simplices) -> Done {
 }
 
 /// The types of the cells, and of their sides.
-fn kinds(mesh: &Simplices) -> [u8; 2] {
+fn element_types(mesh: &SimplexMesh) -> [u8; 2] {
     let order = usize::from(mesh.is_quadratic());
-    [mesh.size, mesh.size - 1].map(|size| TYPES[size][order])
+    [mesh.corner_count, mesh.corner_count - 1].map(|size| ELEMENT_TYPES[size][order])
 }
 
 /// Ends a line with the nodes of a cell or side. Gmsh has the last two nodes of ten the other way round.
-fn put(mesh: &Simplices, text: &mut Text, corners: &[u32]) {
+fn end_with_nodes(mesh: &SimplexMesh, text: &mut TextBuilder, corners: &[u32]) {
     let (mut nodes, mut count) = ([0; 10], 0);
-    mesh.visit(corners, |n| {
+    mesh.visit_nodes(corners, |n| {
         nodes[count] = n + 1;
         count += 1;
     });
@@ -64,60 +69,68 @@ fn put(mesh: &Simplices, text: &mut Text, corners: &[u32]) {
         nodes.swap(8, 9);
     }
     for n in &nodes[..count] {
-        text.and_int(*n);
+        text.spaced_int(*n);
     }
-    text.end();
+    text.end_line();
 }
 
 /// Number of prisms between torn faces.
-fn prisms(mesh: &Simplices) -> usize {
-    mesh.torn.iter().map(|torn| torn.pairs.len()).sum()
+fn prism_count(mesh: &SimplexMesh) -> usize {
+    mesh.torn_surfaces
+        .iter()
+        .map(|torn| torn.face_pairs.len())
+        .sum()
 }
 
 /// Version 2.2.
 ///
 /// # Errors
 /// [`Error::Export`](crate::Error::Export) if the cells are neither tetrahedra nor triangles.
-pub fn write_2(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
-    let mesh = &Simplices::new(model, "Gmsh's format")?;
-    let regions = regions(model);
+pub fn write_v2(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
+    let mesh = &SimplexMesh::new(model, "Gmsh's format")?;
+    let regions = sorted_regions(model);
     let names: Vec<String> = regions.iter().map(|&r| region_name(model, r)).collect();
-    mesh.write_twins(batch, path, 1)?;
+    mesh.write_face_pairs(batch, path, 1)?;
     batch.write(path, |out| {
-        head(out, "2.2", &names, mesh)?;
+        write_header(out, "2.2", &names, mesh)?;
         writeln!(out, "$Nodes\n{}", mesh.node_count())?;
         write_items(out, mesh.node_count(), |text, i| {
-            text.int(i + 1).point(mesh.point(i)).end();
+            text.int(i + 1).point(mesh.point(i)).end_line();
         })?;
-        let count = mesh.len() + mesh.sides() + prisms(mesh);
+        let count = mesh.len() + mesh.named_side_count() + prism_count(mesh);
         writeln!(out, "$EndNodes\n$Elements\n{count}")?;
         let mut next = mesh.len() + 1;
-        let [kind, of_side] = kinds(mesh);
-        for Named { number, sides, .. } in &mesh.named {
+        let [kind, of_side] = element_types(mesh);
+        for NamedSides { number, sides, .. } in &mesh.named_sides {
             write_items(out, sides.len(), |text, i| {
-                let text = text.int(next + i).and_int(of_side).word(" 2");
-                text.and_int(*number).and_int(*number);
-                put(mesh, text, sides.get(i));
+                let text = text.int(next + i).spaced_int(of_side).word(" 2");
+                text.spaced_int(*number).spaced_int(*number);
+                end_with_nodes(mesh, text, sides.get(i));
             })?;
             next += sides.len();
         }
-        for Torn { number, pairs, .. } in &mesh.torn {
+        for TornSurface {
+            number,
+            face_pairs: pairs,
+            ..
+        } in &mesh.torn_surfaces
+        {
             write_items(out, pairs.len(), |text, i| {
-                let text = text.int(next + i).and_int(PRISM).word(" 2");
-                text.and_int(*number).and_int(*number);
+                let text = text.int(next + i).spaced_int(PRISM_TYPE).word(" 2");
+                text.spaced_int(*number).spaced_int(*number);
                 for &n in pairs[i].as_flattened() {
-                    text.and_int(n + 1);
+                    text.spaced_int(n + 1);
                 }
-                text.end();
+                text.end_line();
             })?;
             next += pairs.len();
         }
         let first_region = mesh.next_number();
         write_items(out, mesh.len(), |text, t| {
             let region = regions.partition_point(|&r| r < mesh.region[t]) + first_region;
-            let text = text.int(t + 1).and_int(kind).word(" 2");
-            text.and_int(region).and_int(region);
-            put(mesh, text, mesh.get(t));
+            let text = text.int(t + 1).spaced_int(kind).word(" 2");
+            text.spaced_int(region).spaced_int(region);
+            end_with_nodes(mesh, text, mesh.get(t));
         })?;
         writeln!(out, "$EndElements")
     })
@@ -127,16 +140,19 @@ pub fn write_2(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
 ///
 /// # Errors
 /// [`Error::Export`](crate::Error::Export) if the cells are neither tetrahedra nor triangles.
-pub fn write_4(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
-    let mesh = &Simplices::new(model, "Gmsh's format")?;
-    let regions = regions(model);
+pub fn write_v4(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
+    let mesh = &SimplexMesh::new(model, "Gmsh's format")?;
+    let regions = sorted_regions(model);
     let names: Vec<String> = regions.iter().map(|&r| region_name(model, r)).collect();
-    let [low, high] = spread(mesh.nodes);
-    mesh.write_twins(batch, path, 1)?;
+    let [low, high] = bounding_box(mesh.nodes);
+    mesh.write_face_pairs(batch, path, 1)?;
     batch.write(path, |out| {
-        head(out, "4.1", &names, mesh)?;
-        let (dim, [kind, of_side]) = (mesh.size - 1, kinds(mesh));
-        let (sides, cells) = (mesh.named.len(), regions.len() + mesh.torn.len());
+        write_header(out, "4.1", &names, mesh)?;
+        let (dim, [kind, of_side]) = (mesh.corner_count - 1, element_types(mesh));
+        let (sides, cells) = (
+            mesh.named_sides.len(),
+            regions.len() + mesh.torn_surfaces.len(),
+        );
         let first_region = mesh.next_number();
         match dim {
             3 => writeln!(out, "$Entities\n0 0 {sides} {cells}")?,
@@ -144,10 +160,10 @@ pub fn write_4(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         }
         let [x, y, z] = low;
         let [u, v, w] = high;
-        for Named { number, .. } in &mesh.named {
+        for NamedSides { number, .. } in &mesh.named_sides {
             writeln!(out, "{number} {x} {y} {z} {u} {v} {w} 1 {number} 0")?;
         }
-        let torn = mesh.torn.iter().map(|torn| torn.number);
+        let torn = mesh.torn_surfaces.iter().map(|torn| torn.number);
         for number in torn.chain(first_region..first_region + regions.len()) {
             writeln!(out, "{number} {x} {y} {z} {u} {v} {w} 1 {number} 0")?;
         }
@@ -156,30 +172,38 @@ pub fn write_4(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             out,
             "$EndEntities\n$Nodes\n1 {nodes} 1 {nodes}\n{dim} {first_region} 0 {nodes}"
         )?;
-        write_items(out, nodes, |text, i| text.int(i + 1).end())?;
+        write_items(out, nodes, |text, i| text.int(i + 1).end_line())?;
         write_items(out, nodes, |text, i| {
             let [x, y, z] = mesh.point(i);
-            text.real(x).and_real(y).and_real(z).end();
+            text.real(x).spaced_real(y).spaced_real(z).end_line();
         })?;
-        let (blocks, count) = (sides + cells, mesh.len() + mesh.sides() + prisms(mesh));
+        let (blocks, count) = (
+            sides + cells,
+            mesh.len() + mesh.named_side_count() + prism_count(mesh),
+        );
         writeln!(out, "$EndNodes\n$Elements\n{blocks} {count} 1 {count}")?;
         let mut next = mesh.len() + 1;
-        for Named { number, sides, .. } in &mesh.named {
+        for NamedSides { number, sides, .. } in &mesh.named_sides {
             writeln!(out, "{} {number} {of_side} {}", dim - 1, sides.len())?;
             write_items(out, sides.len(), |text, i| {
                 text.int(next + i);
-                put(mesh, text, sides.get(i));
+                end_with_nodes(mesh, text, sides.get(i));
             })?;
             next += sides.len();
         }
-        for Torn { number, pairs, .. } in &mesh.torn {
-            writeln!(out, "{dim} {number} {PRISM} {}", pairs.len())?;
+        for TornSurface {
+            number,
+            face_pairs: pairs,
+            ..
+        } in &mesh.torn_surfaces
+        {
+            writeln!(out, "{dim} {number} {PRISM_TYPE} {}", pairs.len())?;
             write_items(out, pairs.len(), |text, i| {
                 text.int(next + i);
                 for &n in pairs[i].as_flattened() {
-                    text.and_int(n + 1);
+                    text.spaced_int(n + 1);
                 }
-                text.end();
+                text.end_line();
             })?;
             next += pairs.len();
         }
@@ -189,7 +213,7 @@ pub fn write_4(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             writeln!(out, "{dim} {number} {kind} {}", own.len())?;
             write_items(out, own.len(), |text, i| {
                 text.int(own[i] + 1);
-                put(mesh, text, mesh.get(own[i] as usize));
+                end_with_nodes(mesh, text, mesh.get(own[i] as usize));
             })?;
         }
         writeln!(out, "$EndElements")

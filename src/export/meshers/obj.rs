@@ -31,17 +31,17 @@ pub fn add_obj<const D: usize>(
     batch.write(path, |out| {
         writeln!(out, "# atomesh {}", env!("CARGO_PKG_VERSION"))?;
         write_items(out, file.nodes.len(), |text, i| {
-            text.word("v").point(file.nodes[i]).end();
+            text.word("v").point(file.nodes[i]).end_line();
         })?;
         for (s, name) in file.names.iter().enumerate() {
             writeln!(out, "g {name}")?;
-            let facets = file.of(s);
+            let facets = file.surface_facets(s);
             write_items(out, facets.len(), |text, i| {
                 text.word(element);
                 for n in facets[i] {
-                    text.and_int(n + 1);
+                    text.spaced_int(n + 1);
                 }
-                text.end();
+                text.end_line();
             })?;
         }
         Ok(())

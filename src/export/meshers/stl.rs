@@ -4,7 +4,7 @@
 use std::io::Write;
 use std::path::Path;
 
-use super::groups::groups;
+use super::groups::face_groups;
 use super::obj::add_obj;
 use crate::Result;
 use crate::export::containers::text::write_items;
@@ -14,9 +14,9 @@ use crate::geometry::{cross, norm, sub};
 use crate::model::reservoir::Model;
 
 /// Every named group of faces, in triangles.
-fn surfaces(model: &Model) -> SurfaceFile<3> {
+fn named_surfaces(model: &Model) -> SurfaceFile<3> {
     let mesh = &model.mesh;
-    let groups = groups(model);
+    let groups = face_groups(model);
     let (mut facets, mut start) = (Vec::new(), vec![0]);
     for group in &groups {
         for &f in &group.faces {
@@ -36,10 +36,10 @@ fn surfaces(model: &Model) -> SurfaceFile<3> {
 /// # Errors
 /// [`Error::Io`](crate::Error::Io) if it cannot be written.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
-    let file = surfaces(model);
+    let file = named_surfaces(model);
     batch.write(path, |out| {
         for (s, name) in file.names.iter().enumerate() {
-            let facets = file.of(s);
+            let facets = file.surface_facets(s);
             writeln!(out, "solid {name}")?;
             write_items(out, facets.len(), |text, i| {
                 let corners = facets[i].map(|n| file.nodes[n as usize]);
@@ -48,12 +48,12 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
                 let length = norm(normal).max(f64::MIN_POSITIVE);
                 text.word("facet normal")
                     .point(normal.map(|v| v / length))
-                    .end();
-                text.word("outer loop").end();
+                    .end_line();
+                text.word("outer loop").end_line();
                 for corner in corners {
-                    text.word("vertex").point(corner).end();
+                    text.word("vertex").point(corner).end_line();
                 }
-                text.word("endloop\nendfacet").end();
+                text.word("endloop\nendfacet").end_line();
             })?;
             writeln!(out, "endsolid {name}")?;
         }
@@ -66,5 +66,5 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
 /// # Errors
 /// [`Error::Io`](crate::Error::Io) if it cannot be written.
 pub fn write_obj(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
-    add_obj(batch, path, &surfaces(model))
+    add_obj(batch, path, &named_surfaces(model))
 }

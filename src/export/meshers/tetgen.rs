@@ -4,7 +4,7 @@
 use std::io::Write;
 use std::path::Path;
 
-use super::groups::groups;
+use super::groups::face_groups;
 use crate::Result;
 use crate::export::containers::text::write_items;
 use crate::files::Batch;
@@ -20,7 +20,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     batch.write(path, |out| {
         writeln!(out, "{} 3 0 0", mesh.nodes.len())?;
         write_items(out, mesh.nodes.len(), |text, i| {
-            text.int(i + 1).point(mesh.nodes[i]).end();
+            text.int(i + 1).point(mesh.nodes[i]).end_line();
         })
     })?;
     batch.write(&path.with_extension("ele"), |out| {
@@ -28,12 +28,12 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         write_items(out, tets.len(), |text, t| {
             text.int(t + 1);
             for n in tets[t] {
-                text.and_int(n + 1);
+                text.spaced_int(n + 1);
             }
-            text.and_int(mesh.region[t]).end();
+            text.spaced_int(mesh.region[t]).end_line();
         })
     })?;
-    let groups = groups(model);
+    let groups = face_groups(model);
     batch.write(&path.with_extension("face"), |out| {
         writeln!(
             out,
@@ -45,9 +45,9 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             write_items(out, group.faces.len(), |text, i| {
                 text.int(next + i);
                 for &n in mesh.faces.get(group.faces[i] as usize) {
-                    text.and_int(n + 1);
+                    text.spaced_int(n + 1);
                 }
-                text.and_int(group.number).end();
+                text.spaced_int(group.number).end_line();
             })?;
             next += group.faces.len();
         }

@@ -7,17 +7,17 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use super::simplices::Simplices;
+use super::simplices::SimplexMesh;
 use crate::Result;
-use crate::export::containers::binary::Numbers;
-use crate::export::containers::hdf5::{self, Node};
-use crate::export::values::of_cells;
+use crate::export::containers::binary::LazyArray;
+use crate::export::containers::hdf5::{self, Hdf5Node};
+use crate::export::values::cell_arrays;
 use crate::files::Batch;
 use crate::files::vtk::xml::escape;
 use crate::model::reservoir::Model;
 
 /// XDMF's names of simplices: linear, quadratic; by their number of corners.
-const TOPOLOGY: [[&str; 2]; 5] = [
+const TOPOLOGY_NAMES: [[&str; 2]; 5] = [
     ["", ""],
     ["", ""],
     ["Polyline", "Edge_3"],
@@ -26,18 +26,18 @@ const TOPOLOGY: [[&str; 2]; 5] = [
 ];
 
 /// What is written in XDMF and in HDF5.
-struct Written<'a> {
+struct XdmfContent<'a> {
     /// The name of the HDF5 file.
     file: String,
     xml: String,
-    nodes: Vec<(String, Node<'a>)>,
+    nodes: Vec<(String, Hdf5Node<'a>)>,
 }
 
-impl<'a> Written<'a> {
+impl<'a> XdmfContent<'a> {
     /// Puts a dataset into the one and what refers to it into the other.
-    fn data(&mut self, name: String, dims: &[usize], numbers: Numbers<'a>) {
+    fn add_data(&mut self, name: String, dims: &[usize], numbers: LazyArray<'a>) {
         let lengths: Vec<String> = dims.iter().map(usize::to_string).collect();
-        let (kind, precision) = match numbers.kind {
+        let (kind, precision) = match numbers.vtk_type {
             "Int32" => ("Int", 4),
             "UInt32" => ("UInt", 4),
             _ => ("Float", 8),
@@ -50,11 +50,11 @@ impl<'a> Written<'a> {
             escape(&self.file),
         );
         let dims = dims.iter().map(|&n| n as u64).collect();
-        self.nodes.push((name, Node::Data(dims, numbers)));
+        self.nodes.push((name, Hdf5Node::Dataset(dims, numbers)));
     }
 
     /// Cells of one type.
-    fn topology(&mut self, name: String, kind: &str, size: usize, nodes: Vec<u32>) {
+    fn add_topology(&mut self, name: String, kind: &str, size: usize, nodes: Vec<u32>) {
         let count = nodes.len() / size;
         let more = if kind == "Polyline" {
             " NodesPerElement=\"2\""
@@ -65,8 +65,8 @@ impl<'a> Written<'a> {
             self.xml,
             "<Topology TopologyType=\"{kind}\" NumberOfElements=\"{count}\"{more}>"
         );
-        let numbers = Numbers::computed(nodes.len(), move |i| nodes[i] as i32);
-        self.data(name, &[count, size], numbers);
+        let numbers = LazyArray::from_fn(nodes.len(), move |i| nodes[i] as i32);
+        self.add_data(name, &[count, size], numbers);
         self.xml.push_str("</Topology>\n");
     }
 }
@@ -80,10 +80,10 @@ const TAIL: &str = "</Domain>\n</Xdmf>\n";
 /// # Errors
 /// [`Error::Export`](crate::Error::Export) if the cells are neither tetrahedra nor triangles.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
-    let mesh = &Simplices::new(model, "XDMF")?;
+    let mesh = &SimplexMesh::new(model, "XDMF")?;
     let companion = path.with_extension("h5");
     let name = companion.file_name().unwrap_or_default().to_string_lossy();
-    let mut written = Written {
+    let mut written = XdmfContent {
         file: name.into_owned(),
         xml: HEAD.into(),
         nodes: Vec::new(),
@@ -95,14 +95,19 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         .xml
         .push_str("<Grid Name=\"cells\" GridType=\"Uniform\">\n");
     let mut corners = Vec::new();
-    (0..mesh.len()).for_each(|i| mesh.visit(mesh.get(i), |n| corners.push(n)));
+    (0..mesh.len()).for_each(|i| mesh.visit_nodes(mesh.get(i), |n| corners.push(n)));
     let size = corners.len() / mesh.len().max(1);
-    written.topology("cells".into(), TOPOLOGY[mesh.size][order], size, corners);
+    written.add_topology(
+        "cells".into(),
+        TOPOLOGY_NAMES[mesh.corner_count][order],
+        size,
+        corners,
+    );
     written.xml.push_str(geometry);
-    let positions = Numbers::computed(3 * points, |i| mesh.point(i / 3)[i % 3]);
-    written.data("points".into(), &[points, 3], positions);
+    let positions = LazyArray::from_fn(3 * points, |i| mesh.point(i / 3)[i % 3]);
+    written.add_data("points".into(), &[points, 3], positions);
     written.xml.push_str("</Geometry>\n");
-    for array in of_cells(model) {
+    for array in cell_arrays(model) {
         let kind = match array.components {
             1 => "Scalar",
             3 => "Vector",
@@ -124,25 +129,26 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         let name = format!("of_cells_{}", array.name.replace('/', "_"));
         match array.name.as_str() {
             "region" => {
-                let numbers = Numbers::computed(values.len(), move |i| values[i] as i32);
-                written.data(name, dims, numbers);
+                let numbers = LazyArray::from_fn(values.len(), move |i| values[i] as i32);
+                written.add_data(name, dims, numbers);
             }
-            _ => written.data(
+            _ => written.add_data(
                 name,
                 dims,
-                Numbers::computed(values.len(), move |i| values[i]),
+                LazyArray::from_fn(values.len(), move |i| values[i]),
             ),
         }
         written.xml.push_str("</Attribute>\n");
     }
     let sides = |k: usize| {
-        let named = &mesh.named[k];
+        let named = &mesh.named_sides[k];
         let mut nodes = Vec::new();
-        (0..named.cells.len()).for_each(|i| mesh.visit(named.sides.get(i), |n| nodes.push(n)));
+        (0..named.cells.len())
+            .for_each(|i| mesh.visit_nodes(named.sides.get(i), |n| nodes.push(n)));
         nodes
     };
     let cells = written.xml.clone();
-    for (k, named) in mesh.named.iter().enumerate() {
+    for (k, named) in mesh.named_sides.iter().enumerate() {
         let mut nodes = sides(k);
         nodes.sort_unstable();
         nodes.dedup();
@@ -152,12 +158,12 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             escape(&named.name)
         );
         let count = nodes.len();
-        let numbers = Numbers::computed(count, move |i| nodes[i] as i32);
-        written.data(format!("nodes_{}", named.name), &[count], numbers);
+        let numbers = LazyArray::from_fn(count, move |i| nodes[i] as i32);
+        written.add_data(format!("nodes_{}", named.name), &[count], numbers);
         written.xml.push_str("</Set>\n");
     }
     written.xml.push_str("</Grid>\n");
-    for (k, named) in mesh.named.iter().enumerate() {
+    for (k, named) in mesh.named_sides.iter().enumerate() {
         let nodes = sides(k);
         let size = nodes.len() / named.cells.len().max(1);
         let _ = writeln!(
@@ -165,8 +171,8 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             "<Grid Name=\"{}\" GridType=\"Uniform\">",
             escape(&named.name)
         );
-        let kind = TOPOLOGY[mesh.size - 1][order];
-        written.topology(format!("faces_{}", named.name), kind, size, nodes);
+        let kind = TOPOLOGY_NAMES[mesh.corner_count - 1][order];
+        written.add_topology(format!("faces_{}", named.name), kind, size, nodes);
         let _ = writeln!(
             written.xml,
             "{geometry}<DataItem Dimensions=\"{points} 3\" NumberType=\"Float\" Precision=\"8\" \
@@ -174,12 +180,12 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             escape(&written.file),
         );
     }
-    let root = Node::Group(written.nodes);
+    let root = Hdf5Node::Group(written.nodes);
     batch.write(&companion, |out| hdf5::write(out, &root))?;
     let mut write = |path: &Path, xml: &str| {
         batch.write(path, |out| std::io::Write::write_all(out, xml.as_bytes()))
     };
-    if !mesh.named.is_empty() {
+    if !mesh.named_sides.is_empty() {
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         let names = path.with_file_name(format!("{stem}_names.xdmf"));
         write(&names, &(written.xml + TAIL))?;

@@ -11,9 +11,9 @@
 //! closed surface of whole cells. The cut of an axis stops at `steps - 1` places at most, and a face
 //! whose cells no such place parts is never seen: it is left out. Large meshes get fewer places.
 
-mod keep;
+mod culling;
 mod pack;
-mod picture;
+mod texture;
 mod values;
 
 use std::io::Write;
@@ -25,17 +25,17 @@ use serde_json::{Value, json};
 use crate::error::cause;
 use crate::files::atomic_write;
 use crate::image::Image;
-use crate::model::slice::{Faces, Frame};
-use crate::model::surface::stored::numbered_by_bends;
-use crate::store::{Stored, StoredMesh};
+use crate::model::slice::{BoxFrame, DrawableFaces};
+use crate::model::surface::stored_surfaces::surfaces_by_bend;
+use crate::store::{Storable, StoredMesh};
 use crate::{Error, Result};
 
-use keep::Kept;
-use pack::{Packed, Streams};
+use culling::PageMesh;
+use pack::{ByteStreams, PackedStreams};
 
 /// What else the page says.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub struct About {
+pub struct PageInfo {
     /// The page's heading.
     pub title: String,
     /// The run's [`Report`](crate::report::Report).
@@ -48,24 +48,24 @@ pub struct About {
 
 /// What was written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-pub struct Written {
+pub struct PageStats {
     /// Size of the file.
     pub bytes: usize,
     /// Into how many parts the places at which the cut can stop divide each axis.
-    pub steps: usize,
+    pub cut_steps: usize,
     /// Whether the page has fewer places than a browser can show, to be small enough.
-    pub thinned: bool,
+    pub is_thinned: bool,
     /// Faces in the page.
     pub faces: usize,
     /// Faces of the mesh.
-    pub of_faces: usize,
+    pub total_faces: usize,
 }
 
 /// The largest page, in bytes.
-pub const LARGEST: usize = 10_000_000;
+pub const MAX_PAGE_BYTES: usize = 10_000_000;
 /// Into how many parts places of the cut divide an axis: the most, as a byte keeps the part, and fewer
 /// down to a cut through the middle.
-const STEPS: [usize; 24] = [
+const CUT_STEPS: [usize; 24] = [
     256, 192, 128, 96, 80, 64, 56, 48, 40, 32, 28, 24, 20, 16, 14, 12, 10, 8, 7, 6, 5, 4, 3, 2,
 ];
 
@@ -74,21 +74,21 @@ const STEPS: [usize; 24] = [
 /// # Errors
 /// [`Error::Export`] for a mesh that does not fit into `largest` bytes however few places its cut
 /// has; [`Error::Io`] if the file cannot be written.
-pub fn write<const D: usize, M: Stored<D>>(
+pub fn write<const D: usize, M: Storable<D>>(
     path: &Path,
     image: Option<&Image<D>>,
     stored: &StoredMesh<D, M>,
-    about: &About,
+    about: &PageInfo,
     largest: usize,
-) -> Result<Written> {
+) -> Result<PageStats> {
     let surfaces = stored
-        .marks()
-        .map(|marks| numbered_by_bends(stored, &marks));
+        .feature_marks()
+        .map(|marks| surfaces_by_bend(stored, &marks));
     let surfaces = surfaces.unwrap_or_default();
-    let faces = Faces::of(stored, &surfaces.facets)?;
-    let arrays = values::of(stored, &faces, image);
-    let texture = image.map(picture::of);
-    let frame = Frame::of(&stored.space, image.map(|image| &image.geometry));
+    let faces = DrawableFaces::from_mesh(stored, &surfaces.facets)?;
+    let arrays = values::scalar_arrays(stored, &faces, image);
+    let texture = image.map(texture::from_image);
+    let frame = BoxFrame::new(&stored.space, image.map(|image| &image.geometry));
     let kinds: Vec<_> = surfaces.kinds.iter().map(|kind| kind.name()).collect();
 
     // Bytes of what every page has, and of a face and of a cell: guessed, and corrected by each page made.
@@ -98,36 +98,36 @@ pub fn write<const D: usize, M: Stored<D>>(
             .map_or(0.0, |t| 1.35 * t.bytes.len() as f64);
     let by_cell = 3.0 + 2.6 * arrays.len() as f64;
     let guess = |steps: usize| {
-        let (kept, cells) = keep::count(&faces, steps);
+        let (kept, cells) = culling::count(&faces, steps);
         5.5 * kept as f64 + by_cell * cells as f64
     };
     let mut correction = 1.0;
     // The finest steps that fit are searched: those before `finest` are too fine, those from `coarsest` on
     // no finer than those of the page that is there.
-    let (mut finest, mut coarsest) = (0, STEPS.len());
+    let (mut finest, mut coarsest) = (0, CUT_STEPS.len());
     let (mut fits, mut too_large) = (None, 0);
     while finest < coarsest {
-        let enough = |&at: &usize| rest + correction * guess(STEPS[at]) <= largest as f64;
+        let enough = |&at: &usize| rest + correction * guess(CUT_STEPS[at]) <= largest as f64;
         let at = match (finest..coarsest).find(enough) {
             Some(at) => at,
             None if fits.is_some() => break,
             None => coarsest - 1,
         };
-        let steps = STEPS[at];
-        let kept = Kept::of(&faces, steps);
-        let mut streams = Streams::default();
-        streams.faces(&faces, &kept);
+        let steps = CUT_STEPS[at];
+        let kept = PageMesh::new(&faces, steps);
+        let mut streams = ByteStreams::default();
+        streams.add_faces(&faces, &kept);
         let arrays: Vec<Value> = (arrays.iter())
-            .map(|array| array.put(&mut streams, &kept))
+            .map(|array| array.add_to_streams(&mut streams, &kept))
             .collect();
         if let Some(texture) = &texture {
-            streams.image(texture);
+            streams.add_image(texture);
         }
-        let Packed { base64, layout } = streams.pack();
+        let PackedStreams { base64, layout } = streams.pack();
         let facts = json!({
             "about": about,
             "dimensions": D,
-            "cells": M::CELLS,
+            "cells": M::CELLS_NAME,
             "counts": {
                 "nodes": stored.lattice.nodes().len(),
                 "cells": stored.lattice.len(),
@@ -135,12 +135,12 @@ pub fn write<const D: usize, M: Stored<D>>(
                 "kept": kept.faces.len(),
             },
             "steps": steps,
-            "thinned": steps < STEPS[0],
+            "thinned": steps < CUT_STEPS[0],
             "frame": frame,
             "arrays": arrays,
             "surfaces": kinds,
-            "large_surfaces": surfaces.kept,
-            "image": texture.as_ref().map(|texture| &texture.facts),
+            "large_surfaces": surfaces.kept_count,
+            "image": texture.as_ref().map(|texture| &texture.metadata),
             "streams": layout,
         });
         let page = html(&about.title, &facts, &base64);
@@ -150,12 +150,12 @@ pub fn write<const D: usize, M: Stored<D>>(
             too_large = page.len();
         } else {
             coarsest = at;
-            let written = Written {
+            let written = PageStats {
                 bytes: page.len(),
-                steps,
-                thinned: steps < STEPS[0],
+                cut_steps: steps,
+                is_thinned: steps < CUT_STEPS[0],
                 faces: kept.faces.len(),
-                of_faces: faces.len(),
+                total_faces: faces.len(),
             };
             fits = Some((page, written));
         }

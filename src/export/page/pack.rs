@@ -10,17 +10,17 @@ use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use serde_json::{Value, json};
 
-use super::keep::Kept;
-use super::picture::Texture;
+use super::culling::PageMesh;
+use super::texture::Texture;
 use crate::mesh::complex::NONE;
-use crate::model::slice::Faces;
+use crate::model::slice::DrawableFaces;
 
 /// The largest number of a coordinate.
-const FINEST: f64 = 65535.0;
+const MAX_COORDINATE: f64 = 65535.0;
 
 /// Streams of bytes with their names, one after the other.
 #[derive(Debug, Default)]
-pub(super) struct Streams {
+pub(super) struct ByteStreams {
     bytes: Vec<u8>,
     /// The name of each, how many numbers it holds, and its bytes.
     layout: Vec<(String, usize, usize)>,
@@ -28,14 +28,14 @@ pub(super) struct Streams {
 
 /// All streams as text.
 #[derive(Debug)]
-pub(super) struct Packed {
+pub(super) struct PackedStreams {
     /// The bytes of all streams, compressed by zlib, in Base64.
     pub base64: String,
     /// Name, count of numbers and bytes of each stream.
     pub layout: Value,
 }
 
-impl Streams {
+impl ByteStreams {
     /// Adds a stream of bytes that stand for `count` numbers.
     pub(super) fn add(&mut self, name: &str, count: usize, bytes: &[u8]) {
         self.bytes.extend_from_slice(bytes);
@@ -58,7 +58,7 @@ impl Streams {
     }
 
     /// Adds 16-bit numbers, the low bytes of all before the high ones.
-    pub(super) fn add_words(&mut self, name: &str, words: &[u16]) {
+    pub(super) fn add_u16s(&mut self, name: &str, words: &[u16]) {
         let low = words.iter().map(|&word| word as u8);
         let high = words.iter().map(|&word| (word >> 8) as u8);
         let bytes: Vec<u8> = low.chain(high).collect();
@@ -66,7 +66,7 @@ impl Streams {
     }
 
     /// Adds the texture, each byte less the one before it in its row.
-    pub(super) fn image(&mut self, texture: &Texture) {
+    pub(super) fn add_image(&mut self, texture: &Texture) {
         let mut bytes = texture.bytes.clone();
         for row in bytes.chunks_mut(texture.dims[0]) {
             let mut before = 0;
@@ -79,7 +79,7 @@ impl Streams {
 
     /// Adds the faces and cells that a page keeps. Nodes are numbered as they are first used, so that
     /// a face names most of its nodes by how far they lie behind the newest.
-    pub(super) fn faces(&mut self, faces: &Faces, kept: &Kept) {
+    pub(super) fn add_faces(&mut self, faces: &DrawableFaces, kept: &PageMesh) {
         let mut number = vec![NONE; faces.nodes.len()];
         let mut nodes: Vec<u32> = Vec::new();
         let mut corners = Vec::new();
@@ -97,7 +97,7 @@ impl Streams {
             }
         }
         let mut ends = Vec::new();
-        for (line, _) in &faces.lines {
+        for (line, _) in &faces.feature_edges {
             for &node in line {
                 behind(node, &mut ends);
             }
@@ -106,7 +106,7 @@ impl Streams {
         let mut last = [0; 3];
         let places: Vec<u32> = (nodes.iter())
             .flat_map(|&node| {
-                let place = faces.nodes[node as usize].map(|x| (x * FINEST).round() as i64);
+                let place = faces.nodes[node as usize].map(|x| (x * MAX_COORDINATE).round() as i64);
                 let step = std::array::from_fn::<_, 3, _>(|k| zigzag(place[k] - last[k]));
                 last = place;
                 step
@@ -131,7 +131,7 @@ impl Streams {
         let surfaces = kept.faces.iter().map(|&f| faces.surfaces[f as usize]);
         self.add_numbers("surfaces", surfaces);
         self.add_numbers("ends", ends);
-        self.add_numbers("lines", faces.lines.iter().map(|line| line.1));
+        self.add_numbers("lines", faces.feature_edges.iter().map(|line| line.1));
 
         let mut before = 0;
         let numbers = kept.cells.iter().map(|&cell| {
@@ -144,14 +144,14 @@ impl Streams {
     }
 
     /// All streams as text.
-    pub(super) fn pack(self) -> Packed {
+    pub(super) fn pack(self) -> PackedStreams {
         let mut encoder = ZlibEncoder::new(Vec::new(), Compression::new(7));
         // Writing into memory does not fail.
         let packed = match encoder.write_all(&self.bytes) {
             Ok(()) => encoder.finish().unwrap_or_default(),
             Err(_) => Vec::new(),
         };
-        Packed {
+        PackedStreams {
             base64: base64(&packed),
             layout: json!(self.layout),
         }
@@ -165,14 +165,14 @@ fn zigzag(number: i64) -> u32 {
 
 /// Bytes in Base64 (RFC 4648).
 pub(super) fn base64(bytes: &[u8]) -> String {
-    const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    const ALPHABET: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
     for three in bytes.chunks(3) {
         let byte = |k: usize| u32::from(three.get(k).copied().unwrap_or(0));
         let word = byte(0) << 16 | byte(1) << 8 | byte(2);
         for k in 0..4 {
             text.push(match k <= three.len() {
-                true => LETTERS[(word >> (18 - 6 * k) & 63) as usize] as char,
+                true => ALPHABET[(word >> (18 - 6 * k) & 63) as usize] as char,
                 false => '=',
             });
         }

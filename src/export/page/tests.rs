@@ -1,7 +1,7 @@
 use super::*;
 use crate::files::vtk::DataArray;
 use crate::image::Geometry;
-use crate::image::synth::{self, Kind};
+use crate::image::synth::{self, SyntheticKind};
 use crate::mesh::complex::NONE;
 use crate::mesh::poly::samples::two_cells;
 use crate::mesh::{Mesh, TriMesh};
@@ -11,17 +11,17 @@ use std::io::Read;
 
 /// A page taken apart again, as unpack.js does it.
 struct Unpacked {
-    facts: Value,
+    metadata: Value,
     streams: BTreeMap<String, (usize, Vec<u8>)>,
 }
 
 impl Unpacked {
-    fn of(html: &str) -> Self {
+    fn from_html(html: &str) -> Self {
         let between = |start: &str| {
             let from = html.find(start).unwrap() + start.len();
             &html[from..from + html[from..].find("</script>").unwrap()]
         };
-        let facts: Value = serde_json::from_str(between("id=\"facts\">")).unwrap();
+        let metadata: Value = serde_json::from_str(between("id=\"facts\">")).unwrap();
         let letters = between("id=\"data\">").trim();
         let value = |letter: u8| match letter {
             b'A'..=b'Z' => letter - b'A',
@@ -43,14 +43,14 @@ impl Unpacked {
         decoder.read_to_end(&mut all).unwrap();
         let mut streams = BTreeMap::new();
         let mut start = 0;
-        for stream in facts["streams"].as_array().unwrap() {
+        for stream in metadata["streams"].as_array().unwrap() {
             let number = |k: usize| stream[k].as_u64().unwrap() as usize;
             let bytes = all[start..start + number(2)].to_vec();
             start += number(2);
             streams.insert(stream[0].as_str().unwrap().to_string(), (number(1), bytes));
         }
         assert_eq!(start, all.len());
-        Self { facts, streams }
+        Self { metadata, streams }
     }
 
     fn numbers(&self, name: &str) -> Vec<u32> {
@@ -116,7 +116,7 @@ impl Unpacked {
     }
 }
 
-fn stored<const D: usize, M: Stored<D>>(mesh: M, cell_data: Vec<DataArray>) -> StoredMesh<D, M> {
+fn stored<const D: usize, M: Storable<D>>(mesh: M, cell_data: Vec<DataArray>) -> StoredMesh<D, M> {
     let file = MeshFile {
         mesh,
         point_data: Vec::new(),
@@ -127,22 +127,22 @@ fn stored<const D: usize, M: Stored<D>>(mesh: M, cell_data: Vec<DataArray>) -> S
 }
 
 /// Writes a page and takes it apart.
-fn page<const D: usize, M: Stored<D>>(
+fn write_page<const D: usize, M: Storable<D>>(
     stored: &StoredMesh<D, M>,
     image: Option<&Image<D>>,
     largest: usize,
-) -> Result<(Written, Unpacked, String)> {
+) -> Result<(PageStats, Unpacked, String)> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("page.html");
-    let about = About {
+    let about = PageInfo {
         title: "<b> & </script>".to_string(),
         report: json!({ "note": "</script><script>alert(1)</script>" }),
-        ..About::default()
+        ..PageInfo::default()
     };
     let written = write(&path, image, stored, &about, largest)?;
     let html = std::fs::read_to_string(&path).unwrap();
     assert_eq!(html.len(), written.bytes);
-    Ok((written, Unpacked::of(&html), html))
+    Ok((written, Unpacked::from_html(&html), html))
 }
 
 /// A box of cubes, six tetrahedra each.
@@ -179,14 +179,14 @@ fn faces_cells_and_values_come_back() {
             DataArray::scalars("feature_faces", bits),
         ],
     );
-    let (written, page, html) = page(&stored, None, LARGEST).unwrap();
+    let (written, page, html) = write_page(&stored, None, MAX_PAGE_BYTES).unwrap();
     // 256 places part the middles of all cells that share a face.
     let (sides, inside) = (6 * 4 * 4 * 2, (4 * count - 6 * 4 * 4 * 2) / 2);
     assert_eq!(
-        (written.faces, written.of_faces),
+        (written.faces, written.total_faces),
         (sides + inside, sides + inside)
     );
-    assert!(!written.thinned && written.steps == 256);
+    assert!(!written.is_thinned && written.cut_steps == 256);
 
     let faces = page.faces();
     let mut owned = vec![0; count];
@@ -216,7 +216,7 @@ fn faces_cells_and_values_come_back() {
             })
             .collect()
     };
-    let arrays = page.facts["arrays"].as_array().unwrap();
+    let arrays = page.metadata["arrays"].as_array().unwrap();
     let read = |name: &str| -> Vec<f64> {
         let array = arrays.iter().find(|a| a["name"] == name).unwrap();
         let (low, step) = (
@@ -243,7 +243,8 @@ fn faces_cells_and_values_come_back() {
 
 #[test]
 fn polyhedra_triangles_and_polygons_come_too() {
-    let (_, page_of_cells, _) = page(&stored(two_cells::<3>(0.75), vec![]), None, LARGEST).unwrap();
+    let (_, page_of_cells, _) =
+        write_page(&stored(two_cells::<3>(0.75), vec![]), None, MAX_PAGE_BYTES).unwrap();
     let faces = page_of_cells.faces();
     assert_eq!(
         faces
@@ -260,11 +261,12 @@ fn polyhedra_triangles_and_polygons_come_too() {
     };
     let marked = vec![DataArray::scalars("feature_edges", vec![1u8, 0])];
     let image = Image::new([3, 3], vec![0.5; 9], Geometry::default());
-    let (_, flat, _) = page(&stored(square, marked), Some(&image), LARGEST).unwrap();
+    let (_, flat, _) = write_page(&stored(square, marked), Some(&image), MAX_PAGE_BYTES).unwrap();
     assert_eq!(flat.faces().len(), 2);
     assert_eq!(flat.numbers("lines"), [1]);
     assert_eq!(flat.numbers("ends").len(), 2);
-    let (_, cells, _) = page(&stored(two_cells::<2>(0.75), vec![]), None, LARGEST).unwrap();
+    let (_, cells, _) =
+        write_page(&stored(two_cells::<2>(0.75), vec![]), None, MAX_PAGE_BYTES).unwrap();
     let mut sizes: Vec<usize> = cells.faces().iter().map(|face| face.0.len()).collect();
     sizes.sort_unstable();
     assert_eq!(sizes, [4, 4]);
@@ -279,10 +281,10 @@ fn fewer_places_thin_the_mesh_to_what_they_show() {
         *node = node.map(|c| c + 0.013 * (c * (12.0 - c)) / 36.0);
     }
     let stored = stored(mesh, vec![]);
-    let faces = Faces::of(&stored, &[]).unwrap();
+    let faces = DrawableFaces::from_mesh(&stored, &[]).unwrap();
     let mut before = faces.len();
     for steps in [8, 4, 2] {
-        let kept = Kept::of(&faces, steps);
+        let kept = PageMesh::new(&faces, steps);
         assert!(kept.faces.len() < before);
         before = kept.faces.len();
         let kept: std::collections::BTreeSet<u32> = kept.faces.into_iter().collect();
@@ -290,27 +292,27 @@ fn fewer_places_thin_the_mesh_to_what_they_show() {
             let parted = b == NONE
                 || (1..steps).any(|place| {
                     let at = place as f64 / steps as f64;
-                    let [p, q] = [a, b].map(|c| faces.middles[c as usize]);
+                    let [p, q] = [a, b].map(|c| faces.cell_centres[c as usize]);
                     (0..3).any(|k| (p[k] < at) != (q[k] < at))
                 });
             assert_eq!(kept.contains(&(face as u32)), parted, "{steps} {face}");
         }
     }
-    for steps in [STEPS[0], 8, 4, 2] {
-        let kept = Kept::of(&faces, steps);
-        let counted = keep::count(&faces, steps);
+    for steps in [CUT_STEPS[0], 8, 4, 2] {
+        let kept = PageMesh::new(&faces, steps);
+        let counted = culling::count(&faces, steps);
         assert_eq!(counted, (kept.faces.len(), kept.cells.len()));
     }
-    let (whole, _, _) = page(&stored, None, LARGEST).unwrap();
-    let (thinned, unpacked, _) = page(&stored, None, whole.bytes - 40_000).unwrap();
-    assert!(thinned.thinned && thinned.bytes <= whole.bytes - 40_000);
+    let (whole, _, _) = write_page(&stored, None, MAX_PAGE_BYTES).unwrap();
+    let (thinned, unpacked, _) = write_page(&stored, None, whole.bytes - 40_000).unwrap();
+    assert!(thinned.is_thinned && thinned.bytes <= whole.bytes - 40_000);
     assert!(thinned.faces < whole.faces && unpacked.faces().len() == thinned.faces);
-    assert_eq!(unpacked.facts["thinned"], true);
+    assert_eq!(unpacked.metadata["thinned"], true);
 }
 
 #[test]
 fn what_does_not_fit_is_refused() {
-    let error = page(&stored(cubes(12), vec![]), None, 60_000)
+    let error = write_page(&stored(cubes(12), vec![]), None, 60_000)
         .err()
         .unwrap();
     let said = error.to_string();
@@ -326,18 +328,21 @@ fn a_page_is_the_same_every_time() {
         dims: [20, 18, 16],
         ..Default::default()
     };
-    let image = synth::make(Kind::Sphere, &options).unwrap().image;
+    let image = synth::make(SyntheticKind::Sphere, &options).unwrap().image;
     let mut mesh = cubes(4);
     for node in &mut mesh.nodes {
         *node = std::array::from_fn(|k| node[k] * [19.0, 17.0, 15.0][k] / 4.0);
     }
     let stored = stored(mesh, vec![]);
-    let (written, unpacked, first) = page(&stored, Some(&image), LARGEST).unwrap();
-    assert_eq!(first, page(&stored, Some(&image), LARGEST).unwrap().2);
+    let (written, unpacked, first) = write_page(&stored, Some(&image), MAX_PAGE_BYTES).unwrap();
+    assert_eq!(
+        first,
+        write_page(&stored, Some(&image), MAX_PAGE_BYTES).unwrap().2
+    );
     assert!(written.bytes < 200_000);
-    assert_eq!(unpacked.facts["image"]["dims"], json!([20, 18, 16]));
+    assert_eq!(unpacked.metadata["image"]["dims"], json!([20, 18, 16]));
     assert_eq!(unpacked.streams["image"].0, 20 * 18 * 16);
-    let names: Vec<&Value> = (unpacked.facts["arrays"].as_array().unwrap().iter())
+    let names: Vec<&Value> = (unpacked.metadata["arrays"].as_array().unwrap().iter())
         .map(|array| &array["name"])
         .collect();
     assert_eq!(names, ["image"]);

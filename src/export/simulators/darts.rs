@@ -8,40 +8,42 @@
 use std::io::Write;
 use std::path::Path;
 
-use super::opm::TRANSMISSIBILITY;
+use super::opm::TRANSMISSIBILITY_UNIT;
 use crate::Result;
 use crate::export::containers::text::write_items;
 use crate::files::Batch;
 use crate::model::reservoir::{BAR, Control, DAY, MILLIDARCY, Model, Well};
 
-const NEEDS: &str = "a DARTS connection list";
+const ERROR_PLACE: &str = "a DARTS connection list";
 
 /// Writes both; `path` is the `.conn` file.
 ///
 /// # Errors
 /// [`Error::Export`](crate::Error::Export) without porosity or permeability.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
-    let porosity = model.need_porosity(NEEDS)?;
-    let permeability = model.need_permeability(NEEDS)?;
+    let porosity = model.need_porosity(ERROR_PLACE)?;
+    let permeability = model.need_permeability(ERROR_PLACE)?;
     let (graph, t) = (&model.graph, &permeability.transmissibility);
     batch.write(path, |out| {
         writeln!(out, "# block_m block_p tran tranD")?;
         write_items(out, t.len(), |text, i| {
             let c = &graph.connections[i];
-            let text = text.int(c.cells[0]).and_int(c.cells[1]);
-            let text = text.and_real(TRANSMISSIBILITY * t[i]);
-            text.and_real(c.unit_transmissibility()).end();
+            let text = text.int(c.cells[0]).spaced_int(c.cells[1]);
+            let text = text.spaced_real(TRANSMISSIBILITY_UNIT * t[i]);
+            text.spaced_real(c.unit_transmissibility()).end_line();
         })
     })?;
     batch.write(&path.with_extension("cells"), |out| {
         writeln!(out, "# volume poro depth permx permy permz region x y z")?;
         write_items(out, model.len(), |text, c| {
-            let text = text.real(graph.volume[c]).and_real(porosity[c]);
-            text.and_real(model.depth(c));
+            let text = text.real(graph.volume[c]).spaced_real(porosity[c]);
+            text.spaced_real(model.depth(c));
             for k in &permeability.rock.mobility(c).0[..3] {
-                text.and_real(k / MILLIDARCY);
+                text.spaced_real(k / MILLIDARCY);
             }
-            text.and_int(graph.region[c]).point(graph.site[c]).end();
+            text.spaced_int(graph.region[c])
+                .point(graph.site[c])
+                .end_line();
         })
     })?;
     if model.case.wells.is_empty() {
@@ -57,7 +59,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             };
             let Well { name, radius, .. } = well;
             for (block, index) in &well.cells {
-                let index = TRANSMISSIBILITY * index;
+                let index = TRANSMISSIBILITY_UNIT * index;
                 writeln!(out, "{name} {block} {index:e} {radius} {control} {value}")?;
             }
         }

@@ -7,24 +7,24 @@ use crate::Result;
 use crate::error::{Error, cause};
 use crate::export::containers::text::write_numbers;
 use crate::model::reservoir::{
-    BAR, Case, Control, DAY, Fluid, Model, OIL_DENSITY, WATER_DENSITY, Well,
+    BAR, Control, DAY, Fluid, Model, OIL_DENSITY, SimulationCase, WATER_DENSITY, Well,
 };
 
 /// From m^3 to cP rm3/day/bar, so that T dp / viscosity is a rate in METRIC units.
-pub const TRANSMISSIBILITY: f64 = DAY * BAR / 1e-3;
+pub const TRANSMISSIBILITY_UNIT: f64 = DAY * BAR / 1e-3;
 /// Saturation of water that does not flow, in rock full of oil.
-pub(crate) const WATER_LEFT: f64 = 0.2;
+pub(crate) const CONNATE_WATER_SATURATION: f64 = 0.2;
 /// Steps of the table of relative permeabilities up to the oil that does not flow.
-const ROWS: usize = 12;
+const TABLE_STEPS: usize = 12;
 /// Number of reports.
-const REPORTS: usize = 10;
+const REPORT_COUNT: usize = 10;
 
-pub(crate) type Out<'a> = &'a mut std::io::BufWriter<std::fs::File>;
-pub(crate) type Done = std::io::Result<()>;
+pub(crate) type FileWriter<'a> = &'a mut std::io::BufWriter<std::fs::File>;
+pub(crate) type WriteResult = std::io::Result<()>;
 
 /// A well's opening to a cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Opening {
+pub struct WellConnection {
     /// i, j and k of the cell, from 1 on.
     pub cell: [usize; 3],
     /// The well index in m^3.
@@ -62,25 +62,25 @@ pub(crate) fn check(model: &Model, porosity: &[f64]) -> Result<()> {
 }
 
 /// A keyword with a number for each cell.
-pub(crate) fn array(
-    out: Out,
+pub(crate) fn write_array(
+    out: FileWriter,
     name: &str,
     cells: usize,
     value: impl Fn(usize) -> f64 + Sync,
-) -> Done {
+) -> WriteResult {
     writeln!(out, "{name}")?;
     write_numbers(out, cells, value)?;
     writeln!(out, "/\n")
 }
 
 /// RUNSPEC of a grid of these dimensions; `says` is a line for people, `open` as for [`schedule`].
-pub(crate) fn head(
-    out: Out,
-    case: &Case,
+pub(crate) fn write_runspec(
+    out: FileWriter,
+    case: &SimulationCase,
     says: &str,
     dims: [usize; 3],
-    open: &[Vec<Opening>],
-) -> Done {
+    open: &[Vec<WellConnection>],
+) -> WriteResult {
     let most = open.iter().map(Vec::len).max().unwrap_or(1);
     let wells = case.wells.len().max(1);
     let phases = match case.fluid {
@@ -99,7 +99,7 @@ pub(crate) fn head(
 }
 
 /// PROPS.
-pub(crate) fn properties(out: Out, case: &Case) -> Done {
+pub(crate) fn write_props(out: FileWriter, case: &SimulationCase) -> WriteResult {
     let reference = case.top_pressure / BAR;
     writeln!(
         out,
@@ -113,9 +113,12 @@ pub(crate) fn properties(out: Out, case: &Case) -> Done {
              SWOF"
         )?;
         // Corey's exponents of 2, a fifth of water that stays and a fifth of oil.
-        for step in 0..=ROWS {
-            let water = WATER_LEFT + 0.6 * step as f64 / ROWS as f64;
-            let [of_water, of_oil] = [(water - WATER_LEFT) / 0.8, (0.8 - water) / 0.6];
+        for step in 0..=TABLE_STEPS {
+            let water = CONNATE_WATER_SATURATION + 0.6 * step as f64 / TABLE_STEPS as f64;
+            let [of_water, of_oil] = [
+                (water - CONNATE_WATER_SATURATION) / 0.8,
+                (0.8 - water) / 0.6,
+            ];
             writeln!(
                 out,
                 " {water:.3} {:.6} {:.6} 0",
@@ -130,7 +133,11 @@ pub(crate) fn properties(out: Out, case: &Case) -> Done {
 
 /// SUMMARY and SCHEDULE; `open` has the cells that each well is open to. Without wells nothing moves, and there
 /// are no time steps: OPM Flow, whose steps depend on what changes, ends with a failed assertion.
-pub(crate) fn schedule(out: Out, case: &Case, open: &[Vec<Opening>]) -> Done {
+pub(crate) fn write_schedule(
+    out: FileWriter,
+    case: &SimulationCase,
+    open: &[Vec<WellConnection>],
+) -> WriteResult {
     writeln!(out, "SUMMARY\nFPR\nWBHP\n/\nWWIR\n/\nWWPR\n/")?;
     if case.fluid == Fluid::OilWater {
         writeln!(out, "WOPR\n/\nFOPT\nFOIP\nFWIT\nFWPT")?;
@@ -142,12 +149,16 @@ pub(crate) fn schedule(out: Out, case: &Case, open: &[Vec<Opening>]) -> Done {
             "-- No wells: nothing moves, and there are no time steps\n\nEND"
         );
     }
-    wells(out, case, open)?;
-    let step = case.duration / DAY / REPORTS as f64;
-    writeln!(out, "TSTEP\n {REPORTS}*{step} /\n\nEND")
+    write_wells(out, case, open)?;
+    let step = case.duration / DAY / REPORT_COUNT as f64;
+    writeln!(out, "TSTEP\n {REPORT_COUNT}*{step} /\n\nEND")
 }
 
-fn wells(out: Out, case: &Case, open: &[Vec<Opening>]) -> Done {
+fn write_wells(
+    out: FileWriter,
+    case: &SimulationCase,
+    open: &[Vec<WellConnection>],
+) -> WriteResult {
     let main = match case.fluid {
         Fluid::Water => "WATER",
         Fluid::OilWater => "OIL",
@@ -162,12 +173,12 @@ fn wells(out: Out, case: &Case, open: &[Vec<Opening>]) -> Done {
     }
     writeln!(out, "/\nCOMPDAT")?;
     for (Well { name, radius, .. }, open) in all() {
-        for Opening {
+        for WellConnection {
             cell: [i, j, k],
             index,
         } in open
         {
-            let (factor, width) = (TRANSMISSIBILITY * index, 2.0 * radius);
+            let (factor, width) = (TRANSMISSIBILITY_UNIT * index, 2.0 * radius);
             writeln!(out, " {name} {i} {j} {k} {k} OPEN 1* {factor} {width} /")?;
         }
     }

@@ -16,32 +16,32 @@ use crate::model::reservoir::{Control, GRAVITY, Model};
 use crate::{Error, Result};
 
 /// Density (kg/m^3) and viscosity (Pa s) of water.
-const WATER: [f64; 2] = [1000.0, 1e-3];
-const NEEDS: &str = "a MODFLOW grid";
+const WATER_PROPERTIES: [f64; 2] = [1000.0, 1e-3];
+const ERROR_PLACE: &str = "a MODFLOW grid";
 /// Factors of a conductance that are nearer to 1 are none.
-const OPEN: f64 = 1e-9;
+const FACTOR_TOLERANCE: f64 = 1e-9;
 /// MODFLOW takes a factor of zero for a conductance.
-const CLOSED: f64 = 1e-30;
+const CLOSED_FACTOR: f64 = 1e-30;
 
 /// Writes the simulation into a folder.
 ///
 /// # Errors
 /// [`Error::Export`] if the cells are no columns, or without permeability.
 pub fn write(model: &Model, batch: &mut Batch, folder: &Path) -> Result<()> {
-    let permeability = model.need_permeability(NEEDS)?;
-    let grid = Grid::new(model)?;
-    let weight = WATER[0] * GRAVITY;
-    let conductivity = weight / WATER[1];
+    let permeability = model.need_permeability(ERROR_PLACE)?;
+    let grid = DisvGrid::new(model)?;
+    let weight = WATER_PROPERTIES[0] * GRAVITY;
+    let conductivity = weight / WATER_PROPERTIES[1];
     let (layers, columns) = (grid.layers, grid.columns);
     let cells = layers * columns;
-    let of = |k: usize, at: usize| match grid.cell[at] {
+    let of = |k: usize, at: usize| match grid.cells[at] {
         Some(cell) if model.is_active(cell as usize) => {
             conductivity * permeability.rock.mobility(cell as usize).0[k]
         }
         _ => 1.0,
     };
     let case = &model.case;
-    let head = |pressure: f64, z: f64| pressure / weight + if case.gravity { z } else { 0.0 };
+    let head = |pressure: f64, z: f64| pressure / weight + if case.has_gravity { z } else { 0.0 };
     let site = |cell: u32| model.graph.site[cell as usize][2];
     let highest = (0..model.len() as u32)
         .map(site)
@@ -49,7 +49,7 @@ pub fn write(model: &Model, batch: &mut Batch, folder: &Path) -> Result<()> {
     let start = head(case.top_pressure, highest);
     // Layer and column, from 1 on.
     let id = |cell: u32| {
-        let at = grid.at[cell as usize];
+        let at = grid.cell_positions[cell as usize];
         [at / columns + 1, at % columns + 1]
     };
     let mut rates: Vec<([usize; 2], f64)> = Vec::new();
@@ -70,8 +70,8 @@ pub fn write(model: &Model, batch: &mut Batch, folder: &Path) -> Result<()> {
     }
     let barriers = grid.barriers(model);
 
-    batch.folder(folder)?;
-    let mut file = |name: &str, write: &mut dyn FnMut(Out) -> Done| {
+    batch.create_folder(folder)?;
+    let mut file = |name: &str, write: &mut dyn FnMut(FileWriter) -> WriteResult| {
         batch.write(&folder.join(name), |out| write(out))
     };
     file("mfsim.nam", &mut |out| {
@@ -198,32 +198,32 @@ pub fn write(model: &Model, batch: &mut Batch, folder: &Path) -> Result<()> {
     Ok(())
 }
 
-type Out<'a> = &'a mut std::io::BufWriter<std::fs::File>;
-type Done = std::io::Result<()>;
+type FileWriter<'a> = &'a mut std::io::BufWriter<std::fs::File>;
+type WriteResult = std::io::Result<()>;
 
 /// The cells in layers and columns.
-struct Grid {
+struct DisvGrid {
     layers: usize,
     columns: usize,
     /// For each layer and column the cell, if it is there.
-    cell: Vec<Option<u32>>,
+    cells: Vec<Option<u32>>,
     /// For each cell its place in that.
-    at: Vec<usize>,
+    cell_positions: Vec<usize>,
     vertices: Vec<[f64; 2]>,
     /// Centre of each column, and its vertices clockwise.
     polygons: Vec<([f64; 2], Vec<usize>)>,
     /// Mean z of the faces above and below each cell.
-    between: Vec<[f64; 2]>,
+    z_bounds: Vec<[f64; 2]>,
 }
 
-impl Grid {
+impl DisvGrid {
     fn new(model: &Model) -> Result<Self> {
         let mesh = &model.mesh;
         let refuse = |problem: &str| {
             let remedy = "give a mesh of columns with z or -z down, or a 2-D mesh";
-            Err(Error::Export(cause(NEEDS, problem, remedy)))
+            Err(Error::Export(cause(ERROR_PLACE, problem, remedy)))
         };
-        if model.tets.is_some() || !mesh.stands_in_columns() {
+        if model.tets.is_some() || !mesh.is_columnar() {
             return refuse("holds columns only, and these cells do not stand above one another");
         }
         let numbers = |name: &str| {
@@ -240,8 +240,8 @@ impl Grid {
                 let plain = |list: Vec<i64>| list.into_iter().map(|n| n as usize).collect();
                 (plain(column), plain(layer))
             }
-            _ if mesh.inner_faces()
-                == (0..mesh.inner_faces())
+            _ if mesh.inner_face_count()
+                == (0..mesh.inner_face_count())
                     .filter(|&f| mesh.is_upright(f))
                     .count() =>
             {
@@ -257,21 +257,21 @@ impl Grid {
         let mut grid = Self {
             layers,
             columns,
-            cell: vec![None; layers * columns],
-            at: Vec::with_capacity(cells),
+            cells: vec![None; layers * columns],
+            cell_positions: Vec::with_capacity(cells),
             vertices: mesh.nodes.iter().map(|&[x, y, _]| [x, y]).collect(),
             polygons: vec![([0.0; 2], Vec::new()); columns],
-            between: vec![[f64::NEG_INFINITY, f64::INFINITY]; cells],
+            z_bounds: vec![[f64::NEG_INFINITY, f64::INFINITY]; cells],
         };
         let order = |p: &[f64; 2], q: &[f64; 2]| p[0].total_cmp(&q[0]).then(p[1].total_cmp(&q[1]));
         grid.vertices.sort_unstable_by(order);
         grid.vertices.dedup();
         for cell in 0..cells {
             let at = layer[cell] * columns + column[cell];
-            if grid.cell[at].replace(cell as u32).is_some() {
+            if grid.cells[at].replace(cell as u32).is_some() {
                 return refuse("has two cells in one layer of a column");
             }
-            grid.at.push(at);
+            grid.cell_positions.push(at);
         }
         for f in (0..mesh.face_cells.len()).filter(|&f| !mesh.is_upright(f)) {
             let ring: Vec<[f64; 3]> = (mesh.faces.get(f).iter())
@@ -284,7 +284,7 @@ impl Grid {
             {
                 let cell = cell as usize;
                 let side = usize::from(z < mesh.sites[cell][2]);
-                grid.between[cell][side] = z;
+                grid.z_bounds[cell][side] = z;
                 let polygon = &mut grid.polygons[column[cell]];
                 if polygon.1.is_empty() {
                     let place = |p: &[f64; 3]| {
@@ -313,19 +313,22 @@ impl Grid {
         for ((at, c), &t) in connections.zip(&permeability.transmissibility) {
             let is_active = c.cells.iter().all(|&cell| model.is_active(cell as usize));
             if is_active && model.barriers.label(at).is_some() {
-                let k = c
-                    .cells
-                    .map(|cell| permeability.rock.mobility(cell as usize).along(c.normal));
+                let k = c.cells.map(|cell| {
+                    permeability
+                        .rock
+                        .mobility(cell as usize)
+                        .normal_component(c.normal)
+                });
                 let factor = t / c.area * (c.distance[0] / k[0] + c.distance[1] / k[1]);
-                if factor < 1.0 - OPEN {
-                    found.push((c.cells, factor.max(CLOSED)));
+                if factor < 1.0 - FACTOR_TOLERANCE {
+                    found.push((c.cells, factor.max(CLOSED_FACTOR)));
                 }
             }
         }
         found
     }
 
-    fn write(&self, out: Out, model: &Model) -> Done {
+    fn write(&self, out: FileWriter, model: &Model) -> WriteResult {
         let (layers, columns) = (self.layers, self.columns);
         writeln!(
             out,
@@ -334,19 +337,19 @@ impl Grid {
             self.vertices.len()
         )?;
         // What is missing lies, without thickness, where the cell above it ends.
-        let first = |column: usize| (0..layers).find_map(|l| self.cell[l * columns + column]);
+        let first = |column: usize| (0..layers).find_map(|l| self.cells[l * columns + column]);
         let last = |column: usize| {
             (0..layers)
                 .rev()
-                .find_map(|l| self.cell[l * columns + column])
+                .find_map(|l| self.cells[l * columns + column])
         };
-        let top = |column: usize| first(column).map_or(0.0, |cell| self.between[cell as usize][0]);
+        let top = |column: usize| first(column).map_or(0.0, |cell| self.z_bounds[cell as usize][0]);
         let bottom = |at: usize| {
             let (layer, column) = (at / columns, at % columns);
             let above = (0..=layer)
                 .rev()
-                .find_map(|l| self.cell[l * columns + column]);
-            above.map_or(top(column), |cell| self.between[cell as usize][1])
+                .find_map(|l| self.cells[l * columns + column]);
+            above.map_or(top(column), |cell| self.z_bounds[cell as usize][1])
         };
         write_numbers(out, columns, top)?;
         writeln!(out, "  BOTM\n    INTERNAL FACTOR 1.0")?;
@@ -357,33 +360,35 @@ impl Grid {
         writeln!(out, "  IDOMAIN\n    INTERNAL FACTOR 1")?;
         write_items(out, layers * columns, |text, at| {
             let range = [first(at % columns), last(at % columns)];
-            let domain = match (self.cell[at], range) {
+            let domain = match (self.cells[at], range) {
                 (Some(cell), _) => i32::from(model.is_active(cell as usize)),
                 (None, [Some(first), Some(last)])
-                    if (self.at[first as usize]..self.at[last as usize]).contains(&at) =>
+                    if (self.cell_positions[first as usize]
+                        ..self.cell_positions[last as usize])
+                        .contains(&at) =>
                 {
                     -1
                 }
                 _ => 0,
             };
-            text.int(domain).end();
+            text.int(domain).end_line();
         })?;
         writeln!(out, "END GRIDDATA\n\nBEGIN VERTICES")?;
         write_items(out, self.vertices.len(), |text, v| {
             let [x, y] = self.vertices[v];
-            text.int(v + 1).and_real(x).and_real(y).end();
+            text.int(v + 1).spaced_real(x).spaced_real(y).end_line();
         })?;
         writeln!(out, "END VERTICES\n\nBEGIN CELL2D")?;
         write_items(out, columns, |text, column| {
             let ([x, y], ring) = &self.polygons[column];
             text.int(column + 1)
-                .and_real(*x)
-                .and_real(*y)
-                .and_int(ring.len());
+                .spaced_real(*x)
+                .spaced_real(*y)
+                .spaced_int(ring.len());
             ring.iter().for_each(|v| {
-                text.and_int(v + 1);
+                text.spaced_int(v + 1);
             });
-            text.end();
+            text.end_line();
         })?;
         writeln!(out, "END CELL2D")
     }

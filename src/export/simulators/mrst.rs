@@ -11,28 +11,28 @@
 use std::path::Path;
 
 use crate::Result;
-use crate::export::containers::binary::Numbers;
-use crate::export::containers::mat::{self, Fields, Value};
-use crate::export::meshers::groups::{Group, Names, nodes_of};
+use crate::export::containers::binary::LazyArray;
+use crate::export::containers::mat::{self, MatFields, MatValue};
+use crate::export::meshers::groups::{FaceGroup, FaceNames, face_nodes};
 use crate::files::Batch;
-use crate::files::vtk::Scalar;
-use crate::mesh::poly::SIDE_0;
+use crate::files::vtk::VtkScalar;
+use crate::mesh::poly::FIRST_SIDE;
 use crate::model::reservoir::{Control, Model, Permeability, Well};
 
 /// A point in metres with z downwards.
-fn downwards([x, y, z]: [f64; 3]) -> [f64; 3] {
+fn point_with_z_down([x, y, z]: [f64; 3]) -> [f64; 3] {
     [x, y, -z]
 }
 
 /// A matrix with a point a row.
-fn points<'a>(count: usize, point: impl Fn(usize) -> [f64; 3] + Sync + 'a) -> Value<'a> {
+fn point_matrix<'a>(count: usize, point: impl Fn(usize) -> [f64; 3] + Sync + 'a) -> MatValue<'a> {
     let value = move |i: usize| point(i % count)[i / count];
-    Value::Matrix(count, 3, Numbers::computed(3 * count, value))
+    MatValue::Matrix(count, 3, LazyArray::from_fn(3 * count, value))
 }
 
 /// Numbers that begin with 0 as ones that begin with 1.
-fn from_one(numbers: &[u32]) -> Value<'_> {
-    Value::column(Numbers::computed(numbers.len(), |i| numbers[i] + 1))
+fn one_based(numbers: &[u32]) -> MatValue<'_> {
+    MatValue::column(LazyArray::from_fn(numbers.len(), |i| numbers[i] + 1))
 }
 
 /// Writes the grid.
@@ -42,16 +42,18 @@ fn from_one(numbers: &[u32]) -> Value<'_> {
 /// [`Error::Io`](crate::Error::Io) if it cannot be written.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let (mesh, graph) = (&model.mesh, &model.graph);
-    let (cells, faces, inner) = (model.len(), mesh.face_cells.len(), mesh.inner_faces());
+    let (cells, faces, inner) = (model.len(), mesh.face_cells.len(), mesh.inner_face_count());
     let of_cells = mesh.faces_of_cells();
-    let names = Names::new(model);
-    let words = names.names.iter().map(|name| Value::Text(name));
+    let names = FaceNames::new(model);
+    let words = names.names.iter().map(|name| MatValue::Text(name));
     let groups = names.groups();
-    let set = |group: &'_ Group| {
-        let nodes = nodes_of(model, &group.faces);
-        Value::column(Numbers::computed(nodes.len(), move |i| nodes[i] + 1))
+    let set = |group: &'_ FaceGroup| {
+        let nodes = face_nodes(model, &group.faces);
+        MatValue::column(LazyArray::from_fn(nodes.len(), move |i| nodes[i] + 1))
     };
-    let sets = groups.iter().filter(|group| mat::is_name(&group.name));
+    let sets = groups
+        .iter()
+        .filter(|group| mat::is_valid_name(&group.name));
     let sets = sets.map(|group| (group.name.as_str(), set(group)));
     let area = |f: usize| match f.checked_sub(inner) {
         None => (graph.connections[f].area, graph.connections[f].normal),
@@ -66,81 +68,99 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
                 face += 1;
             }
             let mirrored = (offsets[face] + offsets[face + 1]) as usize - 1 - i;
-            (mesh.faces.items[mirrored] + 1).put(bytes);
+            (mesh.faces.items[mirrored] + 1).append_bytes(bytes);
         }
     };
     let neighbour = |i: usize| match mesh.face_cells[i % faces][i / faces] {
-        outside if outside >= SIDE_0 => 0,
+        outside if outside >= FIRST_SIDE => 0,
         cell => cell + 1,
     };
 
-    let of_cell = Value::Struct(vec![
-        ("num", Value::number(cells as f64)),
-        ("facePos", from_one(&of_cells.offsets)),
-        ("faces", from_one(&of_cells.items)),
+    let of_cell = MatValue::Struct(vec![
+        ("num", MatValue::scalar(cells as f64)),
+        ("facePos", one_based(&of_cells.offsets)),
+        ("faces", one_based(&of_cells.items)),
         (
             "indexMap",
-            Value::column(Numbers::computed(cells, |c| c as u32 + 1)),
+            MatValue::column(LazyArray::from_fn(cells, |c| c as u32 + 1)),
         ),
-        ("volumes", Value::column(Numbers::slice(&graph.volume))),
-        ("centroids", points(cells, |c| downwards(graph.centroid[c]))),
-        ("sites", points(cells, |c| downwards(graph.site[c]))),
-        ("region", Value::column(Numbers::slice(&graph.region))),
+        (
+            "volumes",
+            MatValue::column(LazyArray::from_slice(&graph.volume)),
+        ),
+        (
+            "centroids",
+            point_matrix(cells, |c| point_with_z_down(graph.centroid[c])),
+        ),
+        (
+            "sites",
+            point_matrix(cells, |c| point_with_z_down(graph.site[c])),
+        ),
+        (
+            "region",
+            MatValue::column(LazyArray::from_slice(&graph.region)),
+        ),
     ]);
-    let of_face = Value::Struct(vec![
-        ("num", Value::number(faces as f64)),
-        ("nodePos", from_one(offsets)),
+    let of_face = MatValue::Struct(vec![
+        ("num", MatValue::scalar(faces as f64)),
+        ("nodePos", one_based(offsets)),
         (
             "nodes",
-            Value::column(Numbers::filled::<u32>(mesh.faces.items.len(), nodes)),
+            MatValue::column(LazyArray::from_fill::<u32>(mesh.faces.items.len(), nodes)),
         ),
         (
             "neighbors",
-            Value::Matrix(faces, 2, Numbers::computed(2 * faces, neighbour)),
+            MatValue::Matrix(faces, 2, LazyArray::from_fn(2 * faces, neighbour)),
         ),
-        ("tag", Value::column(Numbers::slice(&names.of_face))),
-        ("tagNames", Value::Cells(words.collect())),
+        (
+            "tag",
+            MatValue::column(LazyArray::from_slice(&names.face_numbers)),
+        ),
+        ("tagNames", MatValue::CellArray(words.collect())),
         (
             "areas",
-            Value::column(Numbers::computed(faces, |f| area(f).0)),
+            MatValue::column(LazyArray::from_fn(faces, |f| area(f).0)),
         ),
         (
             "normals",
-            points(faces, |f| {
+            point_matrix(faces, |f| {
                 let (area, normal) = area(f);
-                downwards(normal.map(|n| area * n))
+                point_with_z_down(normal.map(|n| area * n))
             }),
         ),
         (
             "centroids",
-            points(faces, |f| downwards(mesh.face_shape(f).centroid)),
+            point_matrix(faces, |f| point_with_z_down(mesh.face_shape(f).centroid)),
         ),
     ]);
-    let of_node = Value::Struct(vec![
-        ("num", Value::number(mesh.nodes.len() as f64)),
+    let of_node = MatValue::Struct(vec![
+        ("num", MatValue::scalar(mesh.nodes.len() as f64)),
         (
             "coords",
-            points(mesh.nodes.len(), |n| downwards(mesh.nodes[n])),
+            point_matrix(mesh.nodes.len(), |n| point_with_z_down(mesh.nodes[n])),
         ),
-        ("sets", Value::Struct(sets.collect())),
+        ("sets", MatValue::Struct(sets.collect())),
     ]);
-    let grid = Value::Struct(vec![
+    let grid = MatValue::Struct(vec![
         ("cells", of_cell),
         ("faces", of_face),
         ("nodes", of_node),
-        ("griddim", Value::number(3.0)),
+        ("griddim", MatValue::scalar(3.0)),
         (
             "type",
-            Value::Cells(vec![Value::Text("atomesh"), Value::Text("computeGeometry")]),
+            MatValue::CellArray(vec![
+                MatValue::Text("atomesh"),
+                MatValue::Text("computeGeometry"),
+            ]),
         ),
     ]);
     let mut variables = vec![("G", grid)];
     let mut rock = Vec::new();
     if let Some(porosity) = &model.porosity {
-        rock.push(("poro", Value::column(Numbers::slice(porosity))));
+        rock.push(("poro", MatValue::column(LazyArray::from_slice(porosity))));
     }
     if let Some(permeability) = &model.permeability {
-        rock.push(("perm", permeabilities(permeability, cells)));
+        rock.push(("perm", permeability_matrix(permeability, cells)));
         let transmissibility = |f: usize| match f.checked_sub(inner) {
             None => permeability.transmissibility[f],
             Some(outer) => {
@@ -148,36 +168,36 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
                 let along = permeability
                     .rock
                     .mobility(face.cell as usize)
-                    .along(face.normal);
+                    .normal_component(face.normal);
                 face.area * along / face.distance
             }
         };
-        let numbers = Numbers::computed(faces, transmissibility);
-        variables.push(("T", Value::column(numbers)));
+        let numbers = LazyArray::from_fn(faces, transmissibility);
+        variables.push(("T", MatValue::column(numbers)));
     }
     if !rock.is_empty() {
-        variables.push(("rock", Value::Struct(rock)));
+        variables.push(("rock", MatValue::Struct(rock)));
     }
     if !model.case.wells.is_empty() {
-        let wells = model.case.wells.iter().map(|w| well(model, w));
-        variables.push(("W", Value::Structs(wells.collect())));
+        let wells = model.case.wells.iter().map(|w| well_fields(model, w));
+        variables.push(("W", MatValue::StructArray(wells.collect())));
     }
     let columns: Vec<_> = model
         .properties
         .iter()
-        .filter(|p| mat::is_name(&p.name))
+        .filter(|p| mat::is_valid_name(&p.name))
         .collect();
     if !columns.is_empty() {
         let field = |p: &&'_ crate::files::vtk::DataArray| {
             let (values, width) = (p.values.to_f64(), p.components);
             let value = move |i: usize| values[i % cells * width + i / cells];
-            Value::Matrix(cells, width, Numbers::computed(cells * width, value))
+            MatValue::Matrix(cells, width, LazyArray::from_fn(cells * width, value))
         };
         let fields = columns
             .iter()
             .map(|p| (p.name.as_str(), field(p)))
             .collect();
-        variables.push(("properties", Value::Struct(fields)));
+        variables.push(("properties", MatValue::Struct(fields)));
     }
     mat::check(path, &variables)?;
     batch.write(path, |out| mat::write(out, &variables))
@@ -185,7 +205,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
 
 /// A well as `addWell` makes it, in SI units: rates are positive where it injects. Pressures are those at the depth
 /// of its first cell.
-fn well<'a>(model: &'a Model, well: &'a Well) -> Fields<'a> {
+fn well_fields<'a>(model: &'a Model, well: &'a Well) -> MatFields<'a> {
     let (kind, value) = match well.control {
         Control::Inject(rate) => ("rate", rate),
         Control::Produce(rate) => ("rate", -rate),
@@ -200,30 +220,30 @@ fn well<'a>(model: &'a Model, well: &'a Well) -> Fields<'a> {
     let depth = |i: usize| model.depth(well.cells[i].0 as usize);
     let reference = if count > 0 { depth(0) } else { 0.0 };
     let of_cells = |value: fn(&(u32, f64)) -> f64| {
-        Value::column(Numbers::computed(count, move |i| value(&well.cells[i])))
+        MatValue::column(LazyArray::from_fn(count, move |i| value(&well.cells[i])))
     };
     vec![
-        ("name", Value::Text(&well.name)),
+        ("name", MatValue::Text(&well.name)),
         ("cells", of_cells(|c| f64::from(c.0 + 1))),
-        ("type", Value::Text(kind)),
-        ("val", Value::number(value)),
-        ("sign", Value::number(sign)),
+        ("type", MatValue::Text(kind)),
+        ("val", MatValue::scalar(value)),
+        ("sign", MatValue::scalar(sign)),
         ("WI", of_cells(|c| c.1)),
         (
             "dZ",
-            Value::column(Numbers::computed(count, move |i| depth(i) - reference)),
+            MatValue::column(LazyArray::from_fn(count, move |i| depth(i) - reference)),
         ),
-        ("r", Value::number(well.radius)),
-        ("refDepth", Value::number(reference)),
-        ("compi", Value::number(1.0)),
-        ("status", Value::number(1.0)),
+        ("r", MatValue::scalar(well.radius)),
+        ("refDepth", MatValue::scalar(reference)),
+        ("compi", MatValue::scalar(1.0)),
+        ("status", MatValue::scalar(1.0)),
     ]
 }
 
 /// A column if the rock is isotropic, three for kx, ky, kz, or all six: xx, xy, xz, yy, yz, zz.
-fn permeabilities(permeability: &Permeability, cells: usize) -> Value<'_> {
+fn permeability_matrix(permeability: &Permeability, cells: usize) -> MatValue<'_> {
     let rock = &permeability.rock;
-    let all = |test: fn(&[f64; 6]) -> bool| rock.kinds.iter().all(|k| test(&k.0));
+    let all = |test: fn(&[f64; 6]) -> bool| rock.mobilities.iter().all(|k| test(&k.0));
     let columns: &'static [(usize, f64)] =
         if all(|k| k[0] == k[1] && k[0] == k[2] && k[3..] == [0.0; 3]) {
             &[(0, 1.0)]
@@ -238,5 +258,5 @@ fn permeabilities(permeability: &Permeability, cells: usize) -> Value<'_> {
         sign * rock.mobility(i % cells).0[component]
     };
     let count = columns.len();
-    Value::Matrix(cells, count, Numbers::computed(cells * count, value))
+    MatValue::Matrix(cells, count, LazyArray::from_fn(cells * count, value))
 }

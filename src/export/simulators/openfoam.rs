@@ -9,7 +9,7 @@ use std::path::Path;
 
 use crate::error::cause;
 use crate::export::containers::text::write_items;
-use crate::export::meshers::groups::{Names, nodes_of, region_name, regions};
+use crate::export::meshers::groups::{FaceNames, face_nodes, region_name, sorted_regions};
 use crate::files::Batch;
 use crate::model::reservoir::Model;
 use crate::{Error, Result};
@@ -20,25 +20,25 @@ use crate::{Error, Result};
 /// [`Error::Export`] for a fault that is neither open nor closed, [`Error::Io`] if a file cannot be written.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let mesh = &model.mesh;
-    let names = Names::new(model);
-    let faces = Faces::new(model, &names)?;
+    let names = FaceNames::new(model);
+    let faces = FaceOrder::new(model, &names)?;
     let folder = path.join("constant/polyMesh");
-    batch.folder(&folder)?;
+    batch.create_folder(&folder)?;
     batch.write(&folder.join("points"), |out| {
-        list(out, "vectorField", "points", mesh.nodes.len(), |text, i| {
+        write_list(out, "vectorField", "points", mesh.nodes.len(), |text, i| {
             let [x, y, z] = mesh.nodes[i];
             text.word("(")
                 .real(x)
-                .and_real(y)
-                .and_real(z)
+                .spaced_real(y)
+                .spaced_real(z)
                 .word(")")
-                .end();
+                .end_line();
         })
     })?;
-    let count = faces.order.len();
+    let count = faces.faces.len();
     batch.write(&folder.join("faces"), |out| {
-        list(out, "faceList", "faces", count, |text, i| {
-            let Face { face, side, .. } = faces.order[i];
+        write_list(out, "faceList", "faces", count, |text, i| {
+            let OpenFoamFace { face, side, .. } = faces.faces[i];
             let ring = mesh.faces.get(face as usize);
             let last = ring.len() - 1;
             text.int(ring.len()).word("(");
@@ -46,26 +46,32 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
                 let node = ring[if side == 0 { k } else { last - k }];
                 text.word(if k == 0 { "" } else { " " }).int(node);
             }
-            text.word(")").end();
+            text.word(")").end_line();
         })
     })?;
     batch.write(&folder.join("owner"), |out| {
-        list(out, "labelList", "owner", count, |text, i| {
-            let Face { face, side, .. } = faces.order[i];
-            text.int(mesh.face_cells[face as usize][side]).end();
+        write_list(out, "labelList", "owner", count, |text, i| {
+            let OpenFoamFace { face, side, .. } = faces.faces[i];
+            text.int(mesh.face_cells[face as usize][side]).end_line();
         })
     })?;
     batch.write(&folder.join("neighbour"), |out| {
-        list(out, "labelList", "neighbour", faces.inner, |text, i| {
-            text.int(mesh.face_cells[faces.order[i].face as usize][1])
-                .end();
-        })
+        write_list(
+            out,
+            "labelList",
+            "neighbour",
+            faces.inner_count,
+            |text, i| {
+                text.int(mesh.face_cells[faces.faces[i].face as usize][1])
+                    .end_line();
+            },
+        )
     })?;
     batch.write(&folder.join("boundary"), |out| {
-        header(out, "polyBoundaryMesh", "boundary")?;
-        let patches = || faces.order[faces.inner..].chunk_by(|a, b| a.patch == b.patch);
+        write_header(out, "polyBoundaryMesh", "boundary")?;
+        let patches = || faces.faces[faces.inner_count..].chunk_by(|a, b| a.patch == b.patch);
         writeln!(out, "{}\n(", patches().count())?;
-        let mut start = faces.inner;
+        let mut start = faces.inner_count;
         for patch in patches() {
             let (name, count) = (names.name(patch[0].patch), patch.len());
             writeln!(
@@ -76,16 +82,16 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         }
         writeln!(out, ")")
     })?;
-    zones(model, batch, &folder, &names, &faces)?;
-    point_zones(model, batch, &folder, &names)?;
-    fields(model, batch, path)?;
-    let has_closed = faces.order.iter().any(|face| face.side == 1);
-    case(batch, path, has_closed)
+    write_zones(model, batch, &folder, &names, &faces)?;
+    write_point_zones(model, batch, &folder, &names)?;
+    write_fields(model, batch, path)?;
+    let has_closed = faces.faces.iter().any(|face| face.side == 1);
+    write_case(batch, path, has_closed)
 }
 
 /// A face of the case.
 #[derive(Debug, Clone, Copy)]
-struct Face {
+struct OpenFoamFace {
     /// Its number in the mesh.
     face: u32,
     /// Which of its two cells owns it: 1 for the second side of a closed fault.
@@ -95,29 +101,29 @@ struct Face {
 }
 
 /// The faces in OpenFOAM's order: those between cells, then patch after patch.
-struct Faces {
-    order: Vec<Face>,
+struct FaceOrder {
+    faces: Vec<OpenFoamFace>,
     /// How many are between cells.
-    inner: usize,
+    inner_count: usize,
 }
 
-impl Faces {
-    fn new(model: &Model, names: &Names) -> Result<Self> {
+impl FaceOrder {
+    fn new(model: &Model, names: &FaceNames) -> Result<Self> {
         let mesh = &model.mesh;
         let mut order = Vec::with_capacity(mesh.face_cells.len());
         let mut outer = Vec::new();
         for f in 0..mesh.face_cells.len() {
-            let face = |side, patch| Face {
+            let face = |side, patch| OpenFoamFace {
                 face: f as u32,
                 side,
                 patch,
             };
-            if f >= mesh.inner_faces() {
-                outer.push(face(0, names.of_face[f]));
+            if f >= mesh.inner_face_count() {
+                outer.push(face(0, names.face_numbers[f]));
                 continue;
             }
             match model.fault_factor(f) {
-                0.0 => outer.extend([0, 1].map(|side| face(side, names.of_face[f]))),
+                0.0 => outer.extend([0, 1].map(|side| face(side, names.face_numbers[f]))),
                 1.0 => order.push(face(0, 0)),
                 factor => {
                     return Err(Error::Export(cause(
@@ -128,18 +134,21 @@ impl Faces {
                 }
             }
         }
-        let owner = |f: &Face| mesh.face_cells[f.face as usize][f.side];
+        let owner = |f: &OpenFoamFace| mesh.face_cells[f.face as usize][f.side];
         outer.sort_by_key(|f| (f.patch, owner(f)));
         let inner = order.len();
         order.extend(outer);
-        Ok(Self { order, inner })
+        Ok(Self {
+            faces: order,
+            inner_count: inner,
+        })
     }
 }
 
-type Out<'a> = &'a mut std::io::BufWriter<std::fs::File>;
-type Done = std::io::Result<()>;
+type FileWriter<'a> = &'a mut std::io::BufWriter<std::fs::File>;
+type WriteResult = std::io::Result<()>;
 
-fn header(out: Out, class: &str, object: &str) -> Done {
+fn write_header(out: FileWriter, class: &str, object: &str) -> WriteResult {
     writeln!(
         out,
         "FoamFile\n{{\n    version 2.0;\n    format ascii;\n    class {class};\n    object {object};\n}}\n"
@@ -147,14 +156,14 @@ fn header(out: Out, class: &str, object: &str) -> Done {
 }
 
 /// A file that is one list.
-fn list(
-    out: Out,
+fn write_list(
+    out: FileWriter,
     class: &str,
     object: &str,
     count: usize,
-    put: impl Fn(&mut crate::export::containers::text::Text, usize) + Sync,
-) -> Done {
-    header(out, class, object)?;
+    put: impl Fn(&mut crate::export::containers::text::TextBuilder, usize) + Sync,
+) -> WriteResult {
+    write_header(out, class, object)?;
     writeln!(out, "{count}\n(")?;
     write_items(out, count, put)?;
     writeln!(out, ")")
@@ -162,18 +171,18 @@ fn list(
 
 /// A cell zone for each region, if there are several, and for each name of faces inside a face zone, all of
 /// whose faces show the same side where it is a surface.
-fn zones(
+fn write_zones(
     model: &Model,
     batch: &mut Batch,
     folder: &Path,
-    names: &Names,
-    faces: &Faces,
+    names: &FaceNames,
+    faces: &FaceOrder,
 ) -> Result<()> {
     let mesh = &model.mesh;
-    let regions = regions(model);
+    let regions = sorted_regions(model);
     if regions.len() > 1 {
         batch.write(&folder.join("cellZones"), |out| {
-            header(out, "regIOobject", "cellZones")?;
+            write_header(out, "regIOobject", "cellZones")?;
             writeln!(out, "{}\n(", regions.len())?;
             for &region in &regions {
                 let of = |c: &u32| mesh.region[*c as usize] == region;
@@ -184,15 +193,15 @@ fn zones(
                     "{name}\n{{\n    type cellZone;\n    cellLabels List<label>"
                 )?;
                 writeln!(out, "{}\n(", cells.len())?;
-                write_items(out, cells.len(), |text, i| text.int(cells[i]).end())?;
+                write_items(out, cells.len(), |text, i| text.int(cells[i]).end_line())?;
                 writeln!(out, ");\n}}")?;
             }
             writeln!(out, ")")
         })?;
     }
     let mut zones: Vec<Vec<u32>> = vec![Vec::new(); names.names.len() + 1];
-    for (i, face) in faces.order[..faces.inner].iter().enumerate() {
-        zones[names.of_face[face.face as usize] as usize].push(i as u32);
+    for (i, face) in faces.faces[..faces.inner_count].iter().enumerate() {
+        zones[names.face_numbers[face.face as usize] as usize].push(i as u32);
     }
     let zones: Vec<(u32, &Vec<u32>)> = (1..)
         .zip(&zones[1..])
@@ -201,9 +210,9 @@ fn zones(
     if zones.is_empty() {
         return Ok(());
     }
-    let rises = model.rises();
+    let rises = model.second_cell_is_upper();
     batch.write(&folder.join("faceZones"), |out| {
-        header(out, "regIOobject", "faceZones")?;
+        write_header(out, "regIOobject", "faceZones")?;
         writeln!(out, "{}\n(", zones.len())?;
         for (name, own) in &zones {
             let (name, count) = (names.name(*name), own.len());
@@ -211,11 +220,11 @@ fn zones(
                 out,
                 "{name}\n{{\n    type faceZone;\n    faceLabels List<label>\n{count}\n("
             )?;
-            write_items(out, count, |text, i| text.int(own[i]).end())?;
+            write_items(out, count, |text, i| text.int(own[i]).end_line())?;
             writeln!(out, ");\n    flipMap List<bool>\n{count}\n(")?;
             write_items(out, count, |text, i| {
-                let face = faces.order[own[i] as usize].face as usize;
-                text.int(u8::from(!rises[face])).end();
+                let face = faces.faces[own[i] as usize].face as usize;
+                text.int(u8::from(!rises[face])).end_line();
             })?;
             writeln!(out, ");\n}}")?;
         }
@@ -224,19 +233,24 @@ fn zones(
 }
 
 /// A zone for the nodes of each name of faces.
-fn point_zones(model: &Model, batch: &mut Batch, folder: &Path, names: &Names) -> Result<()> {
+fn write_point_zones(
+    model: &Model,
+    batch: &mut Batch,
+    folder: &Path,
+    names: &FaceNames,
+) -> Result<()> {
     let groups = names.groups();
     batch.write(&folder.join("pointZones"), |out| {
-        header(out, "regIOobject", "pointZones")?;
+        write_header(out, "regIOobject", "pointZones")?;
         writeln!(out, "{}\n(", groups.len())?;
         for group in &groups {
-            let nodes = nodes_of(model, &group.faces);
+            let nodes = face_nodes(model, &group.faces);
             let (name, count) = (&group.name, nodes.len());
             writeln!(
                 out,
                 "{name}\n{{\n    type pointZone;\n    pointLabels List<label>\n{count}\n("
             )?;
-            write_items(out, count, |text, i| text.int(nodes[i]).end())?;
+            write_items(out, count, |text, i| text.int(nodes[i]).end_line())?;
             writeln!(out, ");\n}}")?;
         }
         writeln!(out, ")")
@@ -244,19 +258,19 @@ fn point_zones(model: &Model, batch: &mut Batch, folder: &Path, names: &Names) -
 }
 
 /// What is known of each cell.
-fn fields(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
+fn write_fields(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let cells = model.len();
     let folder = path.join("0");
     let mut scalar = |name: &str, dimensions: &str, value: &(dyn Fn(usize) -> f64 + Sync)| {
-        batch.folder(&folder)?;
+        batch.create_folder(&folder)?;
         batch.write(&folder.join(name), |out| {
-            header(out, "volScalarField", name)?;
+            write_header(out, "volScalarField", name)?;
             writeln!(
                 out,
                 "dimensions {dimensions};\ninternalField nonuniform List<scalar>"
             )?;
             writeln!(out, "{cells}\n(")?;
-            write_items(out, cells, |text, c| text.real(value(c)).end())?;
+            write_items(out, cells, |text, c| text.real(value(c)).end_line())?;
             writeln!(
                 out,
                 ");\nboundaryField\n{{\n    \".*\" {{ type zeroGradient; }}\n}}"
@@ -271,9 +285,9 @@ fn fields(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         scalar(&property.name, "[0 0 0 0 0 0 0]", &|c| values[c])?;
     }
     if let Some(permeability) = &model.permeability {
-        batch.folder(&folder)?;
+        batch.create_folder(&folder)?;
         batch.write(&folder.join("permeability"), |out| {
-            header(out, "volSymmTensorField", "permeability")?;
+            write_header(out, "volSymmTensorField", "permeability")?;
             writeln!(
                 out,
                 "dimensions [0 2 0 0 0 0 0];\ninternalField nonuniform List<symmTensor>"
@@ -283,9 +297,9 @@ fn fields(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
                 let [xx, yy, zz, xy, yz, xz] = permeability.rock.mobility(c).0;
                 text.word("(").real(xx);
                 [xy, xz, yy, yz, zz].into_iter().for_each(|k| {
-                    text.and_real(k);
+                    text.spaced_real(k);
                 });
-                text.word(")").end();
+                text.word(")").end_line();
             })?;
             writeln!(
                 out,
@@ -299,7 +313,7 @@ fn fields(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
 /// What makes a case that `laplacianFoam` runs as it is, of a folder that is none yet: `system`, a field T
 /// that falls from `xmin` to `xmax`, and its diffusivity. Closed faults may enclose cells where nothing says
 /// what T is; it stays there what it was, if time is not left out but very long.
-fn case(batch: &mut Batch, path: &Path, has_closed: bool) -> Result<()> {
+fn write_case(batch: &mut Batch, path: &Path, has_closed: bool) -> Result<()> {
     if path.join("system/controlDict").exists() {
         return Ok(());
     }
@@ -343,9 +357,9 @@ fn case(batch: &mut Batch, path: &Path, has_closed: bool) -> Result<()> {
     ];
     for (folder, name, class, content) in files {
         let folder = path.join(folder);
-        batch.folder(&folder)?;
+        batch.create_folder(&folder)?;
         batch.write(&folder.join(name), |out| {
-            header(out, class, name)?;
+            write_header(out, class, name)?;
             writeln!(out, "{content}")
         })?;
     }

@@ -7,20 +7,23 @@
 use std::io::Write;
 use std::path::Path;
 
-pub use super::deck::TRANSMISSIBILITY;
-use super::deck::{Opening, WATER_LEFT, array, check, head, properties, schedule};
+pub use super::deck::TRANSMISSIBILITY_UNIT;
+use super::deck::{
+    CONNATE_WATER_SATURATION, WellConnection, check, write_array, write_props, write_runspec,
+    write_schedule,
+};
 use crate::error::cause;
 use crate::export::containers::text::write_items;
 use crate::export::corner_point::grdecl::is_corner_point_deck;
-use crate::export::meshers::groups::shift_of_regions;
+use crate::export::meshers::groups::region_shift;
 use crate::files::Batch;
 use crate::model::reservoir::{BAR, Fluid, MILLIDARCY, Model};
 use crate::{Error, Result};
 
 /// Least transmissibility, in those units, of a connection: simulators ignore, or misread, what is
 /// less.
-pub const LEAST: f64 = 1e-6;
-const NEEDS: &str = "an OPM deck";
+pub const MIN_TRANSMISSIBILITY: f64 = 1e-6;
+const ERROR_PLACE: &str = "an OPM deck";
 
 /// Writes the deck.
 ///
@@ -28,8 +31,8 @@ const NEEDS: &str = "an OPM deck";
 /// [`Error::Export`] without porosity or permeability, for a porosity outside [0, 1], a depth above
 /// the surface, or a well's name that no deck can hold.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
-    let porosity = model.need_porosity(NEEDS)?;
-    let permeability = model.need_permeability(NEEDS)?;
+    let porosity = model.need_porosity(ERROR_PLACE)?;
+    let permeability = model.need_permeability(ERROR_PLACE)?;
     let case = &model.case;
     check(model, porosity)?;
     if is_corner_point_deck(path) {
@@ -42,28 +45,34 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
 
     let (cells, graph) = (model.len(), &model.graph);
     let side = (graph.volume.iter().sum::<f64>() / cells as f64).cbrt();
-    let top = model.top();
-    let depth = |cell: usize| if case.gravity { model.depth(cell) } else { top };
+    let top = model.top_depth();
+    let depth = |cell: usize| {
+        if case.has_gravity {
+            model.depth(cell)
+        } else {
+            top
+        }
+    };
     let pressure = |cell: usize| model.initial_pressure(depth(cell), top) / BAR;
-    let opening = |&(cell, index): &(u32, f64)| Opening {
+    let opening = |&(cell, index): &(u32, f64)| WellConnection {
         cell: [cell as usize + 1, 1, 1],
         index,
     };
     let wells = case.wells.iter();
-    let open: Vec<Vec<Opening>> = wells
+    let open: Vec<Vec<WellConnection>> = wells
         .map(|well| well.cells.iter().map(opening).collect())
         .collect();
 
     batch.write(path, |out| {
         let says = "cell i of the mesh is box (i + 1, 1, 1)\n\
             -- faults that are nearly closed: flow --linear-solver=cpr needs a tenth of the iterations";
-        head(out, case, says, [cells, 1, 1], &open)?;
+        write_runspec(out, case, says, [cells, 1, 1], &open)?;
         writeln!(out, "GRID\nINIT\nGRIDFILE\n 0 1 /\n")?;
         for keyword in ["DX", "DY", "DZ"] {
             writeln!(out, "{keyword}\n {cells}*{side:.9} /")?;
         }
         let numbers = |out: &mut _, name: &str, value: &(dyn Fn(usize) -> f64 + Sync)| {
-            array(out, name, cells, value)
+            write_array(out, name, cells, value)
         };
         numbers(out, "TOPS", &|c| depth(c) - 0.5 * side)?;
         numbers(out, "PORO", &|c| porosity[c])?;
@@ -75,35 +84,35 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         if !model.inactive.is_empty() {
             writeln!(out, "ACTNUM")?;
             write_items(out, cells, |text, c| {
-                text.and_int(i64::from(model.is_active(c))).end();
+                text.spaced_int(i64::from(model.is_active(c))).end_line();
             })?;
             writeln!(out, "/\n")?;
         }
         writeln!(out, "NNC")?;
         let (connections, t) = (&graph.connections, &permeability.transmissibility);
         write_items(out, connections.len(), |text, i| {
-            let t = TRANSMISSIBILITY * t[i];
-            if t >= LEAST {
+            let t = TRANSMISSIBILITY_UNIT * t[i];
+            if t >= MIN_TRANSMISSIBILITY {
                 let [a, b] = connections[i].cells.map(|cell| cell + 1);
                 text.int(a).word(" 1 1 ").int(b).word(" 1 1");
-                text.and_real(t).word(" /").end();
+                text.spaced_real(t).word(" /").end_line();
             }
         })?;
         writeln!(out, "/\n\nEDIT\n")?;
         numbers(out, "PORV", &|c| porosity[c] * graph.volume[c])?;
         writeln!(out, "TRANX\n {cells}*0 /\n")?;
-        properties(out, case)?;
+        write_props(out, case)?;
         writeln!(out, "REGIONS\n")?;
-        let shift = shift_of_regions(model);
+        let shift = region_shift(model);
         writeln!(out, "FIPNUM")?;
         write_items(out, cells, |text, c| {
-            text.and_int(i64::from(graph.region[c]) + shift).end();
+            text.spaced_int(i64::from(graph.region[c]) + shift).end_line();
         })?;
         writeln!(out, "/\n\nSOLUTION\n")?;
         numbers(out, "PRESSURE", &pressure)?;
         if case.fluid == Fluid::OilWater {
-            writeln!(out, "SWAT\n {cells}*{WATER_LEFT} /")?;
+            writeln!(out, "SWAT\n {cells}*{CONNATE_WATER_SATURATION} /")?;
         }
-        schedule(out, case, &open)
+        write_schedule(out, case, &open)
     })
 }

@@ -11,13 +11,13 @@ use std::io::Write;
 use std::path::Path;
 
 use crate::Result;
-use crate::export::containers::binary::Numbers;
-use crate::export::containers::hdf5::{self, Node};
+use crate::export::containers::binary::LazyArray;
+use crate::export::containers::hdf5::{self, Hdf5Node};
 use crate::export::containers::text::write_items;
-use crate::export::meshers::groups::{region_name, regions};
+use crate::export::meshers::groups::{region_name, sorted_regions};
 use crate::files::Batch;
 use crate::mesh::graph::BoundaryFace;
-use crate::mesh::poly::SIDES;
+use crate::mesh::poly::SIDE_NAMES;
 use crate::model::reservoir::Model;
 
 /// Writes the grid; numbers of cells begin with 1.
@@ -30,19 +30,19 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         writeln!(out, "CELLS {}", model.len())?;
         write_items(out, model.len(), |text, c| {
             let text = text.int(c + 1).point(graph.site[c]);
-            text.and_real(graph.volume[c]).end();
+            text.spaced_real(graph.volume[c]).end_line();
         })?;
         let open = model.open_connections();
         writeln!(out, "CONNECTIONS {}", open.len())?;
         write_items(out, open.len(), |text, i| {
             let (i, factor) = open[i];
             let c = &graph.connections[i as usize];
-            let text = text.int(c.cells[0] + 1).and_int(c.cells[1] + 1);
-            text.point(c.point).and_real(factor * c.area).end();
+            let text = text.int(c.cells[0] + 1).spaced_int(c.cells[1] + 1);
+            text.point(c.point).spaced_real(factor * c.area).end_line();
         })
     })?;
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-    for (side, name) in SIDES.iter().enumerate() {
+    for (side, name) in SIDE_NAMES.iter().enumerate() {
         let on = |face: &&BoundaryFace<3>| face.side == Some(side as u8);
         let faces: Vec<_> = graph.boundary.iter().filter(on).collect();
         if faces.is_empty() {
@@ -53,23 +53,23 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             write_items(out, faces.len(), |text, i| {
                 let face = faces[i];
                 let text = text.int(face.cell + 1).point(face.point);
-                text.and_real(face.area).end();
+                text.spaced_real(face.area).end_line();
             })
         })?;
     }
-    rock(
+    write_rock(
         model,
         batch,
         &path.with_file_name(format!("{stem}-rock.h5")),
     )?;
-    let regions = regions(model);
+    let regions = sorted_regions(model);
     if regions.len() > 1 {
         for region in regions {
             let own = |c: &usize| graph.region[*c] == region;
             let own: Vec<usize> = (0..model.len()).filter(own).collect();
             let file = format!("{stem}-{}.txt", region_name(model, region));
             batch.write(&path.with_file_name(file), |out| {
-                write_items(out, own.len(), |text, i| text.int(own[i] + 1).end())
+                write_items(out, own.len(), |text, i| text.int(own[i] + 1).end_line())
             })?;
         }
     }
@@ -77,23 +77,28 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
 }
 
 /// What is known of the rock, cell by cell.
-fn rock(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
+fn write_rock(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let cells = model.len();
-    let data = |name: &str, numbers| (name.to_string(), Node::Data(vec![cells as u64], numbers));
-    let ids = Numbers::computed(cells, |c| c as i32 + 1);
+    let data = |name: &str, numbers| {
+        (
+            name.to_string(),
+            Hdf5Node::Dataset(vec![cells as u64], numbers),
+        )
+    };
+    let ids = LazyArray::from_fn(cells, |c| c as i32 + 1);
     let mut nodes = vec![data("Cell Ids", ids)];
     if let Some(porosity) = &model.porosity {
-        nodes.push(data("Porosity", Numbers::slice(porosity)));
+        nodes.push(data("Porosity", LazyArray::from_slice(porosity)));
     }
     if let Some(permeability) = &model.permeability {
         for (k, axis) in ["X", "Y", "Z"].into_iter().enumerate() {
             let value = move |c: usize| permeability.rock.mobility(c).0[k];
             let name = format!("Permeability{axis}");
-            nodes.push(data(&name, Numbers::computed(cells, value)));
+            nodes.push(data(&name, LazyArray::from_fn(cells, value)));
         }
     }
     if nodes.len() == 1 {
         return Ok(());
     }
-    batch.write(path, |out| hdf5::write(out, &Node::Group(nodes)))
+    batch.write(path, |out| hdf5::write(out, &Hdf5Node::Group(nodes)))
 }

@@ -11,10 +11,10 @@ use std::path::Path;
 use sha2::{Digest, Sha256};
 
 use crate::Result;
-use crate::export::containers::binary::Numbers;
-use crate::export::containers::epc::{self, Object, PROXY, uuid};
-use crate::export::containers::hdf5::{self, Node};
-use crate::export::meshers::groups::{Names, nodes_of};
+use crate::export::containers::binary::LazyArray;
+use crate::export::containers::epc::{self, EpcObject, PROXY_KIND, uuid};
+use crate::export::containers::hdf5::{self, Hdf5Node};
+use crate::export::meshers::groups::{FaceNames, face_nodes};
 use crate::files::Batch;
 use crate::files::vtk::Values;
 use crate::files::vtk::xml::escape;
@@ -22,7 +22,7 @@ use crate::mesh::poly::Lists;
 use crate::model::reservoir::{MILLIDARCY, Model};
 
 /// A property of the cells as RESQML has it.
-struct Property<'a> {
+struct ResqmlProperty<'a> {
     title: String,
     /// One of RESQML's own kinds.
     kind: &'static str,
@@ -30,10 +30,10 @@ struct Property<'a> {
     /// The direction that it is for.
     facet: Option<&'static str>,
     /// What there is a number for.
-    element: &'static str,
+    indexable_element: &'static str,
     /// Whether its numbers stand for the names in the table.
-    named: bool,
-    numbers: Numbers<'a>,
+    has_value_names: bool,
+    numbers: LazyArray<'a>,
 }
 
 /// Writes both files; `path` is the package.
@@ -42,34 +42,34 @@ struct Property<'a> {
 /// [`Error::Io`](crate::Error::Io) if a file cannot be written.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let (mesh, cells) = (&model.mesh, model.len());
-    let names = Names::new(model);
+    let names = FaceNames::new(model);
     let of_cells = mesh.faces_of_cells();
     let companion = path.with_extension("h5");
     let companion_name = companion.file_name().unwrap_or_default().to_string_lossy();
-    let digest = digest(model);
+    let digest = model_digest(model);
 
-    let proxy = Object {
-        kind: PROXY,
+    let proxy = EpcObject {
+        kind: PROXY_KIND,
         uuid: uuid(&digest, "proxy"),
         title: "arrays".into(),
         body: "<eml:MimeType>application/x-hdf5</eml:MimeType>".into(),
-        refers_to: Vec::new(),
+        references: Vec::new(),
         has_arrays: false,
     };
-    let crs = Object {
+    let crs = EpcObject {
         kind: "LocalDepth3dCrs",
         uuid: uuid(&digest, "crs"),
         title: "metres, z upwards".into(),
-        body: CRS.into(),
-        refers_to: Vec::new(),
+        body: CRS_XML.into(),
+        references: Vec::new(),
         has_arrays: false,
     };
-    let mut grid = Object {
+    let mut grid = EpcObject {
         kind: "UnstructuredGridRepresentation",
         uuid: uuid(&digest, "grid"),
         title: escape(&model.case.title),
         body: String::new(),
-        refers_to: vec![1],
+        references: vec![1],
         has_arrays: true,
     };
     let at = |uuid: &str, name: &str| {
@@ -124,19 +124,19 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         }
     };
     let coordinates = mesh.nodes.as_flattened();
-    let grid_node = Node::Group(vec![
+    let grid_node = Hdf5Node::Group(vec![
         (
             "Points".into(),
-            Node::Data(
+            Hdf5Node::Dataset(
                 vec![mesh.nodes.len() as u64, 3],
-                Numbers::slice(coordinates),
+                LazyArray::from_slice(coordinates),
             ),
         ),
-        ("NodesPerFace".into(), lists(&mesh.faces)),
-        ("FacesPerCell".into(), lists(&of_cells)),
+        ("NodesPerFace".into(), list_group(&mesh.faces)),
+        ("FacesPerCell".into(), list_group(&of_cells)),
         (
             "CellFaceIsRightHanded".into(),
-            data(Numbers::filled::<u8>(of_cells.items.len(), right)),
+            dataset(LazyArray::from_fill::<u8>(of_cells.items.len(), right)),
         ),
     ]);
     let mut nodes = vec![(grid.uuid.clone(), grid_node)];
@@ -147,7 +147,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         )
     };
     let none = "none".to_string();
-    let table = Object {
+    let table = EpcObject {
         kind: "StringTableLookup",
         uuid: uuid(&digest, "names"),
         title: "names of faces".into(),
@@ -155,7 +155,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             .zip([&none].into_iter().chain(&names.names))
             .map(entry)
             .collect(),
-        refers_to: Vec::new(),
+        references: Vec::new(),
         has_arrays: false,
     };
     let mut objects = vec![proxy, crs, grid, table];
@@ -171,24 +171,28 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             &values,
             &table.reference("resqml2:Lookup"),
         );
-        objects.push(Object {
-            kind: property.object(),
+        objects.push(EpcObject {
+            kind: property.object_type(),
             uuid: id.clone(),
             title: escape(&property.title),
             body,
-            refers_to: if property.named { vec![2, 3] } else { vec![2] },
+            references: if property.has_value_names {
+                vec![2, 3]
+            } else {
+                vec![2]
+            },
             has_arrays: true,
         });
-        let values = data(property.numbers);
-        nodes.push((id, Node::Group(vec![("values_patch0".into(), values)])));
+        let values = dataset(property.numbers);
+        nodes.push((id, Hdf5Node::Group(vec![("values_patch0".into(), values)])));
     }
-    let root = Node::Group(vec![("RESQML".into(), Node::Group(nodes))]);
+    let root = Hdf5Node::Group(vec![("RESQML".into(), Hdf5Node::Group(nodes))]);
     batch.write(&companion, |out| hdf5::write(out, &root))?;
     batch.write(path, |out| epc::write(out, &objects, &companion_name))
 }
 
 /// Metres east, north and up from nowhere in particular.
-const CRS: &str = "<resqml2:XOffset>0</resqml2:XOffset><resqml2:YOffset>0</resqml2:YOffset>\
+const CRS_XML: &str = "<resqml2:XOffset>0</resqml2:XOffset><resqml2:YOffset>0</resqml2:YOffset>\
 <resqml2:ZOffset>0</resqml2:ZOffset><resqml2:ArealRotation uom=\"rad\">0</resqml2:ArealRotation>\
 <resqml2:ProjectedAxisOrder>easting northing</resqml2:ProjectedAxisOrder>\
 <resqml2:ProjectedUom>m</resqml2:ProjectedUom><resqml2:VerticalUom>m</resqml2:VerticalUom>\
@@ -198,7 +202,7 @@ const CRS: &str = "<resqml2:XOffset>0</resqml2:XOffset><resqml2:YOffset>0</resqm
 </eml:Unknown></resqml2:ProjectedCrs>";
 
 /// A digest of what makes a model different from others.
-fn digest(model: &Model) -> Sha256 {
+fn model_digest(model: &Model) -> Sha256 {
     let mut digest = Sha256::new();
     digest.update(env!("CARGO_PKG_VERSION"));
     for point in model.graph.site.iter().chain(&model.mesh.nodes) {
@@ -207,35 +211,38 @@ fn digest(model: &Model) -> Sha256 {
     digest
 }
 
-fn data(numbers: Numbers<'_>) -> Node<'_> {
-    Node::Data(vec![numbers.len as u64], numbers)
+fn dataset(numbers: LazyArray<'_>) -> Hdf5Node<'_> {
+    Hdf5Node::Dataset(vec![numbers.len as u64], numbers)
 }
 
 /// Lists as elements and where each list ends.
-fn lists(lists: &Lists) -> Node<'_> {
-    Node::Group(vec![
-        ("elements".into(), data(Numbers::slice(&lists.items))),
+fn list_group(lists: &Lists) -> Hdf5Node<'_> {
+    Hdf5Node::Group(vec![
+        (
+            "elements".into(),
+            dataset(LazyArray::from_slice(&lists.items)),
+        ),
         (
             "cumulativeLength".into(),
-            data(Numbers::slice(&lists.offsets[1..])),
+            dataset(LazyArray::from_slice(&lists.offsets[1..])),
         ),
     ])
 }
 
-fn properties<'a>(model: &'a Model, names: &'a Names) -> Vec<Property<'a>> {
-    let property = |title: &str, kind, unit, facet, numbers| Property {
+fn properties<'a>(model: &'a Model, names: &'a FaceNames) -> Vec<ResqmlProperty<'a>> {
+    let property = |title: &str, kind, unit, facet, numbers| ResqmlProperty {
         title: title.into(),
         kind,
         unit,
         facet,
-        element: "cells",
-        named: false,
+        indexable_element: "cells",
+        has_value_names: false,
         numbers,
     };
-    let region = Numbers::slice(&model.graph.region);
+    let region = LazyArray::from_slice(&model.graph.region);
     let mut all = vec![property("region", "index", "", None, region)];
     if let Some(porosity) = &model.porosity {
-        let numbers = Numbers::slice(porosity);
+        let numbers = LazyArray::from_slice(porosity);
         all.push(property("porosity", "porosity", "m3/m3", None, numbers));
     }
     if let Some(permeability) = &model.permeability {
@@ -249,47 +256,47 @@ fn properties<'a>(model: &'a Model, names: &'a Names) -> Vec<Property<'a>> {
         .enumerate()
         {
             let value = move |c: usize| rock.mobility(c).0[k] / MILLIDARCY;
-            let numbers = Numbers::computed(model.len(), value);
+            let numbers = LazyArray::from_fn(model.len(), value);
             let kind = "permeability rock";
             all.push(property(title, kind, "mD", Some(facet), numbers));
         }
     }
     for array in model.properties.iter().filter(|p| p.components == 1) {
         let numbers = match &array.values {
-            Values::F64(values) => Numbers::slice(values),
+            Values::F64(values) => LazyArray::from_slice(values),
             values => {
                 let values = values.to_f64();
-                Numbers::computed(values.len(), move |i| values[i])
+                LazyArray::from_fn(values.len(), move |i| values[i])
             }
         };
         all.push(property(&array.name, "continuous", "Euc", None, numbers));
     }
-    let numbers = Numbers::slice(&names.of_face);
-    all.push(Property {
-        element: "faces",
-        named: true,
+    let numbers = LazyArray::from_slice(&names.face_numbers);
+    all.push(ResqmlProperty {
+        indexable_element: "faces",
+        has_value_names: true,
         ..property("names of faces", "categorical", "", None, numbers)
     });
     for group in names.groups() {
         let mut within = vec![0u8; model.mesh.nodes.len()];
-        let nodes = nodes_of(model, &group.faces);
+        let nodes = face_nodes(model, &group.faces);
         nodes.iter().for_each(|&n| within[n as usize] = 1);
-        let numbers = Numbers::computed(within.len(), move |n| within[n]);
-        all.push(Property {
-            element: "nodes",
+        let numbers = LazyArray::from_fn(within.len(), move |n| within[n]);
+        all.push(ResqmlProperty {
+            indexable_element: "nodes",
             ..property(&group.name, "index", "", None, numbers)
         });
     }
     all
 }
 
-impl Property<'_> {
-    fn is_whole(&self) -> bool {
-        self.kind == "index" || self.named
+impl ResqmlProperty<'_> {
+    fn is_integer(&self) -> bool {
+        self.kind == "index" || self.has_value_names
     }
 
-    fn object(&self) -> &'static str {
-        match (self.named, self.is_whole()) {
+    fn object_type(&self) -> &'static str {
+        match (self.has_value_names, self.is_integer()) {
             (true, _) => "CategoricalProperty",
             (_, true) => "DiscreteProperty",
             _ => "ContinuousProperty",
@@ -300,7 +307,7 @@ impl Property<'_> {
     fn xml(&self, grid: &str, values: &str, table: &str) -> String {
         let dataset =
             format!("<resqml2:Values xsi:type=\"eml:Hdf5Dataset\">{values}</resqml2:Values>");
-        let values = match self.is_whole() {
+        let values = match self.is_integer() {
             true => format!(
                 "<resqml2:Values xsi:type=\"resqml2:IntegerHdf5Array\"><resqml2:NullValue>-2147483648\
                  </resqml2:NullValue>{dataset}</resqml2:Values>"
@@ -315,7 +322,7 @@ impl Property<'_> {
                  </resqml2:Value></resqml2:Facet>\n"
             )
         });
-        let unit = match (self.named, self.is_whole()) {
+        let unit = match (self.has_value_names, self.is_integer()) {
             (true, _) => format!("\n{table}"),
             (_, true) => String::new(),
             _ => format!("\n<resqml2:UOM>{}</resqml2:UOM>", self.unit),
@@ -326,7 +333,7 @@ impl Property<'_> {
              xsi:type=\"resqml2:StandardPropertyKind\"><resqml2:Kind>{}</resqml2:Kind>\
              </resqml2:PropertyKind>\n<resqml2:PatchOfValues><resqml2:RepresentationPatchIndex>0\
              </resqml2:RepresentationPatchIndex>{values}</resqml2:PatchOfValues>\n{facet}{unit}",
-            self.element, self.kind
+            self.indexable_element, self.kind
         )
     }
 }

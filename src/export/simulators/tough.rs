@@ -15,7 +15,7 @@ use crate::model::reservoir::Model;
 use crate::{Error, Result};
 
 /// Names are three letters or digits, the first a letter, and two digits.
-const NAMES: usize = 26 * 36 * 36 * 100;
+const MAX_NAMES: usize = 26 * 36 * 36 * 100;
 
 /// Writes elements and connections. Rocks are named by region, `REG00`, `REG01` ... (`R0100` from
 /// there on).
@@ -24,10 +24,10 @@ const NAMES: usize = 26 * 36 * 36 * 100;
 /// [`Error::Export`] for more cells or regions than there are names.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let graph = &model.graph;
-    if model.len() > NAMES {
+    if model.len() > MAX_NAMES {
         return Err(Error::Export(cause(
             "a TOUGH2 mesh",
-            format!("has names for {NAMES} cells, not for {}", model.len()),
+            format!("has names for {MAX_NAMES} cells, not for {}", model.len()),
             "make larger cells",
         )));
     }
@@ -42,33 +42,34 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         writeln!(out, "ELEME")?;
         write_items(out, model.len(), |text, c| {
             let (volume, [x, y, z]) = (graph.volume[c], graph.site[c]);
-            text.word(ascii(&name(c))).word("          ");
-            text.word(ascii(&rock(graph.region[c])));
-            text.word(ascii(&ten(volume))).word("          ");
+            text.word(ascii(&element_name(c))).word("          ");
+            text.word(ascii(&rock_name(graph.region[c])));
+            text.word(ascii(&format_ten_chars(volume)))
+                .word("          ");
             match &model.permeability {
-                Some(known) => text.word(ascii(&ten(known.rock.mobility(c).0[0]))),
+                Some(known) => text.word(ascii(&format_ten_chars(known.rock.mobility(c).0[0]))),
                 None => text.word("          "),
             };
             for value in [x, y, z] {
-                text.word(ascii(&ten(value)));
+                text.word(ascii(&format_ten_chars(value)));
             }
-            text.end();
+            text.end_line();
         })?;
         writeln!(out, "\nCONNE")?;
         let open = model.open_connections();
         write_items(out, open.len(), |text, i| {
             let (i, factor) = open[i];
             let c = &graph.connections[i as usize];
-            let [a, b] = c.cells.map(|cell| name(cell as usize));
+            let [a, b] = c.cells.map(|cell| element_name(cell as usize));
             let (axis, beta) = direction(c, &graph.site);
             text.word(ascii(&a))
                 .word(ascii(&b))
                 .word("                   ");
             text.int(axis);
             for value in [c.distance[0], c.distance[1], factor * c.area, beta] {
-                text.word(ascii(&ten(value)));
+                text.word(ascii(&format_ten_chars(value)));
             }
-            text.end();
+            text.end_line();
         })?;
         writeln!(out)
     })
@@ -92,20 +93,20 @@ fn direction(c: &Connection<3>, site: &[[f64; 3]]) -> (u8, f64) {
 }
 
 /// The name of a cell: `AAA00`, `AAA01` ... `AAB00` ...
-fn name(cell: usize) -> [u8; 5] {
-    const SIGNS: &[u8; 36] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789";
+fn element_name(cell: usize) -> [u8; 5] {
+    const NAME_CHARS: &[u8; 36] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789";
     let (word, digits) = (cell / 100, cell % 100);
     [
-        SIGNS[word / (36 * 36) % 26],
-        SIGNS[word / 36 % 36],
-        SIGNS[word % 36],
+        NAME_CHARS[word / (36 * 36) % 26],
+        NAME_CHARS[word / 36 % 36],
+        NAME_CHARS[word % 36],
         b'0' + (digits / 10) as u8,
         b'0' + (digits % 10) as u8,
     ]
 }
 
 /// The name of a region's rock.
-fn rock(region: i32) -> [u8; 5] {
+fn rock_name(region: i32) -> [u8; 5] {
     let digit = |power: i32| b'0' + (region / power % 10) as u8;
     if region < 100 {
         [b'R', b'E', b'G', digit(10), digit(1)]
@@ -116,7 +117,7 @@ fn rock(region: i32) -> [u8; 5] {
 
 /// A number in ten characters, with as many digits as find room there, and always a point: without one,
 /// the last four digits would be read as decimals.
-fn ten(number: f64) -> [u8; 10] {
+fn format_ten_chars(number: f64) -> [u8; 10] {
     let mut field = [b' '; 10];
     let size = number.abs();
     if size != 0.0 && !(1e-3..99_999_999.0).contains(&size) {
@@ -185,19 +186,19 @@ mod tests {
             (0.001, "0.00100000"),
             (-0.25, "-0.2500000"),
         ] {
-            assert_eq!(ascii(&ten(number)), want);
+            assert_eq!(ascii(&format_ten_chars(number)), want);
         }
     }
 
     #[test]
     fn names_are_distinct() {
-        let mut names: Vec<_> = (0..400_000).map(name).collect();
+        let mut names: Vec<_> = (0..400_000).map(element_name).collect();
         assert_eq!(ascii(&names[0]), "AAA00");
         assert_eq!(ascii(&names[3699]), "ABA99");
         names.sort_unstable();
         names.dedup();
         assert_eq!(names.len(), 400_000);
-        assert_eq!(ascii(&rock(7)), "REG07");
-        assert_eq!(ascii(&rock(123)), "R0123");
+        assert_eq!(ascii(&rock_name(7)), "REG07");
+        assert_eq!(ascii(&rock_name(123)), "R0123");
     }
 }

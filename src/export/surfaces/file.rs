@@ -1,7 +1,7 @@
 //! Labelled surfaces with everything that is stored with them, for all formats of surfaces.
 
 use crate::files::vtk::DataArray;
-use crate::geometry::in_space;
+use crate::geometry::to_3d;
 use crate::store::FieldValue;
 
 /// Surfaces, in physical coordinates: triangles (`D` = 3), or line segments (`D` = 2) at z = 0.
@@ -12,7 +12,7 @@ pub struct SurfaceFile<const D: usize> {
     /// Nodes of each facet, surface by surface.
     pub facets: Vec<[u32; D]>,
     /// Where the facets of each surface begin, and the end.
-    pub start: Vec<usize>,
+    pub surface_starts: Vec<usize>,
     /// Names of the surfaces, without spaces or line ends.
     pub names: Vec<String>,
     /// Arrays with a tuple per facet.
@@ -33,11 +33,11 @@ impl<const D: usize> SurfaceFile<D> {
         used.dedup();
         let place = |n: u32| used.partition_point(|&m| m < n) as u32;
         let version = FieldValue::Text(env!("CARGO_PKG_VERSION").to_string());
-        let lifted = |&n: &u32| in_space(nodes[n as usize]);
+        let lifted = |&n: &u32| to_3d(nodes[n as usize]);
         Self {
             nodes: used.iter().map(lifted).collect(),
             facets: facets.iter().map(|f| f.map(place)).collect(),
-            start: start.to_vec(),
+            surface_starts: start.to_vec(),
             names: (1..start.len()).map(|s| format!("{name}{s}")).collect(),
             cell_data: Vec::new(),
             field_data: vec![("atomesh_version".into(), version)],
@@ -47,13 +47,13 @@ impl<const D: usize> SurfaceFile<D> {
     }
 
     /// The facets of a surface.
-    pub fn of(&self, surface: usize) -> &[[u32; D]] {
-        &self.facets[self.start[surface]..self.start[surface + 1]]
+    pub fn surface_facets(&self, surface: usize) -> &[[u32; D]] {
+        &self.facets[self.surface_starts[surface]..self.surface_starts[surface + 1]]
     }
 
     /// The number of each facet's surface, from 1, as in the names.
     pub fn labels(&self) -> Vec<i32> {
-        let sizes = self.start.windows(2).map(|w| w[1] - w[0]);
+        let sizes = self.surface_starts.windows(2).map(|w| w[1] - w[0]);
         let labels = (1..).zip(sizes);
         labels
             .flat_map(|(s, n)| std::iter::repeat_n(s, n))
@@ -126,7 +126,10 @@ mod tests {
         assert_eq!(read.text(&fields.children[0]).unwrap(), "fault1\nfault2");
 
         let again = read_surfaces(&path).unwrap();
-        assert_eq!((&again.names, &again.start), (&file.names, &file.start));
+        assert_eq!(
+            (&again.names, &again.surface_starts),
+            (&file.names, &file.surface_starts)
+        );
         for (facet, want) in again.facets.iter().zip(&file.facets) {
             let [found, want] = [(&again, facet), (&file, want)]
                 .map(|(file, facet)| facet.map(|n| file.nodes[n as usize]));
@@ -181,10 +184,10 @@ mod tests {
     }
 
     /// One object of a GOCAD file as a strict reader sees it: name, whether z is up, triangles.
-    type Object = (String, bool, Vec<[[f64; 3]; 3]>);
+    type GocadObject = (String, bool, Vec<[[f64; 3]; 3]>);
 
     /// Reads TSurf objects and panics at anything that the format does not have at that place.
-    fn read_tsurf(path: &Path) -> Vec<Object> {
+    fn read_tsurf(path: &Path) -> Vec<GocadObject> {
         let text = std::fs::read_to_string(path).unwrap();
         let mut lines = text.lines();
         let mut objects = Vec::new();
@@ -249,7 +252,10 @@ mod tests {
             assert_eq!(objects.len(), 2);
             for (s, (name, up, triangles)) in objects.iter().enumerate() {
                 assert_eq!((name, *up), (&file.names[s], z_up));
-                let want = file.of(s).iter().map(|f| f.map(|n| file.nodes[n as usize]));
+                let want = file
+                    .surface_facets(s)
+                    .iter()
+                    .map(|f| f.map(|n| file.nodes[n as usize]));
                 assert!(triangles.iter().copied().eq(want));
             }
             let Gocad::Surfaces(again) = read_gocad(&path).unwrap() else {
@@ -259,7 +265,7 @@ mod tests {
                 (&again.names, &again.units, again.z_up),
                 (&file.names, &file.units, z_up)
             );
-            assert_eq!(again.start, file.start);
+            assert_eq!(again.surface_starts, file.surface_starts);
             for (facet, want) in again.facets.iter().zip(&file.facets) {
                 let [found, want] = [(&again, facet), (&file, want)]
                     .map(|(file, facet)| facet.map(|n| file.nodes[n as usize]));

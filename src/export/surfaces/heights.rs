@@ -4,19 +4,19 @@ use super::SurfaceFile;
 use crate::error::{Error, Result, cause};
 use crate::geometry::{norm, sub};
 use crate::image::{Geometry, Image};
-use crate::model::columns::horizon::{Horizon, Triangles};
+use crate::model::columns::horizon::{Horizon, TriangleIndex};
 
 /// Most nodes of a grid.
-const MOST: f64 = 1e8;
+const MAX_NODES: f64 = 1e8;
 
 /// The heights of a surface over a grid along x and y, at whole multiples of its step (about the length of the
 /// surface's edges if `None`); NaN where the surface is not.
 ///
 /// # Errors
 /// [`Error::Job`] for a step that is not positive, or makes too many nodes.
-pub fn heights(file: &SurfaceFile<3>, surface: usize, step: Option<f64>) -> Result<Image<2>> {
+pub fn height_grid(file: &SurfaceFile<3>, surface: usize, step: Option<f64>) -> Result<Image<2>> {
     let triangles: Vec<[[f64; 3]; 3]> = file
-        .of(surface)
+        .surface_facets(surface)
         .iter()
         .map(|facet| facet.map(|n| file.nodes[n as usize]))
         .collect();
@@ -42,15 +42,15 @@ pub fn heights(file: &SurfaceFile<3>, surface: usize, step: Option<f64>) -> Resu
     let first = low.map(|low| (low / step).ceil());
     let counts = [0, 1].map(|k| ((high[k] / step).floor() - first[k] + 1.0).max(1.0));
     let [columns, rows] = counts;
-    if columns * rows > MOST {
+    if columns * rows > MAX_NODES {
         return refuse(format!("makes {columns} x {rows} nodes"));
     }
     let dims = counts.map(|count| count as usize);
     let geometry = Geometry::with_spacing(first.map(|first| first * step), [step; 2]);
-    let horizon = Horizon::Surface(Triangles::new(triangles));
+    let horizon = Horizon::Surface(TriangleIndex::new(triangles));
     let samples = (0..dims[0] * dims[1]).map(|i| {
         let x = geometry.to_physical([(i % dims[0]) as f64, (i / dims[0]) as f64]);
-        horizon.at(x).map_or(f32::NAN, |z| z as f32)
+        horizon.z_at(x).map_or(f32::NAN, |z| z as f32)
     });
     let samples = samples.collect();
     Ok(Image::new(dims, samples, geometry))
@@ -66,7 +66,7 @@ mod tests {
         let node = |x: f64, y: f64| [x, y, height(x, y)];
         let nodes = [node(-1.0, 0.0), node(21.0, 0.0), node(21.0, 13.0)];
         let file = SurfaceFile::new(&nodes, &[[0, 1, 2]], &[0, 1], "horizon");
-        let image = heights(&file, 0, Some(4.0)).unwrap();
+        let image = height_grid(&file, 0, Some(4.0)).unwrap();
         assert_eq!((image.dims(), image.geometry.origin), ([6, 4], [0.0, 0.0]));
         for (i, &z) in image.as_slice().iter().enumerate() {
             let (x, y) = (4.0 * (i % 6) as f64, 4.0 * (i / 6) as f64);
@@ -75,9 +75,12 @@ mod tests {
             assert!(!inside || (f64::from(z) - height(x, y)).abs() < 1e-5);
         }
         // By itself, about as fine as its edges.
-        assert_eq!(heights(&file, 0, None).unwrap().geometry.axes[0][0], 22.0);
+        assert_eq!(
+            height_grid(&file, 0, None).unwrap().geometry.axes[0][0],
+            22.0
+        );
         for wrong in [0.0, f64::NAN, 1e-6] {
-            assert!(heights(&file, 0, Some(wrong)).is_err());
+            assert!(height_grid(&file, 0, Some(wrong)).is_err());
         }
     }
 }

@@ -6,7 +6,7 @@
 use std::io::{Read, Write};
 use std::path::Path;
 
-use crate::error::{Error, Result, cause, os};
+use crate::error::{Error, Result, cause, io_error};
 use crate::export::SurfaceFile;
 use crate::files;
 use crate::files::atomic_write;
@@ -14,7 +14,7 @@ use crate::geometry::{dot, norm, sub};
 
 /// A fault: its name, and its sticks from one end to the other.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Sticks {
+pub struct FaultSticks {
     /// What it is called.
     pub name: String,
     /// The points of each, from top to bottom.
@@ -22,36 +22,36 @@ pub struct Sticks {
 }
 
 /// Points nearer than this, over a fault's length, are one.
-const SAME: f64 = 1e-9;
+const POINT_TOLERANCE_RATIO: f64 = 1e-9;
 
 /// How far sticks are apart unless it is said: so many on a surface.
-const COUNT: f64 = 10.0;
+const DEFAULT_STICK_COUNT: f64 = 10.0;
 
-impl Sticks {
+impl FaultSticks {
     /// Sticks of each surface: where it is cut by upright planes across its strike, `apart` from one
     /// another (a tenth of its length if `None`).
-    pub fn of(file: &SurfaceFile<3>, apart: Option<f64>) -> Vec<Self> {
+    pub fn from_surfaces(file: &SurfaceFile<3>, apart: Option<f64>) -> Vec<Self> {
         (0..file.names.len())
             .map(|s| {
                 let triangles: Vec<[[f64; 3]; 3]> = file
-                    .of(s)
+                    .surface_facets(s)
                     .iter()
                     .map(|facet| facet.map(|n| file.nodes[n as usize]))
                     .collect();
                 Self {
                     name: file.names[s].clone(),
-                    sticks: cut(&triangles, apart),
+                    sticks: section_lines(&triangles, apart),
                 }
             })
             .collect()
     }
 
     /// The lines of each object, as sticks.
-    pub fn of_lines(file: &SurfaceFile<2>) -> Vec<Self> {
+    pub fn from_lines(file: &SurfaceFile<2>) -> Vec<Self> {
         let of = |s: usize| {
             let mut sticks: Vec<Vec<[f64; 3]>> = Vec::new();
             let mut end = None;
-            for &[a, b] in file.of(s) {
+            for &[a, b] in file.surface_facets(s) {
                 let [from, to] = [a, b].map(|n| file.nodes[n as usize]);
                 match sticks.last_mut() {
                     Some(stick) if end == Some(a) => stick.push(to),
@@ -68,9 +68,9 @@ impl Sticks {
     }
 
     /// The sticks of each fault as lines.
-    pub fn lines(faults: &[Self]) -> SurfaceFile<2> {
+    pub fn to_lines(faults: &[Self]) -> SurfaceFile<2> {
         let mut file = SurfaceFile {
-            start: vec![0],
+            surface_starts: vec![0],
             z_up: true,
             ..SurfaceFile::default()
         };
@@ -82,16 +82,16 @@ impl Sticks {
                 file.facets.extend(ends.map(|end| [end - 1, end]));
             }
             file.names.push(fault.name.clone());
-            file.start.push(file.facets.len());
+            file.surface_starts.push(file.facets.len());
         }
         file
     }
 
     /// Triangles between neighbouring sticks of each fault, as a surface each; faults of a single stick are
     /// left out.
-    pub fn surfaces(faults: &[Self]) -> SurfaceFile<3> {
+    pub fn to_surfaces(faults: &[Self]) -> SurfaceFile<3> {
         let mut file = SurfaceFile {
-            start: vec![0],
+            surface_starts: vec![0],
             z_up: true,
             ..SurfaceFile::default()
         };
@@ -103,12 +103,12 @@ impl Sticks {
                 file.nodes.extend(stick);
                 let here = from..file.nodes.len();
                 if let Some(before) = before.replace(here.clone()) {
-                    between(&mut file, before, here);
+                    triangulate_between(&mut file, before, here);
                 }
             }
             if file.facets.len() > first {
                 file.names.push(fault.name.clone());
-                file.start.push(file.facets.len());
+                file.surface_starts.push(file.facets.len());
             }
         }
         file
@@ -116,7 +116,11 @@ impl Sticks {
 }
 
 /// Triangles between two sticks, each time with the shorter of the two edges that lead on.
-fn between(file: &mut SurfaceFile<3>, a: std::ops::Range<usize>, b: std::ops::Range<usize>) {
+fn triangulate_between(
+    file: &mut SurfaceFile<3>,
+    a: std::ops::Range<usize>,
+    b: std::ops::Range<usize>,
+) {
     let (mut i, mut j) = (a.start, b.start);
     let length =
         |file: &SurfaceFile<3>, i: usize, j: usize| norm(sub(file.nodes[j], file.nodes[i]));
@@ -153,7 +157,7 @@ fn strike(triangles: &[[[f64; 3]; 3]]) -> [f64; 3] {
 }
 
 /// The lines in which upright planes across the strike cut triangles.
-fn cut(triangles: &[[[f64; 3]; 3]], apart: Option<f64>) -> Vec<Vec<[f64; 3]>> {
+fn section_lines(triangles: &[[[f64; 3]; 3]], apart: Option<f64>) -> Vec<Vec<[f64; 3]>> {
     let along = strike(triangles);
     let places = triangles.iter().flatten().map(|&p| dot(p, along));
     let (low, high) = places.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), place| {
@@ -163,7 +167,7 @@ fn cut(triangles: &[[[f64; 3]; 3]], apart: Option<f64>) -> Vec<Vec<[f64; 3]>> {
     if !(length > 0.0 && length.is_finite()) {
         return Vec::new();
     }
-    let count = (length / apart.unwrap_or(length / COUNT))
+    let count = (length / apart.unwrap_or(length / DEFAULT_STICK_COUNT))
         .round()
         .clamp(1.0, 1e5) as usize;
     // Not through the ends themselves.
@@ -172,11 +176,11 @@ fn cut(triangles: &[[[f64; 3]; 3]], apart: Option<f64>) -> Vec<Vec<[f64; 3]>> {
     for at in (0..count).map(place) {
         let mut pieces: Vec<[[f64; 3]; 2]> = triangles
             .iter()
-            .filter_map(|triangle| piece(triangle, along, at))
+            .filter_map(|triangle| triangle_section(triangle, along, at))
             .collect();
         while let Some([start, end]) = pieces.pop() {
             let mut line = std::collections::VecDeque::from([start, end]);
-            while let Some((i, end, front)) = joining(&pieces, &line) {
+            while let Some((i, end, front)) = find_adjoining_segment(&pieces, &line) {
                 pieces.swap_remove(i);
                 match front {
                     true => line.push_front(end),
@@ -185,7 +189,7 @@ fn cut(triangles: &[[[f64; 3]; 3]], apart: Option<f64>) -> Vec<Vec<[f64; 3]>> {
             }
             let mut stick: Vec<[f64; 3]> = line.into();
             // Where a plane passes a node, it cuts many edges there.
-            stick.dedup_by(|a, b| norm(sub(*a, *b)) <= SAME * length);
+            stick.dedup_by(|a, b| norm(sub(*a, *b)) <= POINT_TOLERANCE_RATIO * length);
             if stick[0][2] < stick[stick.len() - 1][2] {
                 stick.reverse();
             }
@@ -198,7 +202,7 @@ fn cut(triangles: &[[[f64; 3]; 3]], apart: Option<f64>) -> Vec<Vec<[f64; 3]>> {
 }
 
 /// A piece that begins or ends where a line does, its other end, and whether it is at the line's front.
-fn joining(
+fn find_adjoining_segment(
     pieces: &[[[f64; 3]; 2]],
     line: &std::collections::VecDeque<[f64; 3]>,
 ) -> Option<(usize, [f64; 3], bool)> {
@@ -215,7 +219,7 @@ fn joining(
 }
 
 /// Where a plane cuts a triangle: points of its edges, the same from either side of one.
-fn piece(triangle: &[[f64; 3]; 3], along: [f64; 3], at: f64) -> Option<[[f64; 3]; 2]> {
+fn triangle_section(triangle: &[[f64; 3]; 3], along: [f64; 3], at: f64) -> Option<[[f64; 3]; 2]> {
     let off = triangle.map(|p| dot(p, along) - at);
     let mut ends = Vec::with_capacity(2);
     for (a, b) in [(0, 1), (1, 2), (2, 0)] {
@@ -235,7 +239,7 @@ fn piece(triangle: &[[f64; 3]; 3], along: [f64; 3], at: f64) -> Option<[[f64; 3]
 ///
 /// # Errors
 /// [`Error::Io`] if the file cannot be written.
-pub fn write_sticks(path: &Path, faults: &[Sticks]) -> Result<()> {
+pub fn write_sticks(path: &Path, faults: &[FaultSticks]) -> Result<()> {
     atomic_write(path, |out| {
         writeln!(out, "fault,stick,x,y,z")?;
         for fault in faults {
@@ -253,11 +257,11 @@ pub fn write_sticks(path: &Path, faults: &[Sticks]) -> Result<()> {
 ///
 /// # Errors
 /// [`Error::Io`] if the file cannot be read, or is no such table; it names the line.
-pub fn read_sticks(path: &Path) -> Result<Vec<Sticks>> {
+pub fn read_sticks(path: &Path) -> Result<Vec<FaultSticks>> {
     let mut text = String::new();
     let mut file = files::open(path, "give a table of fault sticks")?;
     file.read_to_string(&mut text)
-        .map_err(|e| os(path, "read", e))?;
+        .map_err(|e| io_error(path, "read", e))?;
     let refuse = |line: usize, problem: String| {
         let place = format!("{}:{line}", path.display());
         let remedy = "give columns fault,stick,x,y,z";
@@ -275,7 +279,7 @@ pub fn read_sticks(path: &Path) -> Result<Vec<Sticks>> {
         let found = names.iter().position(|other| other == name);
         *column = found.ok_or_else(|| refuse(number, format!("has no column {name}")))?;
     }
-    let mut faults: Vec<Sticks> = Vec::new();
+    let mut faults: Vec<FaultSticks> = Vec::new();
     let mut last: Option<(usize, String)> = None;
     for (number, line) in lines {
         let fields: Vec<&str> = line.split(',').map(str::trim).collect();
@@ -289,7 +293,7 @@ pub fn read_sticks(path: &Path) -> Result<Vec<Sticks>> {
         let fault = match faults.iter().position(|fault| fault.name == field(0)) {
             Some(fault) => fault,
             None => {
-                faults.push(Sticks {
+                faults.push(FaultSticks {
                     name: field(0).to_string(),
                     sticks: Vec::new(),
                 });
@@ -339,7 +343,7 @@ mod tests {
     #[test]
     fn sticks_run_down_a_fault_and_make_it_again() {
         let file = plane();
-        let faults = Sticks::of(&file, Some(8.0));
+        let faults = FaultSticks::from_surfaces(&file, Some(8.0));
         assert_eq!((faults.len(), faults[0].sticks.len()), (1, 10));
         for stick in &faults[0].sticks {
             // Down dip: 30 deep, from edge to edge, in order.
@@ -353,12 +357,15 @@ mod tests {
         let path = folder.path().join("sticks.csv");
         write_sticks(&path, &faults).unwrap();
         assert_eq!(read_sticks(&path).unwrap(), faults);
-        assert_eq!(Sticks::of_lines(&Sticks::lines(&faults)), faults);
+        assert_eq!(
+            FaultSticks::from_lines(&FaultSticks::to_lines(&faults)),
+            faults
+        );
 
         // Nine of the ten strips of the plane lie between sticks.
-        let again = Sticks::surfaces(&faults);
+        let again = FaultSticks::to_surfaces(&faults);
         assert_eq!(
-            (again.names.as_slice(), again.start.len()),
+            (again.names.as_slice(), again.surface_starts.len()),
             (&["fault1".to_string()][..], 2)
         );
         let area: f64 = again

@@ -7,7 +7,7 @@ use std::collections::HashMap;
 use std::io::{Read, Write};
 use std::path::Path;
 
-use crate::error::{Error, Result, cause, os};
+use crate::error::{Error, Result, cause, io_error};
 use crate::export::surfaces::file::SurfaceFile;
 use crate::files;
 use crate::files::atomic_write;
@@ -35,14 +35,14 @@ pub fn write_tsurf<const D: usize>(path: &Path, file: &SurfaceFile<D>) -> Result
                  AXIS_UNIT \"{x_unit}\" \"{y_unit}\" \"{z_unit}\"\nZPOSITIVE {z_positive}\n\
                  END_ORIGINAL_COORDINATE_SYSTEM\n{part}"
             )?;
-            let mut used: Vec<u32> = file.of(s).concat();
+            let mut used: Vec<u32> = file.surface_facets(s).concat();
             used.sort_unstable();
             used.dedup();
             for (i, &n) in used.iter().enumerate() {
                 let [x, y, z] = file.nodes[n as usize];
                 writeln!(out, "VRTX {} {x} {y} {z}", i + 1)?;
             }
-            for facet in file.of(s) {
+            for facet in file.surface_facets(s) {
                 write!(out, "{element}")?;
                 for n in facet {
                     write!(out, " {}", used.partition_point(|m| m < n) + 1)?;
@@ -73,13 +73,13 @@ pub fn read_gocad(path: &Path) -> Result<Gocad> {
     let mut bytes = Vec::new();
     let mut file = files::open(path, "give a GOCAD file")?;
     file.read_to_end(&mut bytes)
-        .map_err(|e| os(path, "read", e))?;
+        .map_err(|e| io_error(path, "read", e))?;
     let text = String::from_utf8_lossy(&bytes);
-    let surfaces = objects::<3>(path, &text, "TSurf", &["TRGL"])?;
+    let surfaces = read_objects::<3>(path, &text, "TSurf", &["TRGL"])?;
     if !surfaces.names.is_empty() {
         return Ok(Gocad::Surfaces(surfaces));
     }
-    let lines = objects::<2>(path, &text, "PLine", &["SEG"])?;
+    let lines = read_objects::<2>(path, &text, "PLine", &["SEG"])?;
     if !lines.names.is_empty() {
         return Ok(Gocad::Lines(lines));
     }
@@ -89,14 +89,14 @@ pub fn read_gocad(path: &Path) -> Result<Gocad> {
 }
 
 /// The objects of one kind.
-fn objects<const D: usize>(
+fn read_objects<const D: usize>(
     path: &Path,
     text: &str,
     kind: &str,
     elements: &[&str],
 ) -> Result<SurfaceFile<D>> {
     let mut found = SurfaceFile::<D> {
-        start: vec![0],
+        surface_starts: vec![0],
         z_up: true,
         ..SurfaceFile::default()
     };
@@ -117,7 +117,7 @@ fn objects<const D: usize>(
             numbers.clear();
             if inside {
                 found.names.push(format!("{kind}{}", found.names.len() + 1));
-                found.start.push(found.facets.len());
+                found.surface_starts.push(found.facets.len());
             }
             continue;
         }
@@ -165,7 +165,7 @@ fn objects<const D: usize>(
                 let facet = nodes.and_then(|nodes| <[u32; D]>::try_from(nodes).ok());
                 let facet = facet.ok_or_else(|| refuse("names a vertex that there is not"))?;
                 found.facets.push(facet);
-                if let Some(end) = found.start.last_mut() {
+                if let Some(end) = found.surface_starts.last_mut() {
                     *end = found.facets.len();
                 }
             }

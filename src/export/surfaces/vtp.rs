@@ -7,10 +7,10 @@ use std::path::Path;
 use crate::export::surfaces::file::SurfaceFile;
 use crate::files::atomic_write;
 use crate::files::vtk::xml::Element;
-use crate::files::vtk::{Document, Source, VtkFile};
-use crate::model::slice::Shape;
-use crate::model::surface::Kind;
-use crate::store::vtu::{self, FieldValue, cell_values, check_lengths, read_nodes};
+use crate::files::vtk::{ArraySource, Document, VtkFile};
+use crate::model::slice::OverlayShape;
+use crate::model::surface::SurfaceKind;
+use crate::store::vtu::{self, FieldValue, check_lengths, read_cell_integers, read_nodes};
 use crate::{Error, Result};
 
 /// Writes surfaces with the number of each facet's surface (`surface`), the numbers of the file's
@@ -26,12 +26,12 @@ pub fn write_vtp<const D: usize>(path: &Path, file: &SurfaceFile<D>) -> Result<(
     let labels = file.labels();
     let mut document = Document::new("PolyData", &[]);
     document.open("FieldData", &[]);
-    document.array(Source::text("surfaces", &names));
+    document.add_array(ArraySource::text("surfaces", &names));
     for (name, value) in &file.field_data {
-        document.array(match value {
-            FieldValue::Text(text) => Source::text(name, text),
-            FieldValue::F64s(numbers) => Source::slice(name, 1, numbers),
-            FieldValue::Ints(numbers) => Source::slice(name, 1, numbers),
+        document.add_array(match value {
+            FieldValue::Text(text) => ArraySource::text(name, text),
+            FieldValue::F64s(numbers) => ArraySource::slice(name, 1, numbers),
+            FieldValue::Ints(numbers) => ArraySource::slice(name, 1, numbers),
         });
     }
     document.close();
@@ -43,20 +43,23 @@ pub fn write_vtp<const D: usize>(path: &Path, file: &SurfaceFile<D>) -> Result<(
     attributes.extend(counts.iter().map(|(name, n)| (name.as_str(), n.clone())));
     document.open("Piece", &attributes);
     document.open("CellData", &[("Scalars", "surface".to_string())]);
-    document.array(Source::slice("surface", 1, &labels));
+    document.add_array(ArraySource::slice("surface", 1, &labels));
     for array in &file.cell_data {
-        document.array(array.values.source(&array.name, array.components));
+        document.add_array(array.values.source(&array.name, array.components));
     }
     document.close();
     document.open("Points", &[]);
-    document.array(Source::slice("Points", 3, file.nodes.as_flattened()));
+    document.add_array(ArraySource::slice("Points", 3, file.nodes.as_flattened()));
     document.close();
     document.open(shape, &[]);
     let corners = file.facets.as_flattened();
-    document.array(Source::computed("connectivity", 1, corners.len(), |i| {
-        i64::from(corners[i])
-    }));
-    document.array(Source::computed("offsets", 1, cells, |i| {
+    document.add_array(ArraySource::computed(
+        "connectivity",
+        1,
+        corners.len(),
+        |i| i64::from(corners[i]),
+    ));
+    document.add_array(ArraySource::computed("offsets", 1, cells, |i| {
         (D * (i + 1)) as i64
     }));
     document.close();
@@ -71,14 +74,14 @@ pub fn write_vtp<const D: usize>(path: &Path, file: &SurfaceFile<D>) -> Result<(
 /// surfaces though a number is given.
 pub fn read_triangles(path: &Path, number: Option<i64>) -> Result<Vec<[[f64; 3]; 3]>> {
     let file = VtkFile::read(path, "PolyData")?;
-    let found = labelled(&file, number.is_some())?.into_iter();
+    let found = labelled_triangles(&file, number.is_some())?.into_iter();
     let wanted = found.filter(|(label, _)| number.is_none_or(|number| *label == number));
     Ok(wanted.map(|(_, triangle)| triangle).collect())
 }
 
 /// The triangles of a file, each with the number of its surface; with 1 unless it is `numbered`.
-fn labelled(file: &VtkFile, numbered: bool) -> Result<Vec<(i64, [[f64; 3]; 3])>> {
-    let polygons = rings(file, "Polys", numbered)?.into_iter();
+fn labelled_triangles(file: &VtkFile, numbered: bool) -> Result<Vec<(i64, [[f64; 3]; 3])>> {
+    let polygons = labelled_rings(file, "Polys", numbered)?.into_iter();
     let fan = |(label, ring): (i64, Vec<[f64; 3]>)| {
         let triangle = |k: usize| (label, [ring[0], ring[k - 1], ring[k]]);
         (2..ring.len()).map(triangle).collect::<Vec<_>>()
@@ -87,16 +90,20 @@ fn labelled(file: &VtkFile, numbered: bool) -> Result<Vec<(i64, [[f64; 3]; 3])>>
 }
 
 /// The points of each polygon or line of a file, with the number of the surface to which it belongs, likewise.
-fn rings(file: &VtkFile, element: &str, numbered: bool) -> Result<Vec<(i64, Vec<[f64; 3]>)>> {
+fn labelled_rings(
+    file: &VtkFile,
+    element: &str,
+    numbered: bool,
+) -> Result<Vec<(i64, Vec<[f64; 3]>)>> {
     let piece = file.piece()?;
-    let points = vtu::count(file, piece, "NumberOfPoints")?;
+    let points = vtu::read_count(file, piece, "NumberOfPoints")?;
     let nodes: Vec<[f64; 3]> = read_nodes(file, file.child(piece, "Points")?, points)?;
     let element = file.child(piece, element)?;
-    let corners = cell_values(file, element, "connectivity")?;
-    let ends = cell_values(file, element, "offsets")?;
+    let corners = read_cell_integers(file, element, "connectivity")?;
+    let ends = read_cell_integers(file, element, "offsets")?;
     let labels = match numbered {
         false => Vec::new(),
-        true => cell_values(file, file.child(piece, "CellData")?, "surface")?,
+        true => read_cell_integers(file, file.child(piece, "CellData")?, "surface")?,
     };
     let mut found = Vec::new();
     let mut start = 0;
@@ -108,7 +115,7 @@ fn rings(file: &VtkFile, element: &str, numbered: bool) -> Result<Vec<(i64, Vec<
         let ring: Option<Vec<[f64; 3]>> = ring.and_then(|ring| ring.iter().map(node).collect());
         let Some(ring) = ring else {
             let problem = format!("its polygon or line {i} is damaged");
-            return Err(file.fault(problem, "write it again"));
+            return Err(file.error(problem, "write it again"));
         };
         start = end as usize;
         let label = match numbered {
@@ -125,32 +132,32 @@ fn rings(file: &VtkFile, element: &str, numbered: bool) -> Result<Vec<(i64, Vec<
 ///
 /// # Errors
 /// [`Error::Io`] if the file cannot be read, is damaged, or holds neither.
-pub fn read_shapes(path: &Path) -> Result<Vec<Shape>> {
+pub fn read_shapes(path: &Path) -> Result<Vec<OverlayShape>> {
     let file = VtkFile::read(path, "PolyData")?;
-    let (numbered, names) = (is_numbered(&file)?, names(&file));
+    let (numbered, names) = (is_numbered(&file)?, surface_names(&file));
     let holds = |element: &str| Ok::<_, Error>(file.piece()?.child(element).is_some());
-    let mut shapes: BTreeMap<i64, Shape> = BTreeMap::new();
+    let mut shapes: BTreeMap<i64, OverlayShape> = BTreeMap::new();
     if holds("Polys")? {
-        for (label, triangle) in labelled(&file, numbered)? {
+        for (label, triangle) in labelled_triangles(&file, numbered)? {
             shapes.entry(label).or_default().triangles.push(triangle);
         }
     }
     if holds("Lines")? {
         // Numbers are those of polygons, if there are any.
-        for (label, line) in rings(&file, "Lines", numbered && shapes.is_empty())? {
+        for (label, line) in labelled_rings(&file, "Lines", numbered && shapes.is_empty())? {
             shapes.entry(label).or_default().lines.push(line);
         }
     }
     if shapes.is_empty() {
-        return Err(file.fault("holds neither polygons nor lines", "leave it out"));
+        return Err(file.error("holds neither polygons nor lines", "leave it out"));
     }
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     for (label, shape) in &mut shapes {
         shape.name = match numbered {
-            true => name_of(*label, &names),
+            true => surface_name(*label, &names),
             false => stem.to_string(),
         };
-        let kinds = [Kind::Fault, Kind::Horizon].into_iter();
+        let kinds = [SurfaceKind::Fault, SurfaceKind::Horizon].into_iter();
         let mut named = kinds.filter(|kind| numbered && shape.name.starts_with(kind.name()));
         shape.kind = named.next();
     }
@@ -165,7 +172,7 @@ fn is_numbered(file: &VtkFile) -> Result<bool> {
 }
 
 /// The names of a file's surfaces, from number 1 on.
-fn names(file: &VtkFile) -> Vec<String> {
+fn surface_names(file: &VtkFile) -> Vec<String> {
     let names = file.data_set().child("FieldData").and_then(|fields| {
         let named = |array: &&Element| array.attribute("Name") == Some("surfaces");
         file.text(fields.children.iter().find(named)?).ok()
@@ -175,7 +182,7 @@ fn names(file: &VtkFile) -> Vec<String> {
     lines.map(String::from).collect()
 }
 
-fn name_of(label: i64, names: &[String]) -> String {
+fn surface_name(label: i64, names: &[String]) -> String {
     let at = usize::try_from(label - 1).ok();
     let name = at.and_then(|at| names.get(at).cloned());
     name.unwrap_or_else(|| format!("surface{label}"))
@@ -188,32 +195,32 @@ fn name_of(label: i64, names: &[String]) -> String {
 /// [`Error::Io`] if the file cannot be read or is damaged.
 pub fn read_surfaces(path: &Path) -> Result<SurfaceFile<3>> {
     let file = VtkFile::read(path, "PolyData")?;
-    let (numbered, names) = (is_numbered(&file)?, names(&file));
+    let (numbered, names) = (is_numbered(&file)?, surface_names(&file));
     let mut found = SurfaceFile {
-        start: vec![0],
+        surface_starts: vec![0],
         z_up: true,
         ..SurfaceFile::default()
     };
     let mut by_label: BTreeMap<i64, Vec<[[f64; 3]; 3]>> = BTreeMap::new();
-    for (label, triangle) in labelled(&file, numbered)? {
+    for (label, triangle) in labelled_triangles(&file, numbered)? {
         by_label.entry(label).or_default().push(triangle);
     }
     for (label, triangles) in by_label {
         let mut nodes: Vec<[f64; 3]> = triangles.as_flattened().to_vec();
-        nodes.sort_unstable_by(by_coordinates);
+        nodes.sort_unstable_by(compare_points);
         nodes.dedup();
         let first = found.nodes.len();
         let place =
-            |x: [f64; 3]| (first + nodes.partition_point(|y| by_coordinates(y, &x).is_lt())) as u32;
+            |x: [f64; 3]| (first + nodes.partition_point(|y| compare_points(y, &x).is_lt())) as u32;
         found.facets.extend(triangles.iter().map(|t| t.map(place)));
         found.nodes.extend(&nodes);
-        found.start.push(found.facets.len());
-        found.names.push(name_of(label, &names));
+        found.surface_starts.push(found.facets.len());
+        found.names.push(surface_name(label, &names));
     }
     Ok(found)
 }
 
-fn by_coordinates(a: &[f64; 3], b: &[f64; 3]) -> Ordering {
+fn compare_points(a: &[f64; 3], b: &[f64; 3]) -> Ordering {
     (0..3).fold(Ordering::Equal, |found, k| {
         found.then(a[k].total_cmp(&b[k]))
     })

@@ -17,39 +17,41 @@ use super::Detector;
 use super::edges::Edges;
 use super::horizons::Horizons;
 use super::labels::Labels;
-use super::masks::{Mask, Masks};
+use super::masks::{Masks, ThinMask};
 use super::potential::Potential;
 use super::ridges::{Ridges, Valleys};
 use crate::error::Result;
-use crate::feature::detection::{first_not_finite, not_finite};
+use crate::feature::detection::{first_non_finite, non_finite_error};
 use crate::feature::volume::Volume;
-use crate::feature::windows::{Samples, Window, layer};
+use crate::feature::windows::{LayerWindow, Samples, layer_len};
 use crate::feature::{Doubt, FeatureKind};
-use crate::files::kept::fields;
-use crate::geometry::wide::wide;
-use crate::image::check::{EQUAL_IN_LABELS, FEW_LABELS, equal_neighbours, is_whole, values};
+use crate::files::codec::codec_fields;
+use crate::geometry::simd::dispatch_simd;
+use crate::image::check::{
+    MAX_DETECTED_LABELS, MIN_EQUAL_SHARE, are_whole_numbers, distinct_values, equal_neighbour_count,
+};
 use crate::image::nulls::may_be_null;
 use crate::image::{Image, Modality};
-use crate::observer::Patience;
 use crate::parallel::prelude::*;
+use crate::progress::CancelToken;
 use std::collections::BTreeSet;
 
 /// What is known of an image whose layers were read one after the other.
-pub enum Known<const D: usize> {
+pub enum LayerChoice<const D: usize> {
     /// The detector that fits it.
-    Fits(Choice<D>),
+    Chosen(DetectorChoice<D>),
     /// It may be one of labels, which only the whole image in memory tells.
-    Unknown,
+    NeedsMemory,
     /// Some samples may hold no data, so that it is searched in memory.
-    Gaps,
+    HasGaps,
 }
 
 /// A detector that fits an image.
-pub struct Choice<const D: usize> {
+pub struct DetectorChoice<const D: usize> {
     /// The detector.
     pub detector: &'static dyn Detector<D>,
     /// Why it fits.
-    pub why: String,
+    pub reason: String,
     /// What the image leaves open.
     pub doubt: Option<Doubt>,
 }
@@ -58,43 +60,47 @@ pub struct Choice<const D: usize> {
 ///
 /// # Errors
 /// [`Error::Image`](crate::Error::Image) for samples that are not finite.
-pub fn choose<const D: usize>(image: &Image<D>, modality: Modality) -> Result<Choice<D>> {
-    if let Some(labels) = image.looks_labelled(modality) {
+pub fn choose<const D: usize>(image: &Image<D>, modality: Modality) -> Result<DetectorChoice<D>> {
+    if let Some(labels) = image.label_evidence(modality) {
         let why = format!(
             "{} different values, {:.0} % of neighbours equal",
-            labels.values,
-            100.0 * labels.equal
+            labels.value_count,
+            100.0 * labels.equal_share
         );
-        return Ok(of_labels(image, modality, why));
+        return Ok(choose_for_labels(image, modality, why));
     }
-    let samples = Samples::held(image.dims(), image.as_slice());
-    let survey = Survey::of(&samples, &Patience::endless())?;
-    match survey.broken {
-        Some((at, value)) => Err(not_finite(at, value)),
+    let samples = Samples::in_memory(image.dims(), image.as_slice());
+    let survey = ImageSurvey::measure(&samples, &CancelToken::never())?;
+    match survey.first_non_finite {
+        Some((at, value)) => Err(non_finite_error(at, value)),
         None => Ok(survey.choice(modality)),
     }
 }
 
 /// Chooses what to follow in an image of labels. Two of them, one of which is thin everywhere, are paint on
 /// faults in a survey, and an object in a scan.
-fn of_labels<const D: usize>(image: &Image<D>, modality: Modality, why: String) -> Choice<D> {
+fn choose_for_labels<const D: usize>(
+    image: &Image<D>,
+    modality: Modality,
+    why: String,
+) -> DetectorChoice<D> {
     let samples = image.as_slice();
-    let mask = match values(samples, 2).as_deref() {
+    let mask = match distinct_values(samples, 2).as_deref() {
         Some(&[a, b]) if modality != Modality::Scan => {
             let volume = Volume::new(image.dims(), samples);
-            Mask::of(volume, [a, b], &Patience::endless())
+            ThinMask::detect(volume, [a, b], &CancelToken::never())
         }
         _ => None,
     };
     match mask {
-        Some(_) if modality == Modality::Survey => Choice {
+        Some(_) if modality == Modality::Survey => DetectorChoice {
             detector: &Masks,
-            why,
+            reason: why,
             doubt: None,
         },
-        Some(mask) => Choice {
+        Some(mask) => DetectorChoice {
             detector: &Labels,
-            why,
+            reason: why,
             doubt: Some(Doubt {
                 question: format!(
                     "objects of the value {} are {:.1} samples thick and were taken for regions, but may be \
@@ -105,9 +111,9 @@ fn of_labels<const D: usize>(image: &Image<D>, modality: Modality, why: String) 
                 other: FeatureKind::Mask,
             }),
         },
-        None => Choice {
+        None => DetectorChoice {
             detector: &Labels,
-            why,
+            reason: why,
             doubt: None,
         },
     }
@@ -120,71 +126,79 @@ fn of_labels<const D: usize>(image: &Image<D>, modality: Modality, why: String) 
 pub fn choose_in_layers<const D: usize>(
     samples: &Samples<'_, D>,
     modality: Modality,
-    patience: &Patience<'_>,
-) -> Result<Known<D>> {
-    let survey = Survey::of(samples, patience)?;
+    patience: &CancelToken<'_>,
+) -> Result<LayerChoice<D>> {
+    let survey = ImageSurvey::measure(samples, patience)?;
     let labelled = modality != Modality::Survey && survey.may_be_labelled;
-    Ok(match survey.many_values && !labelled {
-        _ if survey.has_gaps() => Known::Gaps,
-        true => Known::Fits(survey.choice(modality)),
-        false => Known::Unknown,
+    Ok(match survey.has_many_values && !labelled {
+        _ if survey.has_gaps() => LayerChoice::HasGaps,
+        true => LayerChoice::Chosen(survey.choice(modality)),
+        false => LayerChoice::NeedsMemory,
     })
 }
 
 /// What is seen of an image on one way through it.
-struct Survey<const D: usize> {
-    spread: Spread,
-    least: f32,
-    most: f32,
+struct ImageSurvey<const D: usize> {
+    percentiles: Percentiles,
+    min: f32,
+    max: f32,
     /// Whether it has more different values than an image of labels.
-    many_values: bool,
+    has_many_values: bool,
     /// The first sample that is not finite, and its value.
-    broken: Option<([usize; D], f32)>,
+    first_non_finite: Option<([usize; D], f32)>,
     /// Whether a row along x is zero throughout.
-    zero_row: bool,
+    has_zero_row: bool,
     /// Whether samples are integers that neighbours mostly share, as in an image of many labels.
     may_be_labelled: bool,
 }
 
-impl<const D: usize> Survey<D> {
-    fn of(samples: &Samples<'_, D>, patience: &Patience<'_>) -> Result<Self> {
-        let mut all = Seen {
-            range: NOTHING,
-            some: Vec::new(),
-            broken: None,
-            zero_row: false,
-            looks: Looks::default(),
-            whole: true,
-            equal: 0,
-            pairs: 0,
+impl<const D: usize> ImageSurvey<D> {
+    fn measure(samples: &Samples<'_, D>, patience: &CancelToken<'_>) -> Result<Self> {
+        let mut all = WindowSurvey {
+            range: EMPTY_RANGE,
+            distinct_values: Vec::new(),
+            first_non_finite: None,
+            has_zero_row: false,
+            local_means: LocalMeans::default(),
+            is_integer: true,
+            equal_pairs: 0,
+            pair_count: 0,
         };
-        let mut look = |window: &Window<'_, D>| Seen::of(window);
-        let mut take = |seen: Seen<D>| all.add(seen);
-        samples.each(THIN + 1, None, &|_| 1, patience, &mut look, &mut take)?;
+        let mut look = |window: &LayerWindow<'_, D>| WindowSurvey::measure(window);
+        let mut take = |seen: WindowSurvey<D>| all.merge(seen);
+        samples.for_each_window(
+            THIN_DISTANCE + 1,
+            None,
+            &|_| 1,
+            patience,
+            &mut look,
+            &mut take,
+        )?;
         let [least, most] = all.range;
         Ok(Self {
-            spread: all.looks.spread(),
-            least,
-            most,
-            many_values: all.some.len() > FEW_LABELS,
-            broken: all.broken,
-            zero_row: all.zero_row,
-            may_be_labelled: all.whole && all.equal as f64 > EQUAL_IN_LABELS * all.pairs as f64,
+            percentiles: all.local_means.percentiles(),
+            min: least,
+            max: most,
+            has_many_values: all.distinct_values.len() > MAX_DETECTED_LABELS,
+            first_non_finite: all.first_non_finite,
+            has_zero_row: all.has_zero_row,
+            may_be_labelled: all.is_integer
+                && all.equal_pairs as f64 > MIN_EQUAL_SHARE * all.pair_count as f64,
         })
     }
 
     /// Returns whether samples may hold no data: an image in memory tells.
     fn has_gaps(&self) -> bool {
-        let amplitudes = self.least < 0.0 && self.most > 0.0;
-        let null = [self.least, self.most].into_iter().any(may_be_null);
-        self.broken.is_some() || null || self.zero_row && amplitudes
+        let amplitudes = self.min < 0.0 && self.max > 0.0;
+        let null = [self.min, self.max].into_iter().any(may_be_null);
+        self.first_non_finite.is_some() || null || self.has_zero_row && amplitudes
     }
 
-    fn choice(&self, modality: Modality) -> Choice<D> {
+    fn choice(&self, modality: Modality) -> DetectorChoice<D> {
         let Self {
-            spread,
-            least,
-            most,
+            percentiles: spread,
+            min: least,
+            max: most,
             ..
         } = self;
         let span = (spread.high - spread.low).max(f32::MIN_POSITIVE);
@@ -196,8 +210,8 @@ impl<const D: usize> Survey<D> {
             spread.low,
             spread.median,
             spread.high,
-            100.0 * spread.above,
-            100.0 * spread.thin,
+            100.0 * spread.share_above,
+            100.0 * spread.thin_share,
         );
         let scan = modality == Modality::Scan;
         let amplitudes = !scan && (modality == Modality::Survey || spread.alternates());
@@ -216,13 +230,14 @@ impl<const D: usize> Survey<D> {
         let (detector, what): (&'static dyn Detector<D>, _) =
             if (-1.0..-0.9).contains(least) && *most <= 0.0 && spread.median > -0.1 {
                 (&Potential, "all values in [-1, 0], most near 0")
-            } else if lean > 0.3 && spread.above < 0.4 && spread.thin > THIN_SHARE {
+            } else if lean > 0.3 && spread.share_above < 0.4 && spread.thin_share > MIN_THIN_SHARE {
                 or_edges(
                     &Ridges,
                     FeatureKind::Ridges,
                     "thin sheets of high values on a low background",
                 )
-            } else if lean < -0.3 && spread.above > 0.6 && spread.thin > THIN_SHARE {
+            } else if lean < -0.3 && spread.share_above > 0.6 && spread.thin_share > MIN_THIN_SHARE
+            {
                 or_edges(
                     &Valleys,
                     FeatureKind::Valleys,
@@ -237,9 +252,9 @@ impl<const D: usize> Survey<D> {
             } else {
                 (&Edges, "neither thin sheets nor values about zero")
             };
-        Choice {
+        DetectorChoice {
             detector,
-            why: format!("{what}: {figures}"),
+            reason: format!("{what}: {figures}"),
             doubt,
         }
     }
@@ -247,32 +262,32 @@ impl<const D: usize> Survey<D> {
 
 /// The rarer values are thin sheets if at least this share of them lies in something thin: less than
 /// half of it does where sheets run close together.
-const THIN_SHARE: f64 = 0.33;
+const MIN_THIN_SHARE: f64 = 0.33;
 
 /// Samples looked at together ...
-const CHUNK: usize = 4096;
+const CHUNK_SAMPLES: usize = 4096;
 /// ... and at once.
 const LANES: usize = 32;
 
 /// Samples to either side of a thin sheet that are outside it, this far along some axis.
-const THIN: usize = 6;
+const THIN_DISTANCE: usize = 6;
 
 /// Percentiles of local means, which noise disturbs little.
-struct Spread {
+struct Percentiles {
     low: f32,
     median: f32,
     high: f32,
     /// Share of values above the middle between `low` and `high`.
-    above: f64,
+    share_above: f64,
     /// Share of the values on the rarer side of the middle that lie in something thin.
-    thin: f64,
+    thin_share: f64,
     /// The mean of all, in standard deviations.
     mean: f64,
     /// Correlation of values with those [`THIN`] samples beside them along the axis on which it is least.
     correlation: f64,
 }
 
-impl Spread {
+impl Percentiles {
     /// Returns whether values alternate about zero, as seismic amplitudes do and densities do not.
     fn alternates(&self) -> bool {
         self.mean.abs() < 0.2 && self.correlation < 0.7
@@ -281,96 +296,100 @@ impl Spread {
 
 /// Means at some places of an image.
 #[derive(Default)]
-struct Looks<const D: usize> {
+struct LocalMeans<const D: usize> {
     means: Vec<f32>,
     /// Those of the places [`THIN`] samples to either side along each axis.
-    beside: Vec<[[f32; 2]; D]>,
+    adjacent: Vec<[[f32; 2]; D]>,
 }
 
-fields! {
-    @(const D: usize) Looks<D> as Looks { means, beside }
-    @(const D: usize) Seen<D> as Seen { range, some, broken, zero_row, looks, whole, equal, pairs }
+codec_fields! {
+    @(const D: usize) LocalMeans<D> as LocalMeans { means, adjacent }
+    @(const D: usize) WindowSurvey<D> as WindowSurvey { range, distinct_values, first_non_finite, has_zero_row, local_means, is_integer, equal_pairs, pair_count }
 }
 
 /// What is seen of a window, or of all.
-struct Seen<const D: usize> {
+struct WindowSurvey<const D: usize> {
     /// The least and the largest value.
     range: [f32; 2],
     /// Some different values, as bits, ascending: more than [`FEW_LABELS`] only if there are more.
-    some: Vec<u32>,
+    distinct_values: Vec<u32>,
     /// The first sample that is not finite, and its value.
-    broken: Option<([usize; D], f32)>,
+    first_non_finite: Option<([usize; D], f32)>,
     /// Whether a row along x is zero throughout.
-    zero_row: bool,
-    looks: Looks<D>,
+    has_zero_row: bool,
+    local_means: LocalMeans<D>,
     /// Whether all samples are whole numbers.
-    whole: bool,
+    is_integer: bool,
     /// Pairs of neighbours along x that are equal, and all such pairs.
-    equal: usize,
-    pairs: usize,
+    equal_pairs: usize,
+    pair_count: usize,
 }
 
-impl<const D: usize> Seen<D> {
-    fn of(window: &Window<'_, D>) -> Self {
-        let own = window.raw.layers(&window.own.layers);
+impl<const D: usize> WindowSurvey<D> {
+    fn measure(window: &LayerWindow<'_, D>) -> Self {
+        let own = window.raw.layers(&window.interior.layers);
         let mut some = BTreeSet::new();
-        for part in own.chunks(CHUNK) {
-            if some.len() > FEW_LABELS {
+        for part in own.chunks(CHUNK_SAMPLES) {
+            if some.len() > MAX_DETECTED_LABELS {
                 break;
             }
             // -0 is 0.
             some.extend(part.iter().map(|v| (v + 0.0).to_bits()));
         }
-        let whole = own.par_chunks(CHUNK).all(is_whole);
-        let equal = if whole { equal_neighbours(own) } else { 0 };
-        let parts = own.par_chunks(CHUNK).map(range);
+        let is_integer = own.par_chunks(CHUNK_SAMPLES).all(are_whole_numbers);
+        let equal_pairs = if is_integer {
+            equal_neighbour_count(own)
+        } else {
+            0
+        };
+        let parts = own.par_chunks(CHUNK_SAMPLES).map(range);
         let of_both = |[a, b]: [f32; 2], [c, d]: [f32; 2]| [a.min(c), b.max(d)];
         let place = |i| {
             let mut at = Volume::new(window.dims, &[]).coordinates(i);
-            at[D - 1] += window.own.layers.start;
+            at[D - 1] += window.interior.layers.start;
             (at, own[i])
         };
         Self {
-            range: parts.reduce(|| NOTHING, of_both),
-            some: some.into_iter().take(FEW_LABELS + 1).collect(),
-            broken: first_not_finite(own).map(place),
-            zero_row: own
+            range: parts.reduce(|| EMPTY_RANGE, of_both),
+            distinct_values: some.into_iter().take(MAX_DETECTED_LABELS + 1).collect(),
+            first_non_finite: first_non_finite(own).map(place),
+            has_zero_row: own
                 .chunks(window.dims[0].max(1))
                 .any(|row| row.iter().all(|s| *s == 0.0)),
-            looks: Looks::of(window),
-            whole,
-            equal,
-            pairs: own.len().saturating_sub(1),
+            local_means: LocalMeans::measure(window),
+            is_integer,
+            equal_pairs,
+            pair_count: own.len().saturating_sub(1),
         }
     }
 
     /// Adds those of the next window.
-    fn add(&mut self, next: Self) {
+    fn merge(&mut self, next: Self) {
         self.range = [
             self.range[0].min(next.range[0]),
             self.range[1].max(next.range[1]),
         ];
-        self.some.extend(next.some);
-        self.some.sort_unstable();
-        self.some.dedup();
-        self.some.truncate(FEW_LABELS + 1);
-        self.broken = self.broken.or(next.broken);
-        self.zero_row |= next.zero_row;
-        self.whole &= next.whole;
-        self.equal += next.equal;
-        self.pairs += next.pairs;
-        self.looks.means.extend(next.looks.means);
-        self.looks.beside.extend(next.looks.beside);
+        self.distinct_values.extend(next.distinct_values);
+        self.distinct_values.sort_unstable();
+        self.distinct_values.dedup();
+        self.distinct_values.truncate(MAX_DETECTED_LABELS + 1);
+        self.first_non_finite = self.first_non_finite.or(next.first_non_finite);
+        self.has_zero_row |= next.has_zero_row;
+        self.is_integer &= next.is_integer;
+        self.equal_pairs += next.equal_pairs;
+        self.pair_count += next.pair_count;
+        self.local_means.means.extend(next.local_means.means);
+        self.local_means.adjacent.extend(next.local_means.adjacent);
     }
 }
 
 /// The range of no values.
-const NOTHING: [f32; 2] = [f32::MAX, f32::MIN];
+const EMPTY_RANGE: [f32; 2] = [f32::MAX, f32::MIN];
 
 /// Of values that are finite, the least and the largest.
 fn range(values: &[f32]) -> [f32; 2] {
-    let [mut least, mut most] = NOTHING.map(|v| [v; LANES]);
-    wide(
+    let [mut least, mut most] = EMPTY_RANGE.map(|v| [v; LANES]);
+    dispatch_simd(
         #[inline(always)]
         || {
             let (many, few) = values.as_chunks::<LANES>();
@@ -395,32 +414,32 @@ fn range(values: &[f32]) -> [f32; 2] {
     [fold(least, f32::min), fold(most, f32::max)]
 }
 
-impl<const D: usize> Looks<D> {
+impl<const D: usize> LocalMeans<D> {
     /// A window's own places, of some 10^5 in all.
-    fn of(window: &Window<'_, D>) -> Self {
+    fn measure(window: &LayerWindow<'_, D>) -> Self {
         let count: usize = window.dims.iter().product();
         let stride = (count / 100_000).max(1) | 1;
         let volume = window.raw.volume;
-        let (whole, layer) = (Volume::new(window.dims, &[]), layer(window.dims));
-        let first = (window.own.layers.start * layer).next_multiple_of(stride);
-        let places: Vec<usize> = (first..window.own.layers.end * layer)
+        let (whole, layer) = (Volume::new(window.dims, &[]), layer_len(window.dims));
+        let first = (window.interior.layers.start * layer).next_multiple_of(stride);
+        let places: Vec<usize> = (first..window.interior.layers.end * layer)
             .step_by(stride)
             .collect();
         let look = |i| {
-            let at = window.raw.in_stack(whole.coordinates(i));
+            let at = window.raw.to_stack(whole.coordinates(i));
             let beside = std::array::from_fn(|k| {
                 let (mut before, mut after) = (at, at);
-                before[k] = at[k].saturating_sub(THIN);
-                after[k] = (at[k] + THIN).min(volume.dims[k] - 1);
+                before[k] = at[k].saturating_sub(THIN_DISTANCE);
+                after[k] = (at[k] + THIN_DISTANCE).min(volume.dims[k] - 1);
                 [before, after].map(|at| local_mean(volume, at))
             });
             (local_mean(volume, at), beside)
         };
-        let (means, beside) = places.into_par_iter().map(look).unzip();
-        Self { means, beside }
+        let (means, adjacent) = places.into_par_iter().map(look).unzip();
+        Self { means, adjacent }
     }
 
-    fn spread(self) -> Spread {
+    fn percentiles(self) -> Percentiles {
         let means = self.means;
         let mut sorted = means.clone();
         sorted.sort_by(f32::total_cmp);
@@ -442,23 +461,23 @@ impl<const D: usize> Looks<D> {
                 let [before, after] = beside[k].map(|b| f64::from(b) - mean);
                 0.5 * (f64::from(*m) - mean) * (before + after)
             };
-            means.iter().zip(&self.beside).map(of_place).sum::<f64>() / count
+            means.iter().zip(&self.adjacent).map(of_place).sum::<f64>() / count
         };
         let least = (0..D).map(product).fold(f64::INFINITY, f64::min);
         let correlation = least / variance.max(f64::MIN_POSITIVE);
         let (mut inside, mut thin) = (0usize, 0usize);
-        let rarer = means.iter().zip(&self.beside);
+        let rarer = means.iter().zip(&self.adjacent);
         for (_, beside) in rarer.filter(|(m, _)| (**m > middle) == rare) {
             inside += 1;
             let outside = |pair: &[f32; 2]| pair.iter().all(|&m| (m > middle) != rare);
             thin += usize::from(beside.iter().any(outside));
         }
-        Spread {
+        Percentiles {
             low,
             median,
             high,
-            above,
-            thin: thin as f64 / inside.max(1) as f64,
+            share_above: above,
+            thin_share: thin as f64 / inside.max(1) as f64,
             mean: mean / deviation,
             correlation,
         }
@@ -487,15 +506,15 @@ fn local_mean<const D: usize>(volume: Volume<'_, D>, at: [usize; D]) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use crate::feature::scenes::{Noise, crossing_sheets, image_of, ridge_image};
-    use crate::feature::{Detection, FeatureKind, detect};
+    use crate::feature::scenes::{Noise, crossing_surfaces, image_of, ridge_image};
+    use crate::feature::{DetectionOptions, FeatureKind, detect};
     use crate::image::Image;
 
     #[test]
     fn auto_tells_ridges_and_edges() {
-        let (dims, sheets) = crossing_sheets();
+        let (dims, sheets) = crossing_surfaces();
         let note = |image: &Image<3>| {
-            detect(image, &Detection::of(FeatureKind::Auto, 8.0))
+            detect(image, &DetectionOptions::with_kind(FeatureKind::Auto, 8.0))
                 .unwrap()
                 .notes[0]
                 .clone()
@@ -521,15 +540,15 @@ mod tests {
             let other: Vec<f32> = values.iter().map(|v| -v).collect();
             assert_eq!(super::range(&other), [1.0, 3.0]);
         }
-        assert_eq!(super::range(&[]), super::NOTHING);
+        assert_eq!(super::range(&[]), super::EMPTY_RANGE);
     }
 
     #[test]
     fn a_threshold_is_refused_where_auto_chooses_labels() {
         let image = image_of([32, 32, 32], |p| f64::from(u8::from(p[0] < 16.0)));
-        let threshold = |threshold| Detection {
+        let threshold = |threshold| DetectionOptions {
             threshold,
-            ..Detection::of(FeatureKind::Auto, 8.0)
+            ..DetectionOptions::with_kind(FeatureKind::Auto, 8.0)
         };
         let found = detect(&image, &threshold(None)).unwrap();
         assert!(found.notes[0].contains("labels"), "{:?}", found.notes);

@@ -10,14 +10,14 @@
 //! Assumptions: half of the image or more is flat but for noise, which is white before smoothing; an
 //! edge's bend is wide against the smoothing.
 
-use super::{Detector, Found, Scene, Thresholds};
+use super::{Detector, DetectorInput, DetectorOutput, Thresholds};
 use crate::error::Result;
 use crate::feature::FeatureKind;
-use crate::feature::corners::{self, cornered};
-use crate::feature::crossing::Candidate;
-use crate::feature::ridges::typical;
-use crate::feature::steepest::steepest;
-use crate::feature::steepness::steepness;
+use crate::feature::candidate::Candidate;
+use crate::feature::corners::{self, sharpen_corners};
+use crate::feature::gradient_magnitude::gradient_magnitude;
+use crate::feature::non_max_suppression::gradient_maxima;
+use crate::feature::ridges::typical_strength;
 use crate::feature::volume::Volume;
 
 /// Finds edges where the gradient is steepest.
@@ -28,41 +28,41 @@ impl<const D: usize> Detector<D> for Canny {
         FeatureKind::Canny
     }
 
-    fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
+    fn find(
+        &self,
+        scene: &DetectorInput<'_, D>,
+        notes: &mut Vec<String>,
+    ) -> Result<DetectorOutput<D>> {
         let (dims, scale) = (scene.dims(), scene.scale());
         let samples = scene.smoothed()?;
         let smoothed = Volume::new(dims, &samples);
-        let steepness = steepness(smoothed, scene.patience);
-        let noise = above_noise::<D>(&steepness);
+        let steepness = gradient_magnitude(smoothed, scene.cancel);
+        let noise = noise_thresholds::<D>(&steepness);
         let given = scene.thresholds();
         // Where there is no flat ground the thresholds are lower than noise would ask.
         let floor = given.map_or(0.5 * noise[0], |given| given.low);
-        let mut candidates = steepest(
-            smoothed,
-            Volume::new(dims, &steepness),
-            floor,
-            scene.patience,
-        );
+        let mut candidates =
+            gradient_maxima(smoothed, Volume::new(dims, &steepness), floor, scene.cancel);
         let thresholds = given.unwrap_or_else(|| thresholds(noise, &candidates));
         candidates.retain(|c| c.strength >= thresholds.low);
         notes.push(format!(
             "steepest places at scale {scale}: {thresholds}, noise up to {:.4} per sample",
             noise[1]
         ));
-        let candidates = cornered(dims, candidates, scale, thresholds.high, scene.patience);
-        Ok(Found::new(candidates, scale, thresholds))
+        let candidates = sharpen_corners(dims, candidates, scale, thresholds.high, scene.cancel);
+        Ok(DetectorOutput::new(candidates, scale, thresholds))
     }
 
     /// Corners look along their arms.
     fn reach(&self, scale: f64) -> usize {
-        (3.0 * scale).ceil() as usize + 3 + corners::reach(scale)
+        (3.0 * scale).ceil() as usize + 3 + corners::corner_reach(scale)
     }
 }
 
 /// Gradients of smoothed white noise have D independent, normally distributed components: medians of
 /// their magnitude, and what it exceeds at one sample in 100 and at one in 100 000, in units of one
 /// component's standard deviation (quantiles of the chi distribution of D degrees of freedom).
-const fn of_noise(dimensions: usize) -> (f32, [f32; 2]) {
+const fn noise_quantiles(dimensions: usize) -> (f32, [f32; 2]) {
     if dimensions == 3 {
         (1.5382, [3.3682, 5.0894])
     } else {
@@ -72,7 +72,7 @@ const fn of_noise(dimensions: usize) -> (f32, [f32; 2]) {
 
 /// Thresholds (low, high) that noise hardly reaches: half of an image or more is taken for noise on
 /// flat ground, so the median of the gradient's magnitude tells how strong that is.
-fn above_noise<const D: usize>(steepness: &[f32]) -> [f32; 2] {
+fn noise_thresholds<const D: usize>(steepness: &[f32]) -> [f32; 2] {
     // Some 10^5 samples tell the median to a per cent.
     let stride = (steepness.len() / 200_000).max(1) | 1;
     let mut some: Vec<f32> = steepness.iter().step_by(stride).copied().collect();
@@ -81,7 +81,7 @@ fn above_noise<const D: usize>(steepness: &[f32]) -> [f32; 2] {
         return [0.0; 2];
     }
     let median = *some.select_nth_unstable_by(middle, f32::total_cmp).1;
-    let (of_median, exceeded) = of_noise(D);
+    let (of_median, exceeded) = noise_quantiles(D);
     exceeded.map(|e| e / of_median * median)
 }
 
@@ -90,7 +90,7 @@ fn above_noise<const D: usize>(steepness: &[f32]) -> [f32; 2] {
 /// edges of an image without noise are left out; but where there is no flat ground and the median is
 /// not noise, at most half and nine tenths of it.
 fn thresholds<const D: usize>(noise: [f32; 2], candidates: &[Candidate<D>]) -> Thresholds {
-    let typical = typical(candidates.iter().map(|c| c.strength));
+    let typical = typical_strength(candidates.iter().map(|c| c.strength));
     let [low, high] = noise;
     Thresholds {
         low: low.max(0.1 * typical).min(0.5 * typical),
@@ -103,9 +103,9 @@ fn thresholds<const D: usize>(noise: [f32; 2], candidates: &[Candidate<D>]) -> T
 mod tests {
     use super::*;
     use crate::feature::scenes::Noise;
-    use crate::feature::{Detection, FeatureKind, detect};
+    use crate::feature::{DetectionOptions, FeatureKind, detect};
     use crate::image::{Geometry, Image};
-    use crate::observer::Patience;
+    use crate::progress::CancelToken;
 
     /// An image of a ball (a disc in 2-D), 100 inside and 0 outside, with an edge one sample wide and
     /// noise.
@@ -118,20 +118,20 @@ mod tests {
         let mut random = Noise::new(5);
         let empty = Volume { dims, samples: &[] };
         let samples = (0..dims.iter().product()).map(|i| {
-            let off = off_ball(empty.coordinates(i).map(|c| c as f64), centre, radius);
+            let off = distance_to_ball(empty.coordinates(i).map(|c| c as f64), centre, radius);
             (100.0 * (0.5 - off).clamp(0.0, 1.0) + noise * random.normal()) as f32
         });
         Image::new(dims, samples.collect(), Geometry::default())
     }
 
-    fn off_ball<const D: usize>(p: [f64; D], centre: [f64; D], radius: f64) -> f64 {
+    fn distance_to_ball<const D: usize>(p: [f64; D], centre: [f64; D], radius: f64) -> f64 {
         let squares: f64 = (0..D).map(|k| (p[k] - centre[k]).powi(2)).sum();
         squares.sqrt() - radius
     }
 
     /// Finds the edge of a ball: every point within half a sample of it, its normal along the radius,
     /// the rms below `rms`, and no way round without meeting one.
-    fn edge_of_a_ball<const D: usize>(
+    fn check_ball_edge<const D: usize>(
         dims: [usize; D],
         centre: [f64; D],
         radius: f64,
@@ -139,11 +139,15 @@ mod tests {
         rms: f64,
     ) {
         let image = ball(dims, centre, radius, noise);
-        let found = detect(&image, &Detection::of(FeatureKind::Canny, 4.0)).unwrap();
+        let found = detect(
+            &image,
+            &DetectionOptions::with_kind(FeatureKind::Canny, 4.0),
+        )
+        .unwrap();
         let (mut worst, mut squares) = (0.0f64, 0.0);
         for point in &found.points {
             let p = point.position.map(f64::from);
-            let off = off_ball(p, centre, radius);
+            let off = distance_to_ball(p, centre, radius);
             worst = worst.max(off.abs());
             squares += off * off;
             let along: f64 = (0..D)
@@ -161,7 +165,7 @@ mod tests {
         let empty = Volume { dims, samples: &[] };
         for i in 0..dims.iter().product() {
             let p = empty.coordinates(i).map(|c| c as f64);
-            if off_ball(p, centre, radius).abs() < 0.5 {
+            if distance_to_ball(p, centre, radius).abs() < 0.5 {
                 let near = found.points.iter().any(|point| {
                     let squares = (0..D).map(|k| (f64::from(point.position[k]) - p[k]).powi(2));
                     squares.sum::<f64>() < 1.3 * 1.3
@@ -173,38 +177,41 @@ mod tests {
 
     #[test]
     fn a_circle_and_a_sphere_are_found_within_half_a_sample() {
-        edge_of_a_ball([90, 80], [44.3, 40.7], 27.4, 0.0, 0.06);
-        edge_of_a_ball([90, 80], [44.3, 40.7], 27.4, 5.0, 0.15);
-        edge_of_a_ball([46, 44, 42], [22.3, 21.7, 20.5], 14.6, 0.0, 0.11);
-        edge_of_a_ball([46, 44, 42], [22.3, 21.7, 20.5], 14.6, 5.0, 0.2);
+        check_ball_edge([90, 80], [44.3, 40.7], 27.4, 0.0, 0.06);
+        check_ball_edge([90, 80], [44.3, 40.7], 27.4, 5.0, 0.15);
+        check_ball_edge([46, 44, 42], [22.3, 21.7, 20.5], 14.6, 0.0, 0.11);
+        check_ball_edge([46, 44, 42], [22.3, 21.7, 20.5], 14.6, 5.0, 0.2);
     }
 
     /// Shares of the samples of pure noise that reach the lower and the higher threshold.
-    const FALSE_ALARMS: [f64; 2] = [1e-2, 1e-5];
+    const FALSE_ALARM_RATES: [f64; 2] = [1e-2, 1e-5];
 
     #[test]
     fn noise_alone_reaches_the_thresholds_as_often_as_said() {
-        fn shares<const D: usize>(dims: [usize; D]) -> [f64; 2] {
+        fn exceedance_rates<const D: usize>(dims: [usize; D]) -> [f64; 2] {
             let mut random = Noise::new(11);
             let mut samples: Vec<f32> = (0..dims.iter().product())
                 .map(|_| random.normal() as f32)
                 .collect();
-            crate::feature::gaussian::smooth(dims, &mut samples, [1.0; D], &Patience::endless());
-            let steepness = steepness(
+            crate::feature::gaussian::smooth(dims, &mut samples, [1.0; D], &CancelToken::never());
+            let steepness = gradient_magnitude(
                 Volume {
                     dims,
                     samples: &samples,
                 },
-                &Patience::endless(),
+                &CancelToken::never(),
             );
-            above_noise::<D>(&steepness).map(|t| {
+            noise_thresholds::<D>(&steepness).map(|t| {
                 let above = steepness.iter().filter(|s| **s >= t).count();
                 above as f64 / steepness.len() as f64
             })
         }
-        for [low, high] in [shares([900, 800]), shares([80, 90, 100])] {
-            assert!((low / FALSE_ALARMS[0] - 1.0).abs() < 0.25, "{low}");
-            assert!(high < 10.0 * FALSE_ALARMS[1], "{high}");
+        for [low, high] in [
+            exceedance_rates([900, 800]),
+            exceedance_rates([80, 90, 100]),
+        ] {
+            assert!((low / FALSE_ALARM_RATES[0] - 1.0).abs() < 0.25, "{low}");
+            assert!(high < 10.0 * FALSE_ALARM_RATES[1], "{high}");
         }
     }
 }

@@ -9,12 +9,12 @@
 //! towards its centre of curvature, by 0.19 samples where r = 19.
 
 use super::ridges::RidgeSearch;
-use super::{Detector, Found, Scene};
+use super::{Detector, DetectorInput, DetectorOutput};
+use crate::comm::WorldComm;
 use crate::error::Result;
 use crate::feature::FeatureKind;
-use crate::feature::corners::{self, cornered};
-use crate::feature::steepness::prewitt;
-use crate::ranks::Ranks;
+use crate::feature::corners::{self, sharpen_corners};
+use crate::feature::gradient_magnitude::prewitt;
 
 /// Finds steps between low and high values.
 pub struct Edges;
@@ -24,16 +24,19 @@ impl<const D: usize> Detector<D> for Edges {
         FeatureKind::Edges
     }
 
-    fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
+    fn find(
+        &self,
+        scene: &DetectorInput<'_, D>,
+        notes: &mut Vec<String>,
+    ) -> Result<DetectorOutput<D>> {
         let dims = scene.dims();
         let smoothed = scene.smoothed_in_layers()?;
-        let steepness = smoothed.changed(1, scene.patience, |stack| {
-            prewitt(stack.volume, scene.patience)
-        })?;
+        let steepness =
+            smoothed.map_windows(1, scene.cancel, |stack| prewitt(stack.volume, scene.cancel))?;
         drop(smoothed);
         let search = RidgeSearch {
-            finest: 1.0,
-            lifts: false,
+            min_scale: 1.0,
+            uses_oriented_filters: false,
             ..RidgeSearch::new(scene)
         };
         let mut found = search.find(steepness, notes)?;
@@ -41,38 +44,42 @@ impl<const D: usize> Detector<D> for Edges {
         let width = scene.scale().hypot(found.scale);
         let sure = found.thresholds.high;
         if D == 2 {
-            let candidates = found.of_all(&Ranks)?;
-            found.candidates = cornered(dims, candidates, width, sure, scene.patience);
+            let candidates = found.gather_candidates(&WorldComm)?;
+            found.candidates = sharpen_corners(dims, candidates, width, sure, scene.cancel);
         }
         Ok(found)
     }
 
-    fn in_layers(&self) -> bool {
+    fn is_streamable(&self) -> bool {
         true
     }
 
     /// Corners look along their arms.
     fn reach(&self, scale: f64) -> usize {
-        (3.0 * scale).ceil() as usize + 3 + corners::reach(scale.hypot(scale))
+        (3.0 * scale).ceil() as usize + 3 + corners::corner_reach(scale.hypot(scale))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use crate::feature::scenes::{Noise, Sheet, fit, image_of};
-    use crate::feature::{Detection, FeatureKind, detect};
+    use crate::feature::scenes::{ExactSurface, Noise, image_of, measure_fit};
+    use crate::feature::{DetectionOptions, FeatureKind, detect};
 
     #[test]
     fn edges_of_a_ball() {
         // Smoothing draws an edge towards its centre of curvature: here by 0.19 samples, the more the
         // stronger it bends; what is left is noise.
-        let (dims, ball) = ([60, 56, 52], Sheet::Sphere([30.0, 28.0, 26.0], 19.0));
+        let (dims, ball) = ([60, 56, 52], ExactSurface::Sphere([30.0, 28.0, 26.0], 19.0));
         let mut noise = Noise::new(3);
         let image = image_of(dims, |p| {
             100.0 / (1.0 + ball.distance(p).exp()) + 5.0 * noise.normal()
         });
-        let features = detect(&image, &Detection::of(FeatureKind::Edges, 5.0)).unwrap();
-        let fit = fit(dims, &[ball], &features.points);
+        let features = detect(
+            &image,
+            &DetectionOptions::with_kind(FeatureKind::Edges, 5.0),
+        )
+        .unwrap();
+        let fit = measure_fit(dims, &[ball], &features.points);
         assert!(
             fit.coverage > 0.98 && fit.precision > 0.98 && fit.rms < 0.24,
             "{fit:?}"
@@ -83,14 +90,18 @@ mod tests {
     fn straight_edges_lie_where_they_are() {
         let (dims, wall) = (
             [48, 44, 40],
-            [Sheet::plane([1.0, 0.45, -0.3], [24.0, 22.0, 20.0])],
+            [ExactSurface::plane([1.0, 0.45, -0.3], [24.0, 22.0, 20.0])],
         );
         let mut noise = Noise::new(4);
         let image = image_of(dims, |p| {
             100.0 / (1.0 + wall[0].distance(p).exp()) + 5.0 * noise.normal()
         });
-        let features = detect(&image, &Detection::of(FeatureKind::Edges, 5.0)).unwrap();
-        let fit = fit(dims, &wall, &features.points);
+        let features = detect(
+            &image,
+            &DetectionOptions::with_kind(FeatureKind::Edges, 5.0),
+        )
+        .unwrap();
+        let fit = measure_fit(dims, &wall, &features.points);
         assert!(
             fit.coverage > 0.99 && fit.precision > 0.99 && fit.rms < 0.08 && fit.angle < 2.0,
             "{fit:?}"

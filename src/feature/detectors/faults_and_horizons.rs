@@ -6,15 +6,15 @@
 
 use super::faults::Faults;
 use super::horizons::Horizons;
-use super::{Detection, Part};
+use super::{DetectionOptions, DetectorTask};
+use crate::comm::{Comm, WorldComm};
 use crate::error::Result;
-use crate::feature::{Features, OfAll};
-use crate::ranks::{Group, Ranks};
+use crate::feature::{Features, PointCounts};
 
 /// The two detectors. A threshold that is asked for is one of amplitude, so it is the horizons'; the
 /// faults' own is found from the image.
-pub fn parts<const D: usize>(asked: &Detection<D>) -> Vec<Part<D>> {
-    let of_faults = Detection {
+pub fn detector_tasks<const D: usize>(asked: &DetectionOptions<D>) -> Vec<DetectorTask<D>> {
+    let of_faults = DetectionOptions {
         threshold: None,
         ..asked.clone()
     };
@@ -25,37 +25,40 @@ pub fn parts<const D: usize>(asked: &Detection<D>) -> Vec<Part<D>> {
 ///
 /// # Errors
 /// Those of other ranks.
-pub fn together<const D: usize>(
+pub fn combine<const D: usize>(
     mut first: Features<D>,
     second: Features<D>,
     weights: [f64; 2],
 ) -> Result<Features<D>> {
     let [a, b] = weights.map(|w| w as f32);
     let deepest = |first: f32, second: f32| (a * first).min(b * second);
-    let group: &dyn Group = &Ranks;
-    let of_all = [&first, &second].map(Features::of_all);
-    let last: Vec<u32> = group.all("sheets", first.sheet.iter().copied().max().unwrap_or(0))?;
+    let group: &dyn Comm = &WorldComm;
+    let of_all = [&first, &second].map(Features::point_counts);
+    let last: Vec<u32> =
+        group.all_gather("sheets", first.surface.iter().copied().max().unwrap_or(0))?;
     let last = last.into_iter().max().unwrap_or(0);
-    first.in_shares = first.in_shares.map(|_| OfAll {
+    first.global_counts = first.global_counts.map(|_| PointCounts {
         points: of_all[0].points + of_all[1].points,
         on_horizon: of_all[0].on_horizon + of_all[1].on_horizon,
     });
-    first.potential = first.potential.combined(&second.potential, deepest);
+    first.potential = first.potential.combine(&second.potential, deepest);
     first.points.extend(second.points);
     first.on_horizon.extend(second.on_horizon);
-    first.sheet.extend(second.sheet.iter().map(|s| last + s));
+    first
+        .surface
+        .extend(second.surface.iter().map(|s| last + s));
     first.spacing = (first.spacing.zip(second.spacing)).map(|(a, b)| [a, b].concat());
     first.outcomes.extend(second.outcomes);
     first.notes.extend(second.notes);
-    first.settled.extend(second.settled);
-    first.sort(group)?;
+    first.resolved.extend(second.resolved);
+    first.sort_points(group)?;
     Ok(first)
 }
 
 #[cfg(test)]
 mod tests {
     use crate::feature::scenes::plane_image;
-    use crate::feature::{Detection, FeatureKind, FeaturePoint, detect};
+    use crate::feature::{DetectionOptions, FeatureKind, FeaturePoint, detect};
 
     #[test]
     fn faults_and_horizons_share_one_potential_by_weight() {
@@ -65,9 +68,9 @@ mod tests {
             let throw = if p[1] > 40.0 { 6.0 } else { 0.0 };
             (std::f64::consts::TAU * (p[0] + throw) / 12.0).cos()
         });
-        let asked = |kind, weights| Detection {
+        let asked = |kind, weights| DetectionOptions {
             weights,
-            ..Detection::of(kind, 4.0)
+            ..DetectionOptions::with_kind(kind, 4.0)
         };
         let run = |kind, weights| detect(&image, &asked(kind, weights)).unwrap();
         let faults = run(FeatureKind::Faults, [1.0; 2]);
@@ -84,7 +87,7 @@ mod tests {
             faults.points.len() + horizons.points.len()
         );
         let [faults, horizons, both] =
-            [faults, horizons, both].map(|found| found.potential.dense().samples);
+            [faults, horizons, both].map(|found| found.potential.to_dense().samples);
         for (b, (f, h)) in both.iter().zip(faults.iter().zip(&horizons)) {
             assert_eq!(*b, f.min(0.5 * h));
         }

@@ -9,34 +9,38 @@
 //! amplitude. Assumptions: layers are some four samples thick or more and dip little within the window;
 //! the amplitude is zero on average.
 
-use super::{Detector, Found, Scene, Thresholds};
+use super::{Detector, DetectorInput, DetectorOutput, Thresholds};
 use crate::error::Result;
 use crate::feature::FeatureKind;
-use crate::feature::crossing::{Candidate, Voxel, dominant_axes};
-use crate::feature::tensor::Normals;
+use crate::feature::candidate::{Candidate, Voxel, dominant_axes};
+use crate::feature::structure_tensor::NormalField;
 use crate::feature::volume::Volume;
-use crate::feature::windows::{LookedAt, Window};
-use crate::observer::Patience;
+use crate::feature::windows::{CoveredLayers, LayerWindow};
+use crate::progress::CancelToken;
 
 /// Finds crests and troughs of seismic amplitude.
 pub struct Horizons;
 
 /// Width (samples) of the structure tensor's window.
-const WINDOW: f64 = 4.0;
+const TENSOR_WINDOW: f64 = 4.0;
 
 /// Parts of horizons this wide (samples) are followed at any distance between atoms.
-const WIDEST: usize = 12;
+const MAX_MIN_WIDTH: usize = 12;
 
 impl<const D: usize> Detector<D> for Horizons {
     fn kind(&self) -> FeatureKind {
         FeatureKind::Horizons
     }
 
-    fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
+    fn find(
+        &self,
+        scene: &DetectorInput<'_, D>,
+        notes: &mut Vec<String>,
+    ) -> Result<DetectorOutput<D>> {
         let scale = scene.scale();
-        let window = scene.asked.smoothing.unwrap_or(WINDOW);
+        let window = scene.options.smoothing.unwrap_or(TENSOR_WINDOW);
         let samples = scene.smoothed_in_layers()?;
-        let (normals, rms) = Normals::new(&samples, window, scene.live, scene.patience)?;
+        let (normals, rms) = NormalField::new(&samples, window, scene.live_mask, scene.cancel)?;
         let thresholds = scene.thresholds().unwrap_or(Thresholds {
             low: 0.8 * rms,
             high: 1.3 * rms,
@@ -45,32 +49,32 @@ impl<const D: usize> Detector<D> for Horizons {
         notes.push(format!(
             "crests and troughs at scale {scale}, normals averaged over {window}: {thresholds}"
         ));
-        let (mut candidates, mut layers) = (Vec::new(), LookedAt::default());
-        let mut look = |window: &Window<'_, D>| {
-            layers.add(&window.own);
-            candidates.extend(crests(window, &normals, thresholds.low, scene.patience));
+        let (mut candidates, mut layers) = (Vec::new(), CoveredLayers::default());
+        let mut look = |window: &LayerWindow<'_, D>| {
+            layers.add(&window.interior);
+            candidates.extend(crests(window, &normals, thresholds.low, scene.cancel));
         };
-        let patience = scene.patience;
-        samples.each(1, None, &|_| 1, patience, &mut look, &mut |()| ())?;
-        Ok(Found {
+        let patience = scene.cancel;
+        samples.for_each_window(1, None, &|_| 1, patience, &mut look, &mut |()| ())?;
+        Ok(DetectorOutput {
             layers: Some(layers.0),
-            ..Found::new(candidates, scale, thresholds)
+            ..DetectorOutput::new(candidates, scale, thresholds)
         })
     }
 
-    fn in_layers(&self) -> bool {
+    fn is_streamable(&self) -> bool {
         true
     }
 
     /// Short pieces of reflectors are everywhere, and worth no cells.
-    fn least_sheet(&self) -> f64 {
+    fn min_surface_cells(&self) -> f64 {
         if D == 3 { 16.0 } else { 8.0 }
     }
 
     /// Reflectors fray out: their amplitude passes the threshold here and there, in strips and patches that
     /// a lattice cannot follow.
-    fn least_width(&self, d_min: f64) -> usize {
-        ((3.0 * d_min).round() as usize).clamp(4, WIDEST)
+    fn min_width(&self, d_min: f64) -> usize {
+        ((3.0 * d_min).round() as usize).clamp(4, MAX_MIN_WIDTH)
     }
 
     /// Reflectors lie one above the other everywhere: leave room for a layer of atoms between.
@@ -80,21 +84,21 @@ impl<const D: usize> Detector<D> for Horizons {
 
     /// Normals are averaged over windows of four samples.
     fn reach(&self, _scale: f64) -> usize {
-        14 + WIDEST
+        14 + MAX_MIN_WIDTH
     }
 }
 
 /// Crests and troughs of at least `low` in amplitude in a window's own layers, in the order of samples.
 fn crests<const D: usize>(
-    window: &Window<'_, D>,
-    normals: &Normals<D>,
+    window: &LayerWindow<'_, D>,
+    normals: &NormalField<D>,
     low: f32,
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> Vec<Candidate<D>> {
     let (stack, whole) = (window.smoothed, Volume::new(window.dims, &[]));
     let volume = stack.volume;
     let strides = volume.strides();
-    window.by_rows(patience, |first, (): &mut (), found| {
+    window.map_rows(patience, |first, (): &mut (), found| {
         let start = volume.index(first);
         for x in 0..volume.dims[0] {
             let i = start + x;
@@ -102,10 +106,10 @@ fn crests<const D: usize>(
             if here < low {
                 continue;
             }
-            let mut at = stack.in_volume(first);
+            let mut at = stack.to_volume(first);
             at[0] = x;
             let sign = volume.samples[i].signum();
-            for axis in dominant_axes(normals.coarse(at).map(f64::from)) {
+            for axis in dominant_axes(normals.cell_normal(at).map(f64::from)) {
                 if at[axis] == 0 || at[axis] + 1 >= whole.dims[axis] {
                     continue;
                 }
@@ -119,10 +123,10 @@ fn crests<const D: usize>(
                 let mut position = at.map(|i| i as f32);
                 position[axis] += offset;
                 found.push(Candidate {
-                    voxel: Voxel::of(whole.dims, at),
+                    voxel: Voxel::new(whole.dims, at),
                     axis: axis as u8,
                     position,
-                    normal: normals.at(position),
+                    normal: normals.normal_at(position),
                     strength: here - 0.25 * (before - after) * offset,
                 });
             }
@@ -132,15 +136,15 @@ fn crests<const D: usize>(
 
 #[cfg(test)]
 mod tests {
-    use crate::feature::scenes::{Noise, Sheet, image_of};
-    use crate::feature::{Detection, FeatureKind, detect};
+    use crate::feature::scenes::{ExactSurface, Noise, image_of};
+    use crate::feature::{DetectionOptions, FeatureKind, detect};
 
     #[test]
     fn horizons_keep_the_lattice_resolution() {
         // Crests and troughs every 6 samples across dipping layers: every second one fits d = 8, which
         // leaves room for a layer of atoms between.
         let dims = [72, 64, 56];
-        let layers = Sheet::plane([1.0, 0.25, -0.15], [36.0, 32.0, 28.0]);
+        let layers = ExactSurface::plane([1.0, 0.25, -0.15], [36.0, 32.0, 28.0]);
         let mut noise = Noise::new(5);
         let image = image_of(dims, |p| {
             let s = layers.distance(p);
@@ -151,7 +155,8 @@ mod tests {
             };
             strength * (std::f64::consts::TAU * s / 12.0).cos() + 0.1 * noise.normal()
         });
-        let features = detect(&image, &Detection::of(FeatureKind::Auto, 8.0)).unwrap();
+        let features =
+            detect(&image, &DetectionOptions::with_kind(FeatureKind::Auto, 8.0)).unwrap();
         assert!(
             features.notes[0].contains("horizons"),
             "{:?}",

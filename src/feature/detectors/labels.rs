@@ -13,17 +13,19 @@
 //!
 //! Scale: one sample.
 
-use super::contest::Contest;
+use super::label_smoothing::LabelCompetition;
 use super::masks;
-use super::{Detector, Found, Scene, Thresholds};
+use super::{Detector, DetectorInput, DetectorOutput, Thresholds};
 use crate::error::Result;
+use crate::feature::candidate::{Candidate, dominant_axes};
 use crate::feature::components::{Component, Components};
-use crate::feature::crossing::{Candidate, dominant_axes};
-use crate::feature::labelled::{LabelWish, Labelled, are_regions, not_there, too_many, volumes};
+use crate::feature::label_map::{
+    LabelMap, LabelOptions, are_valid_regions, missing_label_error, too_many_labels_error, volumes,
+};
 use crate::feature::volume::Volume;
-use crate::feature::{Detection, FeatureKind, FeaturePoint};
+use crate::feature::{DetectionOptions, FeatureKind, FeaturePoint};
 use crate::image::{LabelTable, LabelValue};
-use crate::observer::Patience;
+use crate::progress::CancelToken;
 
 /// Finds interfaces between labels.
 pub struct Labels;
@@ -33,18 +35,23 @@ impl<const D: usize> Detector<D> for Labels {
         FeatureKind::Labels
     }
 
-    fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
-        if let Some(value) = scene.settled.and_then(|settled| settled.mask) {
+    fn find(
+        &self,
+        scene: &DetectorInput<'_, D>,
+        notes: &mut Vec<String>,
+    ) -> Result<DetectorOutput<D>> {
+        if let Some(value) = scene.resolved.and_then(|settled| settled.mask) {
             // Meshes of earlier versions name a mask so.
-            return masks::found_again(scene, value, notes);
+            return masks::find_again(scene, value, notes);
         }
-        let table = LabelTable::of(scene.image()?).ok_or_else(too_many)?;
+        let table = LabelTable::from_image(scene.image()?).ok_or_else(too_many_labels_error)?;
         let values = &table.values;
-        let absent = |wish: &&LabelWish| wish.into.is_none() && !values.contains(&wish.label);
-        if let Some(wish) = scene.asked.labels.iter().find(absent) {
-            return Err(not_there(wish, values));
+        let absent =
+            |wish: &&LabelOptions| wish.merge_into.is_none() && !values.contains(&wish.label);
+        if let Some(wish) = scene.options.labels.iter().find(absent) {
+            return Err(missing_label_error(wish, values));
         }
-        if !are_regions(values) {
+        if !are_valid_regions(values) {
             notes.push(
                 "labels are not all whole numbers of 32 bits: 'region' numbers them from 0, in ascending order"
                     .into(),
@@ -55,35 +62,35 @@ impl<const D: usize> Detector<D> for Labels {
             "interfaces between {} labels, smoothed over {scale}",
             values.len()
         ));
-        let (labelled, limits) = contest(scene, table, scale, notes)?;
-        let candidates = Lead::of(&labelled).candidates(scene.patience);
+        let (labelled, limits) = compete(scene, table, scale, notes)?;
+        let candidates = LabelLead::new(&labelled).candidates(scene.cancel);
         // Each is as strong as 1: all are followed.
         let thresholds = Thresholds {
             low: 0.0,
             high: 1.0,
             origin: "all",
         };
-        Ok(Found {
+        Ok(DetectorOutput {
             labels: Some((labelled, limits)),
-            ..Found::new(candidates, scale, thresholds)
+            ..DetectorOutput::new(candidates, scale, thresholds)
         })
     }
 }
 
 /// Parts of labels thinner than this, in least distances between atoms, ...
-const THIN: f64 = 1.5;
+const THIN_DISTANCE_RATIO: f64 = 1.5;
 /// ... have atoms this share of their thickness apart: with one lattice plane on either side edges through them
 /// are too long for faces on both ...
-const OF_THICKNESS: f64 = 0.7;
+const THICKNESS_SHARE: f64 = 0.7;
 /// ... and at least this share of the least distance.
-pub const LEAST_IN_THIN: f64 = 0.74;
+pub const MIN_THIN_DISTANCE_RATIO: f64 = 0.74;
 
 /// Returns the distance that atoms may have in a gap between interfaces of labels, in lattice units, where they
 /// are from `least` to `most` apart.
 pub fn distance_in_gap(gap: f32, [least, most]: [f64; 2]) -> f32 {
     let gap = f64::from(gap);
-    let distance = if gap < THIN * least {
-        (OF_THICKNESS * gap).max(LEAST_IN_THIN * least)
+    let distance = if gap < THIN_DISTANCE_RATIO * least {
+        (THICKNESS_SHARE * gap).max(MIN_THIN_DISTANCE_RATIO * least)
     } else {
         gap.max(least)
     };
@@ -92,63 +99,63 @@ pub fn distance_in_gap(gap: f32, [least, most]: [f64; 2]) -> f32 {
 
 /// A part of a label is kept if its volume is at least this share of the cube of the distance between
 /// atoms.
-const KEPT: f64 = 0.3;
+const MIN_VOLUME_SHARE: f64 = 0.3;
 
 /// The labels as they lead after smoothing, without what no lattice can hold; and the distance that atoms
 /// may have in each part.
-fn contest<const D: usize>(
-    scene: &Scene<'_, D>,
+fn compete<const D: usize>(
+    scene: &DetectorInput<'_, D>,
     table: LabelTable,
     scale: f64,
     notes: &mut Vec<String>,
-) -> Result<(Labelled<D>, Limits<D>)> {
-    let (asked, dims) = (scene.asked, scene.dims());
+) -> Result<(LabelMap<D>, LabelSpacing<D>)> {
+    let (asked, dims) = (scene.options, scene.dims());
     let sample: f64 = asked.step.iter().product();
     let LabelTable {
         values,
-        index: mut label,
+        indices: mut label,
     } = table;
-    let mut components = Components::of(dims, &label);
-    let least = |part: &Component<D>| least_distance(asked, values[part.label as usize]);
+    let mut components = Components::from_labels(dims, &label);
+    let least = |part: &Component<D>| min_label_distance(asked, values[part.label as usize]);
     let gone = components.absorb(&mut label, |part| {
-        let volume = part.samples as f64 * sample;
+        let volume = part.sample_count as f64 * sample;
         // Of a part of an image nobody knows how far it goes on.
-        let unknown = scene.settled.is_some() && part.on_side(dims);
-        unknown || volume >= KEPT * least(part).powi(D as i32)
+        let unknown = scene.resolved.is_some() && part.touches_side(dims);
+        unknown || volume >= MIN_VOLUME_SHARE * least(part).powi(D as i32)
     });
     if gone[1] > 0 {
         notes.push(format!(
             "{} parts of labels, {} samples in all, are too small to be followed",
             gone[1], gone[0]
         ));
-        components = Components::of(dims, &label);
+        components = Components::from_labels(dims, &label);
     }
     let (winner, lead) =
-        Contest::held(&components, &label, values.len(), scale, scene.patience).lead();
+        LabelCompetition::run(&components, &label, values.len(), scale, scene.cancel).into_lead();
     let most = asked.d_max();
-    let distance = components.all.iter().map(|part| {
-        let least = least_distance(asked, values[part.label as usize]);
-        let wish = wish(asked, values[part.label as usize]).unwrap_or(most);
+    let distance = components.components.iter().map(|part| {
+        let least = min_label_distance(asked, values[part.label as usize]);
+        let wish = label_distance(asked, values[part.label as usize]).unwrap_or(most);
         let radius = part.radius(sample);
         // Faces so long are at most half a sample off a ball.
         let bend = 2.0 * radius.sqrt();
-        match asked.gaps() {
+        match asked.gap_distance_range() {
             Some(_) => radius.min(bend).min(wish).max(least) as f32,
             None => wish as f32,
         }
     });
-    let limits = Limits {
+    let limits = LabelSpacing {
         distance: distance.collect(),
-        most: most as f32,
+        max_distance: most as f32,
         components,
     };
-    let of_regions = are_regions(&values);
+    let of_regions = are_valid_regions(&values);
     // Elsewhere the number of a label is lost if its name does not have it.
-    let named = |&label: &LabelValue| match name(asked, label) {
+    let named = |&label: &LabelValue| match label_name(asked, label) {
         None if !of_regions => Some(format!("label_{label}").replace('.', "_")),
         name => name,
     };
-    let labelled = Labelled {
+    let labelled = LabelMap {
         dims,
         step: asked.step,
         volumes: volumes(dims, asked.step, &label, values.len()),
@@ -161,20 +168,20 @@ fn contest<const D: usize>(
 }
 
 /// What a label is called.
-fn name<const D: usize>(asked: &Detection<D>, label: LabelValue) -> Option<String> {
+fn label_name<const D: usize>(asked: &DetectionOptions<D>, label: LabelValue) -> Option<String> {
     let wish = asked.labels.iter().find(|wish| wish.label == label);
     wish.and_then(|wish| wish.name.clone())
 }
 
 /// The distance wished for in a label.
-fn wish<const D: usize>(asked: &Detection<D>, label: LabelValue) -> Option<f64> {
+fn label_distance<const D: usize>(asked: &DetectionOptions<D>, label: LabelValue) -> Option<f64> {
     let wish = asked.labels.iter().find(|wish| wish.label == label);
     wish.and_then(|wish| wish.distance)
 }
 
 /// The least distance that atoms may have in a label.
-fn least_distance<const D: usize>(asked: &Detection<D>, label: LabelValue) -> f64 {
-    wish(asked, label).map_or(asked.d_min, |wish| match asked.gaps() {
+fn min_label_distance<const D: usize>(asked: &DetectionOptions<D>, label: LabelValue) -> f64 {
+    label_distance(asked, label).map_or(asked.d_min, |wish| match asked.gap_distance_range() {
         Some(_) => wish.min(asked.d_min),
         None => wish,
     })
@@ -182,13 +189,13 @@ fn least_distance<const D: usize>(asked: &Detection<D>, label: LabelValue) -> f6
 
 /// How far apart atoms may stand in each part of each label.
 #[derive(Debug, Clone)]
-pub struct Limits<const D: usize> {
+pub struct LabelSpacing<const D: usize> {
     distance: Vec<f32>,
-    most: f32,
+    max_distance: f32,
     components: Components<D>,
 }
 
-impl<const D: usize> Limits<D> {
+impl<const D: usize> LabelSpacing<D> {
     /// The distance that atoms may have at feature points: that of gaps, and no more than what is on
     /// either side allows; `None` if it is the same everywhere.
     pub fn spacing(
@@ -209,12 +216,12 @@ impl<const D: usize> Limits<D> {
                 };
                 let sample: [usize; D] =
                     std::array::from_fn(|k| (near(k).max(0.0) as usize).min(dims[k] - 1));
-                let part = self.components.of_sample[volume.index(sample)];
+                let part = self.components.component_of_sample[volume.index(sample)];
                 self.distance[part as usize]
             };
             (0..1usize << D).map(corner).fold(f32::INFINITY, f32::min)
         };
-        if gaps.is_none() && self.distance.iter().all(|&d| d == self.most) {
+        if gaps.is_none() && self.distance.iter().all(|&d| d == self.max_distance) {
             return None;
         }
         let gaps = gaps.unwrap_or_else(|| vec![f32::INFINITY; points.len()]);
@@ -227,13 +234,13 @@ impl<const D: usize> Limits<D> {
 }
 
 /// The winning label of each sample and how far it leads.
-struct Lead<'a, const D: usize> {
+struct LabelLead<'a, const D: usize> {
     winner: &'a [u32],
     lead: Volume<'a, D>,
 }
 
-impl<'a, const D: usize> Lead<'a, D> {
-    fn of(labelled: &'a Labelled<D>) -> Self {
+impl<'a, const D: usize> LabelLead<'a, D> {
+    fn new(labelled: &'a LabelMap<D>) -> Self {
         Self {
             winner: &labelled.winner,
             lead: Volume::new(labelled.dims, &labelled.lead),
@@ -241,12 +248,13 @@ impl<'a, const D: usize> Lead<'a, D> {
     }
 
     /// Points on the interfaces between labels, in the order of samples.
-    fn candidates(&self, patience: &Patience<'_>) -> Vec<Candidate<D>> {
-        self.lead
-            .by_rows(patience, |first, (): &mut (), found| self.row(first, found))
+    fn candidates(&self, patience: &CancelToken<'_>) -> Vec<Candidate<D>> {
+        self.lead.map_rows(patience, |first, (): &mut (), found| {
+            self.find_in_row(first, found)
+        })
     }
 
-    fn row(&self, first: [usize; D], found: &mut Vec<Candidate<D>>) {
+    fn find_in_row(&self, first: [usize; D], found: &mut Vec<Candidate<D>>) {
         let (lead, dims, strides) = (self.lead.samples, self.lead.dims, self.lead.strides());
         let start = self.lead.index(first);
         for x in 0..dims[0] {
@@ -300,14 +308,14 @@ impl<'a, const D: usize> Lead<'a, D> {
 
 #[cfg(test)]
 mod tests {
-    use crate::feature::scenes::{Sheet, fit, image_of};
-    use crate::feature::{Detection, FeatureKind, detect};
+    use crate::feature::scenes::{ExactSurface, image_of, measure_fit};
+    use crate::feature::{DetectionOptions, FeatureKind, detect};
 
     #[test]
     fn interfaces_of_labels_are_smooth_and_counted_once() {
         let dims = [64, 60, 56];
-        let ball = || Sheet::Sphere([32.0, 30.0, 28.0], 18.0);
-        let floor = || Sheet::plane([0.2, 0.1, 1.0], [32.0, 30.0, 4.0]);
+        let ball = || ExactSurface::Sphere([32.0, 30.0, 28.0], 18.0);
+        let floor = || ExactSurface::plane([0.2, 0.1, 1.0], [32.0, 30.0, 4.0]);
         let image = image_of(dims, |p| {
             if ball().distance(p) < 0.0 {
                 7.0
@@ -315,10 +323,11 @@ mod tests {
                 f64::from(u8::from(floor().distance(p) > 0.0))
             }
         });
-        let features = detect(&image, &Detection::of(FeatureKind::Auto, 5.0)).unwrap();
+        let features =
+            detect(&image, &DetectionOptions::with_kind(FeatureKind::Auto, 5.0)).unwrap();
         assert!(features.notes[0].contains("labels"), "{:?}", features.notes);
         let sheets = [ball(), floor()];
-        let fit = fit(dims, &sheets, &features.points);
+        let fit = measure_fit(dims, &sheets, &features.points);
         assert!(fit.coverage > 0.98 && fit.precision > 0.995, "{fit:?}");
         assert!(fit.rms < 0.2 && fit.angle < 6.0, "{fit:?}");
         // One point per column: the ball has 4 pi r^2 / 1.5 columns, the floor one per (x, y).
@@ -331,20 +340,21 @@ mod tests {
     fn a_layer_three_samples_thick_keeps_both_sides() {
         let dims = [64, 60, 56];
         let middle = [32.0, 30.0, 28.0];
-        let flat =
-            |off: f64| Sheet::plane([0.15, 0.1, 1.0], [middle[0], middle[1], middle[2] + off]);
-        let bent = |off: f64| Sheet::Cylinder([32.0, -40.0], 70.0 + off);
+        let flat = |off: f64| {
+            ExactSurface::plane([0.15, 0.1, 1.0], [middle[0], middle[1], middle[2] + off])
+        };
+        let bent = |off: f64| ExactSurface::Cylinder([32.0, -40.0], 70.0 + off);
         for sides in [[flat(-1.5), flat(1.5)], [bent(-1.5), bent(1.5)]] {
             let image = image_of(dims, |p| {
                 let above = sides.iter().filter(|s| s.distance(p) > 0.0).count();
                 [2.0, 5.0, 9.0][above]
             });
-            let asked = Detection {
-                up_to: Some(8.0),
-                ..Detection::of(FeatureKind::Auto, 8.0 / 3.0)
+            let asked = DetectionOptions {
+                gap_d_max: Some(8.0),
+                ..DetectionOptions::with_kind(FeatureKind::Auto, 8.0 / 3.0)
             };
             let features = detect(&image, &asked).unwrap();
-            let fit = fit(dims, &sides, &features.points);
+            let fit = measure_fit(dims, &sides, &features.points);
             assert!(fit.coverage > 0.99 && fit.precision > 0.999, "{fit:?}");
             assert!(fit.rms < 0.15, "{fit:?}");
             // Atoms stand 0.7 of the layer's thickness apart.

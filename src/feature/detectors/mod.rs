@@ -18,28 +18,28 @@
 
 pub(crate) mod auto;
 pub(crate) mod canny;
-pub(crate) mod contest;
 pub(crate) mod edges;
 pub(crate) mod faults;
 pub(crate) mod faults_and_horizons;
 pub(crate) mod horizons;
+pub(crate) mod label_smoothing;
 pub(crate) mod labels;
 pub(crate) mod masks;
 pub(crate) mod paths;
 pub(crate) mod potential;
 pub(crate) mod ridges;
 
-use super::crossing::Candidate;
+use super::candidate::Candidate;
 use super::gaussian;
-use super::labelled::Labelled;
+use super::label_map::LabelMap;
 use super::volume::Volume;
 use super::windows::Samples;
-use super::{Detection, Doubt, FeatureKind, Features, Settled};
+use super::{DetectionOptions, Doubt, FeatureKind, Features, ResolvedOptions};
+use crate::comm::{Comm, concatenate};
 use crate::error::{Error, Result, cause};
-use crate::image::{Image, LiveMask, Source};
-use crate::observer::Patience;
+use crate::image::{Image, ImageSource, LiveMask};
 use crate::parallel::prelude::*;
-use crate::ranks::{Group, joined};
+use crate::progress::CancelToken;
 use std::fmt;
 use std::ops::Range;
 
@@ -54,22 +54,26 @@ pub trait Detector<const D: usize>: Sync {
     /// # Errors
     /// [`Error::Image`] for an image that has no such features, [`Error::Feature`] for wishes that
     /// cannot be met.
-    fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>>;
+    fn find(
+        &self,
+        scene: &DetectorInput<'_, D>,
+        notes: &mut Vec<String>,
+    ) -> Result<DetectorOutput<D>>;
 
     /// The least area of a sheet that is worth cells, in squares of the least distance between atoms
     /// (in 2-D its length, in such distances).
-    fn least_sheet(&self) -> f64 {
+    fn min_surface_cells(&self) -> f64 {
         2.0
     }
 
     /// The share of a small sheet that is as strong as its seeds must be, or it is noise.
-    fn least_sure(&self) -> f64 {
+    fn min_strong_share(&self) -> f64 {
         0.0
     }
 
     /// Parts of sheets narrower than this (samples) are worth no cells, where atoms stand at least `d_min`
     /// apart; 0 if any width is.
-    fn least_width(&self, _d_min: f64) -> usize {
+    fn min_width(&self, _d_min: f64) -> usize {
         0
     }
 
@@ -87,12 +91,12 @@ pub trait Detector<const D: usize>: Sync {
 
     /// How far (samples), beyond three times the scale, what is found depends on the samples round it:
     /// nearer to missing traces it is not trusted.
-    fn beyond_smoothing(&self) -> f64 {
+    fn extra_reach(&self) -> f64 {
         2.0
     }
 
     /// Whether it needs but some layers of the image at a time.
-    fn in_layers(&self) -> bool {
+    fn is_streamable(&self) -> bool {
         false
     }
 
@@ -104,42 +108,46 @@ pub trait Detector<const D: usize>: Sync {
 
 /// What a detector works on.
 #[derive(Debug, Clone, Copy)]
-pub struct Scene<'a, const D: usize> {
+pub struct DetectorInput<'a, const D: usize> {
     /// The image, whose samples are finite and not all the same, and go on where traces are missing; in
     /// memory, unless the detector finds [in layers](Detector::in_layers).
-    pub source: Source<'a, D>,
+    pub source: ImageSource<'a, D>,
     /// Which samples hold data, unless all do.
-    pub live: Option<&'a LiveMask<D>>,
+    pub live_mask: Option<&'a LiveMask<D>>,
     /// What is asked for: scale, thresholds, what is known of an object.
-    pub asked: &'a Detection<D>,
+    pub options: &'a DetectionOptions<D>,
     /// Of a part of an image, what was settled on for the whole.
-    pub settled: Option<&'a Settled>,
+    pub resolved: Option<&'a ResolvedOptions>,
     /// Until when it works: once this is over, what it finds is not looked at.
-    pub patience: &'a Patience<'a>,
+    pub cancel: &'a CancelToken<'a>,
 }
 
-impl<'a, const D: usize> Scene<'a, D> {
+impl<'a, const D: usize> DetectorInput<'a, D> {
     /// A whole image.
-    pub fn new(source: Source<'a, D>, asked: &'a Detection<D>, patience: &'a Patience<'a>) -> Self {
+    pub fn new(
+        source: ImageSource<'a, D>,
+        options: &'a DetectionOptions<D>,
+        cancel: &'a CancelToken<'a>,
+    ) -> Self {
         Self {
             source,
-            live: None,
-            asked,
-            settled: None,
-            patience,
+            live_mask: None,
+            options,
+            resolved: None,
+            cancel,
         }
     }
 
     /// A part of an image of which the whole was seen before.
-    pub fn of_part(
+    pub fn for_part(
         image: &'a Image<D>,
-        asked: &'a Detection<D>,
-        settled: &'a Settled,
-        patience: &'a Patience<'a>,
+        asked: &'a DetectionOptions<D>,
+        settled: &'a ResolvedOptions,
+        patience: &'a CancelToken<'a>,
     ) -> Self {
         Self {
-            settled: Some(settled),
-            ..Self::new(Source::Held(image), asked, patience)
+            resolved: Some(settled),
+            ..Self::new(ImageSource::InMemory(image), asked, patience)
         }
     }
 
@@ -154,8 +162,8 @@ impl<'a, const D: usize> Scene<'a, D> {
     /// [`Error::Feature`] if it is not there.
     pub fn image(&self) -> Result<&'a Image<D>> {
         match self.source {
-            Source::Held(image) => Ok(image),
-            Source::InLayers(_) => Err(Error::Feature(cause(
+            ImageSource::InMemory(image) => Ok(image),
+            ImageSource::Layered(_) => Err(Error::Feature(cause(
                 "feature detection",
                 "needs an image in memory",
                 "choose ridges, valleys, faults or horizons, which are found in layers",
@@ -177,18 +185,20 @@ impl<'a, const D: usize> Scene<'a, D> {
     /// That of reading.
     pub fn samples(&self, sign: f32) -> Result<Samples<'a, D>> {
         match self.source {
-            Source::Held(image) if sign == 1.0 => Ok(Samples::held(image.dims(), image.as_slice())),
-            Source::Held(image) => {
-                let signed: Vec<f32> = image.as_slice().par_iter().map(|s| sign * s).collect();
-                Ok(Samples::held(image.dims(), signed))
+            ImageSource::InMemory(image) if sign == 1.0 => {
+                Ok(Samples::in_memory(image.dims(), image.as_slice()))
             }
-            Source::InLayers(layers) => Samples::in_layers(layers, sign).held_if_small(),
+            ImageSource::InMemory(image) => {
+                let signed: Vec<f32> = image.as_slice().par_iter().map(|s| sign * s).collect();
+                Ok(Samples::in_memory(image.dims(), signed))
+            }
+            ImageSource::Layered(layers) => Samples::from_layers(layers, sign).load_if_small(),
         }
     }
 
     /// Width (samples) of the Gaussian under which derivatives are taken, if not by noise.
     pub fn scale(&self) -> f64 {
-        self.asked.scale.unwrap_or(1.0)
+        self.options.scale.unwrap_or(1.0)
     }
 
     /// The samples smoothed over [`Scene::scale`], to be looked at some layers at a time.
@@ -197,7 +207,7 @@ impl<'a, const D: usize> Scene<'a, D> {
     /// That of reading.
     pub fn smoothed_in_layers(&self) -> Result<Samples<'a, D>> {
         let mut samples = self.samples(1.0)?;
-        samples.smooth(self.scale(), self.patience);
+        samples.smooth(self.scale(), self.cancel);
         Ok(samples)
     }
 
@@ -208,20 +218,20 @@ impl<'a, const D: usize> Scene<'a, D> {
     pub fn smoothed(&self) -> Result<Vec<f32>> {
         let samples = self.image()?.as_slice();
         let (mut smoothed, scale) = (vec![0.0; samples.len()], [self.scale(); D]);
-        gaussian::smooth_into(self.dims(), samples, &mut smoothed, scale, self.patience);
+        gaussian::smooth_into(self.dims(), samples, &mut smoothed, scale, self.cancel);
         Ok(smoothed)
     }
 
     /// The thresholds, unless they are to be found from the image.
     pub fn thresholds(&self) -> Option<Thresholds> {
-        if let Some(settled) = self.settled {
+        if let Some(settled) = self.resolved {
             return Some(Thresholds {
                 low: settled.low,
                 high: settled.high,
                 origin: "as in the whole image",
             });
         }
-        self.asked.threshold.map(|high| Thresholds {
+        self.options.threshold.map(|high| Thresholds {
             low: 0.5 * high,
             high,
             origin: "given",
@@ -230,11 +240,11 @@ impl<'a, const D: usize> Scene<'a, D> {
 
     /// The least area of a sheet in square lattice units (in 2-D its length), where it covers `cells`
     /// squares of the distance between atoms.
-    pub fn least_area(&self, cells: f64) -> f64 {
-        if let Some(settled) = self.settled {
+    pub fn min_area(&self, cells: f64) -> f64 {
+        if let Some(settled) = self.resolved {
             return settled.min_area;
         }
-        let (dims, asked) = (self.dims(), self.asked);
+        let (dims, asked) = (self.dims(), self.options);
         let side = |k: usize| (dims[k] as f64 - 1.0) * asked.step[k];
         let section = (0..D)
             .map(|k| (1..D).map(|l| side((k + l) % D)).product())
@@ -267,7 +277,7 @@ impl fmt::Display for Thresholds {
 
 /// What a detector finds.
 #[derive(Debug, Clone)]
-pub struct Found<const D: usize> {
+pub struct DetectorOutput<const D: usize> {
     /// Points that may lie on features, in the order of samples.
     pub candidates: Vec<Candidate<D>>,
     /// Where ranks share them: the layers of which this rank has all. `None` if every rank has all of all.
@@ -280,16 +290,16 @@ pub struct Found<const D: usize> {
     pub signal_to_noise: Option<f32>,
     /// Whether normals are known to a few degrees, so that sheets that cross at shallow angles can be
     /// told apart by them.
-    pub sharp: bool,
+    pub has_sharp_normals: bool,
     /// The value of the thin mask whose middle was sought.
-    pub mask: Option<f32>,
+    pub mask_value: Option<f32>,
     /// Of labels: which leads where, and how far apart atoms may stand.
-    pub labels: Option<(Labelled<D>, labels::Limits<D>)>,
+    pub labels: Option<(LabelMap<D>, labels::LabelSpacing<D>)>,
     /// Of paths: the share of them that passes each sample.
     pub confidence: Option<Vec<f32>>,
 }
 
-impl<const D: usize> Found<D> {
+impl<const D: usize> DetectorOutput<D> {
     /// Candidates of which there is no more to say.
     pub fn new(candidates: Vec<Candidate<D>>, scale: f64, thresholds: Thresholds) -> Self {
         Self {
@@ -298,8 +308,8 @@ impl<const D: usize> Found<D> {
             scale,
             thresholds,
             signal_to_noise: None,
-            sharp: false,
-            mask: None,
+            has_sharp_normals: false,
+            mask_value: None,
             labels: None,
             confidence: None,
         }
@@ -309,10 +319,10 @@ impl<const D: usize> Found<D> {
     ///
     /// # Errors
     /// Those of other ranks.
-    pub fn of_all(&mut self, group: &dyn Group) -> Result<Vec<Candidate<D>>> {
+    pub fn gather_candidates(&mut self, group: &dyn Comm) -> Result<Vec<Candidate<D>>> {
         let own = std::mem::take(&mut self.candidates);
         match self.layers.take() {
-            Some(_) => Ok(joined(group.all("candidates", own)?)),
+            Some(_) => Ok(concatenate(group.all_gather("candidates", own)?)),
             None => Ok(own),
         }
     }
@@ -322,15 +332,15 @@ impl<const D: usize> Found<D> {
     ///
     /// # Errors
     /// Those of other ranks.
-    pub fn drop_near_missing(
+    pub fn drop_near_missing_data(
         &mut self,
         image: &Image<D>,
         beyond_smoothing: f64,
         notes: &mut Vec<String>,
-        group: &dyn Group,
+        group: &dyn Comm,
     ) -> Result<()> {
         let reach = (3.0 * self.scale).ceil() + beyond_smoothing;
-        let near = image.near_missing(reach);
+        let near = image.rows_near_missing(reach);
         if near.is_empty() {
             return Ok(());
         }
@@ -338,7 +348,10 @@ impl<const D: usize> Found<D> {
         let dropped = self.candidates.iter().map(row);
         let mut dropped = dropped.filter(|&r| near[r] && !image.missing[r]).count();
         if self.layers.is_some() {
-            dropped = group.all("candidates dropped", dropped)?.iter().sum();
+            dropped = group
+                .all_gather("candidates dropped", dropped)?
+                .iter()
+                .sum();
         }
         self.candidates.retain(|c| !near[row(c)]);
         notes.push(format!(
@@ -349,13 +362,13 @@ impl<const D: usize> Found<D> {
 }
 
 /// A detector and what is asked of it.
-pub type Part<const D: usize> = (&'static dyn Detector<D>, Detection<D>);
+pub type DetectorTask<const D: usize> = (&'static dyn Detector<D>, DetectionOptions<D>);
 
 /// The detectors to use; and, where the image decided on one, why.
-pub type Chosen<const D: usize> = (Vec<Part<D>>, Option<Reason>);
+pub type DetectorSelection<const D: usize> = (Vec<DetectorTask<D>>, Option<SelectionReason>);
 
 /// Why an image has the features that were chosen.
-pub struct Reason {
+pub struct SelectionReason {
     /// A line for the report.
     pub note: String,
     /// What the image leaves open.
@@ -364,7 +377,7 @@ pub struct Reason {
 
 /// The detector of one kind: none is that of [`FeatureKind::Auto`], which is a choice, nor of
 /// [`FeatureKind::FaultsAndHorizons`], which takes two.
-pub fn of<const D: usize>(kind: FeatureKind) -> Option<&'static dyn Detector<D>> {
+pub fn detector_for<const D: usize>(kind: FeatureKind) -> Option<&'static dyn Detector<D>> {
     Some(match kind {
         FeatureKind::Ridges => &ridges::Ridges,
         FeatureKind::Valleys => &ridges::Valleys,
@@ -384,21 +397,26 @@ pub fn of<const D: usize>(kind: FeatureKind) -> Option<&'static dyn Detector<D>>
 ///
 /// # Errors
 /// [`Error::Feature`] if the image decided on features that the threshold does not apply to.
-pub fn chosen<const D: usize>(image: &Image<D>, asked: &Detection<D>) -> Result<Chosen<D>> {
-    match of_asked(asked) {
+pub fn select_detectors<const D: usize>(
+    image: &Image<D>,
+    asked: &DetectionOptions<D>,
+) -> Result<DetectorSelection<D>> {
+    match requested_detectors(asked) {
         Some(parts) => Ok((parts, None)),
-        None => named(
-            auto::choose(image, asked.modality.or_of(&image.geometry))?,
+        None => selection_from_choice(
+            auto::choose(image, asked.modality.or_detect(&image.geometry))?,
             asked,
         ),
     }
 }
 
 /// The detectors of what is asked for, unless the image decides.
-pub fn of_asked<const D: usize>(asked: &Detection<D>) -> Option<Vec<Part<D>>> {
+pub fn requested_detectors<const D: usize>(
+    asked: &DetectionOptions<D>,
+) -> Option<Vec<DetectorTask<D>>> {
     match asked.kind {
-        FeatureKind::FaultsAndHorizons => Some(faults_and_horizons::parts(asked)),
-        kind => of(kind).map(|detector| vec![(detector, asked.clone())]),
+        FeatureKind::FaultsAndHorizons => Some(faults_and_horizons::detector_tasks(asked)),
+        kind => detector_for(kind).map(|detector| vec![(detector, asked.clone())]),
     }
 }
 
@@ -406,10 +424,13 @@ pub fn of_asked<const D: usize>(asked: &Detection<D>) -> Option<Vec<Part<D>>> {
 ///
 /// # Errors
 /// [`Error::Feature`] if the threshold asked for does not apply to its features.
-pub fn named<const D: usize>(choice: auto::Choice<D>, asked: &Detection<D>) -> Result<Chosen<D>> {
-    let auto::Choice {
+pub fn selection_from_choice<const D: usize>(
+    choice: auto::DetectorChoice<D>,
+    asked: &DetectionOptions<D>,
+) -> Result<DetectorSelection<D>> {
+    let auto::DetectorChoice {
         detector,
-        why,
+        reason: why,
         doubt,
     } = choice;
     let kind = detector.kind();
@@ -423,7 +444,7 @@ pub fn named<const D: usize>(choice: auto::Choice<D>, asked: &Detection<D>) -> R
         }
         _ => {
             let note = format!("features: {kind} ({why})");
-            let reason = Reason { note, doubt };
+            let reason = SelectionReason { note, doubt };
             Ok((vec![(detector, asked.clone())], Some(reason)))
         }
     }
@@ -433,8 +454,8 @@ pub fn named<const D: usize>(choice: auto::Choice<D>, asked: &Detection<D>) -> R
 ///
 /// # Errors
 /// [`Error::Feature`] for what only the whole shows.
-pub fn again<const D: usize>(kind: FeatureKind) -> Result<&'static dyn Detector<D>> {
-    let problem = match of(kind) {
+pub fn detector_for_part<const D: usize>(kind: FeatureKind) -> Result<&'static dyn Detector<D>> {
+    let problem = match detector_for(kind) {
         Some(_) if kind == FeatureKind::Paths => {
             "comes from paths through the whole image and cannot be found again in a part"
         }
@@ -452,17 +473,17 @@ pub fn again<const D: usize>(kind: FeatureKind) -> Result<&'static dyn Detector<
 ///
 /// # Errors
 /// Those of other ranks.
-pub fn together<const D: usize>(
+pub fn combine_features<const D: usize>(
     found: Vec<Features<D>>,
     dims: [usize; D],
-    asked: &Detection<D>,
+    asked: &DetectionOptions<D>,
 ) -> Result<Features<D>> {
     let mut found = found.into_iter();
     Ok(match (found.next(), found.next()) {
         (Some(faults), Some(horizons)) => {
-            faults_and_horizons::together(faults, horizons, asked.weights)?
+            faults_and_horizons::combine(faults, horizons, asked.weights)?
         }
         (Some(only), None) => only,
-        _ => Features::none(dims, asked),
+        _ => Features::empty(dims, asked),
     })
 }

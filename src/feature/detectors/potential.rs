@@ -5,7 +5,7 @@
 //! valleys are as wide as the lattice asks (a standard deviation of d_min / 4, Hale 2002).
 
 use super::ridges::Valleys;
-use super::{Detector, Found, Scene};
+use super::{Detector, DetectorInput, DetectorOutput};
 use crate::error::{Error, Result, cause};
 use crate::feature::FeatureKind;
 use crate::image::Image;
@@ -18,7 +18,11 @@ impl<const D: usize> Detector<D> for Potential {
         FeatureKind::Potential
     }
 
-    fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
+    fn find(
+        &self,
+        scene: &DetectorInput<'_, D>,
+        notes: &mut Vec<String>,
+    ) -> Result<DetectorOutput<D>> {
         let mut samples = scene.image()?.as_slice().iter();
         if let Some(value) = samples.find(|s| !(-1.0..=0.0).contains(*s)) {
             return Err(Error::Image(cause(
@@ -42,24 +46,34 @@ impl<const D: usize> Detector<D> for Potential {
 
 #[cfg(test)]
 mod tests {
-    use crate::feature::scenes::{Sheet, fit, ridge_image};
-    use crate::feature::{Detection, FeatureKind, detect};
+    use crate::feature::scenes::{ExactSurface, measure_fit, ridge_image};
+    use crate::feature::{DetectionOptions, FeatureKind, detect};
     use crate::image::{Geometry, Image};
 
     #[test]
     fn a_ready_potential_is_kept() {
-        let (dims, sheets) = ([32, 32, 32], [Sheet::plane([1.0, 0.3, 0.2], [16.0; 3])]);
+        let (dims, sheets) = (
+            [32, 32, 32],
+            [ExactSurface::plane([1.0, 0.3, 0.2], [16.0; 3])],
+        );
         let ridges = ridge_image(dims, &sheets, 2.0, 0.0);
         let b: Vec<f32> = ridges.as_slice().iter().map(|s| -s).collect();
         let image = Image::new(dims, b.clone(), Geometry::default());
-        let features = detect(&image, &Detection::of(FeatureKind::Auto, 8.0)).unwrap();
+        let features =
+            detect(&image, &DetectionOptions::with_kind(FeatureKind::Auto, 8.0)).unwrap();
         assert!(
             features.notes[0].contains("potential"),
             "{:?}",
             features.notes
         );
-        assert_eq!(features.potential.dense().samples, b);
-        assert!(fit(dims, &sheets, &features.points).coverage > 0.99);
-        assert!(detect(&ridges, &Detection::of(FeatureKind::Potential, 8.0)).is_err());
+        assert_eq!(features.potential.to_dense().samples, b);
+        assert!(measure_fit(dims, &sheets, &features.points).coverage > 0.99);
+        assert!(
+            detect(
+                &ridges,
+                &DetectionOptions::with_kind(FeatureKind::Potential, 8.0)
+            )
+            .is_err()
+        );
     }
 }

@@ -10,20 +10,22 @@
 //! the scale, and is higher than all within that distance; two that are nearer than twice the width
 //! that smoothing gives them are seen as one.
 
-use super::{Detector, Found, Scene, Thresholds};
+use super::{Detector, DetectorInput, DetectorOutput, Thresholds};
+use crate::comm::{Comm, WorldComm};
 use crate::error::Result;
 use crate::feature::FeatureKind;
-use crate::feature::crossing::Candidate;
-use crate::feature::lifted::{Ambiguous, BESIDE, Search, merged};
-use crate::feature::repair::{self, Shell, repair};
-use crate::feature::ridges::{self, Statistics, ridges};
-use crate::feature::slab::{Slab, ranked};
+use crate::feature::boundary_extension::{self, BoundaryShell, extend_to_sides};
+use crate::feature::candidate::Candidate;
+use crate::feature::candidate_slab::{CandidateSlab, select_nth};
+use crate::feature::oriented::{
+    AmbiguityMask, CANDIDATE_HALO_LAYERS, OrientedSearch, merge_points,
+};
+use crate::feature::ridges::{self, RidgeStatistics, ridges};
 use crate::feature::volume::Volume;
-use crate::feature::windows::{LookedAt, Samples, Stack, Window, layer};
+use crate::feature::windows::{CoveredLayers, LayerStack, LayerWindow, Samples, layer_len};
 use crate::image::LiveMask;
-use crate::observer::Patience;
 use crate::parallel::prelude::*;
-use crate::ranks::{Group, Ranks};
+use crate::progress::CancelToken;
 use std::ops::Range;
 
 /// Finds sheets of high values.
@@ -34,15 +36,19 @@ impl<const D: usize> Detector<D> for Ridges {
         FeatureKind::Ridges
     }
 
-    fn least_sure(&self) -> f64 {
-        SURE
+    fn min_strong_share(&self) -> f64 {
+        MIN_STRONG_SHARE
     }
 
-    fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
+    fn find(
+        &self,
+        scene: &DetectorInput<'_, D>,
+        notes: &mut Vec<String>,
+    ) -> Result<DetectorOutput<D>> {
         RidgeSearch::new(scene).find(scene.samples(1.0)?, notes)
     }
 
-    fn in_layers(&self) -> bool {
+    fn is_streamable(&self) -> bool {
         true
     }
 }
@@ -55,66 +61,70 @@ impl<const D: usize> Detector<D> for Valleys {
         FeatureKind::Valleys
     }
 
-    fn least_sure(&self) -> f64 {
-        SURE
+    fn min_strong_share(&self) -> f64 {
+        MIN_STRONG_SHARE
     }
 
-    fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
+    fn find(
+        &self,
+        scene: &DetectorInput<'_, D>,
+        notes: &mut Vec<String>,
+    ) -> Result<DetectorOutput<D>> {
         RidgeSearch::new(scene).find(scene.samples(-1.0)?, notes)
     }
 
-    fn in_layers(&self) -> bool {
+    fn is_streamable(&self) -> bool {
         true
     }
 }
 
 /// The scale (samples) at which ridges are sought first.
-const FINEST: f64 = 1.5;
+const MIN_SCALE: f64 = 1.5;
 /// Where ridges drown in noise they are sought on a smoother image, up to this scale (samples).
-const COARSEST: f64 = 3.0;
+const MAX_SCALE: f64 = 3.0;
 
 /// Where more than this share of an image is ambiguous (foam, pores), long filters see several sheets at
 /// once and tell nothing apart.
-const CROWDED: f64 = 0.85;
+const MAX_AMBIGUOUS_SHARE: f64 = 0.85;
 
 /// Of a small sheet, this share is sure: of pieces of noise up to .13 are, of sheets half and more.
-const SURE: f64 = 0.2;
+const MIN_STRONG_SHARE: f64 = 0.2;
 
 /// Of two sheets side by side, which are one ridge, this share of a sure one's strength is left.
-const WEAK: f32 = 0.6;
+const WEAK_STRENGTH_SHARE: f32 = 0.6;
 
 /// How ridges are sought, in the image or in what a detector makes of it.
 pub struct RidgeSearch<'a, const D: usize> {
     /// The image, and what is settled on or asked for.
-    pub scene: &'a Scene<'a, D>,
+    pub input: &'a DetectorInput<'a, D>,
     /// The scale (samples) to begin with; from here up as smooth as noise asks.
-    pub finest: f64,
+    pub min_scale: f64,
     /// The only scale, if given.
     pub scale: Option<f64>,
     /// Whether sheets may cross at shallow angles or run close, so that all orientations are looked at.
-    pub lifts: bool,
+    pub uses_oriented_filters: bool,
     /// ... unless at least this share of the image is ambiguous.
-    pub most_ambiguous: f64,
+    pub max_ambiguous_share: f64,
     /// Ridges of this share of a sure one's strength tell where to look and at which angles.
-    pub weak: f32,
+    pub weak_share: f32,
     /// Where no threshold is given, points at all angles are kept down to this share of the strong ones.
-    pub least: fn(&Thresholds) -> f32,
+    pub min_strength_share: fn(&Thresholds) -> f32,
     /// Thresholds (low, high) where none are given.
-    pub automatic: fn(&Statistics) -> (f32, f32),
+    pub auto_thresholds: fn(&RidgeStatistics) -> (f32, f32),
 }
 
 impl<'a, const D: usize> RidgeSearch<'a, D> {
     /// As ridges of the image itself are sought.
-    pub fn new(scene: &'a Scene<'a, D>) -> Self {
+    pub fn new(input: &'a DetectorInput<'a, D>) -> Self {
         Self {
-            scene,
-            finest: FINEST,
-            scale: scene.asked.scale,
-            lifts: true,
-            most_ambiguous: CROWDED,
-            weak: WEAK,
-            least: |_| 0.46,
-            automatic: Statistics::thresholds,
+            input,
+            min_scale: MIN_SCALE,
+            scale: input.options.scale,
+            uses_oriented_filters: true,
+            max_ambiguous_share: MAX_AMBIGUOUS_SHARE,
+            weak_share: WEAK_STRENGTH_SHARE,
+            min_strength_share: |_| 0.46,
+            auto_thresholds: RidgeStatistics::thresholds,
         }
     }
 
@@ -122,60 +132,76 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
     ///
     /// # Errors
     /// That of reading them.
-    pub fn find(&self, mut samples: Samples<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
-        let (dims, patience) = (samples.dims(), self.scene.patience);
+    pub fn find(
+        &self,
+        mut samples: Samples<'_, D>,
+        notes: &mut Vec<String>,
+    ) -> Result<DetectorOutput<D>> {
+        let (dims, patience) = (samples.dims(), self.input.cancel);
         let (scale, thresholds, signal_to_noise) = self.smooth(&mut samples, notes)?;
-        let group = &Ranks as &dyn Group;
-        let seen = Seen::of(
+        let group = &WorldComm as &dyn Comm;
+        let seen = RidgeSurvey::measure(
             &samples,
             scale,
             thresholds.low,
-            (group, self.scene.live),
+            (group, self.input.live_mask),
             patience,
         )?;
         let layers = Some(seen.layers.clone());
-        let mut slab = Slab::new(dims, seen.candidates, layers.clone(), BESIDE, group)?;
-        let heights = slab.beside("heights of ridges", seen.heights)?;
-        let typical = ridges::typical_of_all(&slab)?;
+        let mut slab = CandidateSlab::new(
+            dims,
+            seen.candidates,
+            layers.clone(),
+            CANDIDATE_HALO_LAYERS,
+            group,
+        )?;
+        let heights = slab.with_halo("heights of ridges", seen.heights)?;
+        let typical = ridges::global_typical_strength(&slab)?;
         // Two sheets side by side are one weak ridge; where noise is stronger than that, none is seen.
         let noisy = thresholds.high > typical;
-        let clear = if noisy { 1.0 } else { self.weak } * thresholds.high;
+        let clear = if noisy { 1.0 } else { self.weak_share } * thresholds.high;
         let high = thresholds.high;
-        let zone = Ambiguous::new(&slab, scale, &heights, high, clear)?;
+        let zone = AmbiguityMask::new(&slab, scale, &heights, high, clear)?;
         drop(heights);
-        let sharp = self.lifts && zone.share() < self.most_ambiguous;
+        let sharp = self.uses_oriented_filters && zone.share() < self.max_ambiguous_share;
         let shell = seen.shell;
         let candidates = match sharp {
             true => {
-                let search = Search {
+                let search = OrientedSearch {
                     image: &samples,
-                    level: seen.level,
-                    floor: seen.floor,
-                    zone: &zone,
+                    background: seen.background,
+                    noise_floor: seen.noise_floor,
+                    ambiguity: &zone,
                     slab: &slab,
-                    clear,
-                    share: match self.scene.thresholds() {
+                    min_clear_strength: clear,
+                    min_strength_share: match self.input.thresholds() {
                         Some(_) => thresholds.low / typical,
-                        None => (self.least)(&thresholds),
+                        None => (self.min_strength_share)(&thresholds),
                     },
-                    typical,
-                    patience,
+                    typical_strength: typical,
+                    cancel: patience,
                 };
-                lifted(&search, high, notes)?
+                oriented_points(&search, high, notes)?
             }
             false => {
                 let all = std::mem::take(&mut slab.candidates);
-                slab.own_of(all)
+                slab.owned_candidates(all)
             }
         };
         drop((zone, slab));
-        let slab = Slab::new(dims, candidates, layers.clone(), repair::SEES, group)?;
-        let candidates = repair(shell, slab, scale, high, patience)?;
-        Ok(Found {
+        let slab = CandidateSlab::new(
+            dims,
+            candidates,
+            layers.clone(),
+            boundary_extension::HALO_LAYERS,
+            group,
+        )?;
+        let candidates = extend_to_sides(shell, slab, scale, high, patience)?;
+        Ok(DetectorOutput {
             signal_to_noise,
-            sharp,
+            has_sharp_normals: sharp,
             layers,
-            ..Found::new(candidates, scale, thresholds)
+            ..DetectorOutput::new(candidates, scale, thresholds)
         })
     }
 
@@ -186,23 +212,23 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
         samples: &mut Samples<'_, D>,
         notes: &mut Vec<String>,
     ) -> Result<(f64, Thresholds, Option<f32>)> {
-        let patience = self.scene.patience;
-        let given = self.scene.thresholds();
-        if let (Some(settled), Some(thresholds)) = (self.scene.settled, given) {
+        let patience = self.input.cancel;
+        let given = self.input.thresholds();
+        if let (Some(settled), Some(thresholds)) = (self.input.resolved, given) {
             samples.smooth(settled.scale, patience);
             return Ok((settled.scale, thresholds, None));
         }
-        let mut scale = self.scale.unwrap_or(self.finest);
+        let mut scale = self.scale.unwrap_or(self.min_scale);
         samples.smooth(scale, patience);
-        let mut statistics = ridges::statistics(samples, scale, self.scene.live, patience)?;
-        while self.scale.is_none() && statistics.drowned() && scale < COARSEST {
-            let coarser = (1.25 * scale).min(COARSEST);
+        let mut statistics = ridges::statistics(samples, scale, self.input.live_mask, patience)?;
+        while self.scale.is_none() && statistics.is_drowned() && scale < MAX_SCALE {
+            let coarser = (1.25 * scale).min(MAX_SCALE);
             samples.smooth((coarser * coarser - scale * scale).sqrt(), patience);
             scale = coarser;
-            statistics = ridges::statistics(samples, scale, self.scene.live, patience)?;
+            statistics = ridges::statistics(samples, scale, self.input.live_mask, patience)?;
         }
         let thresholds = given.unwrap_or_else(|| {
-            let (low, high) = (self.automatic)(&statistics);
+            let (low, high) = (self.auto_thresholds)(&statistics);
             Thresholds {
                 low,
                 high,
@@ -220,16 +246,16 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
 
 /// Ridge points at all orientations where one is not enough, the others as they are; those of at least
 /// `strong` are sure.
-fn lifted<const D: usize>(
-    search: &Search<'_, D>,
+fn oriented_points<const D: usize>(
+    search: &OrientedSearch<'_, D>,
     strong: f32,
     notes: &mut Vec<String>,
 ) -> Result<Vec<Candidate<D>>> {
-    let (slab, zone) = (search.slab, search.zone);
+    let (slab, zone) = (search.slab, search.ambiguity);
     let points = search.points()?;
-    let (candidates, lifted) = merged(slab, zone, &points, strong);
-    let counts = [slab.own.len(), candidates.len(), lifted].map(|n| n as u64);
-    let [before, after, count] = slab.sums("points at all angles", counts)?;
+    let (candidates, lifted) = merge_points(slab, zone, &points, strong);
+    let counts = [slab.owned.len(), candidates.len(), lifted].map(|n| n as u64);
+    let [before, after, count] = slab.global_sums("points at all angles", counts)?;
     if count > 0 {
         notes.push(format!(
             "sheets cross, branch or run close in {:.1} % of the samples: {count} points there at all \
@@ -243,12 +269,12 @@ fn lifted<const D: usize>(
 
 /// Of the tops of rows of samples, which are mostly ridges if there are ridges, this share of the typical
 /// one's height is where points are sought.
-const FLOOR: f32 = 0.25;
+const NOISE_FLOOR_SHARE: f32 = 0.25;
 /// Samples of these rows.
-const ROW: usize = 64;
+const ROW_SAMPLES: usize = 64;
 
 /// What is seen of smoothed samples on one way through them.
-struct Seen<const D: usize> {
+struct RidgeSurvey<const D: usize> {
     /// The layers that this rank has looked at, ...
     layers: Range<usize>,
     /// ... their ridge points, in the order of samples, ...
@@ -256,128 +282,135 @@ struct Seen<const D: usize> {
     /// ... and how much higher the smoothed image is at each than where there is nothing.
     heights: Vec<f32>,
     /// The median of the image as it is.
-    level: f32,
+    background: f32,
     /// The height of the smoothed image below which there is nothing to find.
-    floor: f32,
+    noise_floor: f32,
     /// Its heights near the sides, in these layers.
-    shell: Shell<D>,
+    shell: BoundaryShell<D>,
 }
 
-impl<const D: usize> Seen<D> {
-    fn of(
+impl<const D: usize> RidgeSurvey<D> {
+    fn measure(
         samples: &Samples<'_, D>,
         scale: f64,
         low: f32,
-        (group, live): (&dyn Group, Option<&LiveMask<D>>),
-        patience: &Patience<'_>,
+        (group, live): (&dyn Comm, Option<&LiveMask<D>>),
+        patience: &CancelToken<'_>,
     ) -> Result<Self> {
-        let (every, shell) = (samples.every(), Shell::new(samples.dims(), scale));
-        let mut layers = LookedAt::default();
+        let (every, shell) = (
+            samples.sample_stride(),
+            BoundaryShell::new(samples.dims(), scale),
+        );
+        let mut layers = CoveredLayers::default();
         let (mut candidates, mut heights) = (Vec::new(), Vec::new());
         let (mut near_sides, mut some) = (Vec::new(), [Vec::new(), Vec::new()]);
-        let mut tops = Tops::default();
-        let mut look = |window: &Window<'_, D>| {
+        let mut tops = RowTops::default();
+        let mut look = |window: &LayerWindow<'_, D>| {
             let mut found = ridges(window, scale, low, patience);
             if let Some(live) = live {
                 let whole = Volume::new(window.dims, &[]);
                 found.retain(|c| live.is_usable(whole.coordinates(c.voxel.index())));
             }
-            let own = window.smoothed.layers(&window.own.layers);
+            let own = window.smoothed.layers(&window.interior.layers);
             let (near, glance) = rayon::join(
-                || shell.of_layers(own, window.own.layers.start),
-                || Glance::of(window, &found, every),
+                || shell.extract_layers(own, window.interior.layers.start),
+                || WindowStatistics::measure(window, &found, every),
             );
-            layers.add(&window.own);
+            layers.add(&window.interior);
             append(&mut candidates, found);
             append(&mut near_sides, near);
             append(&mut heights, glance.heights);
-            for (some, more) in some.iter_mut().zip(glance.some) {
+            for (some, more) in some.iter_mut().zip(glance.subsamples) {
                 append(some, more);
             }
-            tops.add(glance.begun, glance.tops);
+            tops.add(glance.first_top, glance.tops);
         };
-        let reach = ridges::REACH;
-        samples.each(reach, None, &|_| 1, patience, &mut look, &mut |()| ())?;
+        let reach = ridges::DIFFERENCE_REACH;
+        samples.for_each_window(reach, None, &|_| 1, patience, &mut look, &mut |()| ())?;
         let middle = |count: usize| count / 2;
         let [as_is, smoothed] = some;
-        let level = ranked("samples", as_is, middle, group)?.unwrap_or(0.0) as f32;
-        let nothing = ranked("smoothed samples", smoothed, middle, group)?.unwrap_or(0.0) as f32;
+        let level = select_nth("samples", as_is, middle, group)?.unwrap_or(0.0) as f32;
+        let nothing =
+            select_nth("smoothed samples", smoothed, middle, group)?.unwrap_or(0.0) as f32;
         heights.par_iter_mut().for_each(|height| *height -= nothing);
-        let tops = tops.joined(group)?;
-        let top = ranked("tops of rows", tops, |count| count * 9 / 10, group)?;
+        let tops = tops.gather(group)?;
+        let top = select_nth("tops of rows", tops, |count| count * 9 / 10, group)?;
         Ok(Self {
             layers: layers.0,
             candidates,
             heights,
-            level,
-            floor: top.map_or(nothing, |top| nothing + FLOOR * (top as f32 - nothing)),
-            shell: shell.with(near_sides),
+            background: level,
+            noise_floor: top.map_or(nothing, |top| {
+                nothing + NOISE_FLOOR_SHARE * (top as f32 - nothing)
+            }),
+            shell: shell.with_heights(near_sides),
         })
     }
 }
 
 /// What is seen at a glance of a window's samples.
-struct Glance {
+struct WindowStatistics {
     /// How high the smoothed image is at each of its ridge points.
     heights: Vec<f32>,
     /// Samples here and there, as they are and smoothed.
-    some: [Vec<f32>; 2],
+    subsamples: [Vec<f32>; 2],
     /// The highest of what belongs to a row begun before, and of each row of smoothed samples.
-    begun: Option<f32>,
+    first_top: Option<f32>,
     tops: Vec<f32>,
 }
 
-impl Glance {
-    fn of<const D: usize>(
-        window: &Window<'_, D>,
+impl WindowStatistics {
+    fn measure<const D: usize>(
+        window: &LayerWindow<'_, D>,
         candidates: &[Candidate<D>],
         every: usize,
     ) -> Self {
         let (whole, smoothed) = (Volume::new(window.dims, &[]), window.smoothed);
-        let height = |c: &Candidate<D>| smoothed.at(whole.coordinates(c.voxel.index()));
-        let own = smoothed.layers(&window.own.layers);
-        let passed = window.own.layers.start * layer(window.dims);
+        let height = |c: &Candidate<D>| smoothed.value_at(whole.coordinates(c.voxel.index()));
+        let own = smoothed.layers(&window.interior.layers);
+        let passed = window.interior.layers.start * layer_len(window.dims);
         let skipped = passed.next_multiple_of(every) - passed;
-        let some_of = |stack: Stack<'_, D>| {
-            let own = stack.layers(&window.own.layers);
+        let some_of = |stack: LayerStack<'_, D>| {
+            let own = stack.layers(&window.interior.layers);
             let count = own.len().saturating_sub(skipped).div_ceil(every);
             let each = (0..count).into_par_iter();
             each.map(|i| own[skipped + i * every]).collect()
         };
-        let (begun, rows) = own.split_at(own.len().min(passed.next_multiple_of(ROW) - passed));
+        let (begun, rows) =
+            own.split_at(own.len().min(passed.next_multiple_of(ROW_SAMPLES) - passed));
         let highest = |row: &[f32]| row.iter().copied().fold(f32::MIN, f32::max);
         Self {
             heights: candidates.par_iter().map(height).collect(),
-            some: [window.raw, smoothed].map(some_of),
-            begun: (!begun.is_empty()).then(|| highest(begun)),
-            tops: rows.par_chunks(ROW).map(highest).collect(),
+            subsamples: [window.raw, smoothed].map(some_of),
+            first_top: (!begun.is_empty()).then(|| highest(begun)),
+            tops: rows.par_chunks(ROW_SAMPLES).map(highest).collect(),
         }
     }
 }
 
 /// The tops of rows of samples that follow one another.
 #[derive(Default)]
-struct Tops {
+struct RowTops {
     /// Of a row that was begun before the first.
-    begun: Option<f32>,
+    first_top: Option<f32>,
     tops: Vec<f32>,
 }
 
-impl Tops {
+impl RowTops {
     fn add(&mut self, begun: Option<f32>, tops: Vec<f32>) {
         if let Some(top) = begun {
             match self.tops.last_mut() {
                 Some(last) => *last = last.max(top),
-                None => self.begun = Some(self.begun.map_or(top, |begun| begun.max(top))),
+                None => self.first_top = Some(self.first_top.map_or(top, |begun| begun.max(top))),
             }
         }
         append(&mut self.tops, tops);
     }
 
     /// The tops, where others have those of the rows that follow: of a row that one has begun its own is that of all.
-    fn joined(mut self, group: &dyn Group) -> Result<Vec<f32>> {
-        let own = (self.begun, self.tops.is_empty());
-        let all: Vec<(Option<f32>, bool)> = group.all("tops of rows begun", own)?;
+    fn gather(mut self, group: &dyn Comm) -> Result<Vec<f32>> {
+        let own = (self.first_top, self.tops.is_empty());
+        let all: Vec<(Option<f32>, bool)> = group.all_gather("tops of rows begun", own)?;
         let mut after = all[group.rank() + 1..].iter();
         let mut goes_on = true;
         while let Some((begun, no_row)) = after.next().filter(|_| goes_on) {
@@ -398,26 +431,30 @@ fn append<T>(all: &mut Vec<T>, more: Vec<T>) {
 
 #[cfg(test)]
 mod tests {
-    use super::{Detector, RidgeSearch, Ridges, Scene};
+    use super::{Detector, DetectorInput, RidgeSearch, Ridges};
     use crate::feature::scenes::{
-        Noise, Sheet, crossing_sheets, fit, image_of, plane_image, ridge_image,
+        ExactSurface, Noise, crossing_surfaces, image_of, measure_fit, plane_image, ridge_image,
         ridges_in_correlated_noise,
     };
     use crate::feature::volume::Volume;
     use crate::feature::windows::Samples;
-    use crate::feature::windows::tests::ByLayers;
-    use crate::feature::{Detection, FeatureKind, Features, detect};
-    use crate::image::{Geometry, Image, Source};
-    use crate::observer::Patience;
+    use crate::feature::windows::tests::LayeredImage;
+    use crate::feature::{DetectionOptions, FeatureKind, Features, detect};
+    use crate::image::{Geometry, Image, ImageSource};
+    use crate::progress::CancelToken;
 
     #[test]
     #[ignore = "slow: make test-all"]
     fn noisy_crossing_curved_sheets_are_found() {
-        let (dims, sheets) = crossing_sheets();
+        let (dims, sheets) = crossing_surfaces();
         for (width, noise) in [(1.0, 0.2), (1.5, 0.0), (1.5, 0.25), (2.0, 0.25)] {
             let image = ridge_image(dims, &sheets, width, noise);
-            let features = detect(&image, &Detection::of(FeatureKind::Ridges, 8.0)).unwrap();
-            let fit = fit(dims, &sheets, &features.points);
+            let features = detect(
+                &image,
+                &DetectionOptions::with_kind(FeatureKind::Ridges, 8.0),
+            )
+            .unwrap();
+            let fit = measure_fit(dims, &sheets, &features.points);
             assert!(fit.coverage > 0.99, "{width} {noise} {fit:?}");
             assert!(fit.precision > 0.995, "{width} {noise} {fit:?}");
             assert!(fit.rms < 0.15, "{width} {noise} {fit:?}");
@@ -428,11 +465,15 @@ mod tests {
     #[test]
     #[ignore = "slow: make test-all"]
     fn correlated_noise_is_told_from_sheets() {
-        let (dims, sheets) = crossing_sheets();
+        let (dims, sheets) = crossing_surfaces();
         for (width, noise, coverage) in [(1.5, 0.15, 0.98), (1.5, 0.2, 0.95), (2.0, 0.25, 0.8)] {
             let image = ridges_in_correlated_noise(dims, &sheets, width, noise, 1.0);
-            let features = detect(&image, &Detection::of(FeatureKind::Ridges, 8.0)).unwrap();
-            let fit = fit(dims, &sheets, &features.points);
+            let features = detect(
+                &image,
+                &DetectionOptions::with_kind(FeatureKind::Ridges, 8.0),
+            )
+            .unwrap();
+            let fit = measure_fit(dims, &sheets, &features.points);
             assert!(
                 fit.coverage > coverage && fit.precision > 0.97,
                 "{width} {noise} {fit:?}"
@@ -444,7 +485,7 @@ mod tests {
     fn valleys_are_ridges_upside_down() {
         let (dims, sheets) = (
             [40, 36, 32],
-            [Sheet::plane([1.0, 0.3, 0.2], [20.0, 18.0, 16.0])],
+            [ExactSurface::plane([1.0, 0.3, 0.2], [20.0, 18.0, 16.0])],
         );
         let image = ridge_image(dims, &sheets, 1.5, 0.1);
         let negated = Image::new(
@@ -452,8 +493,16 @@ mod tests {
             image.as_slice().iter().map(|s| -s).collect(),
             Geometry::default(),
         );
-        let ridges = detect(&image, &Detection::of(FeatureKind::Ridges, 4.0)).unwrap();
-        let valleys = detect(&negated, &Detection::of(FeatureKind::Valleys, 4.0)).unwrap();
+        let ridges = detect(
+            &image,
+            &DetectionOptions::with_kind(FeatureKind::Ridges, 4.0),
+        )
+        .unwrap();
+        let valleys = detect(
+            &negated,
+            &DetectionOptions::with_kind(FeatureKind::Valleys, 4.0),
+        )
+        .unwrap();
         assert!(!ridges.points.is_empty());
         assert_eq!(ridges.points, valleys.points);
         assert_eq!(ridges.potential, valleys.potential);
@@ -463,7 +512,11 @@ mod tests {
     fn noise_alone_gives_hardly_any_feature() {
         let mut noise = Noise::new(11);
         let image = image_of([64, 64, 64], |_| noise.normal());
-        let features = detect(&image, &Detection::of(FeatureKind::Ridges, 8.0)).unwrap();
+        let features = detect(
+            &image,
+            &DetectionOptions::with_kind(FeatureKind::Ridges, 8.0),
+        )
+        .unwrap();
         assert!(features.points.len() < 1000, "{:?}", features.notes);
     }
 
@@ -502,7 +555,8 @@ mod tests {
         let image = plane_image(dims, |p| {
             bell(ring(p)).max(bell(line(p))) + 0.15 * noise.normal()
         });
-        let features = detect(&image, &Detection::of(FeatureKind::Auto, 8.0)).unwrap();
+        let features =
+            detect(&image, &DetectionOptions::with_kind(FeatureKind::Auto, 8.0)).unwrap();
         assert!(features.notes[0].contains("ridges"), "{:?}", features.notes);
         let nearest = |p: [f64; 2]| ring(p).abs().min(line(p).abs());
         let (arc, rms) = curve_fit(
@@ -525,7 +579,7 @@ mod tests {
         assert_eq!(features.potential.dims, dims);
         let deepest = features
             .potential
-            .dense()
+            .to_dense()
             .samples
             .iter()
             .copied()
@@ -549,7 +603,11 @@ mod tests {
             .map(|i| (-0.5 * (off(at(i)) / width).powi(2)).exp() as f32)
             .collect();
         let image = Image::new(dims, samples, Geometry::default());
-        let features = detect(&image, &Detection::of(FeatureKind::Ridges, 5.0)).unwrap();
+        let features = detect(
+            &image,
+            &DetectionOptions::with_kind(FeatureKind::Ridges, 5.0),
+        )
+        .unwrap();
         let (mut worst, mut turned, mut inner) = ([0.0f64; 2], 0.0f64, 0);
         for point in &features.points {
             let p = point.position.map(f64::from);
@@ -590,28 +648,28 @@ mod tests {
 
     #[test]
     fn a_few_layers_at_a_time_show_what_all_do() {
-        a_few_show_what_all_do([52, 48, 150]);
+        check_windows_match_whole([52, 48, 150]);
         // In two strips.
-        a_few_show_what_all_do([52, 150, 48]);
+        check_windows_match_whole([52, 150, 48]);
     }
 
-    fn a_few_show_what_all_do(dims: [usize; 3]) {
+    fn check_windows_match_whole(dims: [usize; 3]) {
         // Two sheets that cross at 20 degrees, and noise that has them sought at all angles.
         let middle = dims.map(|n| 0.5 * n as f64);
-        let sheets = [[1.0, 0.1, 0.0], [0.95, 0.1, 0.34]].map(|n| Sheet::plane(n, middle));
+        let sheets = [[1.0, 0.1, 0.0], [0.95, 0.1, 0.34]].map(|n| ExactSurface::plane(n, middle));
         let image = ridge_image(dims, &sheets, 1.5, 0.25);
-        let asked = Detection::of(FeatureKind::Ridges, 8.0);
-        let patience = Patience::endless();
-        let scene = Scene::new(Source::Held(&image), &asked, &patience);
+        let asked = DetectionOptions::with_kind(FeatureKind::Ridges, 8.0);
+        let patience = CancelToken::never();
+        let scene = DetectorInput::new(ImageSource::InMemory(&image), &asked, &patience);
         let (mut notes, mut other_notes) = (Vec::new(), Vec::new());
         let whole = Ridges.find(&scene, &mut notes).unwrap();
         assert!(
             notes.iter().any(|note| note.contains("all angles")),
             "{notes:?}"
         );
-        let by_layers = ByLayers(&image);
-        let samples = Samples::in_layers(&by_layers, 1.0).limited([0, 1]);
-        let samples = samples.in_strips(1, usize::MAX);
+        let by_layers = LayeredImage(&image);
+        let samples = Samples::from_layers(&by_layers, 1.0).with_limits([0, 1]);
+        let samples = samples.with_strips(1, usize::MAX);
         let parts = RidgeSearch::new(&scene)
             .find(samples, &mut other_notes)
             .unwrap();

@@ -10,13 +10,13 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 /// How names of files end that have not taken theirs yet.
-pub const UNFINISHED: &str = ".atomesh-unfinished";
+pub const UNFINISHED_SUFFIX: &str = ".atomesh-unfinished";
 
 /// How second names of files end that are being replaced.
-pub const BEFORE: &str = ".atomesh-before";
+pub const BACKUP_SUFFIX: &str = ".atomesh-before";
 
 /// Random characters in a temporary name.
-pub const RANDOM: usize = 6;
+pub const RANDOM_CHAR_COUNT: usize = 6;
 
 /// What temporary names in place of a target's begin with: hidden, and recognisable.
 pub fn prefix(target: &Path) -> OsString {
@@ -24,7 +24,7 @@ pub fn prefix(target: &Path) -> OsString {
     let mut prefix = OsString::from(".");
     match name.to_str() {
         // Cut so that a long (but legal) target name does not make an illegal temporary one.
-        Some(name) if name.len() > MOST => prefix.extend([cut(name)]),
+        Some(name) if name.len() > MAX_PREFIX_BYTES => prefix.extend([truncate_name(name)]),
         _ => prefix.push(name),
     }
     prefix.push(".");
@@ -32,27 +32,29 @@ pub fn prefix(target: &Path) -> OsString {
 }
 
 /// Bytes of a target's name that a temporary one holds at most: names have at most 255.
-const MOST: usize = 200;
+const MAX_PREFIX_BYTES: usize = 200;
 
-fn cut(name: &str) -> &OsStr {
-    let end = (0..=MOST).rev().find(|&i| name.is_char_boundary(i));
+fn truncate_name(name: &str) -> &OsStr {
+    let end = (0..=MAX_PREFIX_BYTES)
+        .rev()
+        .find(|&i| name.is_char_boundary(i));
     OsStr::new(&name[..end.unwrap_or_default()])
 }
 
 /// Removes what killed processes left in a folder; once for each folder.
-pub fn sweep(folder: &Path) {
-    static SWEPT: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
-    let swept = SWEPT
+pub fn remove_leftovers(folder: &Path) {
+    static CLEANED_FOLDERS: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+    let swept = CLEANED_FOLDERS
         .lock()
         .unwrap_or_else(PoisonError::into_inner)
         .insert(folder.to_path_buf());
     if swept {
-        sweep_now(folder);
+        remove_leftovers_now(folder);
     }
 }
 
 /// Failures are no matter here: what cannot be removed stays.
-fn sweep_now(folder: &Path) {
+fn remove_leftovers_now(folder: &Path) {
     let Ok(entries) = fs::read_dir(folder) else {
         return;
     };
@@ -61,8 +63,8 @@ fn sweep_now(folder: &Path) {
         let Some(name) = name.to_str().and_then(|name| name.strip_prefix('.')) else {
             continue;
         };
-        let unfinished = name.ends_with(UNFINISHED);
-        let before = name.strip_suffix(BEFORE);
+        let unfinished = name.ends_with(UNFINISHED_SUFFIX);
+        let before = name.strip_suffix(BACKUP_SUFFIX);
         let Ok(kind) = entry.file_type() else {
             continue;
         };
@@ -81,8 +83,8 @@ fn sweep_now(folder: &Path) {
         }
         // A name that may have been cut says nothing of its target.
         let target = before
-            .and_then(|name| name.get(..name.len().checked_sub(RANDOM + 1)?))
-            .filter(|name| name.len() + 4 <= MOST);
+            .and_then(|name| name.get(..name.len().checked_sub(RANDOM_CHAR_COUNT + 1)?))
+            .filter(|name| name.len() + 4 <= MAX_PREFIX_BYTES);
         let _ = match target.map(|name| folder.join(name)) {
             None if !unfinished => continue,
             // Killed where files cannot have two names, between giving this one up and the new one.
@@ -106,10 +108,10 @@ mod tests {
             name.push(suffix);
             at(name.to_str().unwrap())
         };
-        let [dead, alive] = ["dead", "alive"].map(|name| temporary(name, UNFINISHED));
+        let [dead, alive] = ["dead", "alive"].map(|name| temporary(name, UNFINISHED_SUFFIX));
         // Nobody's, though it looks like it; cut within a character it would be no text.
-        let odd = at(&format!(".éééé{BEFORE}"));
-        let [kept, lost] = ["kept.vtu", "lost.vtu"].map(|name| temporary(name, BEFORE));
+        let odd = at(&format!(".éééé{BACKUP_SUFFIX}"));
+        let [kept, lost] = ["kept.vtu", "lost.vtu"].map(|name| temporary(name, BACKUP_SUFFIX));
         for path in [
             &dead,
             &alive,
@@ -122,12 +124,12 @@ mod tests {
             fs::write(path, path.to_str().unwrap()).unwrap();
         }
         // A folder, with what is in it.
-        let tree = temporary("a.zarr", UNFINISHED);
+        let tree = temporary("a.zarr", UNFINISHED_SUFFIX);
         fs::create_dir_all(tree.join("c")).unwrap();
         fs::write(tree.join("c/0"), "").unwrap();
         let held = File::open(&alive).unwrap();
         held.lock().unwrap();
-        sweep_now(folder.path());
+        remove_leftovers_now(folder.path());
         let there = |path: &Path| path.exists();
         assert!(!cfg!(unix) || !there(&tree));
         assert!(!there(&dead) && there(&alive) && !there(&kept) && !there(&lost));
@@ -141,7 +143,7 @@ mod tests {
             lost.to_str().unwrap()
         );
         drop(held);
-        sweep_now(folder.path());
+        remove_leftovers_now(folder.path());
         assert!(!there(&alive));
     }
 

@@ -9,8 +9,8 @@
 //! What a killed process leaves under temporary names, the next one that writes into the same folder
 //! removes.
 
+mod committed;
 mod leftovers;
-mod placed;
 mod tree;
 mod unfinished;
 
@@ -20,10 +20,10 @@ use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use crate::error::{Error, Result, cause, os};
-use placed::Placed;
-use tree::{PlacedTree, Tree};
-use unfinished::{Taken, Unfinished};
+use crate::error::{Error, Result, cause, io_error};
+use committed::CommittedFile;
+use tree::{CommittedTree, UnfinishedTree};
+use unfinished::{FinishedFile, UnfinishedFile};
 
 pub use tree::check_tree;
 pub use unfinished::{exit_without_unfinished, remove_unfinished};
@@ -33,34 +33,34 @@ pub use unfinished::{exit_without_unfinished, remove_unfinished};
 ///
 /// # Errors
 /// Those of the work; [`Error::Io`] if a file cannot take its name: then none has.
-pub fn together<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
+pub fn transaction<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
     /// Also where the work panics.
-    struct Open;
-    impl Drop for Open {
+    struct TransactionGuard;
+    impl Drop for TransactionGuard {
         fn drop(&mut self) {
-            drop(OPEN.take());
+            drop(OPEN_BATCH.take());
         }
     }
-    OPEN.set(Some(Batch::default()));
-    let guard = Open;
+    OPEN_BATCH.set(Some(Batch::default()));
+    let guard = TransactionGuard;
     let done = work()?;
-    let batch = OPEN.take();
+    let batch = OPEN_BATCH.take();
     drop(guard);
     batch.map_or(Ok(()), Batch::commit)?;
     Ok(done)
 }
 
 /// What this writes appears when it is written, also within [`together`].
-pub fn at_once<T>(work: impl FnOnce() -> T) -> T {
-    let job = OPEN.take();
+pub fn commit_immediately<T>(work: impl FnOnce() -> T) -> T {
+    let job = OPEN_BATCH.take();
     let done = work();
-    OPEN.set(job);
+    OPEN_BATCH.set(job);
     done
 }
 
 thread_local! {
     /// What [`together`] has gathered so far.
-    static OPEN: RefCell<Option<Batch>> = const { RefCell::new(None) };
+    static OPEN_BATCH: RefCell<Option<Batch>> = const { RefCell::new(None) };
 }
 
 /// Writes a file so that nobody ever sees half of it: `write` fills a temporary file in the
@@ -83,11 +83,11 @@ pub fn atomic_write(
 #[derive(Default)]
 pub struct Batch {
     /// Each file, and the name it will take.
-    files: Vec<(Unfinished, PathBuf)>,
+    files: Vec<(UnfinishedFile, PathBuf)>,
     /// Folders made for them, the outer ones first.
     folders: Vec<PathBuf>,
     /// Folders that appear with all that is in them.
-    trees: Vec<Tree>,
+    trees: Vec<UnfinishedTree>,
 }
 
 impl Batch {
@@ -97,13 +97,13 @@ impl Batch {
     /// # Errors
     /// [`Error::Io`] if the folder around it does not exist or something else has its name; those of
     /// filling it.
-    pub fn tree(
+    pub fn write_tree(
         &mut self,
         path: &Path,
         file: &str,
         fill: impl FnOnce(&Path) -> Result<()>,
     ) -> Result<()> {
-        let tree = Tree::create(path, file)?;
+        let tree = UnfinishedTree::create(path, file)?;
         fill(tree.path())?;
         sync_folder(tree.path());
         self.trees.push(tree);
@@ -119,25 +119,25 @@ impl Batch {
         path: &Path,
         write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
     ) -> Result<()> {
-        let (unfinished, file) = Unfinished::create(path)?;
+        let (unfinished, file) = UnfinishedFile::create(path)?;
         let mut writer = BufWriter::with_capacity(1 << 16, file);
         let written = write(&mut writer);
-        self.keep(path, unfinished, writer, written)
+        self.add_written(path, unfinished, writer, written)
     }
 
     /// Keeps a file that has been written, unless that failed. Apart from [`Batch::write`], so that it is compiled
     /// once.
-    fn keep(
+    fn add_written(
         &mut self,
         path: &Path,
-        unfinished: Unfinished,
+        unfinished: UnfinishedFile,
         mut writer: BufWriter<File>,
         written: io::Result<()>,
     ) -> Result<()> {
         written
             .and_then(|()| writer.flush())
             .and_then(|()| writer.get_ref().sync_all())
-            .map_err(|error| os(path, "write", error))?;
+            .map_err(|error| io_error(path, "write", error))?;
         self.files.push((unfinished, path.to_path_buf()));
         Ok(())
     }
@@ -146,15 +146,15 @@ impl Batch {
     ///
     /// # Errors
     /// [`Error::Io`] if it cannot be made.
-    pub fn folder(&mut self, path: &Path) -> Result<()> {
+    pub fn create_folder(&mut self, path: &Path) -> Result<()> {
         let missing: Vec<&Path> = path
             .ancestors()
             .take_while(|folder| *folder != Path::new("") && !folder.is_dir())
             .collect();
         for folder in missing.into_iter().rev() {
             // Not between the folder and the note of it may the process end.
-            let mut all = unfinished::all();
-            fs::create_dir(folder).map_err(|error| os(folder, "make the folder", error))?;
+            let mut all = unfinished::unfinished_paths();
+            fs::create_dir(folder).map_err(|error| io_error(folder, "make the folder", error))?;
             all.folders.push(folder.to_path_buf());
             self.folders.push(folder.to_path_buf());
         }
@@ -167,22 +167,23 @@ impl Batch {
     /// [`Error::Io`] if one cannot take its name; those before it have given theirs back then, and
     /// what they had replaced is there again.
     pub fn commit(mut self) -> Result<()> {
-        if OPEN.with_borrow(Option::is_some) {
-            OPEN.with_borrow_mut(|job| job.as_mut().map(|job| job.take_over(self)));
+        if OPEN_BATCH.with_borrow(Option::is_some) {
+            OPEN_BATCH.with_borrow_mut(|job| job.as_mut().map(|job| job.merge(self)));
             return Ok(());
         }
         // Whoever removes unfinished files waits until all these are finished.
-        let mut unfinished = unfinished::all();
+        let mut unfinished = unfinished::unfinished_paths();
         let many = self.files.len() + self.trees.len() > 1;
-        let trees = self.trees.iter().map(Tree::target);
+        let trees = self.trees.iter().map(UnfinishedTree::target);
         let paths = (self.files.iter()).map(|(_, path)| path.as_path());
         let folders: BTreeSet<PathBuf> = (paths.chain(trees))
-            .map(|path| folder_of(path).to_path_buf())
+            .map(|path| parent_folder(path).to_path_buf())
             .collect();
-        let mut grown: Vec<PlacedTree> = Vec::new();
-        let undone = |grown: Vec<PlacedTree>| grown.into_iter().rev().for_each(PlacedTree::undo);
+        let mut grown: Vec<CommittedTree> = Vec::new();
+        let undone =
+            |grown: Vec<CommittedTree>| grown.into_iter().rev().for_each(CommittedTree::undo);
         for tree in std::mem::take(&mut self.trees) {
-            match tree.place(&mut unfinished) {
+            match tree.commit(&mut unfinished) {
                 Ok(tree) => grown.push(tree),
                 Err(error) => {
                     undone(grown);
@@ -190,15 +191,15 @@ impl Batch {
                 }
             }
         }
-        let files: Vec<(Taken, PathBuf)> = (self.files.drain(..))
-            .filter_map(|(file, path)| Some((file.taken(&mut unfinished)?, path)))
+        let files: Vec<(FinishedFile, PathBuf)> = (self.files.drain(..))
+            .filter_map(|(file, path)| Some((file.finish(&mut unfinished)?, path)))
             .collect();
-        let mut placed: Vec<Placed> = Vec::new();
+        let mut placed: Vec<CommittedFile> = Vec::new();
         for (temporary, path) in files {
-            match Placed::new(temporary.path, path, many) {
+            match CommittedFile::new(temporary.path, path, many) {
                 Ok(file) => placed.push(file),
                 Err(error) => {
-                    placed.into_iter().rev().for_each(Placed::undo);
+                    placed.into_iter().rev().for_each(CommittedFile::undo);
                     undone(grown);
                     return Err(error);
                 }
@@ -214,14 +215,15 @@ impl Batch {
 
 impl Batch {
     /// What another has written, in place of what was to have the same names.
-    fn take_over(&mut self, mut other: Self) {
+    fn merge(&mut self, mut other: Self) {
         let paths: BTreeSet<&Path> = other.files.iter().map(|(_, path)| path.as_path()).collect();
         self.files
             .retain(|(_, path)| !paths.contains(path.as_path()));
         self.files.append(&mut other.files);
         self.folders.append(&mut other.folders);
         let later = std::mem::take(&mut other.trees);
-        let replaced = |tree: &Tree| later.iter().any(|other| other.target() == tree.target());
+        let replaced =
+            |tree: &UnfinishedTree| later.iter().any(|other| other.target() == tree.target());
         self.trees.retain(|tree| !replaced(tree));
         self.trees.extend(later);
     }
@@ -234,7 +236,7 @@ impl Drop for Batch {
         if self.folders.is_empty() {
             return;
         }
-        let mut all = unfinished::all();
+        let mut all = unfinished::unfinished_paths();
         all.folders.retain(|folder| !self.folders.contains(folder));
         for folder in self.folders.iter().rev() {
             // Fails, as it shall, where there are files in it.
@@ -249,7 +251,7 @@ impl Drop for Batch {
 /// # Errors
 /// [`Error::Io`] that names the folder.
 pub fn check_target(path: &Path) -> Result<()> {
-    let folder = folder_of(path);
+    let folder = parent_folder(path);
     if !folder.is_dir() {
         let problem = format!("the folder {} does not exist", folder.display());
         return Err(Error::Io(cause(
@@ -268,7 +270,7 @@ pub fn check_target(path: &Path) -> Result<()> {
     Ok(())
 }
 
-fn folder_of(path: &Path) -> &Path {
+fn parent_folder(path: &Path) -> &Path {
     match path.parent() {
         Some(parent) if parent != Path::new("") => parent,
         _ => Path::new("."),
@@ -290,7 +292,7 @@ fn sync_folder(folder: &Path) {
 mod tests {
     use super::*;
 
-    fn names(folder: &Path) -> Vec<String> {
+    fn list_names(folder: &Path) -> Vec<String> {
         let mut names: Vec<_> = fs::read_dir(folder)
             .unwrap()
             .map(|entry| entry.unwrap().file_name().into_string().unwrap())
@@ -306,7 +308,7 @@ mod tests {
         atomic_write(&path, |w| w.write_all(b"old")).unwrap();
         atomic_write(&path, |w| w.write_all(b"new")).unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"new");
-        assert_eq!(names(folder.path()), ["a.txt"]);
+        assert_eq!(list_names(folder.path()), ["a.txt"]);
     }
 
     #[test]
@@ -321,7 +323,7 @@ mod tests {
         .unwrap_err();
         assert!(error.to_string().contains("disk full"), "{error}");
         assert_eq!(fs::read(&path).unwrap(), b"old");
-        assert_eq!(names(folder.path()), ["a.txt"]);
+        assert_eq!(list_names(folder.path()), ["a.txt"]);
     }
 
     #[test]
@@ -330,7 +332,7 @@ mod tests {
         let inner = folder.path().join("case/inner");
         let fill = |fails: bool| {
             let mut batch = Batch::default();
-            batch.folder(&inner)?;
+            batch.create_folder(&inner)?;
             batch.write(&inner.join("a"), |w| w.write_all(b"a"))?;
             batch.write(&inner.join("b"), |w| match fails {
                 true => Err(std::io::Error::other("disk full")),
@@ -339,11 +341,11 @@ mod tests {
             batch.commit()
         };
         assert!(fill(true).is_err());
-        assert!(names(folder.path()).is_empty());
+        assert!(list_names(folder.path()).is_empty());
         fill(false).unwrap();
-        assert_eq!(names(&inner), ["a", "b"]);
+        assert_eq!(list_names(&inner), ["a", "b"]);
         assert!(fill(true).is_err());
-        assert_eq!(names(&inner), ["a", "b"]);
+        assert_eq!(list_names(&inner), ["a", "b"]);
     }
 
     #[test]
@@ -352,28 +354,28 @@ mod tests {
         let path = folder.path().join("a.tree");
         let fill = |text: &'static str, fails: bool| {
             let mut batch = Batch::default();
-            batch.tree(&path, "mark", |at| {
-                fs::write(at.join("mark"), text).map_err(|e| os(at, "write", e))?;
+            batch.write_tree(&path, "mark", |at| {
+                fs::write(at.join("mark"), text).map_err(|e| io_error(at, "write", e))?;
                 match fails {
                     true => Err(Error::Io(cause("disk", "is full", "make room"))),
-                    false => fs::write(at.join(text), "").map_err(|e| os(at, "write", e)),
+                    false => fs::write(at.join(text), "").map_err(|e| io_error(at, "write", e)),
                 }
             })?;
             batch.commit()
         };
         assert!(fill("one", true).is_err());
-        assert!(names(folder.path()).is_empty());
+        assert!(list_names(folder.path()).is_empty());
         fill("one", false).unwrap();
         fill("two", false).unwrap();
-        assert_eq!(names(&path), ["mark", "two"]);
+        assert_eq!(list_names(&path), ["mark", "two"]);
         assert!(fill("three", true).is_err());
-        assert_eq!(names(&path), ["mark", "two"]);
-        assert_eq!(names(folder.path()), ["a.tree"]);
+        assert_eq!(list_names(&path), ["mark", "two"]);
+        assert_eq!(list_names(folder.path()), ["a.tree"]);
         // A folder of something else stays.
         fs::remove_file(path.join("mark")).unwrap();
         let error = fill("four", false).unwrap_err().to_string();
         assert!(error.contains("holds no mark"), "{error}");
-        assert_eq!(names(&path), ["two"]);
+        assert_eq!(list_names(&path), ["two"]);
     }
 
     /// The second of three files cannot take its name: the first gives its own back, with what was
@@ -396,7 +398,7 @@ mod tests {
             assert!(error.contains("b: cannot write"), "{error}");
             fs::remove_dir_all(at("b")).unwrap();
             let expected: &[&str] = if before.is_some() { &["a", "c"] } else { &[] };
-            assert_eq!(names(folder.path()), expected);
+            assert_eq!(list_names(folder.path()), expected);
             for name in expected {
                 assert_eq!(fs::read_to_string(at(name)).ok().as_deref(), before);
             }
@@ -407,7 +409,7 @@ mod tests {
             batch.write(&at(name), |w| w.write_all(b"new")).unwrap();
         }
         batch.commit().unwrap();
-        assert_eq!(names(folder.path()), ["a", "b", "c"]);
+        assert_eq!(list_names(folder.path()), ["a", "b", "c"]);
         assert_eq!(fs::read(at("a")).unwrap(), b"new");
     }
 
@@ -419,13 +421,13 @@ mod tests {
         let mut batch = Batch::default();
         batch.write(&path, |w| w.write_all(b"new")).unwrap();
         let temporary = batch.files[0].0.path().to_path_buf();
-        assert!(unfinished::all().files.contains(&temporary));
+        assert!(unfinished::unfinished_paths().files.contains(&temporary));
         // As `exit_without_unfinished` does, which would trouble the tests beside this one.
         fs::remove_file(&temporary).unwrap();
         assert!(batch.commit().is_err());
-        assert!(!unfinished::all().files.contains(&temporary));
+        assert!(!unfinished::unfinished_paths().files.contains(&temporary));
         assert_eq!(fs::read(&path).unwrap(), b"old");
-        assert_eq!(names(folder.path()), ["a.txt"]);
+        assert_eq!(list_names(folder.path()), ["a.txt"]);
     }
 
     #[cfg(unix)]
@@ -450,6 +452,6 @@ mod tests {
             .unwrap_err()
             .to_string();
         assert!(error.contains("is a folder"), "{error}");
-        assert!(names(folder.path()).is_empty());
+        assert!(list_names(folder.path()).is_empty());
     }
 }

@@ -5,38 +5,38 @@ use std::path::{Path, PathBuf};
 
 use tempfile::Builder;
 
-use super::leftovers::{self, BEFORE, RANDOM, UNFINISHED, prefix};
-use super::{folder_of, unfinished};
-use crate::error::{Error, Result, cause, os};
+use super::leftovers::{self, BACKUP_SUFFIX, RANDOM_CHAR_COUNT, UNFINISHED_SUFFIX, prefix};
+use super::{parent_folder, unfinished};
+use crate::error::{Error, Result, cause, io_error};
 
 /// A folder under a temporary name, which is removed with all that is in it when dropped.
-pub struct Tree {
-    temporary: Option<PathBuf>,
+pub struct UnfinishedTree {
+    temp_path: Option<PathBuf>,
     target: PathBuf,
     /// Keeps it locked: whoever finds it knows that it is not left over.
     _lock: Option<File>,
 }
 
-impl Tree {
+impl UnfinishedTree {
     /// Beside its target, to be filled.
     ///
     /// # Errors
     /// As [`check_tree`], or if it cannot be made.
     pub fn create(target: &Path, file: &str) -> Result<Self> {
         check_tree(target, file)?;
-        leftovers::sweep(folder_of(target));
+        leftovers::remove_leftovers(parent_folder(target));
         // Not between the folder and the note of it may the process end.
-        let mut all = unfinished::all();
-        let temporary = name(target, UNFINISHED)
+        let mut all = unfinished::unfinished_paths();
+        let temporary = unused_name(target, UNFINISHED_SUFFIX)
             .and_then(|path| fs::create_dir(&path).map(|()| path))
-            .map_err(|error| os(target, "make the folder", error))?;
+            .map_err(|error| io_error(target, "make the folder", error))?;
         // Best effort: not everywhere can folders be locked.
         let lock = File::open(&temporary)
             .ok()
             .filter(|file| file.try_lock().is_ok());
         all.trees.insert(temporary.clone());
         Ok(Self {
-            temporary: Some(temporary),
+            temp_path: Some(temporary),
             target: target.to_path_buf(),
             _lock: lock,
         })
@@ -44,7 +44,7 @@ impl Tree {
 
     /// Where it is filled.
     pub fn path(&self) -> &Path {
-        self.temporary.as_deref().unwrap_or(&self.target)
+        self.temp_path.as_deref().unwrap_or(&self.target)
     }
 
     /// What it will be called.
@@ -56,18 +56,18 @@ impl Tree {
     ///
     /// # Errors
     /// What the operating system reports.
-    pub fn place(mut self, all: &mut unfinished::All) -> Result<PlacedTree> {
-        let failed = |error| os(&self.target, "write", error);
-        let mut placed = PlacedTree {
+    pub fn commit(mut self, all: &mut unfinished::UnfinishedPaths) -> Result<CommittedTree> {
+        let failed = |error| io_error(&self.target, "write", error);
+        let mut placed = CommittedTree {
             target: self.target.clone(),
-            before: None,
+            backup: None,
         };
         if self.target.exists() {
-            let before = name(&self.target, BEFORE).map_err(failed)?;
+            let before = unused_name(&self.target, BACKUP_SUFFIX).map_err(failed)?;
             fs::rename(&self.target, &before).map_err(failed)?;
-            placed.before = Some(before);
+            placed.backup = Some(before);
         }
-        let Some(temporary) = self.temporary.take() else {
+        let Some(temporary) = self.temp_path.take() else {
             return Ok(placed);
         };
         all.trees.remove(&temporary);
@@ -75,7 +75,7 @@ impl Tree {
             Ok(()) => Ok(placed),
             Err(error) => {
                 drop(fs::remove_dir_all(temporary));
-                if let Some(before) = placed.before.take() {
+                if let Some(before) = placed.backup.take() {
                     drop(fs::rename(before, &self.target));
                 }
                 Err(failed(error))
@@ -84,51 +84,54 @@ impl Tree {
     }
 }
 
-impl Drop for Tree {
+impl Drop for UnfinishedTree {
     fn drop(&mut self) {
-        if let Some(temporary) = self.temporary.take() {
-            unfinished::all().trees.remove(&temporary);
+        if let Some(temporary) = self.temp_path.take() {
+            unfinished::unfinished_paths().trees.remove(&temporary);
             drop(fs::remove_dir_all(temporary));
         }
     }
 }
 
 /// A folder that has taken its name, and what had that before, which is removed when this is dropped.
-pub struct PlacedTree {
+pub struct CommittedTree {
     target: PathBuf,
-    before: Option<PathBuf>,
+    backup: Option<PathBuf>,
 }
 
-impl PlacedTree {
+impl CommittedTree {
     /// Gives the name back to what had it.
     pub fn undo(mut self) {
         // Nothing useful can be done if this fails: the first error is the one to report.
         drop(fs::remove_dir_all(&self.target));
-        if let Some(before) = self.before.take() {
+        if let Some(before) = self.backup.take() {
             drop(fs::rename(before, &self.target));
         }
     }
 }
 
-impl Drop for PlacedTree {
+impl Drop for CommittedTree {
     fn drop(&mut self) {
-        if let Some(before) = self.before.take() {
+        if let Some(before) = self.backup.take() {
             drop(fs::remove_dir_all(before));
         }
     }
 }
 
 /// A name beside a target that nothing has.
-fn name(target: &Path, suffix: &str) -> std::io::Result<PathBuf> {
+fn unused_name(target: &Path, suffix: &str) -> std::io::Result<PathBuf> {
     let prefix = prefix(target);
     let mut builder = Builder::new();
-    builder.prefix(&prefix).suffix(suffix).rand_bytes(RANDOM);
+    builder
+        .prefix(&prefix)
+        .suffix(suffix)
+        .rand_bytes(RANDOM_CHAR_COUNT);
     let free = |path: &Path| match path.exists() {
         true => Err(std::io::ErrorKind::AlreadyExists.into()),
         false => Ok(path.to_path_buf()),
     };
     // Nothing is made: the path alone is wanted.
-    Ok(builder.make_in(folder_of(target), free)?.into_parts().0)
+    Ok(builder.make_in(parent_folder(target), free)?.into_parts().0)
 }
 
 /// Checks that a folder could be written at `path`: its own folder exists, and nothing is there but what is
@@ -137,7 +140,7 @@ fn name(target: &Path, suffix: &str) -> std::io::Result<PathBuf> {
 /// # Errors
 /// [`Error::Io`] that names what is in the way.
 pub fn check_tree(path: &Path, file: &str) -> Result<()> {
-    let folder = folder_of(path);
+    let folder = parent_folder(path);
     if !folder.is_dir() {
         let problem = format!("the folder {} does not exist", folder.display());
         let remedy = "create it, or write elsewhere";

@@ -12,34 +12,34 @@ use vtkio::model::{
     Piece, VertexNumbers, Vtk,
 };
 
-use super::{DataArray, Document, Packing, Values};
+use super::{ArrayPacking, DataArray, Document, Values};
 
 /// What every legacy file begins with.
 pub const MAGIC: &[u8] = b"# vtk DataFile";
 
 /// The text of a file's head: three lines and the data set's, and for images three more.
-const HEAD: usize = 2048;
+const MAX_HEADER_BYTES: usize = 2048;
 
 /// The same content as an XML file.
 ///
 /// # Errors
 /// What is wrong with the file.
-pub fn as_xml(bytes: &[u8]) -> Result<Vec<u8>, String> {
-    let bytes = &with_known_types(bytes);
-    let begin = after_data_set(bytes).ok_or("is a VTK file without a data set")?;
-    let (fields, bytes) = without_fields(bytes, begin)?;
-    let data = parsed(&bytes)?;
+pub fn to_xml(bytes: &[u8]) -> Result<Vec<u8>, String> {
+    let bytes = &replace_type_names(bytes);
+    let begin = data_set_line_end(bytes).ok_or("is a VTK file without a data set")?;
+    let (fields, bytes) = split_field_data(bytes, begin)?;
+    let data = parse(&bytes)?;
     let kind = match &data {
         DataSet::ImageData { .. } => "ImageData",
         DataSet::UnstructuredGrid { .. } => "UnstructuredGrid",
         _ => return Err("holds neither an image nor an unstructured grid".into()),
     };
-    let mut content = Content {
+    let mut content = XmlContent {
         fields: fields
             .into_iter()
             .map(field_array)
             .collect::<Result<_, _>>()?,
-        ..Content::default()
+        ..XmlContent::default()
     };
     match data {
         DataSet::ImageData {
@@ -54,17 +54,17 @@ pub fn as_xml(bytes: &[u8]) -> Result<Vec<u8>, String> {
                 ("SPACING", "Spacing"),
                 ("ASPECT_RATIO", "Spacing"),
             ] {
-                let value = after_word(&bytes[begin..], word);
+                let value = find_line_value(&bytes[begin..], word);
                 content
                     .attributes
                     .extend(value.map(|text| (attribute, text)));
             }
             content.piece.push(("Extent", whole));
-            content.take_attributes(only(pieces)?.data)?;
+            content.take_attributes(single_piece(pieces)?.data)?;
         }
         DataSet::UnstructuredGrid { pieces, .. } => {
-            let piece = only(pieces)?;
-            let points = numbers(piece.points)?;
+            let piece = single_piece(pieces)?;
+            let points = to_values(piece.points)?;
             let count = points.len() / 3;
             content.piece.push(("NumberOfPoints", count.to_string()));
             content.points = Some(points);
@@ -73,11 +73,11 @@ pub fn as_xml(bytes: &[u8]) -> Result<Vec<u8>, String> {
         }
         _ => {}
     }
-    content.written(kind).map_err(|error| error.to_string())
+    content.to_xml(kind).map_err(|error| error.to_string())
 }
 
 /// The data set, if the whole file is understood.
-fn parsed(bytes: &[u8]) -> Result<DataSet, String> {
+fn parse(bytes: &[u8]) -> Result<DataSet, String> {
     let damaged = "is damaged, cut off, or holds more than numbers";
     let (rest, Vtk { data, .. }) = vtkio::parser::parse_be(bytes).map_err(|_| damaged)?;
     match rest.iter().all(u8::is_ascii_whitespace) {
@@ -87,7 +87,7 @@ fn parsed(bytes: &[u8]) -> Result<DataSet, String> {
 }
 
 /// The only piece: legacy files have one.
-fn only<P>(pieces: Vec<Piece<P>>) -> Result<P, String> {
+fn single_piece<P>(pieces: Vec<Piece<P>>) -> Result<P, String> {
     match pieces.into_iter().next() {
         Some(Piece::Inline(piece)) => Ok(*piece),
         _ => Err("holds nothing".into()),
@@ -95,7 +95,7 @@ fn only<P>(pieces: Vec<Piece<P>>) -> Result<P, String> {
 }
 
 /// The file with VTK's new names of number types as their old ones.
-fn with_known_types(bytes: &[u8]) -> Vec<u8> {
+fn replace_type_names(bytes: &[u8]) -> Vec<u8> {
     let mut known = Vec::with_capacity(bytes.len());
     for line in bytes.split_inclusive(|&b| b == b'\n') {
         let names = [
@@ -116,9 +116,9 @@ fn with_known_types(bytes: &[u8]) -> Vec<u8> {
 }
 
 /// Where the line ends that names the data set.
-fn after_data_set(bytes: &[u8]) -> Option<usize> {
+fn data_set_line_end(bytes: &[u8]) -> Option<usize> {
     let mut end = 0;
-    for line in bytes[..bytes.len().min(HEAD)].split_inclusive(|&b| b == b'\n') {
+    for line in bytes[..bytes.len().min(MAX_HEADER_BYTES)].split_inclusive(|&b| b == b'\n') {
         end += line.len();
         if line.len() > 7 && line[..7].eq_ignore_ascii_case(b"DATASET") {
             return Some(end);
@@ -128,7 +128,7 @@ fn after_data_set(bytes: &[u8]) -> Option<usize> {
 }
 
 /// The field data that stands in front of the data set, and the file without it.
-fn without_fields(bytes: &[u8], begin: usize) -> Result<(Vec<FieldArray>, Vec<u8>), String> {
+fn split_field_data(bytes: &[u8], begin: usize) -> Result<(Vec<FieldArray>, Vec<u8>), String> {
     let rest = bytes[begin..].trim_ascii_start();
     if !rest.starts_with(b"FIELD") {
         return Ok((Vec::new(), bytes.to_vec()));
@@ -150,8 +150,8 @@ fn without_fields(bytes: &[u8], begin: usize) -> Result<(Vec<FieldArray>, Vec<u8
 }
 
 /// The words behind the first line that begins with this one.
-fn after_word(bytes: &[u8], word: &str) -> Option<String> {
-    let head = String::from_utf8_lossy(&bytes[..bytes.len().min(HEAD)]);
+fn find_line_value(bytes: &[u8], word: &str) -> Option<String> {
+    let head = String::from_utf8_lossy(&bytes[..bytes.len().min(MAX_HEADER_BYTES)]);
     let mut lines = head.lines();
     lines.find_map(|line| {
         let mut words = line.split_ascii_whitespace();
@@ -161,7 +161,7 @@ fn after_word(bytes: &[u8], word: &str) -> Option<String> {
     })
 }
 
-fn numbers(buffer: IOBuffer) -> Result<Values, String> {
+fn to_values(buffer: IOBuffer) -> Result<Values, String> {
     Ok(match buffer {
         IOBuffer::Bit(_) => return Err("has an array of bits, which is not read".into()),
         IOBuffer::U8(v) => v.into(),
@@ -179,14 +179,14 @@ fn numbers(buffer: IOBuffer) -> Result<Values, String> {
 
 fn field_array(array: FieldArray) -> Result<DataArray, String> {
     Ok(DataArray {
-        name: decoded(&array.name),
+        name: decode_name(&array.name),
         components: array.elem as usize,
-        values: numbers(array.data)?,
+        values: to_values(array.data)?,
     })
 }
 
 /// Names stand without spaces: `%20` is one.
-fn decoded(name: &str) -> String {
+fn decode_name(name: &str) -> String {
     let mut bytes = Vec::new();
     let mut rest = name.as_bytes();
     while let [first, after @ ..] = rest {
@@ -209,38 +209,38 @@ fn decoded(name: &str) -> String {
 
 /// What an XML file holds.
 #[derive(Default)]
-struct Content {
+struct XmlContent {
     /// Attributes of the data set, and of its only piece.
     attributes: Vec<(&'static str, String)>,
     piece: Vec<(&'static str, String)>,
     fields: Vec<DataArray>,
     /// The name of the active scalars on points.
     scalars: Option<String>,
-    on_points: Vec<DataArray>,
-    on_cells: Vec<DataArray>,
+    point_arrays: Vec<DataArray>,
+    cell_arrays: Vec<DataArray>,
     points: Option<Values>,
     cells: Vec<DataArray>,
 }
 
-impl Content {
+impl XmlContent {
     fn take_attributes(&mut self, data: Attributes) -> Result<(), String> {
         let is_scalars = |attribute: &&Attribute| {
             matches!(attribute, Attribute::DataArray(array)
                 if matches!(array.elem, ElementType::Scalars { .. }))
         };
         let active = data.point.iter().find(is_scalars);
-        self.scalars = active.map(|attribute| decoded(attribute.name()));
+        self.scalars = active.map(|attribute| decode_name(attribute.name()));
         for (attributes, arrays) in [
-            (data.point, &mut self.on_points),
-            (data.cell, &mut self.on_cells),
+            (data.point, &mut self.point_arrays),
+            (data.cell, &mut self.cell_arrays),
         ] {
             for attribute in attributes {
                 match attribute {
                     Attribute::DataArray(array) if array.elem == ElementType::LookupTable => {}
                     Attribute::DataArray(array) => arrays.push(DataArray {
-                        name: decoded(&array.name),
+                        name: decode_name(&array.name),
                         components: array.elem.num_comp() as usize,
-                        values: numbers(array.data)?,
+                        values: to_values(array.data)?,
                     }),
                     Attribute::Field { data_array, .. } => {
                         for array in data_array {
@@ -256,7 +256,9 @@ impl Content {
     fn take_cells(&mut self, cells: Cells) -> Result<(), String> {
         let count = cells.types.len();
         let (connectivity, ends) = match cells.cell_verts {
-            VertexNumbers::Legacy { vertices, .. } => apart(&vertices).ok_or("has broken cells")?,
+            VertexNumbers::Legacy { vertices, .. } => {
+                split_cells(&vertices).ok_or("has broken cells")?
+            }
             VertexNumbers::XML {
                 connectivity,
                 offsets,
@@ -288,22 +290,22 @@ impl Content {
         Ok(())
     }
 
-    fn written(&self, kind: &'static str) -> std::io::Result<Vec<u8>> {
-        let mut document = Document::packed(kind, &self.attributes, Packing::None);
-        open_with(&mut document, "FieldData", &[], &self.fields);
+    fn to_xml(&self, kind: &'static str) -> std::io::Result<Vec<u8>> {
+        let mut document = Document::with_packing(kind, &self.attributes, ArrayPacking::None);
+        open_with_arrays(&mut document, "FieldData", &[], &self.fields);
         document.close();
         document.open("Piece", &self.piece);
         let scalars = self.scalars.iter();
         let active: Vec<_> = scalars.map(|name| ("Scalars", name.clone())).collect();
-        open_with(&mut document, "PointData", &active, &self.on_points);
+        open_with_arrays(&mut document, "PointData", &active, &self.point_arrays);
         document.close();
-        open_with(&mut document, "CellData", &[], &self.on_cells);
+        open_with_arrays(&mut document, "CellData", &[], &self.cell_arrays);
         document.close();
         if let Some(points) = &self.points {
             document.open("Points", &[]);
-            document.array(points.source("Points", 3));
+            document.add_array(points.source("Points", 3));
             document.close();
-            open_with(&mut document, "Cells", &[], &self.cells);
+            open_with_arrays(&mut document, "Cells", &[], &self.cells);
         }
         let mut bytes = Cursor::new(Vec::new());
         document.write(&mut bytes)?;
@@ -312,7 +314,7 @@ impl Content {
 }
 
 /// Opens an element and puts arrays into it.
-fn open_with<'a>(
+fn open_with_arrays<'a>(
     document: &mut Document<'a>,
     element: &'static str,
     attributes: &[(&str, String)],
@@ -320,12 +322,12 @@ fn open_with<'a>(
 ) {
     document.open(element, attributes);
     for array in arrays {
-        document.array(array.values.source(&array.name, array.components));
+        document.add_array(array.values.source(&array.name, array.components));
     }
 }
 
 /// The nodes of cells that each begin with their number, and where each cell ends.
-fn apart(cells: &[u32]) -> Option<(Vec<u64>, Vec<u64>)> {
+fn split_cells(cells: &[u32]) -> Option<(Vec<u64>, Vec<u64>)> {
     let (mut nodes, mut ends) = (Vec::new(), Vec::new());
     let mut rest = cells;
     while let [size, after @ ..] = rest {
@@ -343,9 +345,9 @@ mod tests {
 
     #[test]
     fn names_are_decoded() {
-        assert_eq!(decoded("two%20words"), "two words");
-        assert_eq!(decoded("100%"), "100%");
-        assert_eq!(decoded("%zz%c3%bc"), "%zzü");
+        assert_eq!(decode_name("two%20words"), "two words");
+        assert_eq!(decode_name("100%"), "100%");
+        assert_eq!(decode_name("%zz%c3%bc"), "%zzü");
     }
 
     /// Cut anywhere, a file is never read and never panics.
@@ -354,12 +356,12 @@ mod tests {
         let text = "# vtk DataFile Version 3.0\ntitle\nASCII\nDATASET UNSTRUCTURED_GRID\n\
                     POINTS 4 float\n0 0 0 1 0 0 0 1 0 0 0 1\nCELLS 1 5\n4 0 1 2 3\n\
                     CELL_TYPES 1\n10\nCELL_DATA 1\nSCALARS region int 1\nLOOKUP_TABLE default\n7\n";
-        assert!(as_xml(text.as_bytes()).is_ok());
+        assert!(to_xml(text.as_bytes()).is_ok());
         // The last line may lack its end.
         for end in 0..text.find("CELL_TYPES").unwrap() {
-            assert!(as_xml(&text.as_bytes()[..end]).is_err(), "cut at {end}");
+            assert!(to_xml(&text.as_bytes()[..end]).is_err(), "cut at {end}");
         }
-        let wrong = |from: &str, to: &str| as_xml(text.replace(from, to).as_bytes()).unwrap_err();
+        let wrong = |from: &str, to: &str| to_xml(text.replace(from, to).as_bytes()).unwrap_err();
         assert!(wrong("CELL_DATA 1", "CELL_DATA 2").contains("damaged"));
         assert!(wrong("region int", "region string").contains("damaged"));
         assert!(wrong("4 0 1 2 3", "9 0 1 2 3").contains("broken cells"));

@@ -19,7 +19,7 @@ pub(crate) mod write;
 pub(crate) mod xml;
 
 pub use read::VtkFile;
-pub use write::{Document, Packing, Source};
+pub use write::{ArrayPacking, ArraySource, Document};
 
 /// One named array of a VTK file, `components` numbers a tuple.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,13 +44,13 @@ impl DataArray {
 }
 
 /// A number type that VTK files can hold.
-pub trait Scalar: Copy + Send + Sync + 'static {
+pub trait VtkScalar: Copy + Send + Sync + 'static {
     /// VTK's name of the type.
-    const KIND: &'static str;
+    const TYPE_NAME: &'static str;
     /// Bytes of a number.
     const SIZE: usize;
     /// Appends the number, little endian.
-    fn put(self, bytes: &mut Vec<u8>);
+    fn append_bytes(self, bytes: &mut Vec<u8>);
 }
 
 macro_rules! scalars {
@@ -63,11 +63,11 @@ macro_rules! scalars {
         }
 
         $(
-            impl Scalar for $type {
-                const KIND: &'static str = $kind;
+            impl VtkScalar for $type {
+                const TYPE_NAME: &'static str = $kind;
                 const SIZE: usize = size_of::<$type>();
                 #[inline]
-                fn put(self, bytes: &mut Vec<u8>) {
+                fn append_bytes(self, bytes: &mut Vec<u8>) {
                     bytes.extend_from_slice(&self.to_le_bytes());
                 }
             }
@@ -93,7 +93,7 @@ macro_rules! scalars {
             }
 
             /// VTK's name of the number type.
-            pub fn kind(&self) -> &'static str {
+            pub fn type_name(&self) -> &'static str {
                 match self {
                     $(Self::$variant(_) => $kind,)*
                 }
@@ -122,7 +122,7 @@ macro_rules! scalars {
 
             /// The numbers, exactly, if they are integers.
             pub fn to_integers(&self) -> Option<Vec<i128>> {
-                if matches!(self.kind(), "Float32" | "Float64") {
+                if matches!(self.type_name(), "Float32" | "Float64") {
                     return None;
                 }
                 Some(match self {
@@ -138,7 +138,7 @@ macro_rules! scalars {
             }
 
             /// The tuples with these numbers, `components` numbers each, in this order.
-            pub fn tuples(&self, which: &[u32], components: usize) -> Self {
+            pub fn select_tuples(&self, which: &[u32], components: usize) -> Self {
                 match self {
                     $(Self::$variant(v) => {
                         let tuple = |&i: &u32| i as usize * components..(i as usize + 1) * components;
@@ -159,9 +159,9 @@ macro_rules! scalars {
             }
 
             /// The numbers as a source for a [`Document`].
-            pub fn source<'a>(&'a self, name: &str, components: usize) -> Source<'a> {
+            pub fn source<'a>(&'a self, name: &str, components: usize) -> ArraySource<'a> {
                 match self {
-                    $(Self::$variant(v) => Source::slice(name, components, v),)*
+                    $(Self::$variant(v) => ArraySource::slice(name, components, v),)*
                 }
             }
 

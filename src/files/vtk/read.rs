@@ -7,7 +7,7 @@ use crate::parallel::prelude::*;
 use super::unpack::Compressor;
 use super::xml::{self, Element};
 use super::{DataArray, Values, legacy};
-use crate::error::{Error, Result, cause, os};
+use crate::error::{Error, Result, cause, io_error};
 
 /// A VTK XML file in memory, arrays still as they are in the file.
 pub struct VtkFile {
@@ -15,7 +15,7 @@ pub struct VtkFile {
     bytes: Vec<u8>,
     root: Element,
     big_endian: bool,
-    wide_headers: bool,
+    has_u64_headers: bool,
     compressor: Option<Compressor>,
 }
 
@@ -25,51 +25,51 @@ impl VtkFile {
     /// # Errors
     /// [`Error::Io`] if it cannot be read, is no VTK XML file, or holds something else.
     pub fn read(path: &Path, kind: &str) -> Result<Self> {
-        let bytes = std::fs::read(path).map_err(|e| os(path, "read", e))?;
+        let bytes = std::fs::read(path).map_err(|e| io_error(path, "read", e))?;
         let file = Self {
             path: path.to_path_buf(),
             bytes,
             root: Element::default(),
             big_endian: false,
-            wide_headers: false,
+            has_u64_headers: false,
             compressor: None,
         };
-        file.parsed(kind)
+        file.parse(kind)
     }
 
-    fn parsed(mut self, kind: &str) -> Result<Self> {
+    fn parse(mut self, kind: &str) -> Result<Self> {
         let remedy = format!("give a VTK XML file of type {kind}");
         if self.bytes.is_empty() {
-            return Err(self.fault("is empty", remedy));
+            return Err(self.error("is empty", remedy));
         }
         if self.bytes.starts_with(legacy::MAGIC) {
-            self.bytes = legacy::as_xml(&self.bytes)
-                .map_err(|why| self.fault(why, "write it as a VTK XML file"))?;
+            self.bytes = legacy::to_xml(&self.bytes)
+                .map_err(|why| self.error(why, "write it as a VTK XML file"))?;
         }
         let start = &self.bytes[..self.bytes.len().min(4096)];
         if !start.windows(8).any(|w| w == b"<VTKFile") {
-            return Err(self.fault("is not a VTK XML file", remedy));
+            return Err(self.error("is not a VTK XML file", remedy));
         }
         let root = xml::parse(&self.bytes)
-            .map_err(|why| self.fault(format!("is damaged: {why}"), "write it again"))?;
+            .map_err(|why| self.error(format!("is damaged: {why}"), "write it again"))?;
         let held = root.attribute("type").unwrap_or("nothing");
         if root.name != "VTKFile" || held != kind || root.child(kind).is_none() {
-            return Err(self.fault(format!("holds {held}, not {kind}"), remedy));
+            return Err(self.error(format!("holds {held}, not {kind}"), remedy));
         }
         self.big_endian = root.attribute("byte_order") == Some("BigEndian");
-        self.wide_headers = match root.attribute("header_type") {
+        self.has_u64_headers = match root.attribute("header_type") {
             None | Some("UInt32") => false,
             Some("UInt64") => true,
             Some(other) => {
                 let problem = format!("has headers of the unknown type {other}");
-                return Err(self.fault(problem, "write it with UInt64 headers"));
+                return Err(self.error(problem, "write it with UInt64 headers"));
             }
         };
         self.compressor = match root.attribute("compressor") {
             None | Some("") => None,
-            Some(name) => Some(Compressor::named(name).ok_or_else(|| {
+            Some(name) => Some(Compressor::from_name(name).ok_or_else(|| {
                 let problem = format!("is compressed with {name}, which is not read");
-                self.fault(problem, "write it with zlib compression, or none")
+                self.error(problem, "write it with zlib compression, or none")
             })?),
         };
         self.root = root;
@@ -95,8 +95,8 @@ impl VtkFile {
             .filter(|c| c.name == "Piece");
         match (pieces.next(), pieces.count()) {
             (Some(piece), 0) => Ok(piece),
-            (None, _) => Err(self.fault("has no piece", "write it again")),
-            (_, more) => Err(self.fault(
+            (None, _) => Err(self.error("has no piece", "write it again")),
+            (_, more) => Err(self.error(
                 format!("has {} pieces", more + 1),
                 "merge them into one (ParaView: Merge Blocks)",
             )),
@@ -110,14 +110,18 @@ impl VtkFile {
     pub fn child<'e>(&self, element: &'e Element, name: &str) -> Result<&'e Element> {
         element
             .child(name)
-            .ok_or_else(|| self.fault(format!("has no {name}"), "write it again"))
+            .ok_or_else(|| self.error(format!("has no {name}"), "write it again"))
     }
 
     /// An attribute of whole or real numbers that must be there.
     ///
     /// # Errors
     /// [`Error::Io`] that names it.
-    pub fn numbers<T: std::str::FromStr>(&self, element: &Element, name: &str) -> Result<Vec<T>> {
+    pub fn parse_attribute<T: std::str::FromStr>(
+        &self,
+        element: &Element,
+        name: &str,
+    ) -> Result<Vec<T>> {
         let text = element.attribute(name);
         text.and_then(|text| {
             text.split_ascii_whitespace()
@@ -127,7 +131,7 @@ impl VtkFile {
         .ok_or_else(|| {
             let found = text.map_or("missing".to_string(), |t| format!("'{t}'"));
             let problem = format!("the attribute {name} of {} is {found}", element.name);
-            self.fault(problem, "write it again")
+            self.error(problem, "write it again")
         })
     }
 
@@ -138,7 +142,7 @@ impl VtkFile {
     pub fn array(&self, element: &Element) -> Result<DataArray> {
         let name = element.attribute("Name").unwrap_or_default().to_string();
         let fault =
-            |problem: String| self.fault(format!("array '{name}' {problem}"), "write it again");
+            |problem: String| self.error(format!("array '{name}' {problem}"), "write it again");
         let kind = element.attribute("type").unwrap_or_default();
         let components = match element.attribute("NumberOfComponents") {
             None => 1,
@@ -155,7 +159,7 @@ impl VtkFile {
                 .ok_or_else(unknown)?
                 .map_err(|word| fault(format!("holds '{word}', which is not of type {kind}")))?
         } else {
-            let bytes = self.decoded(element).map_err(fault)?;
+            let bytes = self.decode(element).map_err(fault)?;
             Values::from_bytes(kind, &bytes, self.big_endian).ok_or_else(unknown)?
         };
         if components == 0 || values.len() % components != 0 {
@@ -176,7 +180,7 @@ impl VtkFile {
     pub fn text(&self, element: &Element) -> Result<String> {
         let name = element.attribute("Name").unwrap_or_default();
         let fault =
-            |problem: String| self.fault(format!("array '{name}' {problem}"), "write it again");
+            |problem: String| self.error(format!("array '{name}' {problem}"), "write it again");
         let mut bytes = if element.attribute("format") == Some("ascii") {
             let text = String::from_utf8_lossy(&self.bytes[element.text.clone()]);
             text.split_ascii_whitespace()
@@ -186,7 +190,7 @@ impl VtkFile {
                 })
                 .collect::<Result<Vec<u8>>>()?
         } else {
-            self.decoded(element).map_err(fault)?
+            self.decode(element).map_err(fault)?
         };
         if bytes.last() == Some(&0) {
             bytes.pop();
@@ -195,31 +199,31 @@ impl VtkFile {
     }
 
     /// An error about this file.
-    pub fn fault(&self, problem: impl std::fmt::Display, remedy: impl std::fmt::Display) -> Error {
+    pub fn error(&self, problem: impl std::fmt::Display, remedy: impl std::fmt::Display) -> Error {
         Error::Io(cause(self.path.display(), problem, remedy))
     }
 
     /// The bytes of a binary or appended array, decoded and decompressed.
-    fn decoded(&self, element: &Element) -> std::result::Result<Vec<u8>, String> {
+    fn decode(&self, element: &Element) -> std::result::Result<Vec<u8>, String> {
         let mut stream = match element.attribute("format") {
-            Some("binary") => Stream::base64(&self.bytes[element.text.clone()]),
-            Some("appended") => self.appended(element)?,
+            Some("binary") => ByteStream::base64(&self.bytes[element.text.clone()]),
+            Some("appended") => self.appended_stream(element)?,
             Some(other) => return Err(format!("has the unknown format {other}")),
             None => return Err("has no format".to_string()),
         };
         let Some(compressor) = self.compressor else {
-            let size = self.header(&mut stream, 1)?[0];
-            return stream.take(size);
+            let size = self.read_header(&mut stream, 1)?[0];
+            return stream.read_bytes(size);
         };
-        let blocks = self.header(&mut stream, 1)?[0];
-        let sizes = self.header(&mut stream, 2)?;
+        let blocks = self.read_header(&mut stream, 1)?[0];
+        let sizes = self.read_header(&mut stream, 2)?;
         let (block, last) = (sizes[0], sizes[1]);
-        let packed_sizes = self.header(&mut stream, blocks)?;
+        let packed_sizes = self.read_header(&mut stream, blocks)?;
         // The header and the blocks are base64 streams of their own.
-        stream.next_stream();
+        stream.discard_padding();
         let packed: Vec<Vec<u8>> = packed_sizes
             .iter()
-            .map(|&size| stream.take(size))
+            .map(|&size| stream.read_bytes(size))
             .collect::<std::result::Result<_, _>>()?;
         let unpacked: Vec<Vec<u8>> = packed
             .into_par_iter()
@@ -232,9 +236,13 @@ impl VtkFile {
         Ok(unpacked.concat())
     }
 
-    fn header(&self, stream: &mut Stream, count: usize) -> std::result::Result<Vec<usize>, String> {
-        let size = if self.wide_headers { 8 } else { 4 };
-        let bytes = stream.take(
+    fn read_header(
+        &self,
+        stream: &mut ByteStream,
+        count: usize,
+    ) -> std::result::Result<Vec<usize>, String> {
+        let size = if self.has_u64_headers { 8 } else { 4 };
+        let bytes = stream.read_bytes(
             count
                 .checked_mul(size)
                 .ok_or("is damaged: its header is too long")?,
@@ -252,7 +260,7 @@ impl VtkFile {
     }
 
     /// The stream of an appended array.
-    fn appended(&self, element: &Element) -> std::result::Result<Stream<'_>, String> {
+    fn appended_stream(&self, element: &Element) -> std::result::Result<ByteStream<'_>, String> {
         let data = self
             .root
             .child("AppendedData")
@@ -270,19 +278,19 @@ impl VtkFile {
             .get(offset..)
             .ok_or("is cut off: the file ends before it")?;
         Ok(match data.attribute("encoding") {
-            Some("raw") => Stream::Raw(bytes),
-            _ => Stream::base64(bytes),
+            Some("raw") => ByteStream::Raw(bytes),
+            _ => ByteStream::base64(bytes),
         })
     }
 }
 
 /// Bytes as they come: raw, or base64 in pieces that may each end with padding.
-enum Stream<'a> {
+enum ByteStream<'a> {
     Raw(&'a [u8]),
     Base64 { text: &'a [u8], decoded: Vec<u8> },
 }
 
-impl<'a> Stream<'a> {
+impl<'a> ByteStream<'a> {
     fn base64(text: &'a [u8]) -> Self {
         Self::Base64 {
             text,
@@ -291,7 +299,7 @@ impl<'a> Stream<'a> {
     }
 
     /// The next bytes; an error if there are not so many.
-    fn take(&mut self, count: usize) -> std::result::Result<Vec<u8>, String> {
+    fn read_bytes(&mut self, count: usize) -> std::result::Result<Vec<u8>, String> {
         let cut = || "is cut off or damaged: data is missing".to_string();
         match self {
             Self::Raw(bytes) => {
@@ -312,7 +320,7 @@ impl<'a> Stream<'a> {
     }
 
     /// Drops what padding has left over.
-    fn next_stream(&mut self) {
+    fn discard_padding(&mut self) {
         if let Self::Base64 { decoded, .. } = self {
             decoded.clear();
         }
@@ -378,12 +386,19 @@ mod tests {
             (" Zm9v\n YmFy ", "foobar"),
             ("Zg==Zm8=", "ffo"),
         ] {
-            let mut stream = Stream::base64(text.as_bytes());
-            assert_eq!(stream.take(want.len()).unwrap(), want.as_bytes(), "{text}");
-            assert!(stream.take(1).is_err(), "{text}");
+            let mut stream = ByteStream::base64(text.as_bytes());
+            assert_eq!(
+                stream.read_bytes(want.len()).unwrap(),
+                want.as_bytes(),
+                "{text}"
+            );
+            assert!(stream.read_bytes(1).is_err(), "{text}");
         }
         for bad in ["Zm9", "Z===", "Zm9?", "=AAA"] {
-            assert!(Stream::base64(bad.as_bytes()).take(3).is_err(), "{bad}");
+            assert!(
+                ByteStream::base64(bad.as_bytes()).read_bytes(3).is_err(),
+                "{bad}"
+            );
         }
     }
 }

@@ -14,7 +14,7 @@ pub(super) enum Compressor {
 
 impl Compressor {
     /// The one of VTK's name.
-    pub(super) fn named(name: &str) -> Option<Self> {
+    pub(super) fn from_name(name: &str) -> Option<Self> {
         match name {
             "vtkZLibDataCompressor" => Some(Self::Zlib),
             "vtkLZ4DataCompressor" => Some(Self::Lz4),
@@ -25,7 +25,7 @@ impl Compressor {
 
     /// How many times larger than packed a block can be at most: a lying header must not claim all
     /// memory. For LZMA there is no such number that is of use; what it unpacks grows as it comes.
-    fn expands(self) -> usize {
+    fn max_ratio(self) -> usize {
         match self {
             Self::Zlib => 1032,
             Self::Lz4 => 255,
@@ -35,16 +35,16 @@ impl Compressor {
 
     /// Unpacks a block, which must hold exactly `size` bytes.
     pub(super) fn unpack(self, packed: &[u8], size: usize) -> Result<Vec<u8>, String> {
-        if size > packed.len().saturating_mul(self.expands()) {
+        if size > packed.len().saturating_mul(self.max_ratio()) {
             return Err("is damaged: a block is larger than its data can be".to_string());
         }
         let bytes = match self {
             Self::Zlib => inflate(packed, size),
             Self::Lz4 => lz4_flex::block::decompress(packed, size).ok(),
             Self::Lzma => {
-                let mut bytes = AtMost {
+                let mut bytes = BoundedBuffer {
                     bytes: Vec::new(),
-                    size,
+                    max_len: size,
                 };
                 let done = lzma_rs::xz_decompress(&mut &*packed, &mut bytes);
                 done.is_ok().then_some(bytes.bytes)
@@ -63,14 +63,14 @@ fn inflate(packed: &[u8], size: usize) -> Option<Vec<u8>> {
 }
 
 /// Takes so many bytes and no more.
-struct AtMost {
+struct BoundedBuffer {
     bytes: Vec<u8>,
-    size: usize,
+    max_len: usize,
 }
 
-impl Write for AtMost {
+impl Write for BoundedBuffer {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        if bytes.len() > self.size - self.bytes.len() {
+        if bytes.len() > self.max_len - self.bytes.len() {
             return Err(io::ErrorKind::FileTooLarge.into());
         }
         self.bytes.extend_from_slice(bytes);

@@ -8,59 +8,61 @@ use std::sync::{Mutex, PoisonError};
 use crate::parallel::prelude::*;
 use flate2::{Compress, Compression, FlushCompress, Status};
 
-use super::Scalar;
+use super::VtkScalar;
 use super::xml::escape;
 
 /// Bytes of a block before compression. Readers decompress block by block; larger blocks compress
 /// no better.
-const BLOCK: usize = 1 << 17;
+const BLOCK_BYTES: usize = 1 << 17;
 /// Blocks that are compressed at once (and in memory at once).
-const BATCH: usize = 64;
+const BATCH_BLOCKS: usize = 64;
 /// One part in so many of a block tells whether it can be compressed.
-const PROBE: usize = 32;
+const PROBE_DIVISOR: usize = 32;
 /// Characters left open for an offset in the XML.
 const OFFSET_WIDTH: usize = 20;
 
 /// One array to be written: its description, and how to make any part of its bytes.
-pub struct Source<'a> {
+pub struct ArraySource<'a> {
     name: String,
     /// The unit of the numbers; empty if they have none, or none is known.
     unit: String,
     components: usize,
     kind: &'static str,
-    element: Kind,
-    size: usize,
+    element: ElementKind,
+    scalar_bytes: usize,
     len: usize,
-    fill: Fill<'a>,
+    fill: FillBytes<'a>,
 }
 
 /// Appends the bytes of a range of the array's numbers.
-type Fill<'a> = Box<dyn Fn(Range<usize>, &mut Vec<u8>) + Sync + 'a>;
+type FillBytes<'a> = Box<dyn Fn(Range<usize>, &mut Vec<u8>) + Sync + 'a>;
 
 /// The two elements that hold arrays.
 #[derive(Clone, Copy, PartialEq)]
-enum Kind {
+enum ElementKind {
     Numbers,
     Text,
 }
 
-impl<'a> Source<'a> {
+impl<'a> ArraySource<'a> {
     /// Numbers that are in memory.
-    pub fn slice<T: Scalar>(name: &str, components: usize, values: &'a [T]) -> Self {
+    pub fn slice<T: VtkScalar>(name: &str, components: usize, values: &'a [T]) -> Self {
         Self {
             name: name.to_string(),
             unit: String::new(),
             components,
-            kind: T::KIND,
-            element: Kind::Numbers,
-            size: T::SIZE,
+            kind: T::TYPE_NAME,
+            element: ElementKind::Numbers,
+            scalar_bytes: T::SIZE,
             len: values.len(),
-            fill: Box::new(move |range, bytes| values[range].iter().for_each(|v| v.put(bytes))),
+            fill: Box::new(move |range, bytes| {
+                values[range].iter().for_each(|v| v.append_bytes(bytes))
+            }),
         }
     }
 
     /// `len` numbers that are computed when written, number `i` by `value(i)`.
-    pub fn computed<T: Scalar>(
+    pub fn computed<T: VtkScalar>(
         name: &str,
         components: usize,
         len: usize,
@@ -70,11 +72,11 @@ impl<'a> Source<'a> {
             name: name.to_string(),
             unit: String::new(),
             components,
-            kind: T::KIND,
-            element: Kind::Numbers,
-            size: T::SIZE,
+            kind: T::TYPE_NAME,
+            element: ElementKind::Numbers,
+            scalar_bytes: T::SIZE,
             len,
-            fill: Box::new(move |range, bytes| range.for_each(|i| value(i).put(bytes))),
+            fill: Box::new(move |range, bytes| range.for_each(|i| value(i).append_bytes(bytes))),
         }
     }
 
@@ -85,8 +87,8 @@ impl<'a> Source<'a> {
             unit: String::new(),
             components: 1,
             kind: "String",
-            element: Kind::Text,
-            size: 1,
+            element: ElementKind::Text,
+            scalar_bytes: 1,
             len: text.len() + 1,
             fill: Box::new(move |range, bytes| {
                 let end = range.end.min(text.len());
@@ -99,22 +101,22 @@ impl<'a> Source<'a> {
     }
 
     /// The same, with the unit of its numbers as VTK's `UNITS_LABEL`.
-    pub fn in_unit(mut self, unit: String) -> Self {
+    pub fn with_unit(mut self, unit: String) -> Self {
         self.unit = unit;
         self
     }
 
-    fn tuples(&self) -> usize {
+    fn tuple_count(&self) -> usize {
         match self.element {
-            Kind::Numbers => self.len / self.components.max(1),
-            Kind::Text => 1,
+            ElementKind::Numbers => self.len / self.components.max(1),
+            ElementKind::Text => 1,
         }
     }
 }
 
 /// How arrays are stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Packing {
+pub enum ArrayPacking {
     /// In blocks that are compressed by zlib, where that makes them smaller.
     Zlib,
     /// As they are: half as large again for a mesh of polyhedra, and written in a third of the time.
@@ -124,22 +126,26 @@ pub enum Packing {
 /// A VTK XML file in the making: elements are opened and closed, arrays put where they belong.
 pub struct Document<'a> {
     text: String,
-    packing: Packing,
-    open: Vec<&'static str>,
-    arrays: Vec<(usize, Source<'a>)>,
+    packing: ArrayPacking,
+    open_elements: Vec<&'static str>,
+    arrays: Vec<(usize, ArraySource<'a>)>,
 }
 
 impl<'a> Document<'a> {
     /// A file of VTK's data set `kind`, e.g. `UnstructuredGrid`, whose element is open.
     pub fn new(kind: &'static str, attributes: &[(&str, String)]) -> Self {
-        Self::packed(kind, attributes, Packing::Zlib)
+        Self::with_packing(kind, attributes, ArrayPacking::Zlib)
     }
 
     /// The same, with arrays stored in this way.
-    pub fn packed(kind: &'static str, attributes: &[(&str, String)], packing: Packing) -> Self {
+    pub fn with_packing(
+        kind: &'static str,
+        attributes: &[(&str, String)],
+        packing: ArrayPacking,
+    ) -> Self {
         let compressor = match packing {
-            Packing::Zlib => " compressor=\"vtkZLibDataCompressor\"",
-            Packing::None => "",
+            ArrayPacking::Zlib => " compressor=\"vtkZLibDataCompressor\"",
+            ArrayPacking::None => "",
         };
         let text = format!(
             "<?xml version=\"1.0\"?>\n<VTKFile type=\"{kind}\" version=\"1.0\" \
@@ -148,7 +154,7 @@ impl<'a> Document<'a> {
         let mut document = Self {
             text,
             packing,
-            open: vec!["VTKFile"],
+            open_elements: vec!["VTKFile"],
             arrays: Vec::new(),
         };
         document.open(kind, attributes);
@@ -165,23 +171,23 @@ impl<'a> Document<'a> {
                 .push_str(&format!(" {name}=\"{}\"", escape(value)));
         }
         self.text.push_str(">\n");
-        self.open.push(element);
+        self.open_elements.push(element);
     }
 
     /// Closes the element opened last.
     pub fn close(&mut self) {
-        if let Some(element) = self.open.pop() {
+        if let Some(element) = self.open_elements.pop() {
             self.indent();
             self.text.push_str(&format!("</{element}>\n"));
         }
     }
 
     /// Puts an array into the open element.
-    pub fn array(&mut self, source: Source<'a>) {
+    pub fn add_array(&mut self, source: ArraySource<'a>) {
         self.indent();
         let element = match source.element {
-            Kind::Numbers => "DataArray",
-            Kind::Text => "Array",
+            ElementKind::Numbers => "DataArray",
+            ElementKind::Text => "Array",
         };
         // As VTK does it; readers (meshio) take one component for a matrix.
         let components = match source.components {
@@ -193,7 +199,7 @@ impl<'a> Document<'a> {
              format=\"appended\" offset=",
             source.kind,
             escape(&source.name),
-            source.tuples(),
+            source.tuple_count(),
         ));
         let offset = self.text.len();
         self.text.push_str(&" ".repeat(OFFSET_WIDTH + 2));
@@ -210,7 +216,7 @@ impl<'a> Document<'a> {
     }
 
     fn indent(&mut self) {
-        self.text.push_str(&"  ".repeat(self.open.len()));
+        self.text.push_str(&"  ".repeat(self.open_elements.len()));
     }
 
     /// Closes what is open and writes everything.
@@ -218,7 +224,7 @@ impl<'a> Document<'a> {
     /// # Errors
     /// What the operating system says.
     pub fn write(mut self, out: &mut (impl Write + Seek + Send)) -> Result<()> {
-        while self.open.len() > 1 {
+        while self.open_elements.len() > 1 {
             self.close();
         }
         self.text
@@ -228,22 +234,22 @@ impl<'a> Document<'a> {
 
         let data = begin + self.text.len() as u64;
         let mut offsets = Vec::with_capacity(self.arrays.len());
-        let mut renumbered = Renumbered::default();
+        let mut renumbered = MeshioOffsets::default();
         for (_, source) in &self.arrays {
             let begin = out.stream_position()?;
             offsets.push(begin - data);
             renumbered.add(source);
             match self.packing {
-                Packing::Zlib => {
-                    for padding in 0..=MOST_PADDING {
+                ArrayPacking::Zlib => {
+                    for padding in 0..=MAX_PADDING_BLOCKS {
                         out.seek(SeekFrom::Start(begin))?;
                         write_array(out, source, padding)?;
-                        if !renumbered.has(out.stream_position()? - data) {
+                        if !renumbered.contains(out.stream_position()? - data) {
                             break;
                         }
                     }
                 }
-                Packing::None => write_plain(out, source)?,
+                ArrayPacking::None => write_plain(out, source)?,
             }
         }
         out.write_all(b"\n  </AppendedData>\n</VTKFile>\n")?;
@@ -262,35 +268,35 @@ impl<'a> Document<'a> {
 const EMPTY_BLOCK: [u8; 5] = [0, 0, 0, 0xff, 0xff];
 
 /// So many such blocks are put into an array at most.
-const MOST_PADDING: usize = 8;
+const MAX_PADDING_BLOCKS: usize = 8;
 
 /// Offsets as meshio 5 gives them to arrays one after the other, in place: it looks arrays up by their offsets in the
 /// file, and takes an array that has its new one already for another whose old one is the same.
 #[derive(Default)]
-struct Renumbered {
+struct MeshioOffsets {
     offsets: Vec<u64>,
-    next: u64,
+    next_offset: u64,
 }
 
-impl Renumbered {
+impl MeshioOffsets {
     /// Adds an array, which meshio codes as base64 with eight bytes in front.
-    fn add(&mut self, source: &Source) {
-        self.offsets.push(self.next);
-        self.next += 4 * (8 + (source.len * source.size) as u64).div_ceil(3);
+    fn add(&mut self, source: &ArraySource) {
+        self.offsets.push(self.next_offset);
+        self.next_offset += 4 * (8 + (source.len * source.scalar_bytes) as u64).div_ceil(3);
     }
 
     /// Returns whether an array has this offset.
-    fn has(&self, offset: u64) -> bool {
+    fn contains(&self, offset: u64) -> bool {
         self.offsets.binary_search(&offset).is_ok()
     }
 }
 
 /// The number of bytes, then they.
-fn write_plain(out: &mut impl Write, source: &Source) -> Result<()> {
-    out.write_all(&((source.len * source.size) as u64).to_le_bytes())?;
-    let per_block = BLOCK / source.size;
-    let mut blocks = vec![Vec::new(); BATCH.min(source.len.div_ceil(per_block))];
-    for start in (0..source.len).step_by(BATCH * per_block) {
+fn write_plain(out: &mut impl Write, source: &ArraySource) -> Result<()> {
+    out.write_all(&((source.len * source.scalar_bytes) as u64).to_le_bytes())?;
+    let per_block = BLOCK_BYTES / source.scalar_bytes;
+    let mut blocks = vec![Vec::new(); BATCH_BLOCKS.min(source.len.div_ceil(per_block))];
+    for start in (0..source.len).step_by(BATCH_BLOCKS * per_block) {
         blocks.par_iter_mut().enumerate().for_each(|(i, bytes)| {
             bytes.clear();
             let first = source.len.min(start + i * per_block);
@@ -305,33 +311,37 @@ fn write_plain(out: &mut impl Write, source: &Source) -> Result<()> {
 /// then the blocks, in the last of which there are `padding` empty ones.
 fn write_array(
     out: &mut (impl Write + Seek + Send),
-    source: &Source,
+    source: &ArraySource,
     padding: usize,
 ) -> Result<()> {
-    let per_block = BLOCK / source.size;
+    let per_block = BLOCK_BYTES / source.scalar_bytes;
     let blocks = source.len.div_ceil(per_block);
-    let last = source.len % per_block * source.size;
+    let last = source.len % per_block * source.scalar_bytes;
     let begin = out.stream_position()?;
-    let mut header = vec![blocks as u64, (per_block * source.size) as u64, last as u64];
+    let mut header = vec![
+        blocks as u64,
+        (per_block * source.scalar_bytes) as u64,
+        last as u64,
+    ];
     write_header(out, &header, blocks)?;
 
     // One batch is written while the next is compressed.
     let at_rest = Mutex::new(Vec::new());
     let mut batch: Vec<Vec<u8>> = Vec::new();
-    for first in (0..blocks + BATCH).step_by(BATCH) {
+    for first in (0..blocks + BATCH_BLOCKS).step_by(BATCH_BLOCKS) {
         let (written, next) = rayon::join(
             || batch.iter().try_for_each(|block| out.write_all(block)),
             || {
-                packed(
+                compress_blocks(
                     source,
-                    first.min(blocks)..blocks.min(first + BATCH),
+                    first.min(blocks)..blocks.min(first + BATCH_BLOCKS),
                     &at_rest,
                 )
             },
         );
         written?;
         let mut next = next;
-        if let Some(block) = next.last_mut().filter(|_| first + BATCH >= blocks) {
+        if let Some(block) = next.last_mut().filter(|_| first + BATCH_BLOCKS >= blocks) {
             // Behind the two bytes with which a zlib stream begins.
             let at = 2.min(block.len());
             block.splice(at..at, EMPTY_BLOCK.repeat(padding));
@@ -348,33 +358,37 @@ fn write_array(
 }
 
 /// What a thread compresses with: streams that do so and that do not, and room for the bytes of a block.
-struct Tools {
+struct BlockCompressor {
     stream: Compress,
-    stored: Compress,
+    stored_stream: Compress,
     bytes: Vec<u8>,
 }
 
-impl Tools {
+impl BlockCompressor {
     fn new() -> Self {
         Self {
             stream: Compress::new(Compression::fast(), true),
-            stored: Compress::new(Compression::none(), true),
+            stored_stream: Compress::new(Compression::none(), true),
             bytes: Vec::new(),
         }
     }
 }
 
 /// Some blocks of an array, compressed with tools that are `at_rest`, for to make them costs as much as a block.
-fn packed(source: &Source, blocks: Range<usize>, at_rest: &Mutex<Vec<Tools>>) -> Vec<Vec<u8>> {
-    let per_block = BLOCK / source.size;
+fn compress_blocks(
+    source: &ArraySource,
+    blocks: Range<usize>,
+    at_rest: &Mutex<Vec<BlockCompressor>>,
+) -> Vec<Vec<u8>> {
+    let per_block = BLOCK_BYTES / source.scalar_bytes;
     let resting = || at_rest.lock().unwrap_or_else(PoisonError::into_inner);
     let of_block = |block: usize| {
         let tools = resting().pop();
-        let mut tools = tools.unwrap_or_else(Tools::new);
+        let mut tools = tools.unwrap_or_else(BlockCompressor::new);
         tools.bytes.clear();
         let range = block * per_block..source.len.min((block + 1) * per_block);
         (source.fill)(range, &mut tools.bytes);
-        let packed = deflate(&mut tools.stream, &mut tools.stored, &tools.bytes);
+        let packed = deflate(&mut tools.stream, &mut tools.stored_stream, &tools.bytes);
         resting().push(tools);
         packed
     };
@@ -391,14 +405,14 @@ fn write_header(out: &mut impl Write, header: &[u64], blocks: usize) -> Result<(
 /// One zlib stream of its own. The fastest level: on mesh arrays higher ones take several times the
 /// time for a tenth of the size. What does not become smaller (most real numbers) is stored.
 fn deflate(stream: &mut Compress, stored: &mut Compress, bytes: &[u8]) -> Vec<u8> {
-    let probe = &bytes[..bytes.len() / PROBE];
-    if pack(stream, probe).len() > probe.len() / 20 * 19 {
-        return pack(stored, bytes);
+    let probe = &bytes[..bytes.len() / PROBE_DIVISOR];
+    if run_stream(stream, probe).len() > probe.len() / 20 * 19 {
+        return run_stream(stored, bytes);
     }
-    pack(stream, bytes)
+    run_stream(stream, bytes)
 }
 
-fn pack(stream: &mut Compress, bytes: &[u8]) -> Vec<u8> {
+fn run_stream(stream: &mut Compress, bytes: &[u8]) -> Vec<u8> {
     stream.reset();
     let mut packed = Vec::with_capacity(bytes.len() + bytes.len() / 1000 + 64);
     loop {
@@ -419,18 +433,18 @@ mod tests {
     /// All number types, lengths round the limits of blocks and batches: what is written is read.
     #[test]
     fn arrays_of_every_kind_and_length_come_back() {
-        let long = BLOCK / 8 * (BATCH + 1) + 3;
+        let long = BLOCK_BYTES / 8 * (BATCH_BLOCKS + 1) + 3;
         let arrays: Vec<Values> = vec![
             Vec::<f64>::new().into(),
             vec![f64::NAN.to_bits(), 1, u64::MAX].into(),
             vec![i8::MIN, -1, 0, i8::MAX].into(),
-            vec![0u8; BLOCK].into(),
+            vec![0u8; BLOCK_BYTES].into(),
             vec![i16::MIN, 7, i16::MAX].into(),
-            (0..(BLOCK / 2 + 1) as u32)
+            (0..(BLOCK_BYTES / 2 + 1) as u32)
                 .map(|i| i as u16)
                 .collect::<Vec<_>>()
                 .into(),
-            vec![i32::MIN; BLOCK / 4].into(),
+            vec![i32::MIN; BLOCK_BYTES / 4].into(),
             vec![u32::MAX, 3].into(),
             vec![i64::MIN, i64::MAX].into(),
             vec![f32::MIN_POSITIVE, f32::INFINITY, -0.0].into(),
@@ -441,18 +455,20 @@ mod tests {
         ];
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.vtu");
-        let write = |path: &std::path::Path, packing: Packing| {
+        let write = |path: &std::path::Path, packing: ArrayPacking| {
             let attributes = [("Note", "<&\">".to_string())];
-            let mut document = Document::packed("UnstructuredGrid", &attributes, packing);
+            let mut document = Document::with_packing("UnstructuredGrid", &attributes, packing);
             document.open("Piece", &[]);
             for (i, values) in arrays.iter().enumerate() {
-                document.array(values.source(&format!("array {i}"), 1));
+                document.add_array(values.source(&format!("array {i}"), 1));
             }
-            document.array(Source::text("text", "grüße"));
-            document.array(Source::computed("squares", 1, 1000, |i| (i * i) as u32));
+            document.add_array(ArraySource::text("text", "grüße"));
+            document.add_array(ArraySource::computed("squares", 1, 1000, |i| {
+                (i * i) as u32
+            }));
             crate::files::atomic_write(path, |out| document.write(out)).unwrap();
         };
-        for packing in [Packing::None, Packing::Zlib] {
+        for packing in [ArrayPacking::None, ArrayPacking::Zlib] {
             write(&path, packing);
             let file = VtkFile::read(&path, "UnstructuredGrid").unwrap();
             assert_eq!(file.data_set().attribute("Note"), Some("<&\">"));
@@ -475,7 +491,7 @@ mod tests {
             .num_threads(1)
             .build()
             .unwrap();
-        pool.install(|| write(&other, Packing::Zlib));
+        pool.install(|| write(&other, ArrayPacking::Zlib));
         assert!(std::fs::read(&path).unwrap() == std::fs::read(&other).unwrap());
     }
 
@@ -489,7 +505,7 @@ mod tests {
             let arrays = lengths.map(|n| (0..n).map(|i| (i % 5) as i32).collect::<Vec<_>>());
             let mut document = Document::new("ImageData", &[]);
             for (number, array) in arrays.iter().enumerate() {
-                document.array(Source::slice(&format!("a{number}"), 1, array));
+                document.add_array(ArraySource::slice(&format!("a{number}"), 1, array));
             }
             let mut bytes = std::io::Cursor::new(Vec::new());
             document.write(&mut bytes).unwrap();

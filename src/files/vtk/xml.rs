@@ -35,7 +35,7 @@ impl Element {
 }
 
 /// Elements within elements, at most: VTK's own files have six.
-const DEEPEST: usize = 64;
+const MAX_DEPTH: usize = 64;
 
 /// Text as it stands in an attribute's value or between tags.
 pub fn escape(text: &str) -> String {
@@ -72,9 +72,9 @@ pub fn parse(bytes: &[u8]) -> Result<Element, String> {
                     }
                     break;
                 }
-                if open.len() > DEEPEST {
+                if open.len() > MAX_DEPTH {
                     return Err(format!(
-                        "there are more than {DEEPEST} elements within each other at byte {at}"
+                        "there are more than {MAX_DEPTH} elements within each other at byte {at}"
                     ));
                 }
                 open.push(element);
@@ -202,8 +202,12 @@ mod tests {
     #[test]
     fn deep_nesting_is_refused_whether_it_closes_or_not() {
         let deep = |depth: usize| "<a>".repeat(depth) + &"</a>".repeat(depth);
-        assert!(parse(deep(DEEPEST).as_bytes()).is_ok());
-        for text in [deep(DEEPEST + 1), deep(1_000_000), "<a>".repeat(1_000_000)] {
+        assert!(parse(deep(MAX_DEPTH).as_bytes()).is_ok());
+        for text in [
+            deep(MAX_DEPTH + 1),
+            deep(1_000_000),
+            "<a>".repeat(1_000_000),
+        ] {
             let error = parse(text.as_bytes()).unwrap_err();
             assert!(error.contains("more than 64 elements"), "{error}");
         }

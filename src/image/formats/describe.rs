@@ -6,10 +6,10 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::samples;
-use super::stream::{Opened, Slabs, Stream};
-use super::{AnyLoaded, Format, Loaded, ReadOptions, SegyInfo, detect, open, segy};
-use crate::error::{Cause, Result, os};
-use crate::image::check::Tally;
+use super::stream::{ImageStream, OpenedImage, SlabSource};
+use super::{AnyImage, ImageFormat, LoadedImage, ReadOptions, SegyInfo, detect, open, segy};
+use crate::error::{Cause, Result, io_error};
+use crate::image::check::StatsAccumulator;
 use crate::image::{Geometry, Image, LabelTable, LabelValue, Modality, Stats};
 
 /// What an image file holds.
@@ -33,7 +33,7 @@ pub struct Description {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ImageDescription {
     /// The image axes, x (the fastest in memory) first.
-    pub axes: Vec<Axis>,
+    pub axes: Vec<AxisDescription>,
     /// Shape of the array as NumPy has it, the fastest axis last.
     pub numpy_shape: Vec<usize>,
     /// Physical position of the first sample.
@@ -53,14 +53,14 @@ pub struct ImageDescription {
     /// Number of infinite samples.
     pub infinite: usize,
     /// Index (x first) of the first sample that is NaN or infinite.
-    pub first_bad: Option<Vec<usize>>,
+    pub first_non_finite: Option<Vec<usize>>,
     /// The labels, ascending, of an image that looks like one of labels.
     pub labels: Option<Vec<LabelValue>>,
 }
 
 /// One axis of an image.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Axis {
+pub struct AxisDescription {
     /// What it is.
     pub name: String,
     /// Number of samples along it.
@@ -77,23 +77,23 @@ pub struct Axis {
 /// # Errors
 /// [`crate::Error::Io`] if the file cannot be read or understood at all.
 pub fn describe(path: &Path, options: &ReadOptions) -> Result<Description> {
-    if detect(path, options)? == Format::Segy && options.place.is_empty() {
-        return describe_survey(segy::Survey::open(path, &options.segy)?, path);
+    if detect(path, options)? == ImageFormat::Segy && options.placement.is_empty() {
+        return describe_survey(segy::SegySurvey::open(path, &options.segy)?, path);
     }
-    Description::of_opened(path, open(path, options)?)
+    Description::from_opened(path, open(path, options)?)
 }
 
 /// A SEG-Y file, of which there is something to say also where it is no image.
-fn describe_survey(mut survey: segy::Survey, path: &Path) -> Result<Description> {
+fn describe_survey(mut survey: segy::SegySurvey, path: &Path) -> Result<Description> {
     let problem = survey.problem.take();
     let mut description = match survey.has_samples() {
         true => {
-            let stream = survey.stream(path)?;
-            Description::of_opened(path, Opened::Stream(stream))?
+            let stream = survey.into_stream(path)?;
+            Description::from_opened(path, OpenedImage::Stream(stream))?
         }
         false => Description {
             file: path.display().to_string(),
-            format: Format::Segy.to_string(),
+            format: ImageFormat::Segy.to_string(),
             encoding: survey.info.encoding.clone(),
             image: None,
             survey: Some(survey.info),
@@ -112,16 +112,20 @@ fn describe_survey(mut survey: segy::Survey, path: &Path) -> Result<Description>
 
 impl ImageDescription {
     /// Describes an image.
-    pub fn of<const D: usize>(image: &Image<D>, modality: Modality) -> Self {
-        let looks = image.looks_labelled(modality);
-        let table = looks.and_then(|_| LabelTable::of(image));
+    pub fn from_image<const D: usize>(image: &Image<D>, modality: Modality) -> Self {
+        let looks = image.label_evidence(modality);
+        let table = looks.and_then(|_| LabelTable::from_image(image));
         Self {
             labels: table.map(|table| table.values),
-            ..Self::from(image.dims(), &image.geometry, image.stats())
+            ..Self::from_stats(image.dims(), &image.geometry, image.stats())
         }
     }
 
-    fn from<const D: usize>(dims: [usize; D], geometry: &Geometry<D>, stats: Stats<D>) -> Self {
+    fn from_stats<const D: usize>(
+        dims: [usize; D],
+        geometry: &Geometry<D>,
+        stats: Stats<D>,
+    ) -> Self {
         let spacing = geometry.spacing();
         let Stats {
             min,
@@ -129,11 +133,11 @@ impl ImageDescription {
             mean,
             nan,
             infinite,
-            first_bad,
+            first_non_finite: first_bad,
         } = stats;
         Self {
             axes: (0..D)
-                .map(|k| Axis {
+                .map(|k| AxisDescription {
                     name: geometry.names[k].clone(),
                     count: dims[k],
                     step: geometry.axes[k].to_vec(),
@@ -151,7 +155,7 @@ impl ImageDescription {
             mean,
             nan,
             infinite,
-            first_bad: first_bad.map(|index| index.to_vec()),
+            first_non_finite: first_bad.map(|index| index.to_vec()),
             labels: None,
         }
     }
@@ -159,43 +163,51 @@ impl ImageDescription {
 
 impl Description {
     /// Of an image, whose samples are looked at once and need not fit into memory.
-    fn of_opened(path: &Path, opened: Opened) -> Result<Self> {
+    fn from_opened(path: &Path, opened: OpenedImage) -> Result<Self> {
         let stream = match opened {
             // In memory it is seen whether its samples are labels.
-            Opened::Stream(stream) if stream.head.dims[2] > 1 && !may_be_labels(&stream) => stream,
+            OpenedImage::Stream(stream) if stream.header.dims[2] > 1 && !may_be_labels(&stream) => {
+                stream
+            }
             other => {
                 return Ok(match other.load(path)? {
-                    AnyLoaded::Plane(loaded) => Self::of(path, loaded),
-                    AnyLoaded::Space(loaded) => Self::of(path, loaded),
+                    AnyImage::Plane(loaded) => Self::from_loaded(path, loaded),
+                    AnyImage::Space(loaded) => Self::from_loaded(path, loaded),
                 });
             }
         };
-        let mut tally = Tally::default();
+        let mut tally = StatsAccumulator::default();
         let add = &mut |slab: &[f32]| {
             tally.add(slab);
             Ok(())
         };
-        stream.each(1, add).map_err(|e| os(path, "read", e))?;
-        let note = stream.note();
-        let head = stream.head;
+        stream
+            .for_each_slab(1, add)
+            .map_err(|e| io_error(path, "read", e))?;
+        let note = stream.rounding_note();
+        let head = stream.header;
         let stats = tally.stats(head.dims);
         Ok(Self {
             file: path.display().to_string(),
             format: head.format.to_string(),
             encoding: head.encoding,
-            image: Some(ImageDescription::from(head.dims, &head.geometry, stats)),
+            image: Some(ImageDescription::from_stats(
+                head.dims,
+                &head.geometry,
+                stats,
+            )),
             survey: head.survey,
             notes: head.notes.into_iter().chain(note).collect(),
         })
     }
 
-    fn of<const D: usize>(path: &Path, loaded: Loaded<D>) -> Self {
-        let modality = Modality::of(loaded.format, &loaded.image.geometry);
+    fn from_loaded<const D: usize>(path: &Path, loaded: LoadedImage<D>) -> Self {
+        let modality = Modality::detect(loaded.format, &loaded.image.geometry);
         Self {
             file: path.display().to_string(),
             format: loaded.format.to_string(),
             encoding: loaded.encoding,
-            image: Some(ImageDescription::of(&loaded.image, modality)),
+            image: Some(ImageDescription::from_image(&loaded.image, modality)),
             survey: loaded.survey,
             notes: loaded.notes,
         }
@@ -234,17 +246,19 @@ impl Description {
 }
 
 /// How many labels are listed.
-const SHOWN: usize = 24;
+const MAX_LABELS_SHOWN: usize = 24;
 
 /// Images of more samples are not taken into memory to look for labels.
-const LARGE: usize = 1 << 26;
+const MAX_SAMPLES_IN_MEMORY: usize = 1 << 26;
 
 /// Returns whether the samples in a file may be labels, of which there are not too many to look at.
-fn may_be_labels(stream: &Stream) -> bool {
-    let head = &stream.head;
+fn may_be_labels(stream: &ImageStream) -> bool {
+    let head = &stream.header;
     let count: usize = head.dims.iter().product();
-    let is_survey = Modality::of(head.format, &head.geometry) == Modality::Survey;
-    count <= LARGE && !is_survey && samples::afford(Path::new("the image"), count).is_ok()
+    let is_survey = Modality::detect(head.format, &head.geometry) == Modality::Survey;
+    count <= MAX_SAMPLES_IN_MEMORY
+        && !is_survey
+        && samples::check_memory(Path::new("the image"), count).is_ok()
 }
 
 fn survey_rows(survey: &SegyInfo, row: &mut impl FnMut(&str, String)) {
@@ -291,7 +305,7 @@ fn survey_rows(survey: &SegyInfo, row: &mut impl FnMut(&str, String)) {
 }
 
 fn image_rows(image: &ImageDescription, row: &mut impl FnMut(&str, String)) {
-    let join = |part: fn(&Axis) -> String| {
+    let join = |part: fn(&AxisDescription) -> String| {
         let parts: Vec<String> = image.axes.iter().map(part).collect();
         parts.join(" x ")
     };
@@ -328,16 +342,19 @@ fn image_rows(image: &ImageDescription, row: &mut impl FnMut(&str, String)) {
         format!("{} to {}, mean {:.6}", image.min, image.max, image.mean),
     );
     if let Some(labels) = &image.labels {
-        let shown = labels.iter().take(SHOWN).map(LabelValue::to_string);
+        let shown = labels
+            .iter()
+            .take(MAX_LABELS_SHOWN)
+            .map(LabelValue::to_string);
         let shown = shown.collect::<Vec<_>>().join(", ");
-        let more = if labels.len() > SHOWN {
+        let more = if labels.len() > MAX_LABELS_SHOWN {
             ", ... (all in JSON)"
         } else {
             ""
         };
         row("labels", format!("{} labels: {shown}{more}", labels.len()));
     }
-    if let Some(index) = &image.first_bad {
+    if let Some(index) = &image.first_non_finite {
         row(
             "bad",
             format!(
@@ -366,7 +383,7 @@ mod tests {
         assert_eq!(found.numpy_shape, [3, 4, 5]);
         assert_eq!((found.min, found.max), (0.0, 59.0));
         assert_eq!(
-            (found.nan, found.first_bad.clone()),
+            (found.nan, found.first_non_finite.clone()),
             (1, Some(vec![2, 1, 0]))
         );
         assert_eq!(found.far_corner, [4.0, 3.0, 2.0]);

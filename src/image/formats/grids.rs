@@ -8,8 +8,8 @@ use std::fmt::Write as _;
 use std::io::{Read, Write};
 use std::path::Path;
 
-use super::{Format, Loaded, samples};
-use crate::error::{Error, Result, cause, os};
+use super::{ImageFormat, LoadedImage, samples};
+use crate::error::{Error, Result, cause, io_error};
 use crate::files;
 use crate::files::atomic_write;
 use crate::geometry::{dot, norm};
@@ -17,51 +17,51 @@ use crate::image::{Geometry, Image};
 
 /// What stands for a height that is not known: in IRAP, and in the others as we write them. Readers of ZMAP+
 /// compare in single precision, which has no 1e30.
-const IRAP_NONE: &str = "9999900.0";
-const ZMAP_NONE: &str = "-99999.0";
-const CPS3_NONE: &str = "1.0E+30";
+const IRAP_NULL: &str = "9999900.0";
+const ZMAP_NULL: &str = "-99999.0";
+const CPS3_NULL: &str = "1.0E+30";
 
 /// Numbers on a line.
-const A_LINE: usize = 5;
+const NUMBERS_PER_LINE: usize = 5;
 
 /// The format of a text that begins so.
-pub(super) fn looks_like(head: &[u8]) -> Option<Format> {
+pub(super) fn recognise(head: &[u8]) -> Option<ImageFormat> {
     let text = std::str::from_utf8(&head[..head.len().min(2000)]).ok()?;
     let first = text.split_whitespace().next()?;
     if first == "-996" {
-        return Some(Format::Irap);
+        return Some(ImageFormat::Irap);
     }
     if first == "FSASCI" {
-        return Some(Format::Cps3);
+        return Some(ImageFormat::Cps3);
     }
     let mut lines = text.lines().map(str::trim);
     let header = lines.find(|line| !line.is_empty() && !line.starts_with('!'))?;
     let is_grid = header.starts_with('@') && header.to_uppercase().contains("GRID");
-    is_grid.then_some(Format::Zmap)
+    is_grid.then_some(ImageFormat::Zmap)
 }
 
 /// A grid as its file has it.
-struct Grid {
+struct HeightGrid {
     /// Nodes along both axes.
     dims: [usize; 2],
     geometry: Geometry<2>,
     /// What stands for a height that is not known.
-    none: f64,
+    null_value: f64,
     /// Numbers behind the header.
     heights: Vec<f64>,
     /// Whether these are columns from the highest y down, not rows from the lowest up.
-    columns: bool,
+    is_column_major: bool,
 }
 
 /// Reads a grid.
 ///
 /// # Errors
 /// [`Error::Io`] if the file cannot be read or is damaged.
-pub(super) fn read(path: &Path, format: Format) -> Result<Loaded<2>> {
+pub(super) fn read(path: &Path, format: ImageFormat) -> Result<LoadedImage<2>> {
     let mut bytes = Vec::new();
     let mut file = files::open(path, "give a grid")?;
     file.read_to_end(&mut bytes)
-        .map_err(|e| os(path, "read", e))?;
+        .map_err(|e| io_error(path, "read", e))?;
     let text = String::from_utf8_lossy(&bytes);
     let refuse = |problem: String| {
         Error::Io(cause(
@@ -71,9 +71,9 @@ pub(super) fn read(path: &Path, format: Format) -> Result<Loaded<2>> {
         ))
     };
     let grid = match format {
-        Format::Irap => irap(&text),
-        Format::Zmap => zmap(&text),
-        _ => cps3(&text),
+        ImageFormat::Irap => parse_irap(&text),
+        ImageFormat::Zmap => parse_zmap(&text),
+        _ => parse_cps3(&text),
     };
     let grid = grid.map_err(refuse)?;
     let [nx, ny] = grid.dims;
@@ -84,35 +84,35 @@ pub(super) fn read(path: &Path, format: Format) -> Result<Loaded<2>> {
             "it has {found} heights for {nx} x {ny} nodes"
         )));
     }
-    let mut samples = samples::room(path, nx * ny)?;
+    let mut samples = samples::allocate(path, nx * ny)?;
     for (i, &z) in grid.heights.iter().enumerate() {
-        let place = match grid.columns {
+        let place = match grid.is_column_major {
             false => i,
             true => (ny - 1 - i % ny) * nx + i / ny,
         };
-        let missing = (z - grid.none).abs() <= 1e-6 * grid.none.abs();
+        let missing = (z - grid.null_value).abs() <= 1e-6 * grid.null_value.abs();
         samples[place] = if missing { f32::NAN } else { z as f32 };
     }
-    Ok(Loaded {
+    Ok(LoadedImage {
         image: Image::new(grid.dims, samples, grid.geometry),
         format,
         encoding: "text".into(),
         notes: Vec::new(),
         survey: None,
-        lines: None,
+        line_numbers: None,
     })
 }
 
 /// A number, and what it was to be if it is none.
-fn number(word: Option<&str>, what: &str) -> std::result::Result<f64, String> {
+fn parse_number(word: Option<&str>, what: &str) -> std::result::Result<f64, String> {
     let word = word.ok_or_else(|| format!("{what} is missing"))?;
     let found = word.parse::<f64>().ok().filter(|found| found.is_finite());
     found.ok_or_else(|| format!("{what} is '{word}'"))
 }
 
 /// A number of nodes.
-fn count(word: Option<&str>, what: &str) -> std::result::Result<usize, String> {
-    let found = number(word, what)?;
+fn parse_count(word: Option<&str>, what: &str) -> std::result::Result<usize, String> {
+    let found = parse_number(word, what)?;
     match found.fract() == 0.0 && (1.0..1e9).contains(&found) {
         true => Ok(found as usize),
         false => Err(format!("{what} is {found}")),
@@ -120,14 +120,18 @@ fn count(word: Option<&str>, what: &str) -> std::result::Result<usize, String> {
 }
 
 /// All that is left, as numbers.
-fn rest<'a>(words: impl Iterator<Item = &'a str>) -> std::result::Result<Vec<f64>, String> {
-    words.map(|word| number(Some(word), "a height")).collect()
+fn parse_numbers<'a>(
+    words: impl Iterator<Item = &'a str>,
+) -> std::result::Result<Vec<f64>, String> {
+    words
+        .map(|word| parse_number(Some(word), "a height"))
+        .collect()
 }
 
-fn irap(text: &str) -> std::result::Result<Grid, String> {
+fn parse_irap(text: &str) -> std::result::Result<HeightGrid, String> {
     let mut words = text.split_whitespace().skip(1);
-    let ny = count(words.next(), "the number of rows")?;
-    let mut numbers = |what: &str| number(words.next(), what);
+    let ny = parse_count(words.next(), "the number of rows")?;
+    let mut numbers = |what: &str| parse_number(words.next(), what);
     let step = [numbers("the step along x")?, numbers("the step along y")?];
     for what in [
         "the least x",
@@ -137,8 +141,8 @@ fn irap(text: &str) -> std::result::Result<Grid, String> {
     ] {
         numbers(what)?;
     }
-    let nx = count(words.next(), "the number of columns")?;
-    let mut numbers = |what: &str| number(words.next(), what);
+    let nx = parse_count(words.next(), "the number of columns")?;
+    let mut numbers = |what: &str| parse_number(words.next(), what);
     let turn = numbers("the rotation")?.to_radians();
     let origin = [
         numbers("the x of the origin")?,
@@ -159,22 +163,22 @@ fn irap(text: &str) -> std::result::Result<Grid, String> {
             [-step[1] * sin, step[1] * cos],
         ],
     };
-    Ok(Grid {
+    Ok(HeightGrid {
         dims: [nx, ny],
         geometry,
-        none: number(Some(IRAP_NONE), "what is missing")?,
-        heights: rest(words)?,
-        columns: false,
+        null_value: parse_number(Some(IRAP_NULL), "what is missing")?,
+        heights: parse_numbers(words)?,
+        is_column_major: false,
     })
 }
 
 /// Nodes between these coordinates.
-fn between(
+fn make_grid(
     [nx, ny]: [usize; 2],
     [x0, x1, y0, y1]: [f64; 4],
     none: f64,
     heights: Vec<f64>,
-) -> std::result::Result<Grid, String> {
+) -> std::result::Result<HeightGrid, String> {
     let step = |from: f64, to: f64, count: usize| match count {
         1 => 1.0,
         _ => (to - from) / (count - 1) as f64,
@@ -183,16 +187,16 @@ fn between(
     if !spacing.iter().all(|step| *step > 0.0) {
         return Err(format!("x from {x0} to {x1}, y from {y0} to {y1}"));
     }
-    Ok(Grid {
+    Ok(HeightGrid {
         dims: [nx, ny],
         geometry: Geometry::with_spacing([x0, y0], spacing),
-        none,
+        null_value: none,
         heights,
-        columns: true,
+        is_column_major: true,
     })
 }
 
-fn zmap(text: &str) -> std::result::Result<Grid, String> {
+fn parse_zmap(text: &str) -> std::result::Result<HeightGrid, String> {
     let told = |line: &&str| !line.is_empty() && !line.starts_with('!');
     let mut lines = text.lines().map(str::trim).filter(told).skip(1);
     let mut fields = || -> std::result::Result<Vec<String>, String> {
@@ -206,41 +210,41 @@ fn zmap(text: &str) -> std::result::Result<Grid, String> {
     let field = |k: usize| extent.get(k).map(String::as_str);
     // What is missing may also be given as a word in the third field.
     let none = match widths.get(1).map(String::as_str) {
-        Some("") | None => number(widths.get(2).map(String::as_str), "what is missing")?,
-        word => number(word, "what is missing")?,
+        Some("") | None => parse_number(widths.get(2).map(String::as_str), "what is missing")?,
+        word => parse_number(word, "what is missing")?,
     };
     let (ny, nx) = (
-        count(field(0), "the number of rows")?,
-        count(field(1), "the number of columns")?,
+        parse_count(field(0), "the number of rows")?,
+        parse_count(field(1), "the number of columns")?,
     );
     let mut limits = [0.0; 4];
     for (k, limit) in limits.iter_mut().enumerate() {
-        *limit = number(field(2 + k), ["xmin", "xmax", "ymin", "ymax"][k])?;
+        *limit = parse_number(field(2 + k), ["xmin", "xmax", "ymin", "ymax"][k])?;
     }
     if !lines.by_ref().any(|line| line.starts_with('@')) {
         return Err("no @ ends its header".into());
     }
-    let heights = rest(lines.flat_map(str::split_whitespace))?;
-    between([nx, ny], limits, none, heights)
+    let heights = parse_numbers(lines.flat_map(str::split_whitespace))?;
+    make_grid([nx, ny], limits, none, heights)
 }
 
-fn cps3(text: &str) -> std::result::Result<Grid, String> {
-    let mut none = number(Some(CPS3_NONE), "what is missing")?;
+fn parse_cps3(text: &str) -> std::result::Result<HeightGrid, String> {
+    let mut none = parse_number(Some(CPS3_NULL), "what is missing")?;
     let (mut limits, mut dims) = (None, None);
     let mut heights = Vec::new();
     for line in text.lines().map(str::trim).filter(|line| !line.is_empty()) {
         let words: Vec<&str> = line.split_whitespace().collect();
         match words[0] {
-            "FSASCI" => none = number(words.last().copied(), "what is missing")?,
+            "FSASCI" => none = parse_number(words.last().copied(), "what is missing")?,
             "FSLIMI" => {
                 let mut found = [0.0; 4];
                 for (k, limit) in found.iter_mut().enumerate() {
-                    *limit = number(words.get(k + 1).copied(), "a limit")?;
+                    *limit = parse_number(words.get(k + 1).copied(), "a limit")?;
                 }
                 limits = Some(found);
             }
             "FSNROW" => {
-                let count = |k: usize, what| count(words.get(k).copied(), what);
+                let count = |k: usize, what| parse_count(words.get(k).copied(), what);
                 dims = Some([
                     count(2, "the number of columns")?,
                     count(1, "the number of rows")?,
@@ -249,26 +253,30 @@ fn cps3(text: &str) -> std::result::Result<Grid, String> {
             first
                 if first.starts_with("FS") || first.starts_with("->") || first.starts_with('!') => {
             }
-            _ => heights.extend(rest(words.into_iter())?),
+            _ => heights.extend(parse_numbers(words.into_iter())?),
         }
     }
     let limits = limits.ok_or("FSLIMI is missing")?;
     let dims = dims.ok_or("FSNROW is missing")?;
-    between(dims, limits, none, heights)
+    make_grid(dims, limits, none, heights)
 }
 
 /// Writes heights in the plane.
 ///
 /// # Errors
 /// [`Error::Io`] if the file cannot be written, or if the format has no grids that lie as the image does.
-pub(super) fn write<const D: usize>(path: &Path, image: &Image<D>, format: Format) -> Result<()> {
+pub(super) fn write<const D: usize>(
+    path: &Path,
+    image: &Image<D>,
+    format: ImageFormat,
+) -> Result<()> {
     let (dims, geometry) = (image.dims(), &image.geometry);
     let [a, b] = [0, 1].map(|k| std::array::from_fn::<f64, 2, _>(|c| geometry.axes[k][c]));
     let step = [norm(a), norm(b)];
     let square = dot(a, b).abs() <= 1e-9 * step[0] * step[1] && a[0] * b[1] > a[1] * b[0];
     let turn = a[1].atan2(a[0]).to_degrees();
     let turned = turn.abs() > 1e-9;
-    if !square || (turned && format != Format::Irap) {
+    if !square || (turned && format != ImageFormat::Irap) {
         let problem = match square {
             true => {
                 format!("a {format} grid cannot be turned, as this one is by {turn:.2} degrees")
@@ -289,42 +297,42 @@ pub(super) fn write<const D: usize>(path: &Path, image: &Image<D>, format: Forma
     let mut header = String::new();
     // Writing to a String cannot fail.
     let none = match format {
-        Format::Irap => {
+        ImageFormat::Irap => {
             let _ = write!(
                 header,
                 "-996 {ny} {} {}\n{x0} {x1} {y0} {y1}\n{nx} {turn} {x0} {y0}\n0 0 0 0 0 0 0\n",
                 step[0], step[1]
             );
-            IRAP_NONE
+            IRAP_NULL
         }
-        Format::Zmap => {
+        ImageFormat::Zmap => {
             let _ = write!(
                 header,
-                "! written by atomesh\n@GRID HEADER, GRID, {A_LINE}\n20, {ZMAP_NONE}, , 4, 1\n\
+                "! written by atomesh\n@GRID HEADER, GRID, {NUMBERS_PER_LINE}\n20, {ZMAP_NULL}, , 4, 1\n\
                  {ny}, {nx}, {x0}, {x1}, {y0}, {y1}\n0.0, 0.0, 0.0\n@\n"
             );
-            ZMAP_NONE
+            ZMAP_NULL
         }
         _ => {
             let stats = image.stats();
             let _ = write!(
                 header,
-                "FSASCI 0 1 \"Computed\" 0 {CPS3_NONE}\nFSATTR 0 0\n\
+                "FSASCI 0 1 \"Computed\" 0 {CPS3_NULL}\nFSATTR 0 0\n\
                  FSLIMI {x0} {x1} {y0} {y1} {} {}\nFSNROW {ny} {nx}\nFSXINC {} {}\n",
                 stats.min, stats.max, step[0], step[1]
             );
-            CPS3_NONE
+            CPS3_NULL
         }
     };
-    let line = if format == Format::Irap { nx } else { ny };
+    let line = if format == ImageFormat::Irap { nx } else { ny };
     atomic_write(path, |out| {
         out.write_all(header.as_bytes())?;
         for i in 0..nx * ny {
             let place = match format {
-                Format::Irap => i,
+                ImageFormat::Irap => i,
                 _ => (ny - 1 - i % ny) * nx + i / ny,
             };
-            let end = (i % line + 1) % A_LINE == 0 || i % line + 1 == line;
+            let end = (i % line + 1) % NUMBERS_PER_LINE == 0 || i % line + 1 == line;
             let end = if end { "\n" } else { " " };
             match samples[place] {
                 z if z.is_finite() => write!(out, "{z}{end}")?,
@@ -338,9 +346,9 @@ pub(super) fn write<const D: usize>(path: &Path, image: &Image<D>, format: Forma
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::formats::{self, AnyLoaded, ReadOptions};
+    use crate::image::formats::{self, AnyImage, ReadOptions};
 
-    fn heights(dims: [usize; 2], geometry: Geometry<2>) -> Image<2> {
+    fn height_image(dims: [usize; 2], geometry: Geometry<2>) -> Image<2> {
         let value = |i: usize| match i {
             7 => f32::NAN,
             i => -2500.25 + 0.125 * i as f32,
@@ -348,10 +356,10 @@ mod tests {
         Image::new(dims, (0..dims[0] * dims[1]).map(value).collect(), geometry)
     }
 
-    fn back(path: &Path) -> Image<2> {
+    fn read_back(path: &Path) -> Image<2> {
         match formats::read_any(path, &ReadOptions::default()).unwrap() {
-            AnyLoaded::Plane(loaded) => loaded.image,
-            AnyLoaded::Space(_) => panic!("a grid is no volume"),
+            AnyImage::Plane(loaded) => loaded.image,
+            AnyImage::Space(_) => panic!("a grid is no volume"),
         }
     }
 
@@ -359,11 +367,11 @@ mod tests {
     fn grids_come_back() {
         let folder = tempfile::tempdir().unwrap();
         let straight = Geometry::with_spacing([605_000.5, 6_070_000.0], [25.0, 12.5]);
-        let image = heights([7, 4], straight.clone());
+        let image = height_image([7, 4], straight.clone());
         for ending in ["irap", "zmap", "cps3"] {
             let path = folder.path().join(format!("top.{ending}"));
             formats::write(&path, &image).unwrap();
-            let found = back(&path);
+            let found = read_back(&path);
             assert_eq!(found.geometry, straight, "{ending}");
             let pairs = found.as_slice().iter().zip(image.as_slice());
             for (found, wanted) in pairs {
@@ -378,10 +386,10 @@ mod tests {
         let (s, c) = 30f64.to_radians().sin_cos();
         let mut turned = straight;
         turned.axes = [[25.0 * c, 25.0 * s], [-12.5 * s, 12.5 * c]];
-        let image = heights([7, 4], turned.clone());
+        let image = height_image([7, 4], turned.clone());
         let path = folder.path().join("turned.irap");
         formats::write(&path, &image).unwrap();
-        for (found, wanted) in back(&path).geometry.axes.iter().zip(turned.axes) {
+        for (found, wanted) in read_back(&path).geometry.axes.iter().zip(turned.axes) {
             assert!((found[0] - wanted[0]).abs() < 1e-9 && (found[1] - wanted[1]).abs() < 1e-9);
         }
         let said = formats::write(&folder.path().join("turned.zmap"), &image).unwrap_err();
@@ -402,7 +410,7 @@ mod tests {
         ];
         for text in texts {
             std::fs::write(&path, text).unwrap();
-            let image = back(&path);
+            let image = read_back(&path);
             assert_eq!(image.dims(), [3, 2]);
             assert_eq!(image.as_slice()[..5], [1.0, 2.0, 3.0, 4.0, 5.0]);
             assert!(image.as_slice()[5].is_nan());

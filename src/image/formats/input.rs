@@ -5,8 +5,8 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-use super::placement::Placement;
-use super::{Format, ReadOptions, SegyBytes, detect};
+use super::placement::ImagePlacement;
+use super::{ImageFormat, ReadOptions, SegyBytes, detect};
 use crate::error::cause;
 use crate::{Error, Result};
 
@@ -106,13 +106,13 @@ impl InputOptions {
         segy.check()?;
         let raw = |text: &String| -> Result<_> {
             text.parse()
-                .map_err(|error: Error| error.at(format!("raw {text}")))
+                .map_err(|error: Error| error.with_place(format!("raw {text}")))
         };
         let raw = self.raw.as_ref().map(raw).transpose()?;
         Ok(ReadOptions {
             raw,
             segy,
-            place: self.placement()?,
+            placement: self.placement()?,
             nulls: self.nulls()?,
         })
     }
@@ -130,7 +130,7 @@ impl InputOptions {
             let found = text.parse::<f32>();
             found.map_err(|_| Error::Job(cause(text, "is no number", remedy)))
         };
-        list("null", &self.null, number).map(Option::unwrap_or_default)
+        parse_list("null", &self.null, number).map(Option::unwrap_or_default)
     }
 
     /// Returns whether no value but NaN stands for missing samples.
@@ -139,21 +139,21 @@ impl InputOptions {
     }
 
     /// Where the image lies.
-    fn placement(&self) -> Result<Placement> {
+    fn placement(&self) -> Result<ImagePlacement> {
         let number = |text: &str| -> Result<f64> {
             let found = text.parse::<f64>().ok().filter(|number| number.is_finite());
             let remedy = "give numbers with commas between them";
             found.ok_or_else(|| Error::Job(cause(text, "is no number", remedy)))
         };
-        let place = Placement {
-            spacing: list("spacing", &self.spacing, number)?,
-            origin: list("origin", &self.origin, number)?,
-            units: list("unit", &self.unit, |text| Ok(text.to_string()))?,
-            axes: list("axes", &self.axes, FromStr::from_str)?,
-            from: self.geometry_from.clone(),
+        let place = ImagePlacement {
+            spacing: parse_list("spacing", &self.spacing, number)?,
+            origin: parse_list("origin", &self.origin, number)?,
+            units: parse_list("unit", &self.unit, |text| Ok(text.to_string()))?,
+            axes: parse_list("axes", &self.axes, FromStr::from_str)?,
+            reference_image: self.geometry_from.clone(),
         };
         let others = [&self.spacing, &self.origin, &self.unit, &self.axes];
-        if let Some(path) = &place.from
+        if let Some(path) = &place.reference_image
             && others.iter().any(|other| other.is_some())
         {
             return Err(Error::Job(cause(
@@ -166,7 +166,7 @@ impl InputOptions {
     }
 
     /// These, and those of `below` where these are silent.
-    pub fn over(&self, below: &Self) -> Self {
+    pub fn with_fallback(&self, below: &Self) -> Self {
         Self {
             raw: self.raw.clone().or_else(|| below.raw.clone()),
             spacing: self.spacing.clone().or_else(|| below.spacing.clone()),
@@ -190,7 +190,7 @@ impl InputOptions {
     /// # Errors
     /// Those of [`InputOptions::read_options`] and [`detect`], and [`Error::Job`] if header bytes of
     /// SEG-Y files are given for a file that is none.
-    pub fn for_file(&self, path: &Path) -> Result<ReadOptions> {
+    pub fn read_options_for(&self, path: &Path) -> Result<ReadOptions> {
         let options = self.read_options()?;
         let bytes = [
             ("inline-byte", self.inline_byte),
@@ -203,11 +203,11 @@ impl InputOptions {
         ];
         if let Some((name, byte)) = bytes.iter().find_map(|(name, byte)| Some((name, (*byte)?))) {
             let format = detect(path, &options)?;
-            let lender = options.place.from.as_deref().map(|from| {
+            let lender = options.placement.reference_image.as_deref().map(|from| {
                 let plain = ReadOptions::default();
                 detect(from, &plain)
             });
-            if format != Format::Segy && lender.transpose()? != Some(Format::Segy) {
+            if format != ImageFormat::Segy && lender.transpose()? != Some(ImageFormat::Segy) {
                 return Err(Error::Job(cause(
                     format!("{name} {byte}"),
                     format!(
@@ -223,7 +223,7 @@ impl InputOptions {
 }
 
 /// What stands between commas.
-fn list<T>(
+fn parse_list<T>(
     name: &str,
     text: &Option<String>,
     parse: impl Fn(&str) -> Result<T>,
@@ -233,7 +233,7 @@ fn list<T>(
     let parts: Result<Vec<T>> = parts.collect();
     let named = |error: Error| match error.cause().place.starts_with(name) {
         true => error,
-        false => error.at(format!("{name} {text}")),
+        false => error.with_place(format!("{name} {text}")),
     };
     parts.map(Some).map_err(named)
 }

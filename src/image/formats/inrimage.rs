@@ -5,9 +5,9 @@
 
 use std::path::Path;
 
-use super::packed::{self, DAMAGED, Packed, Skip, refuse};
+use super::packed::{self, DAMAGED_REMEDY, PackedSamples, SampleStart, file_error};
 use super::samples::{Encoding, Endian, SampleType};
-use super::{Format, Loaded};
+use super::{ImageFormat, LoadedImage};
 use crate::error::Result;
 use crate::image::Geometry;
 
@@ -15,28 +15,33 @@ use crate::image::Geometry;
 pub const MAGIC: &[u8] = b"#INRIMAGE-4#{";
 
 /// Longest header that is read.
-const LONGEST: u64 = 1 << 16;
+const MAX_HEADER_BYTES: u64 = 1 << 16;
 
 /// Reads a volume, or a plane as if it had a single sample along z.
 ///
 /// # Errors
 /// [`Error::Io`](crate::Error::Io) if the file cannot be read, is cut off or damaged, or has more
 /// than one value a sample.
-pub fn read(path: &Path) -> Result<Loaded> {
-    let (head, packing) = packed::head(path, LONGEST)?;
+pub fn read(path: &Path) -> Result<LoadedImage> {
+    let (head, packing) = packed::read_head(path, MAX_HEADER_BYTES)?;
     let text = String::from_utf8_lossy(&head);
     let end = text
         .find("##}")
-        .ok_or_else(|| refuse(path, "its INRIMAGE header has no end (##})", DAMAGED))?;
+        .ok_or_else(|| file_error(path, "its INRIMAGE header has no end (##})", DAMAGED_REMEDY))?;
     let value = |key: &str| {
         text[..end].lines().find_map(|line| {
             let (name, value) = line.split_once('=')?;
             (name.trim() == key).then_some(value.trim())
         })
     };
-    let missing = |key: &str| refuse(path, format!("its header has no {key}"), DAMAGED);
-    let bad =
-        |key: &str, text: &str| refuse(path, format!("its header says {key}={text}"), DAMAGED);
+    let missing = |key: &str| file_error(path, format!("its header has no {key}"), DAMAGED_REMEDY);
+    let bad = |key: &str, text: &str| {
+        file_error(
+            path,
+            format!("its header says {key}={text}"),
+            DAMAGED_REMEDY,
+        )
+    };
     let size = |key: &str| {
         let text = value(key).ok_or_else(|| missing(key))?;
         text.parse::<usize>().map_err(|_| bad(key, text))
@@ -53,7 +58,7 @@ pub fn read(path: &Path) -> Result<Loaded> {
             "has {} values per sample",
             value("VDIM").unwrap_or_default()
         );
-        return Err(refuse(path, problem, "give one component"));
+        return Err(file_error(path, problem, "give one component"));
     }
     let kind = value("TYPE").ok_or_else(|| missing("TYPE"))?;
     let bits = value("PIXSIZE").ok_or_else(|| missing("PIXSIZE"))?;
@@ -68,7 +73,7 @@ pub fn read(path: &Path) -> Result<Loaded> {
         ("float", "64") => SampleType::F64,
         _ => {
             let problem = format!("its samples are '{kind}' of {bits}, which is not read");
-            return Err(refuse(path, problem, "give fixed or float samples"));
+            return Err(file_error(path, problem, "give fixed or float samples"));
         }
     };
     let endian = match value("CPU") {
@@ -85,14 +90,17 @@ pub fn read(path: &Path) -> Result<Loaded> {
         return Err(bad(["VX", "VY", "VZ"][k], "0"));
     }
     let origin = [number("TX", 0.0)?, number("TY", 0.0)?, number("TZ", 0.0)?];
-    let packed = Packed {
+    let packed = PackedSamples {
         path: path.to_path_buf(),
-        at: 0,
+        offset: 0,
         packing,
-        skip: Skip::Bytes((end as u64 + 3).next_multiple_of(256)),
-        encoding: Encoding { sample, endian },
+        sample_start: SampleStart::Offset((end as u64 + 3).next_multiple_of(256)),
+        encoding: Encoding {
+            sample_type: sample,
+            endian,
+        },
         dims: [size("XDIM")?, size("YDIM")?, size("ZDIM")?],
     };
     let geometry = Geometry::with_spacing(origin, spacing);
-    packed.load(Format::Inrimage, geometry, None, notes)
+    packed.load(ImageFormat::Inrimage, geometry, None, notes)
 }

@@ -9,15 +9,17 @@ use std::path::{Path, PathBuf};
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 
-use super::packed::{self, DAMAGED, Packed, Packing, Skip, refuse, two_or_three};
+use super::packed::{
+    self, DAMAGED_REMEDY, PackedSamples, SamplePacking, SampleStart, dims_from_sizes, file_error,
+};
 use super::samples::{self, Encoding, Endian, SampleType};
-use super::{Format, Loaded};
-use crate::error::{Result, os};
+use super::{ImageFormat, LoadedImage};
+use crate::error::{Result, io_error};
 use crate::files::atomic_write;
 use crate::image::{Geometry, Image};
 
 /// Longest header that is read.
-const LONGEST: u64 = 1 << 16;
+const MAX_HEADER_BYTES: u64 = 1 << 16;
 
 /// Whether these are the first bytes of a MetaImage header.
 pub fn looks_like(head: &[u8]) -> bool {
@@ -46,7 +48,7 @@ impl<'a> Header<'a> {
             {
                 let shown: String = format!("{other} and {value}").chars().take(60).collect();
                 let problem = format!("its header says twice what {key} is: {shown}");
-                return Err(refuse(path, problem, DAMAGED));
+                return Err(file_error(path, problem, DAMAGED_REMEDY));
             }
             lines.push((key, value));
             if key == "ElementDataFile" {
@@ -54,7 +56,7 @@ impl<'a> Header<'a> {
             }
         }
         let problem = "its header does not end in a line ElementDataFile = ...";
-        Err(refuse(path, problem, DAMAGED))
+        Err(file_error(path, problem, DAMAGED_REMEDY))
     }
 
     /// The value of the first of these keys that is there.
@@ -64,7 +66,7 @@ impl<'a> Header<'a> {
     }
 
     /// Whether a key's value is true, as MetaIO has it: `True`, `t` or `1`.
-    fn says(&self, keys: &[&str]) -> bool {
+    fn is_true(&self, keys: &[&str]) -> bool {
         self.value(keys)
             .is_some_and(|v| v.starts_with(['T', 't', '1']))
     }
@@ -81,16 +83,16 @@ impl<'a> Header<'a> {
             .collect();
         match numbers.len() == n && text.split_whitespace().count() == n {
             true => Ok(Some(numbers)),
-            false => Err(self.bad(keys[0], text)),
+            false => Err(self.value_error(keys[0], text)),
         }
     }
 
-    fn bad(&self, key: &str, text: &str) -> crate::Error {
+    fn value_error(&self, key: &str, text: &str) -> crate::Error {
         let shown: String = text.chars().take(60).collect();
-        refuse(
+        file_error(
             self.path,
             format!("its header says {key} = {shown}"),
-            DAMAGED,
+            DAMAGED_REMEDY,
         )
     }
 }
@@ -100,8 +102,8 @@ impl<'a> Header<'a> {
 /// # Errors
 /// [`Error::Io`](crate::Error::Io) if the file, or the one of its samples, cannot be read, is cut
 /// off or damaged, or has more than one value a sample.
-pub fn read(path: &Path) -> Result<Loaded> {
-    let (head, _) = packed::head(path, LONGEST)?;
+pub fn read(path: &Path) -> Result<LoadedImage> {
+    let (head, _) = packed::read_head(path, MAX_HEADER_BYTES)?;
     // Byte for byte, so that places in the text are places in the file.
     let text: String = head
         .iter()
@@ -112,7 +114,7 @@ pub fn read(path: &Path) -> Result<Loaded> {
         .value(&["ObjectType"])
         .filter(|kind| *kind != "Image")
     {
-        return Err(refuse(
+        return Err(file_error(
             path,
             format!("holds a MetaIO {kind}"),
             "give an image",
@@ -123,17 +125,17 @@ pub fn read(path: &Path) -> Result<Loaded> {
         .filter(|n| *n != "1")
     {
         let problem = format!("has {channels} values per sample");
-        return Err(refuse(
+        return Err(file_error(
             path,
             problem,
             "give one component, or the magnitude",
         ));
     }
-    let missing = |key: &str| refuse(path, format!("its header has no {key}"), DAMAGED);
+    let missing = |key: &str| file_error(path, format!("its header has no {key}"), DAMAGED_REMEDY);
     let rank = header.value(&["NDims"]).ok_or_else(|| missing("NDims"))?;
     let n = match rank.parse::<usize>() {
         Ok(n) if (1..=10).contains(&n) => n,
-        _ => return Err(header.bad("NDims", rank)),
+        _ => return Err(header.value_error("NDims", rank)),
     };
     let sizes = header
         .value(&["DimSize"])
@@ -143,52 +145,55 @@ pub fn read(path: &Path) -> Result<Loaded> {
         .filter_map(|w| w.parse().ok())
         .collect();
     if counts.len() != n || sizes.split_whitespace().count() != n {
-        return Err(header.bad("DimSize", sizes));
+        return Err(header.value_error("DimSize", sizes));
     }
-    let dims = two_or_three(&counts)
-        .map_err(|problem| refuse(path, problem, "give one volume of the series"))?;
+    let dims = dims_from_sizes(&counts)
+        .map_err(|problem| file_error(path, problem, "give one volume of the series"))?;
 
     let element = header
         .value(&["ElementType"])
         .ok_or_else(|| missing("ElementType"))?;
-    let sample = sample_type(element).ok_or_else(|| header.bad("ElementType", element))?;
-    let big = header.says(&["BinaryDataByteOrderMSB", "ElementByteOrderMSB"]);
+    let sample = sample_type(element).ok_or_else(|| header.value_error("ElementType", element))?;
+    let big = header.is_true(&["BinaryDataByteOrderMSB", "ElementByteOrderMSB"]);
     let endian = if big { Endian::Big } else { Endian::Little };
-    let is_text = header.value(&["BinaryData"]).is_some() && !header.says(&["BinaryData"]);
-    let packing = match (header.says(&["CompressedData"]), is_text) {
-        (true, _) => Packing::Deflated,
-        (false, true) => Packing::Text,
-        (false, false) => Packing::Plain,
+    let is_text = header.value(&["BinaryData"]).is_some() && !header.is_true(&["BinaryData"]);
+    let packing = match (header.is_true(&["CompressedData"]), is_text) {
+        (true, _) => SamplePacking::Deflated,
+        (false, true) => SamplePacking::Text,
+        (false, false) => SamplePacking::Uncompressed,
     };
     let data = header.value(&["ElementDataFile"]).unwrap_or_default();
     let (file, at, skip) = match data {
-        "LOCAL" | "Local" | "local" => (path.to_path_buf(), end, Skip::Bytes(0)),
+        "LOCAL" | "Local" | "local" => (path.to_path_buf(), end, SampleStart::Offset(0)),
         _ if data == "LIST" || data.starts_with("LIST ") || data.contains('%') => {
             let problem = "its samples lie in a file for each slice";
             let remedy = "write it as one file, e.g. in Python with SimpleITK";
-            return Err(refuse(path, problem, remedy));
+            return Err(file_error(path, problem, remedy));
         }
         "" => return Err(missing("ElementDataFile")),
         name => {
             let skip = match header.value(&["HeaderSize"]).map(str::parse::<i64>) {
-                None => Skip::Bytes(0),
-                Some(Ok(-1)) => Skip::ToLast,
-                Some(Ok(n)) if n >= 0 => Skip::Bytes(n as u64),
-                _ => return Err(header.bad("HeaderSize", "which is not a number of bytes")),
+                None => SampleStart::Offset(0),
+                Some(Ok(-1)) => SampleStart::FromEnd,
+                Some(Ok(n)) if n >= 0 => SampleStart::Offset(n as u64),
+                _ => return Err(header.value_error("HeaderSize", "which is not a number of bytes")),
             };
             (sibling(path, name), 0, skip)
         }
     };
     let geometry = geometry(&header, n)?;
-    let packed = Packed {
+    let packed = PackedSamples {
         path: file,
-        at,
+        offset: at,
         packing,
-        skip,
-        encoding: Encoding { sample, endian },
+        sample_start: skip,
+        encoding: Encoding {
+            sample_type: sample,
+            endian,
+        },
         dims,
     };
-    packed.load(Format::MetaImage, geometry, None, Vec::new())
+    packed.load(ImageFormat::MetaImage, geometry, None, Vec::new())
 }
 
 /// A file that a header names, from the header's folder.
@@ -234,7 +239,7 @@ fn geometry(header: &Header<'_>, n: usize) -> Result<Geometry<3>> {
     if geometry.determinant() == 0.0 {
         let problem = "its axes are linearly dependent";
         let remedy = "set ElementSpacing and TransformMatrix";
-        return Err(refuse(header.path, problem, remedy));
+        return Err(file_error(header.path, problem, remedy));
     }
     Ok(geometry)
 }
@@ -258,8 +263,8 @@ pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
     let dims = image.dims().map(|n| n.to_string()).join(" ");
     let mut packed = ZlibEncoder::new(Vec::new(), Compression::fast());
     // Writing to memory does not fail.
-    samples::write(&mut packed, image.as_slice()).map_err(|e| os(path, "write", e))?;
-    let packed = packed.finish().map_err(|e| os(path, "write", e))?;
+    samples::write(&mut packed, image.as_slice()).map_err(|e| io_error(path, "write", e))?;
+    let packed = packed.finish().map_err(|e| io_error(path, "write", e))?;
     // Without that size MetaIO reads garbage.
     let size = packed.len();
     let header = format!(

@@ -48,20 +48,20 @@ use std::fmt;
 use std::io::Read;
 use std::path::Path;
 
-use crate::error::{Error, Result, cause, os};
+use crate::error::{Error, Result, cause, io_error};
 use crate::files::{self, vtk};
 use crate::image::Image;
-use stream::Opened;
+use stream::OpenedImage;
 
 pub use describe::{Description, describe};
 pub use input::InputOptions;
-pub use placement::{AxisName, Placement};
+pub use placement::{AxisSpec, ImagePlacement};
 pub use raw::RawSpec;
-pub use segy::{Lines, SegyBytes, SegyInfo};
-pub(crate) use write::Parts;
+pub use segy::{LineNumbers, SegyBytes, SegyInfo};
+pub(crate) use write::StreamedImage;
 pub use write::write;
 #[cfg(feature = "cli")]
-pub(crate) use write::{is_written_in_parts, write_survey};
+pub(crate) use write::{can_stream, write_survey};
 
 /// What a user can say about how to read an image.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -71,14 +71,14 @@ pub struct ReadOptions {
     /// Where SEG-Y trace headers keep what is needed.
     pub segy: SegyBytes,
     /// Where the image lies, if the file does not say so.
-    pub place: Placement,
+    pub placement: ImagePlacement,
     /// Values that stand for missing samples: these are read as NaN.
     pub nulls: Vec<f32>,
 }
 
 /// The image formats that can be read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Format {
+pub enum ImageFormat {
     /// NumPy `.npy`.
     Npy,
     /// SEG-Y.
@@ -109,7 +109,7 @@ pub enum Format {
     Raw,
 }
 
-impl fmt::Display for Format {
+impl fmt::Display for ImageFormat {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Npy => "NumPy array",
@@ -132,11 +132,11 @@ impl fmt::Display for Format {
 
 /// An image and what was learned while reading it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Loaded<const D: usize = 3> {
+pub struct LoadedImage<const D: usize = 3> {
     /// The image.
     pub image: Image<D>,
     /// The format it was read from.
-    pub format: Format,
+    pub format: ImageFormat,
     /// How the file codes its samples.
     pub encoding: String,
     /// Everything about the reading that a user should know.
@@ -144,21 +144,21 @@ pub struct Loaded<const D: usize = 3> {
     /// What a SEG-Y file's headers say.
     pub survey: Option<SegyInfo>,
     /// Numbers of the inlines and crosslines of a survey.
-    pub lines: Option<[Lines; 2]>,
+    pub line_numbers: Option<[LineNumbers; 2]>,
 }
 
 /// An image of the plane or of space.
 #[derive(Debug, Clone, PartialEq)]
-pub enum AnyLoaded {
+pub enum AnyImage {
     /// A 2-D image.
-    Plane(Loaded<2>),
+    Plane(LoadedImage<2>),
     /// A 3-D image.
-    Space(Loaded<3>),
+    Space(LoadedImage<3>),
 }
 
-impl AnyLoaded {
+impl AnyImage {
     /// The image, if it has `D` axes.
-    pub fn image<const D: usize>(self) -> Option<Image<D>> {
+    pub fn into_image<const D: usize>(self) -> Option<Image<D>> {
         let image: Box<dyn Any> = match self {
             Self::Plane(loaded) => Box::new(loaded.image),
             Self::Space(loaded) => Box::new(loaded.image),
@@ -187,10 +187,10 @@ impl AnyLoaded {
 ///
 /// # Errors
 /// [`Error::Io`] if the file cannot be read, is of no known format, is damaged or 2-D.
-pub fn read(path: &Path, options: &ReadOptions) -> Result<Loaded<3>> {
+pub fn read(path: &Path, options: &ReadOptions) -> Result<LoadedImage<3>> {
     match read_any(path, options)? {
-        AnyLoaded::Space(loaded) => Ok(loaded),
-        AnyLoaded::Plane(Loaded { image, .. }) => {
+        AnyImage::Space(loaded) => Ok(loaded),
+        AnyImage::Plane(LoadedImage { image, .. }) => {
             let [nx, ny] = image.dims();
             Err(Error::Io(cause(
                 path.display(),
@@ -205,7 +205,7 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Loaded<3>> {
 ///
 /// # Errors
 /// [`Error::Io`] if the file cannot be read, is of no known format, or is damaged.
-pub fn read_any(path: &Path, options: &ReadOptions) -> Result<AnyLoaded> {
+pub fn read_any(path: &Path, options: &ReadOptions) -> Result<AnyImage> {
     open(path, options)?.load(path)
 }
 
@@ -214,55 +214,59 @@ pub fn read_any(path: &Path, options: &ReadOptions) -> Result<AnyLoaded> {
 ///
 /// # Errors
 /// As [`read_any`].
-pub(crate) fn open(path: &Path, options: &ReadOptions) -> Result<Opened> {
-    let opened = match in_file(path, options)? {
+pub(crate) fn open(path: &Path, options: &ReadOptions) -> Result<OpenedImage> {
+    let opened = match open_as_stored(path, options)? {
         // The plane's geometry is made with its samples.
-        Opened::Stream(stream) if stream.head.dims[2] == 1 => {
-            Opened::Held(of_its_axes(stream.loaded(path)?))
+        OpenedImage::Stream(stream) if stream.header.dims[2] == 1 => {
+            OpenedImage::InMemory(into_any_image(stream.into_loaded(path)?))
         }
         other => other,
     };
-    let opened = options.place.put(opened, &options.segy)?;
+    let opened = options.placement.apply(opened, &options.segy)?;
     Ok(opened.with_nulls(&options.nulls))
 }
 
 /// Opens an image as it lies by its file.
-fn in_file(path: &Path, options: &ReadOptions) -> Result<Opened> {
+fn open_as_stored(path: &Path, options: &ReadOptions) -> Result<OpenedImage> {
     let loaded = match detect(path, options)? {
-        Format::Png => return png::read(path).map(AnyLoaded::Plane).map(Opened::Held),
-        format @ (Format::Irap | Format::Zmap | Format::Cps3) => {
-            let read = grids::read(path, format);
-            return read.map(AnyLoaded::Plane).map(Opened::Held);
+        ImageFormat::Png => {
+            return png::read(path)
+                .map(AnyImage::Plane)
+                .map(OpenedImage::InMemory);
         }
-        Format::Raw => match options.raw {
-            Some(spec) => return raw::open(path, spec).map(Opened::Stream),
-            None => return Err(unknown(path)),
+        format @ (ImageFormat::Irap | ImageFormat::Zmap | ImageFormat::Cps3) => {
+            let read = grids::read(path, format);
+            return read.map(AnyImage::Plane).map(OpenedImage::InMemory);
+        }
+        ImageFormat::Raw => match options.raw {
+            Some(spec) => return raw::open(path, spec).map(OpenedImage::Stream),
+            None => return Err(unknown_format(path)),
         },
-        Format::Npy => return npy::open(path),
-        Format::Segy => return segy::open(path, &options.segy).map(Opened::Stream),
-        Format::Zarr => return zarr::open(path).map(Opened::Stream),
-        Format::Nifti => nifti::read(path)?,
-        Format::MetaImage => metaimage::read(path)?,
-        Format::Nrrd => nrrd::read(path)?,
-        Format::Tiff => tiff::read(path)?,
-        Format::Inrimage => inrimage::read(path)?,
-        Format::Vti => {
+        ImageFormat::Npy => return npy::open(path),
+        ImageFormat::Segy => return segy::open(path, &options.segy).map(OpenedImage::Stream),
+        ImageFormat::Zarr => return zarr::open(path).map(OpenedImage::Stream),
+        ImageFormat::Nifti => nifti::read(path)?,
+        ImageFormat::MetaImage => metaimage::read(path)?,
+        ImageFormat::Nrrd => nrrd::read(path)?,
+        ImageFormat::Tiff => tiff::read(path)?,
+        ImageFormat::Inrimage => inrimage::read(path)?,
+        ImageFormat::Vti => {
             let (image, note) = vti::read(path)?;
-            Loaded {
+            LoadedImage {
                 image,
-                format: Format::Vti,
+                format: ImageFormat::Vti,
                 encoding: "VTK XML".into(),
                 notes: note.into_iter().collect(),
                 survey: None,
-                lines: None,
+                line_numbers: None,
             }
         }
     };
-    Ok(Opened::Held(of_its_axes(loaded)))
+    Ok(OpenedImage::InMemory(into_any_image(loaded)))
 }
 
 /// An image of space, or of the plane if it has a single sample along its last axis.
-pub(crate) fn of_its_axes(loaded: Loaded) -> AnyLoaded {
+pub(crate) fn into_any_image(loaded: LoadedImage) -> AnyImage {
     match loaded.image.dims() {
         [_, _, 1] => {
             let mut notes = loaded.notes;
@@ -272,20 +276,20 @@ pub(crate) fn of_its_axes(loaded: Loaded) -> AnyLoaded {
                         .into(),
                 );
             }
-            AnyLoaded::Plane(Loaded {
+            AnyImage::Plane(LoadedImage {
                 image: loaded.image.flatten(),
                 format: loaded.format,
                 encoding: loaded.encoding,
                 notes,
                 survey: loaded.survey,
-                lines: loaded.lines,
+                line_numbers: loaded.line_numbers,
             })
         }
-        _ => AnyLoaded::Space(loaded),
+        _ => AnyImage::Space(loaded),
     }
 }
 
-fn ending(path: &Path) -> String {
+fn extension(path: &Path) -> String {
     let name = path.to_string_lossy().to_lowercase();
     if name.ends_with(".nii.gz") {
         return "nii.gz".into();
@@ -296,7 +300,7 @@ fn ending(path: &Path) -> String {
 }
 
 /// Formats that are recognised but not read: name, offset of the magic bytes, these, and what to do.
-const NOT_READ: &[(&str, usize, &[u8], &str)] = &[
+const UNSUPPORTED_FORMATS: &[(&str, usize, &[u8], &str)] = &[
     (
         "JPEG",
         0,
@@ -322,19 +326,20 @@ const NOT_READ: &[(&str, usize, &[u8], &str)] = &[
         "unzip it; of an .npz write an array to .npy, with numpy.load and numpy.save",
     ),
     ("bzip2", 0, b"BZh", "decompress it first, with bunzip2"),
-    ("DICOM", 128, b"DICM", DICOM),
+    ("DICOM", 128, b"DICM", DICOM_REMEDY),
 ];
 
 /// What to do about DICOM.
-const DICOM: &str =
+const DICOM_REMEDY: &str =
     "convert the series to .nii.gz, e.g. with dcm2niix FOLDER, or in Python with SimpleITK";
 
 /// What to do about FreeSurfer's volumes.
-const FREESURFER: &str = "convert it to .nii.gz, with mri_convert, or in Python with nibabel";
+const FREESURFER_REMEDY: &str =
+    "convert it to .nii.gz, with mri_convert, or in Python with nibabel";
 
 /// Whether a folder holds a DICOM file among the first that are looked at.
 fn holds_dicom(folder: &Path) -> bool {
-    const LOOKED_AT: usize = 16;
+    const MAX_FILES_CHECKED: usize = 16;
     let Ok(entries) = std::fs::read_dir(folder) else {
         return false;
     };
@@ -343,7 +348,7 @@ fn holds_dicom(folder: &Path) -> bool {
     paths
         .iter()
         .filter(|path| path.is_file())
-        .take(LOOKED_AT)
+        .take(MAX_FILES_CHECKED)
         .any(|path| {
             let mut head = Vec::new();
             let file = std::fs::File::open(path);
@@ -356,25 +361,25 @@ fn holds_dicom(folder: &Path) -> bool {
 ///
 /// # Errors
 /// [`Error::Io`] if the file cannot be read or is of no format that can be.
-pub fn detect(path: &Path, options: &ReadOptions) -> Result<Format> {
+pub fn detect(path: &Path, options: &ReadOptions) -> Result<ImageFormat> {
     let mut head = Vec::new();
     if options.raw.is_none() && zarr::is_node(path)? {
-        return Ok(Format::Zarr);
+        return Ok(ImageFormat::Zarr);
     }
     if path.is_dir() && holds_dicom(path) {
         let problem = "is a folder of DICOM files, which are not read";
-        return Err(Error::Io(cause(path.display(), problem, DICOM)));
+        return Err(Error::Io(cause(path.display(), problem, DICOM_REMEDY)));
     }
     let file = files::open(
         path,
         "give an image file, or a folder with an array of Zarr",
     )?;
     if options.raw.is_some() {
-        return Ok(Format::Raw);
+        return Ok(ImageFormat::Raw);
     }
-    file.take(HEAD)
+    file.take(DETECTION_BYTES)
         .read_to_end(&mut head)
-        .map_err(|e| os(path, "read", e))?;
+        .map_err(|e| io_error(path, "read", e))?;
     if head.is_empty() {
         return Err(Error::Io(cause(
             path.display(),
@@ -382,17 +387,17 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<Format> {
             "give an image file",
         )));
     }
-    if let Some(format) = known(&head) {
+    if let Some(format) = recognise(&head) {
         return Ok(format);
     }
-    if matches!(ending(path).as_str(), "mgz" | "mgh") {
+    if matches!(extension(path).as_str(), "mgz" | "mgh") {
         let problem = "is a volume of FreeSurfer (MGH), which is not read";
-        return Err(Error::Io(cause(path.display(), problem, FREESURFER)));
+        return Err(Error::Io(cause(path.display(), problem, FREESURFER_REMEDY)));
     }
-    if head.starts_with(packed::GZIP) {
-        let (unpacked, _) = packed::head(path, HEAD)?;
-        return match known(&unpacked) {
-            Some(format @ (Format::Nifti | Format::Inrimage)) => Ok(format),
+    if head.starts_with(packed::GZIP_MAGIC) {
+        let (unpacked, _) = packed::read_head(path, DETECTION_BYTES)?;
+        return match recognise(&unpacked) {
+            Some(format @ (ImageFormat::Nifti | ImageFormat::Inrimage)) => Ok(format),
             _ => Err(Error::Io(cause(
                 path.display(),
                 "is compressed (gzip), and holds no NIfTI or INRIMAGE file",
@@ -403,14 +408,14 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<Format> {
     let magic = |(_, at, magic, _): &&(&str, usize, &[u8], &str)| {
         head.get(*at..).is_some_and(|rest| rest.starts_with(magic))
     };
-    if let Some((name, _, _, remedy)) = NOT_READ.iter().find(magic) {
+    if let Some((name, _, _, remedy)) = UNSUPPORTED_FORMATS.iter().find(magic) {
         let problem = format!("is in the format {name}, which is not read");
         return Err(Error::Io(cause(path.display(), problem, *remedy)));
     }
     let text = String::from_utf8_lossy(&head[..head.len().min(1024)]);
     if text.contains("<VTKFile") || head.starts_with(vtk::legacy::MAGIC) {
         if text.contains("ImageData") || text.contains("STRUCTURED_POINTS") {
-            return Ok(Format::Vti);
+            return Ok(ImageFormat::Vti);
         }
         let problem = "is a VTK file, but not of image data";
         return Err(Error::Io(cause(
@@ -420,38 +425,38 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<Format> {
         )));
     }
     // A file named so gets the SEG-Y reader's own account of what is wrong with it.
-    let named = matches!(ending(path).as_str(), "sgy" | "segy");
+    let named = matches!(extension(path).as_str(), "sgy" | "segy");
     if named || segy::looks_like(&head) {
-        return Ok(Format::Segy);
+        return Ok(ImageFormat::Segy);
     }
-    Err(unknown(path))
+    Err(unknown_format(path))
 }
 
 /// How much of a file tells its format.
-const HEAD: u64 = segy::FILE_HEADER as u64;
+const DETECTION_BYTES: u64 = segy::FILE_HEADER_BYTES as u64;
 
 /// The format that a file's first bytes name.
-fn known(head: &[u8]) -> Option<Format> {
+fn recognise(head: &[u8]) -> Option<ImageFormat> {
     Some(match head {
-        _ if head.starts_with(npy::MAGIC) => Format::Npy,
-        _ if head.starts_with(png::MAGIC) => Format::Png,
-        _ if head.starts_with(nrrd::MAGIC) => Format::Nrrd,
-        _ if head.starts_with(inrimage::MAGIC) => Format::Inrimage,
-        _ if metaimage::looks_like(head) => Format::MetaImage,
-        _ if tiff::MAGIC.iter().any(|magic| head.starts_with(magic)) => Format::Tiff,
-        _ if nifti::looks_like(head) => Format::Nifti,
-        _ => return grids::looks_like(head),
+        _ if head.starts_with(npy::MAGIC) => ImageFormat::Npy,
+        _ if head.starts_with(png::MAGIC) => ImageFormat::Png,
+        _ if head.starts_with(nrrd::MAGIC) => ImageFormat::Nrrd,
+        _ if head.starts_with(inrimage::MAGIC) => ImageFormat::Inrimage,
+        _ if metaimage::looks_like(head) => ImageFormat::MetaImage,
+        _ if tiff::MAGIC.iter().any(|magic| head.starts_with(magic)) => ImageFormat::Tiff,
+        _ if nifti::looks_like(head) => ImageFormat::Nifti,
+        _ => return grids::recognise(head),
     })
 }
 
-fn unknown(path: &Path) -> Error {
+fn unknown_format(path: &Path) -> Error {
     Error::Io(
         cause(
             path.display(),
             "is not in a known image format (SEG-Y, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png, .irap, .zmap, .cps3, Zarr)",
             "describe raw samples, e.g. as 100x400x208:f32be, or convert it to .npy",
         )
-        .about("raw"),
+        .with_parameter("raw"),
     )
 }
 
@@ -460,7 +465,7 @@ mod tests {
     use super::*;
     use crate::image::Geometry;
 
-    fn refusal(path: &Path) -> String {
+    fn error_message(path: &Path) -> String {
         read(path, &ReadOptions::default()).unwrap_err().to_string()
     }
 
@@ -468,8 +473,8 @@ mod tests {
     fn what_cannot_be_read_is_named() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("image");
-        assert!(refusal(&path).contains("cannot open"));
-        assert!(refusal(folder.path()).contains("is a folder"));
+        assert!(error_message(&path).contains("cannot open"));
+        assert!(error_message(folder.path()).contains("is a folder"));
         let mut nifti = vec![0; 400];
         nifti[344..348].copy_from_slice(b"n+1\0");
         let cases: &[(&[u8], &str)] = &[
@@ -489,16 +494,16 @@ mod tests {
         ];
         for (bytes, says) in cases {
             std::fs::write(&path, bytes).unwrap();
-            let error = refusal(&path);
+            let error = error_message(&path);
             assert!(error.contains(says), "{error} (expected: {says})");
         }
         // A file named .sgy gets a reason.
         let named = folder.path().join("a.SGY");
         std::fs::write(&named, [7; 5000]).unwrap();
         assert!(
-            refusal(&named).contains("sample format"),
+            error_message(&named).contains("sample format"),
             "{}",
-            refusal(&named)
+            error_message(&named)
         );
     }
 
@@ -510,7 +515,7 @@ mod tests {
         for name in ["a.vti", "a.npy", "a.png"] {
             let path = folder.path().join(name);
             write(&path, &image).unwrap();
-            let AnyLoaded::Plane(loaded) = read_any(&path, &ReadOptions::default()).unwrap() else {
+            let AnyImage::Plane(loaded) = read_any(&path, &ReadOptions::default()).unwrap() else {
                 panic!("{name} is not 2-D");
             };
             assert_eq!(loaded.image.as_slice(), image.as_slice(), "{name}");
@@ -518,7 +523,7 @@ mod tests {
             if name == "a.vti" {
                 assert_eq!(loaded.image.geometry, image.geometry);
             }
-            assert!(refusal(&path).contains("2-D image of 3 x 2 samples"));
+            assert!(error_message(&path).contains("2-D image of 3 x 2 samples"));
         }
         let raw = folder.path().join("a.raw");
         write(&raw, &image).unwrap();
@@ -528,7 +533,7 @@ mod tests {
                 ..ReadOptions::default()
             };
             let loaded = read_any(&raw, &options).unwrap();
-            assert!(matches!(loaded, AnyLoaded::Plane(l) if l.image.samples == image.samples));
+            assert!(matches!(loaded, AnyImage::Plane(l) if l.image.samples == image.samples));
         }
         let volume = Image::new([2, 2, 2], vec![1.5; 8], Geometry::default());
         let error = write(&folder.path().join("b.png"), &volume).unwrap_err();
@@ -549,7 +554,10 @@ mod tests {
             ..ReadOptions::default()
         };
         let loaded = read(&raw, &options).unwrap();
-        assert_eq!((loaded.format, loaded.image), (Format::Raw, image.clone()));
+        assert_eq!(
+            (loaded.format, loaded.image),
+            (ImageFormat::Raw, image.clone())
+        );
         for name in ["a.xyz", "a"] {
             let error = write(&folder.path().join(name), &image).unwrap_err();
             assert!(error.to_string().contains("ending"), "{error}");

@@ -11,16 +11,18 @@ use std::path::{Path, PathBuf};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 
-use super::packed::{self, DAMAGED, Packed, Packing, Skip, refuse, two_or_three};
+use super::packed::{
+    self, DAMAGED_REMEDY, PackedSamples, SamplePacking, SampleStart, dims_from_sizes, file_error,
+};
 use super::samples::{self, Encoding, Endian, SampleType};
-use super::stream::Slabs;
-use super::{Format, Loaded};
+use super::stream::SlabSource;
+use super::{ImageFormat, LoadedImage};
 use crate::error::Result;
 use crate::files::atomic_write;
 use crate::image::Geometry;
 
 /// Bytes of the longer header, NIfTI-2's.
-const HEADER: u64 = 540;
+const MAX_HEADER_BYTES: u64 = 540;
 
 /// Whether these are the first bytes of a NIfTI file.
 pub fn looks_like(head: &[u8]) -> bool {
@@ -36,13 +38,13 @@ pub fn looks_like(head: &[u8]) -> bool {
 }
 
 /// The fields of either header, by their byte.
-struct Fields<'a> {
+struct NiftiHeader<'a> {
     bytes: &'a [u8],
     endian: Endian,
-    second: bool,
+    is_nifti2: bool,
 }
 
-impl Fields<'_> {
+impl NiftiHeader<'_> {
     /// An integer of `n` bytes.
     fn integer(&self, at: usize, n: usize) -> i64 {
         let bytes = &self.bytes[at..at + n];
@@ -58,20 +60,20 @@ impl Fields<'_> {
 
     /// A float: 4 bytes in NIfTI-1, 8 in NIfTI-2.
     fn float(&self, at: usize) -> f64 {
-        match self.second {
+        match self.is_nifti2 {
             true => f64::from_bits(self.integer(at, 8) as u64),
             false => f64::from(f32::from_bits(self.integer(at, 4) as u32)),
         }
     }
 
     /// `first` in NIfTI-1, `second` in NIfTI-2.
-    fn at(&self, first: usize, second: usize) -> usize {
-        if self.second { second } else { first }
+    fn select_by_version(&self, first: usize, second: usize) -> usize {
+        if self.is_nifti2 { second } else { first }
     }
 
     /// `n` floats in a row.
     fn floats<const N: usize>(&self, at: usize) -> [f64; N] {
-        let size = self.at(4, 8);
+        let size = self.select_by_version(4, 8);
         std::array::from_fn(|k| self.float(at + k * size))
     }
 }
@@ -81,12 +83,16 @@ impl Fields<'_> {
 /// # Errors
 /// [`Error::Io`](crate::Error::Io) if the file cannot be read, is cut off or damaged, or holds a
 /// series of volumes, colours or complex numbers.
-pub fn read(path: &Path) -> Result<Loaded> {
-    let (mut head, packing) = packed::head(path, HEADER)?;
+pub fn read(path: &Path) -> Result<LoadedImage> {
+    let (mut head, packing) = packed::read_head(path, MAX_HEADER_BYTES)?;
     let second = head.get(4..7).is_some_and(|m| m == b"n+2" || m == b"ni2");
     let length = if second { 540 } else { 348 };
     if head.len() < length {
-        return Err(refuse(path, "its NIfTI header is cut off", DAMAGED));
+        return Err(file_error(
+            path,
+            "its NIfTI header is cut off",
+            DAMAGED_REMEDY,
+        ));
     }
     head.truncate(length);
     let little = u32::from_le_bytes([head[0], head[1], head[2], head[3]]);
@@ -95,20 +101,20 @@ pub fn read(path: &Path) -> Result<Loaded> {
         n if n == (length as u32).swap_bytes() as usize => Endian::Big,
         n => {
             let problem = format!("its header claims to be {n} bytes long, not {length}");
-            return Err(refuse(path, problem, DAMAGED));
+            return Err(file_error(path, problem, DAMAGED_REMEDY));
         }
     };
     let detached = head[if second { 5 } else { 345 }] == b'i';
-    let fields = Fields {
+    let fields = NiftiHeader {
         bytes: &head,
         endian,
-        second,
+        is_nifti2: second,
     };
     let dims = dims(&fields).map_err(|problem| {
         let remedy = "give one volume, e.g. in Python with nibabel: image.slicer[..., 0]";
-        refuse(path, problem, remedy)
+        file_error(path, problem, remedy)
     })?;
-    let sample = match fields.integer(fields.at(70, 12), 2) {
+    let sample = match fields.integer(fields.select_by_version(70, 12), 2) {
         2 => SampleType::U8,
         4 => SampleType::I16,
         8 => SampleType::I32,
@@ -121,7 +127,7 @@ pub fn read(path: &Path) -> Result<Loaded> {
         1280 => SampleType::U64,
         code => {
             let problem = format!("its samples are of NIfTI type {code}, not real numbers");
-            return Err(refuse(path, problem, "give one real number per sample"));
+            return Err(file_error(path, problem, "give one real number per sample"));
         }
     };
     let offset = match second {
@@ -133,10 +139,14 @@ pub fn read(path: &Path) -> Result<Loaded> {
         true if (0.0..1e15).contains(&offset) => offset as u64,
         _ => {
             let problem = format!("its samples are said to begin at byte {offset}");
-            return Err(refuse(path, problem, DAMAGED));
+            return Err(file_error(path, problem, DAMAGED_REMEDY));
         }
     };
-    let scale = [fields.at(112, 176), fields.at(116, 184)].map(|at| fields.float(at));
+    let scale = [
+        fields.select_by_version(112, 176),
+        fields.select_by_version(116, 184),
+    ]
+    .map(|at| fields.float(at));
     let mut notes = Vec::new();
     let scale = match scale {
         [slope, intercept] if slope != 0.0 && slope.is_finite() && intercept.is_finite() => {
@@ -149,23 +159,29 @@ pub fn read(path: &Path) -> Result<Loaded> {
     }
     let geometry = geometry(&fields, &mut notes);
     let (path, packing) = match detached {
-        true => beside(path)?,
+        true => sample_file(path)?,
         false => (path.to_path_buf(), packing),
     };
-    let packed = Packed {
+    let packed = PackedSamples {
         path,
-        at: 0,
+        offset: 0,
         packing,
-        skip: Skip::Bytes(skip),
-        encoding: Encoding { sample, endian },
+        sample_start: SampleStart::Offset(skip),
+        encoding: Encoding {
+            sample_type: sample,
+            endian,
+        },
         dims,
     };
-    packed.load(Format::Nifti, geometry, scale, notes)
+    packed.load(ImageFormat::Nifti, geometry, scale, notes)
 }
 
 /// Samples along each axis.
-fn dims(fields: &Fields<'_>) -> std::result::Result<[usize; 3], String> {
-    let (start, size) = (fields.at(40, 16), fields.at(2, 8));
+fn dims(fields: &NiftiHeader<'_>) -> std::result::Result<[usize; 3], String> {
+    let (start, size) = (
+        fields.select_by_version(40, 16),
+        fields.select_by_version(2, 8),
+    );
     let dim = |k: usize| fields.integer(start + k * size, size);
     let rank = dim(0);
     if !(1..=7).contains(&rank) {
@@ -174,17 +190,21 @@ fn dims(fields: &Fields<'_>) -> std::result::Result<[usize; 3], String> {
     let sizes: Vec<usize> = (1..=rank as usize)
         .map(|k| usize::try_from(dim(k)).map_err(|_| format!("claims {} samples", dim(k))))
         .collect::<std::result::Result<_, _>>()?;
-    two_or_three(&sizes)
+    dims_from_sizes(&sizes)
 }
 
 /// Where samples lie, in ITK's frame.
-fn geometry(fields: &Fields<'_>, notes: &mut Vec<String>) -> Geometry<3> {
-    let pixdim: [f64; 4] = fields.floats(fields.at(76, 104));
+fn geometry(fields: &NiftiHeader<'_>, notes: &mut Vec<String>) -> Geometry<3> {
+    let pixdim: [f64; 4] = fields.floats(fields.select_by_version(76, 104));
     let size = [1, 2, 3].map(|k: usize| match pixdim[k].abs() {
         s if s.is_finite() && s > 0.0 => s,
         _ => 1.0,
     });
-    let unit = match fields.integer(fields.at(123, 500), fields.at(1, 4)) & 7 {
+    let unit = match fields.integer(
+        fields.select_by_version(123, 500),
+        fields.select_by_version(1, 4),
+    ) & 7
+    {
         1 => "m",
         2 => "mm",
         3 => "um",
@@ -196,23 +216,23 @@ fn geometry(fields: &Fields<'_>, notes: &mut Vec<String>) -> Geometry<3> {
         units: [(); 3].map(|()| unit.to_string()),
         ..Geometry::default()
     };
-    let (qform, sform) = match fields.second {
+    let (qform, sform) = match fields.is_nifti2 {
         true => (fields.integer(344, 4), fields.integer(348, 4)),
         false => (fields.integer(252, 2), fields.integer(254, 2)),
     };
     let mut found = None;
     if sform > 0 {
-        let rows: [f64; 12] = fields.floats(fields.at(280, 400));
+        let rows: [f64; 12] = fields.floats(fields.select_by_version(280, 400));
         let row = |c: usize, k: usize| rows[4 * c + k];
         found = Some(named(
             std::array::from_fn(|c| row(c, 3)),
             std::array::from_fn(|k| std::array::from_fn(|c| row(c, k))),
         ))
-        .filter(is_usable);
+        .filter(spans_space);
     }
     if qform > 0 && found.is_none() {
-        let [b, c, d]: [f64; 3] = fields.floats(fields.at(256, 352));
-        let origin: [f64; 3] = fields.floats(fields.at(268, 376));
+        let [b, c, d]: [f64; 3] = fields.floats(fields.select_by_version(256, 352));
+        let origin: [f64; 3] = fields.floats(fields.select_by_version(268, 376));
         let a = (1.0 - (b * b + c * c + d * d)).max(0.0).sqrt();
         // Columns of the quaternion's rotation; a negative first pixdim turns the third round.
         let columns = [
@@ -235,12 +255,12 @@ fn geometry(fields: &Fields<'_>, notes: &mut Vec<String>) -> Geometry<3> {
         let turn = if pixdim[0] < 0.0 { -1.0 } else { 1.0 };
         let steps = [size[0], size[1], size[2] * turn];
         let axes = std::array::from_fn(|k| columns[k].map(|x| x * steps[k]));
-        found = Some(named(origin, axes)).filter(is_usable);
+        found = Some(named(origin, axes)).filter(spans_space);
     }
     match found {
         Some(geometry) => {
             notes.push("positions are left-posterior-superior, as in ITK".into());
-            turned(geometry)
+            swap_ras_lps(geometry)
         }
         None => {
             notes.push("the header does not give the volume's position: origin 0".into());
@@ -251,13 +271,13 @@ fn geometry(fields: &Fields<'_>, notes: &mut Vec<String>) -> Geometry<3> {
 }
 
 /// Whether the axes span space.
-fn is_usable(geometry: &Geometry<3>) -> bool {
+fn spans_space(geometry: &Geometry<3>) -> bool {
     let finite = geometry.origin.iter().all(|x| x.is_finite());
     finite && geometry.determinant() != 0.0
 }
 
 /// From RAS to LPS, or back.
-fn turned(mut geometry: Geometry<3>) -> Geometry<3> {
+fn swap_ras_lps(mut geometry: Geometry<3>) -> Geometry<3> {
     for vector in geometry.axes.iter_mut().chain([&mut geometry.origin]) {
         for x in &mut vector[..2] {
             // Not -0.
@@ -268,7 +288,7 @@ fn turned(mut geometry: Geometry<3>) -> Geometry<3> {
 }
 
 /// The file of samples that belongs to a header on its own.
-fn beside(header: &Path) -> Result<(PathBuf, Packing)> {
+fn sample_file(header: &Path) -> Result<(PathBuf, SamplePacking)> {
     let base = match header.extension().is_some_and(|e| e == "gz") {
         true => header.with_extension(""),
         false => header.to_path_buf(),
@@ -276,15 +296,15 @@ fn beside(header: &Path) -> Result<(PathBuf, Packing)> {
     let image = base.with_extension("img");
     let packed = base.with_extension("img.gz");
     match (image.exists(), packed.exists()) {
-        (false, true) => Ok((packed, Packing::Deflated)),
-        (true, _) => Ok((image, Packing::Plain)),
+        (false, true) => Ok((packed, SamplePacking::Deflated)),
+        (true, _) => Ok((image, SamplePacking::Uncompressed)),
         _ => {
             let problem = format!(
                 "its samples should be in {}, which does not exist",
                 image.display()
             );
             let remedy = "put the header and its .img into one folder, under one name";
-            Err(refuse(header, problem, remedy))
+            Err(file_error(header, problem, remedy))
         }
     }
 }
@@ -299,13 +319,13 @@ pub fn write<const D: usize>(
     path: &Path,
     dims: [usize; D],
     geometry: &Geometry<D>,
-    slabs: &dyn Slabs,
+    slabs: &dyn SlabSource,
 ) -> Result<()> {
     if dims.iter().any(|&n| n > i16::MAX as usize) {
         let problem = format!("NIfTI-1 holds at most {} samples along an axis", i16::MAX);
-        return Err(refuse(path, problem, "write .nrrd or .mha"));
+        return Err(file_error(path, problem, "write .nrrd or .mha"));
     }
-    let placed = turned(geometry.in_space());
+    let placed = swap_ras_lps(geometry.to_3d());
     let spacing = placed.spacing();
     let mut head = [0u8; 352];
     let mut put = |at: usize, bytes: &[u8]| head[at..at + bytes.len()].copy_from_slice(bytes);

@@ -12,9 +12,9 @@ use crate::parallel::prelude::*;
 use ndarray::{ArrayD, IxDyn, ShapeBuilder};
 
 use super::samples::{self, Encoding, Endian, SampleType};
-use super::stream::{Head, Opened, Plain, Slabs, Stream};
-use super::{Format, of_its_axes};
-use crate::error::{Error, Result, cause, os};
+use super::stream::{ImageHeader, ImageStream, OpenedImage, RawPlanes, SlabSource};
+use super::{ImageFormat, into_any_image};
+use crate::error::{Error, Result, cause, io_error};
 use crate::files::{atomic_write, read_exact_at};
 use crate::image::ExactLabels;
 
@@ -25,54 +25,54 @@ pub const MAGIC: &[u8] = b"\x93NUMPY";
 ///
 /// # Errors
 /// [`Error::Io`] if the file cannot be read, is cut off, is not 2-D or 3-D, or holds no real numbers.
-pub fn open(path: &Path) -> Result<Opened> {
-    let Found {
+pub fn open(path: &Path) -> Result<OpenedImage> {
+    let NpyFile {
         file,
-        start,
-        spare,
+        data_offset: start,
+        trailing_bytes: spare,
         header,
-    } = Found::new(path)?;
+    } = NpyFile::new(path)?;
     let [nz, ny, nx] = three_dims(&header.shape).map_err(|problem| {
         let remedy =
             "reshape the array to (nz, ny, nx), or (ny, nx) in 2-D, in NumPy and save it again";
         Error::Io(cause(path.display(), problem, remedy))
     })?;
     let encoding = header.encoding;
-    let mut head = Head::bare(Format::Npy, [nx, ny, nz], encoding, ".npy");
+    let mut head = ImageHeader::without_geometry(ImageFormat::Npy, [nx, ny, nz], encoding, ".npy");
     if spare > 0 {
         let note = format!("{spare} bytes after the array are ignored");
         head.notes.push(note);
     }
     if !header.fortran_order {
-        return Ok(Opened::Stream(Stream {
-            head,
-            coded: encoding,
-            planes: Box::new(Plain {
+        return Ok(OpenedImage::Stream(ImageStream {
+            header: head,
+            encoding,
+            reader: Box::new(RawPlanes {
                 path: path.to_path_buf(),
                 file,
-                start,
+                data_offset: start,
                 encoding,
-                plane: [nx, ny],
+                plane_dims: [nx, ny],
             }),
-            largest: Default::default(),
+            max_magnitude_bits: Default::default(),
         }));
     }
-    let mut samples = samples::room(path, nx * ny * nz)?;
+    let mut samples = samples::allocate(path, nx * ny * nz)?;
     encoding
         .read(&file, start, &mut samples)
-        .map_err(|e| os(path, "read", e))?;
-    samples = c_order(&samples, [nz, ny, nx]);
+        .map_err(|e| io_error(path, "read", e))?;
+    samples = to_c_order(&samples, [nz, ny, nx]);
     let note = encoding.rounding_note(&samples);
     let exact = match note {
-        Some(_) => (encoding.read_exact(&file, start, samples.len()))
-            .map_err(|e| os(path, "read", e))?
-            .map(|exact| reordered(&exact, [nz, ny, nx])),
+        Some(_) => (encoding.read_exact_labels(&file, start, samples.len()))
+            .map_err(|e| io_error(path, "read", e))?
+            .map(|exact| labels_to_c_order(&exact, [nz, ny, nx])),
         None => None,
     };
     head.notes.extend(note);
-    let mut loaded = head.with(samples);
+    let mut loaded = head.with_samples(samples);
     loaded.image.labels = exact;
-    Ok(Opened::Held(of_its_axes(loaded)))
+    Ok(OpenedImage::InMemory(into_any_image(loaded)))
 }
 
 /// Reads an array of any shape as `f32`, for arrays that are not images.
@@ -80,44 +80,47 @@ pub fn open(path: &Path) -> Result<Opened> {
 /// # Errors
 /// [`Error::Io`] if the file cannot be read, is cut off or holds no real numbers.
 pub fn read_array(path: &Path) -> Result<ArrayD<f32>> {
-    let Found {
+    let NpyFile {
         file,
-        start,
+        data_offset: start,
         header,
         ..
-    } = Found::new(path)?;
-    let mut samples = samples::room(path, header.shape.iter().product())?;
+    } = NpyFile::new(path)?;
+    let mut samples = samples::allocate(path, header.shape.iter().product())?;
     header
         .encoding
         .read(&file, start, &mut samples)
-        .map_err(|e| os(path, "read", e))?;
+        .map_err(|e| io_error(path, "read", e))?;
     let shape = IxDyn(&header.shape).set_f(header.fortran_order);
     let array = ArrayD::from_shape_vec(shape, samples).map_err(|e| {
         let problem = format!("has the shape {:?}: {e}", header.shape);
-        Error::Io(cause(path.display(), problem, "write it again").because(e))
+        Error::Io(cause(path.display(), problem, "write it again").with_source(e))
     })?;
     Ok(array.as_standard_layout().into_owned())
 }
 
 /// A file whose header is understood and whose samples are all there.
-struct Found {
+struct NpyFile {
     file: File,
     /// Where the samples begin.
-    start: u64,
+    data_offset: u64,
     /// Bytes after the samples.
-    spare: u64,
+    trailing_bytes: u64,
     header: Header,
 }
 
-impl Found {
+impl NpyFile {
     fn new(path: &Path) -> Result<Self> {
-        let file = File::open(path).map_err(|e| os(path, "open", e))?;
-        let length = file.metadata().map_err(|e| os(path, "read", e))?.len();
+        let file = File::open(path).map_err(|e| io_error(path, "open", e))?;
+        let length = file
+            .metadata()
+            .map_err(|e| io_error(path, "read", e))?
+            .len();
         let refuse =
             |problem: String, remedy: &str| Error::Io(cause(path.display(), problem, remedy));
 
-        let (text, start) = header_text(&file, length)
-            .map_err(|e| os(path, "read", e))?
+        let (text, start) = read_header_text(&file, length)
+            .map_err(|e| io_error(path, "read", e))?
             .ok_or_else(|| {
                 refuse(
                     "is not a complete .npy file: its header is cut off or of an unknown version"
@@ -149,8 +152,8 @@ impl Found {
         }
         Ok(Self {
             file,
-            start,
-            spare: length - needed,
+            data_offset: start,
+            trailing_bytes: length - needed,
             header,
         })
     }
@@ -161,10 +164,10 @@ impl Found {
 ///
 /// # Errors
 /// [`Error::Io`] if the file cannot be written.
-pub fn write(path: &Path, dims: &[usize], slabs: &dyn Slabs) -> Result<()> {
+pub fn write(path: &Path, dims: &[usize], slabs: &dyn SlabSource) -> Result<()> {
     let shape: Vec<usize> = dims.iter().rev().copied().collect();
     atomic_write(path, |writer| {
-        writer.write_all(&header_of(&shape))?;
+        writer.write_all(&encode_header(&shape))?;
         samples::write_slabs(writer, slabs)
     })
 }
@@ -176,13 +179,13 @@ pub fn write(path: &Path, dims: &[usize], slabs: &dyn Slabs) -> Result<()> {
 pub fn write_array(path: &Path, array: &ArrayD<f32>) -> Result<()> {
     let array = array.as_standard_layout();
     atomic_write(path, |writer| {
-        writer.write_all(&header_of(array.shape()))?;
+        writer.write_all(&encode_header(array.shape()))?;
         samples::write(writer, array.as_slice().unwrap_or_default())
     })
 }
 
 /// All that stands before the samples.
-fn header_of(shape: &[usize]) -> Vec<u8> {
+fn encode_header(shape: &[usize]) -> Vec<u8> {
     let words: Vec<String> = shape.iter().map(usize::to_string).collect();
     let comma = if shape.len() == 1 { "," } else { "" };
     let mut text = format!(
@@ -201,7 +204,7 @@ fn header_of(shape: &[usize]) -> Vec<u8> {
 }
 
 /// The header's text and where the data starts; `None` if it is not there in full.
-fn header_text(file: &File, length: u64) -> std::io::Result<Option<(String, u64)>> {
+fn read_header_text(file: &File, length: u64) -> std::io::Result<Option<(String, u64)>> {
     let mut fixed = [0; 12];
     let found = (length as usize).min(fixed.len());
     read_exact_at(file, &mut fixed[..found], 0)?;
@@ -235,23 +238,23 @@ fn three_dims(shape: &[usize]) -> std::result::Result<[usize; 3], String> {
 }
 
 /// Labels in Fortran order as they are in C order.
-fn reordered(fortran: &ExactLabels, dims: [usize; 3]) -> Arc<ExactLabels> {
+fn labels_to_c_order(fortran: &ExactLabels, dims: [usize; 3]) -> Arc<ExactLabels> {
     Arc::new(ExactLabels {
         values: fortran.values.clone(),
-        index: c_order(&fortran.index, dims),
+        indices: to_c_order(&fortran.indices, dims),
     })
 }
 
 /// Copies Fortran order (first axis fastest) to C order (last axis fastest).
-fn c_order<T: Copy + Default + Send + Sync>(fortran: &[T], [nz, ny, nx]: [usize; 3]) -> Vec<T> {
+fn to_c_order<T: Copy + Default + Send + Sync>(fortran: &[T], [nz, ny, nx]: [usize; 3]) -> Vec<T> {
     // In blocks of z, so that each cache line read serves all of its samples.
-    const BLOCK: usize = 16;
+    const BLOCK_EDGE: usize = 16;
     let mut out = vec![T::default(); fortran.len()];
-    out.par_chunks_mut(BLOCK * ny * nx)
+    out.par_chunks_mut(BLOCK_EDGE * ny * nx)
         .enumerate()
         .for_each(|(block, out)| {
-            let z0 = block * BLOCK;
-            let depth = BLOCK.min(nz - z0);
+            let z0 = block * BLOCK_EDGE;
+            let depth = BLOCK_EDGE.min(nz - z0);
             for y in 0..ny {
                 for x in 0..nx {
                     let column = nz * (y + ny * x) + z0;
@@ -275,7 +278,7 @@ impl Header {
     /// Parses `{'descr': '<f4', 'fortran_order': False, 'shape': (3, 4, 5), }`, keys in any order.
     fn parse(text: &str) -> std::result::Result<Self, String> {
         let damaged = || "its .npy header is damaged".to_string();
-        let mut rest = Cursor(text);
+        let mut rest = HeaderCursor(text);
         let (mut descr, mut fortran_order, mut shape) = (None, None, None);
         rest.expect('{').ok_or_else(damaged)?;
         while rest.expect('}').is_none() {
@@ -284,7 +287,7 @@ impl Header {
             match key {
                 "descr" => {
                     let name = rest.quoted().ok_or("holds records, not plain numbers")?;
-                    descr = Some(encoding(name)?);
+                    descr = Some(parse_encoding(name)?);
                 }
                 "fortran_order" => fortran_order = Some(rest.boolean().ok_or_else(damaged)?),
                 "shape" => shape = Some(rest.tuple().ok_or_else(damaged)?),
@@ -305,7 +308,7 @@ impl Header {
 }
 
 /// Sample type of a NumPy type string such as `<f4`.
-fn encoding(descr: &str) -> std::result::Result<Encoding, String> {
+fn parse_encoding(descr: &str) -> std::result::Result<Encoding, String> {
     let (order, name) = match descr.chars().next() {
         Some(c @ ('<' | '>' | '=' | '|')) => (c, &descr[1..]),
         _ => ('=', descr),
@@ -334,13 +337,16 @@ fn encoding(descr: &str) -> std::result::Result<Encoding, String> {
             ));
         }
     };
-    Ok(Encoding { sample, endian })
+    Ok(Encoding {
+        sample_type: sample,
+        endian,
+    })
 }
 
 /// What is left of the header's text; each method takes one token off if it is there.
-struct Cursor<'a>(&'a str);
+struct HeaderCursor<'a>(&'a str);
 
-impl<'a> Cursor<'a> {
+impl<'a> HeaderCursor<'a> {
     fn expect(&mut self, token: char) -> Option<()> {
         self.0 = self.0.trim_start().strip_prefix(token)?;
         Some(())
@@ -380,18 +386,18 @@ impl<'a> Cursor<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::formats::{AnyLoaded, Loaded};
+    use crate::image::formats::{AnyImage, LoadedImage};
     use crate::image::{Geometry, Image};
     use proptest::prelude::*;
 
-    fn in_space(read: AnyLoaded) -> Loaded {
+    fn into_space(read: AnyImage) -> LoadedImage {
         match read {
-            AnyLoaded::Space(loaded) => loaded,
-            AnyLoaded::Plane(loaded) => panic!("2-D: {:?}", loaded.image.dims()),
+            AnyImage::Space(loaded) => loaded,
+            AnyImage::Plane(loaded) => panic!("2-D: {:?}", loaded.image.dims()),
         }
     }
 
-    fn file(version: u8, dict: &str, data: &[u8]) -> Vec<u8> {
+    fn file_bytes(version: u8, dict: &str, data: &[u8]) -> Vec<u8> {
         let mut bytes = MAGIC.to_vec();
         bytes.extend([version, 0]);
         match version {
@@ -403,15 +409,15 @@ mod tests {
         bytes
     }
 
-    fn any_of(bytes: &[u8]) -> Result<AnyLoaded> {
+    fn read_any_bytes(bytes: &[u8]) -> Result<AnyImage> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.npy");
         std::fs::write(&path, bytes).unwrap();
         open(&path)?.load(&path)
     }
 
-    fn read_bytes(bytes: &[u8]) -> Result<Loaded> {
-        any_of(bytes).map(in_space)
+    fn read_bytes(bytes: &[u8]) -> Result<LoadedImage> {
+        read_any_bytes(bytes).map(into_space)
     }
 
     #[test]
@@ -422,7 +428,7 @@ mod tests {
         let image = Image::new([5, 4, 3], samples, Geometry::default());
         write(&path, &image.dims(), &image).unwrap();
         let again = open(&path).unwrap().load(&path).unwrap();
-        assert_eq!(in_space(again).image, image);
+        assert_eq!(into_space(again).image, image);
         // As NumPy wants it: the data starts at a multiple of 64.
         assert_eq!(
             std::fs::metadata(&path).unwrap().len() % 64,
@@ -438,7 +444,7 @@ mod tests {
         for (fortran, text) in [(false, "False"), (true, "True")] {
             let dict =
                 format!("{{'descr': '<i2', 'fortran_order': {text}, 'shape': (2, 3, 4, 1), }}");
-            std::fs::write(&path, file(1, &dict, &data)).unwrap();
+            std::fs::write(&path, file_bytes(1, &dict, &data)).unwrap();
             let array = read_array(&path).unwrap();
             assert_eq!(array.shape(), [2, 3, 4, 1]);
             assert!(array.is_standard_layout());
@@ -448,9 +454,9 @@ mod tests {
         let huge = 1u64 << 62;
         let dict =
             format!("{{'descr': '<i2', 'fortran_order': False, 'shape': (0, {huge}, {huge}), }}");
-        std::fs::write(&path, file(1, &dict, &data)).unwrap();
+        std::fs::write(&path, file_bytes(1, &dict, &data)).unwrap();
         assert!(read_array(&path).is_err());
-        std::fs::write(&path, file(1, "{'descr': '<i2'}", &data)).unwrap();
+        std::fs::write(&path, file_bytes(1, "{'descr': '<i2'}", &data)).unwrap();
         assert!(read_array(&path).is_err());
     }
 
@@ -465,7 +471,7 @@ mod tests {
         let expected: Vec<f32> = (0..24).map(|v| v as f32).collect();
         for version in [1, 2, 3] {
             for (descr, data) in [("<i2", &little), (">i2", &big)] {
-                let loaded = read_bytes(&file(version, &dict(descr, "False"), data)).unwrap();
+                let loaded = read_bytes(&file_bytes(version, &dict(descr, "False"), data)).unwrap();
                 assert_eq!(loaded.image.dims(), [4, 3, 2]);
                 assert_eq!(loaded.image.as_slice(), expected);
             }
@@ -479,7 +485,7 @@ mod tests {
                 }
             }
         }
-        let image = read_bytes(&file(1, &dict("|u1", "True"), &data))
+        let image = read_bytes(&file_bytes(1, &dict("|u1", "True"), &data))
             .unwrap()
             .image;
         for ((z, y, x), v) in ndarray::indices((2, 3, 4))
@@ -500,7 +506,7 @@ mod tests {
                 fortran.extend((0..nz).map(|z| value(z, y, x)));
             }
         }
-        let c = c_order(&fortran, [nz, ny, nx]);
+        let c = to_c_order(&fortran, [nz, ny, nx]);
         for ((z, y, x), v) in ndarray::indices((nz, ny, nx)).into_iter().zip(c) {
             assert_eq!(v, value(z, y, x));
         }
@@ -514,36 +520,45 @@ mod tests {
         for (bytes, says) in [
             (b"\x93NUMPY".to_vec(), "cut off"),
             (
-                file(9, &dict("'<f4'", "(1, 1, 1)"), &[0; 4]),
+                file_bytes(9, &dict("'<f4'", "(1, 1, 1)"), &[0; 4]),
                 "unknown version",
             ),
-            (file(1, "{'descr': '<f4'", &[]), "damaged"),
+            (file_bytes(1, "{'descr': '<f4'", &[]), "damaged"),
             (
-                file(1, &dict("'<f4'", "(24,)"), &[0; 96]),
+                file_bytes(1, &dict("'<f4'", "(24,)"), &[0; 96]),
                 "1 dimension(s), shape [24]",
             ),
-            (file(1, &dict("'<f4'", "()"), &[0; 4]), "0 dimension(s)"),
             (
-                file(1, &dict("'<f4'", "(2, 2, 2, 2)"), &[0; 64]),
+                file_bytes(1, &dict("'<f4'", "()"), &[0; 4]),
+                "0 dimension(s)",
+            ),
+            (
+                file_bytes(1, &dict("'<f4'", "(2, 2, 2, 2)"), &[0; 64]),
                 "4 dimension(s)",
             ),
             (
-                file(1, &dict("'<f4'", "(2, 0, 2)"), &[]),
+                file_bytes(1, &dict("'<f4'", "(2, 0, 2)"), &[]),
                 "without a sample",
             ),
-            (file(1, &dict("'<f4'", "(2, 2, 2)"), &[0; 31]), "is cut off"),
-            (file(1, &dict("'<c8'", "(2, 2, 2)"), &[0; 64]), "'<c8'"),
-            (file(1, &dict("'|O'", "(2, 2, 2)"), &[0; 64]), "'|O'"),
             (
-                file(1, &dict("[('a', '<f4')]", "(2, 2, 2)"), &[0; 64]),
+                file_bytes(1, &dict("'<f4'", "(2, 2, 2)"), &[0; 31]),
+                "is cut off",
+            ),
+            (
+                file_bytes(1, &dict("'<c8'", "(2, 2, 2)"), &[0; 64]),
+                "'<c8'",
+            ),
+            (file_bytes(1, &dict("'|O'", "(2, 2, 2)"), &[0; 64]), "'|O'"),
+            (
+                file_bytes(1, &dict("[('a', '<f4')]", "(2, 2, 2)"), &[0; 64]),
                 "records",
             ),
             (
-                file(1, &dict("'<f8'", "(4294967296, 4294967296, 8)"), &[0; 64]),
+                file_bytes(1, &dict("'<f8'", "(4294967296, 4294967296, 8)"), &[0; 64]),
                 "more than any file",
             ),
             (
-                file(1, &dict("'<f8'", "(99999999999999999999, 1, 1)"), &[]),
+                file_bytes(1, &dict("'<f8'", "(99999999999999999999, 1, 1)"), &[]),
                 "damaged",
             ),
         ] {
@@ -557,11 +572,11 @@ mod tests {
         #[test]
         fn damaged_files_never_panic(cut in 0usize..130, at in 0usize..80, byte: u8) {
             let dict = "{'descr': '<f4', 'fortran_order': True, 'shape': (2, 2, 2), }\n";
-            let mut bytes = file(1, dict, &[0; 32]);
+            let mut bytes = file_bytes(1, dict, &[0; 32]);
             let at = at.min(bytes.len() - 1);
             bytes[at] = byte;
             bytes.truncate(cut);
-            let _ = any_of(&bytes);
+            let _ = read_any_bytes(&bytes);
         }
     }
 }

@@ -11,10 +11,12 @@ use flate2::Compression;
 use flate2::write::GzEncoder;
 
 use super::metaimage::sibling;
-use super::packed::{self, DAMAGED, Packed, Packing, Skip, refuse, two_or_three};
+use super::packed::{
+    self, DAMAGED_REMEDY, PackedSamples, SamplePacking, SampleStart, dims_from_sizes, file_error,
+};
 use super::samples::{self, Encoding, Endian, SampleType};
-use super::stream::Slabs;
-use super::{Format, Loaded};
+use super::stream::SlabSource;
+use super::{ImageFormat, LoadedImage};
 use crate::error::Result;
 use crate::files::atomic_write;
 use crate::image::Geometry;
@@ -23,7 +25,7 @@ use crate::image::Geometry;
 pub const MAGIC: &[u8] = b"NRRD000";
 
 /// Longest header that is read.
-const LONGEST: u64 = 1 << 20;
+const MAX_HEADER_BYTES: u64 = 1 << 20;
 
 /// The header's fields, and the bytes after its empty line (or its end).
 struct Header<'a> {
@@ -57,17 +59,22 @@ impl<'a> Header<'a> {
         found.map(|(_, value)| *value)
     }
 
-    fn needed(&self, name: &str) -> Result<&'a str> {
-        self.value(name)
-            .ok_or_else(|| refuse(self.path, format!("its header has no '{name}'"), DAMAGED))
+    fn required_value(&self, name: &str) -> Result<&'a str> {
+        self.value(name).ok_or_else(|| {
+            file_error(
+                self.path,
+                format!("its header has no '{name}'"),
+                DAMAGED_REMEDY,
+            )
+        })
     }
 
-    fn bad(&self, name: &str, text: &str) -> crate::Error {
+    fn value_error(&self, name: &str, text: &str) -> crate::Error {
         let shown: String = text.chars().take(60).collect();
-        refuse(
+        file_error(
             self.path,
             format!("its header says {name}: {shown}"),
-            DAMAGED,
+            DAMAGED_REMEDY,
         )
     }
 
@@ -75,7 +82,7 @@ impl<'a> Header<'a> {
     fn integer(&self, name: &str, default: i64) -> Result<i64> {
         match self.value(name) {
             None => Ok(default),
-            Some(text) => text.parse().map_err(|_| self.bad(name, text)),
+            Some(text) => text.parse().map_err(|_| self.value_error(name, text)),
         }
     }
 }
@@ -85,8 +92,8 @@ impl<'a> Header<'a> {
 /// # Errors
 /// [`Error::Io`](crate::Error::Io) if the file, or the one of its samples, cannot be read, is cut
 /// off or damaged, has more than one value a sample, or is coded in a way that is not read.
-pub fn read(path: &Path) -> Result<Loaded> {
-    let (head, _) = packed::head(path, LONGEST)?;
+pub fn read(path: &Path) -> Result<LoadedImage> {
+    let (head, _) = packed::read_head(path, MAX_HEADER_BYTES)?;
     // Byte for byte, so that places in the text are places in the file.
     let text: String = head
         .iter()
@@ -94,44 +101,44 @@ pub fn read(path: &Path) -> Result<Loaded> {
         .collect();
     let header = Header::parse(path, &text);
     let rank = header.integer("dimension", 0)?;
-    let sizes = header.needed("sizes")?;
+    let sizes = header.required_value("sizes")?;
     let counts: Vec<usize> = sizes
         .split_whitespace()
         .filter_map(|w| w.parse().ok())
         .collect();
     if !(1..=16).contains(&rank) || counts.len() as i64 != rank {
         let problem = format!("its header says dimension: {rank}, sizes: {sizes}");
-        return Err(refuse(path, problem, DAMAGED));
+        return Err(file_error(path, problem, DAMAGED_REMEDY));
     }
     let directions = directions(&header, counts.len())?;
     let axes = axes(&header, &counts, &directions)?;
     let kept: Vec<usize> = axes.iter().map(|&axis| counts[axis]).collect();
     let remedy = "give one value per sample, in two or three dimensions";
-    let dims = two_or_three(&kept).map_err(|problem| refuse(path, problem, remedy))?;
+    let dims = dims_from_sizes(&kept).map_err(|problem| file_error(path, problem, remedy))?;
 
-    let kind = header.needed("type")?;
-    let sample = sample_type(kind).ok_or_else(|| header.bad("type", kind))?;
-    let (packing, is_raw) = match header.needed("encoding")?.to_lowercase().as_str() {
-        "raw" => (Packing::Plain, true),
-        "gz" | "gzip" => (Packing::Deflated, false),
-        "txt" | "text" | "ascii" => (Packing::Text, false),
+    let kind = header.required_value("type")?;
+    let sample = sample_type(kind).ok_or_else(|| header.value_error("type", kind))?;
+    let (packing, is_raw) = match header.required_value("encoding")?.to_lowercase().as_str() {
+        "raw" => (SamplePacking::Uncompressed, true),
+        "gz" | "gzip" => (SamplePacking::Deflated, false),
+        "txt" | "text" | "ascii" => (SamplePacking::Text, false),
         other => {
             let problem = format!("its samples are encoded as {other}, which is not read");
             let remedy = "write it with the encoding raw or gzip, e.g. in Python with pynrrd";
-            return Err(refuse(path, problem, remedy));
+            return Err(file_error(path, problem, remedy));
         }
     };
     let encoding = Encoding {
-        sample,
+        sample_type: sample,
         endian: match header.value("endian") {
             Some("big") => Endian::Big,
             Some("little") | None => Endian::Little,
-            Some(other) => return Err(header.bad("endian", other)),
+            Some(other) => return Err(header.value_error("endian", other)),
         },
     };
-    if encoding.size() > 1 && packing != Packing::Text && header.value("endian").is_none() {
+    if encoding.size() > 1 && packing != SamplePacking::Text && header.value("endian").is_none() {
         let remedy = "add a line 'endian: little' or 'endian: big'";
-        return Err(refuse(
+        return Err(file_error(
             path,
             "its header does not say the byte order",
             remedy,
@@ -142,33 +149,35 @@ pub fn read(path: &Path) -> Result<Loaded> {
         Some(list) if list.starts_with("LIST") || list.contains('%') => {
             let problem = "its samples lie in several files";
             let remedy = "write it as one file, e.g. in Python with pynrrd";
-            return Err(refuse(path, problem, remedy));
+            return Err(file_error(path, problem, remedy));
         }
         Some(name) => (sibling(path, name), 0),
     };
     let lines = header.integer("lineskip", 0)?;
-    let at = after_lines(&file, start, lines)
-        .ok_or_else(|| header.bad("line skip", &lines.to_string()))?;
+    let at = skip_lines(&file, start, lines)
+        .ok_or_else(|| header.value_error("line skip", &lines.to_string()))?;
     let skip = match header.integer("byteskip", 0)? {
-        -1 => Skip::ToLast,
-        n @ 0.. => Skip::Bytes(n as u64),
-        n => return Err(header.bad("byte skip", &n.to_string())),
+        -1 => SampleStart::FromEnd,
+        n @ 0.. => SampleStart::Offset(n as u64),
+        n => return Err(header.value_error("byte skip", &n.to_string())),
     };
     // Before compressed data the skipped bytes belong to what is unpacked.
     let (at, skip) = match skip {
-        Skip::Bytes(n) if packing == Packing::Text => (at.saturating_add(n), Skip::Bytes(0)),
+        SampleStart::Offset(n) if packing == SamplePacking::Text => {
+            (at.saturating_add(n), SampleStart::Offset(0))
+        }
         other => (at, other),
     };
     let geometry = geometry(&header, &axes, &directions)?;
-    let packed = Packed {
+    let packed = PackedSamples {
         path: file,
-        at,
+        offset: at,
         packing,
-        skip,
+        sample_start: skip,
         encoding,
         dims,
     };
-    let loaded = packed.load(Format::Nrrd, geometry, None, Vec::new())?;
+    let loaded = packed.load(ImageFormat::Nrrd, geometry, None, Vec::new())?;
     match loaded
         .notes
         .iter()
@@ -177,7 +186,7 @@ pub fn read(path: &Path) -> Result<Loaded> {
         // More than the samples means that something stands before them.
         Some(note) if !is_raw => {
             let remedy = "if the samples come last, add a line 'byte skip: -1' to the header";
-            Err(refuse(
+            Err(file_error(
                 path,
                 format!("would leave data unread: {note}"),
                 remedy,
@@ -188,7 +197,7 @@ pub fn read(path: &Path) -> Result<Loaded> {
 }
 
 /// The byte after so many lines.
-fn after_lines(file: &Path, start: u64, lines: i64) -> Option<u64> {
+fn skip_lines(file: &Path, start: u64, lines: i64) -> Option<u64> {
     use std::io::{BufRead, Seek};
     if lines == 0 {
         return Some(start);
@@ -239,7 +248,7 @@ fn directions(header: &Header<'_>, rank: usize) -> Result<Option<Vec<Option<Vec<
     let Some(text) = header.value("spacedirections") else {
         return Ok(None);
     };
-    let bad = || header.bad("space directions", text);
+    let bad = || header.value_error("space directions", text);
     let mut found = Vec::new();
     let mut rest = text.trim();
     while !rest.is_empty() {
@@ -250,7 +259,7 @@ fn directions(header: &Header<'_>, rank: usize) -> Result<Option<Vec<Option<Vec<
         }
         let inside = rest.strip_prefix('(').and_then(|r| r.split_once(')'));
         let (vector, after) = inside.ok_or_else(bad)?;
-        found.push(Some(vector_of(vector).ok_or_else(bad)?));
+        found.push(Some(parse_vector(vector).ok_or_else(bad)?));
         rest = after.trim_start();
     }
     match found.len() == rank {
@@ -260,7 +269,7 @@ fn directions(header: &Header<'_>, rank: usize) -> Result<Option<Vec<Option<Vec<
 }
 
 /// Finite numbers between commas, one to three of them.
-fn vector_of(text: &str) -> Option<Vec<f64>> {
+fn parse_vector(text: &str) -> Option<Vec<f64>> {
     let numbers: Option<Vec<f64>> = text.split(',').map(|w| w.trim().parse().ok()).collect();
     numbers.filter(|v| (1..=3).contains(&v.len()) && v.iter().all(|x| x.is_finite()))
 }
@@ -287,7 +296,7 @@ fn axes(
         None => Ok(axes),
         Some(&axis) => {
             let problem = format!("has {} values per sample (axis {axis})", counts[axis]);
-            Err(refuse(header.path, problem, "give one component"))
+            Err(file_error(header.path, problem, "give one component"))
         }
     }
 }
@@ -346,15 +355,15 @@ fn geometry(
         }
     }
     if directions.is_none() {
-        along_axes(header, axes, &mut geometry)?;
+        place_along_axes(header, axes, &mut geometry)?;
     }
     if let Some(text) = header.value("spaceorigin") {
         let inside = text
             .trim()
             .strip_prefix('(')
             .and_then(|t| t.strip_suffix(')'));
-        let origin = inside.and_then(vector_of);
-        let origin = origin.ok_or_else(|| header.bad("space origin", text))?;
+        let origin = inside.and_then(parse_vector);
+        let origin = origin.ok_or_else(|| header.value_error("space origin", text))?;
         geometry.origin = std::array::from_fn(|c| origin.get(c).copied().unwrap_or(0.0));
     }
     let space = header.value("space").unwrap_or_default().to_lowercase();
@@ -372,7 +381,7 @@ fn geometry(
     // Also where the axes of a plane are parallel, and the third is no number.
     if geometry.determinant() == 0.0 {
         let problem = "its axes are linearly dependent";
-        return Err(refuse(header.path, problem, "set 'space directions'"));
+        return Err(file_error(header.path, problem, "set 'space directions'"));
     }
     Ok(geometry)
 }
@@ -380,7 +389,7 @@ fn geometry(
 /// Where the samples of straight axes begin, and how far apart they are where only their ends are given:
 /// `axis mins` and `axis maxs` are the positions of samples, or with cells as `centers` the ends of the
 /// intervals in whose middle samples lie.
-fn along_axes(header: &Header<'_>, axes: &[usize], geometry: &mut Geometry<3>) -> Result<()> {
+fn place_along_axes(header: &Header<'_>, axes: &[usize], geometry: &mut Geometry<3>) -> Result<()> {
     let words = |name: &str| -> Option<Vec<&str>> {
         Some(header.value(name)?.split_whitespace().collect())
     };
@@ -390,7 +399,7 @@ fn along_axes(header: &Header<'_>, axes: &[usize], geometry: &mut Geometry<3>) -
         };
         let number = |word: &&str| match word.parse::<f64>() {
             Ok(number) => Ok(Some(number).filter(|x| x.is_finite())),
-            Err(_) => Err(header.bad(name, word)),
+            Err(_) => Err(header.value_error(name, word)),
         };
         words.iter().map(number).collect()
     };
@@ -426,7 +435,7 @@ pub fn write<const D: usize>(
     path: &Path,
     dims: [usize; D],
     geometry: &Geometry<D>,
-    slabs: &dyn Slabs,
+    slabs: &dyn SlabSource,
 ) -> Result<()> {
     let vector = |v: &[f64; D]| format!("({})", v.map(|x| format!("{x:?}")).join(","));
     let quoted = |words: &[String; D]| {

@@ -8,22 +8,22 @@ use std::path::{Path, PathBuf};
 use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
 
 use super::samples::{self, Encoding};
-use super::{Format, Loaded};
-use crate::error::{Error, Result, cause, os};
+use super::{ImageFormat, LoadedImage};
+use crate::error::{Error, Result, cause, io_error};
 use crate::files;
 use crate::image::{ExactLabels, Geometry, Image};
 
 /// The first bytes of gzip data.
-pub const GZIP: &[u8] = b"\x1f\x8b";
+pub const GZIP_MAGIC: &[u8] = b"\x1f\x8b";
 
 /// No byte of deflated data becomes more bytes than this.
-pub const DEFLATE: u64 = 1032;
+pub const MAX_DEFLATE_RATIO: u64 = 1032;
 
 /// How bytes are compressed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Packing {
+pub enum SamplePacking {
     /// Not at all.
-    Plain,
+    Uncompressed,
     /// As gzip or zlib data, whichever it turns out to be.
     Deflated,
     /// Not compressed, and numbers are words of text.
@@ -32,50 +32,50 @@ pub enum Packing {
 
 /// Where samples begin in the unpacked bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Skip {
+pub enum SampleStart {
     /// After so many bytes.
-    Bytes(u64),
+    Offset(u64),
     /// They are the last bytes that there are.
-    ToLast,
+    FromEnd,
 }
 
 /// Samples in a file, as its header describes them.
 #[derive(Debug, Clone)]
-pub struct Packed {
+pub struct PackedSamples {
     /// The file that holds them.
     pub path: PathBuf,
     /// Byte of that file at which the packed bytes begin.
-    pub at: u64,
+    pub offset: u64,
     /// How they are packed.
-    pub packing: Packing,
+    pub packing: SamplePacking,
     /// Where the samples begin in what is unpacked.
-    pub skip: Skip,
+    pub sample_start: SampleStart,
     /// How each sample is coded.
     pub encoding: Encoding,
     /// Samples along each axis, the fastest first.
     pub dims: [usize; 3],
 }
 
-impl Packed {
+impl PackedSamples {
     /// The samples as an image; `scale` is a slope and an intercept that are applied to each.
     ///
     /// # Errors
     /// [`Error::Io`] if the file cannot be read, is too short for what is claimed, or damaged.
     pub fn load(
         self,
-        format: Format,
+        format: ImageFormat,
         geometry: Geometry<3>,
         scale: Option<[f64; 2]>,
         mut notes: Vec<String>,
-    ) -> Result<Loaded> {
-        let (mut samples, spare) = self.samples::<f32>()?;
+    ) -> Result<LoadedImage> {
+        let (mut samples, spare) = self.read_samples::<f32>()?;
         if spare > 0 {
             notes.push(format!("{spare} bytes after the samples are ignored"));
         }
         let note = self.encoding.rounding_note(&samples);
         let exact = match (&note, self.packing) {
-            (Some(_), Packing::Plain | Packing::Deflated) if scale.is_none() => {
-                Some(ExactLabels::of(self.samples::<i128>()?.0))
+            (Some(_), SamplePacking::Uncompressed | SamplePacking::Deflated) if scale.is_none() => {
+                Some(ExactLabels::from_integers(self.read_samples::<i128>()?.0))
             }
             _ => None,
         };
@@ -86,27 +86,29 @@ impl Packed {
             }
         }
         let packed = match self.packing {
-            Packing::Plain => "",
-            Packing::Deflated => ", compressed",
-            Packing::Text => ", as text",
+            SamplePacking::Uncompressed => "",
+            SamplePacking::Deflated => ", compressed",
+            SamplePacking::Text => ", as text",
         };
         let mut image = Image::new(self.dims, samples, geometry);
         image.labels = exact;
-        Ok(Loaded {
+        Ok(LoadedImage {
             image,
             format,
             encoding: format!("{}{packed}", self.encoding),
             notes,
             survey: None,
-            lines: None,
+            line_numbers: None,
         })
     }
 
     /// The samples, and how many bytes there are after them.
-    fn samples<T: Sample>(&self) -> Result<(Vec<T>, u64)> {
+    fn read_samples<T: Sample>(&self) -> Result<(Vec<T>, u64)> {
         let mut file = files::open(&self.path, "name the file of samples")?;
-        let metadata = file.metadata().map_err(|e| os(&self.path, "read", e))?;
-        let there = metadata.len().saturating_sub(self.at);
+        let metadata = file
+            .metadata()
+            .map_err(|e| io_error(&self.path, "read", e))?;
+        let there = metadata.len().saturating_sub(self.offset);
         let size = self.encoding.size() as u64;
         let claimed = self
             .dims
@@ -115,10 +117,10 @@ impl Packed {
             .filter(|&bytes| bytes > 0 && bytes < 1 << 62);
         let dims = self.dims.map(|n| n.to_string()).join(" x ");
         let Some(needed) = claimed else {
-            return Err(refuse(
+            return Err(file_error(
                 &self.path,
                 format!("claims {dims} samples, none or more than any file holds"),
-                DAMAGED,
+                DAMAGED_REMEDY,
             ));
         };
         let count = (needed / size) as usize;
@@ -126,69 +128,69 @@ impl Packed {
             let problem = format!(
                 "is cut off: {dims} samples of {size} bytes need {needed} bytes, {there} {what}"
             );
-            Err(refuse(&self.path, problem, DAMAGED))
+            Err(file_error(&self.path, problem, DAMAGED_REMEDY))
         };
         match self.packing {
-            Packing::Plain => {
-                let start = match self.skip {
-                    Skip::Bytes(skip) => skip,
-                    Skip::ToLast => there.saturating_sub(needed),
+            SamplePacking::Uncompressed => {
+                let start = match self.sample_start {
+                    SampleStart::Offset(skip) => skip,
+                    SampleStart::FromEnd => there.saturating_sub(needed),
                 };
                 let rest = there.saturating_sub(start);
                 if rest < needed {
                     return short(rest, "are there");
                 }
-                samples::afford(&self.path, count)?;
+                samples::check_memory(&self.path, count)?;
                 let mut samples = vec![T::default(); count];
-                T::read(self.encoding, &file, self.at + start, &mut samples)
-                    .map_err(|e| os(&self.path, "read", e))?;
+                T::read(self.encoding, &file, self.offset + start, &mut samples)
+                    .map_err(|e| io_error(&self.path, "read", e))?;
                 Ok((samples, rest - needed))
             }
-            Packing::Text => {
+            SamplePacking::Text => {
                 // A number takes a digit and a space at least.
                 if there < 2 * count as u64 - 1 {
                     return short(there, "of text are there");
                 }
-                samples::afford(&self.path, count)?;
-                file.seek(SeekFrom::Start(self.at))
-                    .map_err(|e| os(&self.path, "read", e))?;
+                samples::check_memory(&self.path, count)?;
+                file.seek(SeekFrom::Start(self.offset))
+                    .map_err(|e| io_error(&self.path, "read", e))?;
                 let mut text = Vec::new();
                 file.read_to_end(&mut text)
-                    .map_err(|e| os(&self.path, "read", e))?;
-                let words = self.words(&text, count)?;
-                Ok((words.into_iter().map(T::of).collect(), 0))
+                    .map_err(|e| io_error(&self.path, "read", e))?;
+                let words = self.parse_text(&text, count)?;
+                Ok((words.into_iter().map(T::from_number).collect(), 0))
             }
-            Packing::Deflated => {
-                let most = there.saturating_mul(DEFLATE);
+            SamplePacking::Deflated => {
+                let most = there.saturating_mul(MAX_DEFLATE_RATIO);
                 if most < needed {
                     return short(
                         there,
                         "of compressed data are there, which cannot hold them",
                     );
                 }
-                samples::afford(&self.path, count)?;
-                file.seek(SeekFrom::Start(self.at))
-                    .map_err(|e| os(&self.path, "read", e))?;
-                self.inflated(&mut unpack(file), needed)
+                samples::check_memory(&self.path, count)?;
+                file.seek(SeekFrom::Start(self.offset))
+                    .map_err(|e| io_error(&self.path, "read", e))?;
+                self.inflate(&mut unpack(file), needed)
                     .map_err(|e| match e.kind() {
-                        io::ErrorKind::UnexpectedEof => refuse(
+                        io::ErrorKind::UnexpectedEof => file_error(
                             &self.path,
                             format!("its compressed data ends before {dims} samples are read"),
-                            DAMAGED,
+                            DAMAGED_REMEDY,
                         ),
-                        _ => refuse(
+                        _ => file_error(
                             &self.path,
                             format!("its compressed data is damaged: {e}"),
-                            DAMAGED,
+                            DAMAGED_REMEDY,
                         )
-                        .because(e),
+                        .with_source(e),
                     })
             }
         }
     }
 
     /// The samples in `reader`, which unpacks to `needed` bytes of them and perhaps more.
-    fn inflated<T: Sample>(&self, reader: &mut dyn Read, needed: u64) -> io::Result<(Vec<T>, u64)> {
+    fn inflate<T: Sample>(&self, reader: &mut dyn Read, needed: u64) -> io::Result<(Vec<T>, u64)> {
         let size = self.encoding.size();
         let count = needed as usize / size;
         // Memory is taken as bytes come, so that a false claim takes none.
@@ -198,8 +200,8 @@ impl Packed {
             samples.resize(done + bytes.len() / size, T::default());
             T::decode(self.encoding, bytes, &mut samples[done..]);
         };
-        match self.skip {
-            Skip::Bytes(skip) => {
+        match self.sample_start {
+            SampleStart::Offset(skip) => {
                 if io::copy(&mut reader.take(skip), &mut io::sink())? < skip {
                     return Err(io::ErrorKind::UnexpectedEof.into());
                 }
@@ -215,7 +217,7 @@ impl Packed {
                 let spare = io::copy(&mut reader.take(needed.max(1 << 20)), &mut io::sink())?;
                 Ok((samples, spare))
             }
-            Skip::ToLast => {
+            SampleStart::FromEnd => {
                 let mut bytes = Vec::new();
                 while reader.take(1 << 20).read_to_end(&mut bytes)? > 0 {
                     if bytes.len() as u64 > needed.saturating_mul(2) + (1 << 21) {
@@ -230,7 +232,7 @@ impl Packed {
     }
 
     /// Numbers of text between white space or commas.
-    fn words(&self, text: &[u8], count: usize) -> Result<Vec<f32>> {
+    fn parse_text(&self, text: &[u8], count: usize) -> Result<Vec<f32>> {
         let mut samples = Vec::new();
         let words = text
             .split(|b| b.is_ascii_whitespace() || *b == b',')
@@ -240,7 +242,7 @@ impl Packed {
             let value = word.parse::<f64>().map_err(|_| {
                 let shown: String = word.chars().take(20).collect();
                 let problem = format!("sample {} is '{shown}', not a number", samples.len());
-                refuse(&self.path, problem, DAMAGED)
+                file_error(&self.path, problem, DAMAGED_REMEDY)
             })?;
             samples.push(value as f32);
         }
@@ -248,14 +250,14 @@ impl Packed {
             return Ok(samples);
         }
         let problem = format!("has {} numbers where {count} are needed", samples.len());
-        Err(refuse(&self.path, problem, DAMAGED))
+        Err(file_error(&self.path, problem, DAMAGED_REMEDY))
     }
 }
 
 /// What a sample is read as: `f32`, or a wide integer as it is.
 trait Sample: Copy + Default + Send {
     /// A number of text.
-    fn of(number: f32) -> Self;
+    fn from_number(number: f32) -> Self;
 
     /// Converts bytes.
     fn decode(encoding: Encoding, bytes: &[u8], out: &mut [Self]);
@@ -265,7 +267,7 @@ trait Sample: Copy + Default + Send {
 }
 
 impl Sample for f32 {
-    fn of(number: f32) -> Self {
+    fn from_number(number: f32) -> Self {
         number
     }
 
@@ -279,7 +281,7 @@ impl Sample for f32 {
 }
 
 impl Sample for i128 {
-    fn of(number: f32) -> Self {
+    fn from_number(number: f32) -> Self {
         number as Self
     }
 
@@ -304,13 +306,13 @@ impl Sample for i128 {
 }
 
 /// What to do about a file whose parts do not fit.
-pub const DAMAGED: &str = "the file or its header is damaged: copy or write it again";
+pub const DAMAGED_REMEDY: &str = "the file or its header is damaged: copy or write it again";
 
 /// The bytes of compressed data, gzip or zlib.
 pub fn unpack(file: impl Read + 'static) -> Box<dyn Read> {
     let mut reader = BufReader::with_capacity(1 << 16, file);
     match io::BufRead::fill_buf(&mut reader) {
-        Ok(head) if head.starts_with(GZIP) => Box::new(MultiGzDecoder::new(reader)),
+        Ok(head) if head.starts_with(GZIP_MAGIC) => Box::new(MultiGzDecoder::new(reader)),
         _ => Box::new(ZlibDecoder::new(reader)),
     }
 }
@@ -319,25 +321,25 @@ pub fn unpack(file: impl Read + 'static) -> Box<dyn Read> {
 ///
 /// # Errors
 /// [`Error::Io`] if the file cannot be read.
-pub fn head(path: &Path, most: u64) -> Result<(Vec<u8>, Packing)> {
-    let mut file = File::open(path).map_err(|e| os(path, "open", e))?;
+pub fn read_head(path: &Path, most: u64) -> Result<(Vec<u8>, SamplePacking)> {
+    let mut file = File::open(path).map_err(|e| io_error(path, "open", e))?;
     let mut head = Vec::new();
     (&mut file)
         .take(most)
         .read_to_end(&mut head)
-        .map_err(|e| os(path, "read", e))?;
-    if !head.starts_with(GZIP) {
-        return Ok((head, Packing::Plain));
+        .map_err(|e| io_error(path, "read", e))?;
+    if !head.starts_with(GZIP_MAGIC) {
+        return Ok((head, SamplePacking::Uncompressed));
     }
-    file.rewind().map_err(|e| os(path, "read", e))?;
+    file.rewind().map_err(|e| io_error(path, "read", e))?;
     head.clear();
     // What can be unpacked of damaged data is enough to say what it was.
     let _ = unpack(file).take(most).read_to_end(&mut head);
-    Ok((head, Packing::Deflated))
+    Ok((head, SamplePacking::Deflated))
 }
 
 /// An error about a file.
-pub fn refuse(path: &Path, problem: impl std::fmt::Display, remedy: &str) -> Error {
+pub fn file_error(path: &Path, problem: impl std::fmt::Display, remedy: &str) -> Error {
     Error::Io(cause(path.display(), problem, remedy))
 }
 
@@ -345,7 +347,7 @@ pub fn refuse(path: &Path, problem: impl std::fmt::Display, remedy: &str) -> Err
 ///
 /// # Errors
 /// What is wrong with them.
-pub fn two_or_three(sizes: &[usize]) -> std::result::Result<[usize; 3], String> {
+pub fn dims_from_sizes(sizes: &[usize]) -> std::result::Result<[usize; 3], String> {
     let shown = sizes.iter().map(usize::to_string).collect::<Vec<_>>();
     let extra = sizes.iter().skip(3).find(|&&n| n != 1);
     match (sizes.len(), extra) {

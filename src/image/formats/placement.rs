@@ -2,19 +2,19 @@
 
 use std::path::PathBuf;
 
-use super::stream::{Head, Opened};
-use super::{AnyLoaded, SegyBytes, open};
+use super::stream::{ImageHeader, OpenedImage};
+use super::{AnyImage, SegyBytes, open};
 use crate::error::{Error, Result, cause};
 use crate::image::Geometry;
 use crate::image::formats::ReadOptions;
 
 /// How the note ends that a reader makes of a file without geometry.
-pub(crate) const BARE: &str = "has no geometry: unit spacing, origin 0";
+pub(crate) const NO_GEOMETRY_NOTE: &str = "has no geometry: unit spacing, origin 0";
 
 /// Where an image lies, as a user says it. It applies to files that say no more than unit spacing and origin
 /// 0, and is refused for others.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Placement {
+pub struct ImagePlacement {
     /// Distances between samples along the array's axes, the fastest first; one for all of them will do.
     pub spacing: Option<Vec<f64>>,
     /// Position of the first sample: x, y, z.
@@ -22,23 +22,23 @@ pub struct Placement {
     /// Units of x, y and z; one for all of them will do.
     pub units: Option<Vec<String>>,
     /// What the array's axes are, the fastest first.
-    pub axes: Option<Vec<AxisName>>,
+    pub axes: Option<Vec<AxisSpec>>,
     /// An image of as many samples that lies where this one shall lie.
-    pub from: Option<PathBuf>,
+    pub reference_image: Option<PathBuf>,
 }
 
 /// What an axis of an array is: a coordinate of the world along which it runs, up or down.
 #[derive(Debug, Clone, PartialEq)]
-pub struct AxisName {
+pub struct AxisSpec {
     /// What it is called.
     pub name: String,
     /// Number of the coordinate; `None` for the last one, whether there are two or three.
     coordinate: Option<usize>,
     /// Whether the coordinate falls from sample to sample.
-    falls: bool,
+    is_descending: bool,
 }
 
-impl std::str::FromStr for AxisName {
+impl std::str::FromStr for AxisSpec {
     type Err = Error;
 
     fn from_str(text: &str) -> Result<Self> {
@@ -60,15 +60,15 @@ impl std::str::FromStr for AxisName {
         Ok(Self {
             name: bare.to_string(),
             coordinate,
-            falls: down != text.starts_with('-'),
+            is_descending: down != text.starts_with('-'),
         })
     }
 }
 
-impl AxisName {
+impl AxisSpec {
     /// Number of the coordinate of space, and whether it falls from sample to sample.
-    pub(super) fn along(&self) -> (usize, bool) {
-        (self.coordinate.unwrap_or(2), self.falls)
+    pub(super) fn space_coordinate(&self) -> (usize, bool) {
+        (self.coordinate.unwrap_or(2), self.is_descending)
     }
 }
 
@@ -85,7 +85,7 @@ pub fn length_unit(name: &str) -> Option<&'static str> {
     })
 }
 
-impl Placement {
+impl ImagePlacement {
     /// Whether nothing is said.
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
@@ -96,32 +96,32 @@ impl Placement {
     /// # Errors
     /// [`Error::Job`] for what does not fit the image, and for an image that lies somewhere already; those
     /// of reading the other image.
-    pub(super) fn put(&self, opened: Opened, segy: &SegyBytes) -> Result<Opened> {
+    pub(super) fn apply(&self, opened: OpenedImage, segy: &SegyBytes) -> Result<OpenedImage> {
         if self.is_empty() {
             return Ok(opened);
         }
         Ok(match opened {
-            Opened::Stream(mut stream) => {
-                let from = self.other(segy)?.map(Opened::head);
-                stream.head = self.placed(stream.head, from)?;
-                Opened::Stream(stream)
+            OpenedImage::Stream(mut stream) => {
+                let from = self.open_reference(segy)?.map(OpenedImage::into_header);
+                stream.header = self.place_header(stream.header, from)?;
+                OpenedImage::Stream(stream)
             }
-            Opened::Held(AnyLoaded::Plane(loaded)) => {
-                let from = self.other(segy)?.map(Opened::head);
-                let head = self.placed(loaded.head(), from)?;
-                Opened::Held(AnyLoaded::Plane(head.with_array(loaded.image.samples)))
+            OpenedImage::InMemory(AnyImage::Plane(loaded)) => {
+                let from = self.open_reference(segy)?.map(OpenedImage::into_header);
+                let head = self.place_header(loaded.header(), from)?;
+                OpenedImage::InMemory(AnyImage::Plane(head.with_array(loaded.image.samples)))
             }
-            Opened::Held(AnyLoaded::Space(loaded)) => {
-                let from = self.other(segy)?.map(Opened::head);
-                let head = self.placed(loaded.head(), from)?;
-                Opened::Held(AnyLoaded::Space(head.with_array(loaded.image.samples)))
+            OpenedImage::InMemory(AnyImage::Space(loaded)) => {
+                let from = self.open_reference(segy)?.map(OpenedImage::into_header);
+                let head = self.place_header(loaded.header(), from)?;
+                OpenedImage::InMemory(AnyImage::Space(head.with_array(loaded.image.samples)))
             }
         })
     }
 
     /// The image whose geometry is asked for; its samples are not read where its headers are enough.
-    fn other(&self, segy: &SegyBytes) -> Result<Option<Opened>> {
-        let Some(path) = &self.from else {
+    fn open_reference(&self, segy: &SegyBytes) -> Result<Option<OpenedImage>> {
+        let Some(path) = &self.reference_image else {
             return Ok(None);
         };
         let options = ReadOptions {
@@ -132,12 +132,12 @@ impl Placement {
     }
 
     /// One with `D` axes; `from` is the other image, if there is one, if that has as many.
-    fn placed<const D: usize>(
+    fn place_header<const D: usize>(
         &self,
-        mut head: Head<D>,
-        from: Option<Option<Head<D>>>,
-    ) -> Result<Head<D>> {
-        let name = self.first();
+        mut head: ImageHeader<D>,
+        from: Option<Option<ImageHeader<D>>>,
+    ) -> Result<ImageHeader<D>> {
+        let name = self.option_name();
         let bare = Geometry::<D>::default();
         let found = &head.geometry;
         let says_units_only = Self {
@@ -156,11 +156,14 @@ impl Placement {
             )));
         }
         if !says_units_only {
-            head.notes.retain(|note| !note.contains(BARE));
+            head.notes.retain(|note| !note.contains(NO_GEOMETRY_NOTE));
         }
         if let Some(from) = from {
             let dims = head.dims;
-            let path = self.from.as_deref().unwrap_or(std::path::Path::new(""));
+            let path = self
+                .reference_image
+                .as_deref()
+                .unwrap_or(std::path::Path::new(""));
             let other = from.filter(|from| from.dims == dims);
             let other = other.ok_or_else(|| {
                 Error::Job(cause(
@@ -172,7 +175,7 @@ impl Placement {
             head.geometry = other.geometry;
             head.missing = other.missing;
             head.survey = other.survey;
-            head.lines = other.lines;
+            head.line_numbers = other.line_numbers;
             head.notes.push(format!("placed as {}", path.display()));
             return Ok(head);
         }
@@ -188,23 +191,23 @@ impl Placement {
         }
         let mut geometry = match says_units_only {
             true => found.clone(),
-            false => self.turned(found)?,
+            false => self.axis_geometry(found)?,
         };
         if let Some(origin) = &self.origin {
-            geometry.origin = each("origin", origin, false)?;
+            geometry.origin = expand_to_axes("origin", origin, false)?;
         }
         if let Some(units) = &self.units {
-            geometry.units = each("unit", units, true)?;
+            geometry.units = expand_to_axes("unit", units, true)?;
         }
         head.geometry = geometry;
         Ok(head)
     }
 
     /// A bare geometry with axes along the coordinates that are asked for, and so long.
-    fn turned<const D: usize>(&self, bare: &Geometry<D>) -> Result<Geometry<D>> {
+    fn axis_geometry<const D: usize>(&self, bare: &Geometry<D>) -> Result<Geometry<D>> {
         let mut geometry = bare.clone();
         let spacing: [f64; D] = match &self.spacing {
-            Some(spacing) => each("spacing", spacing, true)?,
+            Some(spacing) => expand_to_axes("spacing", spacing, true)?,
             None => [1.0; D],
         };
         if let Some(s) = spacing.iter().find(|s| **s <= 0.0) {
@@ -220,7 +223,7 @@ impl Placement {
             }
             return Ok(geometry);
         };
-        let axes: [AxisName; D] = each("axes", axes, false)?;
+        let axes: [AxisSpec; D] = expand_to_axes("axes", axes, false)?;
         let mut taken = [false; D];
         for (k, axis) in axes.iter().enumerate() {
             let c = axis.coordinate.unwrap_or(D - 1);
@@ -240,7 +243,7 @@ impl Placement {
                     "give each coordinate once: x, y, z say, or time,crossline,inline",
                 )));
             }
-            let turn = if axis.falls { -1.0 } else { 1.0 };
+            let turn = if axis.is_descending { -1.0 } else { 1.0 };
             geometry.axes[k] =
                 std::array::from_fn(|at| if at == c { turn * spacing[k] } else { 0.0 });
             geometry.names[k].clone_from(&axis.name);
@@ -249,10 +252,11 @@ impl Placement {
     }
 
     /// The name of what is given.
-    fn first(&self) -> String {
+    fn option_name(&self) -> String {
         match self {
             Self {
-                from: Some(path), ..
+                reference_image: Some(path),
+                ..
             } => format!("geometry-from {}", path.display()),
             Self {
                 spacing: Some(_), ..
@@ -267,7 +271,11 @@ impl Placement {
 }
 
 /// One value for each axis; of a single one, perhaps, the same for all.
-fn each<T: Clone, const D: usize>(name: &str, values: &[T], same: bool) -> Result<[T; D]> {
+fn expand_to_axes<T: Clone, const D: usize>(
+    name: &str,
+    values: &[T],
+    same: bool,
+) -> Result<[T; D]> {
     if let ([value], true) = (values, same) {
         return Ok(std::array::from_fn(|_| value.clone()));
     }
@@ -287,7 +295,7 @@ mod tests {
     use crate::image::formats::{InputOptions, read_any};
 
     /// Reads a small array under these options.
-    fn read(dims: &[usize], words: [Option<&str>; 4]) -> Result<AnyLoaded> {
+    fn read(dims: &[usize], words: [Option<&str>; 4]) -> Result<AnyImage> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.npy");
         let count = dims.iter().product();
@@ -310,7 +318,7 @@ mod tests {
             axes,
             ..InputOptions::default()
         };
-        read_any(&path, &input.for_file(&path)?)
+        read_any(&path, &input.read_options_for(&path)?)
     }
 
     #[test]
@@ -321,7 +329,7 @@ mod tests {
             "m,m,ms",
             "time,crossline,inline",
         ];
-        let AnyLoaded::Space(loaded) = read(&[5, 4, 3], words.map(Some)).unwrap() else {
+        let AnyImage::Space(loaded) = read(&[5, 4, 3], words.map(Some)).unwrap() else {
             panic!("not in space")
         };
         let geometry = &loaded.image.geometry;
@@ -335,7 +343,7 @@ mod tests {
 
         // A section, time first; one number for all axes.
         let words = [Some("5"), None, None, Some("time,x")];
-        let AnyLoaded::Plane(loaded) = read(&[5, 4], words).unwrap() else {
+        let AnyImage::Plane(loaded) = read(&[5, 4], words).unwrap() else {
             panic!("not in the plane")
         };
         assert_eq!(loaded.image.geometry.to_physical([1.0, 2.0]), [10.0, -5.0]);
@@ -373,7 +381,8 @@ mod tests {
         super::super::write(&bare, &image).unwrap();
         let other = Image::new([4, 3, 3], vec![1.0; 36], geometry.clone());
         super::super::write(&small, &other).unwrap();
-        let read = |path: &PathBuf, input: InputOptions| read_any(path, &input.for_file(path)?);
+        let read =
+            |path: &PathBuf, input: InputOptions| read_any(path, &input.read_options_for(path)?);
 
         let spacing = InputOptions {
             spacing: Some("2".into()),
@@ -385,7 +394,7 @@ mod tests {
             geometry_from: Some(path.clone()),
             ..InputOptions::default()
         };
-        let AnyLoaded::Space(found) = read(&bare, from(&placed)).unwrap() else {
+        let AnyImage::Space(found) = read(&bare, from(&placed)).unwrap() else {
             panic!("not in space")
         };
         assert_eq!(

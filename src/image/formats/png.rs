@@ -13,12 +13,12 @@ use std::path::Path;
 
 use png::{BitDepth, ColorType, Decoder, DecodingError, Encoder, Transformations};
 
-use super::packed::{DAMAGED, DEFLATE};
-use super::placement::BARE;
+use super::packed::{DAMAGED_REMEDY, MAX_DEFLATE_RATIO};
+use super::placement::NO_GEOMETRY_NOTE;
 use super::samples::{self, Encoding, Endian, SampleType};
 use super::tiff::add_bits;
-use super::{Format, Loaded};
-use crate::error::{Error, Result, cause, os};
+use super::{ImageFormat, LoadedImage};
+use crate::error::{Error, Result, cause, io_error};
 use crate::files::atomic_write;
 use crate::image::{Geometry, Image};
 
@@ -26,29 +26,35 @@ use crate::image::{Geometry, Image};
 pub const MAGIC: &[u8] = b"\x89PNG\r\n\x1a\n";
 
 /// The text chunk that holds the samples of which the codes 0 and 65535 are the image.
-const RANGE: &str = "atomesh range";
+const RANGE_KEYWORD: &str = "atomesh range";
 
 /// Weights of red, green and blue in luminance.
-const LUMINANCE: [f32; 3] = [0.2126, 0.7152, 0.0722];
+const LUMINANCE_WEIGHTS: [f32; 3] = [0.2126, 0.7152, 0.0722];
 
 /// Largest picture that is read, in bytes of samples.
-const LARGEST: usize = 1 << 33;
+const MAX_PICTURE_BYTES: usize = 1 << 33;
 
 /// Reads a picture as a 2-D image.
 ///
 /// # Errors
 /// [`Error::Io`] if the file cannot be read, is cut off or damaged.
-pub fn read(path: &Path) -> Result<Loaded<2>> {
+pub fn read(path: &Path) -> Result<LoadedImage<2>> {
     // Fewer bits than 8 become 8, and palettes colours, if these are greys.
-    match read_as(path, Transformations::EXPAND)? {
+    match read_transformed(path, Transformations::EXPAND)? {
         Some(loaded) => Ok(loaded),
-        None => read_as(path, Transformations::IDENTITY)?.ok_or_else(|| refuse_palette(path)),
+        None => {
+            read_transformed(path, Transformations::IDENTITY)?.ok_or_else(|| palette_error(path))
+        }
     }
 }
 
 /// The error of a palette that is there at one look and not at the next.
-fn refuse_palette(path: &Path) -> Error {
-    Error::Io(cause(path.display(), "changes while it is read", DAMAGED))
+fn palette_error(path: &Path) -> Error {
+    Error::Io(cause(
+        path.display(),
+        "changes while it is read",
+        DAMAGED_REMEDY,
+    ))
 }
 
 /// Whether the colours of a palette are greys.
@@ -57,12 +63,18 @@ fn is_grey(palette: &[u8]) -> bool {
 }
 
 /// Reads a picture after some `transformations`; `None` where these make colours of a palette.
-fn read_as(path: &Path, transformations: Transformations) -> Result<Option<Loaded<2>>> {
-    let file = File::open(path).map_err(|e| os(path, "open", e))?;
-    let length = file.metadata().map_err(|e| os(path, "read", e))?.len();
+fn read_transformed(
+    path: &Path,
+    transformations: Transformations,
+) -> Result<Option<LoadedImage<2>>> {
+    let file = File::open(path).map_err(|e| io_error(path, "open", e))?;
+    let length = file
+        .metadata()
+        .map_err(|e| io_error(path, "read", e))?
+        .len();
     let mut decoder = Decoder::new(BufReader::new(file));
     decoder.set_transformations(transformations);
-    let fault = |e| damaged(path, e);
+    let fault = |e| decode_error(path, e);
     let mut reader = decoder.read_info().map_err(fault)?;
     let source = reader.info();
     let (written_as, bits) = (source.color_type, source.bit_depth as u8);
@@ -73,7 +85,7 @@ fn read_as(path: &Path, transformations: Transformations) -> Result<Option<Loade
         && (colours == 0 || !colours.is_multiple_of(3))
     {
         let problem = format!("has a palette of {colours} bytes, not three for each colour");
-        return refuse(problem, DAMAGED);
+        return refuse(problem, DAMAGED_REMEDY);
     }
     let by_index = transformations == Transformations::IDENTITY;
     let in_colours = |palette: &[u8]| !is_grey(palette);
@@ -84,35 +96,35 @@ fn read_as(path: &Path, transformations: Transformations) -> Result<Option<Loade
         return Ok(None);
     }
     let packed = (source.raw_row_length() as u64).saturating_mul(dims[1] as u64);
-    if packed > length.saturating_mul(DEFLATE) {
+    if packed > length.saturating_mul(MAX_DEFLATE_RATIO) {
         let problem = format!(
             "claims {} x {} pixels, which its {length} bytes cannot hold",
             dims[0], dims[1]
         );
-        return refuse(problem, DAMAGED);
+        return refuse(problem, DAMAGED_REMEDY);
     }
     let size = match reader.output_buffer_size() {
-        Some(size) if size <= LARGEST => size,
+        Some(size) if size <= MAX_PICTURE_BYTES => size,
         _ => {
             let problem = format!("claims {} x {} pixels", dims[0], dims[1]);
             return refuse(problem, "give a picture of at most 2^33 bytes");
         }
     };
-    samples::afford(path, size)?;
+    samples::check_memory(path, size)?;
     let mut bytes = vec![0; size];
     let frame = reader.next_frame(&mut bytes).map_err(fault)?;
     reader.finish().map_err(fault)?;
 
     let channels = frame.color_type.samples();
     let encoding = Encoding {
-        sample: match frame.bit_depth {
+        sample_type: match frame.bit_depth {
             BitDepth::Sixteen => SampleType::U16,
             _ => SampleType::U8,
         },
         endian: Endian::Big,
     };
     let mut values = vec![0f32; dims[0] * dims[1] * channels];
-    let mut notes = vec![format!("a picture {BARE}, y down")];
+    let mut notes = vec![format!("a picture {NO_GEOMETRY_NOTE}, y down")];
     if by_index && bits < 8 {
         values.clear();
         add_bits(&bytes, bits, dims[0], dims[0] * dims[1], &mut values);
@@ -133,8 +145,10 @@ fn read_as(path: &Path, transformations: Transformations) -> Result<Option<Loade
     if channels % 2 == 0 {
         notes.push("transparency is ignored".into());
     }
-    if let Some([low, high]) = range(reader.info()) {
-        samples.iter_mut().for_each(|v| *v = decoded(*v, low, high));
+    if let Some([low, high]) = sample_range(reader.info()) {
+        samples
+            .iter_mut()
+            .for_each(|v| *v = decode_sample(*v, low, high));
     }
     let name = match written_as {
         ColorType::Grayscale => "grey",
@@ -143,18 +157,18 @@ fn read_as(path: &Path, transformations: Transformations) -> Result<Option<Loade
         ColorType::Rgba => "colours with transparency",
         ColorType::Indexed => "palette",
     };
-    Ok(Some(Loaded {
+    Ok(Some(LoadedImage {
         image: Image::new(dims, samples, Geometry::default()),
-        format: Format::Png,
+        format: ImageFormat::Png,
         encoding: format!("{bits}-bit {name}"),
         notes,
         survey: None,
-        lines: None,
+        line_numbers: None,
     }))
 }
 
 /// The sample that a code from 0 to 65535 stands for.
-fn decoded(code: f32, low: f32, high: f32) -> f32 {
+fn decode_sample(code: f32, low: f32, high: f32) -> f32 {
     let span = high - low;
     if span.is_finite() {
         return low + code / 65535.0 * span;
@@ -166,28 +180,28 @@ fn decoded(code: f32, low: f32, high: f32) -> f32 {
 /// Luminance of a pixel; exactly its value where all colours are equal.
 pub fn luminance(pixel: &[f32]) -> f32 {
     let [r, g, b] = [pixel[0], pixel[1], pixel[2]];
-    g + LUMINANCE[0] * (r - g) + LUMINANCE[2] * (b - g)
+    g + LUMINANCE_WEIGHTS[0] * (r - g) + LUMINANCE_WEIGHTS[2] * (b - g)
 }
 
 /// The samples of which the codes 0 and 65535 are the image, if the file says so.
-fn range(info: &png::Info<'_>) -> Option<[f32; 2]> {
+fn sample_range(info: &png::Info<'_>) -> Option<[f32; 2]> {
     let chunk = info
         .uncompressed_latin1_text
         .iter()
-        .find(|chunk| chunk.keyword == RANGE)?;
+        .find(|chunk| chunk.keyword == RANGE_KEYWORD)?;
     let (low, high) = chunk.text.split_once(' ')?;
     let [low, high] = [low, high].map(|word| word.parse::<f32>().ok().filter(|v| v.is_finite()));
     Some([low?, high?])
 }
 
-fn damaged(path: &Path, error: DecodingError) -> Error {
+fn decode_error(path: &Path, error: DecodingError) -> Error {
     let problem = match &error {
         DecodingError::IoError(e) if e.kind() == ErrorKind::UnexpectedEof => {
             "is cut off".to_string()
         }
         error => format!("is not a complete PNG file: {error}"),
     };
-    Error::Io(cause(path.display(), problem, "copy or write it again").because(error))
+    Error::Io(cause(path.display(), problem, "copy or write it again").with_source(error))
 }
 
 /// Writes a 2-D image as a grey picture: 8 bits if all samples are whole numbers from 0 to 255,
@@ -198,7 +212,7 @@ fn damaged(path: &Path, error: DecodingError) -> Error {
 pub fn write(path: &Path, image: &Image<2>) -> Result<()> {
     let samples = image.as_slice();
     let stats = image.stats();
-    if let Some(index) = stats.first_bad {
+    if let Some(index) = stats.first_non_finite {
         return Err(Error::Io(cause(
             path.display(),
             format!("the image has no finite value at {index:?}, which a PNG cannot hold"),
@@ -243,7 +257,7 @@ pub fn write(path: &Path, image: &Image<2>) -> Result<()> {
         encoder.set_color(ColorType::Grayscale);
         encoder.set_depth(depth);
         if let Some(range) = range {
-            encoder.add_text_chunk(RANGE.into(), range)?;
+            encoder.add_text_chunk(RANGE_KEYWORD.into(), range)?;
         }
         let mut writer = encoder.write_header()?;
         writer.write_image_data(&bytes)?;
@@ -256,7 +270,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn coded(color: ColorType, depth: BitDepth, dims: [u32; 2], data: &[u8]) -> Vec<u8> {
+    fn encode_picture(color: ColorType, depth: BitDepth, dims: [u32; 2], data: &[u8]) -> Vec<u8> {
         let mut bytes = Vec::new();
         let mut encoder = Encoder::new(&mut bytes, dims[0], dims[1]);
         encoder.set_color(color);
@@ -270,7 +284,7 @@ mod tests {
         bytes
     }
 
-    fn read_bytes(bytes: &[u8]) -> Result<Loaded<2>> {
+    fn read_bytes(bytes: &[u8]) -> Result<LoadedImage<2>> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.png");
         std::fs::write(&path, bytes).unwrap();
@@ -281,7 +295,7 @@ mod tests {
     fn every_colour_type_and_depth() {
         use BitDepth::*;
         use ColorType::*;
-        let red = 255.0 * LUMINANCE[0];
+        let red = 255.0 * LUMINANCE_WEIGHTS[0];
         let cases: &[(ColorType, BitDepth, &[u8], [f32; 2])] = &[
             (Grayscale, One, &[0b0100_0000], [0.0, 255.0]),
             (Grayscale, Four, &[0x1f], [17.0, 255.0]),
@@ -293,7 +307,7 @@ mod tests {
             (Indexed, Two, &[0b1001_0000], [2.0, 1.0]),
         ];
         for (color, depth, data, want) in cases {
-            let loaded = read_bytes(&coded(*color, *depth, [2, 1], data)).unwrap();
+            let loaded = read_bytes(&encode_picture(*color, *depth, [2, 1], data)).unwrap();
             assert_eq!(loaded.image.dims(), [2, 1]);
             for (got, want) in loaded.image.as_slice().iter().zip(want) {
                 assert!(
@@ -302,14 +316,14 @@ mod tests {
                 );
             }
         }
-        let loaded = read_bytes(&coded(Rgba, Eight, [1, 1], &[1, 1, 1, 1])).unwrap();
+        let loaded = read_bytes(&encode_picture(Rgba, Eight, [1, 1], &[1, 1, 1, 1])).unwrap();
         assert!(loaded.notes.iter().any(|n| n.contains("transparency")));
         assert_eq!(loaded.encoding, "8-bit colours with transparency");
     }
 
     #[test]
     fn the_first_row_is_y_0() {
-        let image = read_bytes(&coded(
+        let image = read_bytes(&encode_picture(
             ColorType::Grayscale,
             BitDepth::Eight,
             [3, 2],
@@ -322,7 +336,7 @@ mod tests {
 
     #[test]
     fn cut_off_and_damaged_files_are_refused() {
-        let good = coded(ColorType::Grayscale, BitDepth::Eight, [40, 30], &[9; 1200]);
+        let good = encode_picture(ColorType::Grayscale, BitDepth::Eight, [40, 30], &[9; 1200]);
         assert!(read_bytes(&good).is_ok());
         for end in 0..good.len() - 12 {
             let error = read_bytes(&good[..end]).unwrap_err().to_string();
@@ -361,7 +375,7 @@ mod tests {
 
         #[test]
         fn damaged_bytes_never_panic(at in 0usize..120, byte: u8) {
-            let mut bytes = coded(ColorType::Rgb, BitDepth::Eight, [5, 4], &[77; 60]);
+            let mut bytes = encode_picture(ColorType::Rgb, BitDepth::Eight, [5, 4], &[77; 60]);
             let at = at.min(bytes.len() - 1);
             bytes[at] = byte;
             let _ = read_bytes(&bytes);
@@ -386,7 +400,7 @@ mod tests {
 
     #[test]
     fn palettes_of_broken_colours_are_refused() {
-        let good = coded(ColorType::Indexed, BitDepth::Eight, [2, 1], &[0, 2]);
+        let good = encode_picture(ColorType::Indexed, BitDepth::Eight, [2, 1], &[0, 2]);
         assert!(read_bytes(&good).is_ok());
         let at = good.windows(4).position(|w| w == b"PLTE").unwrap();
         for length in [4usize, 8, 74] {
@@ -415,7 +429,7 @@ mod tests {
 
     #[test]
     fn pictures_larger_than_their_file_can_hold_take_no_memory() {
-        let mut huge = coded(ColorType::Grayscale, BitDepth::Eight, [1, 1], &[9]);
+        let mut huge = encode_picture(ColorType::Grayscale, BitDepth::Eight, [1, 1], &[9]);
         huge[16..24].copy_from_slice(&[0, 1, 0, 0, 0, 1, 0, 0]);
         let sum = crc(&huge[12..29]).to_be_bytes();
         huge[29..33].copy_from_slice(&sum);

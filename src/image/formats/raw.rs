@@ -4,10 +4,10 @@ use std::fs::File;
 use std::path::Path;
 use std::str::FromStr;
 
-use super::Format;
+use super::ImageFormat;
 use super::samples::{self, Encoding, Endian, SampleType};
-use super::stream::{Head, Plain, Slabs, Stream};
-use crate::error::{Error, Result, cause, os};
+use super::stream::{ImageHeader, ImageStream, RawPlanes, SlabSource};
+use crate::error::{Error, Result, cause, io_error};
 use crate::files::atomic_write;
 
 /// Dims and sample type of a raw file.
@@ -68,7 +68,10 @@ impl FromStr for RawSpec {
             None if one_byte => Endian::Little,
             None => return Err(bad(format!("'{name}' without byte order"))),
         };
-        let encoding = Encoding { sample, endian };
+        let encoding = Encoding {
+            sample_type: sample,
+            endian,
+        };
         Ok(Self { dims, encoding })
     }
 }
@@ -77,9 +80,12 @@ impl FromStr for RawSpec {
 ///
 /// # Errors
 /// [`Error::Io`] if the file cannot be opened or its length differs.
-pub fn open(path: &Path, spec: RawSpec) -> Result<Stream> {
-    let file = File::open(path).map_err(|e| os(path, "open", e))?;
-    let length = file.metadata().map_err(|e| os(path, "read", e))?.len();
+pub fn open(path: &Path, spec: RawSpec) -> Result<ImageStream> {
+    let file = File::open(path).map_err(|e| io_error(path, "open", e))?;
+    let length = file
+        .metadata()
+        .map_err(|e| io_error(path, "read", e))?
+        .len();
     let size = spec.encoding.size();
     let [nx, ny, nz] = spec.dims;
     let expected = spec
@@ -97,17 +103,22 @@ pub fn open(path: &Path, spec: RawSpec) -> Result<Stream> {
             "check the dimensions and the type given for the raw samples",
         )));
     }
-    Ok(Stream {
-        head: Head::bare(Format::Raw, spec.dims, spec.encoding, "a raw file"),
-        coded: spec.encoding,
-        planes: Box::new(Plain {
+    Ok(ImageStream {
+        header: ImageHeader::without_geometry(
+            ImageFormat::Raw,
+            spec.dims,
+            spec.encoding,
+            "a raw file",
+        ),
+        encoding: spec.encoding,
+        reader: Box::new(RawPlanes {
             path: path.to_path_buf(),
             file,
-            start: 0,
+            data_offset: 0,
             encoding: spec.encoding,
-            plane: [nx, ny],
+            plane_dims: [nx, ny],
         }),
-        largest: Default::default(),
+        max_magnitude_bits: Default::default(),
     })
 }
 
@@ -115,24 +126,24 @@ pub fn open(path: &Path, spec: RawSpec) -> Result<Stream> {
 ///
 /// # Errors
 /// [`Error::Io`] if the file cannot be written.
-pub fn write(path: &Path, slabs: &dyn Slabs) -> Result<()> {
+pub fn write(path: &Path, slabs: &dyn SlabSource) -> Result<()> {
     atomic_write(path, |writer| samples::write_slabs(writer, slabs))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::formats::Loaded;
+    use crate::image::formats::LoadedImage;
 
-    fn read(path: &Path, spec: RawSpec) -> Result<Loaded> {
-        open(path, spec)?.loaded(path)
+    fn read(path: &Path, spec: RawSpec) -> Result<LoadedImage> {
+        open(path, spec)?.into_loaded(path)
     }
 
     #[test]
     fn descriptions() {
         let spec: RawSpec = "100x400x208:f32be".parse().unwrap();
         assert_eq!(spec.dims, [100, 400, 208]);
-        assert_eq!(spec.encoding.sample, SampleType::F32);
+        assert_eq!(spec.encoding.sample_type, SampleType::F32);
         assert_eq!(spec.encoding.endian, Endian::Big);
         assert!("3x3x3:u8".parse::<RawSpec>().is_ok());
         for bad in [

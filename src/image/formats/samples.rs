@@ -6,11 +6,11 @@ use std::path::Path;
 use std::sync::Arc;
 
 use crate::image::ExactLabels;
-use crate::image::labels::Collector;
+use crate::image::labels::LabelCollector;
 use crate::parallel::prelude::*;
 use half::f16;
 
-use super::stream::Slabs;
+use super::stream::SlabSource;
 use crate::files::read_exact_at;
 use crate::{Result, memory};
 
@@ -48,19 +48,19 @@ pub enum Endian {
 ///
 /// # Errors
 /// [`Error::Job`](crate::Error::Job).
-pub fn afford(path: &Path, count: usize) -> Result<()> {
+pub fn check_memory(path: &Path, count: usize) -> Result<()> {
     // Whatever is done with an image, there will be a second field as large.
     let bytes = 8.0 * count as f64;
     let what = format!("{count} samples");
-    memory::afford(path.display(), bytes, what, "give a part of the image")
+    memory::ensure_available(path.display(), bytes, what, "give a part of the image")
 }
 
 /// Room for so many samples of a file, all zero.
 ///
 /// # Errors
 /// As [`afford`].
-pub fn room(path: &Path, count: usize) -> Result<Vec<f32>> {
-    afford(path, count)?;
+pub fn allocate(path: &Path, count: usize) -> Result<Vec<f32>> {
+    check_memory(path, count)?;
     Ok(vec![0.0; count])
 }
 
@@ -68,14 +68,14 @@ pub fn room(path: &Path, count: usize) -> Result<Vec<f32>> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Encoding {
     /// How one sample is coded.
-    pub sample: SampleType,
+    pub sample_type: SampleType,
     /// Order of its bytes.
     pub endian: Endian,
 }
 
 impl std::fmt::Display for Encoding {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let name = match self.sample {
+        let name = match self.sample_type {
             SampleType::Bool => "1-byte logical",
             SampleType::I8 => "8-bit integer",
             SampleType::U8 => "8-bit unsigned integer",
@@ -109,7 +109,7 @@ pub fn rounding_note(samples: &[f32]) -> Option<String> {
 impl Encoding {
     /// Bytes of one sample.
     pub fn size(self) -> usize {
-        match self.sample {
+        match self.sample_type {
             SampleType::Bool | SampleType::I8 | SampleType::U8 => 1,
             SampleType::I16 | SampleType::U16 | SampleType::F16 => 2,
             SampleType::I24 | SampleType::U24 => 3,
@@ -120,13 +120,15 @@ impl Encoding {
 
     /// A warning if integers were rounded on their way to `f32`, which holds 24 bits.
     pub fn rounding_note(self, samples: &[f32]) -> Option<String> {
-        self.is_wide().then(|| rounding_note(samples)).flatten()
+        self.is_wide_integer()
+            .then(|| rounding_note(samples))
+            .flatten()
     }
 
     /// Whether these are integers of more bits than `f32` holds.
-    pub fn is_wide(self) -> bool {
+    pub fn is_wide_integer(self) -> bool {
         use SampleType::*;
-        matches!(self.sample, I32 | U32 | I64 | U64)
+        matches!(self.sample_type, I32 | U32 | I64 | U64)
     }
 
     /// Converts `bytes` (`out.len()` samples) to `f32`, each rounded to the nearest one.
@@ -140,7 +142,7 @@ impl Encoding {
                 }
             };
         }
-        match self.sample {
+        match self.sample_type {
             SampleType::Bool => convert(bytes, out, |[b]| f32::from(u8::from(b != 0))),
             SampleType::I8 => convert(bytes, out, |[b]| f32::from(b as i8)),
             SampleType::U8 => convert(bytes, out, |[b]| f32::from(b)),
@@ -176,7 +178,7 @@ impl Encoding {
 
     /// Converts `bytes` to integers, exactly; nothing for other types than [wide](Self::is_wide) integers.
     pub fn integers(self, bytes: &[u8]) -> impl Iterator<Item = i128> {
-        let wide = self.is_wide();
+        let wide = self.is_wide_integer();
         let number = move |raw: &[u8]| {
             // The most significant byte first.
             let mut bits = [0; 8];
@@ -186,7 +188,7 @@ impl Encoding {
                 last.reverse();
             }
             let bits = u64::from_be_bytes(bits);
-            match self.sample {
+            match self.sample_type {
                 SampleType::I32 => i128::from(bits as u32 as i32),
                 SampleType::I64 => i128::from(bits as i64),
                 _ => i128::from(bits),
@@ -200,16 +202,16 @@ impl Encoding {
     ///
     /// # Errors
     /// What the operating system reports, the file being too short included.
-    pub fn read_exact(
+    pub fn read_exact_labels(
         self,
         file: &File,
         offset: u64,
         count: usize,
     ) -> io::Result<Option<Arc<ExactLabels>>> {
-        if !self.is_wide() {
+        if !self.is_wide_integer() {
             return Ok(None);
         }
-        let (mut collector, mut buffer) = (Collector::default(), Vec::new());
+        let (mut collector, mut buffer) = (LabelCollector::default(), Vec::new());
         let mut at = offset;
         let mut left = count * self.size();
         while left > 0 {
@@ -259,8 +261,8 @@ pub fn write(writer: &mut impl io::Write, samples: &[f32]) -> io::Result<()> {
 ///
 /// # Errors
 /// What the operating system reports, or what keeps the samples from being read.
-pub fn write_slabs(writer: &mut impl io::Write, slabs: &dyn Slabs) -> io::Result<()> {
-    slabs.each(1, &mut |slab| write(writer, slab))
+pub fn write_slabs(writer: &mut impl io::Write, slabs: &dyn SlabSource) -> io::Result<()> {
+    slabs.for_each_slab(1, &mut |slab| write(writer, slab))
 }
 
 fn convert<const N: usize>(bytes: &[u8], out: &mut [f32], value: impl Fn([u8; N]) -> f32) {
@@ -285,7 +287,10 @@ mod tests {
     use super::*;
 
     fn decode(sample: SampleType, endian: Endian, bytes: &[u8]) -> Vec<f32> {
-        let encoding = Encoding { sample, endian };
+        let encoding = Encoding {
+            sample_type: sample,
+            endian,
+        };
         let mut out = vec![f32::NAN; bytes.len() / encoding.size()];
         encoding.decode(bytes, &mut out);
         out

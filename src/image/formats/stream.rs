@@ -10,18 +10,18 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use crate::parallel::prelude::*;
 use ndarray::ArrayD;
 
-use super::placement::BARE;
+use super::placement::NO_GEOMETRY_NOTE;
 use super::samples::{self, Encoding};
-use super::segy::{Lines, SegyInfo};
-use super::{AnyLoaded, Format, Loaded, of_its_axes};
-use crate::error::{Result, os};
+use super::segy::{LineNumbers, SegyInfo};
+use super::{AnyImage, ImageFormat, LoadedImage, into_any_image};
+use crate::error::{Result, io_error};
 use crate::image::nulls::is_null;
 use crate::image::{ExactLabels, Geometry, Image};
 use crate::memory;
 
 /// All that is known of an image but its samples.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Head<const D: usize> {
+pub struct ImageHeader<const D: usize> {
     /// Samples along each axis, x first.
     pub dims: [usize; D],
     /// Where they lie.
@@ -29,39 +29,44 @@ pub struct Head<const D: usize> {
     /// Which rows along x hold no data, as [`Image::missing`] has it.
     pub missing: Vec<bool>,
     /// See [`Loaded::format`] and what follows there.
-    pub format: Format,
+    pub format: ImageFormat,
     pub encoding: String,
     pub notes: Vec<String>,
     pub survey: Option<SegyInfo>,
-    pub lines: Option<[Lines; 2]>,
+    pub line_numbers: Option<[LineNumbers; 2]>,
 }
 
-impl Head<3> {
+impl ImageHeader<3> {
     /// Of a file that says nothing but how many samples there are and how they are coded; `what` it is.
-    pub fn bare(format: Format, dims: [usize; 3], encoding: Encoding, what: &str) -> Self {
+    pub fn without_geometry(
+        format: ImageFormat,
+        dims: [usize; 3],
+        encoding: Encoding,
+        what: &str,
+    ) -> Self {
         Self {
             dims,
             geometry: Geometry::default(),
             missing: Vec::new(),
             format,
             encoding: encoding.to_string(),
-            notes: vec![format!("{what} {BARE}")],
+            notes: vec![format!("{what} {NO_GEOMETRY_NOTE}")],
             survey: None,
-            lines: None,
+            line_numbers: None,
         }
     }
 }
 
-impl<const D: usize> Head<D> {
+impl<const D: usize> ImageHeader<D> {
     /// With its samples in memory order, of which there must be as many.
-    pub fn with(self, samples: Vec<f32>) -> Loaded<D> {
+    pub fn with_samples(self, samples: Vec<f32>) -> LoadedImage<D> {
         // An array of its shape, to be placed below.
         let bare = Image::new(self.dims, samples, Geometry::default());
         self.with_array(bare.samples)
     }
 
     /// With its samples as an array of its shape, in standard layout.
-    pub fn with_array(self, samples: ArrayD<f32>) -> Loaded<D> {
+    pub fn with_array(self, samples: ArrayD<f32>) -> LoadedImage<D> {
         let image = Image {
             labels: None,
             samples,
@@ -69,21 +74,21 @@ impl<const D: usize> Head<D> {
             missing: Vec::new(),
             dead: Vec::new(),
         };
-        Loaded {
+        LoadedImage {
             image: image.with_missing(self.missing),
             format: self.format,
             encoding: self.encoding,
             notes: self.notes,
             survey: self.survey,
-            lines: self.lines,
+            line_numbers: self.line_numbers,
         }
     }
 }
 
-impl<const D: usize> Loaded<D> {
+impl<const D: usize> LoadedImage<D> {
     /// All that is known of it but its samples.
-    pub fn head(&self) -> Head<D> {
-        Head {
+    pub fn header(&self) -> ImageHeader<D> {
+        ImageHeader {
             dims: self.image.dims(),
             geometry: self.image.geometry.clone(),
             missing: self.image.missing.clone(),
@@ -91,21 +96,21 @@ impl<const D: usize> Loaded<D> {
             encoding: self.encoding.clone(),
             notes: self.notes.clone(),
             survey: self.survey.clone(),
-            lines: self.lines,
+            line_numbers: self.line_numbers,
         }
     }
 }
 
 /// Samples in a file, which are read by planes along x and y.
-pub trait Planes: Send + Sync {
+pub trait PlaneReader: Send + Sync {
     /// Fills `out` with these rows (along x, numbered in a plane) of planes, from the one numbered `first` on.
     ///
     /// # Errors
     /// [`Error::Io`](crate::Error::Io) if they cannot be read.
-    fn read(&self, first: usize, rows: Range<usize>, out: &mut [f32]) -> Result<()>;
+    fn read_rows(&self, first: usize, rows: Range<usize>, out: &mut [f32]) -> Result<()>;
 
     /// How many planes are best read together.
-    fn together(&self) -> usize {
+    fn batch_planes(&self) -> usize {
         1
     }
 
@@ -114,45 +119,45 @@ pub trait Planes: Send + Sync {
     ///
     /// # Errors
     /// Those of [`Planes::read`].
-    fn integers(&self, _dims: [usize; 3]) -> Result<Option<Arc<ExactLabels>>> {
+    fn read_integers(&self, _dims: [usize; 3]) -> Result<Option<Arc<ExactLabels>>> {
         Ok(None)
     }
 }
 
 /// An image of space whose samples are still in its file.
-pub struct Stream {
+pub struct ImageStream {
     /// What is known without them.
-    pub head: Head<3>,
+    pub header: ImageHeader<3>,
     /// How an element is coded, for those that may be rounded.
-    pub coded: Encoding,
-    pub planes: Box<dyn Planes>,
+    pub encoding: Encoding,
+    pub reader: Box<dyn PlaneReader>,
     /// The largest magnitude among the samples that were read, as bits.
-    pub largest: AtomicU32,
+    pub max_magnitude_bits: AtomicU32,
 }
 
 /// Images of more samples are left in their files where they can be.
 #[cfg(feature = "cli")]
-const LARGE: usize = 1 << 26;
+const MAX_SAMPLES_IN_MEMORY: usize = 1 << 26;
 
 /// Bytes of samples that are held at a time, unless a single plane takes more.
-const HELD: usize = 1 << 26;
+const MAX_BUFFER_BYTES: usize = 1 << 26;
 
 /// Samples in the order of memory, a slab of planes at a time.
-pub trait Slabs {
+pub trait SlabSource {
     /// Calls `work` for one slab after the other, each of whole planes along the last axis: as many as
     /// `multiple` of these, or any number of times as many, but for the last.
     ///
     /// # Errors
     /// Those of the work and of reading; [`os`] gives the latter back as they were.
-    fn each(
+    fn for_each_slab(
         &self,
         multiple: usize,
         work: &mut dyn FnMut(&[f32]) -> io::Result<()>,
     ) -> io::Result<()>;
 }
 
-impl<const D: usize> Slabs for Image<D> {
-    fn each(
+impl<const D: usize> SlabSource for Image<D> {
+    fn for_each_slab(
         &self,
         multiple: usize,
         work: &mut dyn FnMut(&[f32]) -> io::Result<()>,
@@ -163,23 +168,23 @@ impl<const D: usize> Slabs for Image<D> {
     }
 }
 
-impl Slabs for Stream {
-    fn each(
+impl SlabSource for ImageStream {
+    fn for_each_slab(
         &self,
         multiple: usize,
         work: &mut dyn FnMut(&[f32]) -> io::Result<()>,
     ) -> io::Result<()> {
-        let [nx, ny, nz] = self.head.dims;
+        let [nx, ny, nz] = self.header.dims;
         let plane = nx * ny;
-        let held = (HELD / 4 / plane.max(1)).max(1);
-        let wanted = least_common_multiple(multiple, self.planes.together());
+        let held = (MAX_BUFFER_BYTES / 4 / plane.max(1)).max(1);
+        let wanted = least_common_multiple(multiple, self.reader.batch_planes());
         let planes = match wanted <= 4 * held {
             // As many times as many as are held easily.
             true => wanted * (held / wanted).max(1),
             false => multiple.max(1),
         };
         let planes = planes.min(nz.max(1));
-        memory::afford(
+        memory::ensure_available(
             "a part of the image",
             4.0 * (planes * plane) as f64,
             format!("{planes} planes of {nx} x {ny} samples"),
@@ -189,7 +194,7 @@ impl Slabs for Stream {
         let mut slab = vec![0.0; planes * plane];
         for first in (0..nz).step_by(planes) {
             let part = &mut slab[..planes.min(nz - first) * plane];
-            self.planes(first, part).map_err(io::Error::other)?;
+            self.read_planes(first, part).map_err(io::Error::other)?;
             work(part)?;
         }
         Ok(())
@@ -204,25 +209,26 @@ fn least_common_multiple(a: usize, b: usize) -> usize {
     (a.max(1) / x).saturating_mul(b.max(1))
 }
 
-impl Stream {
+impl ImageStream {
     /// Reads whole planes, from the one numbered `first` on.
     ///
     /// # Errors
     /// Those of [`Stream::rows`].
-    pub fn planes(&self, first: usize, out: &mut [f32]) -> Result<()> {
-        self.rows(first, 0..self.head.dims[1], out)
+    pub fn read_planes(&self, first: usize, out: &mut [f32]) -> Result<()> {
+        self.read_plane_rows(first, 0..self.header.dims[1], out)
     }
 
     /// Reads these rows of planes, from the one numbered `first` on.
     ///
     /// # Errors
     /// [`Error::Io`](crate::Error::Io) if they cannot be read.
-    pub fn rows(&self, first: usize, rows: Range<usize>, out: &mut [f32]) -> Result<()> {
-        self.planes.read(first, rows, out)?;
-        if self.coded.is_wide() {
+    pub fn read_plane_rows(&self, first: usize, rows: Range<usize>, out: &mut [f32]) -> Result<()> {
+        self.reader.read_rows(first, rows, out)?;
+        if self.encoding.is_wide_integer() {
             // Bits of numbers without sign are in the order of the numbers.
             let bits = out.par_iter().map(|v| v.abs().to_bits()).max();
-            self.largest.fetch_max(bits.unwrap_or(0), Relaxed);
+            self.max_magnitude_bits
+                .fetch_max(bits.unwrap_or(0), Relaxed);
         }
         Ok(())
     }
@@ -230,13 +236,14 @@ impl Stream {
     /// Whether its samples are so many that they are better left in the file, or there is no memory for
     /// them, or ranks share them; and may be, for none are missing and it has three axes.
     #[cfg(feature = "cli")]
-    pub fn stays(&self) -> bool {
-        let dims = self.head.dims;
+    pub fn stays_in_file(&self) -> bool {
+        let dims = self.header.dims;
         let count: usize = dims.iter().product();
-        let shared = crate::ranks::count() > 1;
-        let large =
-            shared || count > LARGE || samples::afford(Path::new("the image"), 3 * count).is_err();
-        large && self.head.missing.is_empty() && dims.iter().all(|&n| n > 1)
+        let shared = crate::comm::size() > 1;
+        let large = shared
+            || count > MAX_SAMPLES_IN_MEMORY
+            || samples::check_memory(Path::new("the image"), 3 * count).is_err();
+        large && self.header.missing.is_empty() && dims.iter().all(|&n| n > 1)
     }
 
     /// Reads all samples.
@@ -244,43 +251,43 @@ impl Stream {
     /// # Errors
     /// [`Error::Job`](crate::Error::Job) if there is no memory for them, [`Error::Io`](crate::Error::Io) if
     /// they cannot be read.
-    pub fn loaded(mut self, place: &Path) -> Result<Loaded> {
-        let count = self.head.dims.iter().product();
-        let mut samples = samples::room(place, count)?;
-        let rows = 0..self.head.dims[1];
-        self.planes.read(0, rows, &mut samples)?;
-        let note = self.coded.rounding_note(&samples);
+    pub fn into_loaded(mut self, place: &Path) -> Result<LoadedImage> {
+        let count = self.header.dims.iter().product();
+        let mut samples = samples::allocate(place, count)?;
+        let rows = 0..self.header.dims[1];
+        self.reader.read_rows(0, rows, &mut samples)?;
+        let note = self.encoding.rounding_note(&samples);
         let exact = match note {
-            Some(_) => self.planes.integers(self.head.dims)?,
+            Some(_) => self.reader.read_integers(self.header.dims)?,
             None => None,
         };
-        self.head.notes.extend(note);
-        let mut loaded = self.head.with(samples);
+        self.header.notes.extend(note);
+        let mut loaded = self.header.with_samples(samples);
         loaded.image.labels = exact;
         Ok(loaded)
     }
 
     /// What must be said of the samples that were read.
-    pub fn note(&self) -> Option<String> {
-        let largest = f32::from_bits(self.largest.load(Relaxed));
-        self.coded.rounding_note(&[largest])
+    pub fn rounding_note(&self) -> Option<String> {
+        let largest = f32::from_bits(self.max_magnitude_bits.load(Relaxed));
+        self.encoding.rounding_note(&[largest])
     }
 }
 
 /// Samples that lie in a file as they are, the fastest axis first.
-pub struct Plain {
+pub struct RawPlanes {
     pub path: PathBuf,
     pub file: File,
     /// The byte at which they begin.
-    pub start: u64,
+    pub data_offset: u64,
     pub encoding: Encoding,
     /// Samples of a plane along its axes.
-    pub plane: [usize; 2],
+    pub plane_dims: [usize; 2],
 }
 
-impl Planes for Plain {
-    fn read(&self, first: usize, rows: Range<usize>, out: &mut [f32]) -> Result<()> {
-        let [nx, ny] = self.plane;
+impl PlaneReader for RawPlanes {
+    fn read_rows(&self, first: usize, rows: Range<usize>, out: &mut [f32]) -> Result<()> {
+        let [nx, ny] = self.plane_dims;
         // Whole planes follow one another in the file.
         let together = match rows.len() == ny {
             true => out.len(),
@@ -288,66 +295,68 @@ impl Planes for Plain {
         };
         for (plane, out) in (first..).zip(out.chunks_mut(together.max(1))) {
             let sample = (plane * ny + rows.start) * nx;
-            let at = self.start + (sample * self.encoding.size()) as u64;
+            let at = self.data_offset + (sample * self.encoding.size()) as u64;
             let read = self.encoding.read(&self.file, at, out);
-            read.map_err(|e| os(&self.path, "read", e))?;
+            read.map_err(|e| io_error(&self.path, "read", e))?;
         }
         Ok(())
     }
 
-    fn integers(&self, dims: [usize; 3]) -> Result<Option<Arc<ExactLabels>>> {
+    fn read_integers(&self, dims: [usize; 3]) -> Result<Option<Arc<ExactLabels>>> {
         let count = dims.iter().product();
-        let exact = self.encoding.read_exact(&self.file, self.start, count);
-        exact.map_err(|e| os(&self.path, "read", e))
+        let exact = self
+            .encoding
+            .read_exact_labels(&self.file, self.data_offset, count);
+        exact.map_err(|e| io_error(&self.path, "read", e))
     }
 }
 
 /// Samples of which some values are read as NaN.
-struct WithNulls {
-    planes: Box<dyn Planes>,
+struct NullFilter {
+    reader: Box<dyn PlaneReader>,
     nulls: Vec<f32>,
 }
 
-impl Planes for WithNulls {
-    fn read(&self, first: usize, rows: Range<usize>, out: &mut [f32]) -> Result<()> {
-        self.planes.read(first, rows, out)?;
-        out.par_iter_mut().for_each(|s| blank(s, &self.nulls));
+impl PlaneReader for NullFilter {
+    fn read_rows(&self, first: usize, rows: Range<usize>, out: &mut [f32]) -> Result<()> {
+        self.reader.read_rows(first, rows, out)?;
+        out.par_iter_mut().for_each(|s| null_to_nan(s, &self.nulls));
         Ok(())
     }
 
-    fn together(&self) -> usize {
-        self.planes.together()
+    fn batch_planes(&self) -> usize {
+        self.reader.batch_planes()
     }
 
-    fn integers(&self, dims: [usize; 3]) -> Result<Option<Arc<ExactLabels>>> {
-        self.planes.integers(dims)
+    fn read_integers(&self, dims: [usize; 3]) -> Result<Option<Arc<ExactLabels>>> {
+        self.reader.read_integers(dims)
     }
 }
 
 /// Makes a sample that holds a null value NaN.
-fn blank(sample: &mut f32, nulls: &[f32]) {
+fn null_to_nan(sample: &mut f32, nulls: &[f32]) {
     if nulls.iter().any(|&null| is_null(*sample, null)) {
         *sample = f32::NAN;
     }
 }
 
 /// An image that was opened: in memory, or still in its file.
-pub enum Opened {
+pub enum OpenedImage {
     /// Still in its file.
-    Stream(Stream),
+    Stream(ImageStream),
     /// In memory.
-    Held(AnyLoaded),
+    InMemory(AnyImage),
 }
 
-impl Opened {
+impl OpenedImage {
     /// With all samples in memory.
     ///
     /// # Errors
     /// Those of [`Stream::loaded`].
-    pub fn load(self, place: &Path) -> Result<AnyLoaded> {
+    pub fn load(self, place: &Path) -> Result<AnyImage> {
         match self {
-            Self::Stream(stream) => stream.loaded(place).map(of_its_axes),
-            Self::Held(loaded) => Ok(loaded),
+            Self::Stream(stream) => stream.into_loaded(place).map(into_any_image),
+            Self::InMemory(loaded) => Ok(loaded),
         }
     }
 
@@ -357,38 +366,38 @@ impl Opened {
             return self;
         }
         match self {
-            Self::Stream(stream) => Self::Stream(Stream {
-                planes: Box::new(WithNulls {
-                    planes: stream.planes,
+            Self::Stream(stream) => Self::Stream(ImageStream {
+                reader: Box::new(NullFilter {
+                    reader: stream.reader,
                     nulls: nulls.to_vec(),
                 }),
                 ..stream
             }),
-            Self::Held(AnyLoaded::Plane(mut loaded)) => {
+            Self::InMemory(AnyImage::Plane(mut loaded)) => {
                 loaded
                     .image
                     .samples
                     .iter_mut()
-                    .for_each(|s| blank(s, nulls));
-                Self::Held(AnyLoaded::Plane(loaded))
+                    .for_each(|s| null_to_nan(s, nulls));
+                Self::InMemory(AnyImage::Plane(loaded))
             }
-            Self::Held(AnyLoaded::Space(mut loaded)) => {
+            Self::InMemory(AnyImage::Space(mut loaded)) => {
                 loaded
                     .image
                     .samples
                     .iter_mut()
-                    .for_each(|s| blank(s, nulls));
-                Self::Held(AnyLoaded::Space(loaded))
+                    .for_each(|s| null_to_nan(s, nulls));
+                Self::InMemory(AnyImage::Space(loaded))
             }
         }
     }
 
     /// Its head, if it has `D` axes.
-    pub fn head<const D: usize>(self) -> Option<Head<D>> {
+    pub fn into_header<const D: usize>(self) -> Option<ImageHeader<D>> {
         let head: Box<dyn std::any::Any> = match self {
-            Self::Stream(stream) => Box::new(stream.head),
-            Self::Held(AnyLoaded::Plane(loaded)) => Box::new(loaded.head()),
-            Self::Held(AnyLoaded::Space(loaded)) => Box::new(loaded.head()),
+            Self::Stream(stream) => Box::new(stream.header),
+            Self::InMemory(AnyImage::Plane(loaded)) => Box::new(loaded.header()),
+            Self::InMemory(AnyImage::Space(loaded)) => Box::new(loaded.header()),
         };
         head.downcast().ok().map(|head| *head)
     }

@@ -15,40 +15,43 @@ use tiff::decoder::{Decoder, DecodingResult, Limits};
 use tiff::tags::Tag;
 use tiff::{ColorType, TiffError};
 
-use super::packed::{DAMAGED, DEFLATE, refuse};
-use super::placement::{BARE, length_unit};
+use super::packed::{DAMAGED_REMEDY, MAX_DEFLATE_RATIO, file_error};
+use super::placement::{NO_GEOMETRY_NOTE, length_unit};
 use super::png::luminance;
-use super::{Format, Loaded};
-use crate::error::{Result, os};
-use crate::image::labels::Collector;
+use super::{ImageFormat, LoadedImage};
+use crate::error::{Result, io_error};
+use crate::image::labels::LabelCollector;
 use crate::image::{Geometry, Image};
 
 /// The first bytes of TIFF and BigTIFF files.
 pub const MAGIC: [&[u8]; 4] = [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"];
 
 /// No byte of a compressed page becomes more bytes than this (deflate).
-const MOST: u64 = DEFLATE;
+const MAX_PAGE_RATIO: u64 = MAX_DEFLATE_RATIO;
 
 /// Reads a stack of pages, or one as if it had a single sample along z.
 ///
 /// # Errors
 /// [`Error::Io`](crate::Error::Io) if the file cannot be read, is cut off or damaged, its pages
 /// differ in size or kind, or they are coded in a way that is not read.
-pub fn read(path: &Path) -> Result<Loaded> {
-    let file = File::open(path).map_err(|e| os(path, "open", e))?;
-    let length = file.metadata().map_err(|e| os(path, "read", e))?.len();
-    let most = usize::try_from(length.saturating_mul(MOST)).unwrap_or(usize::MAX);
+pub fn read(path: &Path) -> Result<LoadedImage> {
+    let file = File::open(path).map_err(|e| io_error(path, "open", e))?;
+    let length = file
+        .metadata()
+        .map_err(|e| io_error(path, "read", e))?
+        .len();
+    let most = usize::try_from(length.saturating_mul(MAX_PAGE_RATIO)).unwrap_or(usize::MAX);
     let mut limits = Limits::default();
     limits.decoding_buffer_size = most;
     limits.intermediate_buffer_size = most;
     let mut pages = 0;
-    let refusal = |(problem, remedy): (String, &str)| Err(refuse(path, problem, remedy));
+    let refusal = |(problem, remedy): (String, &str)| Err(file_error(path, problem, remedy));
     let fault = |pages: usize, e: TiffError| {
         let remedy = match e {
             TiffError::UnsupportedError(_) => "write it as grey samples, uncompressed",
-            _ => DAMAGED,
+            _ => DAMAGED_REMEDY,
         };
-        refuse(path, format!("page {pages}: {e}"), remedy).because(e)
+        file_error(path, format!("page {pages}: {e}"), remedy).with_source(e)
     };
     let decoder = Decoder::new(BufReader::new(file)).map_err(|e| fault(0, e))?;
     let mut decoder = decoder.with_limits(limits);
@@ -63,7 +66,7 @@ pub fn read(path: &Path) -> Result<Loaded> {
             _ => None,
         }
     });
-    let mut exact = Some(Collector::default());
+    let mut exact = Some(LabelCollector::default());
     let mut first = None;
     let mut wide = false;
     let mut samples = Vec::new();
@@ -77,7 +80,7 @@ pub fn read(path: &Path) -> Result<Loaded> {
         if *expected != (nx, ny, color) {
             let (a, b, c) = expected;
             let problem = format!("page {pages} is {shown}, the first {a} x {b}, {c:?}");
-            return Err(refuse(path, problem, "give pages of one size and kind"));
+            return Err(file_error(path, problem, "give pages of one size and kind"));
         }
         let channels = match color {
             ColorType::Gray(_) => 1,
@@ -86,7 +89,7 @@ pub fn read(path: &Path) -> Result<Loaded> {
             ColorType::RGBA(_) => 4,
             _ => {
                 let problem = format!("its pages are {color:?}, neither grey nor colours");
-                return Err(refuse(path, problem, "write it as grey samples"));
+                return Err(file_error(path, problem, "write it as grey samples"));
             }
         };
         if channels > 1
@@ -99,7 +102,7 @@ pub fn read(path: &Path) -> Result<Loaded> {
             let problem =
                 format!("page {pages} keeps each of its {channels} colours in a plane of its own");
             let remedy = "write it as grey samples, or with the colours of a pixel together";
-            return Err(refuse(path, problem, remedy));
+            return Err(file_error(path, problem, remedy));
         }
         let page = decoder.read_image().map_err(|e| fault(pages, e))?;
         let count = nx as usize * ny as usize;
@@ -120,12 +123,12 @@ pub fn read(path: &Path) -> Result<Loaded> {
                     (Some(collector), 1) if wide => add_integers(&page, count, collector),
                     _ => exact = None,
                 }
-                add(page, channels, count, &mut samples);
+                add_page(page, channels, count, &mut samples);
             }
         }
         if samples.len() != before + count || count == 0 {
             let problem = format!("page {pages} does not hold {shown}");
-            return Err(refuse(path, problem, DAMAGED));
+            return Err(file_error(path, problem, DAMAGED_REMEDY));
         }
         pages += 1;
         if !decoder.more_images() {
@@ -134,16 +137,16 @@ pub fn read(path: &Path) -> Result<Loaded> {
         decoder.next_image().map_err(|e| fault(pages, e))?;
     }
     let Some((nx, ny, color)) = first else {
-        return Err(refuse(path, "has no page", DAMAGED));
+        return Err(file_error(path, "has no page", DAMAGED_REMEDY));
     };
-    let stack = Stack::of(&description, usize::from(color.num_samples()));
-    if let Some(fault) = stack.and_then(|stack| stack.fault(pages)) {
+    let stack = StackInfo::parse(&description, usize::from(color.num_samples()));
+    if let Some(fault) = stack.and_then(|stack| stack.find_problem(pages)) {
         return refusal(fault);
     }
     let spacing = stack_spacing(&description, resolution);
     let mut notes = match &spacing {
         Some((_, whose)) => vec![format!("spacing and unit as {whose} says")],
-        None => vec![format!("a TIFF stack {BARE}")],
+        None => vec![format!("a TIFF stack {NO_GEOMETRY_NOTE}")],
     };
     if matches!(color, ColorType::RGB(_) | ColorType::RGBA(_)) {
         notes.push("colours are read as luminance (BT.709)".into());
@@ -157,25 +160,25 @@ pub fn read(path: &Path) -> Result<Loaded> {
     notes.extend(rounded);
     let dims = [nx as usize, ny as usize, pages];
     let mut image = Image::new(dims, samples, Geometry::default());
-    image.labels = labels.filter(|labels| labels.index.len() == image.samples.len());
-    if let Some((Spacing { steps, units }, _)) = spacing {
+    image.labels = labels.filter(|labels| labels.indices.len() == image.samples.len());
+    if let Some((StackSpacing { steps, units }, _)) = spacing {
         image.geometry = Geometry {
             units,
             ..Geometry::with_spacing([0.0; 3], steps)
         };
     }
-    Ok(Loaded {
+    Ok(LoadedImage {
         image,
-        format: Format::Tiff,
+        format: ImageFormat::Tiff,
         encoding: format!("{color:?}"),
         notes,
         survey: None,
-        lines: None,
+        line_numbers: None,
     })
 }
 
 /// The distance of samples along x, y and z.
-struct Spacing {
+struct StackSpacing {
     steps: [f64; 3],
     units: [String; 3],
 }
@@ -185,7 +188,7 @@ struct Spacing {
 fn stack_spacing(
     description: &str,
     resolution: [Option<f64>; 2],
-) -> Option<(Spacing, &'static str)> {
+) -> Option<(StackSpacing, &'static str)> {
     let valid = |steps: [f64; 3]| steps.iter().all(|h| h.is_finite() && *h > 0.0);
     if description.starts_with("ImageJ=") {
         let field = |name: &str| {
@@ -199,7 +202,7 @@ fn stack_spacing(
         let z = field("spacing").and_then(|z| z.parse::<f64>().ok());
         let steps = [x, y, z.map_or(x, f64::abs)];
         let units = [(); 3].map(|()| unit.to_string());
-        return valid(steps).then_some((Spacing { steps, units }, "ImageJ"));
+        return valid(steps).then_some((StackSpacing { steps, units }, "ImageJ"));
     }
     let mut reader = Reader::from_str(description);
     loop {
@@ -224,12 +227,12 @@ fn stack_spacing(
         // A single plane has no distance to the next.
         let steps = [x, y, step("Z").unwrap_or(x)];
         let units = [unit("X")?, unit("Y")?, unit("Z")?];
-        return valid(steps).then_some((Spacing { steps, units }, "OME"));
+        return valid(steps).then_some((StackSpacing { steps, units }, "OME"));
     }
 }
 
 /// Adds the samples of a page of wide integers.
-fn add_integers(page: &DecodingResult, count: usize, collector: &mut Collector) {
+fn add_integers(page: &DecodingResult, count: usize, collector: &mut LabelCollector) {
     match page {
         DecodingResult::U32(v) => collector.extend(v.iter().take(count).map(|&x| x.into())),
         DecodingResult::U64(v) => collector.extend(v.iter().take(count).map(|&x| x.into())),
@@ -241,26 +244,26 @@ fn add_integers(page: &DecodingResult, count: usize, collector: &mut Collector) 
 
 /// What ImageJ or an OME-TIFF says of a stack in the description of its first page.
 #[derive(Default)]
-struct Stack {
+struct StackInfo {
     /// Planes in the file.
     planes: usize,
     /// Images, each a stack of its own.
     images: usize,
     channels: usize,
     slices: usize,
-    times: usize,
+    time_points: usize,
 }
 
-impl Stack {
+impl StackInfo {
     /// `None` if the words are neither's. `per_page` is the number of channels in a page.
-    fn of(description: &str, per_page: usize) -> Option<Self> {
+    fn parse(description: &str, per_page: usize) -> Option<Self> {
         if description.starts_with("ImageJ=") {
-            return Some(Self::of_imagej(description));
+            return Some(Self::parse_imagej(description));
         }
-        Self::of_ome(description, per_page)
+        Self::parse_ome(description, per_page)
     }
 
-    fn of_imagej(description: &str) -> Self {
+    fn parse_imagej(description: &str) -> Self {
         let count = |name: &str| {
             let mut fields = description.lines().filter_map(|line| line.split_once('='));
             let value = fields.find(|(field, _)| *field == name);
@@ -271,12 +274,12 @@ impl Stack {
             images: 1,
             channels: count("channels"),
             slices: count("slices"),
-            times: count("frames"),
+            time_points: count("frames"),
         }
     }
 
     /// Its elements `Pixels` say how many planes there are of each kind, one element an image.
-    fn of_ome(description: &str, per_page: usize) -> Option<Self> {
+    fn parse_ome(description: &str, per_page: usize) -> Option<Self> {
         let mut stack = Self::default();
         let mut reader = Reader::from_str(description);
         loop {
@@ -299,7 +302,7 @@ impl Stack {
                 // The channels of a page are its colours.
                 stack.channels = count("SizeC").unwrap_or(1) / per_page.max(1);
                 stack.slices = count("SizeZ").unwrap_or(1);
-                stack.times = count("SizeT").unwrap_or(1);
+                stack.time_points = count("SizeT").unwrap_or(1);
                 stack.planes = 1;
             }
         }
@@ -307,11 +310,11 @@ impl Stack {
     }
 
     /// Why a file of so many pages is not one volume, if so, and what to do.
-    fn fault(&self, pages: usize) -> Option<(String, &'static str)> {
+    fn find_problem(&self, pages: usize) -> Option<(String, &'static str)> {
         let kinds = [
             (self.images, "images"),
             (self.channels, "channels"),
-            (self.times, "times"),
+            (self.time_points, "times"),
         ];
         let several = kinds.iter().filter(|(count, _)| *count > 1);
         let several: Vec<String> = several.map(|(count, of)| format!("{count} {of}")).collect();
@@ -352,7 +355,7 @@ pub fn add_bits(bytes: &[u8], bits: u8, nx: usize, count: usize, samples: &mut V
 }
 
 /// Adds a page's samples; of colours their luminance, of transparency nothing.
-fn add(page: DecodingResult, channels: usize, count: usize, samples: &mut Vec<f32>) {
+fn add_page(page: DecodingResult, channels: usize, count: usize, samples: &mut Vec<f32>) {
     let mut each = |values: &mut dyn Iterator<Item = f32>| {
         if channels == 1 {
             samples.extend(values.take(count));

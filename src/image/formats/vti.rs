@@ -11,7 +11,7 @@ use super::samples;
 use crate::error::Result;
 use crate::files::atomic_write;
 use crate::files::vtk::xml::Element;
-use crate::files::vtk::{Document, Source, VtkFile};
+use crate::files::vtk::{ArraySource, Document, VtkFile};
 use crate::image::{ExactLabels, Geometry, Image};
 
 /// Reads the image of a `.vti` file: the active scalars of its points or, where it has none, the
@@ -24,10 +24,10 @@ pub fn read(path: &Path) -> Result<(Image<3>, Option<String>)> {
     let file = VtkFile::read(path, "ImageData")?;
     let data_set = file.data_set();
     let piece = file.piece()?;
-    let whole: [i64; 6] = fixed(&file, data_set, "WholeExtent")?;
-    let extent: [i64; 6] = fixed(&file, piece, "Extent")?;
+    let whole: [i64; 6] = parse_attribute(&file, data_set, "WholeExtent")?;
+    let extent: [i64; 6] = parse_attribute(&file, piece, "Extent")?;
     if whole != extent {
-        return Err(file.fault(
+        return Err(file.error(
             format!("holds the part {extent:?} of {whole:?}"),
             "write the whole image",
         ));
@@ -45,12 +45,12 @@ pub fn read(path: &Path) -> Result<(Image<3>, Option<String>)> {
 
     let or = |name: &str, default: f64| match data_set.attribute(name) {
         None => Ok([default; 3]),
-        Some(_) => fixed(&file, data_set, name),
+        Some(_) => parse_attribute(&file, data_set, name),
     };
     let (origin, spacing) = (or("Origin", 0.0)?, or("Spacing", 1.0)?);
     let direction: [f64; 9] = match data_set.attribute("Direction") {
         None => [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
-        Some(_) => fixed(&file, data_set, "Direction")?,
+        Some(_) => parse_attribute(&file, data_set, "Direction")?,
     };
     let axes = std::array::from_fn(|k| std::array::from_fn(|c| direction[3 * c + k] * spacing[k]));
     let mut geometry = Geometry {
@@ -94,19 +94,19 @@ pub fn read(path: &Path) -> Result<(Image<3>, Option<String>)> {
         }
         (None, None) => {
             let problem = "has no data on its points or cells";
-            return Err(file.fault(problem, "write samples as point data"));
+            return Err(file.error(problem, "write samples as point data"));
         }
     };
-    samples::afford(path, count)?;
+    samples::check_memory(path, count)?;
     let array = file.array(element)?;
     if array.components != 1 {
-        return Err(file.fault(
+        return Err(file.error(
             format!("array '{}' has {} components", array.name, array.components),
             "give one scalar per sample",
         ));
     }
     if array.values.len() != count || count == 0 {
-        return Err(file.fault(
+        return Err(file.error(
             format!(
                 "array '{}' has {} values for {} x {} x {} samples",
                 array.name,
@@ -118,26 +118,29 @@ pub fn read(path: &Path) -> Result<(Image<3>, Option<String>)> {
             "write it again",
         ));
     }
-    let wide = matches!(array.values.kind(), "Int32" | "UInt32" | "Int64" | "UInt64");
+    let wide = matches!(
+        array.values.type_name(),
+        "Int32" | "UInt32" | "Int64" | "UInt64"
+    );
     let samples = array.values.to_f32();
     let note = wide.then(|| samples::rounding_note(&samples)).flatten();
     let mut image = Image::new(dims, samples, geometry);
     if note.is_some() {
-        image.labels = array.values.to_integers().map(ExactLabels::of);
+        image.labels = array.values.to_integers().map(ExactLabels::from_integers);
     }
     Ok((image, note))
 }
 
 /// An attribute of exactly `N` numbers.
-fn fixed<T: FromStr, const N: usize>(
+fn parse_attribute<T: FromStr, const N: usize>(
     file: &VtkFile,
     element: &Element,
     name: &str,
 ) -> Result<[T; N]> {
-    let numbers = file.numbers(element, name)?;
+    let numbers = file.parse_attribute(element, name)?;
     numbers.try_into().map_err(|v: Vec<T>| {
         let problem = format!("the attribute {name} has {} numbers, not {N}", v.len());
-        file.fault(problem, "write it again")
+        file.error(problem, "write it again")
     })
 }
 
@@ -168,27 +171,27 @@ pub fn write(path: &Path, image: &Image<3>, array_name: &str) -> Result<()> {
         "ImageData",
         &[
             ("WholeExtent", extent.clone()),
-            ("Origin", exact(&image.geometry.origin)),
-            ("Spacing", exact(&spacing)),
-            ("Direction", exact(&matrix)),
+            ("Origin", format_exact(&image.geometry.origin)),
+            ("Spacing", format_exact(&spacing)),
+            ("Direction", format_exact(&matrix)),
         ],
     );
     if image.geometry.names != defaults.names || image.geometry.units != defaults.units {
         document.open("FieldData", &[]);
-        document.array(Source::text(AXIS_NAMES, &names));
-        document.array(Source::text(UNITS, &units));
+        document.add_array(ArraySource::text(AXIS_NAMES, &names));
+        document.add_array(ArraySource::text(UNITS, &units));
         document.close();
     }
     document.open("Piece", &[("Extent", extent)]);
     document.open("PointData", &[("Scalars", array_name.to_string())]);
-    document.array(Source::slice(array_name, 1, image.as_slice()));
+    document.add_array(ArraySource::slice(array_name, 1, image.as_slice()));
     document.close();
     document.close();
     atomic_write(path, |out| document.write(out))
 }
 
 /// The shortest text that reads back as the same numbers.
-fn exact(numbers: &[f64]) -> String {
+fn format_exact(numbers: &[f64]) -> String {
     let words: Vec<String> = numbers.iter().map(|n| format!("{n:?}")).collect();
     words.join(" ")
 }
@@ -198,7 +201,7 @@ mod tests {
     use super::*;
     use crate::files::vtk::fixtures::{VARIANTS, fixture};
 
-    fn oblique() -> Image<3> {
+    fn oblique_image() -> Image<3> {
         let geometry = Geometry {
             origin: [612345.678, -1e-300, 0.1 + 0.2],
             axes: [[0.3, 0.4, 0.0], [-25.0, 0.1, 0.0], [0.0, 0.0, -4.0]],
@@ -243,7 +246,7 @@ mod tests {
     fn write_then_read_gives_the_same_image() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.vti");
-        let image = oblique();
+        let image = oblique_image();
         write(&path, &image, "a < b").unwrap();
         let back = read(&path).unwrap().0;
         assert_eq!(back.as_slice(), image.as_slice());
@@ -291,7 +294,7 @@ mod tests {
     fn damaged_files_are_refused() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.vti");
-        write(&path, &oblique(), "s").unwrap();
+        write(&path, &oblique_image(), "s").unwrap();
         let good = std::fs::read(&path).unwrap();
         // Cut anywhere before the end of the data, it is never read, and never panics.
         let data_end = good.len() - "\n  </AppendedData>\n</VTKFile>\n".len();

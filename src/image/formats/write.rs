@@ -3,8 +3,10 @@
 use std::path::Path;
 
 use super::samples::SampleType;
-use super::stream::Slabs;
-use super::{Format, Lines, ending, grids, metaimage, nifti, npy, nrrd, png, raw, vti, zarr};
+use super::stream::SlabSource;
+use super::{
+    ImageFormat, LineNumbers, extension, grids, metaimage, nifti, npy, nrrd, png, raw, vti, zarr,
+};
 use crate::error::{Error, Result, cause};
 use crate::image::{Geometry, Image};
 
@@ -23,22 +25,22 @@ pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
 pub(crate) fn write_survey<const D: usize>(
     path: &Path,
     image: &Image<D>,
-    lines: Option<[Lines; 2]>,
+    lines: Option<[LineNumbers; 2]>,
 ) -> Result<()> {
-    match (ending(path).as_str(), D) {
-        ("vti", _) => vti::write(path, &image.in_space(), "samples"),
+    match (extension(path).as_str(), D) {
+        ("vti", _) => vti::write(path, &image.to_3d(), "samples"),
         ("mha", _) => metaimage::write(path, image),
-        ("irap", 2) => grids::write(path, image, Format::Irap),
-        ("zmap", 2) => grids::write(path, image, Format::Zmap),
-        ("cps3", 2) => grids::write(path, image, Format::Cps3),
-        ("png", 2) => png::write(path, &image.in_space().flatten()),
-        (ending, _) if IN_PARTS.contains(&ending) => {
-            let whole = Parts {
+        ("irap", 2) => grids::write(path, image, ImageFormat::Irap),
+        ("zmap", 2) => grids::write(path, image, ImageFormat::Zmap),
+        ("cps3", 2) => grids::write(path, image, ImageFormat::Cps3),
+        ("png", 2) => png::write(path, &image.to_3d().flatten()),
+        (ending, _) if STREAMED_EXTENSIONS.contains(&ending) => {
+            let whole = StreamedImage {
                 dims: image.dims(),
                 geometry: &image.geometry,
                 missing: &image.missing,
-                lines,
-                sample: SampleType::F32,
+                line_numbers: lines,
+                sample_type: SampleType::F32,
                 slabs: image,
             };
             whole.write(path)
@@ -55,16 +57,16 @@ pub(crate) fn write_survey<const D: usize>(
 }
 
 /// Endings of the formats that are written part by part, of images that may be larger than memory.
-const IN_PARTS: [&str; 7] = ["npy", "raw", "bin", "nii", "nii.gz", "nrrd", "zarr"];
+const STREAMED_EXTENSIONS: [&str; 7] = ["npy", "raw", "bin", "nii", "nii.gz", "nrrd", "zarr"];
 
 /// Whether what this ending names is written part by part.
 #[cfg(feature = "cli")]
-pub(crate) fn is_written_in_parts(path: &Path) -> bool {
-    IN_PARTS.contains(&ending(path).as_str())
+pub(crate) fn can_stream(path: &Path) -> bool {
+    STREAMED_EXTENSIONS.contains(&extension(path).as_str())
 }
 
 /// An image to be written part by part.
-pub(crate) struct Parts<'a, const D: usize> {
+pub(crate) struct StreamedImage<'a, const D: usize> {
     /// Samples along each axis, x first.
     pub dims: [usize; D],
     /// Where they lie.
@@ -72,20 +74,20 @@ pub(crate) struct Parts<'a, const D: usize> {
     /// Which rows hold no data, as [`Image::missing`] has it.
     pub missing: &'a [bool],
     /// Numbers of the inlines and crosslines of a survey.
-    pub lines: Option<[Lines; 2]>,
+    pub line_numbers: Option<[LineNumbers; 2]>,
     /// The type that holds them, where it is known.
-    pub sample: SampleType,
+    pub sample_type: SampleType,
     /// The samples.
-    pub slabs: &'a dyn Slabs,
+    pub slabs: &'a dyn SlabSource,
 }
 
-impl<const D: usize> Parts<'_, D> {
+impl<const D: usize> StreamedImage<'_, D> {
     /// Writes it, in one of the formats that [`is_written_in_parts`] knows.
     ///
     /// # Errors
     /// As [`write`].
     pub fn write(&self, path: &Path) -> Result<()> {
-        match ending(path).as_str() {
+        match extension(path).as_str() {
             "npy" => npy::write(path, &self.dims, self.slabs),
             "nii" | "nii.gz" => nifti::write(path, self.dims, self.geometry, self.slabs),
             "nrrd" => nrrd::write(path, self.dims, self.geometry, self.slabs),

@@ -1,20 +1,20 @@
 //! Seismic amplitude: folded layers, thrown by faults, convolved with a wavelet.
 
 use super::Options;
-use super::surface::Surface;
+use super::surface::ImplicitSurface;
 use super::truth::Truth;
 use crate::geometry::random::Random;
 use crate::parallel::prelude::*;
 use std::f64::consts::{PI, TAU};
 
 /// Peak frequency of the Ricker wavelet, in cycles per sample.
-const FREQUENCY: f64 = 0.08;
+const WAVELET_FREQUENCY: f64 = 0.08;
 /// Faults flatter than this (degrees) slip along the layers and throw none.
-const FLATTEST: f64 = 40.0;
+const MIN_FAULT_DIP: f64 = 40.0;
 /// Layers thrown by less than this (samples) look whole: a sixth of the wavelet's period.
-const UNSEEN: f32 = 2.0;
+const MIN_VISIBLE_THROW: f32 = 2.0;
 /// Knots of the table of layers, a sample.
-const FINE: f64 = 8.0;
+const KNOTS_PER_SAMPLE: f64 = 8.0;
 
 /// Folded layers thrown by faults. `sides` has one bit a fault: the layers on a fault's positive side
 /// are thrown along x by 4 to 12 samples, varying along the fault; where it has a rim the throw tapers out
@@ -22,22 +22,27 @@ const FINE: f64 = 8.0;
 ///
 /// The depth of a sample before folding and faulting is
 /// `w = x + fold(y, z) (1/2 + x / nx) + sum of throws`.
-struct Folded<'a> {
+struct FoldedLayers<'a> {
     dims: [usize; 3],
     sides: &'a [u32],
-    faults: &'a [Surface],
+    faults: &'a [ImplicitSurface],
     throws: Vec<Throw>,
     folds: Vec<[f64; 4]>,
-    tapers: bool,
+    has_tapers: bool,
 }
 
-impl<'a> Folded<'a> {
-    fn new(random: &mut Random, sides: &'a [u32], faults: &'a [Surface], dims: [usize; 3]) -> Self {
+impl<'a> FoldedLayers<'a> {
+    fn new(
+        random: &mut Random,
+        sides: &'a [u32],
+        faults: &'a [ImplicitSurface],
+        dims: [usize; 3],
+    ) -> Self {
         let [_, ny, nz] = dims;
-        let flattest = FLATTEST.to_radians().cos();
-        let throw = |fault: &Surface| {
+        let flattest = MIN_FAULT_DIP.to_radians().cos();
+        let throw = |fault: &ImplicitSurface| {
             let throw = Throw::new(random);
-            match fault.upright()[0].abs() <= flattest {
+            match fault.mean_normal()[0].abs() <= flattest {
                 true => throw,
                 false => Throw { mean: 0.0, ..throw },
             }
@@ -62,12 +67,12 @@ impl<'a> Folded<'a> {
             faults,
             throws,
             folds,
-            tapers: faults.iter().any(|s| s.rim.is_some()),
+            has_tapers: faults.iter().any(|s| s.rim.is_some()),
         }
     }
 
     /// How far folds and throws may shift a layer.
-    fn reach(&self) -> f64 {
+    fn max_shift(&self) -> f64 {
         let folds = self.folds.iter().map(|f| 1.5 * f[0]);
         folds.sum::<f64>() + 17.0 * self.faults.len() as f64
     }
@@ -85,11 +90,11 @@ impl<'a> Folded<'a> {
             let x = i as f64 - margin as f64;
             let side = sides[i.saturating_sub(margin).min(nx - 1)];
             // A throw that tapers out changes from sample to sample.
-            if side != last || self.tapers && side != 0 {
+            if side != last || self.has_tapers && side != 0 {
                 let p = [x.clamp(0.0, (nx - 1) as f64), y, z];
                 let thrown = (0..self.faults.len()).filter(|k| side >> k & 1 == 1);
                 shift = thrown
-                    .map(|k| self.throws[k].at(y, z) * self.faults[k].displacement(p))
+                    .map(|k| self.throws[k].shift_at(y, z) * self.faults[k].throw_share(p))
                     .sum();
                 last = side;
             }
@@ -101,13 +106,13 @@ impl<'a> Folded<'a> {
 }
 
 /// What the layers of an amplitude are made with.
-fn random_of(options: &Options) -> Random {
-    Random::of(options.seed, 0xa3b1)
+fn layer_random(options: &Options) -> Random {
+    Random::for_purpose(options.seed, 0xa3b1)
 }
 
 /// How deep each sample of [`amplitude`] was before folding and faulting: the same all along a reflector.
-pub(super) fn depths(sides: &[u32], faults: &[Surface], options: &Options) -> Vec<f32> {
-    let folded = Folded::new(&mut random_of(options), sides, faults, options.dims);
+pub(super) fn depths(sides: &[u32], faults: &[ImplicitSurface], options: &Options) -> Vec<f32> {
+    let folded = FoldedLayers::new(&mut layer_random(options), sides, faults, options.dims);
     let nx = options.dims[0];
     let mut samples = vec![0f32; sides.len()];
     samples.par_chunks_mut(nx).enumerate().for_each_init(
@@ -125,11 +130,11 @@ pub(super) fn depths(sides: &[u32], faults: &[Surface], options: &Options) -> Ve
 
 /// Marks in `next` (see [`Truth::next`]) what nobody can see of the faults: where they throw the layers by less
 /// than [`UNSEEN`] samples, as throws of faults that meet may cancel each other.
-pub(super) fn leave_out_unseen(
+pub(super) fn mark_invisible_faults(
     next: &mut [[f32; 2]],
     truth: &Truth,
     sides: &[u32],
-    faults: &[Surface],
+    faults: &[ImplicitSurface],
     options: &Options,
 ) {
     let depths = depths(sides, faults, options);
@@ -137,7 +142,7 @@ pub(super) fn leave_out_unseen(
     let shift = |p: [f32; 3]| {
         let at: [usize; 3] =
             std::array::from_fn(|k| (p[k].round().max(0.0) as usize).min(truth.dims[k] - 1));
-        depths[truth.sample(at)] - at[0] as f32
+        depths[truth.sample_index(at)] - at[0] as f32
     };
     next.par_iter_mut().enumerate().for_each(|(i, next)| {
         if truth.distance[i] < 0.5 {
@@ -148,7 +153,7 @@ pub(super) fn leave_out_unseen(
                     at[k] + (truth.distance[i] + off) * normal[k]
                 }))
             };
-            if (beside(1.5) - beside(-1.5)).abs() < UNSEEN {
+            if (beside(1.5) - beside(-1.5)).abs() < MIN_VISIBLE_THROW {
                 *next = [-1.0, 90.0];
             }
         }
@@ -157,14 +162,18 @@ pub(super) fn leave_out_unseen(
 
 /// The amplitude of folded layers thrown by faults, with rms 1: impedance is constant within a layer of
 /// w, and the trace along x is its derivative convolved with the wavelet.
-pub(super) fn amplitude(sides: &[u32], surfaces: &[Surface], options: &Options) -> Vec<f32> {
+pub(super) fn amplitude(
+    sides: &[u32],
+    surfaces: &[ImplicitSurface],
+    options: &Options,
+) -> Vec<f32> {
     let [nx, ny, _] = options.dims;
-    let mut random = random_of(options);
-    let folded = Folded::new(&mut random, sides, surfaces, options.dims);
+    let mut random = layer_random(options);
+    let folded = FoldedLayers::new(&mut random, sides, surfaces, options.dims);
     let wavelet = wavelet_slope();
     let margin = wavelet.len() / 2;
-    let pad = folded.reach() + margin as f64 + 4.0;
-    let layers = Layers::new(&mut random, -pad, nx as f64 + pad);
+    let pad = folded.max_shift() + margin as f64 + 4.0;
+    let layers = LayerTable::new(&mut random, -pad, nx as f64 + pad);
 
     let mut samples = vec![0f32; sides.len()];
     samples.par_chunks_mut(nx).enumerate().for_each_init(
@@ -214,35 +223,35 @@ impl Throw {
         }
     }
 
-    fn at(&self, y: f64, z: f64) -> f64 {
+    fn shift_at(&self, y: f64, z: f64) -> f64 {
         self.mean * (1.0 + 0.25 * (self.wave[0] * y + self.wave[1] * z + self.phase).sin())
     }
 }
 
 /// Layers of random thickness (3 to 9 samples) and impedance, as a table of their integral.
-struct Layers {
+struct LayerTable {
     start: f64,
     integral: Vec<f64>,
 }
 
-impl Layers {
+impl LayerTable {
     fn new(random: &mut Random, start: f64, end: f64) -> Self {
-        let knots = ((end - start) * FINE).ceil() as usize + 2;
+        let knots = ((end - start) * KNOTS_PER_SAMPLE).ceil() as usize + 2;
         let mut integral = Vec::with_capacity(knots);
         let (mut sum, mut impedance, mut until) = (0.0, 0.0, start);
         for k in 0..knots {
-            if start + k as f64 / FINE >= until {
+            if start + k as f64 / KNOTS_PER_SAMPLE >= until {
                 impedance = random.range(-1.0, 1.0);
                 until += random.range(3.0, 9.0);
             }
             integral.push(sum);
-            sum += impedance / FINE;
+            sum += impedance / KNOTS_PER_SAMPLE;
         }
         Self { start, integral }
     }
 
     fn integral(&self, w: f64) -> f64 {
-        let at = ((w - self.start) * FINE).clamp(0.0, (self.integral.len() - 2) as f64);
+        let at = ((w - self.start) * KNOTS_PER_SAMPLE).clamp(0.0, (self.integral.len() - 2) as f64);
         let k = at as usize;
         self.integral[k] + (at - k as f64) * (self.integral[k + 1] - self.integral[k])
     }
@@ -256,11 +265,11 @@ impl Layers {
 /// The derivative of a Ricker wavelet (1 - 2 a) exp(-a), a = (pi f t)^2, reversed for a running
 /// product: with impedances it gives the reflectivity convolved with the wavelet.
 fn wavelet_slope() -> Vec<f32> {
-    let half = (1.3 / FREQUENCY).ceil() as i64;
+    let half = (1.3 / WAVELET_FREQUENCY).ceil() as i64;
     (-half..=half)
         .map(|i| {
             let t = -i as f64;
-            let q = (PI * FREQUENCY).powi(2);
+            let q = (PI * WAVELET_FREQUENCY).powi(2);
             let a = q * t * t;
             (2.0 * q * t * (2.0 * a - 3.0) * (-a).exp()) as f32
         })

@@ -1,6 +1,6 @@
 //! Random networks of crossing faults.
 
-use super::surface::{End, Surface, Wave};
+use super::surface::{ImplicitSurface, Termination, Wave};
 use super::{Options, Result};
 use crate::Error;
 use crate::error::cause;
@@ -9,31 +9,31 @@ use crate::geometry::random::Random;
 use crate::parallel::prelude::*;
 
 /// Smallest radius of curvature, in samples.
-const RADIUS: f64 = 45.0;
+const MIN_CURVATURE_RADIUS: f64 = 45.0;
 /// Largest slope of a fault against its mean plane.
-const SLOPE: f64 = 0.4;
+const MAX_SLOPE: f64 = 0.4;
 /// Faults closer than this to each other, in samples, must cross ...
-const NEAR: f64 = 10.0;
+const MIN_FAULT_DISTANCE: f64 = 10.0;
 /// ... at no less than 30 degrees: the largest cosine of the angle between their normals.
-const COSINE: f64 = 0.866;
-const ATTEMPTS: usize = 400;
+const MAX_NORMAL_COSINE: f64 = 0.866;
+const MAX_ATTEMPTS: usize = 400;
 
 /// `options.count()` faults, steep against the x axis. `curving` from 0 (planes) to 1. Candidates
 /// that barely touch the box, or run close to an earlier fault at less than 30 degrees, are drawn
 /// again.
-pub(super) fn faults(options: &Options, curving: f64) -> Result<Vec<Surface>> {
-    let mut random = Random::of(options.seed, 0xfa17);
-    let probe = Probe::new(options.dims);
-    let mut faults: Vec<Surface> = Vec::new();
+pub(super) fn faults(options: &Options, curving: f64) -> Result<Vec<ImplicitSurface>> {
+    let mut random = Random::for_purpose(options.seed, 0xfa17);
+    let probe = ProbeGrid::new(options.dims);
+    let mut faults: Vec<ImplicitSurface> = Vec::new();
     let mut levels: Vec<Vec<f32>> = Vec::new();
-    for _ in 0..ATTEMPTS {
+    for _ in 0..MAX_ATTEMPTS {
         let (centre, fault) = candidate(&mut random, options.dims, curving);
         let level = probe.levels(&fault);
         let crosses_well = faults
             .iter()
             .zip(&levels)
-            .all(|(f, l)| probe.crosses_well(&fault, &level, f, l));
-        if crosses_well && probe.area(&level) > probe.least_area {
+            .all(|(f, l)| probe.crosses_steeply(&fault, &level, f, l));
+        if crosses_well && probe.area(&level) > probe.min_area {
             faults.push(fault);
             levels.push(level);
         }
@@ -41,7 +41,7 @@ pub(super) fn faults(options: &Options, curving: f64) -> Result<Vec<Surface>> {
             if curving > 0.0 && options.count() >= 4 {
                 let side = faults[0].level(centre).signum();
                 if let Some(last) = faults.last_mut() {
-                    last.end = Some(End { surface: 0, side });
+                    last.end = Some(Termination { surface: 0, side });
                 }
             }
             return Ok(faults);
@@ -59,7 +59,7 @@ pub(super) fn faults(options: &Options, curving: f64) -> Result<Vec<Surface>> {
 }
 
 /// A fault and a point on it.
-fn candidate(random: &mut Random, dims: [usize; 3], curving: f64) -> ([f64; 3], Surface) {
+fn candidate(random: &mut Random, dims: [usize; 3], curving: f64) -> ([f64; 3], ImplicitSurface) {
     let extent = dims.map(|n| (n - 1) as f64);
     let centre: [f64; 3] = std::array::from_fn(|k| extent[k] * random.range(0.2, 0.8));
     let dip = random.range(55.0, 88.0).to_radians();
@@ -95,23 +95,23 @@ fn candidate(random: &mut Random, dims: [usize; 3], curving: f64) -> ([f64; 3], 
     let norm = |w: &Wave| w.wave[0].hypot(w.wave[1]);
     let curvature: f64 = waves.iter().map(|w| w.amplitude * norm(w).powi(2)).sum();
     let slope: f64 = waves.iter().map(|w| w.amplitude * norm(w)).sum();
-    let scale = curving * (1.0 / (RADIUS * curvature)).min(SLOPE / slope);
+    let scale = curving * (1.0 / (MIN_CURVATURE_RADIUS * curvature)).min(MAX_SLOPE / slope);
     waves.iter_mut().for_each(|w| w.amplitude *= scale);
     if curving == 0.0 {
         waves.clear();
     }
-    (centre, Surface::sheet(centre, normal, waves))
+    (centre, ImplicitSurface::sheet(centre, normal, waves))
 }
 
 /// A coarse grid of points at which faults are compared.
-struct Probe {
+struct ProbeGrid {
     points: Vec<[f64; 3]>,
     /// Volume of the box that a point stands for.
-    share: f64,
-    least_area: f64,
+    point_volume: f64,
+    min_area: f64,
 }
 
-impl Probe {
+impl ProbeGrid {
     fn new(dims: [usize; 3]) -> Self {
         let largest = dims.iter().copied().max().unwrap_or(1);
         let stride = largest.div_ceil(40).max(2);
@@ -127,16 +127,16 @@ impl Probe {
             }
         }
         let volume = (nx * ny * nz) as f64;
-        let share = volume / points.len() as f64;
+        let point_volume = volume / points.len() as f64;
         let power = if nz == 1 { 0.5 } else { 2.0 / 3.0 };
         Self {
             points,
-            share,
-            least_area: 0.4 * volume.powf(power),
+            point_volume,
+            min_area: 0.4 * volume.powf(power),
         }
     }
 
-    fn levels(&self, fault: &Surface) -> Vec<f32> {
+    fn levels(&self, fault: &ImplicitSurface) -> Vec<f32> {
         self.points
             .par_iter()
             .map(|&p| fault.level(p) as f32)
@@ -145,12 +145,23 @@ impl Probe {
 
     /// The fault's area in the box, from the volume of a layer about it.
     fn area(&self, level: &[f32]) -> f64 {
-        level.iter().filter(|l| l.abs() < NEAR as f32).count() as f64 * self.share / (2.0 * NEAR)
+        level
+            .iter()
+            .filter(|l| l.abs() < MIN_FAULT_DISTANCE as f32)
+            .count() as f64
+            * self.point_volume
+            / (2.0 * MIN_FAULT_DISTANCE)
     }
 
     /// Whether two faults meet at no less than 30 degrees wherever both are near.
-    fn crosses_well(&self, a: &Surface, la: &[f32], b: &Surface, lb: &[f32]) -> bool {
-        let near = NEAR as f32;
+    fn crosses_steeply(
+        &self,
+        a: &ImplicitSurface,
+        la: &[f32],
+        b: &ImplicitSurface,
+        lb: &[f32],
+    ) -> bool {
+        let near = MIN_FAULT_DISTANCE as f32;
         self.points
             .par_iter()
             .zip(la)
@@ -158,7 +169,7 @@ impl Probe {
             .all(|((&p, la), lb)| {
                 la.abs() >= near
                     || lb.abs() >= near
-                    || dot(a.direction(p), b.direction(p)).abs() < COSINE
+                    || dot(a.unit_gradient(p), b.unit_gradient(p)).abs() < MAX_NORMAL_COSINE
             })
     }
 }

@@ -15,10 +15,10 @@
 
 mod amplitude;
 mod crossing;
+mod exact_distance;
 mod network;
 mod noise;
 mod surface;
-mod survey;
 pub mod truth;
 
 pub use truth::Truth;
@@ -31,11 +31,11 @@ use crate::geometry::random::Random;
 use crate::image::{Geometry, Image};
 use crate::parallel::prelude::*;
 use crate::{Error, Result, memory};
-use surface::Surface;
+use surface::ImplicitSurface;
 
 /// What a synthetic image shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum SyntheticKind {
     /// Fault likelihood of planar crossing faults: ridges of height 0.7 to 1.
     Planes,
     /// Fault likelihood of curved crossing faults (radius of curvature at least 45 samples,
@@ -60,37 +60,40 @@ pub enum Kind {
     NetworkMask,
 }
 
-impl Kind {
+impl SyntheticKind {
     /// Every kind, with the name that [`FromStr`] takes.
-    pub const ALL: [(&'static str, Kind); 9] = [
-        ("planes", Kind::Planes),
-        ("faults", Kind::Faults),
-        ("amplitude", Kind::Amplitude),
-        ("sphere", Kind::Sphere),
-        ("shells", Kind::Shells),
-        ("blocks", Kind::Blocks),
-        ("network", Kind::Network),
-        ("network-amplitude", Kind::NetworkAmplitude),
-        ("network-mask", Kind::NetworkMask),
+    pub const ALL: [(&'static str, SyntheticKind); 9] = [
+        ("planes", SyntheticKind::Planes),
+        ("faults", SyntheticKind::Faults),
+        ("amplitude", SyntheticKind::Amplitude),
+        ("sphere", SyntheticKind::Sphere),
+        ("shells", SyntheticKind::Shells),
+        ("blocks", SyntheticKind::Blocks),
+        ("network", SyntheticKind::Network),
+        ("network-amplitude", SyntheticKind::NetworkAmplitude),
+        ("network-mask", SyntheticKind::NetworkMask),
     ];
 }
 
-impl Kind {
+impl SyntheticKind {
     /// Whether it shows layers that faults throw.
     pub fn has_layers(self) -> bool {
-        matches!(self, Kind::Amplitude | Kind::NetworkAmplitude)
+        matches!(
+            self,
+            SyntheticKind::Amplitude | SyntheticKind::NetworkAmplitude
+        )
     }
 
     /// Whether its faults are those of [`Kind::Network`].
     fn is_network(self) -> bool {
         matches!(
             self,
-            Kind::Network | Kind::NetworkAmplitude | Kind::NetworkMask
+            SyntheticKind::Network | SyntheticKind::NetworkAmplitude | SyntheticKind::NetworkMask
         )
     }
 }
 
-impl FromStr for Kind {
+impl FromStr for SyntheticKind {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self> {
@@ -144,7 +147,7 @@ impl Options {
         self.count.unwrap_or(4)
     }
 
-    fn check(&self, kind: Kind) -> Result<()> {
+    fn check(&self, kind: SyntheticKind) -> Result<()> {
         let bad = |option: String, problem: &str, remedy: &str| {
             Err(Error::Job(cause(
                 format!("synth {option}"),
@@ -166,13 +169,13 @@ impl Options {
         }
         let samples = (nx * ny * nz) as f64;
         let what = format!("{samples} samples");
-        memory::afford(
+        memory::ensure_available(
             "synth dims",
             36.0 * samples,
             what,
             "choose smaller dimensions",
         )?;
-        if kind != Kind::Sphere && !(1..=16).contains(&self.count()) {
+        if kind != SyntheticKind::Sphere && !(1..=16).contains(&self.count()) {
             return bad(
                 format!("count {}", self.count()),
                 "must be from 1 to 16",
@@ -203,7 +206,7 @@ pub struct Preset {
     /// Its name.
     pub name: &'static str,
     /// What it shows.
-    pub kind: Kind,
+    pub kind: SyntheticKind,
     /// How it is made.
     pub options: Options,
 }
@@ -212,7 +215,7 @@ pub struct Preset {
 pub const PRESETS: [Preset; 3] = [
     Preset {
         name: "faults-1",
-        kind: Kind::Faults,
+        kind: SyntheticKind::Faults,
         options: Options {
             dims: [170, 150, 128],
             seed: 1,
@@ -223,7 +226,7 @@ pub const PRESETS: [Preset; 3] = [
     },
     Preset {
         name: "faults-2",
-        kind: Kind::Faults,
+        kind: SyntheticKind::Faults,
         options: Options {
             dims: [140, 180, 120],
             seed: 2,
@@ -234,7 +237,7 @@ pub const PRESETS: [Preset; 3] = [
     },
     Preset {
         name: "faults-3",
-        kind: Kind::Faults,
+        kind: SyntheticKind::Faults,
         options: Options {
             dims: [200, 120, 110],
             seed: 3,
@@ -247,7 +250,7 @@ pub const PRESETS: [Preset; 3] = [
 
 /// An image and what is known about it.
 #[derive(Debug, Clone)]
-pub struct Synthetic<const D: usize = 3> {
+pub struct SyntheticImage<const D: usize = 3> {
     /// The image, at unit spacing.
     pub image: Image<D>,
     /// The exact distance to its features.
@@ -260,29 +263,31 @@ pub struct Synthetic<const D: usize = 3> {
 /// # Errors
 /// [`Error::Job`] for impossible options, and when `count` faults do not fit into the box without
 /// crossing each other at less than 30 degrees.
-pub fn make(kind: Kind, options: &Options) -> Result<Synthetic> {
+pub fn make(kind: SyntheticKind, options: &Options) -> Result<SyntheticImage> {
     options.check(kind)?;
     let surfaces = surfaces(kind, options)?;
-    let (mut truth, sides) = survey::survey(&surfaces, options.dims);
+    let (mut truth, sides) = exact_distance::compute_truth(&surfaces, options.dims);
     if kind.is_network() || kind.has_layers() {
-        let mut next = survey::next(&surfaces, &truth);
+        let mut next = exact_distance::next_features(&surfaces, &truth);
         if kind.has_layers() {
-            amplitude::leave_out_unseen(&mut next, &truth, &sides, &surfaces, options);
+            amplitude::mark_invisible_faults(&mut next, &truth, &sides, &surfaces, options);
         }
-        truth.next = Some(next);
+        truth.next_feature = Some(next);
     }
     let mut samples = match kind {
-        Kind::Planes | Kind::Faults | Kind::Shells => ridges(&truth, options),
-        Kind::Network => network::likelihood(&surfaces, options),
-        Kind::NetworkMask => network::mask(&surfaces, options),
-        Kind::Amplitude | Kind::NetworkAmplitude => {
+        SyntheticKind::Planes | SyntheticKind::Faults | SyntheticKind::Shells => {
+            ridges(&truth, options)
+        }
+        SyntheticKind::Network => network::likelihood(&surfaces, options),
+        SyntheticKind::NetworkMask => network::mask(&surfaces, options),
+        SyntheticKind::Amplitude | SyntheticKind::NetworkAmplitude => {
             amplitude::amplitude(&sides, &surfaces, options)
         }
-        Kind::Sphere => ball_image(&truth, &sides, options),
-        Kind::Blocks => labels(&sides),
+        SyntheticKind::Sphere => ball_image(&truth, &sides, options),
+        SyntheticKind::Blocks => block_labels(&sides),
     };
-    if kind != Kind::Blocks && kind != Kind::NetworkMask {
-        noise::add(
+    if kind != SyntheticKind::Blocks && kind != SyntheticKind::NetworkMask {
+        noise::add_noise(
             &mut samples,
             options.dims,
             options.seed,
@@ -290,7 +295,7 @@ pub fn make(kind: Kind, options: &Options) -> Result<Synthetic> {
         );
     }
     let image = Image::new(options.dims, samples, Geometry::default());
-    Ok(Synthetic { image, truth })
+    Ok(SyntheticImage { image, truth })
 }
 
 /// How deep each sample of [`make`]'s image was before folding and faulting, in samples along x: the same
@@ -298,7 +303,7 @@ pub fn make(kind: Kind, options: &Options) -> Result<Synthetic> {
 ///
 /// # Errors
 /// As [`make`], and [`Error::Job`] for an image [without layers](Kind::has_layers).
-pub fn layers(kind: Kind, options: &Options) -> Result<Image<3>> {
+pub fn layer_depths(kind: SyntheticKind, options: &Options) -> Result<Image<3>> {
     options.check(kind)?;
     if !kind.has_layers() {
         return Err(Error::Job(cause(
@@ -308,19 +313,23 @@ pub fn layers(kind: Kind, options: &Options) -> Result<Image<3>> {
         )));
     }
     let surfaces = surfaces(kind, options)?;
-    let (_, sides) = survey::survey(&surfaces, options.dims);
+    let (_, sides) = exact_distance::compute_truth(&surfaces, options.dims);
     let samples = amplitude::depths(&sides, &surfaces, options);
     Ok(Image::new(options.dims, samples, Geometry::default()))
 }
 
 /// The surfaces that an image is made of.
-fn surfaces(kind: Kind, options: &Options) -> Result<Vec<Surface>> {
+fn surfaces(kind: SyntheticKind, options: &Options) -> Result<Vec<ImplicitSurface>> {
     Ok(match kind {
-        Kind::Planes => crossing::faults(options, 0.0)?,
-        Kind::Faults | Kind::Amplitude | Kind::Blocks => crossing::faults(options, 1.0)?,
-        Kind::Network | Kind::NetworkAmplitude | Kind::NetworkMask => network::faults(options)?,
-        Kind::Sphere => balls(options, 1),
-        Kind::Shells => balls(options, options.count()),
+        SyntheticKind::Planes => crossing::faults(options, 0.0)?,
+        SyntheticKind::Faults | SyntheticKind::Amplitude | SyntheticKind::Blocks => {
+            crossing::faults(options, 1.0)?
+        }
+        SyntheticKind::Network | SyntheticKind::NetworkAmplitude | SyntheticKind::NetworkMask => {
+            network::faults(options)?
+        }
+        SyntheticKind::Sphere => balls(options, 1),
+        SyntheticKind::Shells => balls(options, options.count()),
     })
 }
 
@@ -329,7 +338,7 @@ fn surfaces(kind: Kind, options: &Options) -> Result<Vec<Surface>> {
 ///
 /// # Errors
 /// As [`make`], and [`Error::Job`] for more than one sample along z.
-pub fn make_plane(kind: Kind, options: &Options) -> Result<Synthetic<2>> {
+pub fn make_2d(kind: SyntheticKind, options: &Options) -> Result<SyntheticImage<2>> {
     let [nx, ny, nz] = options.dims;
     if nz != 1 {
         return Err(Error::Job(cause(
@@ -338,27 +347,27 @@ pub fn make_plane(kind: Kind, options: &Options) -> Result<Synthetic<2>> {
             "give two dimensions",
         )));
     }
-    let Synthetic { image, truth } = make(kind, options)?;
+    let SyntheticImage { image, truth } = make(kind, options)?;
     let truth = Truth {
         dims: [nx, ny],
         distance: truth.distance,
         direction: truth.direction.iter().map(|&[x, y, _]| [x, y]).collect(),
-        smooth: truth.smooth,
-        next: truth.next,
+        is_smooth: truth.is_smooth,
+        next_feature: truth.next_feature,
     };
-    Ok(Synthetic {
+    Ok(SyntheticImage {
         image: image.flatten(),
         truth,
     })
 }
 
 /// `count` nested balls about the middle of the box, the largest filling 0.8 of it.
-fn balls(options: &Options, count: usize) -> Vec<Surface> {
+fn balls(options: &Options, count: usize) -> Vec<ImplicitSurface> {
     let extent = options.dims.map(|n| (n - 1) as f64);
     let sides = extent.iter().copied().filter(|&e| e > 0.0);
     let largest = 0.4 * sides.fold(f64::INFINITY, f64::min);
     (1..=count)
-        .map(|k| Surface::ball(extent.map(|e| 0.5 * e), largest * k as f64 / count as f64))
+        .map(|k| ImplicitSurface::ball(extent.map(|e| 0.5 * e), largest * k as f64 / count as f64))
         .collect()
 }
 
@@ -366,7 +375,7 @@ fn balls(options: &Options, count: usize) -> Vec<Surface> {
 fn ridges(truth: &Truth, options: &Options) -> Vec<f32> {
     let [nx, ny, _] = truth.dims;
     let scale = -0.5 / (options.width * options.width) as f32;
-    let mut random = Random::of(options.seed, 0x5712);
+    let mut random = Random::for_purpose(options.seed, 0x5712);
     let phase: [f32; 3] = std::array::from_fn(|_| random.range(0.0, TAU) as f32);
     let wave = |k: usize, i: usize| {
         (TAU as f32 * i as f32 / truth.dims[k] as f32 * (1.0 + 0.5 * k as f32) + phase[k]).sin()
@@ -403,7 +412,7 @@ fn ball_image(truth: &Truth, sides: &[u32], options: &Options) -> Vec<f32> {
 }
 
 /// Labels 0, 1, 2 ... of the blocks between the surfaces.
-fn labels(sides: &[u32]) -> Vec<f32> {
+fn block_labels(sides: &[u32]) -> Vec<f32> {
     let mut patterns: Vec<u32> = sides
         .par_chunks(1 << 16)
         .flat_map_iter(|chunk| {

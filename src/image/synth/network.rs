@@ -5,26 +5,26 @@
 //! What nobody could tell apart is drawn again: sheets that run nearer than [`APART`] samples at less
 //! than [`SHALLOWEST`] degrees.
 
-use super::surface::{End, Foot, Rim, Surface, Wave};
-use super::survey::exists;
+use super::exact_distance::exists_at;
+use super::surface::{ImplicitSurface, Rim, SurfacePoint, Termination, Wave};
 use super::{Options, Result};
 use crate::Error;
 use crate::error::cause;
-use crate::geometry::random::{Random, scrambled, uniform};
+use crate::geometry::random::{Random, splitmix64, uniform};
 use crate::geometry::{cross, dot, sub};
 use crate::parallel::prelude::*;
 use std::f64::consts::TAU;
 
 /// Faults cross at no less than this many degrees, everywhere ...
-const SHALLOWEST: f64 = 14.0;
+const MIN_CROSSING_ANGLE: f64 = 14.0;
 /// ... unless they keep at least this far apart (samples).
-const APART: f64 = 2.75;
+const MIN_FAULT_DISTANCE: f64 = 2.75;
 /// Over this many samples a fault's strength tapers out about its rim.
-const TAPER: f64 = 12.0;
+const TAPER_LENGTH: f64 = 12.0;
 /// Draws of one fault before the network is given up.
-const ATTEMPTS: usize = 400;
+const MAX_ATTEMPTS: usize = 400;
 /// Step (samples) of the points at which faults are compared.
-const STEP: f64 = 3.0;
+const POINT_SPACING: f64 = 3.0;
 
 /// How a fault lies towards an earlier one.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -40,15 +40,16 @@ enum Relation {
 }
 
 /// Faults of a network: 2 to 6 of them, or `options.count`.
-pub(super) fn faults(options: &Options) -> Result<Vec<Surface>> {
-    let mut random = Random::of(options.seed, 0x6e65_7477);
+pub(super) fn faults(options: &Options) -> Result<Vec<ImplicitSurface>> {
+    let mut random = Random::for_purpose(options.seed, 0x6e65_7477);
     let drawn = 2 + (5.0 * random.draw()) as usize;
     let count = options.count.unwrap_or(drawn);
-    let mut faults: Vec<Drawn> = Vec::new();
-    for _ in 0..ATTEMPTS {
-        let fault = Drawn::next(&mut random, options.dims, &faults);
-        let fits = fault.points.len() as f64 * STEP * STEP > least_area(options.dims)
-            && (0..faults.len()).all(|k| fault.can_be_told_from(&faults, k));
+    let mut faults: Vec<DrawnFault> = Vec::new();
+    for _ in 0..MAX_ATTEMPTS {
+        let fault = DrawnFault::draw_next(&mut random, options.dims, &faults);
+        let fits = fault.points.len() as f64 * POINT_SPACING * POINT_SPACING
+            > min_area(options.dims)
+            && (0..faults.len()).all(|k| fault.is_distinct_from(&faults, k));
         if fits {
             faults.push(fault);
         }
@@ -68,32 +69,32 @@ pub(super) fn faults(options: &Options) -> Result<Vec<Surface>> {
 }
 
 /// A fault covers at least this area (in the plane: this length times [`STEP`]).
-fn least_area(dims: [usize; 3]) -> f64 {
+fn min_area(dims: [usize; 3]) -> f64 {
     let volume = dims.iter().product::<usize>() as f64;
     match dims[2] {
-        1 => 0.3 * volume.sqrt() * STEP,
+        1 => 0.3 * volume.sqrt() * POINT_SPACING,
         _ => 0.12 * volume.powf(2.0 / 3.0),
     }
 }
 
 /// A fault, how it was drawn, and points all over it.
-struct Drawn {
-    surface: Surface,
+struct DrawnFault {
+    surface: ImplicitSurface,
     centre: [f64; 3],
     normal: [f64; 3],
     waves: Vec<Wave>,
-    points: Vec<Foot>,
+    points: Vec<SurfacePoint>,
 }
 
-impl Drawn {
+impl DrawnFault {
     /// A fault that is related to an earlier one, if there is one.
-    fn next(random: &mut Random, dims: [usize; 3], earlier: &[Drawn]) -> Self {
+    fn draw_next(random: &mut Random, dims: [usize; 3], earlier: &[DrawnFault]) -> Self {
         let extent = dims.map(|n| (n - 1) as f64);
         let flat = dims[2] == 1;
         let middle: [f64; 3] = std::array::from_fn(|k| extent[k] * random.range(0.25, 0.75));
-        let free = free_normal(random, flat);
+        let free = random_normal(random, flat);
         if earlier.is_empty() {
-            let waves = waves(random, extent, flat);
+            let waves = draw_waves(random, extent, flat);
             return Self::new(random, dims, earlier, (middle, free, waves), None);
         }
         let parent = &earlier[(random.draw() * earlier.len() as f64) as usize % earlier.len()];
@@ -112,7 +113,7 @@ impl Drawn {
         let sign = if random.draw() < 0.5 { -1.0 } else { 1.0 };
         // The line in which both meet: upright in the plane, else anywhere in the parent's plane.
         let any = {
-            let level = level(meet.normal);
+            let level = horizontal_direction(meet.normal);
             let down = cross(meet.normal, level);
             let (sin, cos) = random.range(0.0, TAU).sin_cos();
             match flat {
@@ -135,8 +136,8 @@ impl Drawn {
                     80.0
                 };
                 let normal = turned(sign * random.range(16.0, most), any);
-                let waves = waves(random, extent, flat);
-                let end = (relation == Relation::Splay).then(|| End {
+                let waves = draw_waves(random, extent, flat);
+                let end = (relation == Relation::Splay).then(|| Termination {
                     surface: index_of(earlier, parent),
                     side: if random.draw() < 0.5 { -1.0 } else { 1.0 },
                 });
@@ -145,10 +146,10 @@ impl Drawn {
             Relation::Conjugate => {
                 let about = match flat {
                     true => [0.0, 0.0, 1.0],
-                    false => level(meet.normal),
+                    false => horizontal_direction(meet.normal),
                 };
                 let normal = turned(sign * random.range(40.0, 70.0), about);
-                let waves = waves(random, extent, flat);
+                let waves = draw_waves(random, extent, flat);
                 Self::new(random, dims, earlier, (meet.point, normal, waves), None)
             }
         }
@@ -157,21 +158,21 @@ impl Drawn {
     fn new(
         random: &mut Random,
         dims: [usize; 3],
-        earlier: &[Drawn],
+        earlier: &[DrawnFault],
         (centre, normal, waves): ([f64; 3], [f64; 3], Vec<Wave>),
-        end: Option<End>,
+        end: Option<Termination>,
     ) -> Self {
-        let mut surface = Surface::sheet(centre, normal, waves.clone());
+        let mut surface = ImplicitSurface::sheet(centre, normal, waves.clone());
         surface.end = end;
         let size = dims.iter().filter(|&&n| n > 1).map(|&n| n as f64);
         let size = size.clone().sum::<f64>() / size.count() as f64;
         if random.draw() < 0.4 {
             surface.rim = Some(Rim {
                 radii: [0, 1].map(|_| size * random.range(0.28, 0.5)),
-                taper: TAPER,
+                taper: TAPER_LENGTH,
             });
         }
-        let points = points(&surface, dims, earlier);
+        let points = surface_points(&surface, dims, earlier);
         Self {
             surface,
             centre,
@@ -182,28 +183,29 @@ impl Drawn {
     }
 
     /// Whether this fault keeps its distance from fault `k` of the earlier ones, or crosses it well.
-    fn can_be_told_from(&self, earlier: &[Drawn], k: usize) -> bool {
+    fn is_distinct_from(&self, earlier: &[DrawnFault], k: usize) -> bool {
         let other = &earlier[k];
         let ends_there = self.surface.end.is_some_and(|end| end.surface == k);
         self.points.par_iter().all(|p| {
-            if other.surface.level(p.point).abs() > APART * other.surface.steepness {
+            if other.surface.level(p.point).abs() > MIN_FAULT_DISTANCE * other.surface.max_gradient
+            {
                 return true;
             }
-            let foot = other.surface.closest_inside(p.point);
+            let foot = other.surface.closest_point_in_rim(p.point);
             let gap = sub(foot.point, p.point);
-            let shallow = dot(foot.normal, p.normal).abs() > SHALLOWEST.to_radians().cos();
-            let there = ends_there || other.surface.exists(|i| &earlier[i].surface, foot.point);
-            !there || !shallow || dot(gap, gap) > APART * APART
+            let shallow = dot(foot.normal, p.normal).abs() > MIN_CROSSING_ANGLE.to_radians().cos();
+            let there = ends_there || other.surface.exists_at(|i| &earlier[i].surface, foot.point);
+            !there || !shallow || dot(gap, gap) > MIN_FAULT_DISTANCE * MIN_FAULT_DISTANCE
         })
     }
 }
 
-fn index_of(all: &[Drawn], one: &Drawn) -> usize {
+fn index_of(all: &[DrawnFault], one: &DrawnFault) -> usize {
     all.iter().position(|f| std::ptr::eq(f, one)).unwrap_or(0)
 }
 
 /// A horizontal direction in a sheet; y where the sheet itself is horizontal.
-fn level(normal: [f64; 3]) -> [f64; 3] {
+fn horizontal_direction(normal: [f64; 3]) -> [f64; 3] {
     let along = cross(normal, [1.0, 0.0, 0.0]);
     let length = dot(along, along).sqrt();
     match length > 1e-9 {
@@ -213,7 +215,7 @@ fn level(normal: [f64; 3]) -> [f64; 3] {
 }
 
 /// The normal of a steep fault of any strike.
-fn free_normal(random: &mut Random, flat: bool) -> [f64; 3] {
+fn random_normal(random: &mut Random, flat: bool) -> [f64; 3] {
     let dip = random.range(50.0, 88.0).to_radians();
     let strike = random.range(0.0, TAU);
     match flat {
@@ -228,7 +230,7 @@ fn free_normal(random: &mut Random, flat: bool) -> [f64; 3] {
 
 /// Two gentle waves (radius of curvature at least 80 samples), or the one long bend of a listric
 /// fault.
-fn waves(random: &mut Random, extent: [f64; 3], flat: bool) -> Vec<Wave> {
+fn draw_waves(random: &mut Random, extent: [f64; 3], flat: bool) -> Vec<Wave> {
     let size = extent.iter().sum::<f64>() / if flat { 2.0 } else { 3.0 };
     let listric = random.draw() < 0.25;
     let count = if listric { 1 } else { 2 };
@@ -250,22 +252,26 @@ fn waves(random: &mut Random, extent: [f64; 3], flat: bool) -> Vec<Wave> {
 }
 
 /// Points all over a fault, inside the box, its rim and the side on which it exists.
-fn points(surface: &Surface, dims: [usize; 3], earlier: &[Drawn]) -> Vec<Foot> {
+fn surface_points(
+    surface: &ImplicitSurface,
+    dims: [usize; 3],
+    earlier: &[DrawnFault],
+) -> Vec<SurfacePoint> {
     let extent = dims.map(|n| (n - 1) as f64);
-    let reach = (dot(extent, extent).sqrt() / STEP) as i32;
+    let reach = (dot(extent, extent).sqrt() / POINT_SPACING) as i32;
     let lines = if dims[2] == 1 { 0..=0 } else { -reach..=reach };
     let mut found = Vec::new();
     for j in lines {
         for i in -reach..=reach {
             // In the plane a sheet stands upright: its second or third axis is z.
-            let mut at = [f64::from(i) * STEP, f64::from(j) * STEP];
-            if dims[2] == 1 && surface.at([1.0, 0.0]).point[2].abs() > 0.5 {
+            let mut at = [f64::from(i) * POINT_SPACING, f64::from(j) * POINT_SPACING];
+            if dims[2] == 1 && surface.point_at([1.0, 0.0]).point[2].abs() > 0.5 {
                 at.swap(0, 1);
             }
-            let foot = surface.at(at);
+            let foot = surface.point_at(at);
             let inside =
                 (0..3).all(|k| (0.0..=extent[k]).contains(&foot.point[k]) || extent[k] == 0.0);
-            let there = surface.exists(|i| &earlier[i].surface, foot.point);
+            let there = surface.exists_at(|i| &earlier[i].surface, foot.point);
             if inside && there && surface.strength(foot.point) >= 0.5 {
                 found.push(foot);
             }
@@ -276,16 +282,16 @@ fn points(surface: &Surface, dims: [usize; 3], earlier: &[Drawn]) -> Vec<Foot> {
 
 /// Fault likelihood: Gaussian ridges of standard deviation `options.width`, each of its own height of
 /// 0.7 to 1 that varies along the fault, tapering out about its rim; the strongest counts.
-pub(super) fn likelihood(faults: &[Surface], options: &Options) -> Vec<f32> {
-    by_fault(faults, options, 4.0 * options.width, |k, foot, distance| {
-        let height = 0.85 + 0.15 * slow(options.seed, k as u64, foot.point, options.dims);
+pub(super) fn likelihood(faults: &[ImplicitSurface], options: &Options) -> Vec<f32> {
+    max_over_faults(faults, options, 4.0 * options.width, |k, foot, distance| {
+        let height = 0.85 + 0.15 * slow_variation(options.seed, k as u64, foot.point, options.dims);
         height * (-0.5 * (distance / options.width).powi(2)).exp() * faults[k].strength(foot.point)
     })
 }
 
 /// What an interpreter might have painted: 1 on faults, 1 to 5 samples thick, with holes, and stray
 /// pieces beside them; else 0.
-pub(super) fn mask(faults: &[Surface], options: &Options) -> Vec<f32> {
+pub(super) fn mask(faults: &[ImplicitSurface], options: &Options) -> Vec<f32> {
     // Twelve holes a fault and twelve stray pieces in 128^3 samples; as dense in other volumes.
     let size = options.dims.map(|n| n as f64 / 128.0);
     let size = size.iter().product::<f64>().cbrt();
@@ -293,11 +299,12 @@ pub(super) fn mask(faults: &[Surface], options: &Options) -> Vec<f32> {
     let holes: Vec<Vec<([f64; 3], f64)>> = (0..faults.len())
         .map(|k| blobs(options, 0x401e + k as u64, share(2), [2.0, 6.0]))
         .collect();
-    let mut samples = by_fault(faults, options, 3.0, |k, foot, distance| {
-        let thick = 3.0 + 2.0 * slow(options.seed, 0x7c + k as u64, foot.point, options.dims);
+    let mut samples = max_over_faults(faults, options, 3.0, |k, foot, distance| {
+        let thick =
+            3.0 + 2.0 * slow_variation(options.seed, 0x7c + k as u64, foot.point, options.dims);
         // Holes are cut out of the sheet by balls about the feet of random places.
         let hole = holes[k].iter().any(|&(c, r)| {
-            let gap = sub(faults[k].closest(c).point, foot.point);
+            let gap = sub(faults[k].closest_point(c).point, foot.point);
             dot(gap, gap) < r * r
         });
         f64::from(!hole && distance <= 0.5 * thick && faults[k].strength(foot.point) >= 0.5)
@@ -324,7 +331,7 @@ pub(super) fn mask(faults: &[Surface], options: &Options) -> Vec<f32> {
 
 /// Random balls in the box.
 fn blobs(options: &Options, purpose: u64, count: u64, radii: [f64; 2]) -> Vec<([f64; 3], f64)> {
-    let key = scrambled(options.seed ^ scrambled(purpose));
+    let key = splitmix64(options.seed ^ splitmix64(purpose));
     (0..count)
         .map(|i| {
             let draw = |n: u64| uniform(key, 4 * i + n);
@@ -335,8 +342,8 @@ fn blobs(options: &Options, purpose: u64, count: u64, radii: [f64; 2]) -> Vec<([
 }
 
 /// A number in [-1, 1] that varies slowly over the box.
-fn slow(seed: u64, which: u64, p: [f64; 3], dims: [usize; 3]) -> f64 {
-    let key = scrambled(seed ^ scrambled(0x510e ^ which));
+fn slow_variation(seed: u64, which: u64, p: [f64; 3], dims: [usize; 3]) -> f64 {
+    let key = splitmix64(seed ^ splitmix64(0x510e ^ which));
     let waves = (0..3).map(|k| {
         let turns = 0.7 + 0.8 * uniform(key, k as u64);
         (TAU * (turns * p[k] / dims[k] as f64 + uniform(key, 3 + k as u64))).sin()
@@ -346,11 +353,11 @@ fn slow(seed: u64, which: u64, p: [f64; 3], dims: [usize; 3]) -> f64 {
 
 /// For each sample the largest of what `value` says of the faults within `reach`: number, closest
 /// point and distance.
-fn by_fault(
-    faults: &[Surface],
+fn max_over_faults(
+    faults: &[ImplicitSurface],
     options: &Options,
     reach: f64,
-    value: impl Fn(usize, &Foot, f64) -> f64 + Sync,
+    value: impl Fn(usize, &SurfacePoint, f64) -> f64 + Sync,
 ) -> Vec<f32> {
     let [nx, ny, nz] = options.dims;
     let mut samples = vec![0f32; nx * ny * nz];
@@ -361,13 +368,13 @@ fn by_fault(
             for (x, sample) in samples.iter_mut().enumerate() {
                 let p = [x as f64, (row % ny) as f64, (row / ny) as f64];
                 for (k, fault) in faults.iter().enumerate() {
-                    if fault.level(p).abs() > reach * fault.steepness {
+                    if fault.level(p).abs() > reach * fault.max_gradient {
                         continue;
                     }
-                    let foot = fault.closest(p);
+                    let foot = fault.closest_point(p);
                     let gap = sub(foot.point, p);
                     let distance = dot(gap, gap).sqrt();
-                    if distance <= reach && exists(faults, k, foot.point) {
+                    if distance <= reach && exists_at(faults, k, foot.point) {
                         *sample = sample.max(value(k, &foot, distance) as f32);
                     }
                 }
@@ -379,10 +386,10 @@ fn by_fault(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::synth::truth::REACH;
-    use crate::image::synth::{Kind, make, make_plane};
+    use crate::image::synth::truth::MAX_DISTANCE;
+    use crate::image::synth::{SyntheticKind, make, make_2d};
 
-    fn options(seed: u64) -> Options {
+    fn network_options(seed: u64) -> Options {
         Options {
             dims: [64, 60, 56],
             seed,
@@ -398,14 +405,14 @@ mod tests {
         for seed in 1..=20 {
             let faults = faults(&Options {
                 dims: [128; 3],
-                ..options(seed)
+                ..network_options(seed)
             })
             .unwrap();
             counts[faults.len()] += 1;
             ends += faults.iter().filter(|f| f.end.is_some()).count();
             rims += faults.iter().filter(|f| f.rim.is_some()).count();
-            let made = make(Kind::Network, &options(seed)).unwrap();
-            for [gap, angle] in made.truth.next.unwrap() {
+            let made = make(SyntheticKind::Network, &network_options(seed)).unwrap();
+            for [gap, angle] in made.truth.next_feature.unwrap() {
                 close += usize::from(gap < 12.0 && angle < 5.0);
                 shallow += usize::from(gap < 2.0 && angle < 30.0);
                 // Nothing nearer than can be told apart; points may lie a step off those compared.
@@ -428,17 +435,17 @@ mod tests {
     #[test]
     fn distances_are_those_to_points_all_over_the_faults() {
         for seed in [3, 8] {
-            let options = options(seed);
+            let options = network_options(seed);
             let surfaces = faults(&options).unwrap();
-            let truth = make(Kind::Network, &options).unwrap().truth;
+            let truth = make(SyntheticKind::Network, &options).unwrap().truth;
             // Points a quarter of a sample apart, of what exists of each fault.
             let mut all = Vec::new();
             for (k, surface) in surfaces.iter().enumerate() {
                 for i in -250..250 {
                     for j in -250..250 {
                         let at = [0.3 * f64::from(i), 0.3 * f64::from(j)];
-                        let p = surface.at(at).point;
-                        let there = exists(&surfaces, k, p)
+                        let p = surface.point_at(at).point;
+                        let there = exists_at(&surfaces, k, p)
                             && surface.rim.is_none_or(|rim| rim.strength(at) >= 0.104);
                         if there && (0..3).all(|k| p[k] > -12.0 && p[k] < 76.0) {
                             all.push(p);
@@ -457,7 +464,7 @@ mod tests {
                 let square = |q: &[f64; 3]| dot(sub(*q, p), sub(*q, p));
                 let nearest = all.iter().map(square).fold(f64::INFINITY, f64::min).sqrt();
                 let exact = f64::from(truth.distance[i]);
-                let most = if exact < f64::from(REACH) {
+                let most = if exact < f64::from(MAX_DISTANCE) {
                     exact.hypot(0.23) + slack
                 } else {
                     f64::INFINITY
@@ -474,7 +481,7 @@ mod tests {
     fn ridges_stand_on_faults_and_taper_out() {
         let (mut strong, mut weak) = (0, 0);
         for seed in 1..8 {
-            let made = make(Kind::Network, &options(seed)).unwrap();
+            let made = make(SyntheticKind::Network, &network_options(seed)).unwrap();
             for (sample, distance) in made.image.as_slice().iter().zip(&made.truth.distance) {
                 // A tenth of a height of .7 to 1 at the rim, all of it inside.
                 if *distance < 0.2 {
@@ -493,9 +500,9 @@ mod tests {
     #[test]
     fn masks_are_one_to_five_samples_thick_with_holes_and_strays() {
         for seed in 1..5 {
-            let made = make(Kind::NetworkMask, &options(seed)).unwrap();
+            let made = make(SyntheticKind::NetworkMask, &network_options(seed)).unwrap();
             let (mut on, mut holes, mut strays) = (0, 0, 0);
-            let next = made.truth.next.unwrap();
+            let next = made.truth.next_feature.unwrap();
             let samples = made.image.as_slice().iter().zip(&made.truth.distance);
             // Where a fault tapers out nothing is painted.
             for ((sample, &distance), _) in samples.zip(&next).filter(|s| s.1[0] >= 0.0) {
@@ -513,17 +520,20 @@ mod tests {
 
     #[test]
     fn throws_taper_out_and_planes_have_networks_too() {
-        let made = make(Kind::NetworkAmplitude, &options(2)).unwrap();
+        let made = make(SyntheticKind::NetworkAmplitude, &network_options(2)).unwrap();
         let rms = made.image.as_slice().iter().map(|s| s * s).sum::<f32>() / (64.0 * 60.0 * 56.0);
         assert!((rms - 1.0).abs() < 1e-3);
         for seed in 1..6 {
             let flat = Options {
                 dims: [160, 120, 1],
-                ..options(seed)
+                ..network_options(seed)
             };
-            let made = make_plane(Kind::Network, &flat).unwrap();
+            let made = make_2d(SyntheticKind::Network, &flat).unwrap();
             let on = made.truth.distance.iter().filter(|d| **d < 0.5).count();
-            assert!(on > 150 && made.truth.next.is_some(), "{seed}: {on}");
+            assert!(
+                on > 150 && made.truth.next_feature.is_some(),
+                "{seed}: {on}"
+            );
         }
     }
 }

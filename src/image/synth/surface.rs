@@ -4,7 +4,7 @@ use crate::geometry::{cross, dot, sub};
 
 /// A point of a surface and the surface's unit normal there.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Foot {
+pub(super) struct SurfacePoint {
     pub point: [f64; 3],
     pub normal: [f64; 3],
 }
@@ -19,7 +19,7 @@ pub(super) struct Wave {
 
 /// The part of space in which a sheet exists: one side of another surface.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct End {
+pub(super) struct Termination {
     pub surface: usize,
     pub side: f64,
 }
@@ -36,7 +36,7 @@ pub(super) struct Rim {
 impl Rim {
     /// How far inside the rim a place is, in samples (negative outside): exact on the rim, to first
     /// order next to it.
-    fn inside(&self, [s, t]: [f64; 2]) -> f64 {
+    fn distance_inside(&self, [s, t]: [f64; 2]) -> f64 {
         let [a, b] = self.radii;
         let level = (s / a).hypot(t / b);
         let slope = (s / (a * a)).hypot(t / (b * b));
@@ -50,7 +50,7 @@ impl Rim {
     /// Strength there, from 1 well inside to 0 well outside, smooth (cubic) in between.
     pub fn strength(&self, at: [f64; 2]) -> f64 {
         // A fifth of the way the cubic is a tenth high.
-        let u = (0.2 + self.inside(at) / self.taper).clamp(0.0, 1.0);
+        let u = (0.2 + self.distance_inside(at) / self.taper).clamp(0.0, 1.0);
         u * u * (3.0 - 2.0 * u)
     }
 
@@ -59,20 +59,20 @@ impl Rim {
         (t / self.radii[1]).atan2(s / self.radii[0])
     }
 
-    fn at(&self, angle: f64) -> [f64; 2] {
+    fn point_at(&self, angle: f64) -> [f64; 2] {
         [self.radii[0] * angle.cos(), self.radii[1] * angle.sin()]
     }
 }
 
 #[derive(Debug, Clone)]
-enum Shape {
+enum SurfaceShape {
     /// `u = height(s, t) - height(0, 0)` with (u, s, t) the coordinates along `frame`, whose rows
     /// are orthonormal.
     Sheet {
         centre: [f64; 3],
         frame: [[f64; 3]; 3],
         waves: Vec<Wave>,
-        base: f64,
+        base_height: f64,
     },
     /// A sphere.
     Ball { centre: [f64; 3], radius: f64 },
@@ -80,18 +80,18 @@ enum Shape {
 
 /// The zero set of a smooth function, its *level*.
 #[derive(Debug, Clone)]
-pub(super) struct Surface {
-    shape: Shape,
+pub(super) struct ImplicitSurface {
+    shape: SurfaceShape,
     /// Upper bound of the level's gradient: |level| / steepness never exceeds the distance.
-    pub steepness: f64,
+    pub max_gradient: f64,
     /// Where the surface ends, if it does not go through the whole volume.
-    pub end: Option<End>,
+    pub end: Option<Termination>,
     /// Where it tapers out, if it does. Only sheets do.
     pub rim: Option<Rim>,
 }
 
 /// The unit vector along `v`; that of x for zero.
-fn direction(v: [f64; 3]) -> [f64; 3] {
+fn unit_vector(v: [f64; 3]) -> [f64; 3] {
     let length = dot(v, v).sqrt();
     if length > 0.0 {
         v.map(|c| c / length)
@@ -117,10 +117,10 @@ fn height(waves: &[Wave], s: f64, t: f64) -> (f64, [f64; 2], [f64; 3]) {
     (h, g, k)
 }
 
-impl Surface {
+impl ImplicitSurface {
     /// A sheet through `centre`, normal to `normal` but for its waves.
     pub(super) fn sheet(centre: [f64; 3], normal: [f64; 3], waves: Vec<Wave>) -> Self {
-        let n = direction(normal);
+        let n = unit_vector(normal);
         // Any direction not along the normal spans the rest of the frame.
         let k = (0..3).fold(
             0,
@@ -128,22 +128,22 @@ impl Surface {
         );
         let mut other = [0.0; 3];
         other[k] = 1.0;
-        let s = direction(cross(n, other));
-        let steepness = waves
+        let s = unit_vector(cross(n, other));
+        let max_gradient = waves
             .iter()
             .map(|w| w.amplitude.abs() * w.wave[0].hypot(w.wave[1]))
             .sum::<f64>()
             .hypot(1.0);
         let base = height(&waves, 0.0, 0.0).0;
-        let shape = Shape::Sheet {
+        let shape = SurfaceShape::Sheet {
             centre,
             frame: [n, s, cross(n, s)],
             waves,
-            base,
+            base_height: base,
         };
         Self {
             shape,
-            steepness,
+            max_gradient,
             end: None,
             rim: None,
         }
@@ -152,8 +152,8 @@ impl Surface {
     /// A sphere.
     pub(super) fn ball(centre: [f64; 3], radius: f64) -> Self {
         Self {
-            shape: Shape::Ball { centre, radius },
-            steepness: 1.0,
+            shape: SurfaceShape::Ball { centre, radius },
+            max_gradient: 1.0,
             end: None,
             rim: None,
         }
@@ -162,16 +162,16 @@ impl Surface {
     /// The function whose zero set is the surface (ignoring its end).
     pub(super) fn level(&self, p: [f64; 3]) -> f64 {
         match &self.shape {
-            Shape::Sheet {
+            SurfaceShape::Sheet {
                 centre,
                 frame,
                 waves,
-                base,
+                base_height: base,
             } => {
                 let [u, s, t] = frame.map(|axis| dot(axis, sub(p, *centre)));
                 u - height(waves, s, t).0 + base
             }
-            Shape::Ball { centre, radius } => {
+            SurfaceShape::Ball { centre, radius } => {
                 let r = sub(p, *centre);
                 dot(r, r).sqrt() - radius
             }
@@ -181,13 +181,13 @@ impl Surface {
     /// The closest point of the surface (ignoring its end). For a sheet: Newton's method on the
     /// two coordinates in the sheet, which finds the global minimum for any point closer than the
     /// smallest radius of curvature.
-    pub(super) fn closest(&self, p: [f64; 3]) -> Foot {
+    pub(super) fn closest_point(&self, p: [f64; 3]) -> SurfacePoint {
         match &self.shape {
-            Shape::Sheet {
+            SurfaceShape::Sheet {
                 centre,
                 frame,
                 waves,
-                base,
+                base_height: base,
             } => {
                 let [u, s, t] = frame.map(|axis| dot(axis, sub(p, *centre)));
                 let (mut a, mut b) = (s, t);
@@ -213,11 +213,11 @@ impl Surface {
                         break;
                     }
                 }
-                self.at([a, b])
+                self.point_at([a, b])
             }
-            Shape::Ball { centre, radius } => {
-                let normal = direction(sub(p, *centre));
-                Foot {
+            SurfaceShape::Ball { centre, radius } => {
+                let normal = unit_vector(sub(p, *centre));
+                SurfacePoint {
                     point: std::array::from_fn(|c| centre[c] + radius * normal[c]),
                     normal,
                 }
@@ -226,35 +226,35 @@ impl Surface {
     }
 
     /// A sheet's plane coordinates of a place.
-    pub(super) fn in_plane(&self, p: [f64; 3]) -> [f64; 2] {
+    pub(super) fn plane_coordinates(&self, p: [f64; 3]) -> [f64; 2] {
         match &self.shape {
-            Shape::Sheet { centre, frame, .. } => {
+            SurfaceShape::Sheet { centre, frame, .. } => {
                 [1, 2].map(|k: usize| dot(frame[k], sub(p, *centre)))
             }
-            Shape::Ball { .. } => [0.0; 2],
+            SurfaceShape::Ball { .. } => [0.0; 2],
         }
     }
 
     /// The point of a sheet at plane coordinates, and its normal there.
-    pub(super) fn at(&self, [s, t]: [f64; 2]) -> Foot {
+    pub(super) fn point_at(&self, [s, t]: [f64; 2]) -> SurfacePoint {
         match &self.shape {
-            Shape::Sheet {
+            SurfaceShape::Sheet {
                 centre,
                 frame,
                 waves,
-                base,
+                base_height: base,
             } => {
                 let (h, g, _) = height(waves, s, t);
                 let world = |v: [f64; 3]| -> [f64; 3] {
                     std::array::from_fn(|c| (0..3).map(|k| v[k] * frame[k][c]).sum())
                 };
                 let offset = world([h - base, s, t]);
-                Foot {
+                SurfacePoint {
                     point: std::array::from_fn(|c| centre[c] + offset[c]),
-                    normal: world(direction([1.0, -g[0], -g[1]])),
+                    normal: world(unit_vector([1.0, -g[0], -g[1]])),
                 }
             }
-            Shape::Ball { centre, radius } => Foot {
+            SurfaceShape::Ball { centre, radius } => SurfacePoint {
                 point: [centre[0] + radius, centre[1], centre[2]],
                 normal: [1.0, 0.0, 0.0],
             },
@@ -262,29 +262,34 @@ impl Surface {
     }
 
     /// Whether it exists at a point of it: on its side of the one of `all` at which it ends.
-    pub(super) fn exists<'a>(&self, all: impl Fn(usize) -> &'a Surface, at: [f64; 3]) -> bool {
+    pub(super) fn exists_at<'a>(
+        &self,
+        all: impl Fn(usize) -> &'a ImplicitSurface,
+        at: [f64; 3],
+    ) -> bool {
         self.end
             .is_none_or(|end| all(end.surface).level(at) * end.side >= 0.0)
     }
 
     /// Strength of a sheet's ridge or likelihood near a place: 1, but for its rim.
     pub(super) fn strength(&self, p: [f64; 3]) -> f64 {
-        self.rim.map_or(1.0, |rim| rim.strength(self.in_plane(p)))
+        self.rim
+            .map_or(1.0, |rim| rim.strength(self.plane_coordinates(p)))
     }
 
     /// The normal of a sheet without its waves; x of a ball.
-    pub(super) fn upright(&self) -> [f64; 3] {
+    pub(super) fn mean_normal(&self) -> [f64; 3] {
         match &self.shape {
-            Shape::Sheet { frame, .. } => frame[0],
-            Shape::Ball { .. } => [1.0, 0.0, 0.0],
+            SurfaceShape::Sheet { frame, .. } => frame[0],
+            SurfaceShape::Ball { .. } => [1.0, 0.0, 0.0],
         }
     }
 
     /// The share of its throw by which a fault displaces a place: 1, but within a rim it falls as an ellipse
     /// does from the middle outwards, and away from the sheet over the lesser radius.
-    pub(super) fn displacement(&self, p: [f64; 3]) -> f64 {
+    pub(super) fn throw_share(&self, p: [f64; 3]) -> f64 {
         self.rim.map_or(1.0, |rim| {
-            let [s, t] = self.in_plane(p);
+            let [s, t] = self.plane_coordinates(p);
             let [a, b] = rim.radii;
             let inside = 1.0 - (s / a).powi(2) - (t / b).powi(2);
             let near = 1.0 - (self.level(p) / a.min(b)).powi(2);
@@ -293,17 +298,17 @@ impl Surface {
     }
 
     /// The closest point inside the rim, if there is one; on the rim the normal is still the sheet's.
-    pub(super) fn closest_inside(&self, p: [f64; 3]) -> Foot {
-        let foot = self.closest(p);
+    pub(super) fn closest_point_in_rim(&self, p: [f64; 3]) -> SurfacePoint {
+        let foot = self.closest_point(p);
         let Some(rim) = self.rim else { return foot };
-        let at = self.in_plane(foot.point);
-        if rim.inside(at) >= 0.0 {
+        let at = self.plane_coordinates(foot.point);
+        if rim.distance_inside(at) >= 0.0 {
             return foot;
         }
         // Along the rim, from where the ray through the foot meets it, by golden sections: the rim is
         // wide against its distance, so the minimum near there is the only one.
         let square = |angle: f64| {
-            let r = sub(self.at(rim.at(angle)).point, p);
+            let r = sub(self.point_at(rim.point_at(angle)).point, p);
             dot(r, r)
         };
         let middle = rim.angle(at);
@@ -317,13 +322,13 @@ impl Surface {
                 low = a;
             }
         }
-        self.at(rim.at(0.5 * (low + high)))
+        self.point_at(rim.point_at(0.5 * (low + high)))
     }
 
     /// Unit gradient of the level.
-    pub(super) fn direction(&self, p: [f64; 3]) -> [f64; 3] {
+    pub(super) fn unit_gradient(&self, p: [f64; 3]) -> [f64; 3] {
         match &self.shape {
-            Shape::Sheet {
+            SurfaceShape::Sheet {
                 centre,
                 frame,
                 waves,
@@ -331,11 +336,11 @@ impl Surface {
             } => {
                 let [_, s, t] = frame.map(|axis| dot(axis, sub(p, *centre)));
                 let (_, g, _) = height(waves, s, t);
-                direction(std::array::from_fn(|c| {
+                unit_vector(std::array::from_fn(|c| {
                     frame[0][c] - g[0] * frame[1][c] - g[1] * frame[2][c]
                 }))
             }
-            Shape::Ball { centre, .. } => direction(sub(p, *centre)),
+            SurfaceShape::Ball { centre, .. } => unit_vector(sub(p, *centre)),
         }
     }
 }

@@ -2,7 +2,7 @@ use super::*;
 use crate::geometry::random::Random;
 use ndarray::ArrayD;
 
-fn clean(dims: [usize; 3], count: usize) -> Options {
+fn noise_free_options(dims: [usize; 3], count: usize) -> Options {
     Options {
         dims,
         count: Some(count),
@@ -18,7 +18,9 @@ fn position(dims: [usize; 3], i: usize) -> [f64; 3] {
 #[test]
 fn sphere_has_the_analytic_distance_and_direction() {
     let dims = [40, 36, 32];
-    let truth = make(Kind::Sphere, &clean(dims, 1)).unwrap().truth;
+    let truth = make(SyntheticKind::Sphere, &noise_free_options(dims, 1))
+        .unwrap()
+        .truth;
     let centre = [19.5, 17.5, 15.5];
     let radius = 0.4 * 31.0;
     for i in 0..truth.distance.len() {
@@ -44,11 +46,11 @@ fn sphere_has_the_analytic_distance_and_direction() {
 fn fault_distance_matches_brute_force() {
     let options = Options {
         seed: 5,
-        ..clean([56, 48, 40], 4)
+        ..noise_free_options([56, 48, 40], 4)
     };
     let faults = crossing::faults(&options, 1.0).unwrap();
     assert!(faults[3].end.is_some());
-    let (truth, _) = survey::survey(&faults, options.dims);
+    let (truth, _) = exact_distance::compute_truth(&faults, options.dims);
     let mut checked = 0;
     for i in (0..truth.distance.len()).step_by(997) {
         let p = position(options.dims, i);
@@ -58,7 +60,7 @@ fn fault_distance_matches_brute_force() {
         }
         // No point nearer than d: levels keep their sign within the ball; a point at d exists.
         let foot: [f64; 3] = std::array::from_fn(|k| p[k] + d * f64::from(truth.direction[i][k]));
-        let exists = |f: &surface::Surface, q| {
+        let exists = |f: &surface::ImplicitSurface, q| {
             f.end
                 .is_none_or(|end| faults[end.surface].level(q) * end.side >= -1e-4)
         };
@@ -68,7 +70,7 @@ fn fault_distance_matches_brute_force() {
                 .any(|f| f.level(foot).abs() < 1e-4 && exists(f, foot)),
             "sample {p:?}: no fault at {foot:?}"
         );
-        let mut random = Random::of(i as u64, 1);
+        let mut random = Random::for_purpose(i as u64, 1);
         for _ in 0..200 {
             let v: [f64; 3] = std::array::from_fn(|_| random.range(-1.0, 1.0));
             let length = v.iter().map(|c| c * c).sum::<f64>().sqrt();
@@ -101,7 +103,7 @@ fn faults_bend_but_not_too_much_and_cross_at_good_angles() {
     for preset in PRESETS {
         let faults = crossing::faults(&preset.options, 1.0).unwrap();
         assert_eq!(faults.len(), preset.options.count());
-        let (truth, sides) = survey::survey(&faults, preset.options.dims);
+        let (truth, sides) = exact_distance::compute_truth(&faults, preset.options.dims);
         // Curved and crossing: some samples near two faults, more blocks than faults + 1.
         let mut patterns = sides.clone();
         patterns.sort_unstable();
@@ -118,14 +120,14 @@ fn faults_bend_but_not_too_much_and_cross_at_good_angles() {
 
 #[test]
 fn ridges_stand_on_the_faults_and_noise_has_the_ratio_asked_for() {
-    let options = clean([64, 56, 48], 3);
-    let exact = make(Kind::Faults, &options).unwrap();
+    let options = noise_free_options([64, 56, 48], 3);
+    let exact = make(SyntheticKind::Faults, &options).unwrap();
     for (&v, &d) in exact.image.as_slice().iter().zip(&exact.truth.distance) {
         let ridge = (-0.5 * (d / 1.5).powi(2)).exp();
         assert!(v >= 0.699 * ridge && v <= 1.001 * ridge);
     }
     let noisy = make(
-        Kind::Faults,
+        SyntheticKind::Faults,
         &Options {
             signal_to_noise: 4.0,
             ..options
@@ -149,8 +151,8 @@ fn ridges_stand_on_the_faults_and_noise_has_the_ratio_asked_for() {
 
 #[test]
 fn every_kind_is_made_the_same_on_any_number_of_threads() {
-    for (name, kind) in Kind::ALL {
-        assert_eq!(name.parse::<Kind>().unwrap(), kind);
+    for (name, kind) in SyntheticKind::ALL {
+        assert_eq!(name.parse::<SyntheticKind>().unwrap(), kind);
         let options = Options {
             dims: [40, 33, 27],
             count: Some(2),
@@ -175,8 +177,8 @@ fn every_kind_is_made_the_same_on_any_number_of_threads() {
 
 #[test]
 fn amplitude_has_unit_rms_and_breaks_at_the_faults() {
-    let options = clean([80, 64, 48], 2);
-    let Synthetic { image, truth } = make(Kind::Amplitude, &options).unwrap();
+    let options = noise_free_options([80, 64, 48], 2);
+    let SyntheticImage { image, truth } = make(SyntheticKind::Amplitude, &options).unwrap();
     let samples = image.as_slice();
     let rms = samples.iter().map(|s| f64::from(s * s)).sum::<f64>() / samples.len() as f64;
     assert!((rms - 1.0).abs() < 1e-3);
@@ -197,7 +199,8 @@ fn amplitude_has_unit_rms_and_breaks_at_the_faults() {
 
 #[test]
 fn blocks_are_labels_whose_jumps_lie_on_the_truth() {
-    let Synthetic { image, truth } = make(Kind::Blocks, &clean([48, 40, 36], 3)).unwrap();
+    let SyntheticImage { image, truth } =
+        make(SyntheticKind::Blocks, &noise_free_options([48, 40, 36], 3)).unwrap();
     let labels = image.as_slice();
     let largest = labels.iter().fold(0f32, |a, &b| a.max(b));
     assert!(largest >= 3.0);
@@ -211,7 +214,9 @@ fn blocks_are_labels_whose_jumps_lie_on_the_truth() {
 
 #[test]
 fn truth_survives_its_array_and_is_found_again_from_distances_alone() {
-    let truth = make(Kind::Shells, &clean([48, 40, 44], 2)).unwrap().truth;
+    let truth = make(SyntheticKind::Shells, &noise_free_options([48, 40, 44], 2))
+        .unwrap()
+        .truth;
     let (back, _) = Truth::<3>::from_array(&truth.to_array(), "t").unwrap();
     assert!(back == truth);
     let folder = tempfile::tempdir().unwrap();
@@ -237,13 +242,13 @@ fn truth_survives_its_array_and_is_found_again_from_distances_alone() {
 #[test]
 fn a_mask_gives_the_exact_distance_to_its_voxels() {
     let dims = [13, 11, 9];
-    let mut random = Random::of(7, 7);
+    let mut random = Random::for_purpose(7, 7);
     let mask: Vec<f32> = (0..13 * 11 * 9)
         .map(|_| f32::from(u8::from(random.range(0.0, 1.0) < 0.01)))
         .collect();
     let array = ArrayD::from_shape_vec(vec![9, 11, 13], mask.clone()).unwrap();
     let (truth, note) = Truth::<3>::from_array(&array, "m").unwrap();
-    assert!(note.contains("mask") && !truth.smooth);
+    assert!(note.contains("mask") && !truth.is_smooth);
     let voxels: Vec<[f64; 3]> = (0..mask.len())
         .filter(|&i| mask[i] == 1.0)
         .map(|i| position(dims, i))
@@ -266,7 +271,11 @@ fn a_mask_gives_the_exact_distance_to_its_voxels() {
 
 #[test]
 fn bad_requests_are_refused_in_one_line() {
-    let refuse = |options: Options| make(Kind::Faults, &options).unwrap_err().to_string();
+    let refuse = |options: Options| {
+        make(SyntheticKind::Faults, &options)
+            .unwrap_err()
+            .to_string()
+    };
     assert!(
         refuse(Options {
             dims: [4, 40, 40],
@@ -305,7 +314,7 @@ fn bad_requests_are_refused_in_one_line() {
     );
     assert!(
         "nonsense"
-            .parse::<Kind>()
+            .parse::<SyntheticKind>()
             .unwrap_err()
             .to_string()
             .contains("planes")
@@ -320,16 +329,16 @@ fn bad_requests_are_refused_in_one_line() {
 /// The distance between samples, as reports interpolate it, against the surfaces themselves.
 #[test]
 fn distance_between_samples_is_that_of_the_faults() {
-    let options = clean([72, 64, 56], 4);
+    let options = noise_free_options([72, 64, 56], 4);
     let faults = crossing::faults(&options, 1.0).unwrap();
-    let (truth, _) = survey::survey(&faults, options.dims);
+    let (truth, _) = exact_distance::compute_truth(&faults, options.dims);
     let reference = crate::report::Reference::from_truth(&truth);
-    let mut random = Random::of(3, 3);
+    let mut random = Random::for_purpose(3, 3);
     let end = faults[3].end.unwrap();
     let (mut worst, mut behind, mut near) = (0f64, 0f64, 0);
     for _ in 0..40_000 {
         let p: [f64; 3] = std::array::from_fn(|k| random.range(0.0, (options.dims[k] - 1) as f64));
-        let exact = survey::distance(&faults, p);
+        let exact = exact_distance::distance(&faults, p);
         if exact < 2.0 {
             let error = (reference.distance(p, &mut None) - exact).abs();
             // Just behind the line where a fault ends, the fault seems to go on.

@@ -9,7 +9,7 @@ use std::path::Path;
 
 /// Distances are exact below this many samples; a sample farther away holds this value and the
 /// direction zero.
-pub const REACH: f32 = 10.0;
+pub const MAX_DISTANCE: f32 = 10.0;
 
 /// For every sample: how far the nearest feature is and in which direction, in samples.
 ///
@@ -30,12 +30,12 @@ pub struct Truth<const D: usize = 3> {
     pub direction: Vec<[f32; D]>,
     /// Whether the directions are normals of a surface, so that a feature may be taken as flat
     /// about each closest point. Not so for voxels.
-    pub smooth: bool,
+    pub is_smooth: bool,
     /// Of networks and layers: for samples within half a sample of a feature, how far the closest point of it is
     /// from the next feature (at most [`REACH`]), and the angle between the two there, in degrees. The
     /// distance is -1 where the feature tapers out to less than half its strength, or throws layers by less
     /// than two samples: what lies on it there is right, but nobody asks for it.
-    pub next: Option<Vec<[f32; 2]>>,
+    pub next_feature: Option<Vec<[f32; 2]>>,
 }
 
 impl<const D: usize> Truth<D> {
@@ -66,7 +66,7 @@ impl<const D: usize> Truth<D> {
     }
 
     /// Where the sample of an index is.
-    pub(crate) fn sample(&self, index: [usize; D]) -> usize {
+    pub(crate) fn sample_index(&self, index: [usize; D]) -> usize {
         (0..D).rev().fold(0, |at, k| at * self.dims[k] + index[k])
     }
 
@@ -76,7 +76,7 @@ impl<const D: usize> Truth<D> {
         for k in 0..D {
             data.extend(self.direction.iter().map(|d| d[k]));
         }
-        if let Some(next) = &self.next {
+        if let Some(next) = &self.next_feature {
             for k in 0..2 {
                 data.extend(next.iter().map(|n| n[k]));
             }
@@ -153,8 +153,8 @@ impl<const D: usize> Truth<D> {
                 dims,
                 distance,
                 direction,
-                smooth: true,
-                next,
+                is_smooth: true,
+                next_feature: next,
             };
             return Ok((truth, "exact distances and directions".to_string()));
         }
@@ -177,8 +177,8 @@ impl<const D: usize> Truth<D> {
             dims,
             distance,
             direction: Vec::new(),
-            smooth: true,
-            next: None,
+            is_smooth: true,
+            next_feature: None,
         };
         let distance = &truth.distance;
         let strides = strides(dims);
@@ -211,11 +211,11 @@ impl<const D: usize> Truth<D> {
     /// Exact Euclidean distances to the voxels' centres: three passes of lower envelopes of
     /// parabolas (Felzenszwalb and Huttenlocher 2012), keeping which voxel is closest.
     fn from_mask(dims: [usize; D], mask: &[f32]) -> Self {
-        const FAR: f64 = 1e20;
+        const UNREACHED: f64 = 1e20;
         let count = mask.len();
         let mut square: Vec<f64> = mask
             .iter()
-            .map(|&m| if m == 1.0 { 0.0 } else { FAR })
+            .map(|&m| if m == 1.0 { 0.0 } else { UNREACHED })
             .collect();
         let mut closest: Vec<u32> = (0..count as u32).collect();
         let strides = strides(dims);
@@ -228,7 +228,7 @@ impl<const D: usize> Truth<D> {
                     *item = (square[start + q * stride], closest[start + q * stride]);
                 }
                 hull.clear();
-                for q in (0..n).filter(|&q| line[q].0 < FAR) {
+                for q in (0..n).filter(|&q| line[q].0 < UNREACHED) {
                     let mut from = f64::NEG_INFINITY;
                     while let Some(&(p, since)) = hull.last() {
                         let (fp, fq) = (p as f64, q as f64);
@@ -258,8 +258,8 @@ impl<const D: usize> Truth<D> {
             dims,
             distance: square.iter().map(|s| s.sqrt() as f32).collect(),
             direction: Vec::new(),
-            smooth: false,
-            next: None,
+            is_smooth: false,
+            next_feature: None,
         };
         truth.direction = (0..count)
             .into_par_iter()

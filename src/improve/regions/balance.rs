@@ -5,8 +5,8 @@
 /// pairs of regions. What no interface can change is left.
 pub fn pressures(lacking: &[f64], areas: &[([u32; 2], f64)]) -> Vec<f64> {
     let count = lacking.len();
-    if count > MOST_DENSE {
-        return sparse(lacking, areas);
+    if count > MAX_DENSE_REGIONS {
+        return sparse_pressures(lacking, areas);
     }
     let mut matrix = vec![vec![0.0; count + 1]; count];
     for (row, &lacks) in matrix.iter_mut().zip(lacking) {
@@ -52,16 +52,16 @@ pub fn pressures(lacking: &[f64], areas: &[([u32; 2], f64)]) -> Vec<f64> {
 }
 
 /// Up to so many regions the equations are solved by elimination.
-const MOST_DENSE: usize = 255;
+const MAX_DENSE_REGIONS: usize = 255;
 
 /// Conjugate gradients end where the residual is this share of what it was ...
-const ACCURACY: f64 = 1e-10;
+const RESIDUAL_TOLERANCE: f64 = 1e-10;
 /// ... and after so many steps for each region.
-const STEPS: usize = 2;
+const MAX_STEPS_PER_REGION: usize = 2;
 
 /// The pressures of many regions, by conjugate gradients (Hestenes and Stiefel 1952) with the diagonal as the
 /// preconditioner; sums are in the order of the regions.
-fn sparse(lacking: &[f64], areas: &[([u32; 2], f64)]) -> Vec<f64> {
+fn sparse_pressures(lacking: &[f64], areas: &[([u32; 2], f64)]) -> Vec<f64> {
     let count = lacking.len();
     let whole: f64 = areas.iter().map(|(_, area)| area).sum();
     let ground = 1e-9 * whole.max(f64::MIN_POSITIVE);
@@ -86,8 +86,8 @@ fn sparse(lacking: &[f64], areas: &[([u32; 2], f64)]) -> Vec<f64> {
     let mut towards = scaled(&residual);
     let mut along = towards.clone();
     let mut size = product(&residual, &towards);
-    let enough = ACCURACY * ACCURACY * size;
-    for _ in 0..STEPS * count {
+    let enough = RESIDUAL_TOLERANCE * RESIDUAL_TOLERANCE * size;
+    for _ in 0..MAX_STEPS_PER_REGION * count {
         if size <= enough {
             break;
         }
@@ -124,7 +124,10 @@ mod tests {
         let mut lacking: Vec<f64> = (0..count).map(|i| f64::from(i * 13 % 11)).collect();
         let mean = lacking.iter().sum::<f64>() / f64::from(count);
         lacking.iter_mut().for_each(|l| *l -= mean);
-        let [dense, sparse] = [pressures(&lacking, &areas), sparse(&lacking, &areas)];
+        let [dense, sparse] = [
+            pressures(&lacking, &areas),
+            sparse_pressures(&lacking, &areas),
+        ];
         for i in 1..count as usize {
             let [d, s] = [&dense, &sparse].map(|p| p[i] - p[0]);
             assert!((d - s).abs() < 1e-6, "{i}: {d} {s}");

@@ -14,43 +14,43 @@ use std::collections::BTreeMap;
 use crate::parallel::prelude::*;
 
 use super::assign::directions;
-use super::{balance, volumes};
-use crate::feature::Labelled;
-use crate::geometry::groups::grouped;
+use super::{balance, region_volumes};
+use crate::feature::LabelMap;
+use crate::geometry::counting_sort::sort_by_group;
 use crate::geometry::{add_scaled, dot, norm, normal, sub};
 use crate::lattice::AtomKind;
 use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
-use crate::observer::Patience;
+use crate::progress::CancelToken;
 
 /// Moves of every node, at most.
-const SWEEPS: usize = 10;
+const MAX_SWEEPS: usize = 10;
 /// How often cells of spikes are given another label, at most.
-const TRIMS: usize = 4;
+const MAX_TRIMS: usize = 4;
 /// From the sweep of this number on volumes are balanced.
-const BALANCED: usize = 2;
+const FIRST_BALANCED_SWEEP: usize = 2;
 /// Interfaces are sought up to this far from faces, in samples ...
-const REACH: f64 = 3.0;
+const SEARCH_RADIUS: f64 = 3.0;
 /// ... and give way by at most so many.
-const GIVES: f64 = 0.35;
+const MAX_BALANCE_SHIFT: f64 = 0.35;
 /// A node moves at most this share of the length of its shortest edge at a time.
-const SHARE: f64 = 0.25;
+const MAX_MOVE_RATIO: f64 = 0.25;
 /// How much a move is held back where faces say nothing of its direction.
-const HOLD: f64 = 0.02;
+const DAMPING: f64 = 0.02;
 /// A node that lies farther off the interface, in samples, is the tip of a spike, which ...
-const SPIKE: f64 = 0.75;
+const MIN_SPIKE_LENGTH: f64 = 0.75;
 /// ... goes even if angles become as small as this, in degrees.
-const SPIKE_ANGLE: f64 = 20.0;
+const MIN_SPIKE_ANGLE: f64 = 20.0;
 /// Tips of spikes are pulled back if they are at most so far off, in samples.
-const FARTHEST_TIP: f64 = 8.0;
+const MAX_TIP_DISTANCE: f64 = 8.0;
 /// Parts of a move that are tried.
-const PARTS: [f64; 4] = [1.0, 0.5, 0.25, 0.1];
+const STEP_FRACTIONS: [f64; 4] = [1.0, 0.5, 0.25, 0.1];
 
 /// What is fitted.
 #[derive(Debug, Clone, Copy)]
-pub struct Fitting<'a, const D: usize> {
+pub struct InterfaceFit<'a, const D: usize> {
     /// The labels.
-    pub labelled: &'a Labelled<D>,
+    pub labelled: &'a LabelMap<D>,
     /// The label of each cell.
     pub regions: &'a [u32],
     /// For every cell and face, in order, the cell on its other side.
@@ -64,66 +64,66 @@ pub struct Fitting<'a, const D: usize> {
 }
 
 /// A face between two regions.
-struct Face<const D: usize> {
+struct InterfaceFace<const D: usize> {
     nodes: [u32; D],
     /// The regions, the smaller number first, from which the normal points into the other.
-    pair: [u32; 2],
+    regions: [u32; 2],
     normal: [f64; D],
     area: f64,
     /// By node, how far the interface is, and how sure that is.
-    off: [(f64, f64); D],
+    offsets: [(f64, f64); D],
 }
 
 /// The tip of a spike: a node of an interface from which one of its labels is more than a sample away.
-struct Tip<const D: usize> {
+struct SpikeTip<const D: usize> {
     node: u32,
     /// Direction of the nearest place on the interface, and how far that is.
-    along: [f64; D],
-    off: f64,
+    direction: [f64; D],
+    distance: f64,
     /// The label round the tip, and that of the spike.
-    around: u32,
-    spike: u32,
+    surrounding_label: u32,
+    spike_label: u32,
 }
 
 /// Returns the labels of the cells of a mesh that was fitted, with those at the tips of spikes cut off: they take the
 /// label round the tip, unless their middle has their own or they part that from a third one.
-pub fn without_spikes<const D: usize, M: Simplices<D>>(
+pub fn remove_spikes<const D: usize, M: Simplices<D>>(
     mesh: &M,
-    fitting: &Fitting<'_, D>,
+    fitting: &InterfaceFit<'_, D>,
 ) -> Vec<u32> {
     let mut regions = fitting.regions.to_vec();
-    for _ in 0..TRIMS {
-        let trimmed = Fitting {
+    for _ in 0..MAX_TRIMS {
+        let trimmed = InterfaceFit {
             regions: &regions,
             ..*fitting
         };
-        let faces: Vec<Face<D>> = (trimmed.sides().par_iter())
-            .map(|&side| trimmed.face(mesh, side))
+        let faces: Vec<InterfaceFace<D>> = (trimmed.interface_faces().par_iter())
+            .map(|&side| trimmed.measure_face(mesh, side))
             .collect();
-        let tips = trimmed.tips(mesh, &faces);
-        let by_node: BTreeMap<u32, &Tip<D>> = tips.iter().map(|tip| (tip.node, tip)).collect();
+        let tips = trimmed.find_tips(mesh, &faces);
+        let by_node: BTreeMap<u32, &SpikeTip<D>> = tips.iter().map(|tip| (tip.node, tip)).collect();
         let mut changes = Vec::new();
         for (c, &label) in regions.iter().enumerate() {
             let tip = (mesh.cell(c).iter())
                 .filter_map(|n| by_node.get(n))
-                .find(|tip| tip.spike == label);
+                .find(|tip| tip.spike_label == label);
             let Some(tip) = tip else { continue };
             let corners = mesh.cell(c).iter().map(|&n| mesh.nodes()[n as usize]);
             let middle = corners.fold([0.0; D], |sum, x| add_scaled(sum, 1.0 / (D + 1) as f64, x));
-            if trimmed.labelled.at(middle) == label {
+            if trimmed.labelled.label_at(middle) == label {
                 continue;
             }
             let beside = &fitting.neighbors[(D + 1) * c..(D + 1) * (c + 1)];
             let parts = |&n: &u32| {
                 let label = if n == NONE {
-                    tip.around
+                    tip.surrounding_label
                 } else {
                     regions[n as usize]
                 };
-                label != tip.around && label != tip.spike
+                label != tip.surrounding_label && label != tip.spike_label
             };
             if !beside.iter().any(parts) {
-                changes.push((c, tip.around));
+                changes.push((c, tip.surrounding_label));
             }
         }
         if changes.is_empty() {
@@ -139,70 +139,73 @@ pub fn without_spikes<const D: usize, M: Simplices<D>>(
 /// Fits the interfaces of a mesh.
 pub fn fit<const D: usize, M: Simplices<D>>(
     mesh: &mut M,
-    fitting: &Fitting<'_, D>,
-    patience: &Patience<'_>,
+    fitting: &InterfaceFit<'_, D>,
+    patience: &CancelToken<'_>,
 ) {
     let corners = mesh.connectivity();
-    let (start, slots) = grouped(mesh.nodes().len(), corners.iter().map(|&n| n as usize));
+    let (start, slots) = sort_by_group(mesh.nodes().len(), corners.iter().map(|&n| n as usize));
     let around: Vec<u32> = slots.iter().map(|slot| slot / (D as u32 + 1)).collect();
     let star = |n: u32| &around[start[n as usize] as usize..start[n as usize + 1] as usize];
-    let sides = fitting.sides();
+    let sides = fitting.interface_faces();
     let count = fitting.labelled.labels.len();
-    let step = fitting.labelled.least_step();
+    let step = fitting.labelled.min_step();
     let mut gives: BTreeMap<[u32; 2], f64> = BTreeMap::new();
-    for sweep in 0..SWEEPS {
-        if patience.over() {
+    for sweep in 0..MAX_SWEEPS {
+        if patience.is_cancelled() {
             return;
         }
-        let faces: Vec<Face<D>> = (sides.par_iter())
-            .map(|&side| fitting.face(&*mesh, side))
+        let faces: Vec<InterfaceFace<D>> = (sides.par_iter())
+            .map(|&side| fitting.measure_face(&*mesh, side))
             .collect();
-        if sweep >= BALANCED {
-            let had = volumes(&*mesh, fitting.regions, count);
+        if sweep >= FIRST_BALANCED_SWEEP {
+            let had = region_volumes(&*mesh, fitting.regions, count);
             let lacking: Vec<f64> = (fitting.labelled.volumes.iter().zip(&had))
                 .map(|(wanted, had)| if *had > 0.0 { wanted - had } else { 0.0 })
                 .collect();
             let mut areas: BTreeMap<[u32; 2], f64> = BTreeMap::new();
             for face in &faces {
-                *areas.entry(face.pair).or_default() += face.area;
+                *areas.entry(face.regions).or_default() += face.area;
             }
             let areas: Vec<_> = areas.into_iter().collect();
             let pressure = balance::pressures(&lacking, &areas);
             for (pair, _) in areas {
                 let by = pressure[pair[0] as usize] - pressure[pair[1] as usize];
                 let give = gives.entry(pair).or_default();
-                *give = (*give + by).clamp(-GIVES * step, GIVES * step);
+                *give = (*give + by).clamp(-MAX_BALANCE_SHIFT * step, MAX_BALANCE_SHIFT * step);
             }
         }
-        let tips = fitting.tips(&*mesh, &faces);
+        let tips = fitting.find_tips(&*mesh, &faces);
         let give = |pair| gives.get(&pair).copied().unwrap_or(0.0);
-        let mut pulls: BTreeMap<u32, Pull<D>> = BTreeMap::new();
+        let mut pulls: BTreeMap<u32, MoveEquations<D>> = BTreeMap::new();
         for face in &faces {
-            for (&n, &(off, sure)) in face.nodes.iter().zip(&face.off) {
+            for (&n, &(off, sure)) in face.nodes.iter().zip(&face.offsets) {
                 let pull = pulls.entry(n).or_default();
-                pull.add(face.normal, off + give(face.pair), sure * face.area);
+                pull.add(face.normal, off + give(face.regions), sure * face.area);
             }
         }
-        for Tip {
-            node, along, off, ..
+        for SpikeTip {
+            node,
+            direction: along,
+            distance: off,
+            ..
         } in tips
         {
             let pull = pulls.entry(node).or_default();
             let weight = (0..D).map(|i| pull.matrix[i][i]).sum::<f64>();
-            *pull = Pull::default();
+            *pull = MoveEquations::default();
             pull.add(along, off, weight.max(1.0));
         }
         for (&n, pull) in &pulls {
-            if let Some(by) = fitting.allowed(&*mesh, n, pull) {
-                fitting.shift(mesh, n, by, star(n));
+            if let Some(by) = fitting.allowed_move(&*mesh, n, pull) {
+                fitting.try_move(mesh, n, by, star(n));
             }
         }
     }
 }
 
-impl<const D: usize> Fitting<'_, D> {
+impl<const D: usize> InterfaceFit<'_, D> {
     /// Returns the faces between regions, each as a cell, of the smaller number, and the face's number in it.
-    fn sides(&self) -> Vec<(u32, u32)> {
+    fn interface_faces(&self) -> Vec<(u32, u32)> {
         (0..self.regions.len() as u32)
             .flat_map(|c| (0..=D as u32).map(move |k| (c, k)))
             .filter(|&(c, k)| {
@@ -213,7 +216,7 @@ impl<const D: usize> Fitting<'_, D> {
     }
 
     /// What a face between regions is, and how far off.
-    fn face<M: Simplices<D>>(&self, mesh: &M, (c, k): (u32, u32)) -> Face<D> {
+    fn measure_face<M: Simplices<D>>(&self, mesh: &M, (c, k): (u32, u32)) -> InterfaceFace<D> {
         let (c, k) = (c as usize, k as usize);
         let nodes = mesh.face(c, k);
         let x = nodes.map(|n| mesh.nodes()[n as usize]);
@@ -226,14 +229,16 @@ impl<const D: usize> Fitting<'_, D> {
         let across = across.map(|a| a / area.max(f64::MIN_POSITIVE));
         let beyond = self.neighbors[(D + 1) * c + k];
         let pair = [c, beyond as usize].map(|c| self.regions[c]);
-        let step = self.labelled.least_step();
+        let step = self.labelled.min_step();
         let mut sums = [(0.0, 0.0, 0.0); D];
         for weights in quadrature::<D>() {
             let mut at = [0.0; D];
             for (weight, corner) in weights.iter().zip(&x) {
                 at = add_scaled(at, *weight, *corner);
             }
-            let off = self.labelled.crossing(at, across, pair, REACH * step);
+            let off = self
+                .labelled
+                .interface_distance(at, across, pair, SEARCH_RADIUS * step);
             for (sum, weight) in sums.iter_mut().zip(weights) {
                 sum.2 += weight;
                 if let Some(off) = off {
@@ -242,32 +247,32 @@ impl<const D: usize> Fitting<'_, D> {
                 }
             }
         }
-        Face {
+        InterfaceFace {
             nodes,
-            pair,
+            regions: pair,
             normal: across,
             area,
-            off: sums.map(|(off, sure, all)| (off / f64::max(sure, 1e-12), sure / all)),
+            offsets: sums.map(|(off, sure, all)| (off / f64::max(sure, 1e-12), sure / all)),
         }
     }
 
     /// The nodes of faces that are the tips of spikes: a label on one side of a face is not within a sample of them.
     /// The sides of a spike do not see the interface, so that nothing else pulls its tip back; with each comes the
     /// direction of the nearest place on the interface, and how far that is.
-    fn tips<M: Simplices<D>>(&self, mesh: &M, faces: &[Face<D>]) -> Vec<Tip<D>> {
-        let step = self.labelled.least_step();
+    fn find_tips<M: Simplices<D>>(&self, mesh: &M, faces: &[InterfaceFace<D>]) -> Vec<SpikeTip<D>> {
+        let step = self.labelled.min_step();
         let directions = directions::<D>();
         let mut ends: Vec<(u32, [u32; 2])> = (faces.iter())
-            .flat_map(|face| face.nodes.map(|n| (n, face.pair)))
+            .flat_map(|face| face.nodes.map(|n| (n, face.regions)))
             .collect();
         ends.par_sort_unstable();
         ends.dedup();
         let tip = |&(n, pair): &(u32, [u32; 2])| {
             let x = mesh.nodes()[n as usize];
-            let mut seen = pair.map(|label| label == self.labelled.at(x));
+            let mut seen = pair.map(|label| label == self.labelled.label_at(x));
             for part in [0.5, 1.0] {
                 for along in &directions {
-                    let label = self.labelled.at(add_scaled(x, part * step, *along));
+                    let label = self.labelled.label_at(add_scaled(x, part * step, *along));
                     seen = [seen[0] || label == pair[0], seen[1] || label == pair[1]];
                 }
                 if seen == [true; 2] {
@@ -275,9 +280,9 @@ impl<const D: usize> Fitting<'_, D> {
                 }
             }
             let crossings = directions.iter().filter_map(|along| {
-                let off = self
-                    .labelled
-                    .crossing(x, *along, pair, FARTHEST_TIP * step)?;
+                let off =
+                    self.labelled
+                        .interface_distance(x, *along, pair, MAX_TIP_DISTANCE * step)?;
                 Some((*along, off))
             });
             let nearest = crossings.min_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
@@ -285,12 +290,12 @@ impl<const D: usize> Fitting<'_, D> {
                 [_, true] => (pair[1], pair[0]),
                 _ => (pair[0], pair[1]),
             };
-            Some(Tip {
+            Some(SpikeTip {
                 node: n,
-                along: nearest.0,
-                off: nearest.1,
-                around,
-                spike,
+                direction: nearest.0,
+                distance: nearest.1,
+                surrounding_label: around,
+                spike_label: spike,
             })
         };
         let mut tips: Vec<_> = ends.par_iter().filter_map(tip).collect();
@@ -300,7 +305,12 @@ impl<const D: usize> Fitting<'_, D> {
     }
 
     /// Where a node is pulled to, as far as the sides of the box let it.
-    fn allowed<M: Simplices<D>>(&self, mesh: &M, n: u32, pull: &Pull<D>) -> Option<[f64; D]> {
+    fn allowed_move<M: Simplices<D>>(
+        &self,
+        mesh: &M,
+        n: u32,
+        pull: &MoveEquations<D>,
+    ) -> Option<[f64; D]> {
         let kind = self.kinds[n as usize];
         if matches!(kind, AtomKind::Corner | AtomKind::Fixed) {
             return None;
@@ -311,7 +321,7 @@ impl<const D: usize> Fitting<'_, D> {
     }
 
     /// Moves a node by as much as the angles round it allow.
-    fn shift<M: Simplices<D>>(&self, mesh: &mut M, n: u32, by: [f64; D], star: &[u32]) {
+    fn try_move<M: Simplices<D>>(&self, mesh: &mut M, n: u32, by: [f64; D], star: &[u32]) {
         let x = mesh.nodes()[n as usize];
         let mut shortest = f64::INFINITY;
         for &c in star {
@@ -325,18 +335,18 @@ impl<const D: usize> Fitting<'_, D> {
         if length < 1e-6 * shortest {
             return;
         }
-        let scale = (SHARE * shortest / length).min(1.0);
-        let mut enough = self.worst(mesh, star).min(self.min_angle);
-        if length > SPIKE * self.labelled.least_step() {
-            enough = enough.min(SPIKE_ANGLE);
+        let scale = (MAX_MOVE_RATIO * shortest / length).min(1.0);
+        let mut enough = self.worst_angle(mesh, star).min(self.min_angle);
+        if length > MIN_SPIKE_LENGTH * self.labelled.min_step() {
+            enough = enough.min(MIN_SPIKE_ANGLE);
         }
-        for part in PARTS {
+        for part in STEP_FRACTIONS {
             let mut there = add_scaled(x, scale * part, by);
             for k in 0..D {
                 there[k] = there[k].clamp(0.0, self.extent[k]);
             }
             mesh.parts_mut().0[n as usize] = there;
-            if self.worst(mesh, star) >= enough {
+            if self.worst_angle(mesh, star) >= enough {
                 return;
             }
         }
@@ -345,7 +355,7 @@ impl<const D: usize> Fitting<'_, D> {
 
     /// The angle nearest to 0 or 180 degrees among some cells, as the difference; negative where one is
     /// turned inside out.
-    fn worst<M: Simplices<D>>(&self, mesh: &M, star: &[u32]) -> f64 {
+    fn worst_angle<M: Simplices<D>>(&self, mesh: &M, star: &[u32]) -> f64 {
         let angle = |&c: &u32| {
             if mesh.volume(c as usize) <= 0.0 {
                 return -1.0;
@@ -363,28 +373,28 @@ impl<const D: usize> Fitting<'_, D> {
 
 /// What faces say of where a node should be.
 #[derive(Debug, Clone, Copy)]
-struct Pull<const D: usize> {
+struct MoveEquations<const D: usize> {
     matrix: [[f64; D]; D],
-    right: [f64; D],
+    rhs: [f64; D],
 }
 
-impl<const D: usize> Default for Pull<D> {
+impl<const D: usize> Default for MoveEquations<D> {
     fn default() -> Self {
         Self {
             matrix: [[0.0; D]; D],
-            right: [0.0; D],
+            rhs: [0.0; D],
         }
     }
 }
 
-impl<const D: usize> Pull<D> {
+impl<const D: usize> MoveEquations<D> {
     /// It should be `off` along a normal.
     fn add(&mut self, along: [f64; D], off: f64, weight: f64) {
         for i in 0..D {
             for j in 0..D {
                 self.matrix[i][j] += weight * along[i] * along[j];
             }
-            self.right[i] += weight * along[i] * off;
+            self.rhs[i] += weight * along[i] * off;
         }
     }
 
@@ -395,18 +405,18 @@ impl<const D: usize> Pull<D> {
             return None;
         }
         for i in 0..D {
-            self.matrix[i][i] += HOLD * trace;
+            self.matrix[i][i] += DAMPING * trace;
             if held[i] {
                 for j in 0..D {
                     self.matrix[i][j] = 0.0;
                     self.matrix[j][i] = 0.0;
                 }
                 self.matrix[i][i] = 1.0;
-                self.right[i] = 0.0;
+                self.rhs[i] = 0.0;
             }
         }
         // Positive definite: no pivots are needed.
-        let (mut a, mut b) = (self.matrix, self.right);
+        let (mut a, mut b) = (self.matrix, self.rhs);
         for i in 0..D {
             for j in i + 1..D {
                 let share = a[j][i] / a[i][i];

@@ -11,13 +11,17 @@ mod assign;
 mod balance;
 mod fit;
 
-pub use assign::{Places, Votes, labels, marks};
-pub use fit::{Fitting, fit, without_spikes};
+pub use assign::{SamplePoints, Votes, assign_labels, interface_marks};
+pub use fit::{InterfaceFit, fit, remove_spikes};
 
 use crate::mesh::Simplices;
 
 /// The volume of the cells of each label, of which there are `count`.
-fn volumes<const D: usize, M: Simplices<D>>(mesh: &M, regions: &[u32], count: usize) -> Vec<f64> {
+fn region_volumes<const D: usize, M: Simplices<D>>(
+    mesh: &M,
+    regions: &[u32],
+    count: usize,
+) -> Vec<f64> {
     let mut volumes = vec![0.0; count];
     for (c, &region) in regions.iter().enumerate() {
         volumes[region as usize] += mesh.volume(c);

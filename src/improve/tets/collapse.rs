@@ -1,9 +1,9 @@
 //! Edge collapse: where nodes stand too close, one of them goes.
 
-use super::Improver;
+use super::TetImprover;
 use crate::mesh::quality::min_sine;
 
-impl Improver<'_> {
+impl TetImprover<'_> {
     /// Moves node `gone` into node `kept`, if everything that holds the one holds the other and
     /// every tetrahedron that changes is better than `floor`.
     pub(super) fn collapse(&mut self, gone: u32, kept: u32, floor: f64) -> bool {
@@ -18,8 +18,11 @@ impl Improver<'_> {
         floor: f64,
         features_first: bool,
     ) -> bool {
-        let (g, k) = (self.holds[gone as usize], self.holds[kept as usize]);
-        if g.axes == 7 || !g.within(&k) {
+        let (g, k) = (
+            self.constraints[gone as usize],
+            self.constraints[kept as usize],
+        );
+        if g.fixed_axes == 7 || !g.is_subset_of(&k) {
             return false;
         }
         // In a side of the box the node must move within that side.
@@ -27,12 +30,12 @@ impl Improver<'_> {
             self.complex.nodes[gone as usize],
             self.complex.nodes[kept as usize],
         );
-        if (0..3).any(|c| g.axes >> c & 1 == 1 && from[c] != to[c]) {
+        if (0..3).any(|c| g.fixed_axes >> c & 1 == 1 && from[c] != to[c]) {
             return false;
         }
         let mut star = std::mem::take(&mut self.star);
         self.complex.star(gone, &mut star);
-        self.fresh.clear();
+        self.new_tets.clear();
         let mut good = true;
         for &t in &star {
             let tet = self.complex.tets[t as usize];
@@ -44,13 +47,13 @@ impl Improver<'_> {
                 good = false;
                 break;
             }
-            self.fresh.push(new);
+            self.new_tets.push(new);
         }
         if good && features_first {
-            let mut rim: Vec<u32> = self.fresh.iter().flatten().copied().collect();
+            let mut rim: Vec<u32> = self.new_tets.iter().flatten().copied().collect();
             rim.sort_unstable();
             rim.dedup();
-            good = !rim.iter().any(|&n| n != kept && self.pierces(n, kept));
+            good = !rim.iter().any(|&n| n != kept && self.intersects(n, kept));
         }
         if good {
             self.commit(&star);

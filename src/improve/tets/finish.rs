@@ -2,34 +2,34 @@
 
 use crate::parallel::prelude::*;
 
-use super::Improver;
+use super::TetImprover;
 use crate::geometry::{cross, dot, norm, sub};
-use crate::improve::Blocked;
-use crate::improve::hold::Hold;
-use crate::improve::sheets::{FACE_ON_SHEET, SAME_SHEET, Sheets};
+use crate::improve::BlockedCell;
+use crate::improve::constraint::NodeConstraint;
+use crate::improve::feature_planes::{FeaturePlanes, MAX_FACE_OFFSET, SAME_SURFACE_COSINE};
 use crate::lattice::AtomKind;
 use crate::mesh::complex::Complex;
 use crate::mesh::quality::dihedral_angles;
 use crate::mesh::{FACES, TetMesh};
 
 /// A mesh whose improvement is over.
-pub(super) struct Finished {
+pub(super) struct ImprovedTets {
     pub mesh: TetMesh,
     pub neighbors: Vec<[u32; 4]>,
     pub kinds: Vec<AtomKind>,
     /// The number that each node had while the mesh was improved.
-    pub kept: Vec<u32>,
-    pub holds: Vec<Hold>,
+    pub old_ids: Vec<u32>,
+    pub constraints: Vec<NodeConstraint>,
     pub feature_faces: Vec<u8>,
 }
 
-impl Improver<'_> {
+impl TetImprover<'_> {
     /// The mesh, and what is known of its nodes and faces; `kinds` are those of the first nodes.
-    pub(super) fn finish(self, kinds: &[AtomKind]) -> Finished {
+    pub(super) fn finish(self, kinds: &[AtomKind]) -> ImprovedTets {
         let Self {
             complex,
-            holds,
-            sheets,
+            constraints: holds,
+            planes: sheets,
             ..
         } = self;
         let (mesh, neighbors, kept) = complex.into_mesh();
@@ -37,7 +37,7 @@ impl Improver<'_> {
             .iter()
             .map(|&i| match kinds.get(i as usize) {
                 Some(&kind) => kind,
-                None => match holds[i as usize].axes.count_ones() {
+                None => match holds[i as usize].fixed_axes.count_ones() {
                     0 => AtomKind::Interior,
                     1 => AtomKind::Side,
                     2 => AtomKind::Edge,
@@ -45,19 +45,19 @@ impl Improver<'_> {
                 },
             })
             .collect();
-        let holds: Vec<Hold> = kept.iter().map(|&i| holds[i as usize]).collect();
-        Finished {
-            feature_faces: faces_on_sheets(&mesh, &holds, sheets),
+        let holds: Vec<NodeConstraint> = kept.iter().map(|&i| holds[i as usize]).collect();
+        ImprovedTets {
+            feature_faces: faces_on_surfaces(&mesh, &holds, sheets),
             mesh,
             neighbors,
             kinds,
-            kept,
-            holds,
+            old_ids: kept,
+            constraints: holds,
         }
     }
 
     /// Whether nodes lie in one side of the box.
-    pub(super) fn in_side(&self, nodes: &[u32]) -> bool {
+    pub(super) fn is_in_side(&self, nodes: &[u32]) -> bool {
         self.common_sides(nodes) != 0
     }
 
@@ -73,7 +73,11 @@ impl Improver<'_> {
 }
 
 /// For every tetrahedron which of its faces lie on a feature: bit k for face k (opposite node k).
-pub(super) fn faces_on_sheets(mesh: &TetMesh, holds: &[Hold], sheets: &Sheets) -> Vec<u8> {
+pub(super) fn faces_on_surfaces(
+    mesh: &TetMesh,
+    holds: &[NodeConstraint],
+    sheets: &FeaturePlanes,
+) -> Vec<u8> {
     (0..mesh.tets.len())
         .into_par_iter()
         .map(|t| faces_on_features(mesh, t, holds, sheets))
@@ -82,9 +86,19 @@ pub(super) fn faces_on_sheets(mesh: &TetMesh, holds: &[Hold], sheets: &Sheets) -
 
 /// Which faces of tetrahedron `t` lie on a feature: their nodes are held by one sheet, they lie along
 /// it, and their centroid is on it too.
-fn faces_on_features(mesh: &TetMesh, t: usize, holds: &[Hold], sheets: &Sheets) -> u8 {
+fn faces_on_features(
+    mesh: &TetMesh,
+    t: usize,
+    holds: &[NodeConstraint],
+    sheets: &FeaturePlanes,
+) -> u8 {
     let tet = mesh.tets[t];
-    if tet.iter().filter(|&&n| holds[n as usize].count > 0).count() < 3 {
+    if tet
+        .iter()
+        .filter(|&&n| holds[n as usize].surface_count > 0)
+        .count()
+        < 3
+    {
         return 0;
     }
     let on_feature = |k: usize| {
@@ -92,46 +106,46 @@ fn faces_on_features(mesh: &TetMesh, t: usize, holds: &[Hold], sheets: &Sheets) 
         let [x, y, z] = [a, b, c].map(|n| mesh.nodes[n]);
         let normal = cross(sub(y, x), sub(z, x));
         let length = norm(normal);
-        let along = |n: [f64; 3]| dot(n, normal).abs() > SAME_SHEET * length;
+        let along = |n: [f64; 3]| dot(n, normal).abs() > SAME_SURFACE_COSINE * length;
         if !holds[a]
             .normals()
-            .any(|n| along(n) && holds[b].on(n) && holds[c].on(n))
+            .any(|n| along(n) && holds[b].is_on_surface(n) && holds[c].is_on_surface(n))
         {
             return false;
         }
         let centroid = std::array::from_fn(|i| (x[i] + y[i] + z[i]) / 3.0);
-        let near = sheets.near(centroid);
+        let near = sheets.planes_near(centroid);
         near.iter()
-            .any(|s| s.offset.abs() < FACE_ON_SHEET && along(s.normal))
+            .any(|s| s.offset.abs() < MAX_FACE_OFFSET && along(s.normal))
     };
     (0..4)
         .filter(|&k| on_feature(k))
         .fold(0, |bits, k| bits | 1 << k)
 }
 
-impl Improver<'_> {
+impl TetImprover<'_> {
     /// What blocks the tetrahedra below target.
-    pub(super) fn blocked(&self) -> Vec<Blocked> {
-        let mut poor = self.poor();
+    pub(super) fn blocked_cells(&self) -> Vec<BlockedCell> {
+        let mut poor = self.tets_below_target();
         poor.sort_by(|a, b| self.sine_of(*a).total_cmp(&self.sine_of(*b)).then(a.cmp(b)));
         let Complex { nodes, tets, .. } = &self.complex;
-        blocked(nodes, tets, &self.holds, &poor)
+        blocked_cells(nodes, tets, &self.constraints, &poor)
     }
 }
 
 /// What blocks the tetrahedra `poor`, in that order.
-pub(super) fn blocked(
+pub(super) fn blocked_cells(
     nodes: &[[f64; 3]],
     tets: &[[u32; 4]],
-    holds: &[Hold],
+    holds: &[NodeConstraint],
     poor: &[u32],
-) -> Vec<Blocked> {
+) -> Vec<BlockedCell> {
     poor.iter()
         .map(|&t| {
             let tet = tets[t as usize];
             let p = tet.map(|n| nodes[n as usize]);
             let holds = tet.map(|n| holds[n as usize]);
-            Blocked::new(&p, &dihedral_angles(&p), &holds, 7)
+            BlockedCell::new(&p, &dihedral_angles(&p), &holds, 7)
         })
         .collect()
 }

@@ -12,55 +12,55 @@
 //! - `slabs`: large meshes, slab by slab
 //! - `reshape`(fn@reshape): atoms come, go and move in a part of a mesh
 
+mod attempt_cache;
+mod batch;
 mod collapse;
 mod exude;
 mod finish;
 mod flips;
-mod memory;
-mod mend;
-mod patches;
+mod local_patches;
 mod recover;
+mod repair;
 mod reshape;
 mod slabs;
 mod smooth;
-mod sweep;
 
 pub use exude::exude;
 pub use reshape::reshape;
-pub use slabs::{Aim, Cuts, InSlabs, KnownAtoms, improve_in_slabs, own_slabs};
+pub use slabs::{KnownAtoms, SlabContext, SlabCuts, SlabResult, improve_in_slabs, slabs_of_rank};
 
 use crate::parallel::prelude::*;
 
-use self::memory::{Memory, Trial};
-use super::hold::{Beside, Hold};
-use super::pierce::piercing;
-use super::sheets::{Sheet, Sheets};
-use super::{Counts, Improved, Target};
+use self::attempt_cache::{AttemptCache, AttemptKind};
+use super::constraint::{NodeConstraint, SurfaceProximity};
+use super::feature_planes::{FeaturePlanes, LocalPlane};
+use super::intersect::find_intersection;
+use super::{ImproveReport, OperationCounts, Target};
 use crate::Result;
 use crate::geometry::sub;
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::mesh::complex::Complex;
-use crate::mesh::quality::{BLOCK, Corners, min_sine};
+use crate::mesh::quality::{BLOCK_SIZE, CornerBlock, min_sine};
 use crate::mesh::{FACES, TetMesh};
-use crate::observer::Patience;
+use crate::progress::CancelToken;
 
 /// The first round of smoothing, over many nodes, stops this far above target (sine).
-const MARGIN: f64 = 0.02;
+const SMOOTHING_MARGIN: f64 = 0.02;
 
 /// Where tetrahedra stay below target otherwise, their nodes may at last be so far (samples) off the
 /// features that hold them. No feature is known better than to some tenths of a sample, while an angle
 /// that lacks a degree needs little room.
-const STRAYS: [f64; 2] = [0.25, 0.4];
+const MAX_DEVIATIONS: [f64; 2] = [0.25, 0.4];
 
 /// And at most so far, over d.
-const FARTHEST: f64 = 0.15;
+const MAX_DEVIATION_RATIO: f64 = 0.15;
 
 /// The share of the work that is done once features are recovered, roughly.
-const RECOVERED: f64 = 0.15;
+const RECOVERY_WORK_SHARE: f64 = 0.15;
 
 /// Rounds of flips and smoothing, and where nodes may stray, as many then do little by little.
-const ROUNDS: [usize; 2] = [8, 12];
+const MAX_ROUNDS: [usize; 2] = [8, 12];
 
 /// Makes a Delaunay mesh follow the features and frees it of slivers, in place.
 ///
@@ -76,14 +76,14 @@ pub fn improve(
     neighbors: &mut Vec<[u32; 4]>,
     kinds: &mut Vec<AtomKind>,
     extent: [f64; 3],
-    sheets: &Sheets,
+    sheets: &FeaturePlanes,
     distance: &Distance<3>,
     target: &Target,
-    patience: &Patience<'_>,
-) -> Result<(Improved, Vec<u8>)> {
+    patience: &CancelToken<'_>,
+) -> Result<(ImproveReport, Vec<u8>)> {
     let target = target.min_dihedral.to_radians().sin();
     let (taken, around) = (std::mem::take(mesh), std::mem::take(neighbors));
-    let mut improver = Improver::new(
+    let mut improver = TetImprover::new(
         taken, around, kinds, extent, sheets, distance, target, patience,
     );
     let outcome = improver.improve(patience)?;
@@ -93,79 +93,82 @@ pub fn improve(
 }
 
 /// Tetrahedra that are measured, or looked through, in one task.
-const SINES: usize = 64 * BLOCK;
+const TASK_SIZE: usize = 64 * BLOCK_SIZE;
 
 /// Where a node is, and what holds it there.
-type Place = ([f64; 3], Hold);
+type ConstrainedPoint = ([f64; 3], NodeConstraint);
 
 /// State of an improvement: the complex, the quality of every slot, what holds every node.
-struct Improver<'a> {
+struct TetImprover<'a> {
     complex: Complex,
     sines: Vec<f32>,
-    holds: Vec<Hold>,
+    constraints: Vec<NodeConstraint>,
     /// What was beside the nodes at first; empty once any has moved.
-    beside: Vec<Beside>,
+    proximities: Vec<SurfaceProximity>,
     extent: [f64; 3],
-    sheets: &'a Sheets,
+    planes: &'a FeaturePlanes,
     distance: &'a Distance<3>,
     /// Tetrahedra to look at.
     queue: Vec<u32>,
-    target: f64,
+    target_sine: f64,
     /// Smoothing a node stops at this sine.
-    enough: f64,
+    smoothing_target: f64,
     /// Smoothing may take nodes so far off the sheets that hold them.
-    stray: f64,
+    max_deviation: f64,
     /// The mesh is this process's: other ranks are at work on others.
-    alone: bool,
+    is_rank_local: bool,
     /// What is looked at is between two places along an axis.
-    between: Option<(usize, [f64; 2])>,
-    counts: Counts,
+    axis_range: Option<(usize, [f64; 2])>,
+    counts: OperationCounts,
     /// Edges that recovery left piercing a feature, and nodes near features that have moved or come
     /// since.
-    unrecovered: Vec<(u32, u32)>,
-    stirred: Vec<u32>,
+    unrecovered_edges: Vec<(u32, u32)>,
+    moved_nodes: Vec<u32>,
     /// What a transaction under way has overwritten.
-    undo: Option<mend::Undo>,
-    memory: Memory,
+    undo: Option<repair::TransactionLog>,
+    attempts: AttemptCache,
     // Scratch.
-    found: flips::Flip,
-    fresh: Vec<[u32; 4]>,
+    candidate_flip: flips::Flip,
+    new_tets: Vec<[u32; 4]>,
     slots: Vec<u32>,
     touched: Vec<bool>,
     star: Vec<u32>,
-    spokes: smooth::Star,
-    smoothing: smooth::Scratch,
-    scratches: sweep::Scratches,
+    link: smooth::NodeLink,
+    smooth_scratch: smooth::SmoothScratch,
+    scratch_pool: batch::ScratchPool,
     colors: Vec<u8>,
 }
 
-impl<'a> Improver<'a> {
+impl<'a> TetImprover<'a> {
     fn new(
         mesh: TetMesh,
         neighbors: Vec<[u32; 4]>,
         kinds: &[AtomKind],
         extent: [f64; 3],
-        sheets: &'a Sheets,
+        sheets: &'a FeaturePlanes,
         distance: &'a Distance<3>,
         target: f64,
-        patience: &Patience<'_>,
+        patience: &CancelToken<'_>,
     ) -> Self {
-        let (holds, beside) = mesh
+        let (constraints, proximities) = mesh
             .nodes
             .par_iter()
             .zip(kinds)
-            .map(|(&x, &kind)| match patience.over() {
-                true => (Hold::by_box(x, kind, extent), Beside::Nothing),
-                false => Hold::new(x, kind, extent, sheets),
+            .map(|(&x, &kind)| match patience.is_cancelled() {
+                true => (
+                    NodeConstraint::from_box(x, kind, extent),
+                    SurfaceProximity::Nothing,
+                ),
+                false => NodeConstraint::new(x, kind, extent, sheets),
             })
             .unzip();
         let mut sines = vec![0.0f32; mesh.tets.len()];
         sines
-            .par_chunks_mut(SINES)
-            .zip(mesh.tets.par_chunks(SINES))
+            .par_chunks_mut(TASK_SIZE)
+            .zip(mesh.tets.par_chunks(TASK_SIZE))
             .for_each(|(sines, tets)| {
-                let (mut corners, mut block) = (Corners::default(), [0.0; BLOCK]);
-                for (sines, tets) in sines.chunks_mut(BLOCK).zip(tets.chunks(BLOCK)) {
+                let (mut corners, mut block) = (CornerBlock::default(), [0.0; BLOCK_SIZE]);
+                for (sines, tets) in sines.chunks_mut(BLOCK_SIZE).zip(tets.chunks(BLOCK_SIZE)) {
                     corners.gather(&mesh.nodes, tets);
                     corners.min_sines(&mut block);
                     for (sine, value) in sines.iter_mut().zip(&block) {
@@ -176,41 +179,46 @@ impl<'a> Improver<'a> {
         Self {
             complex: Complex::new(mesh, neighbors),
             sines,
-            holds,
-            beside,
+            constraints,
+            proximities,
             ..Self::empty(extent, sheets, distance, target)
         }
     }
 
     /// Of no mesh.
-    fn empty(extent: [f64; 3], sheets: &'a Sheets, distance: &'a Distance<3>, target: f64) -> Self {
+    fn empty(
+        extent: [f64; 3],
+        planes: &'a FeaturePlanes,
+        distance: &'a Distance<3>,
+        target_sine: f64,
+    ) -> Self {
         Self {
             complex: Complex::default(),
             sines: Vec::new(),
-            holds: Vec::new(),
-            beside: Vec::new(),
+            constraints: Vec::new(),
+            proximities: Vec::new(),
             extent,
-            sheets,
+            planes,
             distance,
             queue: Vec::new(),
-            target,
-            enough: 1.0,
-            stray: 0.0,
-            alone: false,
-            between: None,
-            counts: Counts::default(),
-            unrecovered: Vec::new(),
-            stirred: Vec::new(),
+            target_sine,
+            smoothing_target: 1.0,
+            max_deviation: 0.0,
+            is_rank_local: false,
+            axis_range: None,
+            counts: OperationCounts::default(),
+            unrecovered_edges: Vec::new(),
+            moved_nodes: Vec::new(),
             undo: None,
-            memory: Memory::default(),
-            found: flips::Flip::default(),
-            fresh: Vec::new(),
+            attempts: AttemptCache::default(),
+            candidate_flip: flips::Flip::default(),
+            new_tets: Vec::new(),
             slots: Vec::new(),
             touched: Vec::new(),
             star: Vec::new(),
-            spokes: smooth::Star::default(),
-            smoothing: smooth::Scratch::default(),
-            scratches: sweep::Scratches::default(),
+            link: smooth::NodeLink::default(),
+            smooth_scratch: smooth::SmoothScratch::default(),
+            scratch_pool: batch::ScratchPool::default(),
             colors: Vec::new(),
         }
     }
@@ -221,52 +229,58 @@ impl<'a> Improver<'a> {
     }
 
     /// Whether an edge between two nodes would pass through a feature, or cut a corner of it.
-    fn pierces(&self, a: u32, b: u32) -> bool {
-        self.piercing(a, b).is_some()
+    fn intersects(&self, a: u32, b: u32) -> bool {
+        self.find_intersection(a, b).is_some()
     }
 
     /// A quick and safe test before [`piercing`](Self::piercing).
-    fn may_pierce(&self, a: u32, b: u32) -> bool {
+    fn may_intersect(&self, a: u32, b: u32) -> bool {
         let (i, j) = (a as usize, b as usize);
-        let (p, q) = (&self.holds[i], &self.holds[j]);
+        let (p, q) = (&self.constraints[i], &self.constraints[j]);
         let (x, y) = (self.complex.nodes[i], self.complex.nodes[j]);
-        let alone = [p.alone, q.alone];
+        let alone = [p.is_isolated, q.is_isolated];
         // A chord of a sheet may stray from it.
         let chord = alone == [true; 2];
-        if !chord && let (Some(at_x), Some(at_y)) = (self.beside.get(i), self.beside.get(j)) {
+        if !chord
+            && let (Some(at_x), Some(at_y)) = (self.proximities.get(i), self.proximities.get(j))
+        {
             // What passes the middle of the edge is beside one of its ends.
-            if at_x.on_one_side(*at_y, sub(y, x), alone) {
+            if at_x.is_same_side(*at_y, sub(y, x), alone) {
                 return false;
             }
         }
-        !(p.far && q.far) && self.sheets.may_pierce(x, y, alone)
+        !(p.is_far && q.is_far) && self.planes.may_intersect(x, y, alone)
     }
 
-    fn piercing(&self, a: u32, b: u32) -> Option<([f64; 3], Sheet)> {
+    fn find_intersection(&self, a: u32, b: u32) -> Option<([f64; 3], LocalPlane)> {
         let (i, j) = (a as usize, b as usize);
-        piercing(
-            self.sheets,
-            [&self.holds[i], &self.holds[j]],
+        find_intersection(
+            self.planes,
+            [&self.constraints[i], &self.constraints[j]],
             [self.complex.nodes[i], self.complex.nodes[j]],
         )
     }
 
     /// Exchanges `old` for the tetrahedra in `fresh`, and queues those below target.
     fn commit(&mut self, old: &[u32]) {
-        if self.complex.has_left() {
+        if self.complex.has_reached_nonlocal() {
             // Something is missing here; all will be taken back.
             return;
         }
         if let Some(undo) = &mut self.undo {
             // Slots that die must count among what was there before.
-            undo.touch(old, &self.sines);
+            undo.record_slots(old, &self.sines);
         }
-        let Self { complex, fresh, .. } = self;
+        let Self {
+            complex,
+            new_tets: fresh,
+            ..
+        } = self;
         let before = old.iter().flat_map(|&t| complex.tets[t as usize]);
-        self.memory
-            .change(before.chain(fresh.iter().flatten().copied()));
-        self.complex.exchange(old, &self.fresh, &mut self.slots);
-        for &t in &old[self.fresh.len().min(old.len())..] {
+        self.attempts
+            .record_change(before.chain(fresh.iter().flatten().copied()));
+        self.complex.exchange(old, &self.new_tets, &mut self.slots);
+        for &t in &old[self.new_tets.len().min(old.len())..] {
             self.sines[t as usize] = f32::INFINITY;
         }
         for i in 0..self.slots.len() {
@@ -281,51 +295,51 @@ impl<'a> Improver<'a> {
             self.sines.push(f32::INFINITY);
         }
         if let Some(undo) = &mut self.undo {
-            undo.touch(&[t], &self.sines);
+            undo.record_slots(&[t], &self.sines);
         }
         self.sines[t as usize] = sine;
-        if f64::from(sine) < self.target {
+        if f64::from(sine) < self.target_sine {
             self.queue.push(t);
         }
     }
 
     /// Works through the queue with flips.
-    fn flip_queue(&mut self, patience: &Patience<'_>) {
+    fn flip_queue(&mut self, patience: &CancelToken<'_>) {
         while let Some(t) = self.queue.pop() {
-            if patience.over() || self.complex.has_left() {
+            if patience.is_cancelled() || self.complex.has_reached_nonlocal() {
                 self.queue.clear();
                 break;
             }
-            if !self.complex.alive(t) || self.sine_of(t) >= self.target {
+            if !self.complex.is_alive(t) || self.sine_of(t) >= self.target_sine {
                 continue;
             }
             // All that flips of it depend on is at its nodes.
             let tet = self.complex.tets[t as usize];
-            if self.memory.in_vain(Trial::Flip, t, &tet) {
+            if self.attempts.is_known_to_fail(AttemptKind::Flip, t, &tet) {
                 continue;
             }
             if self.flip(t) {
                 self.counts.flips += 1;
             } else {
-                self.memory.failed(Trial::Flip, t);
+                self.attempts.record_failure(AttemptKind::Flip, t);
             }
         }
     }
 
     /// The tetrahedra at `node`: slots into `star`, the other three nodes' positions into `spokes`.
-    fn gather(&mut self, node: u32) {
+    fn gather_star(&mut self, node: u32) {
         self.complex.star(node, &mut self.star);
-        let mut spokes = std::mem::take(&mut self.spokes);
-        self.spokes(node, &self.star, &mut spokes);
-        self.spokes = spokes;
+        let mut spokes = std::mem::take(&mut self.link);
+        self.collect_link(node, &self.star, &mut spokes);
+        self.link = spokes;
     }
 
     /// Positions of the other three nodes of each of the tetrahedra at `node`.
-    fn spokes(&self, node: u32, star: &[u32], spokes: &mut smooth::Star) {
+    fn collect_link(&self, node: u32, star: &[u32], spokes: &mut smooth::NodeLink) {
         spokes.clear();
         for &t in star {
             let tet = self.complex.tets[t as usize];
-            let k = self.complex.local(t, node);
+            let k = self.complex.local_index(t, node);
             // (face k, k) is positive; (k, face k) is the odd permutation: swap two.
             let [u, v, w] = FACES[k].map(|i| self.complex.nodes[tet[i] as usize]);
             spokes.push([u, w, v]);
@@ -334,23 +348,27 @@ impl<'a> Improver<'a> {
 
     /// Smooths one node; true if it moved.
     fn smooth(&mut self, node: u32) -> bool {
-        let mut hold = self.holds[node as usize];
-        if hold.axes == 7 || self.memory.in_vain(Trial::Smooth, node, &[node]) {
+        let mut hold = self.constraints[node as usize];
+        if hold.fixed_axes == 7
+            || self
+                .attempts
+                .is_known_to_fail(AttemptKind::Smooth, node, &[node])
+        {
             return false;
         }
-        self.gather(node);
+        self.gather_star(node);
         let best = smooth::best_position(
             self.complex.nodes[node as usize],
-            &self.spokes,
+            &self.link,
             &mut hold,
             self.extent,
-            self.sheets,
-            self.stray,
-            self.enough,
-            &mut self.smoothing,
+            self.planes,
+            self.max_deviation,
+            self.smoothing_target,
+            &mut self.smooth_scratch,
         );
         let Some((x, _)) = best else {
-            self.memory.failed(Trial::Smooth, node);
+            self.attempts.record_failure(AttemptKind::Smooth, node);
             return false;
         };
         self.move_to(node, x, hold);
@@ -358,16 +376,16 @@ impl<'a> Improver<'a> {
     }
 
     /// Moves a node whose star has been gathered.
-    fn move_to(&mut self, node: u32, x: [f64; 3], hold: Hold) {
+    fn move_to(&mut self, node: u32, x: [f64; 3], hold: NodeConstraint) {
         let i = node as usize;
         if let Some(undo) = &mut self.undo {
             undo.nodes
-                .push((node, self.complex.nodes[i], self.holds[i]));
+                .push((node, self.complex.nodes[i], self.constraints[i]));
         }
         self.complex.nodes[i] = x;
-        self.holds[i] = hold;
-        if !hold.far {
-            self.stirred.push(node);
+        self.constraints[i] = hold;
+        if !hold.is_far {
+            self.moved_nodes.push(node);
         }
         self.measure_star();
     }
@@ -376,7 +394,7 @@ impl<'a> Improver<'a> {
     fn measure_star(&mut self) {
         let tets = &self.complex.tets;
         let around = self.star.iter().flat_map(|&t| tets[t as usize]);
-        self.memory.change(around);
+        self.attempts.record_change(around);
         for i in 0..self.star.len() {
             self.measure(self.star[i]);
         }
@@ -384,27 +402,27 @@ impl<'a> Improver<'a> {
 
     /// Whether nodes are where this looks.
     #[inline]
-    fn looks_at(&self, nodes: &[u32]) -> bool {
-        self.between.is_none_or(|(axis, [from, to])| {
+    fn is_in_range(&self, nodes: &[u32]) -> bool {
+        self.axis_range.is_none_or(|(axis, [from, to])| {
             let mut along = nodes.iter().map(|&n| self.complex.nodes[n as usize][axis]);
             along.all(|x| from <= x && x <= to)
         })
     }
 
     /// Slots of the tetrahedra below target.
-    fn poor(&self) -> Vec<u32> {
-        let tasks = self.sines.par_chunks(SINES).enumerate();
+    fn tets_below_target(&self) -> Vec<u32> {
+        let tasks = self.sines.par_chunks(TASK_SIZE).enumerate();
         let poor_in = |(task, sines): (usize, &[f32])| {
             let mut poor = Vec::new();
-            for (block, sines) in sines.chunks(BLOCK).enumerate() {
+            for (block, sines) in sines.chunks(BLOCK_SIZE).enumerate() {
                 // Most blocks have none. A dead slot's sine is infinite.
-                let any = |any, &sine: &f32| any | (f64::from(sine) < self.target);
+                let any = |any, &sine: &f32| any | (f64::from(sine) < self.target_sine);
                 if sines.iter().fold(false, any) {
-                    let first = (task * SINES + block * BLOCK) as u32;
+                    let first = (task * TASK_SIZE + block * BLOCK_SIZE) as u32;
                     let slots = first..first + sines.len() as u32;
                     let poor_here = |t: &u32| {
-                        self.sine_of(*t) < self.target
-                            && self.looks_at(&self.complex.tets[*t as usize])
+                        self.sine_of(*t) < self.target_sine
+                            && self.is_in_range(&self.complex.tets[*t as usize])
                     };
                     poor.extend(slots.filter(poor_here));
                 }
@@ -415,40 +433,40 @@ impl<'a> Improver<'a> {
     }
 }
 
-impl Improver<'_> {
+impl TetImprover<'_> {
     /// All steps, in order.
     ///
     /// # Errors
     /// Those of other ranks, with which the work is shared.
-    fn improve(&mut self, patience: &Patience<'_>) -> Result<Improved> {
-        let poor_before = self.poor().len();
-        patience.part(0.0, RECOVERED);
+    fn improve(&mut self, patience: &CancelToken<'_>) -> Result<ImproveReport> {
+        let poor_before = self.tets_below_target().len();
+        patience.set_range(0.0, RECOVERY_WORK_SHARE);
         self.recover(patience)?;
-        let turn = (1.0 - RECOVERED) / (1 + STRAYS.len()) as f64;
+        let turn = (1.0 - RECOVERY_WORK_SHARE) / (1 + MAX_DEVIATIONS.len()) as f64;
         let part = |turns: usize| {
-            let done = RECOVERED + turns as f64 * turn;
-            patience.part(done, done + turn);
+            let done = RECOVERY_WORK_SHARE + turns as f64 * turn;
+            patience.set_range(done, done + turn);
         };
         part(0);
-        self.polish(ROUNDS[0], patience)?;
+        self.flip_and_smooth(MAX_ROUNDS[0], patience)?;
         // Where features leave the lattice no room, more are poor than can be mended one by one: sooner than that, nodes
         // may stray, which most need but little.
-        if !self.too_many(self.poor().len()) {
-            self.mend(patience)?;
+        if !self.has_too_many(self.tets_below_target().len()) {
+            self.repair(patience)?;
         }
-        for (number, stray) in STRAYS.into_iter().enumerate() {
+        for (number, stray) in MAX_DEVIATIONS.into_iter().enumerate() {
             part(1 + number);
-            self.stray = stray.min(FARTHEST * self.distance.min());
-            self.memory.forget();
-            self.polish(ROUNDS[1], patience)?;
-            self.mend(patience)?;
+            self.max_deviation = stray.min(MAX_DEVIATION_RATIO * self.distance.min());
+            self.attempts.clear();
+            self.flip_and_smooth(MAX_ROUNDS[1], patience)?;
+            self.repair(patience)?;
         }
-        self.release(patience)?;
-        self.counts.pierced_left = self.count_pierced(patience);
-        let blocked = self.blocked();
-        Ok(Improved {
-            poor_before,
-            poor_after: blocked.len(),
+        self.release_nodes(patience)?;
+        self.counts.intersecting_left = self.count_intersecting_edges(patience);
+        let blocked = self.blocked_cells();
+        Ok(ImproveReport {
+            below_target_before: poor_before,
+            below_target_after: blocked.len(),
             counts: self.counts,
             blocked,
         })

@@ -5,11 +5,11 @@
 //! direction is the shortest vector in the convex hull of the gradients of the smallest ones: no
 //! direction raises all of them faster. Nodes on features and sides move only along them.
 
-use crate::geometry::wide::wide;
+use crate::geometry::simd::dispatch_simd;
 use crate::geometry::{add_scaled, cross, dot, norm, sub};
-use crate::improve::hold::Hold;
-use crate::improve::lookup::Lookup;
-use crate::improve::sheets::Sheets;
+use crate::improve::constraint::NodeConstraint;
+use crate::improve::feature_planes::FeaturePlanes;
+use crate::improve::plane_cache::PlaneCache;
 use crate::mesh::quality::min_sine;
 
 /// One dihedral angle of a tetrahedron as a function of its node 0.
@@ -25,14 +25,14 @@ const LANES: usize = 8;
 /// The tetrahedra at a node x: for each the positions of the other three nodes, `(x, p0, p1, p2)`
 /// positive.
 #[derive(Default)]
-pub struct Star {
+pub struct NodeLink {
     /// By node, axis and tetrahedron. The last group is filled up with its first tetrahedron, which
     /// changes no minimum.
     groups: Vec<[[[f64; LANES]; 3]; 3]>,
     count: usize,
 }
 
-impl Star {
+impl NodeLink {
     /// Forgets all.
     pub fn clear(&mut self) {
         self.groups.clear();
@@ -53,7 +53,7 @@ impl Star {
     }
 
     /// Distance from `x` to the nearest of the nodes.
-    fn nearest(&self, x: [f64; 3]) -> f64 {
+    fn nearest_distance(&self, x: [f64; 3]) -> f64 {
         let mut least = f64::INFINITY;
         for node in self.groups.as_flattened() {
             for l in 0..LANES {
@@ -128,7 +128,7 @@ fn angles(x: [f64; 3], p: &[[f64; 3]; 3]) -> [Angle; 6] {
 fn angles_below<'a>(
     limit: f64,
     x: [f64; 3],
-    star: &Star,
+    star: &NodeLink,
     found: &'a mut Vec<Angle>,
 ) -> &'a [Angle] {
     // Room for all, so that which are kept needs no branch.
@@ -137,7 +137,7 @@ fn angles_below<'a>(
         found.resize(room, Angle::default());
     }
     let mut count = 0;
-    wide(
+    dispatch_simd(
         #[inline(always)]
         || {
             for group in &star.groups {
@@ -169,9 +169,9 @@ fn angles_below<'a>(
 }
 
 /// The smallest sine over the star for node 0 at `x`; gives up below `enough`.
-pub fn worst(x: [f64; 3], star: &Star, enough: f64) -> f64 {
+pub fn worst_sine(x: [f64; 3], star: &NodeLink, enough: f64) -> f64 {
     let mut worst = f64::INFINITY;
-    wide(
+    dispatch_simd(
         #[inline(always)]
         || {
             for group in &star.groups {
@@ -217,14 +217,14 @@ fn shortest_in_hull(vectors: &[[f64; 3]]) -> [f64; 3] {
 }
 
 /// A move must raise the smallest sine by this much.
-const GAIN: f64 = 1e-3;
+const MIN_SINE_GAIN: f64 = 1e-3;
 
 /// Scratch space of [`best_position`].
 #[derive(Default)]
-pub struct Scratch {
+pub struct SmoothScratch {
     angles: Vec<Angle>,
     active: Vec<[f64; 3]>,
-    lookup: Lookup,
+    plane_cache: PlaneCache,
 }
 
 /// Climbs from `x` to a position where the smallest sine around the node is larger, keeping to what
@@ -232,24 +232,24 @@ pub struct Scratch {
 /// rose worthwhile.
 pub fn best_position(
     start: [f64; 3],
-    star: &Star,
-    hold: &mut Hold,
+    star: &NodeLink,
+    hold: &mut NodeConstraint,
     extent: [f64; 3],
-    sheets: &Sheets,
+    sheets: &FeaturePlanes,
     stray: f64,
     enough: f64,
-    scratch: &mut Scratch,
+    scratch: &mut SmoothScratch,
 ) -> Option<([f64; 3], f64)> {
-    let first = worst(start, star, f64::NEG_INFINITY);
+    let first = worst_sine(start, star, f64::NEG_INFINITY);
     let (mut x, mut best) = (start, first);
-    let size = star.nearest(start);
+    let size = star.nearest_distance(start);
     for _ in 0..12 {
         if best >= enough {
             break;
         }
         let angles = angles_below(best + 0.35, x, star, &mut scratch.angles);
         let freedom = match stray > 0.0 {
-            true => hold.within_sides().freedom(),
+            true => hold.without_surfaces().freedom(),
             false => hold.freedom(),
         };
         let mut band = 0.02;
@@ -280,20 +280,25 @@ pub fn best_position(
             for _ in 0..5 {
                 let mut trial = add_scaled(x, trial_step, g);
                 for k in 0..3 {
-                    if hold.axes >> k & 1 == 0 {
+                    if hold.fixed_axes >> k & 1 == 0 {
                         trial[k] = trial[k].clamp(0.0, extent[k]);
                     }
                 }
                 // Off the sheets first, along which it has gone straight: what is no better there is not
                 // worth putting onto them.
                 let least = best + 1e-3 * (1.0 - first).max(0.1);
-                let worthwhile = hold.count == 0 || worst(trial, star, least) > least;
+                let worthwhile = hold.surface_count == 0 || worst_sine(trial, star, least) > least;
                 let mut trial_hold = *hold;
                 if worthwhile
-                    && let Some(trial) =
-                        trial_hold.settle_within(stray, trial, extent, sheets, &mut scratch.lookup)
+                    && let Some(trial) = trial_hold.snap_within(
+                        stray,
+                        trial,
+                        extent,
+                        sheets,
+                        &mut scratch.plane_cache,
+                    )
                 {
-                    let value = worst(trial, star, least);
+                    let value = worst_sine(trial, star, least);
                     if value > least {
                         (x, best, *hold) = (trial, value, trial_hold);
                         moved = true;
@@ -311,7 +316,7 @@ pub fn best_position(
             break;
         }
     }
-    (best > first + GAIN).then_some((x, best))
+    (best > first + MIN_SINE_GAIN).then_some((x, best))
 }
 
 #[cfg(test)]
@@ -370,17 +375,17 @@ mod tests {
         ];
         // The star lies round the origin: move it into the box.
         let shift = |p: [f64; 3]| p.map(|c| c + 4.0);
-        let mut star = Star::default();
+        let mut star = NodeLink::default();
         for i in 0..4 {
             let (a, b) = (tips[i], tips[(i + 1) % 4]);
             // (x, p0, p1, p2) positive with x near the middle.
             star.push([a, b, [0.0, 0.0, 1.0]].map(shift));
             star.push([b, a, [0.0, 0.0, -1.0]].map(shift));
         }
-        let sheets = Sheets::new(&[], [9.0; 3], 1.0, 1.0);
-        let mut hold = Hold::default();
+        let sheets = FeaturePlanes::new(&[], [9.0; 3], 1.0, 1.0);
+        let mut hold = NodeConstraint::default();
         let off = [0.4, 0.2, -0.2];
-        assert!(worst(shift(off), &star, f64::NEG_INFINITY) > 0.0);
+        assert!(worst_sine(shift(off), &star, f64::NEG_INFINITY) > 0.0);
         let (x, value) = best_position(
             shift(off),
             &star,
@@ -389,10 +394,10 @@ mod tests {
             &sheets,
             0.0,
             1.0,
-            &mut Scratch::default(),
+            &mut SmoothScratch::default(),
         )
         .unwrap();
-        let middle = worst([4.0; 3], &star, f64::NEG_INFINITY);
+        let middle = worst_sine([4.0; 3], &star, f64::NEG_INFINITY);
         assert!(value > middle - 0.02, "{value} of {middle} at {x:?}");
     }
 }

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::feature::FeaturePoint;
-use crate::geometry::random::signed;
+use crate::geometry::random::uniform_signed;
 use crate::geometry::{cross, norm, volume6};
 use crate::mesh::check::check;
 use crate::mesh::complex;
@@ -26,7 +26,7 @@ pub(super) fn box_mesh(
                     let seed = nodes.len() as u64 * 3;
                     for c in 0..3 {
                         if x[c] > 0.0 && x[c] < extent[c] {
-                            x[c] += jitter * h * signed(seed, c as u64);
+                            x[c] += jitter * h * uniform_signed(seed, c as u64);
                         }
                     }
                 }
@@ -80,8 +80,8 @@ fn run(
     mesh: &mut TetMesh,
     kinds: &mut Vec<AtomKind>,
     extent: [f64; 3],
-    sheets: &Sheets,
-) -> (Improved, Vec<u8>) {
+    sheets: &FeaturePlanes,
+) -> (ImproveReport, Vec<u8>) {
     let mut neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
     improve(
         mesh,
@@ -91,7 +91,7 @@ fn run(
         sheets,
         &Distance::Constant(4.5),
         &Target::default(),
-        &Patience::endless(),
+        &CancelToken::never(),
     )
     .unwrap()
 }
@@ -112,7 +112,7 @@ fn a_jittered_box_becomes_good_and_stays_a_box() {
     );
     let before = worst(&mesh);
     assert!(before < 0.2);
-    let sheets = Sheets::new(&[], extent, 3.0, 8.0);
+    let sheets = FeaturePlanes::new(&[], extent, 3.0, 8.0);
     let (outcome, _) = run(&mut mesh, &mut kinds, extent, &sheets);
     let found = check(&mesh, [0.0; 3], extent, 1e-12);
     assert!(found.passed(), "{:?}", found.problems);
@@ -172,12 +172,12 @@ fn plane_points(at: f64, extent: [f64; 3]) -> Vec<FeaturePoint<3>> {
 fn a_plane_of_faces_survives_improvement() {
     // The plane x = 12 is made of mesh faces; everything else is jittered.
     let (mut mesh, mut kinds, extent) = box_mesh([6, 6, 6], 4.0, 0.28, |x| x[0] != 12.0);
-    let sheets = Sheets::new(&plane_points(12.0, extent), extent, 3.0, 8.0);
+    let sheets = FeaturePlanes::new(&plane_points(12.0, extent), extent, 3.0, 8.0);
     let area = extent[1] * extent[2];
     assert!((area_on_plane(&mesh, 12.0) - area).abs() < 1e-9);
     let (outcome, on) = run(&mut mesh, &mut kinds, extent, &sheets);
     assert!(check(&mesh, [0.0; 3], extent, 1e-12).passed());
-    assert_eq!(outcome.counts.pierced_left, 0);
+    assert_eq!(outcome.counts.intersecting_left, 0);
     assert!((area_on_plane(&mesh, 12.0) - area).abs() < 0.01 * area);
     for (tet, on) in mesh.tets.iter().zip(on) {
         for k in (0..4).filter(|k| on >> k & 1 == 1) {
@@ -193,10 +193,10 @@ fn a_plane_of_faces_survives_improvement() {
 fn a_plane_that_cuts_through_cells_is_recovered() {
     // No node lies on x = 13.3: edges are cut, snapped or flipped until faces cover the plane.
     let (mut mesh, mut kinds, extent) = box_mesh([7, 6, 6], 4.0, 0.1, |_| true);
-    let sheets = Sheets::new(&plane_points(13.3, extent), extent, 3.0, 8.0);
+    let sheets = FeaturePlanes::new(&plane_points(13.3, extent), extent, 3.0, 8.0);
     let (outcome, on) = run(&mut mesh, &mut kinds, extent, &sheets);
-    assert!(outcome.counts.pierced_before > 50);
-    assert_eq!(outcome.counts.pierced_left, 0);
+    assert!(outcome.counts.intersecting_before > 50);
+    assert_eq!(outcome.counts.intersecting_left, 0);
     assert!(check(&mesh, [0.0; 3], extent, 1e-12).passed());
     let area = extent[1] * extent[2];
     assert!((area_on_plane(&mesh, 13.3) - area).abs() < 0.01 * area);
@@ -210,7 +210,7 @@ fn a_plane_that_cuts_through_cells_is_recovered() {
 #[cfg(feature = "cgal")]
 fn exudation_keeps_the_faces_on_a_plane_and_removes_slivers() {
     let (mesh, kinds, extent) = box_mesh([7, 6, 6], 4.0, 0.1, |x| x[0] != 12.0);
-    let sheets = Sheets::new(&plane_points(12.0, extent), extent, 3.0, 8.0);
+    let sheets = FeaturePlanes::new(&plane_points(12.0, extent), extent, 3.0, 8.0);
     let neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
     let (mut exuded, mut their_kinds) = (mesh.clone(), kinds);
     let (outcome, on) = exude::exude(
@@ -221,7 +221,7 @@ fn exudation_keeps_the_faces_on_a_plane_and_removes_slivers() {
         &sheets,
         &Distance::Constant(4.5),
         &Target::default(),
-        &Patience::endless(),
+        &CancelToken::never(),
     )
     .unwrap();
     assert_eq!(exuded.nodes, mesh.nodes, "no node moves");
@@ -230,7 +230,7 @@ fn exudation_keeps_the_faces_on_a_plane_and_removes_slivers() {
     assert!((area_on_plane(&exuded, 12.0) - area).abs() < 1e-9 * area);
     assert!(on.iter().any(|&bits| bits != 0));
     let plain = TetMesh {
-        tets: crate::mesh::delaunay::exude::unweighted(&mesh.nodes).unwrap(),
+        tets: crate::mesh::delaunay::exude::unweighted_delaunay(&mesh.nodes).unwrap(),
         ..mesh
     };
     let poor = |mesh: &TetMesh| {
@@ -238,7 +238,7 @@ fn exudation_keeps_the_faces_on_a_plane_and_removes_slivers() {
         sines.filter(|&sine| sine < 0.5).count()
     };
     let (was, is) = (poor(&plain), poor(&exuded));
-    assert_eq!(outcome.poor_after, is);
+    assert_eq!(outcome.below_target_after, is);
     assert!(2 * is < was, "{was} to {is}");
 }
 
@@ -255,14 +255,14 @@ fn a_wide_gap_between_two_sheets_gets_nodes_and_the_sheets_stay_whole() {
     extent[0] += h;
     let mut points = plane_points(h, extent);
     points.extend(plane_points(3.0 * h, extent));
-    let sheets = Sheets::new(&points, extent, 3.0, 8.0);
+    let sheets = FeaturePlanes::new(&points, extent, 3.0, 8.0);
     assert!(worst(&mesh) < 0.45);
     let (outcome, _) = run(&mut mesh, &mut kinds, extent, &sheets);
     assert!(check(&mesh, [0.0; 3], extent, 1e-12).passed());
-    assert_eq!(outcome.poor_after, 0, "{outcome:?}");
+    assert_eq!(outcome.below_target_after, 0, "{outcome:?}");
     assert!(worst(&mesh) > 0.4999, "{}", worst(&mesh));
     for at in [h, 3.0 * h] {
-        let area = area_within(&mesh, at, STRAYS[1] + 0.02) / (extent[1] * extent[2]);
+        let area = area_within(&mesh, at, MAX_DEVIATIONS[1] + 0.02) / (extent[1] * extent[2]);
         assert!((area - 1.0).abs() < 0.01, "{area}");
     }
 }
@@ -270,12 +270,12 @@ fn a_wide_gap_between_two_sheets_gets_nodes_and_the_sheets_stay_whole() {
 #[test]
 fn mending_in_patches_leaves_what_is_known_of_the_mesh_true_whoever_does_it() {
     let (mesh, kinds, extent) = box_mesh([24, 10, 10], 2.0, 0.28, |_| true);
-    let sheets = Sheets::new(&[], extent, 3.0, 8.0);
+    let sheets = FeaturePlanes::new(&[], extent, 3.0, 8.0);
     let mended = |threads: usize| {
         let distance = Distance::Constant(1.5);
         let around = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
-        let patience = Patience::endless();
-        let mut improver = Improver::new(
+        let patience = CancelToken::never();
+        let mut improver = TetImprover::new(
             mesh.clone(),
             around,
             &kinds,
@@ -285,16 +285,16 @@ fn mending_in_patches_leaves_what_is_known_of_the_mesh_true_whoever_does_it() {
             0.5,
             &patience,
         );
-        let poor = improver.poor();
+        let poor = improver.tets_below_target();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
         let apart = improver.cubes(&poor, 15.0);
         assert!(apart[0].len() > 1);
-        let mend = || improver.mend_apart(apart, 15.0, &patience, &|_| {});
+        let mend = || improver.repair_in_patches(apart, 15.0, &patience, &|_| {});
         let later = pool.build().unwrap().install(mend).unwrap();
         assert!(10 * later.len() < poor.len());
-        let left = improver.poor().len();
+        let left = improver.tets_below_target().len();
         assert!(2 * left < poor.len(), "{left} of {}", poor.len());
-        for t in (0..improver.complex.tets.len() as u32).filter(|&t| improver.complex.alive(t)) {
+        for t in (0..improver.complex.tets.len() as u32).filter(|&t| improver.complex.is_alive(t)) {
             assert_eq!(
                 improver.sines[t as usize],
                 min_sine(&improver.complex.corners(t)) as f32
@@ -313,12 +313,12 @@ fn mending_in_patches_leaves_what_is_known_of_the_mesh_true_whoever_does_it() {
 fn nodes_of_one_tetrahedron_are_smoothed_one_after_the_other_and_whoever_polishes_leaves_the_same()
 {
     let (mesh, kinds, extent) = box_mesh([12, 10, 10], 2.0, 0.28, |_| true);
-    let sheets = Sheets::new(&[], extent, 3.0, 8.0);
+    let sheets = FeaturePlanes::new(&[], extent, 3.0, 8.0);
     let polished = |threads: usize| {
         let distance = Distance::Constant(1.5);
         let around = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
-        let patience = Patience::endless();
-        let mut improver = Improver::new(
+        let patience = CancelToken::never();
+        let mut improver = TetImprover::new(
             mesh.clone(),
             around,
             &kinds,
@@ -328,11 +328,11 @@ fn nodes_of_one_tetrahedron_are_smoothed_one_after_the_other_and_whoever_polishe
             0.5,
             &patience,
         );
-        let poor = improver.poor();
+        let poor = improver.tets_below_target();
         let nodes: Vec<u32> = (0..mesh.nodes.len() as u32).collect();
         let groups = {
-            let stars = improver.stars_of(&nodes);
-            improver.groups(&nodes, &stars)
+            let stars = improver.collect_node_tets(&nodes);
+            improver.independent_groups(&nodes, &stars)
         };
         assert_eq!(groups.iter().map(Vec::len).sum::<usize>(), nodes.len());
         for group in &groups {
@@ -342,12 +342,12 @@ fn nodes_of_one_tetrahedron_are_smoothed_one_after_the_other_and_whoever_polishe
             assert!(mesh.tets.iter().all(|tet| own(tet) <= 1));
         }
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
-        let polish = || improver.polish(3, &patience);
+        let polish = || improver.flip_and_smooth(3, &patience);
         pool.build().unwrap().install(polish).unwrap();
         assert!(improver.counts.flips > 100 && improver.counts.moves > 100);
-        let left = improver.poor().len();
+        let left = improver.tets_below_target().len();
         assert!(4 * left < poor.len(), "{left} of {}", poor.len());
-        for t in (0..improver.complex.tets.len() as u32).filter(|&t| improver.complex.alive(t)) {
+        for t in (0..improver.complex.tets.len() as u32).filter(|&t| improver.complex.is_alive(t)) {
             assert_eq!(
                 improver.sines[t as usize],
                 min_sine(&improver.complex.corners(t)) as f32

@@ -1,15 +1,15 @@
 //! Changes of the triangulation itself: flips, splits and collapses of edges.
 
-use super::{Improver, STEEPEST};
-use crate::geometry::in_space;
-use crate::improve::hold::Hold;
+use super::{MAX_COTANGENT, TriImprover};
+use crate::geometry::to_3d;
+use crate::improve::constraint::NodeConstraint;
 use crate::lattice::AtomKind;
 use crate::mesh::complex::NONE;
 use crate::mesh::tri::SIDES;
 
-impl Improver<'_> {
+impl TriImprover<'_> {
     /// The triangle across side `k` of `t`, and the side of it that is shared.
-    pub(super) fn across(&self, t: u32, k: usize) -> Option<(u32, usize)> {
+    pub(super) fn neighbor(&self, t: u32, k: usize) -> Option<(u32, usize)> {
         let other = self.neighbors[t as usize][k];
         if other == NONE {
             return None;
@@ -19,18 +19,18 @@ impl Improver<'_> {
     }
 
     /// Writes a triangle with its neighbours and tells these.
-    pub(super) fn put(&mut self, t: u32, triangle: [u32; 3], around: [u32; 3]) {
+    pub(super) fn set_triangle(&mut self, t: u32, triangle: [u32; 3], around: [u32; 3]) {
         self.triangles[t as usize] = triangle;
         self.neighbors[t as usize] = around;
         for k in 0..3 {
-            self.triangle_of[triangle[k] as usize] = t;
+            self.triangle_of_node[triangle[k] as usize] = t;
             let [a, b] = SIDES[k].map(|i| triangle[i]);
-            self.tell(around[k], [b, a], t);
+            self.set_neighbor(around[k], [b, a], t);
         }
     }
 
     /// Tells `other` that `t` is now across its edge (a, b).
-    pub(super) fn tell(&mut self, other: u32, [a, b]: [u32; 2], t: u32) {
+    pub(super) fn set_neighbor(&mut self, other: u32, [a, b]: [u32; 2], t: u32) {
         if other != NONE {
             let triangle = self.triangles[other as usize];
             for k in 0..3 {
@@ -44,7 +44,7 @@ impl Improver<'_> {
     /// Exchanges the edge opposite node `k` of `t` for the other diagonal; the caller has made sure
     /// that both new triangles are positive.
     pub(super) fn flip(&mut self, t: u32, k: usize) {
-        let Some((u, j)) = self.across(t, k) else {
+        let Some((u, j)) = self.neighbor(t, k) else {
             return;
         };
         let (tt, uu) = (self.triangles[t as usize], self.triangles[u as usize]);
@@ -57,8 +57,8 @@ impl Improver<'_> {
         let (db, da) = (nu[(j + 2) % 3], nu[(j + 1) % 3]);
         self.triangles[t as usize] = [c, a, d];
         self.triangles[u as usize] = [c, d, b];
-        self.put(t, [c, a, d], [da, u, ca]);
-        self.put(u, [c, d, b], [db, cb, t]);
+        self.set_triangle(t, [c, a, d], [da, u, ca]);
+        self.set_triangle(u, [c, d, b], [db, cb, t]);
         self.counts.flips += 1;
         for (t, sides) in [(t, [0, 2]), (u, [0, 1])] {
             self.queue.extend(sides.map(|k| (t, k)));
@@ -66,8 +66,8 @@ impl Improver<'_> {
     }
 
     /// The two triangles that a flip of side `k` of `t` would give, with the far node.
-    pub(super) fn flipped(&self, t: u32, k: usize) -> Option<[[u32; 3]; 2]> {
-        let (u, j) = self.across(t, k)?;
+    pub(super) fn flip_result(&self, t: u32, k: usize) -> Option<[[u32; 3]; 2]> {
+        let (u, j) = self.neighbor(t, k)?;
         let tt = self.triangles[t as usize];
         let (c, a, b) = (tt[k], tt[(k + 1) % 3], tt[(k + 2) % 3]);
         let d = self.triangles[u as usize][j];
@@ -76,7 +76,7 @@ impl Improver<'_> {
 
     /// The triangle and side that are the edge (a, b).
     pub(super) fn find_edge(&mut self, a: u32, b: u32) -> Option<(u32, usize)> {
-        self.gather(a);
+        self.gather_star(a);
         for &t in &self.star {
             let triangle = self.triangles[t as usize];
             for k in 0..3 {
@@ -90,9 +90,9 @@ impl Improver<'_> {
     }
 
     /// The triangles around a node, into `star`.
-    pub(super) fn gather(&mut self, node: u32) {
+    pub(super) fn gather_star(&mut self, node: u32) {
         self.star.clear();
-        let first = self.triangle_of[node as usize];
+        let first = self.triangle_of_node[node as usize];
         // Anticlockwise; from where that ends at a side of the box, clockwise from the first.
         for turn in [1, 2] {
             let mut t = first;
@@ -121,7 +121,7 @@ impl Improver<'_> {
     ) -> bool {
         let triangle = self.triangles[t as usize];
         let (c, a, b) = (triangle[k], triangle[(k + 1) % 3], triangle[(k + 2) % 3]);
-        let across = self.across(t, k);
+        let across = self.neighbor(t, k);
         let node = self.nodes.len() as u32;
         let mut fresh = vec![[c, a, node], [c, node, b]];
         let far = across.map(|(u, j)| self.triangles[u as usize][j]);
@@ -129,7 +129,7 @@ impl Improver<'_> {
             fresh.extend([[d, b, node], [d, node, a]]);
         }
         let mut at = at;
-        let sides = self.sides_of(a, b);
+        let sides = self.common_sides(a, b);
         if across.is_none() && sides == 0 {
             // The end of a part of a mesh: what lies beyond must not be split from here.
             return false;
@@ -140,23 +140,23 @@ impl Improver<'_> {
         }
         self.nodes.push(at);
         let worst = fresh.iter().map(|&f| self.cotangent(f)).fold(0.0, f64::max);
-        if worst >= better_than.unwrap_or(STEEPEST) {
+        if worst >= better_than.unwrap_or(MAX_COTANGENT) {
             self.nodes.pop();
             return false;
         }
-        let (hold, _) = Hold::new(
-            in_space(at),
+        let (hold, _) = NodeConstraint::new(
+            to_3d(at),
             AtomKind::Interior,
-            in_space(self.extent),
-            self.sheets,
+            to_3d(self.extent),
+            self.planes,
         );
-        self.kinds.push(match (hold.axes & 3).count_ones() {
+        self.kinds.push(match (hold.fixed_axes & 3).count_ones() {
             0 => AtomKind::Interior,
             1 => AtomKind::Edge,
             _ => AtomKind::Corner,
         });
-        self.holds.push(hold);
-        self.triangle_of.push(t);
+        self.constraints.push(hold);
+        self.triangle_of_node.push(t);
         let around = self.neighbors[t as usize];
         let (ca, cb) = (around[(k + 2) % 3], around[(k + 1) % 3]);
         let second = self.triangles.len() as u32;
@@ -174,11 +174,11 @@ impl Improver<'_> {
         if let Some((u, ..)) = beyond {
             self.triangles[u as usize] = fresh[2];
         }
-        self.put(t, fresh[0], [fourth, second, ca]);
-        self.put(second, fresh[1], [third, cb, t]);
+        self.set_triangle(t, fresh[0], [fourth, second, ca]);
+        self.set_triangle(second, fresh[1], [third, cb, t]);
         if let Some((u, fourth, db, da)) = beyond {
-            self.put(u, fresh[2], [second, fourth, db]);
-            self.put(fourth, fresh[3], [t, da, u]);
+            self.set_triangle(u, fresh[2], [second, fourth, db]);
+            self.set_triangle(fourth, fresh[3], [t, da, u]);
         }
         for t in [t, second, third, fourth] {
             if t != NONE {
@@ -191,23 +191,23 @@ impl Improver<'_> {
     /// Moves node `a` to node `b` and so removes their edge, if `b` is held by all that holds `a`, no
     /// new edge passes through a curve, and the worst new angle has a cotangent below `limit`.
     pub(super) fn collapse(&mut self, a: u32, b: u32, limit: f64) -> bool {
-        let (p, q) = (self.holds[a as usize], self.holds[b as usize]);
+        let (p, q) = (self.constraints[a as usize], self.constraints[b as usize]);
         // What may not move at all is a fixed node or a corner of the box; another such node, which
         // is held as much, cannot take its place.
-        if p.axes == 7 || !p.within(&q) {
+        if p.fixed_axes == 7 || !p.is_subset_of(&q) {
             return false;
         }
-        self.gather(a);
+        self.gather_star(a);
         let star = std::mem::take(&mut self.star);
         let moved = |triangle: [u32; 3]| triangle.map(|n| if n == a { b } else { n });
         let holds_b = |t: &u32| self.triangles[*t as usize].contains(&b);
         let sound = star.iter().filter(|t| !holds_b(t)).all(|&t| {
             let triangle = self.triangles[t as usize];
-            let free = |&n: &u32| n == a || self.pierced(n, b).is_none();
+            let free = |&n: &u32| n == a || self.find_intersection(n, b).is_none();
             self.cotangent(moved(triangle)) < limit && triangle.iter().all(free)
         });
         // On a side of the box only along it.
-        let along = p.axes & 3 == 0 || self.sides_of(a, b) != 0;
+        let along = p.fixed_axes & 3 == 0 || self.common_sides(a, b) != 0;
         if sound && along {
             for &t in star.iter().filter(|t| holds_b(t)).collect::<Vec<_>>() {
                 let triangle = self.triangles[t as usize];
@@ -225,7 +225,7 @@ impl Improver<'_> {
                             }
                         }
                         for n in self.triangles[from as usize] {
-                            self.triangle_of[n as usize] = from;
+                            self.triangle_of_node[n as usize] = from;
                         }
                     }
                 }
@@ -234,7 +234,7 @@ impl Improver<'_> {
             for &t in &star {
                 if self.triangles[t as usize][0] != NONE {
                     self.triangles[t as usize] = moved(self.triangles[t as usize]);
-                    self.triangle_of[b as usize] = t;
+                    self.triangle_of_node[b as usize] = t;
                     self.queue.extend([(t, 0), (t, 1), (t, 2)]);
                 }
             }

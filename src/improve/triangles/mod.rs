@@ -21,23 +21,23 @@
 //! - `reshape`(fn@reshape): atoms come, go and move in a part of a mesh
 //! - `relax`: Laplace's smoothing, before anything else
 
+mod compound;
 mod edges;
-mod mend;
 mod recover;
 pub(crate) mod relax;
+mod repair;
 mod reshape;
-mod rework;
 mod smooth;
 
 pub use reshape::reshape;
 
-use super::hold::Hold;
-use super::pierce::piercing;
-use super::sheets::{FACE_ON_SHEET, SAME_SHEET, Sheets};
-use super::target::UNUSABLE;
-use super::{Blocked, Counts, Improved};
+use super::constraint::NodeConstraint;
+use super::feature_planes::{FeaturePlanes, MAX_FACE_OFFSET, SAME_SURFACE_COSINE};
+use super::intersect::find_intersection;
+use super::target::UNUSABLE_ANGLE;
+use super::{BlockedCell, ImproveReport, OperationCounts};
 use crate::error::{Error, Result, cause};
-use crate::geometry::{add_scaled, dot, in_space, norm, sub};
+use crate::geometry::{add_scaled, dot, norm, sub, to_3d};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::lattice::seeding::Atoms;
@@ -45,16 +45,16 @@ use crate::mesh::TriMesh;
 use crate::mesh::complex::NONE;
 use crate::mesh::delaunay::delaunay_plane;
 use crate::mesh::tri::{SIDES, angles, neighbors, worst_cotangent};
-use crate::observer::Patience;
+use crate::progress::CancelToken;
 
 /// Which coordinates of each atom may change where what lies on a feature shall stay: 1 for free, 0 for
 /// held. Atoms on the sides of the box keep to them.
-pub fn mobility(atoms: &Atoms<2>, extent: [f64; 2], sheets: &Sheets) -> Vec<[f64; 2]> {
+pub fn mobility(atoms: &Atoms<2>, extent: [f64; 2], sheets: &FeaturePlanes) -> Vec<[f64; 2]> {
     let mut mobility = atoms.mobility(extent);
     for ((free, &x), &kind) in mobility.iter_mut().zip(&atoms.positions).zip(&atoms.kinds) {
-        if Hold::new(in_space(x), kind, in_space(extent), sheets)
+        if NodeConstraint::new(to_3d(x), kind, to_3d(extent), sheets)
             .0
-            .count
+            .surface_count
             > 0
         {
             *free = [0.0; 2];
@@ -76,14 +76,15 @@ pub fn improve(
     mesh: &mut TriMesh,
     kinds: &mut Vec<AtomKind>,
     extent: [f64; 2],
-    sheets: &Sheets,
+    sheets: &FeaturePlanes,
     distance: &Distance<2>,
     min_angle: f64,
-    patience: &Patience<'_>,
-) -> Result<(Improved, Vec<u8>)> {
+    patience: &CancelToken<'_>,
+) -> Result<(ImproveReport, Vec<u8>)> {
     let neighbors = adjacency(mesh)?;
     let taken = std::mem::take(mesh);
-    let mut improver = Improver::new(taken, neighbors, kinds, extent, sheets, distance, min_angle);
+    let mut improver =
+        TriImprover::new(taken, neighbors, kinds, extent, sheets, distance, min_angle);
     let outcome = improver.improve(patience);
     let finished = improver.finish();
     (*mesh, *kinds) = (finished.mesh, finished.kinds);
@@ -98,15 +99,15 @@ pub fn improve(
 pub fn feature_edges(
     atoms: &Atoms<2>,
     extent: [f64; 2],
-    sheets: &Sheets,
+    sheets: &FeaturePlanes,
     distance: &Distance<2>,
 ) -> Result<Vec<[u32; 2]>> {
     let mesh = delaunay_plane(&atoms.positions)?;
     let neighbors = adjacency(&mesh)?;
-    let (kinds, least) = (&atoms.kinds, UNUSABLE);
-    let mut improver = Improver::new(mesh, neighbors, kinds, extent, sheets, distance, least);
-    improver.flip_off_curves();
-    let on_feature = |&[a, b]: &[u32; 2]| improver.on_feature(a, b);
+    let (kinds, least) = (&atoms.kinds, UNUSABLE_ANGLE);
+    let mut improver = TriImprover::new(mesh, neighbors, kinds, extent, sheets, distance, least);
+    improver.flip_intersecting_edges();
+    let on_feature = |&[a, b]: &[u32; 2]| improver.is_on_feature(a, b);
     Ok(improver.edges().filter(on_feature).collect())
 }
 
@@ -122,109 +123,109 @@ fn adjacency(mesh: &TriMesh) -> Result<Vec<[u32; 3]>> {
 }
 
 /// A mesh whose improvement is over.
-struct Finished {
+struct ImprovedTriangles {
     mesh: TriMesh,
     kinds: Vec<AtomKind>,
     /// The number that each node had while the mesh was improved.
-    kept: Vec<u32>,
+    old_ids: Vec<u32>,
     feature_faces: Vec<u8>,
 }
 
-struct Improver<'a> {
+struct TriImprover<'a> {
     nodes: Vec<[f64; 2]>,
     /// Node numbers; `NONE` first where the triangle is gone.
     triangles: Vec<[u32; 3]>,
     neighbors: Vec<[u32; 3]>,
-    triangle_of: Vec<u32>,
-    holds: Vec<Hold>,
+    triangle_of_node: Vec<u32>,
+    constraints: Vec<NodeConstraint>,
     kinds: Vec<AtomKind>,
     extent: [f64; 2],
-    sheets: &'a Sheets,
+    planes: &'a FeaturePlanes,
     distance: &'a Distance<2>,
     /// Triangles with a larger cotangent are of no use.
-    usable: f64,
+    max_usable_cotangent: f64,
     /// Largest cotangent that an angle shall have.
-    target: f64,
+    target_cotangent: f64,
     /// Smoothing stops at this one, a little smaller.
-    enough: f64,
-    counts: Counts,
+    smoothing_target: f64,
+    counts: OperationCounts,
     /// Edges to look at, as (triangle, side).
     queue: Vec<(u32, u8)>,
     /// Triangles around a node.
     star: Vec<u32>,
 }
 
-impl<'a> Improver<'a> {
+impl<'a> TriImprover<'a> {
     fn new(
         mesh: TriMesh,
         neighbors: Vec<[u32; 3]>,
         kinds: &[AtomKind],
         extent: [f64; 2],
-        sheets: &'a Sheets,
+        planes: &'a FeaturePlanes,
         distance: &'a Distance<2>,
         min_angle: f64,
     ) -> Self {
         let cotangent = |degrees: f64| 1.0 / degrees.to_radians().tan();
         let TriMesh { nodes, triangles } = mesh;
-        let holds = nodes
+        let constraints = nodes
             .iter()
             .zip(kinds)
-            .map(|(&x, &kind)| Hold::new(in_space(x), kind, in_space(extent), sheets).0)
+            .map(|(&x, &kind)| NodeConstraint::new(to_3d(x), kind, to_3d(extent), planes).0)
             .collect();
-        let mut triangle_of = vec![NONE; nodes.len()];
+        let mut triangle_of_node = vec![NONE; nodes.len()];
         for (t, triangle) in triangles.iter().enumerate() {
             for &n in triangle {
-                triangle_of[n as usize] = t as u32;
+                triangle_of_node[n as usize] = t as u32;
             }
         }
         Self {
             neighbors,
             nodes,
             triangles,
-            triangle_of,
-            holds,
+            triangle_of_node,
+            constraints,
             kinds: kinds.to_vec(),
             extent,
-            sheets,
+            planes,
             distance,
-            usable: cotangent(UNUSABLE),
-            target: cotangent(min_angle),
-            enough: cotangent((min_angle + MARGIN).min(59.0)),
-            counts: Counts::default(),
+            max_usable_cotangent: cotangent(UNUSABLE_ANGLE),
+            target_cotangent: cotangent(min_angle),
+            smoothing_target: cotangent((min_angle + SMOOTHING_MARGIN).min(59.0)),
+            counts: OperationCounts::default(),
             queue: Vec::new(),
             star: Vec::new(),
         }
     }
 
     /// All steps, in order.
-    fn improve(&mut self, patience: &Patience<'_>) -> Improved {
-        let poor_before = self.poor().len();
+    fn improve(&mut self, patience: &CancelToken<'_>) -> ImproveReport {
+        let poor_before = self.triangles_below_target().len();
         self.recover();
-        self.polish(patience);
-        self.rework(self.usable, patience);
-        self.release(patience);
-        self.rework(self.target, patience);
-        let blocked = self.blocked();
-        Improved {
-            poor_before,
-            poor_after: blocked.len(),
+        self.flip_and_smooth(patience);
+        self.apply_compound(self.max_usable_cotangent, patience);
+        self.release_nodes(patience);
+        self.apply_compound(self.target_cotangent, patience);
+        let blocked = self.blocked_cells();
+        ImproveReport {
+            below_target_before: poor_before,
+            below_target_after: blocked.len(),
             counts: self.counts,
             blocked,
         }
     }
 
     /// The compact mesh, and which edges of it lie on features.
-    fn finish(self) -> Finished {
+    fn finish(self) -> ImprovedTriangles {
         let on_feature = |t: u32| {
             let on = |k: &usize| {
                 let [a, b] = SIDES[*k].map(|i| self.triangles[t as usize][i]);
-                self.on_feature(a, b)
+                self.is_on_feature(a, b)
             };
             (0..3).filter(on).fold(0, |bits, k| bits | 1 << k)
         };
-        let feature_faces = self.alive().map(on_feature).collect();
+        let feature_faces = self.live_triangles().map(on_feature).collect();
         let mut used = vec![false; self.nodes.len()];
-        for t in self.alive() {
+        for t in self.live_triangles() {
             for n in self.triangles[t as usize] {
                 used[n as usize] = true;
             }
@@ -237,27 +238,27 @@ impl<'a> Improver<'a> {
             number[n as usize] = new as u32;
         }
         let triangles = self
-            .alive()
+            .live_triangles()
             .map(|t| self.triangles[t as usize].map(|n| number[n as usize]))
             .collect();
-        Finished {
+        ImprovedTriangles {
             mesh: TriMesh {
                 nodes: kept.iter().map(|&n| self.nodes[n as usize]).collect(),
                 triangles,
             },
             kinds: kept.iter().map(|&n| self.kinds[n as usize]).collect(),
-            kept,
+            old_ids: kept,
             feature_faces,
         }
     }
 
-    fn alive(&self) -> impl Iterator<Item = u32> + '_ {
+    fn live_triangles(&self) -> impl Iterator<Item = u32> + '_ {
         (0..self.triangles.len() as u32).filter(|&t| self.triangles[t as usize][0] != NONE)
     }
 
     /// Each edge once.
     fn edges(&self) -> impl Iterator<Item = [u32; 2]> + '_ {
-        self.alive()
+        self.live_triangles()
             .flat_map(|t| (0..3).map(move |k| (t as usize, k)))
             .filter_map(|(t, k)| {
                 let [a, b] = SIDES[k].map(|i| self.triangles[t][i]);
@@ -275,15 +276,15 @@ impl<'a> Improver<'a> {
     }
 
     /// Triangles below target, worst first.
-    fn poor(&self) -> Vec<u32> {
-        self.above(self.target)
+    fn triangles_below_target(&self) -> Vec<u32> {
+        self.triangles_above(self.target_cotangent)
     }
 
     /// Triangles with a cotangent above a limit, worst first.
-    fn above(&self, limit: f64) -> Vec<u32> {
+    fn triangles_above(&self, limit: f64) -> Vec<u32> {
         let value = |t: u32| self.cotangent(self.triangles[t as usize]);
         let mut poor: Vec<(f64, u32)> = self
-            .alive()
+            .live_triangles()
             .map(|t| (value(t), t))
             .filter(|(value, _)| *value > limit)
             .collect();
@@ -292,38 +293,35 @@ impl<'a> Improver<'a> {
     }
 
     /// Where the edge between two nodes passes through a curve.
-    fn pierced(&self, a: u32, b: u32) -> Option<[f64; 2]> {
+    fn find_intersection(&self, a: u32, b: u32) -> Option<[f64; 2]> {
         let ends = [a as usize, b as usize];
-        let holds = ends.map(|n| &self.holds[n]);
-        let positions = ends.map(|n| in_space(self.nodes[n]));
-        piercing(self.sheets, holds, positions).map(|([x, y, _], _)| [x, y])
+        let holds = ends.map(|n| &self.constraints[n]);
+        let positions = ends.map(|n| to_3d(self.nodes[n]));
+        find_intersection(self.planes, holds, positions).map(|([x, y, _], _)| [x, y])
     }
 
     /// Whether an edge lies on a feature: one curve holds both ends, the edge runs along it, and its
     /// middle is on it too.
-    fn on_feature(&self, a: u32, b: u32) -> bool {
-        let (p, q) = (&self.holds[a as usize], &self.holds[b as usize]);
-        if p.count == 0 || q.count == 0 {
+    fn is_on_feature(&self, a: u32, b: u32) -> bool {
+        let (p, q) = (&self.constraints[a as usize], &self.constraints[b as usize]);
+        if p.surface_count == 0 || q.surface_count == 0 {
             return false;
         }
-        let (x, y) = (
-            in_space(self.nodes[a as usize]),
-            in_space(self.nodes[b as usize]),
-        );
+        let (x, y) = (to_3d(self.nodes[a as usize]), to_3d(self.nodes[b as usize]));
         let edge = sub(y, x);
         // The sine of the angle that SAME_SHEET is the cosine of.
-        let across = (1.0 - SAME_SHEET * SAME_SHEET).sqrt() * norm(edge);
+        let across = (1.0 - SAME_SURFACE_COSINE * SAME_SURFACE_COSINE).sqrt() * norm(edge);
         let along = |n: [f64; 3]| dot(n, edge).abs() < across;
-        if !p.normals().any(|n| along(n) && q.on(n)) {
+        if !p.normals().any(|n| along(n) && q.is_on_surface(n)) {
             return false;
         }
-        let near = self.sheets.near(add_scaled(x, 0.5, edge));
+        let near = self.planes.planes_near(add_scaled(x, 0.5, edge));
         near.iter()
-            .any(|s| s.offset.abs() < FACE_ON_SHEET && along(s.normal))
+            .any(|s| s.offset.abs() < MAX_FACE_OFFSET && along(s.normal))
     }
 
     /// The sides of the box in which an edge lies: bit k for those normal to axis k.
-    fn sides_of(&self, a: u32, b: u32) -> u8 {
+    fn common_sides(&self, a: u32, b: u32) -> u8 {
         let (x, y) = (self.nodes[a as usize], self.nodes[b as usize]);
         let within = |&k: &usize| x[k] == y[k] && (x[k] == 0.0 || x[k] == self.extent[k]);
         (0..2).filter(within).fold(0, |bits, k| bits | 1 << k)
@@ -331,7 +329,7 @@ impl<'a> Improver<'a> {
 
     /// Flips side `k` of `t` if that raises the smallest angle and no feature is lost.
     fn try_flip(&mut self, t: u32, k: usize) -> bool {
-        let Some([p, q]) = self.flipped(t, k) else {
+        let Some([p, q]) = self.flip_result(t, k) else {
             return false;
         };
         let [a, b] = [p[1], q[2]];
@@ -341,7 +339,8 @@ impl<'a> Improver<'a> {
             .cotangent(self.triangles[t as usize])
             .max(self.cotangent(other));
         let then = self.cotangent(p).max(self.cotangent(q));
-        if then >= now - 1e-9 || self.on_feature(a, b) || self.pierced(c, d).is_some() {
+        if then >= now - 1e-9 || self.is_on_feature(a, b) || self.find_intersection(c, d).is_some()
+        {
             return false;
         }
         self.flip(t, k);
@@ -349,17 +348,17 @@ impl<'a> Improver<'a> {
     }
 
     /// Flips edges until none raises the smallest angle about it.
-    fn flip_all(&mut self, patience: &Patience<'_>) {
+    fn flip_all(&mut self, patience: &CancelToken<'_>) {
         self.queue.clear();
-        let all: Vec<u32> = self.alive().collect();
+        let all: Vec<u32> = self.live_triangles().collect();
         self.queue
             .extend(all.iter().flat_map(|&t| [(t, 0), (t, 1), (t, 2)]));
         self.flip_queue(patience);
     }
 
-    fn flip_queue(&mut self, patience: &Patience<'_>) {
+    fn flip_queue(&mut self, patience: &CancelToken<'_>) {
         while let Some((t, k)) = self.queue.pop() {
-            if patience.over() {
+            if patience.is_cancelled() {
                 self.queue.clear();
                 break;
             }
@@ -369,24 +368,24 @@ impl<'a> Improver<'a> {
         }
     }
 
-    fn blocked(&self) -> Vec<Blocked> {
-        self.poor()
+    fn blocked_cells(&self) -> Vec<BlockedCell> {
+        self.triangles_below_target()
             .iter()
             .map(|&t| {
                 let triangle = self.triangles[t as usize];
                 let p = self.corners(triangle);
-                let holds = triangle.map(|n| self.holds[n as usize]);
-                Blocked::new(&p, &angles(&p), &holds, 3)
+                let holds = triangle.map(|n| self.constraints[n as usize]);
+                BlockedCell::new(&p, &angles(&p), &holds, 3)
             })
             .collect()
     }
 }
 
 /// No change may leave an angle whose cotangent is above this (about 3 degrees).
-const STEEPEST: f64 = 20.0;
+const MAX_COTANGENT: f64 = 20.0;
 
 /// Smoothing aims this many degrees above the target.
-const MARGIN: f64 = 4.0;
+const SMOOTHING_MARGIN: f64 = 4.0;
 
 #[cfg(test)]
 mod tests;

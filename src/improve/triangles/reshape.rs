@@ -3,16 +3,16 @@
 //! In the plane the triangulation of the atoms where they shall be can be made to have the part's
 //! outer edges among its own; what lies outside of them is left out.
 
-use super::{Improver, adjacency};
+use super::{TriImprover, adjacency};
 use crate::error::{Error, Result, cause};
-use crate::improve::sheets::Sheets;
-use crate::improve::{Refusal, Reshaped, Wanted};
+use crate::improve::feature_planes::FeaturePlanes;
+use crate::improve::{ReshapeError, ReshapeRequest, ReshapeResult};
 use crate::lattice::distance::Distance;
 use crate::mesh::TriMesh;
 use crate::mesh::complex::NONE;
 use crate::mesh::delaunay::constrained_plane;
-use crate::mesh::tri::{SIDES, area2};
-use crate::observer::Patience;
+use crate::mesh::tri::{SIDES, double_area};
+use crate::progress::CancelToken;
 
 /// Reshapes a part of a mesh, as [`reshape`](crate::improve::tets::reshape) in space.
 ///
@@ -21,14 +21,14 @@ use crate::observer::Patience;
 /// joined.
 pub fn reshape(
     part: &TriMesh,
-    wanted: &Wanted<2>,
+    wanted: &ReshapeRequest<2>,
     extent: [f64; 2],
-    sheets: &Sheets,
+    sheets: &FeaturePlanes,
     distance: &Distance<2>,
     min_angle: f64,
-) -> std::result::Result<Reshaped<TriMesh>, Refusal> {
+) -> std::result::Result<ReshapeResult<TriMesh>, ReshapeError> {
     let stay: Vec<u32> = (0..wanted.targets.len() as u32)
-        .filter(|&n| !wanted.gone[n as usize])
+        .filter(|&n| !wanted.is_removed[n as usize])
         .collect();
     let mut number = vec![NONE; wanted.targets.len()];
     for (new, &n) in stay.iter().enumerate() {
@@ -36,55 +36,56 @@ pub fn reshape(
     }
     let points: Vec<[f64; 2]> = stay.iter().map(|&n| wanted.targets[n as usize]).collect();
     let kinds: Vec<_> = stay.iter().map(|&n| wanted.kinds[n as usize]).collect();
-    let rim: Vec<[u32; 2]> = rim(part, extent)
-        .map_err(Refusal::Part)?
+    let rim: Vec<[u32; 2]> = outer_edges(part, extent)
+        .map_err(ReshapeError::Mesh)?
         .into_iter()
         .map(|edge| edge.map(|n| number[n as usize]))
         .collect();
-    let whole = constrained_plane(&points, &rim).map_err(Refusal::Part)?;
-    if let Some(n) = on_outline(&whole, &rim) {
-        return Err(Refusal::Node(stay[n]));
+    let whole = constrained_plane(&points, &rim).map_err(ReshapeError::Mesh)?;
+    if let Some(n) = find_node_on_rim(&whole, &rim) {
+        return Err(ReshapeError::Node(stay[n]));
     }
-    let mesh = inside(whole, &rim).map_err(Refusal::Part)?;
+    let mesh = keep_inside_rim(whole, &rim).map_err(ReshapeError::Mesh)?;
     let mut used = vec![false; points.len()];
     for &n in mesh.triangles.as_flattened() {
         used[n as usize] = true;
     }
     if let Some(unused) = used.iter().position(|used| !used) {
-        return Err(Refusal::Node(stay[unused]));
+        return Err(ReshapeError::Node(stay[unused]));
     }
     let area = |mesh: &TriMesh| -> f64 {
         (0..mesh.triangles.len())
-            .map(|t| area2(&mesh.corners(t)))
+            .map(|t| double_area(&mesh.corners(t)))
             .sum()
     };
     let (old, new) = (area(part), area(&mesh));
     if (old - new).abs() > 1e-9 * old {
-        return Err(Refusal::Part(Error::Mesh(cause(
+        return Err(ReshapeError::Mesh(Error::Mesh(cause(
             "the mesh around the edit",
             format!("would have the area {new} instead of {old}"),
             "mesh the image again",
         ))));
     }
-    let neighbors = adjacency(&mesh).map_err(Refusal::Part)?;
-    let mut improver = Improver::new(mesh, neighbors, &kinds, extent, sheets, distance, min_angle);
-    let outcome = improver.improve(&Patience::endless());
+    let neighbors = adjacency(&mesh).map_err(ReshapeError::Mesh)?;
+    let mut improver =
+        TriImprover::new(mesh, neighbors, &kinds, extent, sheets, distance, min_angle);
+    let outcome = improver.improve(&CancelToken::never());
     let finished = improver.finish();
     // Numbers as wanted; what improvement has put in comes after those.
     let inserted = |n: u32| n - stay.len() as u32 + wanted.targets.len() as u32;
-    let kept = finished.kept.iter();
+    let kept = finished.old_ids.iter();
     let kept = kept.map(|&n| stay.get(n as usize).copied().unwrap_or_else(|| inserted(n)));
-    Ok(Reshaped {
-        kept: kept.collect(),
+    Ok(ReshapeResult {
+        request_nodes: kept.collect(),
         mesh: finished.mesh,
         kinds: finished.kinds,
         feature_faces: finished.feature_faces,
-        outcome,
+        report: outcome,
     })
 }
 
 /// The part's outer edges but for those in the sides of the box, with the part on their left.
-fn rim(part: &TriMesh, extent: [f64; 2]) -> Result<Vec<[u32; 2]>> {
+fn outer_edges(part: &TriMesh, extent: [f64; 2]) -> Result<Vec<[u32; 2]>> {
     let around = adjacency(part)?;
     let mut rim = Vec::new();
     for (triangle, around) in part.triangles.iter().zip(&around) {
@@ -102,7 +103,7 @@ fn rim(part: &TriMesh, extent: [f64; 2]) -> Result<Vec<[u32; 2]>> {
 
 /// A node that lies on an edge of the rim, so that the edge is none of the triangles': of all nodes
 /// but its ends, the one nearest to it.
-fn on_outline(mesh: &TriMesh, rim: &[[u32; 2]]) -> Option<usize> {
+fn find_node_on_rim(mesh: &TriMesh, rim: &[[u32; 2]]) -> Option<usize> {
     let sides = |t: &[u32; 3]| SIDES.map(|side| side.map(|i| t[i]));
     let mut edges: Vec<[u32; 2]> = mesh.triangles.iter().flat_map(sides).collect();
     edges.sort_unstable();
@@ -122,7 +123,7 @@ fn on_outline(mesh: &TriMesh, rim: &[[u32; 2]]) -> Option<usize> {
 
 /// The triangles on the left of the rim's edges, and all that can be reached from there without
 /// crossing it; all if there is no rim.
-fn inside(mesh: TriMesh, rim: &[[u32; 2]]) -> Result<TriMesh> {
+fn keep_inside_rim(mesh: TriMesh, rim: &[[u32; 2]]) -> Result<TriMesh> {
     if rim.is_empty() {
         return Ok(mesh);
     }
@@ -182,37 +183,37 @@ mod tests {
             nodes: numbers.iter().map(|&n| nodes[n as usize]).collect(),
             triangles: cells.iter().map(|t| t.map(local)).collect(),
         };
-        let before = rim(&part, extent).unwrap();
+        let before = outer_edges(&part, extent).unwrap();
         let [gone, moved] =
             [[2.0, 2.0], [3.0, 3.0]].map(|x| part.nodes.iter().position(|&y| y == x).unwrap());
-        let mut wanted = Wanted {
+        let mut wanted = ReshapeRequest {
             targets: part.nodes.clone(),
             kinds: vec![AtomKind::Fixed; part.nodes.len()],
-            gone: vec![false; part.nodes.len() + 1],
+            is_removed: vec![false; part.nodes.len() + 1],
         };
-        wanted.gone[gone] = true;
+        wanted.is_removed[gone] = true;
         wanted.targets[moved] = [3.2, 3.1];
         wanted.targets.push([2.4, 2.3]);
         wanted.kinds.push(AtomKind::Fixed);
-        let sheets = Sheets::new(&[], [6.0, 6.0, 0.0], 2.0, 2.0);
+        let sheets = FeaturePlanes::new(&[], [6.0, 6.0, 0.0], 2.0, 2.0);
         let distance = Distance::Constant(1.0);
         let done = reshape(&part, &wanted, extent, &sheets, &distance, 20.0).unwrap();
-        let mut after: Vec<[u32; 2]> = rim(&done.mesh, extent)
+        let mut after: Vec<[u32; 2]> = outer_edges(&done.mesh, extent)
             .unwrap()
             .into_iter()
-            .map(|edge| edge.map(|n| done.kept[n as usize]))
+            .map(|edge| edge.map(|n| done.request_nodes[n as usize]))
             .collect();
         let mut before = before;
         before.sort_unstable();
         after.sort_unstable();
         assert_eq!(before, after);
-        assert!(!done.kept.contains(&(gone as u32)));
-        for (x, &n) in done.mesh.nodes.iter().zip(&done.kept) {
+        assert!(!done.request_nodes.contains(&(gone as u32)));
+        for (x, &n) in done.mesh.nodes.iter().zip(&done.request_nodes) {
             if let Some(target) = wanted.targets.get(n as usize) {
                 assert_eq!(x, target);
             }
         }
-        let refusal = |part: &TriMesh, wanted: &Wanted<2>| {
+        let refusal = |part: &TriMesh, wanted: &ReshapeRequest<2>| {
             reshape(part, wanted, extent, &sheets, &distance, 20.0).unwrap_err()
         };
         // A node beyond the outline cannot be, nor one on it.
@@ -220,13 +221,13 @@ mod tests {
             wanted.targets[moved] = x;
             let refusal = refusal(&part, &wanted);
             assert!(
-                matches!(refusal, Refusal::Node(n) if n as usize == moved),
+                matches!(refusal, ReshapeError::Node(n) if n as usize == moved),
                 "{refusal:?}"
             );
         }
         // What no node is to blame for is told.
         wanted.targets[moved] = [f64::NAN, 3.0];
-        let Refusal::Part(error) = refusal(&part, &wanted) else {
+        let ReshapeError::Mesh(error) = refusal(&part, &wanted) else {
             panic!("a node was blamed");
         };
         assert!(
@@ -236,7 +237,7 @@ mod tests {
         wanted.targets[moved] = [3.2, 3.1];
         let mut twice = part.clone();
         twice.triangles.push(part.triangles[0]);
-        let Refusal::Part(error) = refusal(&twice, &wanted) else {
+        let ReshapeError::Mesh(error) = refusal(&twice, &wanted) else {
             panic!("a node was blamed");
         };
         assert!(error.to_string().contains("overlap"), "{error}");

@@ -1,22 +1,22 @@
 //! Max-min smoothing: a node goes to where the smallest angle about it is largest.
 
-use super::Improver;
-use crate::geometry::{dot, in_space};
+use super::TriImprover;
+use crate::geometry::{dot, to_3d};
 use crate::mesh::tri::{SIDES, worst_cotangent};
 
 /// Directions in which a node tries to move.
-const DIRECTIONS: u32 = 30;
+const DIRECTION_COUNT: u32 = 30;
 
-impl Improver<'_> {
+impl TriImprover<'_> {
     /// Moves a node to where the smallest angle about it is largest; along its curve if it is on one.
     /// Whether it moved.
     pub(super) fn smooth(&mut self, node: u32) -> bool {
         let i = node as usize;
-        let mut hold = self.holds[i];
-        if hold.axes == 7 || hold.count > 1 {
+        let mut hold = self.constraints[i];
+        if hold.fixed_axes == 7 || hold.surface_count > 1 {
             return false;
         }
-        self.gather(node);
+        self.gather_star(node);
         let spokes: Vec<[[f64; 2]; 2]> = self
             .star
             .iter()
@@ -32,7 +32,7 @@ impl Improver<'_> {
         };
         let start = self.nodes[i];
         let (mut x, mut best) = (start, worst(start));
-        if best <= self.enough {
+        if best <= self.smoothing_target {
             return false;
         }
         let shortest = spokes
@@ -42,9 +42,9 @@ impl Improver<'_> {
         let mut step = 0.25 * shortest;
         while step > 0.004 * shortest {
             let mut moved = false;
-            for direction in 0..DIRECTIONS {
+            for direction in 0..DIRECTION_COUNT {
                 let (sin, cos) = (std::f64::consts::TAU * f64::from(direction)
-                    / f64::from(DIRECTIONS))
+                    / f64::from(DIRECTION_COUNT))
                 .sin_cos();
                 let along = hold.freedom().project([step * cos, step * sin, 0.0]);
                 // A projected direction may have lost its length: the others then serve.
@@ -53,9 +53,9 @@ impl Improver<'_> {
                 }
                 let mut trial = hold;
                 let to: [f64; 3] = std::array::from_fn(|k| {
-                    (in_space(x)[k] + along[k]).clamp(0.0, in_space(self.extent)[k])
+                    (to_3d(x)[k] + along[k]).clamp(0.0, to_3d(self.extent)[k])
                 });
-                let Some([u, v, _]) = trial.settle(to, in_space(self.extent), self.sheets) else {
+                let Some([u, v, _]) = trial.snap(to, to_3d(self.extent), self.planes) else {
                     continue;
                 };
                 let value = worst([u, v]);
@@ -72,7 +72,7 @@ impl Improver<'_> {
             return false;
         }
         self.nodes[i] = x;
-        self.holds[i] = hold;
+        self.constraints[i] = hold;
         self.queue
             .extend(self.star.iter().flat_map(|&t| [(t, 0), (t, 1), (t, 2)]));
         true

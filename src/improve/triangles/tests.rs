@@ -1,46 +1,46 @@
 use super::*;
 use crate::feature::FeaturePoint;
-use crate::geometry::in_space;
-use crate::improve::settle;
+use crate::geometry::to_3d;
+use crate::improve::snap_to_features;
 use crate::lattice::seeding::{self, Alignment};
 use crate::mesh::check::check;
 use crate::mesh::delaunay::delaunay_plane;
 use proptest::prelude::*;
 
 const EXTENT: [f64; 2] = [90.0, 80.0];
-const D: f64 = 6.0;
+const SPACING: f64 = 6.0;
 
 /// Points on a circle and on a straight line, as detection would give them.
-fn scene() -> Vec<FeaturePoint<3>> {
+fn circle_and_line() -> Vec<FeaturePoint<3>> {
     let circle = (0..190).map(|i| {
         let (sin, cos) = (f64::from(i) / 190.0 * std::f64::consts::TAU).sin_cos();
         ([30.0 + 20.0 * cos, 40.0 + 20.0 * sin], [cos, sin])
     });
     let line = (0..=80).map(|i| ([70.3, f64::from(i)], [1.0, 0.0]));
     let point = |(x, n): ([f64; 2], [f64; 2])| FeaturePoint {
-        position: in_space(x).map(|c| c as f32),
-        normal: in_space(n).map(|c| c as f32),
+        position: to_3d(x).map(|c| c as f32),
+        normal: to_3d(n).map(|c| c as f32),
         strength: 1.0,
     };
     circle.chain(line).map(point).collect()
 }
 
-fn off_features([x, y]: [f64; 2]) -> f64 {
+fn distance_to_features([x, y]: [f64; 2]) -> f64 {
     let circle = ((x - 30.0).hypot(y - 40.0) - 20.0).abs();
     circle.min((x - 70.3).abs())
 }
 
 #[test]
 fn edges_lie_on_the_curves_and_all_angles_are_large() {
-    let sheets = Sheets::new(&scene(), in_space(EXTENT), 4.8, 1.7 * D);
-    let distance = Distance::Constant(D);
-    let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::On).unwrap();
-    let moved = settle(
+    let sheets = FeaturePlanes::new(&circle_and_line(), to_3d(EXTENT), 4.8, 1.7 * SPACING);
+    let distance = Distance::Constant(SPACING);
+    let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::OnFeatures).unwrap();
+    let moved = snap_to_features(
         &mut atoms.positions,
         &atoms.kinds,
         EXTENT,
         &sheets,
-        0.35 * D,
+        0.35 * SPACING,
     );
     assert!(moved > 20);
     let mut mesh = delaunay_plane(&atoms.positions).unwrap();
@@ -52,13 +52,13 @@ fn edges_lie_on_the_curves_and_all_angles_are_large() {
         &sheets,
         &distance,
         30.0,
-        &Patience::endless(),
+        &CancelToken::never(),
     )
     .unwrap();
     let found = check(&mesh, [0.0; 2], EXTENT, 1e-12);
     assert!(found.passed(), "{:?}", found.problems);
     assert_eq!(kinds.len(), mesh.nodes.len());
-    assert_eq!(outcome.counts.pierced_left, 0, "{:?}", outcome.counts);
+    assert_eq!(outcome.counts.intersecting_left, 0, "{:?}", outcome.counts);
 
     // The marked edges are on the curves, and long enough to be all of them.
     let mut length = 0.0;
@@ -70,8 +70,11 @@ fn edges_lie_on_the_curves_and_all_angles_are_large() {
         for k in (0..3).filter(|k| bits >> k & 1 == 1) {
             let [p, q] = SIDES[k].map(|i| mesh.corners(t)[i]);
             let middle = [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1])];
-            assert!(off_features(p).max(off_features(q)) < 0.3, "{p:?} {q:?}");
-            assert!(off_features(middle) < 0.75);
+            assert!(
+                distance_to_features(p).max(distance_to_features(q)) < 0.3,
+                "{p:?} {q:?}"
+            );
+            assert!(distance_to_features(middle) < 0.75);
             // Both sides of an edge tell.
             length += 0.5 * (p[0] - q[0]).hypot(p[1] - q[1]);
         }
@@ -89,9 +92,9 @@ fn edges_lie_on_the_curves_and_all_angles_are_large() {
 
 #[test]
 fn without_features_a_regular_lattice_is_left_alone() {
-    let sheets = Sheets::new(&[], in_space(EXTENT), 4.8, 1.7 * D);
-    let distance = Distance::Constant(D);
-    let atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::On).unwrap();
+    let sheets = FeaturePlanes::new(&[], to_3d(EXTENT), 4.8, 1.7 * SPACING);
+    let distance = Distance::Constant(SPACING);
+    let atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::OnFeatures).unwrap();
     let before = delaunay_plane(&atoms.positions).unwrap();
     let (mut mesh, mut kinds) = (before.clone(), atoms.kinds.clone());
     let (outcome, on) = improve(
@@ -101,10 +104,13 @@ fn without_features_a_regular_lattice_is_left_alone() {
         &sheets,
         &distance,
         25.0,
-        &Patience::endless(),
+        &CancelToken::never(),
     )
     .unwrap();
-    assert_eq!((outcome.poor_before, outcome.poor_after), (0, 0));
+    assert_eq!(
+        (outcome.below_target_before, outcome.below_target_after),
+        (0, 0)
+    );
     assert!(on.iter().all(|bits| *bits == 0));
     assert_eq!(mesh.nodes, before.nodes);
     assert_eq!(kinds, atoms.kinds);
@@ -112,8 +118,8 @@ fn without_features_a_regular_lattice_is_left_alone() {
 
 #[test]
 fn triangles_that_overlap_are_refused_and_left_as_they_are() {
-    let sheets = Sheets::new(&[], in_space(EXTENT), 4.8, 1.7 * D);
-    let distance = Distance::Constant(D);
+    let sheets = FeaturePlanes::new(&[], to_3d(EXTENT), 4.8, 1.7 * SPACING);
+    let distance = Distance::Constant(SPACING);
     let before = TriMesh {
         nodes: vec![
             [0.0, 0.0],
@@ -125,7 +131,7 @@ fn triangles_that_overlap_are_refused_and_left_as_they_are() {
         triangles: vec![[0, 1, 2], [0, 2, 3], [0, 2, 4]],
     };
     let (mut mesh, mut kinds) = (before.clone(), vec![AtomKind::Corner; 5]);
-    let patience = &Patience::endless();
+    let patience = &CancelToken::never();
     let refused = improve(
         &mut mesh, &mut kinds, EXTENT, &sheets, &distance, 30.0, patience,
     );
@@ -143,12 +149,12 @@ fn corners_of_the_box_stay_where_other_nodes_are_held_as_much() {
     // large as asked for, and the shortest edges are those between such nodes.
     let boxed = [[0.0, 0.0], [4.0, 0.0], [0.0, 4.0], [4.0, 4.0]];
     let inside = [[2.0, 0.0], [1.0, 2.0], [3.0, 2.0], [2.0, 4.0]];
-    let sheets = Sheets::new(&[], [4.0, 4.0, 0.0], 4.8, 3.4);
+    let sheets = FeaturePlanes::new(&[], [4.0, 4.0, 0.0], 4.8, 3.4);
     for (fixed, min_angle) in [(None, 60.0), (Some([4.0, 0.3]), 30.0)] {
         let nodes = [&boxed[..], &inside, fixed.as_slice()].concat();
         let kind = |x: &[f64; 2]| match fixed == Some(*x) {
             true => AtomKind::Fixed,
-            false => seeding::kind_in_box(*x, [4.0; 2]),
+            false => seeding::kind_at(*x, [4.0; 2]),
         };
         let mut kinds: Vec<AtomKind> = nodes.iter().map(kind).collect();
         let mut mesh = delaunay_plane(&nodes).unwrap();
@@ -159,7 +165,7 @@ fn corners_of_the_box_stay_where_other_nodes_are_held_as_much() {
             &sheets,
             &Distance::Constant(2.0),
             min_angle,
-            &Patience::endless(),
+            &CancelToken::never(),
         )
         .unwrap();
         let found = check(&mesh, [0.0; 2], [4.0; 2], 1e-12);
@@ -176,9 +182,9 @@ proptest! {
     fn whatever_is_changed_the_mesh_stays_valid(
         jitter in proptest::collection::vec(proptest::array::uniform2(-2.9f64..2.9), 400),
     ) {
-        let sheets = Sheets::new(&scene(), in_space(EXTENT), 4.8, 1.7 * D);
-        let distance = Distance::Constant(D);
-        let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::On).unwrap();
+        let sheets = FeaturePlanes::new(&circle_and_line(), to_3d(EXTENT), 4.8, 1.7 * SPACING);
+        let distance = Distance::Constant(SPACING);
+        let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::OnFeatures).unwrap();
         for (i, (x, kind)) in atoms.positions.iter_mut().zip(&atoms.kinds).enumerate() {
             if *kind == AtomKind::Interior {
                 let [u, v] = jitter[i % jitter.len()];
@@ -193,10 +199,10 @@ proptest! {
         };
         let before = worst(&mesh);
         let mut kinds = atoms.kinds;
-        let (outcome, _) = improve(&mut mesh, &mut kinds, EXTENT, &sheets, &distance, 30.0, &Patience::endless()).unwrap();
+        let (outcome, _) = improve(&mut mesh, &mut kinds, EXTENT, &sheets, &distance, 30.0, &CancelToken::never()).unwrap();
         let found = check(&mesh, [0.0; 2], EXTENT, 1e-9);
         prop_assert!(found.passed(), "{:?}", found.problems);
-        prop_assert!(outcome.poor_after < outcome.poor_before);
+        prop_assert!(outcome.below_target_after < outcome.below_target_before);
         prop_assert!(worst(&mesh) >= before.min(3.0));
     }
 }

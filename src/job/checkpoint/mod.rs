@@ -6,7 +6,7 @@
 //!
 //! - `kept`: results as bytes
 
-mod kept;
+mod codecs;
 
 use std::fmt::Write as _;
 use std::io::Write;
@@ -15,12 +15,12 @@ use std::path::{Path, PathBuf};
 use sha2::{Digest, Sha256};
 
 use super::{Params, Weight};
-use crate::error::{Error, cause, os};
-pub use crate::files::kept::Kept;
-use crate::files::kept::{SUM, sum};
+use crate::error::{Error, cause, io_error};
+pub use crate::files::codec::Codec;
+use crate::files::codec::{CHECKSUM_BYTES, checksum};
 use crate::files::{self, atomic};
-use crate::image::{Geometry, Image, Layers, Source};
-use crate::{Result, ranks};
+use crate::image::{Geometry, Image, ImageLayers, ImageSource};
+use crate::{Result, comm};
 
 /// How every file of a stage begins.
 const MAGIC: &[u8] = b"atomesh checkpoint 1\n";
@@ -32,10 +32,10 @@ pub struct Checkpoint {
 }
 
 /// The same, of one job.
-pub struct OfJob {
+pub struct JobCheckpoint {
     folder: PathBuf,
     /// Tells this job from all others.
-    key: [u8; SUM],
+    key: [u8; CHECKSUM_BYTES],
 }
 
 impl Checkpoint {
@@ -48,42 +48,42 @@ impl Checkpoint {
             let remedy = "give the name of a folder";
             return Err(Error::Io(cause(folder.display(), "is no folder", remedy)));
         }
-        std::fs::create_dir_all(folder).map_err(|e| os(folder, "make the folder", e))?;
+        std::fs::create_dir_all(folder).map_err(|e| io_error(folder, "make the folder", e))?;
         Ok(Self {
             folder: folder.to_path_buf(),
         })
     }
 
     /// For a job: by all that decides its result, which only the first rank asks for.
-    pub(super) fn of<const D: usize>(
+    pub(super) fn for_job<const D: usize>(
         &self,
-        source: Source<'_, D>,
+        source: ImageSource<'_, D>,
         params: &Params<D>,
-    ) -> Result<OfJob> {
-        if !ranks::is_first() {
-            return Ok(OfJob {
+    ) -> Result<JobCheckpoint> {
+        if !comm::is_root() {
+            return Ok(JobCheckpoint {
                 folder: self.folder.clone(),
-                key: [0; SUM],
+                key: [0; CHECKSUM_BYTES],
             });
         }
         let mut hasher = Sha256::new();
         hasher.update(env!("CARGO_PKG_VERSION"));
         match source {
-            Source::Held(image) => add(&mut hasher, image),
-            Source::InLayers(layers) => add_layers(&mut hasher, layers)?,
+            ImageSource::InMemory(image) => add_image(&mut hasher, image),
+            ImageSource::Layered(layers) => add_layers(&mut hasher, layers)?,
         }
         // Images are written out in full, not as they are shown.
         let mut rest = params.clone();
-        for image in rest.distances.take().iter() {
-            add(&mut hasher, image);
+        for image in rest.distance_map.take().iter() {
+            add_image(&mut hasher, image);
         }
         if let Weight::Image(image) = std::mem::replace(&mut rest.beta, Weight::Constant(0.0)) {
-            add(&mut hasher, &image);
+            add_image(&mut hasher, &image);
         } else {
             rest.beta = params.beta.clone();
         }
         hasher.update(format!("{rest:?}"));
-        Ok(OfJob {
+        Ok(JobCheckpoint {
             folder: self.folder.clone(),
             key: hasher.finalize().into(),
         })
@@ -91,8 +91,8 @@ impl Checkpoint {
 }
 
 /// An image's samples, and where they lie.
-fn add<const D: usize>(hasher: &mut Sha256, image: &Image<D>) {
-    add_place(hasher, image.dims(), &image.geometry, &image.missing);
+fn add_image<const D: usize>(hasher: &mut Sha256, image: &Image<D>) {
+    add_geometry(hasher, image.dims(), &image.geometry, &image.missing);
     image
         .dead
         .iter()
@@ -101,18 +101,18 @@ fn add<const D: usize>(hasher: &mut Sha256, image: &Image<D>) {
 }
 
 /// The same, layer by layer.
-fn add_layers<const D: usize>(hasher: &mut Sha256, layers: &dyn Layers<D>) -> Result<()> {
+fn add_layers<const D: usize>(hasher: &mut Sha256, layers: &dyn ImageLayers<D>) -> Result<()> {
     let dims = layers.dims();
-    add_place(hasher, dims, layers.geometry(), &[]);
+    add_geometry(hasher, dims, layers.geometry(), &[]);
     let mut layer = vec![0.0; dims[..D - 1].iter().product()];
     for i in 0..dims[D - 1] {
-        layers.read(i, &mut layer)?;
+        layers.read_layers(i, &mut layer)?;
         add_samples(hasher, &layer);
     }
     Ok(())
 }
 
-fn add_place<const D: usize>(
+fn add_geometry<const D: usize>(
     hasher: &mut Sha256,
     dims: [usize; D],
     geometry: &Geometry<D>,
@@ -134,35 +134,35 @@ fn add_samples(hasher: &mut Sha256, samples: &[f32]) {
 }
 
 /// What there is of a stage.
-pub enum Found<T> {
+pub enum StoredStage<T> {
     /// Its result.
-    Whole(T),
+    Complete(T),
     /// Nothing.
-    Nothing,
+    Missing,
     /// A file that is of no use, and why.
-    Useless(String),
+    Unusable(String),
 }
 
-impl OfJob {
-    fn file(&self, stage: &str) -> PathBuf {
+impl JobCheckpoint {
+    fn stage_file(&self, stage: &str) -> PathBuf {
         self.folder.join(format!("{stage}.checkpoint"))
     }
 
     /// What was kept of a stage.
-    pub fn found<T: Kept>(&self, stage: &str) -> Found<T> {
-        let path = self.file(stage);
-        let useless = |why: &str| Found::Useless(format!("{}: {why}", path.display()));
+    pub fn load<T: Codec>(&self, stage: &str) -> StoredStage<T> {
+        let path = self.stage_file(stage);
+        let useless = |why: &str| StoredStage::Unusable(format!("{}: {why}", path.display()));
         if !path.exists() {
-            return Found::Nothing;
+            return StoredStage::Missing;
         }
         let read = files::open(&path, "remove it")
-            .and_then(|_| std::fs::read(&path).map_err(|e| os(&path, "read", e)));
+            .and_then(|_| std::fs::read(&path).map_err(|e| io_error(&path, "read", e)));
         let Ok(bytes) = read else {
             return useless("cannot be read: this stage is made again");
         };
         let parts = bytes.strip_prefix(MAGIC).and_then(|rest| {
-            let (key, rest) = rest.split_first_chunk::<SUM>()?;
-            let (sum, rest) = rest.split_first_chunk::<SUM>()?;
+            let (key, rest) = rest.split_first_chunk::<CHECKSUM_BYTES>()?;
+            let (sum, rest) = rest.split_first_chunk::<CHECKSUM_BYTES>()?;
             Some((key, sum, rest))
         });
         let Some((key, sum, mut rest)) = parts else {
@@ -174,8 +174,8 @@ impl OfJob {
             );
         }
         let whole = Sha256::digest(rest)[..] == sum[..];
-        match whole.then(|| T::take(&mut rest)).flatten() {
-            Some(value) if rest.is_empty() => Found::Whole(value),
+        match whole.then(|| T::decode(&mut rest)).flatten() {
+            Some(value) if rest.is_empty() => StoredStage::Complete(value),
             _ => useless("is damaged: this stage is made again"),
         }
     }
@@ -184,15 +184,15 @@ impl OfJob {
     ///
     /// # Errors
     /// [`Error::Io`] if it cannot be written.
-    pub fn keep<T: Kept>(&self, stage: &str, value: &T) -> Result<()> {
-        let path = self.file(stage);
-        let sum = sum(value).map_err(|e| os(&path, "write", e))?;
-        atomic::at_once(|| {
+    pub fn save<T: Codec>(&self, stage: &str, value: &T) -> Result<()> {
+        let path = self.stage_file(stage);
+        let sum = checksum(value).map_err(|e| io_error(&path, "write", e))?;
+        atomic::commit_immediately(|| {
             files::atomic_write(&path, |out| {
                 out.write_all(MAGIC)?;
                 out.write_all(&self.key)?;
                 out.write_all(&sum)?;
-                value.put(out)
+                value.encode(out)
             })
         })
     }

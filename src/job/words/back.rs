@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::feature::LabelWish;
+use crate::feature::LabelOptions;
 use crate::improve;
 use crate::job::asked::{
     Apart, BetaFrom, Cells, DistanceFrom, Followed, Job, LatticeEnergy, LatticeJob, LatticeSpace,
@@ -82,7 +82,7 @@ impl Settings {
                 self.background = texts(background);
             }
             What::Labels { wishes } => {
-                let texts: Vec<String> = wishes.iter().map(LabelWish::to_string).collect();
+                let texts: Vec<String> = wishes.iter().map(LabelOptions::to_string).collect();
                 self.label = (!texts.is_empty()).then_some(texts);
             }
             What::Strong { .. } => {}

@@ -2,7 +2,7 @@
 
 use super::{Said, bad, finites};
 use crate::Result;
-use crate::feature::{FeatureKind, LabelWish};
+use crate::feature::{FeatureKind, LabelOptions};
 use crate::image::LabelValue;
 use crate::job::asked::{Followed, StrongKind, What};
 use crate::job::settings::SeedingName;
@@ -87,10 +87,10 @@ pub(super) fn followed(said: &Said) -> Result<Followed> {
 }
 
 /// What is wanted of labels, each named once.
-fn wishes(texts: &[String]) -> Result<Vec<LabelWish>> {
-    let mut wishes: Vec<LabelWish> = Vec::new();
+fn wishes(texts: &[String]) -> Result<Vec<LabelOptions>> {
+    let mut wishes: Vec<LabelOptions> = Vec::new();
     for text in texts {
-        let wish = LabelWish::parse(text)
+        let wish = LabelOptions::parse(text)
             .map_err(|(problem, remedy)| bad("label", text, &problem, remedy))?;
         if wishes.iter().any(|known| known.label == wish.label) {
             let problem = "is about a label that another one is about, too";
@@ -106,9 +106,9 @@ fn wishes(texts: &[String]) -> Result<Vec<LabelWish>> {
     let gone = |into: LabelValue| {
         wishes
             .iter()
-            .any(|wish| wish.label == into && wish.into.is_some())
+            .any(|wish| wish.label == into && wish.merge_into.is_some())
     };
-    if let Some(wish) = wishes.iter().find(|wish| wish.into.is_some_and(gone)) {
+    if let Some(wish) = wishes.iter().find(|wish| wish.merge_into.is_some_and(gone)) {
         let problem = "puts a label into one that is itself put into another";
         return Err(bad("label", wish, problem, "name the last of them"));
     }

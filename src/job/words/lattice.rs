@@ -9,7 +9,7 @@ use crate::job::Evaluator;
 use crate::job::asked::{
     Apart, BetaFrom, DistanceFrom, LatticeEnergy, LatticeJob, PlacementJob, Start, Wells,
 };
-use crate::job::params::DISTANCES;
+use crate::job::params::DEFAULT_DISTANCES;
 use crate::job::settings::{SeedingName, Settings};
 
 /// Atoms on Canny's points.
@@ -161,7 +161,7 @@ fn wells(said: &Said) -> Result<Option<Wells>> {
 }
 
 fn apart(settings: &Settings) -> Result<Apart> {
-    let [least, most] = DISTANCES;
+    let [least, most] = DEFAULT_DISTANCES;
     let by_default = format!("{least}:{most}");
     let text = settings.distance.as_deref().unwrap_or(&by_default);
     let from = settings.distance_from.as_deref();

@@ -1,36 +1,37 @@
 //! d(x) as a set of atoms has it.
 
-use super::{Distance, limit_gradient, lower_round};
+use super::{Distance, limit_gradient, lower_cell_corners};
+use crate::geometry::counting_sort::sort_by_group;
 use crate::geometry::distance2;
-use crate::geometry::groups::grouped;
-use crate::image::Field;
-use crate::observer::Patience;
+use crate::image::ScalarField;
+use crate::progress::CancelToken;
 
 /// Samples of d are about this far apart, in units of the mean distance between atoms.
-const FINE: f64 = 0.5;
+const SAMPLE_SPACING_RATIO: f64 = 0.5;
 
 /// d(x) of atoms in the box `[0, extent]`: at every atom its distance from its nearest neighbour,
 /// growing away from it by `growth` per lattice unit, up to half the box's shortest side.
-pub fn of_atoms<const D: usize>(
+pub fn from_atoms<const D: usize>(
     positions: &[[f64; D]],
     extent: [f64; D],
     growth: f64,
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> Distance<D> {
     let nearest = nearest_neighbours(positions, extent);
     let most = extent.iter().fold(f64::INFINITY, |a, &e| a.min(e)) / 2.0;
     let volume: f64 = extent.iter().product();
-    let spacing = FINE * (volume / positions.len().max(1) as f64).powf(1.0 / D as f64);
+    let spacing =
+        SAMPLE_SPACING_RATIO * (volume / positions.len().max(1) as f64).powf(1.0 / D as f64);
     let cells = extent.map(|e| (e / spacing).ceil().max(1.0) as usize);
     let dims = cells.map(|c| c + 1);
     let step: [f64; D] = std::array::from_fn(|k| extent[k] / cells[k] as f64);
-    let mut field = Field {
+    let mut field = ScalarField {
         dims,
         step,
         samples: vec![most as f32; dims.iter().product()],
     };
     for (&x, &d) in positions.iter().zip(&nearest) {
-        lower_round(&mut field, x, d as f32);
+        lower_cell_corners(&mut field, x, d as f32);
     }
     limit_gradient(&mut field, growth, patience);
     Distance::Field(field)
@@ -46,7 +47,7 @@ pub fn nearest_neighbours<const D: usize>(positions: &[[f64; D]], extent: [f64; 
     };
     let index = |at: [usize; D]| (0..D).rev().fold(0, |i, k| i * dims[k] + at[k]);
     let cells = positions.iter().map(|x| index(cell(x)));
-    let (start, order) = grouped(dims.iter().product(), cells);
+    let (start, order) = sort_by_group(dims.iter().product(), cells);
     let widest = dims.iter().fold(0, |a, &b| a.max(b));
     let nearest = |n: usize| {
         let (x, at) = (&positions[n], cell(&positions[n]));
@@ -85,7 +86,7 @@ pub fn nearest_neighbours<const D: usize>(positions: &[[f64; D]], extent: [f64; 
 mod tests {
     use super::*;
 
-    fn scattered<const D: usize>(count: u32, extent: [f64; D]) -> Vec<[f64; D]> {
+    fn random_points<const D: usize>(count: u32, extent: [f64; D]) -> Vec<[f64; D]> {
         let mut state = 1u32;
         let mut random = || {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -98,7 +99,7 @@ mod tests {
     }
 
     fn finds_what_a_search_of_all_finds<const D: usize>(extent: [f64; D]) {
-        let positions = scattered(300, extent);
+        let positions = random_points(300, extent);
         let all = |n: usize| {
             let squares = |m: usize| -> f64 {
                 (0..D)
@@ -124,16 +125,16 @@ mod tests {
         let extent = [60.0, 48.0];
         let grid = |i: u32| [f64::from(i % 16) * 4.0, f64::from(i / 16) * 4.0];
         let positions: Vec<[f64; 2]> = (0..16 * 13).map(grid).collect();
-        let distance = of_atoms(&positions, extent, 0.3, &Patience::endless());
+        let distance = from_atoms(&positions, extent, 0.3, &CancelToken::never());
         distance.validate(extent).unwrap();
         for x in [[10.0, 10.0], [31.5, 17.25], [0.0, 48.0]] {
-            let d = distance.at(x);
+            let d = distance.value_at(x);
             assert!((4.0..4.9).contains(&d), "{d}");
         }
         // Far from all atoms it is larger.
         let few = [[0.0, 0.0], [4.0, 0.0], [60.0, 48.0], [60.0, 44.0]];
-        let distance = of_atoms(&few, extent, 0.3, &Patience::endless());
-        assert!(distance.at([30.0, 24.0]) > 8.0);
-        assert!((distance.at([0.0, 0.0]) - 4.0).abs() < 1e-6);
+        let distance = from_atoms(&few, extent, 0.3, &CancelToken::never());
+        assert!(distance.value_at([30.0, 24.0]) > 8.0);
+        assert!((distance.value_at([0.0, 0.0]) - 4.0).abs() < 1e-6);
     }
 }

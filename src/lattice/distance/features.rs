@@ -1,15 +1,15 @@
 //! d(x) that grows away from the features of an image.
 
-use super::{Distance, InLayers, Shared, limit_gradient};
+use super::{Distance, DistanceLayers, DistributedDistance, limit_gradient};
+use crate::comm::{Comm, SelfComm};
 use crate::error::{Error, Result, cause};
 use crate::feature::Features;
-use crate::image::Field;
-use crate::observer::Patience;
-use crate::ranks::{Alone, Group};
+use crate::image::ScalarField;
+use crate::progress::CancelToken;
 
 /// Between what, and how fast, a distance varies.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Limits {
+pub struct DistanceLimits {
     /// The least distance.
     pub min: f64,
     /// The largest.
@@ -34,23 +34,23 @@ pub struct Limits {
 /// between 0 and 1.
 pub fn from_features<const D: usize>(
     features: &Features<D>,
-    limits: Limits,
-    patience: &Patience<'_>,
+    limits: DistanceLimits,
+    patience: &CancelToken<'_>,
 ) -> Result<Distance<D>> {
-    shared_from_features(features, limits, patience, &Alone)?.into_whole(&Alone)
+    distributed_from_features(features, limits, patience, &SelfComm)?.into_global(&SelfComm)
 }
 
 /// The same; where the points are shared by a group, so is d.
 ///
 /// # Errors
 /// As [`from_features`], and those of the others of the group.
-pub(crate) fn shared_from_features<const D: usize>(
+pub(crate) fn distributed_from_features<const D: usize>(
     features: &Features<D>,
-    limits: Limits,
-    patience: &Patience<'_>,
-    group: &dyn Group,
-) -> Result<Shared<D>> {
-    at_points(features, limits, patience, group, |_| limits.min as f32)
+    limits: DistanceLimits,
+    patience: &CancelToken<'_>,
+    group: &dyn Comm,
+) -> Result<DistributedDistance<D>> {
+    from_points(features, limits, patience, group, |_| limits.min as f32)
 }
 
 /// d(x) as the gaps between features ask for ([`Features::spacing`]) at every feature point, from `min`
@@ -59,60 +59,60 @@ pub(crate) fn shared_from_features<const D: usize>(
 ///
 /// # Errors
 /// As [`from_features`], and those of the others of the group.
-pub(crate) fn shared_from_gaps<const D: usize>(
+pub(crate) fn distributed_from_gaps<const D: usize>(
     features: &Features<D>,
-    limits: Limits,
-    patience: &Patience<'_>,
-    group: &dyn Group,
-) -> Result<Shared<D>> {
+    limits: DistanceLimits,
+    patience: &CancelToken<'_>,
+    group: &dyn Comm,
+) -> Result<DistributedDistance<D>> {
     let [min, max] = [limits.min, limits.max].map(|d| d as f32);
     let spacing = features.spacing.as_deref().unwrap_or(&[]);
     let at = |i: usize| spacing.get(i).map_or(max, |d| d.clamp(min, max));
     let mut fine = (0..features.points.len()).any(|i| at(i) < max);
-    if features.in_shares.is_some() {
-        fine = group.all("fine points", fine)?.contains(&true);
+    if features.global_counts.is_some() {
+        fine = group.all_gather("fine points", fine)?.contains(&true);
     }
     // Where no gap asks for less, one number says it all.
     if !fine {
         limits.check()?;
-        return Ok(Shared::All(Distance::Constant(limits.max)));
+        return Ok(DistributedDistance::Global(Distance::Constant(limits.max)));
     }
-    at_points(features, limits, patience, group, at)
+    from_points(features, limits, patience, group, at)
 }
 
 /// d(x) from d at each feature point.
-fn at_points<const D: usize>(
+fn from_points<const D: usize>(
     features: &Features<D>,
-    limits: Limits,
-    patience: &Patience<'_>,
-    group: &dyn Group,
+    limits: DistanceLimits,
+    patience: &CancelToken<'_>,
+    group: &dyn Comm,
     at_point: impl Fn(usize) -> f32,
-) -> Result<Shared<D>> {
+) -> Result<DistributedDistance<D>> {
     limits.check()?;
     let extent = features.potential.extent();
     let numbered = features.points.iter().enumerate();
     let points = numbered.map(|(i, point)| (point.position, at_point(i)));
-    if features.in_shares.is_some() {
-        let some = InLayers::of_points(extent, limits, points, patience, group)?;
-        return Ok(Shared::InLayers(some));
+    if features.global_counts.is_some() {
+        let some = DistanceLayers::from_points(extent, limits, points, patience, group)?;
+        return Ok(DistributedDistance::Layers(some));
     }
     let mut field = coarse_field(extent, limits.min, limits.max);
-    points.for_each(|(x, d)| lower_round(&mut field, x.map(f64::from), d));
+    points.for_each(|(x, d)| lower_cell_corners(&mut field, x.map(f64::from), d));
     limit_gradient(&mut field, limits.growth, patience);
-    Ok(Shared::All(Distance::Field(field)))
+    Ok(DistributedDistance::Global(Distance::Field(field)))
 }
 
 /// Lowers d at each corner of the cell that a point is in to what it is at the point.
-pub(crate) fn lower_round<const D: usize>(field: &mut Field<D>, x: [f64; D], d: f32) {
+pub(crate) fn lower_cell_corners<const D: usize>(field: &mut ScalarField<D>, x: [f64; D], d: f32) {
     let dims = field.dims;
-    for_corners(x, dims, field.step, |at| {
+    for_each_corner(x, dims, field.step, |at| {
         let at = (0..D).rev().fold(0, |all, k| all * dims[k] + at[k]);
         field.samples[at] = field.samples[at].min(d);
     });
 }
 
 /// Each corner of the cell of a grid that a point is in.
-pub(super) fn for_corners<const D: usize>(
+pub(super) fn for_each_corner<const D: usize>(
     x: [f64; D],
     dims: [usize; D],
     step: [f64; D],
@@ -136,16 +136,16 @@ pub(super) fn coarse_grid<const D: usize>(extent: [f64; D], min: f64) -> ([usize
 }
 
 /// A field of `max` everywhere, on a grid of spacing at most `min / 2` that spans the box.
-pub(crate) fn coarse_field<const D: usize>(extent: [f64; D], min: f64, max: f64) -> Field<D> {
+pub(crate) fn coarse_field<const D: usize>(extent: [f64; D], min: f64, max: f64) -> ScalarField<D> {
     let (dims, step) = coarse_grid(extent, min);
-    Field {
+    ScalarField {
         dims,
         step,
         samples: vec![max as f32; dims.iter().product()],
     }
 }
 
-impl Limits {
+impl DistanceLimits {
     /// Refuses limits that are not positive and in order, and a growth that is not in (0, 1].
     pub(super) fn check(self) -> Result<()> {
         let Self { min, max, growth } = self;
@@ -178,11 +178,16 @@ impl Limits {
 mod tests {
     use super::*;
     use crate::feature::FeaturePoint;
-    use crate::image::Sparse;
+    use crate::image::SparseField;
 
-    fn known(features: &Features<3>, min: f64, max: f64, growth: f64) -> Result<Distance<3>> {
-        let limits = Limits { min, max, growth };
-        from_features(features, limits, &Patience::endless())
+    fn distance_from_features(
+        features: &Features<3>,
+        min: f64,
+        max: f64,
+        growth: f64,
+    ) -> Result<Distance<3>> {
+        let limits = DistanceLimits { min, max, growth };
+        from_features(features, limits, &CancelToken::never())
     }
 
     /// The plane x = 20.3 in a box of 64 x 50 x 40 samples.
@@ -195,9 +200,9 @@ mod tests {
                 strength: 1.0,
             })
             .collect();
-        let potential = Sparse::zero(dims, [1.0; 3]);
+        let potential = SparseField::zero(dims, [1.0; 3]);
         Features {
-            sheet: vec![],
+            surface: vec![],
             on_horizon: vec![],
             points,
             potential,
@@ -205,9 +210,9 @@ mod tests {
             outcomes: vec![],
             missing: None,
             notes: vec![],
-            settled: vec![],
+            resolved: vec![],
             spacing: None,
-            in_shares: None,
+            global_counts: None,
             labels: None,
             confidence: None,
             doubt: None,
@@ -217,24 +222,24 @@ mod tests {
     #[test]
     fn d_is_min_on_the_feature_and_grows_linearly_to_max() {
         let features = plane();
-        let d = known(&features, 4.0, 7.0, 0.1).unwrap();
+        let d = distance_from_features(&features, 4.0, 7.0, 0.1).unwrap();
         assert!(d.validate(features.potential.extent()).is_ok());
         assert_eq!(d.min(), 4.0);
         assert_eq!(d.max(), 7.0);
         for point in &features.points {
-            assert!((d.at(point.position.map(f64::from)) - 4.0).abs() < 1e-12);
+            assert!((d.value_at(point.position.map(f64::from)) - 4.0).abs() < 1e-12);
         }
         for x in 0..64 {
             let p = [x as f64, 23.7, 11.1];
             // The foot is up to a cell (two samples) wide on either side; interpolation rounds the kinks.
             let away = (p[0] - 20.3f64).abs();
             let (least, most) = (4.0 + 0.1 * (away - 2.05).max(0.0), 4.0 + 0.1 * away);
-            let got = d.at(p);
+            let got = d.value_at(p);
             assert!(
                 got >= least.min(7.0) - 5e-3 && got <= most.min(7.0) + 1e-4,
                 "{x} {got}"
             );
-            let (_, gradient) = d.at_with_gradient(p);
+            let (_, gradient) = d.value_and_gradient_at(p);
             assert!(gradient.iter().map(|g| g * g).sum::<f64>().sqrt() <= 0.1 * 1.001);
         }
     }
@@ -245,7 +250,7 @@ mod tests {
             points: vec![],
             ..plane()
         };
-        let d = known(&features, 4.0, 9.0, 0.1).unwrap();
+        let d = distance_from_features(&features, 4.0, 9.0, 0.1).unwrap();
         assert_eq!((d.min(), d.max()), (9.0, 9.0));
     }
 
@@ -258,7 +263,9 @@ mod tests {
             (4.0, 8.0, 0.0),
             (4.0, 8.0, 2.0),
         ] {
-            let message = known(&plane(), min, max, growth).unwrap_err().to_string();
+            let message = distance_from_features(&plane(), min, max, growth)
+                .unwrap_err()
+                .to_string();
             assert!(message.contains("; give"), "{message}");
         }
     }

@@ -4,14 +4,14 @@ use std::ops::Range;
 
 use crate::parallel::prelude::*;
 
+use crate::comm::Comm;
 use crate::error::Result;
-use crate::geometry::wide::wide;
-use crate::image::Field;
-use crate::observer::Patience;
-use crate::ranks::Group;
+use crate::geometry::simd::dispatch_simd;
+use crate::image::ScalarField;
+use crate::progress::CancelToken;
 
 /// Samples that are swept in one task, at least.
-const TOGETHER: usize = 1 << 12;
+const MIN_SAMPLES_PER_TASK: usize = 1 << 12;
 
 /// Lowers `field`, which is positive, to the largest function below it whose gradient is nowhere longer than `growth`
 /// (per lattice unit); never raises a sample, so every minimum is kept.
@@ -23,9 +23,13 @@ const TOGETHER: usize = 1 << 12;
 ///
 /// Rows of which neither is beside the other are swept at the same time (Zhao, "Parallel implementations of the
 /// fast sweeping method", 2007).
-pub fn limit_gradient<const D: usize>(field: &mut Field<D>, growth: f64, patience: &Patience<'_>) {
-    let rows = rows(field);
-    Sweeps::new(field, 0..rows, growth).settle(patience);
+pub fn limit_gradient<const D: usize>(
+    field: &mut ScalarField<D>,
+    growth: f64,
+    patience: &CancelToken<'_>,
+) {
+    let rows = row_count(field);
+    FastSweeping::new(field, 0..rows, growth).sweep_until_stable(patience);
 }
 
 /// The same of a field of which each of a group has its `layers` along the last axis; of the whole this has those from
@@ -33,15 +37,15 @@ pub fn limit_gradient<const D: usize>(field: &mut Field<D>, growth: f64, patienc
 ///
 /// # Errors
 /// Those of the others.
-pub(super) fn limit_together<const D: usize>(
-    field: &mut Field<D>,
+pub(super) fn limit_gradient_in_layers<const D: usize>(
+    field: &mut ScalarField<D>,
     first: usize,
     layers: &[Range<usize>],
     growth: f64,
-    patience: &Patience<'_>,
-    group: &dyn Group,
+    patience: &CancelToken<'_>,
+    group: &dyn Comm,
 ) -> Result<()> {
-    let all = rows(field);
+    let all = row_count(field);
     let (rank, samples) = (group.rank(), field.dims[..D - 1].iter().product::<usize>());
     let of_layer = samples / field.dims[0].max(1);
     let own = layers[rank].clone();
@@ -49,7 +53,7 @@ pub(super) fn limit_together<const D: usize>(
         true => 0..0,
         false => (own.start - first) * of_layer..((own.end - first) * of_layer).min(all),
     };
-    let mut sweeps = Sweeps::new(field, held, growth);
+    let mut sweeps = FastSweeping::new(field, held, growth);
     // The layers beside each one's own.
     let beside = |of: usize| match layers[of].is_empty() {
         true => [None; 2],
@@ -57,7 +61,7 @@ pub(super) fn limit_together<const D: usize>(
     };
     let mut first_time = true;
     loop {
-        let changed = sweeps.settle(patience) || std::mem::take(&mut first_time);
+        let changed = sweeps.sweep_until_stable(patience) || std::mem::take(&mut first_time);
         let told = (0..layers.len()).map(|to| -> Vec<(usize, Vec<f32>)> {
             let wanted = beside(to).into_iter().flatten();
             let wanted = wanted.filter(|at| changed && to != rank && own.contains(at));
@@ -65,12 +69,13 @@ pub(super) fn limit_together<const D: usize>(
             wanted.map(|at| (at, layer(at))).collect()
         });
         let told: Vec<Vec<(usize, Vec<f32>)>> =
-            group.pass("layers of distances", told.collect())?;
+            group.all_to_all("layers of distances", told.collect())?;
         let mut lower = false;
         for (at, layer) in told.into_iter().flatten() {
-            lower |= sweeps.put(at - first, &layer);
+            lower |= sweeps.lower_layer(at - first, &layer);
         }
-        let all: Vec<(bool, bool)> = group.all("distances", (lower, patience.over()))?;
+        let all: Vec<(bool, bool)> =
+            group.all_gather("distances", (lower, patience.is_cancelled()))?;
         if !all.iter().any(|(lower, _)| *lower) || all.iter().any(|(_, over)| *over) {
             return Ok(());
         }
@@ -78,52 +83,52 @@ pub(super) fn limit_together<const D: usize>(
 }
 
 /// Rows along the first axis.
-fn rows<const D: usize>(field: &Field<D>) -> usize {
+fn row_count<const D: usize>(field: &ScalarField<D>) -> usize {
     field.dims[1..].iter().product()
 }
 
-struct Sweeps<'a, const D: usize> {
-    field: &'a mut Field<D>,
+struct FastSweeping<'a, const D: usize> {
+    field: &'a mut ScalarField<D>,
     growth: f64,
     /// Rows along the first axis that may change at all ...
-    held: Range<usize>,
+    mutable_rows: Range<usize>,
     /// ... and those that a sweep may change: those that the last one changed, or beside which one has changed since.
-    open: Vec<bool>,
+    active_rows: Vec<bool>,
 }
 
 /// A row after a sweep that has changed it.
-struct Lowered {
+struct LoweredRow {
     row: usize,
     samples: Vec<f32>,
 }
 
-impl<'a, const D: usize> Sweeps<'a, D> {
-    fn new(field: &'a mut Field<D>, held: Range<usize>, growth: f64) -> Self {
-        let mut open = vec![false; rows(field)];
-        open[held.clone()].fill(true);
+impl<'a, const D: usize> FastSweeping<'a, D> {
+    fn new(field: &'a mut ScalarField<D>, mutable_rows: Range<usize>, growth: f64) -> Self {
+        let mut active_rows = vec![false; row_count(field)];
+        active_rows[mutable_rows.clone()].fill(true);
         Self {
             field,
             growth,
-            held,
-            open,
+            mutable_rows,
+            active_rows,
         }
     }
 
     /// Sweeps until nothing changes; whether anything has.
-    fn settle(&mut self, patience: &Patience<'_>) -> bool {
+    fn sweep_until_stable(&mut self, patience: &CancelToken<'_>) -> bool {
         let mut any = false;
         loop {
             let sweeps = (0..1usize << D).map(|order| self.sweep(order, patience));
             let changed = sweeps.fold(false, |all, one| all | one);
             any |= changed;
-            if !changed || patience.over() {
+            if !changed || patience.is_cancelled() {
                 return any;
             }
         }
     }
 
     /// Lowers the samples of a layer to those of another; whether any was higher.
-    fn put(&mut self, at: usize, layer: &[f32]) -> bool {
+    fn lower_layer(&mut self, at: usize, layer: &[f32]) -> bool {
         let (count, mut any) = (self.field.dims[0], false);
         let rows = layer.len() / count;
         for (row, lower) in (at * rows..).zip(layer.chunks_exact(count)) {
@@ -134,7 +139,7 @@ impl<'a, const D: usize> Sweeps<'a, D> {
                 any | falls
             });
             if lowered {
-                self.open_beside(row);
+                self.activate_adjacent(row);
                 any = true;
             }
         }
@@ -142,14 +147,14 @@ impl<'a, const D: usize> Sweeps<'a, D> {
     }
 
     /// Rows beside one may be lower now.
-    fn open_beside(&mut self, row: usize) {
-        for row in self.beside(row).into_iter().flatten().flatten() {
-            self.open[row] = self.held.contains(&row);
+    fn activate_adjacent(&mut self, row: usize) {
+        for row in self.adjacent_rows(row).into_iter().flatten().flatten() {
+            self.active_rows[row] = self.mutable_rows.contains(&row);
         }
     }
 
     /// One pass in the direction given by the bits of `order`; returns whether anything changed.
-    fn sweep(&mut self, order: usize, patience: &Patience<'_>) -> bool {
+    fn sweep(&mut self, order: usize, patience: &CancelToken<'_>) -> bool {
         let across = |k: usize| self.field.dims.get(k).copied().unwrap_or(1);
         let [wide, high] = [across(1), across(2)];
         let turned = |k: usize, count: usize, i: usize| match order >> k & 1 {
@@ -158,32 +163,32 @@ impl<'a, const D: usize> Sweeps<'a, D> {
         };
         let mut changed = false;
         for diagonal in 0..wide + high - 1 {
-            if patience.over() {
+            if patience.is_cancelled() {
                 break;
             }
             let rows = (diagonal + 1).saturating_sub(wide)..high.min(diagonal + 1);
             let row = |k| turned(2, high, k) * wide + turned(1, wide, diagonal - k);
-            let open: Vec<usize> = rows.map(row).filter(|&row| self.open[row]).collect();
-            let least = (TOGETHER / self.field.dims[0].max(1)).max(1);
-            let lowered: Vec<Option<Lowered>> = open
+            let open: Vec<usize> = rows.map(row).filter(|&row| self.active_rows[row]).collect();
+            let least = (MIN_SAMPLES_PER_TASK / self.field.dims[0].max(1)).max(1);
+            let lowered: Vec<Option<LoweredRow>> = open
                 .par_iter()
                 .with_min_len(least)
-                .map(|&row| self.lowered(row, order & 1 == 1))
+                .map(|&row| self.lower_row(row, order & 1 == 1))
                 .collect();
-            open.iter().for_each(|&row| self.open[row] = false);
-            for Lowered { row, samples } in lowered.into_iter().flatten() {
+            open.iter().for_each(|&row| self.active_rows[row] = false);
+            for LoweredRow { row, samples } in lowered.into_iter().flatten() {
                 changed = true;
                 self.field.samples[row * samples.len()..][..samples.len()]
                     .copy_from_slice(&samples);
-                self.open[row] = true;
-                self.open_beside(row);
+                self.active_rows[row] = true;
+                self.activate_adjacent(row);
             }
         }
         changed
     }
 
     /// The rows before and after a row along the other axes, where there are any.
-    fn beside(&self, row: usize) -> [[Option<usize>; 2]; 2] {
+    fn adjacent_rows(&self, row: usize) -> [[Option<usize>; 2]; 2] {
         let mut stride = 1;
         [1, 2].map(|k| {
             let count = self.field.dims.get(k).copied().unwrap_or(1);
@@ -194,76 +199,76 @@ impl<'a, const D: usize> Sweeps<'a, D> {
     }
 
     /// A row swept, if that changes it.
-    fn lowered(&self, row: usize, backward: bool) -> Option<Lowered> {
+    fn lower_row(&self, row: usize, backward: bool) -> Option<LoweredRow> {
         let count = self.field.dims[0];
         let samples = |row: usize| &self.field.samples[row * count..][..count];
         // Where there is none on a side, the row on the other, and on either, the row itself: none is lower than it.
-        let around = self.beside(row).map(|[before, after]| {
+        let around = self.adjacent_rows(row).map(|[before, after]| {
             [before.or(after), after.or(before)].map(|other| samples(other.unwrap_or(row)))
         });
-        let slope = Slope {
-            scale: self.field.step.map(|h| 1.0 / (h * h)),
-            square: self.growth * self.growth,
+        let slope = SlopeLimit {
+            inverse_step2: self.field.step.map(|h| 1.0 / (h * h)),
+            slope2: self.growth * self.growth,
         };
         let own = samples(row);
         let low = |own: &[f32], i: usize, k: usize| match k {
             0 => own[i.max(1) - 1].min(own[(i + 1).min(count - 1)]),
             _ => around[k - 1][0][i].min(around[k - 1][1][i]),
         };
-        let ends = [0, count - 1].map(|i| slope.is_less(own[i], |k| low(own, i, k)));
-        if !ends.contains(&true) && !slope.is_less_inside(own, around) {
+        let ends = [0, count - 1].map(|i| slope.needs_lowering(own[i], |k| low(own, i, k)));
+        if !ends.contains(&true) && !slope.interior_needs_lowering(own, around) {
             return None;
         }
         let mut own = own.to_vec();
         let mut changed = false;
         for i in 0..count {
             let i = if backward { count - 1 - i } else { i };
-            if slope.is_less(own[i], |k| low(&own, i, k)) {
-                let mut lows = std::array::from_fn(|k| (low(&own, i, k), slope.scale[k]));
-                let new = slope.upwind(&mut lows);
+            if slope.needs_lowering(own[i], |k| low(&own, i, k)) {
+                let mut lows = std::array::from_fn(|k| (low(&own, i, k), slope.inverse_step2[k]));
+                let new = slope.solve_upwind(&mut lows);
                 changed |= new < own[i];
                 own[i] = new.min(own[i]);
             }
         }
-        changed.then_some(Lowered { row, samples: own })
+        changed.then_some(LoweredRow { row, samples: own })
     }
 }
 
 /// How steep a field may be.
 #[derive(Clone, Copy)]
-struct Slope<const D: usize> {
+struct SlopeLimit<const D: usize> {
     /// One over the squares of steps.
-    scale: [f64; D],
+    inverse_step2: [f64; D],
     /// The square of the slope.
-    square: f64,
+    slope2: f64,
 }
 
-impl<const D: usize> Slope<D> {
+impl<const D: usize> SlopeLimit<D> {
     /// Whether a sample must fall, its lower neighbours along axes being these: whether what [`upwind`](Self::upwind) gives
     /// is rounded to less.
     #[inline(always)]
-    fn is_less(self, sample: f32, low: impl Fn(usize) -> f32) -> bool {
+    fn needs_lowering(self, sample: f32, low: impl Fn(usize) -> f32) -> bool {
         // Of what is positive, the next smaller number has the bits of one less.
         let next = f32::from_bits(sample.to_bits().wrapping_sub(1));
         let less = 0.5 * (f64::from(sample) + f64::from(next));
-        let square = |k: usize| (less - f64::from(low(k))).max(0.0).powi(2) * self.scale[k];
-        (0..D).map(square).sum::<f64>() > self.square
+        let square = |k: usize| (less - f64::from(low(k))).max(0.0).powi(2) * self.inverse_step2[k];
+        (0..D).map(square).sum::<f64>() > self.slope2
     }
 
     /// Whether any sample of a row but the first and the last must fall; the rows on both sides are these.
-    fn is_less_inside(self, own: &[f32], around: [[&[f32]; 2]; 2]) -> bool {
+    fn interior_needs_lowering(self, own: &[f32], around: [[&[f32]; 2]; 2]) -> bool {
         let Some(last) = own.len().checked_sub(2) else {
             return false;
         };
         let [[a, b], [c, d]] = around.map(|sides| sides.map(|row| &row[1..=last]));
         let (before, after, own) = (&own[..last], &own[2..], &own[1..=last]);
-        wide(
+        dispatch_simd(
             #[inline(always)]
             || {
                 let mut any = false;
                 for i in 0..own.len() {
                     let lows = [before[i].min(after[i]), a[i].min(b[i]), c[i].min(d[i])];
-                    any |= self.is_less(own[i], |k| lows[k]);
+                    any |= self.needs_lowering(own[i], |k| lows[k]);
                 }
                 any
             },
@@ -273,7 +278,7 @@ impl<const D: usize> Slope<D> {
     /// Solves sum_k (max(d - low_k, 0) / h_k)^2 = slope^2 for d. In twice the digits of what it is made of and gives, so
     /// that lower neighbours never make it higher.
     #[inline]
-    fn upwind(self, lows: &mut [(f32, f64); D]) -> f32 {
+    fn solve_upwind(self, lows: &mut [(f32, f64); D]) -> f32 {
         for i in 1..D {
             for j in (1..=i).rev() {
                 if lows[j].0 < lows[j - 1].0 {
@@ -283,7 +288,7 @@ impl<const D: usize> Slope<D> {
         }
         // Measured from the lowest neighbour, so that the quadratic loses no digits.
         let base = f64::from(lows[0].0);
-        let (mut a, mut b, mut c) = (0.0f64, 0.0f64, -self.square);
+        let (mut a, mut b, mut c) = (0.0f64, 0.0f64, -self.slope2);
         let mut d = 0.0;
         for &(low, w) in lows.iter() {
             let u = f64::from(low) - base;
@@ -303,9 +308,9 @@ impl<const D: usize> Slope<D> {
 mod tests {
     use super::*;
 
-    fn cone(step: [f64; 3], dims: [usize; 3]) -> (Field<3>, [f64; 3]) {
+    fn cone(step: [f64; 3], dims: [usize; 3]) -> (ScalarField<3>, [f64; 3]) {
         let count = dims.iter().product();
-        let mut field = Field {
+        let mut field = ScalarField {
             dims,
             step,
             samples: vec![1e3; count],
@@ -318,7 +323,7 @@ mod tests {
     #[test]
     fn a_single_minimum_becomes_a_cone() {
         let (mut field, apex) = cone([1.0, 1.5, 2.0], [41, 31, 25]);
-        limit_gradient(&mut field, 0.1, &Patience::endless());
+        limit_gradient(&mut field, 0.1, &CancelToken::never());
         let mut worst = 0.0f64;
         for z in 0..25 {
             for y in 0..31 {
@@ -335,11 +340,11 @@ mod tests {
     }
 
     /// The same, one sample after the other and none passed over.
-    fn plainly(field: &mut Field<3>, growth: f64) {
+    fn limit_naively(field: &mut ScalarField<3>, growth: f64) {
         let [nx, ny, nz] = field.dims;
-        let slope = Slope {
-            scale: field.step.map(|h| 1.0 / (h * h)),
-            square: growth * growth,
+        let slope = SlopeLimit {
+            inverse_step2: field.step.map(|h| 1.0 / (h * h)),
+            slope2: growth * growth,
         };
         let mut changed = false;
         for pass in 0.. {
@@ -367,10 +372,10 @@ mod tests {
                         true => f32::INFINITY,
                         false => field.samples[at + stride],
                     };
-                    (below.min(above), slope.scale[k])
+                    (below.min(above), slope.inverse_step2[k])
                 });
                 let old = field.samples[at];
-                let new = slope.upwind(&mut lows);
+                let new = slope.solve_upwind(&mut lows);
                 if new < old {
                     changed = true;
                     field.samples[at] = new;
@@ -387,14 +392,14 @@ mod tests {
                 0 => 2.0 + (i % 13) as f32,
                 _ => 40.0,
             };
-            let mut field = Field {
+            let mut field = ScalarField {
                 dims,
                 step: [1.0, 1.5, 0.75],
                 samples: (0..count).map(height).collect(),
             };
             let mut plain = field.clone();
-            limit_gradient(&mut field, 0.3, &Patience::endless());
-            plainly(&mut plain, 0.3);
+            limit_gradient(&mut field, 0.3, &CancelToken::never());
+            limit_naively(&mut plain, 0.3);
             assert!(field == plain, "{dims:?}");
         }
     }
@@ -405,12 +410,12 @@ mod tests {
         let samples: Vec<f32> = (0..24 * 20 * 17)
             .map(|i: usize| 4.0 + (i * 7919 % 1009) as f32 / 100.0)
             .collect();
-        let mut field = Field {
+        let mut field = ScalarField {
             dims,
             step: [1.0; 3],
             samples: samples.clone(),
         };
-        limit_gradient(&mut field, 0.25, &Patience::endless());
+        limit_gradient(&mut field, 0.25, &CancelToken::never());
         let least = |s: &[f32]| s.iter().copied().fold(f32::INFINITY, f32::min);
         assert_eq!(least(&samples), least(&field.samples));
         assert!(field.samples.iter().zip(&samples).all(|(a, b)| a <= b));

@@ -9,23 +9,25 @@
 pub(crate) mod atoms;
 pub(crate) mod features;
 pub(crate) mod grading;
-pub(crate) mod share;
+pub(crate) mod partition;
 pub(crate) mod sources;
 
-pub use atoms::of_atoms;
-pub use features::{Limits, from_features};
-pub(crate) use features::{coarse_field, lower_round, shared_from_features, shared_from_gaps};
+pub use atoms::from_atoms;
+pub use features::{DistanceLimits, from_features};
+pub(crate) use features::{
+    coarse_field, distributed_from_features, distributed_from_gaps, lower_cell_corners,
+};
 pub use grading::limit_gradient;
-pub use share::Bricks;
-pub(crate) use share::{InLayers, Shared};
-pub use sources::{Dense, from_image, from_laplacian, from_samples};
+pub use partition::DistanceBricks;
+pub(crate) use partition::{DistanceLayers, DistributedDistance};
+pub use sources::{DenseRegion, from_image, from_laplacian, from_samples};
 
 use std::f64::consts::SQRT_2;
 
 use crate::parallel::prelude::*;
 
 use crate::error::{Error, Result, cause};
-use crate::image::Field;
+use crate::image::ScalarField;
 
 /// The nominal distance between neighbouring atoms, in lattice units.
 #[derive(Debug, Clone, PartialEq)]
@@ -34,41 +36,41 @@ pub enum Distance<const D: usize> {
     Constant(f64),
     /// Samples over the lattice-space box, interpolated multilinearly, so that a value is never
     /// below the smallest or above the largest sample.
-    Field(Field<D>),
+    Field(ScalarField<D>),
     /// The same of which only some is known here.
-    Near(Bricks<D>),
+    Bricks(DistanceBricks<D>),
 }
 
 impl<const D: usize> Distance<D> {
     /// d at a position in lattice space; outside the box, d at the nearest point of the box.
     #[inline]
-    pub fn at(&self, position: [f64; D]) -> f64 {
+    pub fn value_at(&self, position: [f64; D]) -> f64 {
         match self {
             Self::Constant(d) => *d,
-            Self::Field(field) => Cell::of(field, &position).value(),
-            Self::Near(bricks) => bricks
+            Self::Field(field) => GridCell::new(field, &position).value(),
+            Self::Bricks(bricks) => bricks
                 .cell(&position)
-                .map_or(bricks.known.most, |c| c.value()),
+                .map_or(bricks.summary.max, |c| c.value()),
         }
     }
 
     /// d and its gradient: the exact derivative of [`Distance::at`] inside each cell of the grid,
     /// zero along axes where the position lies outside the box.
     #[inline]
-    pub fn at_with_gradient(&self, position: [f64; D]) -> (f64, [f64; D]) {
+    pub fn value_and_gradient_at(&self, position: [f64; D]) -> (f64, [f64; D]) {
         match self {
             Self::Constant(d) => (*d, [0.0; D]),
-            Self::Field(field) => Cell::of(field, &position).value_and_gradient(),
-            Self::Near(bricks) => match bricks.cell(&position) {
+            Self::Field(field) => GridCell::new(field, &position).value_and_gradient(),
+            Self::Bricks(bricks) => match bricks.cell(&position) {
                 Some(cell) => cell.value_and_gradient(),
-                None => (bricks.known.most, [0.0; D]),
+                None => (bricks.summary.max, [0.0; D]),
             },
         }
     }
 
     /// Whether it was asked for where it is not known here.
-    pub(crate) fn missed(&self) -> bool {
-        matches!(self, Self::Near(bricks) if bricks.missed())
+    pub(crate) fn has_misses(&self) -> bool {
+        matches!(self, Self::Bricks(bricks) if bricks.has_misses())
     }
 
     /// The smallest d anywhere; NaN if any sample is NaN.
@@ -76,7 +78,7 @@ impl<const D: usize> Distance<D> {
         match self {
             Self::Constant(d) => *d,
             Self::Field(field) => reduce(&field.samples, f32::min),
-            Self::Near(bricks) => bricks.known.least,
+            Self::Bricks(bricks) => bricks.summary.min,
         }
     }
 
@@ -85,17 +87,17 @@ impl<const D: usize> Distance<D> {
         match self {
             Self::Constant(d) => *d,
             Self::Field(field) => reduce(&field.samples, f32::max),
-            Self::Near(bricks) => bricks.known.most,
+            Self::Bricks(bricks) => bricks.summary.max,
         }
     }
 
     /// A bound on |grad d|, from the largest difference between neighbouring samples along each axis: d is
     /// interpolated linearly between them.
-    pub fn largest_slope(&self) -> f64 {
+    pub fn max_slope(&self) -> f64 {
         match self {
             Self::Constant(_) => 0.0,
-            Self::Field(field) => length(steepest(field)),
-            Self::Near(bricks) => bricks.known.slope,
+            Self::Field(field) => slope_norm(max_slopes(field)),
+            Self::Bricks(bricks) => bricks.summary.max_slope,
         }
     }
 
@@ -147,8 +149,8 @@ impl<const D: usize> Distance<D> {
                 remedy,
             );
         }
-        let atoms = self.about_atoms(extent);
-        if atoms > MOST_ATOMS {
+        let atoms = self.estimate_atom_count(extent);
+        if atoms > MAX_ATOMS {
             return fail(
                 format!(
                     "it asks for about {atoms:.0e} atoms in a box of {extent:?}, more than can be numbered"
@@ -161,16 +163,16 @@ impl<const D: usize> Distance<D> {
 
     /// About how many atoms so far apart the box `[0, extent]` holds, those on its sides included: the
     /// densest lattice has sqrt(2) / d^3 in space, 2 / (sqrt(3) d^2) in the plane.
-    pub fn about_atoms(&self, extent: [f64; D]) -> f64 {
+    pub fn estimate_atom_count(&self, extent: [f64; D]) -> f64 {
         let per_volume = match self {
             Self::Constant(d) => d.powi(-(D as i32)),
             Self::Field(field) => {
                 let layer = field.dims[..D - 1].iter().product::<usize>().max(1);
-                let sums = field.samples.par_chunks(layer).map(crowd::<D>);
+                let sums = field.samples.par_chunks(layer).map(density_sum::<D>);
                 let sums: Vec<f64> = sums.collect();
                 sums.into_iter().sum::<f64>() / field.samples.len() as f64
             }
-            Self::Near(bricks) => bricks.known.per_volume,
+            Self::Bricks(bricks) => bricks.summary.mean_density,
         };
         let room: f64 = extent.iter().product();
         let densest = if D == 2 { 2.0 / 3f64.sqrt() } else { SQRT_2 };
@@ -181,7 +183,7 @@ impl<const D: usize> Distance<D> {
 }
 
 /// The largest slope between neighbouring samples along each axis.
-fn steepest<const D: usize>(field: &Field<D>) -> [f64; D] {
+fn max_slopes<const D: usize>(field: &ScalarField<D>) -> [f64; D] {
     let mut stride = 1;
     std::array::from_fn(|k| {
         let next = field.samples.get(stride..).unwrap_or_default();
@@ -196,17 +198,17 @@ fn steepest<const D: usize>(field: &Field<D>) -> [f64; D] {
     })
 }
 
-fn length<const D: usize>(slopes: [f64; D]) -> f64 {
+fn slope_norm<const D: usize>(slopes: [f64; D]) -> f64 {
     slopes.iter().map(|slope| slope.powi(2)).sum::<f64>().sqrt()
 }
 
 /// The sum of d^-D over the samples of a layer.
-fn crowd<const D: usize>(layer: &[f32]) -> f64 {
+fn density_sum<const D: usize>(layer: &[f32]) -> f64 {
     layer.iter().map(|&d| f64::from(d).powi(-(D as i32))).sum()
 }
 
 /// Atoms have numbers of 32 bits, and so have cells, of which there are up to seven times as many.
-const MOST_ATOMS: f64 = 6e8;
+const MAX_ATOMS: f64 = 6e8;
 
 /// Folds samples with `f`, but lets one NaN make the result NaN.
 fn reduce(samples: &[f32], f: impl Fn(f32, f32) -> f32 + Sync) -> f64 {
@@ -239,15 +241,15 @@ fn reduce(samples: &[f32], f: impl Fn(f32, f32) -> f32 + Sync) -> f64 {
 
 /// The grid cell around a position: the samples that it is among, its lowest corner, the step along each axis, and the
 /// fraction inside.
-struct Cell<'a, const D: usize> {
+struct GridCell<'a, const D: usize> {
     samples: &'a [f32],
     corner: usize,
     strides: [usize; D],
-    within: Within<D>,
+    position: CellPosition<D>,
 }
 
 /// A position in the cell of a grid.
-struct Within<const D: usize> {
+struct CellPosition<const D: usize> {
     /// The cell's lowest corner.
     low: [usize; D],
     /// From there, in cells.
@@ -256,9 +258,9 @@ struct Within<const D: usize> {
     slope: [f64; D],
 }
 
-impl<const D: usize> Within<D> {
+impl<const D: usize> CellPosition<D> {
     #[inline]
-    fn of(dims: &[usize; D], step: &[f64; D], position: &[f64; D]) -> Self {
+    fn locate(dims: &[usize; D], step: &[f64; D], position: &[f64; D]) -> Self {
         let mut within = Self {
             low: [0; D],
             fraction: [0.0; D],
@@ -279,13 +281,13 @@ impl<const D: usize> Within<D> {
     }
 }
 
-impl<'a, const D: usize> Cell<'a, D> {
+impl<'a, const D: usize> GridCell<'a, D> {
     #[inline]
-    fn of(field: &'a Field<D>, position: &[f64; D]) -> Self {
-        let within = Within::of(&field.dims, &field.step, position);
+    fn new(field: &'a ScalarField<D>, position: &[f64; D]) -> Self {
+        let position = CellPosition::locate(&field.dims, &field.step, position);
         let (mut corner, mut strides, mut stride) = (0, [0; D], 1);
         for k in 0..D {
-            corner += within.low[k] * stride;
+            corner += position.low[k] * stride;
             // Of one sample there is no other corner.
             strides[k] = if field.dims[k] > 1 { stride } else { 0 };
             stride *= field.dims[k];
@@ -294,7 +296,7 @@ impl<'a, const D: usize> Cell<'a, D> {
             samples: &field.samples,
             corner,
             strides,
-            within,
+            position,
         }
     }
 
@@ -313,7 +315,7 @@ impl<'a, const D: usize> Cell<'a, D> {
             value += self.weight(c, D) * sample;
             for k in 0..D {
                 let sign = if c >> k & 1 == 1 { 1.0 } else { -1.0 };
-                gradient[k] += sign * self.within.slope[k] * self.weight(c, k) * sample;
+                gradient[k] += sign * self.position.slope[k] * self.weight(c, k) * sample;
             }
         }
         (value, gradient)
@@ -326,9 +328,9 @@ impl<'a, const D: usize> Cell<'a, D> {
             .filter(|&k| k != without)
             .map(|k| {
                 if c >> k & 1 == 1 {
-                    self.within.fraction[k]
+                    self.position.fraction[k]
                 } else {
-                    1.0 - self.within.fraction[k]
+                    1.0 - self.position.fraction[k]
                 }
             })
             .product()
@@ -345,12 +347,12 @@ impl<'a, const D: usize> Cell<'a, D> {
 mod tests {
     use super::*;
 
-    fn wavy() -> Field<3> {
+    fn wavy() -> ScalarField<3> {
         let dims = [5, 4, 6];
         let samples = (0..120)
             .map(|i| 5.0 + ((i * 37 % 17) as f32) * 0.1)
             .collect();
-        Field {
+        ScalarField {
             dims,
             step: [2.0, 1.5, 1.0],
             samples,
@@ -366,12 +368,12 @@ mod tests {
                 for x in 0..5 {
                     let p = [x as f64 * 2.0, y as f64 * 1.5, z as f64];
                     let truth = f64::from(field.samples[(z * 4 + y) * 5 + x]);
-                    assert!((d.at(p) - truth).abs() < 1e-12);
+                    assert!((d.value_at(p) - truth).abs() < 1e-12);
                 }
             }
         }
-        let outside = d.at([-3.0, 100.0, 2.3]);
-        assert!((outside - d.at([0.0, 4.5, 2.3])).abs() < 1e-12);
+        let outside = d.value_at([-3.0, 100.0, 2.3]);
+        assert!((outside - d.value_at([0.0, 4.5, 2.3])).abs() < 1e-12);
         assert!(outside >= d.min() && outside <= d.max());
     }
 
@@ -381,14 +383,14 @@ mod tests {
         for i in 0..50 {
             let r = |m: usize| ((i * m % 101) as f64 + 0.37) / 102.0;
             let p = [8.0 * r(17), 4.5 * r(29), 5.0 * r(43)];
-            let (value, gradient) = d.at_with_gradient(p);
-            assert!((value - d.at(p)).abs() < 1e-12);
+            let (value, gradient) = d.value_and_gradient_at(p);
+            assert!((value - d.value_at(p)).abs() < 1e-12);
             for k in 0..3 {
                 let h = 1e-6;
                 let (mut a, mut b) = (p, p);
                 a[k] -= h;
                 b[k] += h;
-                let numeric = (d.at(b) - d.at(a)) / (2.0 * h);
+                let numeric = (d.value_at(b) - d.value_at(a)) / (2.0 * h);
                 assert!(
                     (numeric - gradient[k]).abs() < 1e-6,
                     "{numeric} {}",

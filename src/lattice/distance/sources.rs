@@ -3,16 +3,16 @@
 //! All are clipped to `min` to `max` and then graded: their slope is limited as
 //! [`limit_gradient`] does, which lowers but never raises, so that minima are kept.
 
-use super::features::{Limits, coarse_field};
+use super::features::{DistanceLimits, coarse_field};
 use super::{Distance, limit_gradient};
 use crate::error::{Error, Result, cause};
 use crate::feature::gaussian::smooth;
-use crate::image::Field;
-use crate::observer::Patience;
+use crate::image::ScalarField;
+use crate::progress::CancelToken;
 
 /// Where an image asks for atoms near each other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Dense {
+pub enum DenseRegion {
     /// Where it is dark, as in Hale 2001.
     Dark,
     /// Where it is bright.
@@ -29,14 +29,14 @@ pub enum Dense {
 /// [`Error::Distance`] for limits that are not positive and in order, a growth that is not in
 /// (0, 1], and an image that is constant.
 pub fn from_image<const D: usize>(
-    image: &Field<D>,
-    dense: Dense,
+    image: &ScalarField<D>,
+    dense: DenseRegion,
     min: f64,
     max: f64,
     growth: f64,
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> Result<Distance<D>> {
-    Limits { min, max, growth }.check()?;
+    DistanceLimits { min, max, growth }.check()?;
     let mut field = image.clone();
     let sigma = field.step.map(|step| max / step);
     smooth(field.dims, &mut field.samples, sigma, patience);
@@ -57,8 +57,8 @@ pub fn from_image<const D: usize>(
     let slope = (max - min) as f32 / span;
     for s in &mut field.samples {
         let away = match dense {
-            Dense::Dark => *s - low,
-            Dense::Bright => high - *s,
+            DenseRegion::Dark => *s - low,
+            DenseRegion::Bright => high - *s,
         };
         *s = (min as f32 + slope * away).clamp(min as f32, max as f32);
     }
@@ -67,7 +67,7 @@ pub fn from_image<const D: usize>(
 }
 
 /// Samples between two questions whether to go on.
-const ASKED_EVERY: usize = 1 << 14;
+const CANCEL_CHECK_INTERVAL: usize = 1 << 14;
 
 /// d(x) = c / sqrt |laplacian of b|, with c such that d is `min` in the valleys of b, whose width is
 /// `sigma`; at most `max` (Hale 2002).
@@ -80,14 +80,14 @@ const ASKED_EVERY: usize = 1 << 14;
 /// [`Error::Distance`] for limits that are not positive and in order, and a growth that is not in
 /// (0, 1].
 pub fn from_laplacian<const D: usize>(
-    potential: &Field<D>,
+    potential: &ScalarField<D>,
     sigma: f64,
     min: f64,
     max: f64,
     growth: f64,
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> Result<Distance<D>> {
-    Limits { min, max, growth }.check()?;
+    DistanceLimits { min, max, growth }.check()?;
     let mut field = coarse_field(potential.extent(), min, max);
     let mut strides = [1; D];
     for k in 1..D {
@@ -95,7 +95,7 @@ pub fn from_laplacian<const D: usize>(
     }
     let b = &potential.samples;
     for i in 0..b.len() {
-        if i % ASKED_EVERY == 0 && patience.over() {
+        if i % CANCEL_CHECK_INTERVAL == 0 && patience.is_cancelled() {
             break;
         }
         let (mut rest, mut laplacian, mut cell) = (i, 0.0, 0);
@@ -128,13 +128,13 @@ pub fn from_laplacian<const D: usize>(
 /// [`Error::Distance`] for limits that are not positive and in order, a growth that is not in
 /// (0, 1], and a distance that is not a positive number.
 pub fn from_samples<const D: usize>(
-    mut field: Field<D>,
+    mut field: ScalarField<D>,
     min: f64,
     max: f64,
     growth: f64,
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> Result<Distance<D>> {
-    Limits { min, max, growth }.check()?;
+    DistanceLimits { min, max, growth }.check()?;
     if let Some(bad) = field.samples.iter().find(|d| !(**d > 0.0 && d.is_finite())) {
         return Err(Error::Distance(cause(
             "given distance",
@@ -154,9 +154,9 @@ mod tests {
     use super::*;
 
     /// Valleys of width sigma on the planes x = 20 and x = 60.
-    fn valleys<const D: usize>(dims: [usize; D], sigma: f64) -> Field<D> {
+    fn valleys<const D: usize>(dims: [usize; D], sigma: f64) -> ScalarField<D> {
         let bell = |x: f64| (-0.5 * (x / sigma).powi(2)).exp();
-        Field::from_fn(dims, [1.0; D], |p| {
+        ScalarField::from_fn(dims, [1.0; D], |p| {
             -bell(p[0] - 20.0).max(bell(p[0] - 60.0))
         })
     }
@@ -164,13 +164,13 @@ mod tests {
     fn laplacian_gives_min_in_valleys<const D: usize>(dims: [usize; D]) {
         let (sigma, min, max) = (2.0, 8.0, 14.0);
         let b = valleys(dims, sigma);
-        let d = from_laplacian(&b, sigma, min, max, 0.1, &Patience::endless()).unwrap();
+        let d = from_laplacian(&b, sigma, min, max, 0.1, &CancelToken::never()).unwrap();
         assert!(d.validate(b.extent()).is_ok());
         for x in 0..80 {
             let mut p: [f64; D] = std::array::from_fn(|k| 0.45 * (dims[k] - 1) as f64);
             p[0] = x as f64;
             let away = (p[0] - 20.0).abs().min((p[0] - 60.0).abs());
-            let (value, slope) = d.at_with_gradient(p);
+            let (value, slope) = d.value_and_gradient_at(p);
             // Second differences of a bell as narrow as two samples are a tenth too small, and a
             // node of the grid knows what is half a cell (two samples) away.
             if away == 0.0 {
@@ -194,15 +194,19 @@ mod tests {
     fn image_gives_its_own_shape<const D: usize>(dims: [usize; D]) {
         // One period of a cosine, mirrored at the sides, so that smoothing only damps it.
         let k = std::f64::consts::PI / dims[0] as f64;
-        let image = Field::from_fn(dims, [1.0; D], |p| 50.0 + 7.0 * ((p[0] + 0.5) * k).cos());
+        let image = ScalarField::from_fn(dims, [1.0; D], |p| 50.0 + 7.0 * ((p[0] + 0.5) * k).cos());
         let (min, max) = (5.0, 7.0);
-        for (dense, sign) in [(Dense::Dark, 1.0), (Dense::Bright, -1.0)] {
-            let d = from_image(&image, dense, min, max, 0.1, &Patience::endless()).unwrap();
+        for (dense, sign) in [(DenseRegion::Dark, 1.0), (DenseRegion::Bright, -1.0)] {
+            let d = from_image(&image, dense, min, max, 0.1, &CancelToken::never()).unwrap();
             for x in 0..dims[0] {
                 let mut p: [f64; D] = std::array::from_fn(|k| 0.5 * (dims[k] - 1) as f64);
                 p[0] = x as f64;
                 let truth = 6.0 + sign * ((p[0] + 0.5) * k).cos();
-                assert!((d.at(p) - truth).abs() < 0.01, "{x} {} {truth}", d.at(p));
+                assert!(
+                    (d.value_at(p) - truth).abs() < 0.01,
+                    "{x} {} {truth}",
+                    d.value_at(p)
+                );
             }
             assert_eq!((d.min(), d.max()), (min, max));
         }
@@ -218,34 +222,48 @@ mod tests {
     fn given_distances_are_kept_clipped_and_graded() {
         let dims = [50, 30];
         // A gentle ramp from 4 to 8.9 with one narrow pit.
-        let given = Field::from_fn(dims, [1.0; 2], |p| {
+        let given = ScalarField::from_fn(dims, [1.0; 2], |p| {
             if p == [40.0, 15.0] {
                 5.0
             } else {
                 4.0 + 0.1 * p[0]
             }
         });
-        let d = from_samples(given, 4.5, 8.0, 0.1, &Patience::endless()).unwrap();
-        assert!((d.at([0.0, 3.0]) - 4.5).abs() < 1e-6);
-        assert!((d.at([20.0, 3.0]) - 6.0).abs() < 1e-5);
+        let d = from_samples(given, 4.5, 8.0, 0.1, &CancelToken::never()).unwrap();
+        assert!((d.value_at([0.0, 3.0]) - 4.5).abs() < 1e-6);
+        assert!((d.value_at([20.0, 3.0]) - 6.0).abs() < 1e-5);
         // Far from the pit, too, the way from it decides (sweeping is of first order).
         let truth = 5.0 + 0.1 * 9f64.hypot(15.0);
-        assert!((d.at([49.0, 0.0]) - truth).abs() < 0.15);
-        assert!((d.at([40.0, 15.0]) - 5.0).abs() < 1e-6);
+        assert!((d.value_at([49.0, 0.0]) - truth).abs() < 0.15);
+        assert!((d.value_at([40.0, 15.0]) - 5.0).abs() < 1e-6);
         // Up from the pit along an axis by the growth.
-        assert!((d.at([40.0, 20.0]) - 5.5).abs() < 1e-3);
+        assert!((d.value_at([40.0, 20.0]) - 5.5).abs() < 1e-3);
     }
 
     #[test]
     fn impossible_sources_are_refused_with_a_remedy() {
-        let flat = Field::from_fn([30, 30], [1.0; 2], |_| 3.0);
-        let nan = Field::from_fn([30, 30], [1.0; 2], |_| f64::NAN);
+        let flat = ScalarField::from_fn([30, 30], [1.0; 2], |_| 3.0);
+        let nan = ScalarField::from_fn([30, 30], [1.0; 2], |_| f64::NAN);
         let errors = [
-            from_image(&flat, Dense::Dark, 4.0, 8.0, 0.1, &Patience::endless()),
-            from_image(&nan, Dense::Bright, 4.0, 8.0, 0.1, &Patience::endless()),
-            from_samples(nan, 4.0, 8.0, 0.1, &Patience::endless()),
-            from_samples(flat.clone(), 8.0, 4.0, 0.1, &Patience::endless()),
-            from_laplacian(&flat, 1.0, 4.0, 8.0, 0.0, &Patience::endless()),
+            from_image(
+                &flat,
+                DenseRegion::Dark,
+                4.0,
+                8.0,
+                0.1,
+                &CancelToken::never(),
+            ),
+            from_image(
+                &nan,
+                DenseRegion::Bright,
+                4.0,
+                8.0,
+                0.1,
+                &CancelToken::never(),
+            ),
+            from_samples(nan, 4.0, 8.0, 0.1, &CancelToken::never()),
+            from_samples(flat.clone(), 8.0, 4.0, 0.1, &CancelToken::never()),
+            from_laplacian(&flat, 1.0, 4.0, 8.0, 0.0, &CancelToken::never()),
         ];
         for error in errors {
             let message = error.unwrap_err().to_string();

@@ -28,32 +28,32 @@ use std::sync::Arc;
 
 use crate::parallel::prelude::*;
 
-use super::neighbours::CHUNK;
-use super::{Beta, Energy, Pairwise, Parts, Terms};
+use super::neighbours::CHUNK_ATOMS;
+use super::{Beta, Energy, EnergyParts, EnergyTerms, PairwiseEnergy};
 use crate::error::{Error, Result, cause};
 use crate::lattice::distance::Distance;
-use crate::lattice::held::Held;
+use crate::lattice::halo::OwnedAndGhosts;
 use crate::mesh::Simplices;
 use crate::mesh::delaunay::{delaunay, delaunay_plane};
 
 /// Rounding of |L| near nought, in units of d.
-const ROUNDING: f64 = 0.02;
+const ROUNDING_LENGTH: f64 = 0.02;
 
 /// The weight of A that Esperanca et al. suggest.
-pub const KAPPA: f64 = 0.7;
+pub const DEFAULT_KAPPA: f64 = 0.7;
 
 /// The Delaunay neighbours of every atom.
 #[derive(Default)]
-struct Adjacency {
+struct AtomAdjacency {
     /// Where each atom's neighbours start, and one more at the end.
     starts: Vec<u32>,
     /// Ascending for each atom.
     neighbours: Vec<u32>,
 }
 
-impl Adjacency {
+impl AtomAdjacency {
     /// Of a mesh.
-    fn of<const D: usize>(mesh: &impl Simplices<D>) -> Self {
+    fn from_mesh<const D: usize>(mesh: &impl Simplices<D>) -> Self {
         let mut pairs: Vec<[u32; 2]> = Vec::with_capacity(mesh.len() * D * (D + 1));
         for cell in mesh.connectivity().chunks_exact(D + 1) {
             for &i in cell {
@@ -78,36 +78,36 @@ impl Adjacency {
     /// Of atoms in the plane or in space.
     fn delaunay<const D: usize>(x: &[[f64; D]]) -> Result<Self> {
         // `D` is not known to the compiler to be what it is: axes are copied one by one.
-        fn axes<const D: usize, const E: usize>(x: &[[f64; D]]) -> Vec<[f64; E]> {
+        fn cast_dims<const D: usize, const E: usize>(x: &[[f64; D]]) -> Vec<[f64; E]> {
             x.iter().map(|x| std::array::from_fn(|k| x[k])).collect()
         }
         match D {
-            2 => Ok(Self::of(&delaunay_plane(&axes(x))?)),
-            _ => Ok(Self::of(&delaunay(&axes(x))?)),
+            2 => Ok(Self::from_mesh(&delaunay_plane(&cast_dims(x))?)),
+            _ => Ok(Self::from_mesh(&delaunay(&cast_dims(x))?)),
         }
     }
 
-    fn of_atom(&self, n: usize) -> &[u32] {
+    fn neighbours_of(&self, n: usize) -> &[u32] {
         &self.neighbours[self.starts[n] as usize..self.starts[n + 1] as usize]
     }
 }
 
 /// The regularised energy of a lattice.
 #[derive(Clone)]
-pub struct Regularised<'a, const D: usize> {
-    pairs: Pairwise<'a, D>,
+pub struct RegularisedEnergy<'a, const D: usize> {
+    pairs: PairwiseEnergy<'a, D>,
     distance: &'a Distance<D>,
     beta: Beta<D>,
     kappa: f64,
     /// 1 for each coordinate that may change, else 0.
     mobility: Vec<[f64; D]>,
-    adjacency: Arc<Adjacency>,
+    adjacency: Arc<AtomAdjacency>,
     /// s_i over the number of neighbours of i.
-    shares: Vec<[f64; D]>,
-    parts: Parts,
+    neighbour_shares: Vec<[f64; D]>,
+    parts: EnergyParts,
 }
 
-impl<'a, const D: usize> Regularised<'a, D> {
+impl<'a, const D: usize> RegularisedEnergy<'a, D> {
     /// `pairs`, an evaluator for `distance` and `beta` of atoms on features, of which A shall count for
     /// `kappa`; `mobility` says which coordinates of each atom may change
     /// ([`Atoms::mobility`](crate::lattice::seeding::Atoms::mobility)).
@@ -115,7 +115,7 @@ impl<'a, const D: usize> Regularised<'a, D> {
     /// # Errors
     /// [`Error::Optimize`] unless kappa is in [0, 1].
     pub fn new(
-        pairs: Pairwise<'a, D>,
+        pairs: PairwiseEnergy<'a, D>,
         distance: &'a Distance<D>,
         beta: Beta<D>,
         kappa: f64,
@@ -129,19 +129,19 @@ impl<'a, const D: usize> Regularised<'a, D> {
             )));
         }
         Ok(Self {
-            pairs: pairs.counting(kappa),
+            pairs: pairs.with_kappa(kappa),
             distance,
             beta,
             kappa,
             mobility,
             adjacency: Arc::default(),
-            shares: Vec::new(),
-            parts: Parts::default(),
+            neighbour_shares: Vec::new(),
+            parts: EnergyParts::default(),
         })
     }
 
     /// (1 - kappa) (1 - beta) and its gradient.
-    fn weight(&self, x: [f64; D]) -> (f64, [f64; D]) {
+    fn laplacian_weight(&self, x: [f64; D]) -> (f64, [f64; D]) {
         let share = 1.0 - self.kappa;
         match &self.beta {
             Beta::Constant(beta) => (share * (1.0 - beta), [0.0; D]),
@@ -161,7 +161,7 @@ impl<'a, const D: usize> Regularised<'a, D> {
         gradient: &mut [f64; D],
         part: &mut [f64; D],
     ) -> [f64; 2] {
-        let neighbours = self.adjacency.of_atom(n);
+        let neighbours = self.adjacency.neighbours_of(n);
         if neighbours.is_empty() {
             *part = [0.0; D];
             return [0.0; 2];
@@ -173,13 +173,13 @@ impl<'a, const D: usize> Regularised<'a, D> {
             }
         }
         let count = neighbours.len() as f64;
-        let (d, d_slope) = self.distance.at_with_gradient(x[n]);
-        let (weight, weight_slope) = self.weight(x[n]);
+        let (d, d_slope) = self.distance.value_and_gradient_at(x[n]);
+        let (weight, weight_slope) = self.laplacian_weight(x[n]);
         let v: [f64; D] =
             std::array::from_fn(|k| self.mobility[n][k] * (x[n][k] - sum[k] / count) / d);
         let v2: f64 = v.iter().map(|v| v * v).sum();
-        let root = (v2 + ROUNDING * ROUNDING).sqrt();
-        let length = root - ROUNDING;
+        let root = (v2 + ROUNDING_LENGTH * ROUNDING_LENGTH).sqrt();
+        let length = root - ROUNDING_LENGTH;
         for k in 0..D {
             let slope = weight * v[k] / (root * d);
             part[k] = slope / count;
@@ -189,19 +189,19 @@ impl<'a, const D: usize> Regularised<'a, D> {
     }
 }
 
-impl<const D: usize> Energy<D> for Regularised<'_, D> {
+impl<const D: usize> Energy<D> for RegularisedEnergy<'_, D> {
     fn evaluate(&mut self, x: &[[f64; D]], gradient: &mut [[f64; D]]) -> Result<f64> {
         let energy = self.pairs.evaluate(x, gradient)?;
-        let mut shares = std::mem::take(&mut self.shares);
+        let mut shares = std::mem::take(&mut self.neighbour_shares);
         shares.resize(x.len(), [0.0; D]);
         let sums: Vec<[f64; 2]> = gradient
-            .par_chunks_mut(CHUNK)
-            .zip(shares.par_chunks_mut(CHUNK))
+            .par_chunks_mut(CHUNK_ATOMS)
+            .zip(shares.par_chunks_mut(CHUNK_ATOMS))
             .enumerate()
             .map(|(chunk, (gradient, shares))| {
                 let mut total = [0.0; 2];
                 for (n, (gradient, part)) in gradient.iter_mut().zip(shares).enumerate() {
-                    let [length, weighted] = self.term(x, chunk * CHUNK + n, gradient, part);
+                    let [length, weighted] = self.term(x, chunk * CHUNK_ATOMS + n, gradient, part);
                     total[0] += length;
                     total[1] += weighted;
                 }
@@ -210,21 +210,21 @@ impl<const D: usize> Energy<D> for Regularised<'_, D> {
             .collect();
         gradient
             .par_iter_mut()
-            .with_min_len(CHUNK)
+            .with_min_len(CHUNK_ATOMS)
             .enumerate()
             .for_each(|(n, gradient)| {
-                for &j in self.adjacency.of_atom(n) {
+                for &j in self.adjacency.neighbours_of(n) {
                     for k in 0..D {
                         gradient[k] -= shares[j as usize][k];
                     }
                 }
             });
-        self.shares = shares;
+        self.neighbour_shares = shares;
         let [length, weighted] = sums
             .iter()
             .fold([0.0; 2], |t, s| [t[0] + s[0], t[1] + s[1]]);
-        let Parts { lattice, image } = self.pairs.parts();
-        self.parts = Parts {
+        let EnergyParts { lattice, image } = self.pairs.parts();
+        self.parts = EnergyParts {
             lattice: self.kappa * lattice + (1.0 - self.kappa) * length,
             image,
         };
@@ -234,14 +234,14 @@ impl<const D: usize> Energy<D> for Regularised<'_, D> {
     fn terms(
         &mut self,
         x: &[[f64; D]],
-        held: &Held<'_>,
+        held: &OwnedAndGhosts<'_>,
         minimised: f64,
         gradient: &mut [[f64; D]],
-    ) -> Result<Terms> {
+    ) -> Result<EnergyTerms> {
         // Atoms alone, A counting in full.
-        let alone = self.pairs.clone().counting(1.0).evaluate(x, gradient)?;
+        let alone = self.pairs.clone().with_kappa(1.0).evaluate(x, gradient)?;
         let terms = self.pairs.terms(x, held, alone, gradient)?;
-        Ok(Terms {
+        Ok(EnergyTerms {
             smoothing: minimised - alone,
             ..terms
         })
@@ -252,15 +252,15 @@ impl<const D: usize> Energy<D> for Regularised<'_, D> {
     }
 
     fn refresh(&mut self, x: &[[f64; D]]) -> Result<bool> {
-        self.adjacency = Arc::new(Adjacency::delaunay(x)?);
+        self.adjacency = Arc::new(AtomAdjacency::delaunay(x)?);
         Ok(true)
     }
 
-    fn twin(&self) -> Box<dyn Energy<D> + Send + '_> {
+    fn duplicate(&self) -> Box<dyn Energy<D> + Send + '_> {
         Box::new(self.clone())
     }
 
-    fn parts(&self) -> Parts {
+    fn parts(&self) -> EnergyParts {
         self.parts
     }
 }
@@ -268,21 +268,21 @@ impl<const D: usize> Energy<D> for Regularised<'_, D> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::{Field, Sparse};
+    use crate::image::{ScalarField, SparseField};
     use crate::lattice::seeding::{self, Alignment, Atoms};
 
     /// A slowly waving field between two values.
-    fn smooth<const D: usize>(extent: [f64; D], low: f64, high: f64) -> Field<D> {
+    fn smooth<const D: usize>(extent: [f64; D], low: f64, high: f64) -> ScalarField<D> {
         let dims = extent.map(|l| l as usize + 1);
-        Field::from_fn(dims, [1.0; D], |x| {
+        ScalarField::from_fn(dims, [1.0; D], |x| {
             let wave: f64 = (0..D).map(|k| (0.11 * x[k] + k as f64).sin()).sum::<f64>() / D as f64;
             low + (high - low) * 0.5 * (1.0 + wave)
         })
     }
 
     /// A lattice of the box with all that may move moved.
-    fn shaken<const D: usize>(extent: [f64; D], distance: &Distance<D>) -> Atoms<D> {
-        let mut atoms = seeding::fcc(extent, distance, &[], Alignment::On).unwrap();
+    fn perturbed_lattice<const D: usize>(extent: [f64; D], distance: &Distance<D>) -> Atoms<D> {
+        let mut atoms = seeding::fcc(extent, distance, &[], Alignment::OnFeatures).unwrap();
         let mobility = atoms.mobility(extent);
         for (n, (x, free)) in atoms.positions.iter_mut().zip(&mobility).enumerate() {
             for k in 0..D {
@@ -299,18 +299,18 @@ mod tests {
         beta: &Beta<D>,
         kappa: f64,
     ) -> f64 {
-        let atoms = shaken(extent, distance);
-        let image = Sparse::of(&smooth(extent, -1.0, 0.0));
+        let atoms = perturbed_lattice(extent, distance);
+        let image = SparseField::from_field(&smooth(extent, -1.0, 0.0));
         let mobility = atoms.mobility(extent);
-        let pairs = Pairwise::new(extent, distance, Some(&image), beta.clone()).unwrap();
+        let pairs = PairwiseEnergy::new(extent, distance, Some(&image), beta.clone()).unwrap();
         let mut energy =
-            Regularised::new(pairs, distance, beta.clone(), kappa, mobility.clone()).unwrap();
+            RegularisedEnergy::new(pairs, distance, beta.clone(), kappa, mobility.clone()).unwrap();
         assert!(energy.refresh(&atoms.positions).unwrap());
         let mut x = atoms.positions;
         let mut gradient = vec![[0.0; D]; x.len()];
         let value = energy.evaluate(&x, &mut gradient).unwrap();
         if let Beta::Constant(beta) = beta {
-            let Parts { lattice, image } = energy.parts();
+            let EnergyParts { lattice, image } = energy.parts();
             let sum = (1.0 - beta) * lattice + beta * image;
             assert!((sum - value).abs() < 1e-9 * value.abs().max(1.0));
         }
@@ -345,7 +345,7 @@ mod tests {
             for distance in [Distance::Constant(4.0), field] {
                 for beta in [Beta::Constant(0.4), Beta::Field(smooth(extent, 0.2, 0.8))] {
                     // Without pairs, whose energies are of single precision, to many more digits.
-                    for (kappa, bound) in [(0.0, 5e-4), (KAPPA, 2e-3)] {
+                    for (kappa, bound) in [(0.0, 5e-4), (DEFAULT_KAPPA, 2e-3)] {
                         let error = error(extent, &distance, &beta, kappa);
                         println!("{D}-D, kappa {kappa}: {error:.1e}");
                         assert!(error < bound, "{error:e}");
@@ -362,15 +362,16 @@ mod tests {
     fn a_regular_lattice_has_no_laplacian_energy_and_moving_an_atom_costs_its_length() {
         let (extent, d) = ([40.0, 12.0 * 12.0f64.sqrt()], 4.0);
         let distance = Distance::Constant(d);
-        let atoms = seeding::fcc(extent, &distance, &[], Alignment::On).unwrap();
+        let atoms = seeding::fcc(extent, &distance, &[], Alignment::OnFeatures).unwrap();
         let inner = |x: &[f64; 2]| (0..2).all(|k| x[k] > 2.5 * d && x[k] < extent[k] - 2.5 * d);
         let mobility = atoms
             .positions
             .iter()
             .map(|x| [f64::from(u8::from(inner(x))); 2]);
         let beta = Beta::Constant(0.0);
-        let pairs = Pairwise::new(extent, &distance, None, beta.clone()).unwrap();
-        let mut energy = Regularised::new(pairs, &distance, beta, 0.0, mobility.collect()).unwrap();
+        let pairs = PairwiseEnergy::new(extent, &distance, None, beta.clone()).unwrap();
+        let mut energy =
+            RegularisedEnergy::new(pairs, &distance, beta, 0.0, mobility.collect()).unwrap();
         energy.refresh(&atoms.positions).unwrap();
         let mut gradient = vec![[0.0; 2]; atoms.len()];
         let zero = energy.evaluate(&atoms.positions, &mut gradient).unwrap();
@@ -384,10 +385,10 @@ mod tests {
         // Its own L, and a sixth of it for each of the six neighbours that count.
         let counted = energy
             .adjacency
-            .of_atom(n)
+            .neighbours_of(n)
             .iter()
             .filter(|&&j| inner(&atoms.positions[j as usize]));
-        let rounded = |v: f64| (v * v + ROUNDING * ROUNDING).sqrt() - ROUNDING;
+        let rounded = |v: f64| (v * v + ROUNDING_LENGTH * ROUNDING_LENGTH).sqrt() - ROUNDING_LENGTH;
         let expected = rounded(0.3) + counted.count() as f64 * rounded(0.05);
         assert!((moved - expected).abs() < 1e-9, "{moved} {expected}");
     }
@@ -397,8 +398,8 @@ mod tests {
         let distance = Distance::Constant(3.0);
         for kappa in [-0.1, 1.1, f64::NAN] {
             let beta = Beta::Constant(0.5);
-            let pairs = Pairwise::new([9.0; 3], &distance, None, beta.clone()).unwrap();
-            assert!(Regularised::new(pairs, &distance, beta, kappa, Vec::new()).is_err());
+            let pairs = PairwiseEnergy::new([9.0; 3], &distance, None, beta.clone()).unwrap();
+            assert!(RegularisedEnergy::new(pairs, &distance, beta, kappa, Vec::new()).is_err());
         }
     }
 }

@@ -16,21 +16,21 @@
 //! - [`laplacian`]: A joined with how far each atom is from the middle of its Delaunay neighbours
 //! - `sampled`: the energy from a field sampled like the image, as first published
 
-pub(crate) mod images;
 pub mod laplacian;
+pub(crate) mod mirror_images;
 pub(crate) mod neighbours;
 pub mod pair;
 pub mod pairwise;
 pub(crate) mod sampled;
 
-pub use laplacian::Regularised;
-pub use neighbours::CHUNK;
-pub use pairwise::Pairwise;
-pub use sampled::Sampled;
+pub use laplacian::RegularisedEnergy;
+pub use neighbours::CHUNK_ATOMS;
+pub use pairwise::PairwiseEnergy;
+pub use sampled::SampledEnergy;
 
 use crate::error::Result;
-use crate::image::Field;
-use crate::lattice::held::Held;
+use crate::image::ScalarField;
+use crate::lattice::halo::OwnedAndGhosts;
 
 /// The weight of the image against the lattice: 0 is lattice only, 1 image only.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,7 +38,7 @@ pub enum Beta<const D: usize> {
     /// The same everywhere.
     Constant(f64),
     /// A smooth function of position in lattice space.
-    Field(Field<D>),
+    Field(ScalarField<D>),
 }
 
 impl<const D: usize> Beta<D> {
@@ -53,7 +53,7 @@ impl<const D: usize> Beta<D> {
 
 /// The two parts of an energy, unweighted.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Parts {
+pub struct EnergyParts {
     /// A, the energy between atoms; A' where it is regularised.
     pub lattice: f64,
     /// B, the energy of atoms in the image; of -b alongside.
@@ -62,9 +62,9 @@ pub struct Parts {
 
 /// What the energy of a lattice consists of. What is minimised is the sum P + stiffening + smoothing.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Terms {
+pub struct EnergyTerms {
     /// A between atoms and B in the image, both as published and unweighted.
-    pub published: Parts,
+    pub published: EnergyParts,
     /// P = (1 - beta) A + beta B of these.
     pub energy: f64,
     /// What the [stiffening](pair) of the force between atoms adds to P.
@@ -73,9 +73,9 @@ pub struct Terms {
     pub smoothing: f64,
 }
 
-impl Terms {
+impl EnergyTerms {
     /// Without Laplacian coordinates: what of the `minimised` is not P is stiffening.
-    fn of_pairs(published: Parts, energy: f64, minimised: f64) -> Self {
+    fn from_pairs(published: EnergyParts, energy: f64, minimised: f64) -> Self {
         Self {
             published,
             energy,
@@ -99,18 +99,18 @@ pub trait Energy<const D: usize> {
     ///
     /// # Errors
     /// As [`evaluate`](Self::evaluate).
-    fn evaluate_held(
+    fn evaluate_partition(
         &mut self,
         x: &[[f64; D]],
-        held: &Held<'_>,
+        held: &OwnedAndGhosts<'_>,
         gradient: &mut [[f64; D]],
     ) -> Result<f64> {
-        debug_assert!(!held.is_part());
+        debug_assert!(!held.is_partitioned());
         self.evaluate(x, gradient)
     }
 
     /// Whether some of the atoms are enough for that, if all within 1.7 d of own ones are held.
-    fn takes_parts(&self) -> bool {
+    fn supports_partition(&self) -> bool {
         false
     }
 
@@ -130,10 +130,10 @@ pub trait Energy<const D: usize> {
     fn terms(
         &mut self,
         x: &[[f64; D]],
-        held: &Held<'_>,
+        held: &OwnedAndGhosts<'_>,
         minimised: f64,
         gradient: &mut [[f64; D]],
-    ) -> Result<Terms>;
+    ) -> Result<EnergyTerms>;
 
     /// Called with the lattice at the start of every round of an optimisation: what is frozen in a
     /// round may change here. Says whether it has, so that energies of before are no longer to be
@@ -146,8 +146,8 @@ pub trait Energy<const D: usize> {
     }
 
     /// Another evaluator of the same energy, for another thread.
-    fn twin(&self) -> Box<dyn Energy<D> + Send + '_>;
+    fn duplicate(&self) -> Box<dyn Energy<D> + Send + '_>;
 
     /// The parts of the energy of the last call of [`Energy::evaluate`].
-    fn parts(&self) -> Parts;
+    fn parts(&self) -> EnergyParts;
 }

@@ -23,7 +23,7 @@
 //! lattice that was perturbed comes to rest with a third of its atoms out of place.
 
 /// The distance, in units of d, beyond which atoms do not feel each other.
-pub const CUTOFF: f32 = 1.5;
+pub const CUTOFF_RATIO: f32 = 1.5;
 
 /// The stiffening that keeps atoms apart where an image of weight beta in valleys of depth 1
 /// attracts them: in proportion to beta / (1 - beta), the pull of the image over that of the lattice,
@@ -39,24 +39,24 @@ pub fn stiffness(beta: f64) -> f32 {
 
 /// The lesser of two numbers, in one instruction ([`f32::min`] takes three, for NaN).
 #[inline(always)]
-fn least(a: f32, b: f32) -> f32 {
+fn fast_min(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
 /// The force f(u) = -phi'(u), stiffened by `stiffness`; positive pushes apart.
 #[inline(always)]
 pub fn force(u: f32, stiffness: f32) -> f32 {
-    let u = least(u, CUTOFF);
-    let inside = 1.0 - least(u, 1.0);
-    (u - 1.0) * (u - CUTOFF) * (1.25 * u + 0.75) + stiffness * inside * inside
+    let u = fast_min(u, CUTOFF_RATIO);
+    let inside = 1.0 - fast_min(u, 1.0);
+    (u - 1.0) * (u - CUTOFF_RATIO) * (1.25 * u + 0.75) + stiffness * inside * inside
 }
 
 /// The potential phi(u), stiffened by `stiffness`; least at u = 1, where it is -37/768.
 #[inline(always)]
 pub fn potential(u: f32, stiffness: f32) -> f32 {
-    let u = least(u, CUTOFF);
-    let v = u - CUTOFF;
-    let inside = 1.0 - least(u, 1.0);
+    let u = fast_min(u, CUTOFF_RATIO);
+    let v = u - CUTOFF_RATIO;
+    let inside = 1.0 - fast_min(u, 1.0);
     -0.3125 * v * v * (u * (u + 7.0 / 15.0) - 0.85) + stiffness / 3.0 * inside * inside * inside
 }
 

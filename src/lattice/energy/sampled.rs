@@ -14,12 +14,12 @@
 //! cost grows with the samples of the image, about 20 additions a sample in 3-D; this is the
 //! reference and the thing to beat, not the tool of choice.
 
-use super::pair::{CUTOFF, potential};
-use super::{Beta, Energy, Parts, Terms};
+use super::pair::{CUTOFF_RATIO, potential};
+use super::{Beta, Energy, EnergyParts, EnergyTerms};
 use crate::error::Result;
-use crate::image::Field;
+use crate::image::ScalarField;
 use crate::lattice::distance::Distance;
-use crate::lattice::held::Held;
+use crate::lattice::halo::OwnedAndGhosts;
 use crate::lattice::seeding::Alignment;
 
 /// Stamps per doubling of d, where d varies: neighbouring ones differ by less than one percent.
@@ -28,20 +28,20 @@ const STAMPS_PER_OCTAVE: f64 = 80.0;
 /// phi around one atom, cut into runs of samples along x.
 #[derive(Clone, Default)]
 struct Stamp<const D: usize> {
-    runs: Vec<Run<D>>,
+    runs: Vec<SampleRun<D>>,
 }
 
 /// Successive samples along x.
 #[derive(Clone)]
-struct Run<const D: usize> {
+struct SampleRun<const D: usize> {
     /// Offset in samples from the atom to the first, along each axis.
-    first: [i64; D],
+    offset: [i64; D],
     values: Vec<f32>,
 }
 
 impl<const D: usize> Stamp<D> {
     fn new(d: f64, step: [f64; D], stiffness: f32) -> Self {
-        let reach = step.map(|s| (f64::from(CUTOFF) * d / s) as i64);
+        let reach = step.map(|s| (f64::from(CUTOFF_RATIO) * d / s) as i64);
         let rows: i64 = reach[1..].iter().map(|r| 2 * r + 1).product();
         let mut runs = Vec::new();
         for row in 0..rows {
@@ -52,7 +52,7 @@ impl<const D: usize> Stamp<D> {
                 rest /= 2 * reach[k] + 1;
             }
             let across: f64 = (1..D).map(|k| (first[k] as f64 * step[k]).powi(2)).sum();
-            let left = (f64::from(CUTOFF) * d).powi(2) - across;
+            let left = (f64::from(CUTOFF_RATIO) * d).powi(2) - across;
             if left < 0.0 {
                 continue;
             }
@@ -62,8 +62,8 @@ impl<const D: usize> Stamp<D> {
                 let r = (across + (x as f64 * step[0]).powi(2)).sqrt();
                 potential((r / d) as f32, stiffness)
             };
-            runs.push(Run {
-                first,
+            runs.push(SampleRun {
+                offset: first,
                 values: (-half..=half).map(value).collect(),
             });
         }
@@ -73,84 +73,84 @@ impl<const D: usize> Stamp<D> {
 
 /// The sampled evaluator of the lattice energy.
 #[derive(Clone)]
-pub struct Sampled<'a, const D: usize> {
+pub struct SampledEnergy<'a, const D: usize> {
     distance: &'a Distance<D>,
-    potential: Field<D>,
+    potential: ScalarField<D>,
     beta: Beta<D>,
     alignment: Alignment,
     stiffness: f32,
     /// From the smallest d up, [`STAMPS_PER_OCTAVE`] per doubling.
     stamps: Vec<Stamp<D>>,
-    smallest: f64,
+    min_d: f64,
     /// a(x) on the grid of `potential`.
-    field: Vec<f32>,
-    parts: Parts,
+    atom_potential: Vec<f32>,
+    parts: EnergyParts,
 }
 
-impl<'a, const D: usize> Sampled<'a, D> {
+impl<'a, const D: usize> SampledEnergy<'a, D> {
     /// An evaluator on the grid of the image potential.
-    pub fn new(distance: &'a Distance<D>, potential: Field<D>, beta: Beta<D>) -> Self {
+    pub fn new(distance: &'a Distance<D>, potential: ScalarField<D>, beta: Beta<D>) -> Self {
         let field = vec![0.0; potential.samples.len()];
         let mut sampled = Self {
             distance,
             potential,
             beta,
-            alignment: Alignment::On,
+            alignment: Alignment::OnFeatures,
             stiffness: 0.0,
             stamps: Vec::new(),
-            smallest: distance.min(),
-            field,
-            parts: Parts::default(),
+            min_d: distance.min(),
+            atom_potential: field,
+            parts: EnergyParts::default(),
         };
-        sampled.tabulate();
+        sampled.build_stamps();
         sampled
     }
 
     /// Where atoms shall end up, as in [`Pairwise::aligned`](super::Pairwise::aligned).
-    pub fn aligned(mut self, alignment: Alignment) -> Self {
+    pub fn with_alignment(mut self, alignment: Alignment) -> Self {
         self.alignment = alignment;
         self
     }
 
     /// The same stiffening as [`Pairwise::uncrowded`](super::Pairwise::uncrowded).
-    pub fn uncrowded(self) -> Self {
+    pub fn with_auto_stiffness(self) -> Self {
         let stiffness = self.beta.stiffness();
-        self.stiffened(stiffness)
+        self.with_stiffness(stiffness)
     }
 
     /// The same stiffening as [`Pairwise::stiffened`](super::Pairwise::stiffened).
-    pub fn stiffened(mut self, stiffness: f32) -> Self {
+    pub fn with_stiffness(mut self, stiffness: f32) -> Self {
         self.stiffness = stiffness.max(0.0);
-        self.tabulate();
+        self.build_stamps();
         self
     }
 
-    fn tabulate(&mut self) {
-        let octaves = (self.distance.max() / self.smallest).log2();
+    fn build_stamps(&mut self) {
+        let octaves = (self.distance.max() / self.min_d).log2();
         let count = (octaves * STAMPS_PER_OCTAVE).round() as usize + 1;
-        let d = |n: usize| self.smallest * (n as f64 / STAMPS_PER_OCTAVE).exp2();
+        let d = |n: usize| self.min_d * (n as f64 / STAMPS_PER_OCTAVE).exp2();
         let stamp = |n: usize| Stamp::new(d(n), self.potential.step, self.stiffness);
         self.stamps = (0..count).map(stamp).collect();
     }
 
     /// The total potential field p(x) = (1 - beta) a(x) + beta b(x) of the atoms last evaluated, on
     /// the grid of the image potential (Hale 2001, equation 5 and figures 6 and 7).
-    pub fn total(&self) -> Field<D> {
-        let Field { dims, step, .. } = self.potential;
+    pub fn total_potential(&self) -> ScalarField<D> {
+        let ScalarField { dims, step, .. } = self.potential;
         let mut flat = 0;
-        Field::from_fn(dims, step, |x| {
+        ScalarField::from_fn(dims, step, |x| {
             let beta = match &self.beta {
                 Beta::Constant(beta) => *beta,
                 Beta::Field(field) => field.value(x),
             };
-            let (a, b) = (self.field[flat], self.potential.samples[flat]);
+            let (a, b) = (self.atom_potential[flat], self.potential.samples[flat]);
             flat += 1;
             (1.0 - beta) * f64::from(a) + beta * f64::from(b)
         })
     }
 
     /// The index of the sample nearest to a position, along each axis.
-    fn nearest(&self, x: &[f64; D]) -> [usize; D] {
+    fn nearest_sample(&self, x: &[f64; D]) -> [usize; D] {
         std::array::from_fn(|k| {
             let last = self.potential.dims[k] - 1;
             (x[k] / self.potential.step[k])
@@ -159,7 +159,7 @@ impl<'a, const D: usize> Sampled<'a, D> {
         })
     }
 
-    fn flat(&self, index: &[usize; D]) -> usize {
+    fn flat_index(&self, index: &[usize; D]) -> usize {
         (0..D)
             .rev()
             .fold(0, |flat, k| flat * self.potential.dims[k] + index[k])
@@ -168,17 +168,17 @@ impl<'a, const D: usize> Sampled<'a, D> {
     /// The sign of b in the energy.
     fn sign(&self) -> f64 {
         match self.alignment {
-            Alignment::On => 1.0,
-            Alignment::Alongside => -1.0,
+            Alignment::OnFeatures => 1.0,
+            Alignment::AlongsideFeatures => -1.0,
         }
     }
 
     /// Adds the stamps of an atom and, alongside, of its mirror images to the field.
-    fn accumulate(&mut self, x: &[f64; D]) {
-        let centre = self.nearest(x).map(|c| c as i64);
+    fn add_atom(&mut self, x: &[f64; D]) {
+        let centre = self.nearest_sample(x).map(|c| c as i64);
         let images = match self.alignment {
-            Alignment::On => 1,
-            Alignment::Alongside => 3usize.pow(D as u32),
+            Alignment::OnFeatures => 1,
+            Alignment::AlongsideFeatures => 3usize.pow(D as u32),
         };
         for image in 0..images {
             // Along each axis itself, mirrored in the near side, or in the far one.
@@ -187,17 +187,17 @@ impl<'a, const D: usize> Sampled<'a, D> {
                 1 => -centre[k],
                 _ => 2 * (self.potential.dims[k] as i64 - 1) - centre[k],
             });
-            self.stamp(x, centre);
+            self.add_stamp(x, centre);
         }
     }
 
     /// Adds the stamp of an atom at `x`, moved to a centre in samples, as far as it is in the box.
-    fn stamp(&mut self, x: &[f64; D], centre: [i64; D]) {
-        let octaves = (self.distance.at(*x) / self.smallest).log2();
+    fn add_stamp(&mut self, x: &[f64; D], centre: [i64; D]) {
+        let octaves = (self.distance.value_at(*x) / self.min_d).log2();
         let stamp = (octaves * STAMPS_PER_OCTAVE).round().max(0.0) as usize;
         let dims = self.potential.dims;
         for run in &self.stamps[stamp.min(self.stamps.len() - 1)].runs {
-            let first: [i64; D] = std::array::from_fn(|k| centre[k] + run.first[k]);
+            let first: [i64; D] = std::array::from_fn(|k| centre[k] + run.offset[k]);
             if (1..D).any(|k| first[k] < 0 || first[k] >= dims[k] as i64) {
                 continue;
             }
@@ -210,7 +210,7 @@ impl<'a, const D: usize> Sampled<'a, D> {
                 .rev()
                 .fold(0, |flat, k| flat * dims[k] + first[k] as usize)
                 * dims[0];
-            let samples = &mut self.field[row + start as usize..row + last as usize];
+            let samples = &mut self.atom_potential[row + start as usize..row + last as usize];
             for (sample, value) in samples
                 .iter_mut()
                 .zip(&run.values[(start - first[0]) as usize..])
@@ -220,7 +220,7 @@ impl<'a, const D: usize> Sampled<'a, D> {
         }
     }
 
-    fn beta(&self, index: &[usize; D]) -> f64 {
+    fn beta_at(&self, index: &[usize; D]) -> f64 {
         match &self.beta {
             Beta::Constant(beta) => *beta,
             Beta::Field(field) => field.value(std::array::from_fn(|k| {
@@ -230,25 +230,25 @@ impl<'a, const D: usize> Sampled<'a, D> {
     }
 }
 
-impl<const D: usize> Energy<D> for Sampled<'_, D> {
+impl<const D: usize> Energy<D> for SampledEnergy<'_, D> {
     fn evaluate(&mut self, x: &[[f64; D]], gradient: &mut [[f64; D]]) -> Result<f64> {
-        self.field.fill(0.0);
+        self.atom_potential.fill(0.0);
         for atom in x {
-            self.accumulate(atom);
+            self.add_atom(atom);
         }
         let itself = f64::from(potential(0.0, self.stiffness));
         let sign = self.sign();
         let total_at = |index: &[usize; D]| {
-            let (flat, beta) = (self.flat(index), self.beta(index));
-            (1.0 - beta) * f64::from(self.field[flat])
+            let (flat, beta) = (self.flat_index(index), self.beta_at(index));
+            (1.0 - beta) * f64::from(self.atom_potential[flat])
                 + sign * beta * f64::from(self.potential.samples[flat])
         };
-        let mut parts = Parts::default();
+        let mut parts = EnergyParts::default();
         let mut energy = 0.0;
         for (atom, gradient) in x.iter().zip(gradient) {
-            let index = self.nearest(atom);
-            let (flat, beta) = (self.flat(&index), self.beta(&index));
-            let a = 0.5 * (f64::from(self.field[flat]) - itself);
+            let index = self.nearest_sample(atom);
+            let (flat, beta) = (self.flat_index(&index), self.beta_at(&index));
+            let a = 0.5 * (f64::from(self.atom_potential[flat]) - itself);
             let b = sign * f64::from(self.potential.samples[flat]);
             parts.lattice += a;
             parts.image += b;
@@ -268,25 +268,25 @@ impl<const D: usize> Energy<D> for Sampled<'_, D> {
     fn terms(
         &mut self,
         x: &[[f64; D]],
-        _: &Held<'_>,
+        _: &OwnedAndGhosts<'_>,
         minimised: f64,
         gradient: &mut [[f64; D]],
-    ) -> Result<Terms> {
+    ) -> Result<EnergyTerms> {
         let (parts, stiffness) = (self.parts, self.stiffness);
         self.stiffness = 0.0;
-        self.tabulate();
+        self.build_stamps();
         let energy = self.evaluate(x, gradient);
         let found = std::mem::replace(&mut self.parts, parts);
         self.stiffness = stiffness;
-        self.tabulate();
-        Ok(Terms::of_pairs(found, energy?, minimised))
+        self.build_stamps();
+        Ok(EnergyTerms::from_pairs(found, energy?, minimised))
     }
 
-    fn twin(&self) -> Box<dyn Energy<D> + Send + '_> {
+    fn duplicate(&self) -> Box<dyn Energy<D> + Send + '_> {
         Box::new(self.clone())
     }
 
-    fn parts(&self) -> Parts {
+    fn parts(&self) -> EnergyParts {
         self.parts
     }
 }
@@ -294,11 +294,15 @@ impl<const D: usize> Energy<D> for Sampled<'_, D> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::Sparse;
-    use crate::lattice::energy::Pairwise;
+    use crate::image::SparseField;
+    use crate::lattice::energy::PairwiseEnergy;
 
     /// A jittered lattice and a potential, d samples to the nominal distance.
-    fn case(d: f64, on_samples: bool, alignment: Alignment) -> (Vec<[f64; 3]>, [f64; 3], Field<3>) {
+    fn case(
+        d: f64,
+        on_samples: bool,
+        alignment: Alignment,
+    ) -> (Vec<[f64; 3]>, [f64; 3], ScalarField<3>) {
         let extent = [8.0 * d; 3];
         let mut state = 3u64;
         let mut random = || {
@@ -307,18 +311,18 @@ mod tests {
                 .wrapping_add(1_442_695);
             (state >> 33) as f64 / (1u64 << 31) as f64 - 0.5
         };
-        let mut atoms = crate::lattice::seeding::lattice::fitted(extent, d, alignment);
+        let mut atoms = crate::lattice::seeding::densest_lattice::fit_lattice(extent, d, alignment);
         for atom in &mut atoms {
             *atom = atom.map(|c| (c + 0.3 * d * random()).clamp(0.0, extent[0]));
             if on_samples {
                 *atom = atom.map(f64::round);
             }
-            if alignment == Alignment::Alongside {
+            if alignment == Alignment::AlongsideFeatures {
                 *atom = atom.map(|c| c.clamp(1.0, extent[0] - 1.0));
             }
         }
         let dims = extent.map(|l| l as usize + 1);
-        let field = Field::from_fn(dims, [1.0; 3], |x| {
+        let field = ScalarField::from_fn(dims, [1.0; 3], |x| {
             let u = (x[0] + 0.3 * x[1] - 5.0 * d) / (0.5 * d);
             -(-0.5 * u * u).exp()
         });
@@ -328,11 +332,15 @@ mod tests {
     /// Relative difference between the two evaluators: energy, and gradient (Euclidean norm).
     fn difference(d: f64, on_samples: bool, beta: f64, alignment: Alignment) -> (f64, f64) {
         let (atoms, extent, field) = case(d, on_samples, alignment);
-        let sparse = Sparse::of(&field);
+        let sparse = SparseField::from_field(&field);
         let distance = Distance::Constant(d);
-        let sampled = Sampled::new(&distance, field.clone(), Beta::Constant(beta));
-        let exact = Pairwise::new(extent, &distance, Some(&sparse), Beta::Constant(beta)).unwrap();
-        let (mut sampled, mut exact) = (sampled.aligned(alignment), exact.aligned(alignment));
+        let sampled = SampledEnergy::new(&distance, field.clone(), Beta::Constant(beta));
+        let exact =
+            PairwiseEnergy::new(extent, &distance, Some(&sparse), Beta::Constant(beta)).unwrap();
+        let (mut sampled, mut exact) = (
+            sampled.with_alignment(alignment),
+            exact.with_alignment(alignment),
+        );
         let mut rough = vec![[0.0; 3]; atoms.len()];
         let mut truth = rough.clone();
         let (p, q) = (
@@ -354,7 +362,7 @@ mod tests {
     #[test]
     fn is_exact_for_atoms_on_samples() {
         for d in [4.0, 6.0] {
-            for alignment in [Alignment::On, Alignment::Alongside] {
+            for alignment in [Alignment::OnFeatures, Alignment::AlongsideFeatures] {
                 assert!(difference(d, true, 0.4, alignment).0 < 1e-5);
             }
         }
@@ -364,7 +372,7 @@ mod tests {
     fn agrees_with_pairs_within_the_sampling_error() {
         let mut before = f64::INFINITY;
         for d in [4.0, 6.0, 8.0, 12.0] {
-            let (energy, gradient) = difference(d, false, 0.4, Alignment::On);
+            let (energy, gradient) = difference(d, false, 0.4, Alignment::OnFeatures);
             println!("d = {d}: energy {energy:.4}, gradient {gradient:.4}");
             // An atom is off its sample by 0.29 an axis, a share of 0.29 / d of its distances.
             assert!(
@@ -379,15 +387,16 @@ mod tests {
     #[test]
     fn the_published_energy_and_what_stiffening_adds_agree_with_pairs() {
         for d in [6.0, 8.0, 12.0] {
-            let (atoms, extent, field) = case(d, false, Alignment::On);
-            let sparse = Sparse::of(&field);
+            let (atoms, extent, field) = case(d, false, Alignment::OnFeatures);
+            let sparse = SparseField::from_field(&field);
             let (distance, beta) = (Distance::Constant(d), Beta::Constant(0.4));
             let mut gradient = vec![[0.0; 3]; atoms.len()];
             let mut both = |stiff: bool| {
-                let sampled = Sampled::new(&distance, field.clone(), beta.clone());
-                let exact = Pairwise::new(extent, &distance, Some(&sparse), beta.clone()).unwrap();
+                let sampled = SampledEnergy::new(&distance, field.clone(), beta.clone());
+                let exact =
+                    PairwiseEnergy::new(extent, &distance, Some(&sparse), beta.clone()).unwrap();
                 let (mut sampled, mut exact) = match stiff {
-                    true => (sampled.uncrowded(), exact.uncrowded()),
+                    true => (sampled.with_auto_stiffness(), exact.with_auto_stiffness()),
                     false => (sampled, exact),
                 };
                 [
@@ -410,16 +419,17 @@ mod tests {
 
     #[test]
     fn agrees_where_distance_and_beta_vary() {
-        let (atoms, extent, field) = case(12.0, false, Alignment::On);
-        let sparse = Sparse::of(&field);
+        let (atoms, extent, field) = case(12.0, false, Alignment::OnFeatures);
+        let sparse = SparseField::from_field(&field);
         let dims = extent.map(|l| l as usize / 4 + 1);
-        let distance = Distance::Field(Field::from_fn(dims, [4.0; 3], |x| {
+        let distance = Distance::Field(ScalarField::from_fn(dims, [4.0; 3], |x| {
             10.0 + 0.04 * x[0] - 0.02 * x[2]
         }));
-        let beta = Beta::Field(Field::from_fn(dims, [4.0; 3], |x| 0.3 + 0.002 * x[1]));
-        let mut sampled = Sampled::new(&distance, field.clone(), beta.clone()).stiffened(10.0);
-        let exact = Pairwise::new(extent, &distance, Some(&sparse), beta).unwrap();
-        let mut exact = exact.stiffened(10.0);
+        let beta = Beta::Field(ScalarField::from_fn(dims, [4.0; 3], |x| 0.3 + 0.002 * x[1]));
+        let mut sampled =
+            SampledEnergy::new(&distance, field.clone(), beta.clone()).with_stiffness(10.0);
+        let exact = PairwiseEnergy::new(extent, &distance, Some(&sparse), beta).unwrap();
+        let mut exact = exact.with_stiffness(10.0);
         let mut gradient = vec![[0.0; 3]; atoms.len()];
         let rough = sampled.evaluate(&atoms, &mut gradient).unwrap();
         let truth = exact.evaluate(&atoms, &mut gradient).unwrap();
@@ -434,12 +444,12 @@ mod tests {
     #[test]
     fn the_total_field_is_the_image_and_a_stamp_for_each_atom() {
         let dims = [17, 13];
-        let valley = Field::from_fn(dims, [1.0; 2], |x| -0.1 * x[1] / 12.0);
+        let valley = ScalarField::from_fn(dims, [1.0; 2], |x| -0.1 * x[1] / 12.0);
         let distance = Distance::Constant(4.0);
-        let mut sampled = Sampled::new(&distance, valley.clone(), Beta::Constant(0.25));
+        let mut sampled = SampledEnergy::new(&distance, valley.clone(), Beta::Constant(0.25));
         let atoms = [[5.0, 6.0], [12.0, 3.0]];
         sampled.evaluate(&atoms, &mut [[0.0; 2]; 2]).unwrap();
-        let total = sampled.total();
+        let total = sampled.total_potential();
         for (i, p) in total.samples.iter().enumerate() {
             let x = [(i % 17) as f64, (i / 17) as f64];
             let each = atoms.map(|a| {

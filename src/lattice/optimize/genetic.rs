@@ -20,19 +20,19 @@
 
 use crate::parallel::prelude::*;
 
-use super::bounds::Bounds;
-use super::minimise::{Budget, FIRST_CURVATURE, Minimiser, finite};
-use super::{Effort, Stop, show};
+use super::bounds::MoveBounds;
+use super::minimise::{Budget, INITIAL_INVERSE_CURVATURE, Minimiser, check_finite};
+use super::{OptimizeOptions, StopReason, send_snapshot};
 use crate::error::Result;
 use crate::geometry::random::uniform;
-use crate::lattice::energy::{Energy, Parts};
-use crate::lattice::held::Held;
-use crate::observer::{Observer, Patience, Progress};
+use crate::lattice::energy::{Energy, EnergyParts};
+use crate::lattice::halo::OwnedAndGhosts;
+use crate::progress::{CancelToken, OptimizeStatus, Progress};
 
 /// Individuals in a generation (Fernandes & Gattass 2009).
-pub const POPULATION: usize = 10;
+pub const POPULATION_SIZE: usize = 10;
 /// The decrease that ends an evolution is that over this many generations.
-const WINDOW: usize = 10;
+const CONVERGENCE_WINDOW: usize = 10;
 
 /// A lattice, and what is known of it.
 #[derive(Clone)]
@@ -40,7 +40,7 @@ struct Individual<const D: usize> {
     positions: Vec<[f64; D]>,
     gradient: Vec<[f64; D]>,
     energy: f64,
-    parts: Parts,
+    parts: EnergyParts,
 }
 
 /// Lets a population evolve from `start` until the energy of its best has fallen by less than the
@@ -50,40 +50,40 @@ pub fn evolve<const D: usize>(
     minimiser: &mut Minimiser<'_, D>,
     start: &[[f64; D]],
     energy: &mut dyn Energy<D>,
-    options: &Effort,
+    options: &OptimizeOptions,
     round: usize,
     budget: &mut Budget,
-    observer: &mut dyn Observer,
-) -> Result<Stop> {
-    let held = Held::all(start.len());
+    observer: &mut dyn Progress,
+) -> Result<StopReason> {
+    let held = OwnedAndGhosts::all(start.len());
     let bounds = minimiser.bounds();
     let scale = bounds.scale(&energy.stiffness(start));
     let mut first = Individual {
         positions: start.to_vec(),
         gradient: vec![[0.0; D]; start.len()],
         energy: 0.0,
-        parts: Parts::default(),
+        parts: EnergyParts::default(),
     };
-    first.energy = finite(energy.evaluate(start, &mut first.gradient)?)?;
+    first.energy = check_finite(energy.evaluate(start, &mut first.gradient)?)?;
     first.parts = energy.parts();
     budget.evaluations += 1;
-    let mut twins: Vec<_> = (1..POPULATION).map(|_| energy.twin()).collect();
+    let mut twins: Vec<_> = (1..POPULATION_SIZE).map(|_| energy.duplicate()).collect();
     let mut history = vec![first.energy];
     // All alike at first: the best, and those that will be its children's other parents.
-    let mut parents = vec![first; POPULATION];
+    let mut parents = vec![first; POPULATION_SIZE];
     let mut children = parents[1..].to_vec();
     let stop = loop {
         if !observer.keep_going() {
-            break Stop::Interrupted;
+            break StopReason::Interrupted;
         }
-        if budget.spent() {
-            break Stop::MaxIterations;
+        if budget.is_spent() {
+            break StopReason::MaxIterations;
         }
         let generation = history.len() as u64;
         let others = children.par_iter_mut().zip(&mut twins).enumerate();
-        let evolve = |patience: &Patience<'_>| -> Result<bool> {
+        let evolve = |patience: &CancelToken<'_>| -> Result<bool> {
             others.try_for_each(|(n, (child, twin))| {
-                if patience.over() {
+                if patience.is_cancelled() {
                     return Ok(());
                 }
                 let key = [options.seed, round as u64, generation, n as u64]
@@ -91,32 +91,32 @@ pub fn evolve<const D: usize>(
                     .fold(0, |key: u64, part| {
                         (key ^ part).wrapping_mul(0x9E37_79B9_7F4A_7C15)
                     });
-                let birth = Birth {
+                let birth = Reproduction {
                     bounds,
                     scale: &scale,
-                    size: options.perturbation,
+                    max_move: options.perturbation,
                     key,
                 };
-                birth.cross(&parents[0], &parents[n + 1], child);
+                birth.cross_over(&parents[0], &parents[n + 1], child);
                 birth.mutate(child);
                 child.energy = twin.evaluate(&child.positions, &mut child.gradient)?;
                 child.parts = twin.parts();
                 Ok(())
             })?;
-            Ok(patience.over())
+            Ok(patience.is_cancelled())
         };
-        if Patience::of(&mut || observer.keep_going(), evolve)? {
-            break Stop::Interrupted;
+        if CancelToken::run(&mut || observer.keep_going(), evolve)? {
+            break StopReason::Interrupted;
         }
         budget.evaluations += children.len();
         for child in &children {
-            finite(child.energy)?;
+            check_finite(child.energy)?;
         }
         for (parent, child) in parents[1..].iter_mut().zip(&mut children) {
             std::mem::swap(parent, child);
         }
         // The first of the least: a child as good as its parent does not take its place.
-        let best = (1..POPULATION).fold(0, |best, n| {
+        let best = (1..POPULATION_SIZE).fold(0, |best, n| {
             if parents[n].energy < parents[best].energy {
                 n
             } else {
@@ -131,18 +131,18 @@ pub fn evolve<const D: usize>(
         } = parents[0];
         if best != 0 {
             budget.iterations += 1;
-            observer.progress(&Progress {
+            observer.optimize_step(&OptimizeStatus {
                 round,
                 iterations: budget.iterations,
                 evaluations: budget.evaluations,
                 energy: least,
-                lattice: parts.lattice,
-                image: parts.image,
+                lattice_energy: parts.lattice,
+                image_energy: parts.image,
             });
         }
         history.push(least);
         let spare = &mut children[0].gradient;
-        show(
+        send_snapshot(
             &parents[0].positions,
             &held,
             least,
@@ -151,39 +151,43 @@ pub fn evolve<const D: usize>(
             spare,
             observer,
         )?;
-        if let Some(n) = history.len().checked_sub(WINDOW + 1)
+        if let Some(n) = history.len().checked_sub(CONVERGENCE_WINDOW + 1)
             && history[n] - least <= options.tolerance * least.abs()
         {
-            break Stop::Converged;
+            break StopReason::Converged;
         }
     };
     drop(twins);
     let best = parents.swap_remove(0);
-    minimiser.take(best.positions, best.energy, best.parts);
+    minimiser.set_result(best.positions, best.energy, best.parts);
     Ok(stop)
 }
 
 /// How a child comes to be.
-struct Birth<'a, const D: usize> {
-    bounds: &'a Bounds<D>,
+struct Reproduction<'a, const D: usize> {
+    bounds: &'a MoveBounds<D>,
     scale: &'a [[f32; D]],
     /// Farthest move, in units of d.
-    size: f64,
+    max_move: f64,
     key: u64,
 }
 
-impl<const D: usize> Birth<'_, D> {
+impl<const D: usize> Reproduction<'_, D> {
     /// A number in [0, 1) for this child.
-    fn even(&self, counter: u64) -> f64 {
+    fn uniform(&self, counter: u64) -> f64 {
         uniform(self.key, counter)
     }
 
     /// The child has the positions (and the gradient there) of one parent up to some atom and of the
     /// other from it on.
-    fn cross(&self, a: &Individual<D>, b: &Individual<D>, child: &mut Individual<D>) {
-        let [first, second] = if self.even(0) < 0.5 { [a, b] } else { [b, a] };
+    fn cross_over(&self, a: &Individual<D>, b: &Individual<D>, child: &mut Individual<D>) {
+        let [first, second] = if self.uniform(0) < 0.5 {
+            [a, b]
+        } else {
+            [b, a]
+        };
         let count = a.positions.len();
-        let cut = (self.even(1) * (count + 1) as f64) as usize;
+        let cut = (self.uniform(1) * (count + 1) as f64) as usize;
         let both = |from: fn(&Individual<D>) -> &Vec<[f64; D]>, to: &mut [[f64; D]]| {
             to[..cut].copy_from_slice(&from(first)[..cut]);
             to[cut..].copy_from_slice(&from(second)[cut..]);
@@ -194,7 +198,7 @@ impl<const D: usize> Birth<'_, D> {
 
     /// Moves some of the child's atoms, by chance or down the gradient.
     fn mutate(&self, child: &mut Individual<D>) {
-        let (rate, size) = (self.even(2), self.size * self.even(3));
+        let (rate, size) = (self.uniform(2), self.max_move * self.uniform(3));
         // Numbers of the atoms, apart from those of their jumps.
         let own = self.key ^ 0x5851_F42D_4C95_7F2D;
         for (n, (x, gradient)) in child.positions.iter_mut().zip(&child.gradient).enumerate() {
@@ -204,24 +208,24 @@ impl<const D: usize> Birth<'_, D> {
                 continue;
             }
             if draw < 0.5 * rate {
-                *x = self.bounds.jump(n, n, x, size, self.key);
+                *x = self.bounds.perturb_atom(n, n, x, size, self.key);
                 continue;
             }
-            let length = FIRST_CURVATURE * 2.0 * uniform(own, 2 * n as u64 + 1);
+            let length = INITIAL_INVERSE_CURVATURE * 2.0 * uniform(own, 2 * n as u64 + 1);
             let scale = self.scale[n].map(f64::from);
             let mut step: [f64; D] =
                 std::array::from_fn(|k| -length * scale[k] * scale[k] * gradient[k]);
             // No farther than allowed, in units of d.
-            let reach = self.bounds.reach()[n].map(f64::from);
+            let reach = self.bounds.move_scale()[n].map(f64::from);
             let far2: f64 = (0..D)
                 .filter(|&k| reach[k] > 0.0)
                 .map(|k| (step[k] / reach[k]).powi(2))
                 .sum();
-            if far2 > self.size * self.size {
-                let shrink = self.size / far2.sqrt();
+            if far2 > self.max_move * self.max_move {
+                let shrink = self.max_move / far2.sqrt();
                 step = step.map(|s| s * shrink);
             }
-            *x = self.bounds.step(n, x, step);
+            *x = self.bounds.apply_step(n, x, step);
         }
     }
 }
@@ -229,17 +233,17 @@ impl<const D: usize> Birth<'_, D> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::{Field, Sparse};
+    use crate::image::{ScalarField, SparseField};
     use crate::lattice::distance::Distance;
-    use crate::lattice::energy::{Beta, Pairwise, Regularised};
-    use crate::lattice::optimize::{Method, Rest, Unobserved, optimize};
+    use crate::lattice::energy::{Beta, PairwiseEnergy, RegularisedEnergy};
+    use crate::lattice::optimize::{Method, NoProgress, OptimizeResult, optimize};
     use crate::lattice::seeding::{Alignment, Atoms, Seeding, seed};
 
     const D: f64 = 5.0;
     const EXTENT: [f64; 2] = [90.0, 70.0];
     const DISTANCE: Distance<2> = Distance::Constant(D);
 
-    fn valley() -> Sparse<2> {
+    fn valley() -> SparseField<2> {
         let depth = |x: [f64; 2]| {
             let u = (x[0] + 0.3 * x[1] - 50.0) / (0.25 * D);
             if u.abs() < 4.0 {
@@ -248,39 +252,43 @@ mod tests {
                 0.0
             }
         };
-        Sparse::of(&Field::from_fn([91, 71], [1.0; 2], depth))
+        SparseField::from_field(&ScalarField::from_fn([91, 71], [1.0; 2], depth))
     }
 
-    fn drawn(valley: &Sparse<2>) -> Atoms<2> {
+    fn random_lattice(valley: &SparseField<2>) -> Atoms<2> {
         let how = Seeding::Guide {
             seed: 1,
-            most: usize::MAX,
+            max_atoms: usize::MAX,
         };
         seed(
             how,
             EXTENT,
             &DISTANCE,
             &[],
-            Alignment::On,
+            Alignment::OnFeatures,
             Some(valley),
-            &Patience::endless(),
+            &CancelToken::never(),
         )
         .unwrap()
     }
 
-    fn evaluator(valley: &Sparse<2>) -> Pairwise<'_, 2> {
-        Pairwise::new(EXTENT, &DISTANCE, Some(valley), Beta::Constant(0.5)).unwrap()
+    fn evaluator(valley: &SparseField<2>) -> PairwiseEnergy<'_, 2> {
+        PairwiseEnergy::new(EXTENT, &DISTANCE, Some(valley), Beta::Constant(0.5)).unwrap()
     }
 
-    fn run(method: Method, evaluations: usize, observer: &mut dyn Observer) -> (Atoms<2>, Rest) {
+    fn run(
+        method: Method,
+        evaluations: usize,
+        observer: &mut dyn Progress,
+    ) -> (Atoms<2>, OptimizeResult) {
         let valley = valley();
-        let mut atoms = drawn(&valley);
-        let options = Effort {
+        let mut atoms = random_lattice(&valley);
+        let options = OptimizeOptions {
             method,
             max_rounds: 1,
             max_evaluations: evaluations,
             tolerance: 1e-5,
-            ..Effort::default()
+            ..OptimizeOptions::default()
         };
         let energy = &mut evaluator(&valley);
         let outcome = optimize(&mut atoms, energy, &DISTANCE, EXTENT, &options, observer).unwrap();
@@ -297,8 +305,8 @@ mod tests {
     fn the_energy_falls_and_the_box_stays_exact() {
         #[derive(Default)]
         struct Energies(Vec<f64>);
-        impl Observer for Energies {
-            fn progress(&mut self, progress: &Progress) {
+        impl Progress for Energies {
+            fn optimize_step(&mut self, progress: &OptimizeStatus) {
                 self.0.push(progress.energy);
             }
         }
@@ -308,8 +316,8 @@ mod tests {
         assert!(energies.0.len() > 20 && energies.0.is_sorted_by(|a, b| a > b));
         assert_eq!(energies.0.last(), Some(&outcome.energy_after));
         assert_eq!(outcome.iterations, energies.0.len());
-        assert!(outcome.evaluations < 900 + POPULATION);
-        let before = drawn(&valley());
+        assert!(outcome.evaluations < 900 + POPULATION_SIZE);
+        let before = random_lattice(&valley());
         let free = before.mobility(EXTENT);
         for (n, (x, old)) in atoms.positions.iter().zip(&before.positions).enumerate() {
             for k in 0..2 {
@@ -325,7 +333,7 @@ mod tests {
     #[test]
     fn gradient_methods_find_lower_energies_with_fewer_evaluations() {
         let gain = |method, evaluations| {
-            let (_, outcome) = run(method, evaluations, &mut Unobserved);
+            let (_, outcome) = run(method, evaluations, &mut NoProgress);
             outcome.energy_before - outcome.energy_after
         };
         let [lbfgs, descent, genetic] = [
@@ -343,7 +351,7 @@ mod tests {
         let with = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new();
             let pool = pool.num_threads(threads).build().unwrap();
-            pool.install(|| run(Method::Genetic, 100, &mut Unobserved).0)
+            pool.install(|| run(Method::Genetic, 100, &mut NoProgress).0)
         };
         assert_eq!(with(1), with(3));
     }
@@ -352,20 +360,20 @@ mod tests {
     fn an_interrupt_keeps_the_best_so_far() {
         /// Says no once there were so many evaluations; remembers how many.
         struct Stopper(usize);
-        impl Observer for Stopper {
-            fn progress(&mut self, progress: &Progress) {
+        impl Progress for Stopper {
+            fn optimize_step(&mut self, progress: &OptimizeStatus) {
                 self.0 = progress.evaluations;
             }
             fn keep_going(&mut self) -> bool {
-                self.0 < 2 + 5 * (POPULATION - 1)
+                self.0 < 2 + 5 * (POPULATION_SIZE - 1)
             }
         }
         let mut stopper = Stopper(0);
         let (_, outcome) = run(Method::Genetic, 1000, &mut stopper);
-        assert_eq!(outcome.stop, Stop::Interrupted);
+        assert_eq!(outcome.stop, StopReason::Interrupted);
         // At the start twice (as given, and as the first of its kind), then whole generations.
         assert_eq!(outcome.evaluations, stopper.0);
-        assert_eq!((outcome.evaluations - 2) % (POPULATION - 1), 0);
+        assert_eq!((outcome.evaluations - 2) % (POPULATION_SIZE - 1), 0);
         assert!(outcome.energy_after < outcome.energy_before);
     }
 
@@ -373,15 +381,15 @@ mod tests {
     fn laplacian_coordinates_make_lattices_more_regular() {
         let valley = valley();
         let length = |kappa: f64, method| {
-            let mut atoms = drawn(&valley);
+            let mut atoms = random_lattice(&valley);
             let energy = |kappa| {
-                let free = drawn(&valley).mobility(EXTENT);
+                let free = random_lattice(&valley).mobility(EXTENT);
                 let beta = Beta::Constant(0.5);
-                Regularised::new(evaluator(&valley), &DISTANCE, beta, kappa, free).unwrap()
+                RegularisedEnergy::new(evaluator(&valley), &DISTANCE, beta, kappa, free).unwrap()
             };
-            let options = Effort {
+            let options = OptimizeOptions {
                 max_rounds: 3,
-                ..Effort::default().with(method, true)
+                ..OptimizeOptions::default().with_method(method, true)
             };
             let used = &mut energy(kappa);
             optimize(
@@ -390,7 +398,7 @@ mod tests {
                 &DISTANCE,
                 EXTENT,
                 &options,
-                &mut Unobserved,
+                &mut NoProgress,
             )
             .unwrap();
             let mut all = energy(0.0);
@@ -409,9 +417,9 @@ mod tests {
     #[test]
     fn children_have_the_atoms_of_their_parents_and_few_move_far() {
         let valley = valley();
-        let atoms = drawn(&valley);
+        let atoms = random_lattice(&valley);
         let mobility = atoms.mobility(EXTENT);
-        let bounds = Bounds::new(&atoms, &DISTANCE, EXTENT, &mobility);
+        let bounds = MoveBounds::new(&atoms, &DISTANCE, EXTENT, &mobility);
         let scale = bounds.scale(&vec![1.0; atoms.len()]);
         let individual = |offset: f64| Individual {
             positions: atoms
@@ -421,19 +429,19 @@ mod tests {
                 .collect(),
             gradient: vec![[offset; 2]; atoms.len()],
             energy: 0.0,
-            parts: Parts::default(),
+            parts: EnergyParts::default(),
         };
         let [a, b] = [individual(0.0), individual(1.0)];
         let (mut cuts, mut by_chance, mut down) = (Vec::new(), 0, 0);
         for key in 0..200 {
-            let birth = Birth {
+            let birth = Reproduction {
                 bounds: &bounds,
                 scale: &scale,
-                size: 0.1,
+                max_move: 0.1,
                 key: key * 977,
             };
             let mut child = a.clone();
-            birth.cross(&a, &b, &mut child);
+            birth.cross_over(&a, &b, &mut child);
             let of_b: Vec<bool> = child.gradient.iter().map(|g| g[0] == 1.0).collect();
             assert!(of_b.windows(2).filter(|w| w[0] != w[1]).count() <= 1);
             for n in 0..atoms.len() {

@@ -10,29 +10,29 @@ use crate::parallel::prelude::*;
 use pulp::{Arch, Simd, WithSimd};
 
 use crate::Result;
-use crate::lattice::held::Held;
+use crate::lattice::halo::OwnedAndGhosts;
 
 /// Number of steps remembered.
-const MEMORY: usize = 5;
+const MEMORY_STEPS: usize = 5;
 /// Index of the gradient in the basis s_0.., y_0.., g.
-const GRADIENT: usize = 2 * MEMORY;
-const BASIS: usize = 2 * MEMORY + 1;
+const GRADIENT_INDEX: usize = 2 * MEMORY_STEPS;
+const BASIS_SIZE: usize = 2 * MEMORY_STEPS + 1;
 
 /// Coordinates per unit of parallel work: a multiple of 2, 3 and 8, and small enough that a chunk of
 /// every vector stays in the cache.
-pub const CHUNK: usize = 3072;
+pub const CHUNK_COORDINATES: usize = 3072;
 
 /// The memory of a minimisation over scaled coordinates: of those that are held here.
 pub struct Lbfgs<'a> {
     /// s in slots `0..MEMORY`, y in `MEMORY..2 * MEMORY`, the gradient last.
-    basis: [Vec<f32>; BASIS],
+    basis: [Vec<f32>; BASIS_SIZE],
     /// Inner products of the basis; meaningful for the live slots and the gradient.
-    gram: [[f64; BASIS]; BASIS],
+    gram: [[f64; BASIS_SIZE]; BASIS_SIZE],
     /// Live slots, oldest first.
-    live: Vec<usize>,
+    live_slots: Vec<usize>,
     /// Inverse curvature to assume while there is no memory.
-    guess: f64,
-    held: &'a Held<'a>,
+    initial_inverse_curvature: f64,
+    halo: &'a OwnedAndGhosts<'a>,
 }
 
 impl<'a> Lbfgs<'a> {
@@ -42,18 +42,18 @@ impl<'a> Lbfgs<'a> {
     ///
     /// # Errors
     /// Those of other ranks, where these hold the rest.
-    pub fn new(gradient: Vec<f32>, guess: f64, held: &'a Held<'a>) -> Result<Self> {
+    pub fn new(gradient: Vec<f32>, guess: f64, held: &'a OwnedAndGhosts<'a>) -> Result<Self> {
         let n = gradient.len();
-        let mut basis: [Vec<f32>; BASIS] = std::array::from_fn(|_| vec![0.0; n]);
-        basis[GRADIENT] = gradient;
+        let mut basis: [Vec<f32>; BASIS_SIZE] = std::array::from_fn(|_| vec![0.0; n]);
+        basis[GRADIENT_INDEX] = gradient;
         let mut memory = Self {
             basis,
-            gram: [[0.0; BASIS]; BASIS],
-            live: Vec::new(),
-            guess,
-            held,
+            gram: [[0.0; BASIS_SIZE]; BASIS_SIZE],
+            live_slots: Vec::new(),
+            initial_inverse_curvature: guess,
+            halo: held,
         };
-        memory.forget()?;
+        memory.reset()?;
         Ok(memory)
     }
 
@@ -61,17 +61,20 @@ impl<'a> Lbfgs<'a> {
     ///
     /// # Errors
     /// Those of other ranks, where these hold the rest.
-    pub fn forget(&mut self) -> Result<()> {
-        self.live.clear();
-        let gradient = &self.basis[GRADIENT];
-        let partial = gradient.par_chunks(CHUNK).map(|g| [dot(g, g)]).collect();
-        [self.gram[GRADIENT][GRADIENT]] = self.held.total(partial)?;
+    pub fn reset(&mut self) -> Result<()> {
+        self.live_slots.clear();
+        let gradient = &self.basis[GRADIENT_INDEX];
+        let partial = gradient
+            .par_chunks(CHUNK_COORDINATES)
+            .map(|g| [dot(g, g)])
+            .collect();
+        [self.gram[GRADIENT_INDEX][GRADIENT_INDEX]] = self.halo.all_reduce_sum(partial)?;
         Ok(())
     }
 
     /// Whether the next direction is plain steepest descent.
     pub fn is_empty(&self) -> bool {
-        self.live.is_empty()
+        self.live_slots.is_empty()
     }
 
     /// Goes to a new point: `advance(chunk, s, g)` writes the step taken and the new gradient of
@@ -84,22 +87,28 @@ impl<'a> Lbfgs<'a> {
         &mut self,
         advance: impl Fn(usize, &mut [f32], &mut [f32]) + Sync,
     ) -> Result<()> {
-        let slot = if self.live.len() == MEMORY {
-            self.live.remove(0)
+        let slot = if self.live_slots.len() == MEMORY_STEPS {
+            self.live_slots.remove(0)
         } else {
-            (0..MEMORY).find(|s| !self.live.contains(s)).unwrap_or(0)
+            (0..MEMORY_STEPS)
+                .find(|s| !self.live_slots.contains(s))
+                .unwrap_or(0)
         };
         let mut s = std::mem::take(&mut self.basis[slot]);
-        let mut y = std::mem::take(&mut self.basis[MEMORY + slot]);
-        let mut g = std::mem::take(&mut self.basis[GRADIENT]);
-        let others: Vec<usize> = self.live.iter().flat_map(|&k| [k, MEMORY + k]).collect();
+        let mut y = std::mem::take(&mut self.basis[MEMORY_STEPS + slot]);
+        let mut g = std::mem::take(&mut self.basis[GRADIENT_INDEX]);
+        let others: Vec<usize> = self
+            .live_slots
+            .iter()
+            .flat_map(|&k| [k, MEMORY_STEPS + k])
+            .collect();
         let basis = &self.basis;
         // Of each chunk: inner products of s, y, g with the others, then among themselves.
-        const SUMS: usize = 3 * (BASIS + 2);
-        let partial: Vec<[f64; SUMS]> = s
-            .par_chunks_mut(CHUNK)
-            .zip(y.par_chunks_mut(CHUNK))
-            .zip(g.par_chunks_mut(CHUNK))
+        const SUM_COUNT: usize = 3 * (BASIS_SIZE + 2);
+        let partial: Vec<[f64; SUM_COUNT]> = s
+            .par_chunks_mut(CHUNK_COORDINATES)
+            .zip(y.par_chunks_mut(CHUNK_COORDINATES))
+            .zip(g.par_chunks_mut(CHUNK_COORDINATES))
             .enumerate()
             .map(|(chunk, ((s, y), g))| {
                 y.copy_from_slice(g);
@@ -107,36 +116,45 @@ impl<'a> Lbfgs<'a> {
                 for (y, g) in y.iter_mut().zip(g.iter()) {
                     *y = g - *y;
                 }
-                let mut sums = [[0.0; 3]; BASIS + 2];
+                let mut sums = [[0.0; 3]; BASIS_SIZE + 2];
                 for (sum, &other) in sums.iter_mut().zip(&others) {
-                    *sum = dots(&basis[other][chunk * CHUNK..][..s.len()], s, y, g);
+                    *sum = dot_three(
+                        &basis[other][chunk * CHUNK_COORDINATES..][..s.len()],
+                        s,
+                        y,
+                        g,
+                    );
                 }
-                sums[BASIS - 1] = dots(s, s, y, g);
-                sums[BASIS] = dots(y, s, y, g);
-                sums[BASIS + 1] = dots(g, s, y, g);
+                sums[BASIS_SIZE - 1] = dot_three(s, s, y, g);
+                sums[BASIS_SIZE] = dot_three(y, s, y, g);
+                sums[BASIS_SIZE + 1] = dot_three(g, s, y, g);
                 std::array::from_fn(|k| sums[k / 3][k % 3])
             })
             .collect();
-        let total = self.held.total(partial)?;
+        let total = self.halo.all_reduce_sum(partial)?;
         let (total, _) = total.as_chunks::<3>();
-        let new = [slot, MEMORY + slot, GRADIENT];
+        let new = [slot, MEMORY_STEPS + slot, GRADIENT_INDEX];
         for (sum, &other) in total.iter().zip(&others) {
             for k in 0..3 {
                 self.gram[new[k]][other] = sum[k];
                 self.gram[other][new[k]] = sum[k];
             }
         }
-        for (k, sum) in total[BASIS - 1..].iter().enumerate() {
+        for (k, sum) in total[BASIS_SIZE - 1..].iter().enumerate() {
             for (l, &value) in sum.iter().enumerate() {
                 self.gram[new[k]][new[l]] = value;
             }
         }
         self.basis[slot] = s;
-        self.basis[MEMORY + slot] = y;
-        self.basis[GRADIENT] = g;
-        let (ss, sy, yy) = (total[BASIS - 1][0], total[BASIS - 1][1], total[BASIS][1]);
+        self.basis[MEMORY_STEPS + slot] = y;
+        self.basis[GRADIENT_INDEX] = g;
+        let (ss, sy, yy) = (
+            total[BASIS_SIZE - 1][0],
+            total[BASIS_SIZE - 1][1],
+            total[BASIS_SIZE][1],
+        );
         if sy > 1e-6 * (ss * yy).sqrt() {
-            self.live.push(slot);
+            self.live_slots.push(slot);
         }
         Ok(())
     }
@@ -148,23 +166,23 @@ impl<'a> Lbfgs<'a> {
     /// Those of other ranks, where these hold the rest.
     pub fn direction<const D: usize>(&self, longest: f32, direction: &mut [f32]) -> Result<f64> {
         let weights = self.coefficients();
-        let terms: Vec<(f32, &[f32])> = (0..BASIS)
+        let terms: Vec<(f32, &[f32])> = (0..BASIS_SIZE)
             .filter(|&k| weights[k] != 0.0)
             .map(|k| (weights[k] as f32, self.basis[k].as_slice()))
             .collect();
-        let gradient = &self.basis[GRADIENT];
+        let gradient = &self.basis[GRADIENT_INDEX];
         let partial = direction
-            .par_chunks_mut(CHUNK)
+            .par_chunks_mut(CHUNK_COORDINATES)
             .enumerate()
             .map(|(chunk, direction)| {
-                let range = chunk * CHUNK..chunk * CHUNK + direction.len();
+                let range = chunk * CHUNK_COORDINATES..chunk * CHUNK_COORDINATES + direction.len();
                 direction.fill(0.0);
                 for (weight, vector) in &terms {
                     let (weight, vector) = (*weight, &vector[range.clone()]);
-                    Arch::new().dispatch(Add {
+                    Arch::new().dispatch(AddScaledKernel {
                         weight,
                         vector,
-                        to: direction,
+                        target: direction,
                     });
                 }
                 for atom in direction.chunks_exact_mut(D) {
@@ -177,35 +195,35 @@ impl<'a> Lbfgs<'a> {
                 [dot(direction, &gradient[range])]
             })
             .collect();
-        let [slope] = self.held.total(partial)?;
+        let [slope] = self.halo.all_reduce_sum(partial)?;
         Ok(slope)
     }
 
     /// The two-loop recursion in the space of coefficients.
-    fn coefficients(&self) -> [f64; BASIS] {
+    fn coefficients(&self) -> [f64; BASIS_SIZE] {
         let gram = &self.gram;
-        let along = |weights: &[f64; BASIS], k: usize| -> f64 {
+        let along = |weights: &[f64; BASIS_SIZE], k: usize| -> f64 {
             let live = self
-                .live
+                .live_slots
                 .iter()
-                .flat_map(|&j| [j, MEMORY + j])
-                .chain([GRADIENT]);
+                .flat_map(|&j| [j, MEMORY_STEPS + j])
+                .chain([GRADIENT_INDEX]);
             live.map(|j| weights[j] * gram[j][k]).sum()
         };
-        let mut weights = [0.0; BASIS];
-        weights[GRADIENT] = -1.0;
-        let mut alpha = [0.0; MEMORY];
-        for &k in self.live.iter().rev() {
-            alpha[k] = along(&weights, k) / gram[k][MEMORY + k];
-            weights[MEMORY + k] -= alpha[k];
+        let mut weights = [0.0; BASIS_SIZE];
+        weights[GRADIENT_INDEX] = -1.0;
+        let mut alpha = [0.0; MEMORY_STEPS];
+        for &k in self.live_slots.iter().rev() {
+            alpha[k] = along(&weights, k) / gram[k][MEMORY_STEPS + k];
+            weights[MEMORY_STEPS + k] -= alpha[k];
         }
-        let scale = match self.live.last() {
-            Some(&k) => gram[k][MEMORY + k] / gram[MEMORY + k][MEMORY + k],
-            None => self.guess,
+        let scale = match self.live_slots.last() {
+            Some(&k) => gram[k][MEMORY_STEPS + k] / gram[MEMORY_STEPS + k][MEMORY_STEPS + k],
+            None => self.initial_inverse_curvature,
         };
         weights.iter_mut().for_each(|w| *w *= scale);
-        for &k in &self.live {
-            let beta = along(&weights, MEMORY + k) / gram[k][MEMORY + k];
+        for &k in &self.live_slots {
+            let beta = along(&weights, MEMORY_STEPS + k) / gram[k][MEMORY_STEPS + k];
             weights[k] += alpha[k] - beta;
         }
         weights
@@ -214,45 +232,45 @@ impl<'a> Lbfgs<'a> {
 
 /// Inner product of two chunks.
 pub fn dot(a: &[f32], b: &[f32]) -> f64 {
-    Arch::new().dispatch(Dots { a, others: [b] })[0]
+    Arch::new().dispatch(DotKernel { a, others: [b] })[0]
 }
 
 /// Inner products of `a` with three others in one go.
-fn dots(a: &[f32], s: &[f32], y: &[f32], g: &[f32]) -> [f64; 3] {
-    Arch::new().dispatch(Dots {
+fn dot_three(a: &[f32], s: &[f32], y: &[f32], g: &[f32]) -> [f64; 3] {
+    Arch::new().dispatch(DotKernel {
         a,
         others: [s, y, g],
     })
 }
 
 /// Inner products of one chunk with `N` others.
-struct Dots<'a, const N: usize> {
+struct DotKernel<'a, const N: usize> {
     a: &'a [f32],
     others: [&'a [f32]; N],
 }
 
-impl<const N: usize> WithSimd for Dots<'_, N> {
+impl<const N: usize> WithSimd for DotKernel<'_, N> {
     type Output = [f64; N];
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> [f64; N] {
         self.others.map(
             #[inline(always)]
-            |other| running_sums(self.a, other),
+            |other| dot_in_lanes(self.a, other),
         )
     }
 }
 
 /// Inner product in sixteen running sums, which the compiler keeps in vector registers.
 #[inline(always)]
-fn running_sums(a: &[f32], b: &[f32]) -> f64 {
-    const SUMS: usize = 16;
-    let mut sums = [0.0f32; SUMS];
-    let (blocks_a, blocks_b) = (a.chunks_exact(SUMS), b.chunks_exact(SUMS));
+fn dot_in_lanes(a: &[f32], b: &[f32]) -> f64 {
+    const LANE_COUNT: usize = 16;
+    let mut sums = [0.0f32; LANE_COUNT];
+    let (blocks_a, blocks_b) = (a.chunks_exact(LANE_COUNT), b.chunks_exact(LANE_COUNT));
     let rest = blocks_a.remainder().iter().zip(blocks_b.remainder());
     let rest: f32 = rest.map(|(a, b)| a * b).sum();
     for (a, b) in blocks_a.zip(blocks_b) {
-        for l in 0..SUMS {
+        for l in 0..LANE_COUNT {
             sums[l] += a[l] * b[l];
         }
     }
@@ -260,18 +278,18 @@ fn running_sums(a: &[f32], b: &[f32]) -> f64 {
 }
 
 /// Adds a multiple of a chunk to another.
-struct Add<'a> {
+struct AddScaledKernel<'a> {
     weight: f32,
     vector: &'a [f32],
-    to: &'a mut [f32],
+    target: &'a mut [f32],
 }
 
-impl WithSimd for Add<'_> {
+impl WithSimd for AddScaledKernel<'_> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        for (sum, v) in self.to.iter_mut().zip(self.vector) {
+        for (sum, v) in self.target.iter_mut().zip(self.vector) {
             *sum += self.weight * v;
         }
     }
@@ -284,7 +302,7 @@ mod tests {
     /// Minimises with unit steps and plain halving; returns the number of evaluations.
     fn minimise(f: impl Fn(&[f64]) -> (f64, Vec<f32>), x: &mut Vec<f64>, tolerance: f64) -> usize {
         let (mut value, gradient) = f(x);
-        let all = Held::all(x.len());
+        let all = OwnedAndGhosts::all(x.len());
         let mut memory = Lbfgs::new(gradient, 1e-3, &all).unwrap();
         let mut direction = vec![0.0f32; x.len()];
         for evaluations in 1..2000 {
@@ -308,7 +326,7 @@ mod tests {
             value = found.0;
             memory
                 .advance(|chunk, s, g| {
-                    let first = chunk * CHUNK;
+                    let first = chunk * CHUNK_COORDINATES;
                     for n in 0..s.len() {
                         s[n] = (x[first + n] - old[first + n]) as f32;
                         g[n] = found.1[first + n];
@@ -346,7 +364,7 @@ mod tests {
 
     #[test]
     fn is_newton_like_on_quadratics_larger_than_a_chunk() {
-        let n = 2 * CHUNK + 17;
+        let n = 2 * CHUNK_COORDINATES + 17;
         let curvature = |k: usize| 1.0 + (k % 4) as f64;
         let quadratic = |x: &[f64]| {
             let value = x
@@ -371,7 +389,7 @@ mod tests {
     fn no_atom_moves_farther_than_allowed() {
         let gradient = vec![3.0, 4.0, 0.0, 0.1, 0.0, 0.0];
         let mut direction = vec![0.0; 6];
-        let all = Held::all(2);
+        let all = OwnedAndGhosts::all(2);
         let memory = Lbfgs::new(gradient, 1.0, &all).unwrap();
         let slope = memory.direction::<3>(0.25, &mut direction).unwrap();
         assert!((direction[0] + 0.15).abs() < 1e-7 && (direction[1] + 0.2).abs() < 1e-7);

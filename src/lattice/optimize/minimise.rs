@@ -3,27 +3,27 @@
 
 use crate::parallel::prelude::*;
 
-use super::Stop;
-use super::bounds::Bounds;
-use super::lbfgs::{CHUNK, Lbfgs, dot};
+use super::StopReason;
+use super::bounds::MoveBounds;
+use super::lbfgs::{CHUNK_COORDINATES, Lbfgs, dot};
 use crate::error::{Error, Result, cause};
 use crate::geometry::distance2;
-use crate::lattice::energy::{self, Energy, Parts};
-use crate::lattice::held::Held;
-use crate::observer::{Observer, Progress};
+use crate::lattice::energy::{self, Energy, EnergyParts};
+use crate::lattice::halo::OwnedAndGhosts;
+use crate::progress::{OptimizeStatus, Progress};
 
 /// Farthest an atom may move in a step, in units of d.
-const LONGEST_MOVE: f32 = 0.25;
+const MAX_STEP_LENGTH: f32 = 0.25;
 /// Sufficient decrease (Armijo), as a share of what the slope promises.
-const SUFFICIENT: f64 = 1e-4;
+const ARMIJO_RATIO: f64 = 1e-4;
 /// Inverse curvature of the energy in scaled units, before any is measured: 1 / (twelve neighbours
 /// of curvature (1 - beta) / 3), twice that for neighbours that move against each other.
-pub const FIRST_CURVATURE: f64 = 1.0 / 4.0;
+pub const INITIAL_INVERSE_CURVATURE: f64 = 1.0 / 4.0;
 /// Shortenings of a step before the memory is dropped.
-const SHORTENINGS: usize = 6;
+const MAX_SHORTENINGS: usize = 6;
 /// The decrease that ends a minimisation is the mean over this many steps, so that one short step
 /// does not.
-const WINDOW: usize = 3;
+const CONVERGENCE_WINDOW: usize = 3;
 
 /// What may be spent, over all minimisations of an optimisation.
 pub struct Budget {
@@ -32,36 +32,36 @@ pub struct Budget {
     /// Steps accepted so far.
     pub iterations: usize,
     /// Most evaluations.
-    pub limit: usize,
+    pub max_evaluations: usize,
 }
 
 impl Budget {
     /// Whether nothing is left.
-    pub fn spent(&self) -> bool {
-        self.evaluations >= self.limit
+    pub fn is_spent(&self) -> bool {
+        self.evaluations >= self.max_evaluations
     }
 }
 
 /// How a line search ends.
-enum Search {
+enum SearchOutcome {
     /// With a lower energy.
-    Lower(f64, Parts),
+    Improved(f64, EnergyParts),
     /// With none.
-    Higher,
+    NotImproved,
     /// As the observer said no.
     Stopped,
 }
 
 /// Positions, bounds and scales of the atoms held of a lattice under minimisation.
 pub struct Minimiser<'a, const D: usize> {
-    held: &'a Held<'a>,
-    bounds: Bounds<D>,
+    halo: &'a OwnedAndGhosts<'a>,
+    bounds: MoveBounds<D>,
     /// Where own atoms were when it became known which others are to be held, where not all are; and the square of how
     /// far one of them has been from there.
-    begun: Vec<[f64; D]>,
-    strayed2: f64,
+    start_positions: Vec<[f64; D]>,
+    max_displacement2: f64,
     /// Whether to go straight down the gradient, remembering nothing.
-    steepest: bool,
+    is_steepest_descent: bool,
     /// Lattice units per scaled unit of each coordinate: less where an atom is held stiffly, so that
     /// in scaled units all curvatures are alike.
     scale: Vec<[f32; D]>,
@@ -70,34 +70,39 @@ pub struct Minimiser<'a, const D: usize> {
     /// Of own atoms at least.
     gradient: Vec<[f64; D]>,
     energy: f64,
-    parts: Parts,
+    parts: EnergyParts,
 }
 
 impl<'a, const D: usize> Minimiser<'a, D> {
     /// Whether ranks may each hold a part of the atoms: in space, where chunks of atoms are chunks of
     /// coordinates. In the plane there is little to keep.
-    pub const PARTED: bool = D * energy::CHUNK == CHUNK;
+    pub const CAN_PARTITION: bool = D * energy::CHUNK_ATOMS == CHUNK_COORDINATES;
 
     /// For the atoms held of a lattice, at `x`, within bounds. `steepest`: straight down the gradient, remembering no
     /// steps.
-    pub fn new(held: &'a Held<'a>, x: &[[f64; D]], bounds: Bounds<D>, steepest: bool) -> Self {
-        let reach = bounds.reach();
-        let begun = match held.is_part() {
-            true => x[held.own()].to_vec(),
+    pub fn new(
+        halo: &'a OwnedAndGhosts<'a>,
+        x: &[[f64; D]],
+        bounds: MoveBounds<D>,
+        is_steepest_descent: bool,
+    ) -> Self {
+        let reach = bounds.move_scale();
+        let start_positions = match halo.is_partitioned() {
+            true => x[halo.owned()].to_vec(),
             false => Vec::new(),
         };
         Self {
-            held,
-            begun,
-            strayed2: 0.0,
+            halo,
+            start_positions,
+            max_displacement2: 0.0,
             scale: reach.to_vec(),
             trial: vec![[0.0; D]; reach.len()],
             gradient: vec![[0.0; D]; reach.len()],
             bounds,
-            steepest,
+            is_steepest_descent,
             positions: Vec::new(),
             energy: f64::INFINITY,
-            parts: Parts::default(),
+            parts: EnergyParts::default(),
         }
     }
 
@@ -107,7 +112,7 @@ impl<'a, const D: usize> Minimiser<'a, D> {
     }
 
     /// Its parts.
-    pub fn parts(&self) -> Parts {
+    pub fn parts(&self) -> EnergyParts {
         self.parts
     }
 
@@ -117,34 +122,34 @@ impl<'a, const D: usize> Minimiser<'a, D> {
     }
 
     /// The farthest that an own atom has been from where it was, where not all atoms are held.
-    pub fn strayed(&self) -> f64 {
-        self.strayed2.sqrt()
+    pub fn max_displacement(&self) -> f64 {
+        self.max_displacement2.sqrt()
     }
 
     /// How far atoms may move.
-    pub fn bounds(&self) -> &Bounds<D> {
+    pub fn bounds(&self) -> &MoveBounds<D> {
         &self.bounds
     }
 
     /// Takes what another way has found for the result of the last run.
-    pub fn take(&mut self, positions: Vec<[f64; D]>, energy: f64, parts: Parts) {
+    pub fn set_result(&mut self, positions: Vec<[f64; D]>, energy: f64, parts: EnergyParts) {
         self.positions = positions;
         (self.energy, self.parts) = (energy, parts);
     }
 
     /// Evaluates the energy, and the gradient of own atoms in the minimiser's own array.
-    pub fn measure(
+    pub fn evaluate(
         &mut self,
         x: &[[f64; D]],
         energy: &mut dyn Energy<D>,
         budget: &mut Budget,
-    ) -> Result<(f64, Parts)> {
-        let own = x[self.held.own()].par_iter().zip(&self.begun);
+    ) -> Result<(f64, EnergyParts)> {
+        let own = x[self.halo.owned()].par_iter().zip(&self.start_positions);
         let strayed2 = own.map(|(x, from)| distance2(x, from));
-        self.strayed2 = strayed2.reduce(|| self.strayed2, f64::max);
-        let value = energy.evaluate_held(x, self.held, &mut self.gradient)?;
+        self.max_displacement2 = strayed2.reduce(|| self.max_displacement2, f64::max);
+        let value = energy.evaluate_partition(x, self.halo, &mut self.gradient)?;
         budget.evaluations += 1;
-        Ok((finite(value)?, energy.parts()))
+        Ok((check_finite(value)?, energy.parts()))
     }
 
     /// Minimises from `start` until the mean relative decrease of P over a few steps is below
@@ -156,61 +161,63 @@ impl<'a, const D: usize> Minimiser<'a, D> {
         tolerance: f64,
         round: usize,
         budget: &mut Budget,
-        observer: &mut dyn Observer,
-    ) -> Result<Stop> {
-        let own = self.held.own();
+        observer: &mut dyn Progress,
+    ) -> Result<StopReason> {
+        let own = self.halo.owned();
         let mut stiffness = vec![1.0; start.len()];
         stiffness[own.clone()].copy_from_slice(&energy.stiffness(&start[own]));
         self.scale = self.bounds.scale(&stiffness);
-        (self.energy, self.parts) = self.measure(&start, energy, budget)?;
+        (self.energy, self.parts) = self.evaluate(&start, energy, budget)?;
         self.positions = start;
-        let mut memory = Lbfgs::new(self.scaled_gradient(), FIRST_CURVATURE, self.held)?;
-        let mut direction = vec![0.0f32; D * self.held.own().len()];
+        let mut memory = Lbfgs::new(self.scaled_gradient(), INITIAL_INVERSE_CURVATURE, self.halo)?;
+        let mut direction = vec![0.0f32; D * self.halo.owned().len()];
         let mut history = vec![self.energy];
         loop {
             if !observer.keep_going() {
-                return Ok(Stop::Interrupted);
+                return Ok(StopReason::Interrupted);
             }
-            if budget.spent() {
-                return Ok(Stop::MaxIterations);
+            if budget.is_spent() {
+                return Ok(StopReason::MaxIterations);
             }
-            let mut slope = memory.direction::<D>(LONGEST_MOVE, &mut direction)?;
+            let mut slope = memory.direction::<D>(MAX_STEP_LENGTH, &mut direction)?;
             if slope >= 0.0 && !memory.is_empty() {
-                memory.forget()?;
-                slope = memory.direction::<D>(LONGEST_MOVE, &mut direction)?;
+                memory.reset()?;
+                slope = memory.direction::<D>(MAX_STEP_LENGTH, &mut direction)?;
             }
             if slope >= 0.0 {
-                return Ok(Stop::Converged);
+                return Ok(StopReason::Converged);
             }
-            match self.search(&direction, slope, energy, budget, observer)? {
-                Search::Lower(value, parts) => {
+            match self.line_search(&direction, slope, energy, budget, observer)? {
+                SearchOutcome::Improved(value, parts) => {
                     self.accept(&mut memory)?;
-                    if self.steepest {
-                        memory.forget()?;
+                    if self.is_steepest_descent {
+                        memory.reset()?;
                     }
                     (self.energy, self.parts) = (value, parts);
                 }
-                Search::Stopped => return Ok(Stop::Interrupted),
-                Search::Higher if memory.is_empty() => return Ok(Stop::Converged),
-                Search::Higher => {
-                    memory.forget()?;
+                SearchOutcome::Stopped => return Ok(StopReason::Interrupted),
+                SearchOutcome::NotImproved if memory.is_empty() => {
+                    return Ok(StopReason::Converged);
+                }
+                SearchOutcome::NotImproved => {
+                    memory.reset()?;
                     continue;
                 }
             }
             budget.iterations += 1;
-            observer.progress(&Progress {
+            observer.optimize_step(&OptimizeStatus {
                 round,
                 iterations: budget.iterations,
                 evaluations: budget.evaluations,
                 energy: self.energy,
-                lattice: self.parts.lattice,
-                image: self.parts.image,
+                lattice_energy: self.parts.lattice,
+                image_energy: self.parts.image,
             });
             history.push(self.energy);
-            if let Some(n) = history.len().checked_sub(WINDOW + 1) {
+            if let Some(n) = history.len().checked_sub(CONVERGENCE_WINDOW + 1) {
                 let decrease = history[n] - self.energy;
-                if decrease <= WINDOW as f64 * tolerance * self.energy.abs() {
-                    return Ok(Stop::Converged);
+                if decrease <= CONVERGENCE_WINDOW as f64 * tolerance * self.energy.abs() {
+                    return Ok(StopReason::Converged);
                 }
             }
         }
@@ -218,59 +225,59 @@ impl<'a, const D: usize> Minimiser<'a, D> {
 
     /// Looks along `direction`, of own atoms, for a lower energy, first at its end, then by cubic
     /// interpolation ever nearer. The point found is in `trial`, its gradient in `gradient`.
-    fn search(
+    fn line_search(
         &mut self,
         direction: &[f32],
         slope: f64,
         energy: &mut dyn Energy<D>,
         budget: &mut Budget,
-        observer: &mut dyn Observer,
-    ) -> Result<Search> {
-        let own = self.held.own();
+        observer: &mut dyn Progress,
+    ) -> Result<SearchOutcome> {
+        let own = self.halo.owned();
         let mut length = 1.0;
-        for shortening in 0..SHORTENINGS {
+        for shortening in 0..MAX_SHORTENINGS {
             // Evaluations take long.
             if shortening > 0 && !observer.keep_going() {
-                return Ok(Search::Stopped);
+                return Ok(SearchOutcome::Stopped);
             }
             let mut trial = std::mem::take(&mut self.trial);
             trial[own.clone()]
                 .par_iter_mut()
                 .zip(direction.par_chunks(D))
-                .with_min_len(CHUNK)
+                .with_min_len(CHUNK_COORDINATES)
                 .enumerate()
                 .for_each(|(n, (x, direction))| {
                     let n = own.start + n;
                     let step: [f64; D] = std::array::from_fn(|k| {
                         length * f64::from(direction[k] * self.scale[n][k])
                     });
-                    *x = self.bounds.step(n, &self.positions[n], step);
+                    *x = self.bounds.apply_step(n, &self.positions[n], step);
                 });
-            self.held.refresh(&mut trial)?;
+            self.halo.update_ghosts(&mut trial)?;
             self.trial = trial;
             let trial = std::mem::take(&mut self.trial);
-            let found = self.measure(&trial, energy, budget);
+            let found = self.evaluate(&trial, energy, budget);
             self.trial = trial;
             let (value, parts) = found?;
-            if value <= self.energy + SUFFICIENT * length * slope {
-                return Ok(Search::Lower(value, parts));
+            if value <= self.energy + ARMIJO_RATIO * length * slope {
+                return Ok(SearchOutcome::Improved(value, parts));
             }
-            if budget.spent() {
+            if budget.is_spent() {
                 break;
             }
             let end_slope = self.slope_along(direction)?;
             length *= cubic_minimum(self.energy, slope * length, value, end_slope * length);
         }
-        Ok(Search::Higher)
+        Ok(SearchOutcome::NotImproved)
     }
 
     /// Goes to the trial point and remembers the step.
     fn accept(&mut self, memory: &mut Lbfgs<'_>) -> Result<()> {
-        let own = self.held.own();
+        let own = self.halo.owned();
         let (old, new, scale) = (&self.positions, &self.trial, &self.scale);
         let gradient = &self.gradient;
         memory.advance(|chunk, s, g| {
-            let first = own.start + chunk * CHUNK / D;
+            let first = own.start + chunk * CHUNK_COORDINATES / D;
             for (n, (s, g)) in s.chunks_exact_mut(D).zip(g.chunks_exact_mut(D)).enumerate() {
                 let n = first + n;
                 for k in 0..D {
@@ -287,7 +294,7 @@ impl<'a, const D: usize> Minimiser<'a, D> {
 
     /// The gradient of own atoms with respect to scaled coordinates.
     fn scaled_gradient(&self) -> Vec<f32> {
-        let own = self.held.own();
+        let own = self.halo.owned();
         let pairs = self.gradient[own.clone()].iter().zip(&self.scale[own]);
         pairs
             .flat_map(|(g, s)| std::array::from_fn::<f32, D, _>(|k| g[k] as f32 * s[k]))
@@ -297,15 +304,17 @@ impl<'a, const D: usize> Minimiser<'a, D> {
     /// The derivative of the energy along a direction at the last point measured.
     fn slope_along(&self, direction: &[f32]) -> Result<f64> {
         let gradient = self.scaled_gradient();
-        let chunks = gradient.par_chunks(CHUNK).zip(direction.par_chunks(CHUNK));
+        let chunks = gradient
+            .par_chunks(CHUNK_COORDINATES)
+            .zip(direction.par_chunks(CHUNK_COORDINATES));
         let partial = chunks.map(|(g, p)| [dot(g, p)]).collect();
-        let [slope] = self.held.total(partial)?;
+        let [slope] = self.halo.all_reduce_sum(partial)?;
         Ok(slope)
     }
 }
 
 /// An energy, if it is a number.
-pub fn finite(energy: f64) -> Result<f64> {
+pub fn check_finite(energy: f64) -> Result<f64> {
     if energy.is_finite() {
         return Ok(energy);
     }

@@ -20,24 +20,24 @@ mod lbfgs;
 pub(crate) mod minimise;
 pub(crate) mod temperature;
 
-pub use crate::observer::{Observer, Progress, Snapshot, Unobserved};
+pub use crate::progress::{LatticeSnapshot, NoProgress, OptimizeStatus, Progress};
 
 use serde::{Deserialize, Serialize};
 
+use crate::comm::Comm;
 use crate::error::{Error, Result, cause};
-use crate::geometry::in_space;
+use crate::geometry::to_3d;
 use crate::lattice::distance::Distance;
-use crate::lattice::energy::{Energy, Terms};
-use crate::lattice::held::{self, Held};
+use crate::lattice::energy::{Energy, EnergyTerms};
+use crate::lattice::halo::{self, OwnedAndGhosts};
+use crate::lattice::partition::OwnedAtoms;
 use crate::lattice::seeding::Atoms;
-use crate::lattice::share::OwnAtoms;
-use crate::ranks::Group;
-use bounds::Bounds;
+use bounds::MoveBounds;
 use minimise::{Budget, Minimiser};
 
 /// Why an optimisation ended. Every one leaves a usable lattice.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stop {
+pub enum StopReason {
     /// The energy no longer falls by more than the tolerance.
     Converged,
     /// The allowed rounds or evaluations are used up.
@@ -62,7 +62,7 @@ pub enum Method {
 
 /// How, and how hard, to optimise.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Effort {
+pub struct OptimizeOptions {
     /// How each round goes.
     pub method: Method,
     /// Relative decrease of P, a step and a round, below which steps and rounds end (Hale: 1e-3).
@@ -79,7 +79,7 @@ pub struct Effort {
     pub temperature: Vec<f64>,
 }
 
-impl Default for Effort {
+impl Default for OptimizeOptions {
     fn default() -> Self {
         Self {
             method: Method::Lbfgs,
@@ -93,11 +93,11 @@ impl Default for Effort {
     }
 }
 
-impl Effort {
+impl OptimizeOptions {
     /// With another method and the effort that suits it: steepest descent takes more evaluations, and a
     /// genetic algorithm many, but of these as many at once as there are threads. Where energies change
     /// from round to round (`regular`, by Laplacian coordinates) there are three.
-    pub fn with(self, method: Method, regular: bool) -> Self {
+    pub fn with_method(self, method: Method, regular: bool) -> Self {
         let effort = match method {
             Method::Lbfgs => 1,
             Method::Descent => 5,
@@ -115,9 +115,9 @@ impl Effort {
 
 /// How a lattice came to rest, and what that took.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Rest {
+pub struct OptimizeResult {
     /// Why it ended.
-    pub stop: Stop,
+    pub stop: StopReason,
     /// Rounds begun.
     pub rounds: usize,
     /// Steps accepted.
@@ -129,28 +129,28 @@ pub struct Rest {
     /// The same of the lattice as left.
     pub energy_after: f64,
     /// What the latter consists of.
-    pub terms: Terms,
+    pub terms: EnergyTerms,
 }
 
 /// How far apart, in units of d, atoms that are listed as neighbours may be.
-const LISTED: f64 = 1.75;
+const NEIGHBOUR_RADIUS: f64 = 1.75;
 /// How far, in units of the largest d, atoms are expected to move at most ...
-const ROOM: f64 = 0.75;
+const EXPECTED_MOVE: f64 = 0.75;
 /// ... and where d varies, as a grown lattice is less even.
-const WIDER: f64 = 1.5;
+const VARYING_D_FACTOR: f64 = 1.5;
 
 /// How far atoms are expected to move at most.
-fn room<const D: usize>(distance: &Distance<D>) -> f64 {
-    let moves = match distance.largest_slope() > 0.0 {
-        true => WIDER,
-        false => ROOM,
+fn expected_move<const D: usize>(distance: &Distance<D>) -> f64 {
+    let moves = match distance.max_slope() > 0.0 {
+        true => VARYING_D_FACTOR,
+        false => EXPECTED_MOVE,
     };
     moves * distance.max()
 }
 
 /// How far, along each axis, atoms that one of a group holds may be from its own.
-pub(crate) fn held_within<const D: usize>(distance: &Distance<D>) -> f64 {
-    held::within(LISTED * distance.max() + 2.0 * room(distance))
+pub(crate) fn halo_width<const D: usize>(distance: &Distance<D>) -> f64 {
+    halo::halo_extent(NEIGHBOUR_RADIUS * distance.max() + 2.0 * expected_move(distance))
 }
 
 /// Lowers the energy of a lattice in the box `[0, extent]`.
@@ -162,12 +162,12 @@ pub fn optimize<const D: usize>(
     energy: &mut dyn Energy<D>,
     distance: &Distance<D>,
     extent: [f64; D],
-    options: &Effort,
-    observer: &mut dyn Observer,
-) -> Result<Rest> {
-    check(options, atoms.len())?;
-    let held = &Held::all(atoms.len());
-    lower(atoms, held, energy, distance, extent, options, observer).map(|(rest, _)| rest)
+    options: &OptimizeOptions,
+    observer: &mut dyn Progress,
+) -> Result<OptimizeResult> {
+    check_options(options, atoms.len())?;
+    let held = &OwnedAndGhosts::all(atoms.len());
+    lower_energy(atoms, held, energy, distance, extent, options, observer).map(|(rest, _)| rest)
 }
 
 /// The same by a group, each of which has a share of the lattice: if the energy [takes parts](Energy::takes_parts), each
@@ -175,50 +175,52 @@ pub fn optimize<const D: usize>(
 ///
 /// # Errors
 /// As [`optimize`], and those of others.
-pub(crate) fn optimize_together<const D: usize>(
-    share: &mut OwnAtoms<D>,
+pub(crate) fn optimize_partition<const D: usize>(
+    share: &mut OwnedAtoms<D>,
     energy: &mut dyn Energy<D>,
     distance: &Distance<D>,
     extent: [f64; D],
-    options: &Effort,
-    group: &dyn Group,
-    observer: &mut dyn Observer,
-) -> Result<Rest> {
-    let parted = energy.takes_parts() && Minimiser::<D>::PARTED && options.temperature.is_empty();
-    if group.count() > 1 && parted && options.method != Method::Genetic {
-        let room = room(distance);
-        return optimize_parts(
+    options: &OptimizeOptions,
+    group: &dyn Comm,
+    observer: &mut dyn Progress,
+) -> Result<OptimizeResult> {
+    let parted = energy.supports_partition()
+        && Minimiser::<D>::CAN_PARTITION
+        && options.temperature.is_empty();
+    if group.size() > 1 && parted && options.method != Method::Genetic {
+        let room = expected_move(distance);
+        return optimize_with_halo(
             share, energy, distance, extent, options, room, group, observer,
         );
     }
-    let mut atoms = std::mem::take(share).gathered(group)?;
+    let mut atoms = std::mem::take(share).all_gather(group)?;
     let rest = optimize(&mut atoms, energy, distance, extent, options, observer);
-    *share = OwnAtoms::of(atoms, group);
+    *share = OwnedAtoms::from_global(atoms, group);
     rest
 }
 
 /// The same where none is expected to move farther than `room`.
-fn optimize_parts<const D: usize>(
-    share: &mut OwnAtoms<D>,
+fn optimize_with_halo<const D: usize>(
+    share: &mut OwnedAtoms<D>,
     energy: &mut dyn Energy<D>,
     distance: &Distance<D>,
     extent: [f64; D],
-    options: &Effort,
+    options: &OptimizeOptions,
     mut room: f64,
-    group: &dyn Group,
-    observer: &mut dyn Observer,
-) -> Result<Rest> {
-    check(options, share.whole)?;
+    group: &dyn Comm,
+    observer: &mut dyn Progress,
+) -> Result<OptimizeResult> {
+    check_options(options, share.global_count)?;
     loop {
-        let reach = LISTED * distance.max() + 2.0 * room;
-        let (held, mut atoms) = Held::share(share, reach, group)?;
-        let energy = &mut *energy.twin();
-        let (rest, strayed) = lower(
+        let reach = NEIGHBOUR_RADIUS * distance.max() + 2.0 * room;
+        let (held, mut atoms) = OwnedAndGhosts::with_halo(share, reach, group)?;
+        let energy = &mut *energy.duplicate();
+        let (rest, strayed) = lower_energy(
             &mut atoms, &held, energy, distance, extent, options, observer,
         )?;
-        let strayed = held.told("farthest move", strayed)?;
+        let strayed = held.all_gather("farthest move", strayed)?;
         if strayed.iter().all(|&strayed| strayed <= room) {
-            let own = &atoms.positions[held.own()];
+            let own = &atoms.positions[held.owned()];
             share.atoms.positions.copy_from_slice(own);
             return Ok(rest);
         }
@@ -229,42 +231,42 @@ fn optimize_parts<const D: usize>(
 
 /// Lowers the energy of a lattice, of which these atoms are held. Says also how far an own one has been from where it
 /// was, where not all are held.
-fn lower<const D: usize>(
+fn lower_energy<const D: usize>(
     atoms: &mut Atoms<D>,
-    held: &Held<'_>,
+    held: &OwnedAndGhosts<'_>,
     energy: &mut dyn Energy<D>,
     distance: &Distance<D>,
     extent: [f64; D],
-    options: &Effort,
-    observer: &mut dyn Observer,
-) -> Result<(Rest, f64)> {
+    options: &OptimizeOptions,
+    observer: &mut dyn Progress,
+) -> Result<(OptimizeResult, f64)> {
     let mobility = mobility(atoms, extent, &options.temperature);
-    let bounds = Bounds::new(atoms, distance, extent, &mobility);
+    let bounds = MoveBounds::new(atoms, distance, extent, &mobility);
     drop(mobility);
     let steepest = options.method == Method::Descent;
     let mut minimiser = Minimiser::new(held, &atoms.positions, bounds, steepest);
     let mut budget = Budget {
         evaluations: 0,
         iterations: 0,
-        limit: options.max_evaluations,
+        max_evaluations: options.max_evaluations,
     };
     energy.refresh(&atoms.positions)?;
-    let (energy_before, _) = minimiser.measure(&atoms.positions, energy, &mut budget)?;
+    let (energy_before, _) = minimiser.evaluate(&atoms.positions, energy, &mut budget)?;
     let mut best = energy_before;
     let mut spare = vec![[0.0; D]; atoms.len()];
     let x = &atoms.positions;
-    show(x, held, best, 0, energy, &mut spare, observer)?;
+    send_snapshot(x, held, best, 0, energy, &mut spare, observer)?;
     let mut rounds = 0;
     let stop = loop {
-        if rounds == options.max_rounds || budget.spent() {
-            break Stop::MaxIterations;
+        if rounds == options.max_rounds || budget.is_spent() {
+            break StopReason::MaxIterations;
         }
         // To begin a round takes several evaluations.
         if !observer.keep_going() {
-            break Stop::Interrupted;
+            break StopReason::Interrupted;
         }
         if rounds > 0 && energy.refresh(&atoms.positions)? {
-            (best, _) = minimiser.measure(&atoms.positions, energy, &mut budget)?;
+            (best, _) = minimiser.evaluate(&atoms.positions, energy, &mut budget)?;
         }
         rounds += 1;
         let key = options.seed.wrapping_add(rounds as u64);
@@ -280,7 +282,7 @@ fn lower<const D: usize>(
             )?,
             Method::Lbfgs | Method::Descent => {
                 let bounds = minimiser.bounds();
-                let start = bounds.perturbed(&atoms.positions, held, options.perturbation, key);
+                let start = bounds.perturb(&atoms.positions, held, options.perturbation, key);
                 minimiser.run(
                     start,
                     energy,
@@ -299,16 +301,16 @@ fn lower<const D: usize>(
         }
         if options.method != Method::Genetic {
             let x = &atoms.positions;
-            show(x, held, best, rounds, energy, &mut spare, observer)?;
+            send_snapshot(x, held, best, rounds, energy, &mut spare, observer)?;
         }
-        if stop == Stop::Interrupted {
+        if stop == StopReason::Interrupted {
             break stop;
         }
         if !first && before - best <= options.tolerance * before.abs() {
-            break Stop::Converged;
+            break StopReason::Converged;
         }
     };
-    let rest = Rest {
+    let rest = OptimizeResult {
         stop,
         rounds,
         iterations: budget.iterations,
@@ -317,35 +319,35 @@ fn lower<const D: usize>(
         energy_after: best,
         terms: energy.terms(&atoms.positions, held, best, &mut spare)?,
     };
-    Ok((rest, minimiser.strayed()))
+    Ok((rest, minimiser.max_displacement()))
 }
 
 /// Shows an observer who wants to see it a lattice, of which so much is minimised.
-fn show<const D: usize>(
+fn send_snapshot<const D: usize>(
     x: &[[f64; D]],
-    held: &Held<'_>,
+    held: &OwnedAndGhosts<'_>,
     minimised: f64,
     round: usize,
     energy: &mut (impl Energy<D> + ?Sized),
     spare: &mut [[f64; D]],
-    observer: &mut dyn Observer,
+    observer: &mut dyn Progress,
 ) -> Result<()> {
     if !observer.wants_lattices() {
         return Ok(());
     }
     let terms = energy.terms(x, held, minimised, spare)?;
-    let positions: Vec<[f64; 3]> = x.iter().map(|&x| in_space(x)).collect();
-    observer.lattice(&Snapshot {
+    let positions: Vec<[f64; 3]> = x.iter().map(|&x| to_3d(x)).collect();
+    observer.lattice(&LatticeSnapshot {
         round,
         positions: &positions,
         energy: terms.energy,
-        lattice: terms.published.lattice,
-        image: terms.published.image,
+        lattice_energy: terms.published.lattice,
+        image_energy: terms.published.image,
     });
     Ok(())
 }
 
-fn check(options: &Effort, atoms: usize) -> Result<()> {
+fn check_options(options: &OptimizeOptions, atoms: usize) -> Result<()> {
     let fail = |place: &str, problem: String, remedy: &str| {
         Err(Error::Optimize(cause(place, problem, remedy)))
     };

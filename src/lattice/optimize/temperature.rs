@@ -4,13 +4,16 @@
 use crate::parallel::prelude::*;
 
 /// How far an edit is felt, in units of d (Hale 2002).
-pub const RANGE: f64 = 5.0;
+pub const EDIT_RADIUS: f64 = 5.0;
 
 /// The temperature of each atom, for [`Effort::temperature`](super::Effort::temperature): 1 where
 /// an `edited` position is, falling linearly to 0 five d away from the nearest of them; each comes
 /// with the d that is there.
-pub fn around<const D: usize>(positions: &[[f64; D]], edited: &[([f64; D], f64)]) -> Vec<f64> {
-    let temperature = |x: &[f64; D]| 1.0 - closeness(x, edited) / RANGE;
+pub fn temperatures<const D: usize>(
+    positions: &[[f64; D]],
+    edited: &[([f64; D], f64)],
+) -> Vec<f64> {
+    let temperature = |x: &[f64; D]| 1.0 - relative_distance(x, edited) / EDIT_RADIUS;
     positions
         .par_iter()
         .map(|x| temperature(x).max(0.0))
@@ -18,7 +21,7 @@ pub fn around<const D: usize>(positions: &[[f64; D]], edited: &[([f64; D], f64)]
 }
 
 /// The distance of a position from the nearest edited one, in units of the d there.
-pub fn closeness<const D: usize>(x: &[f64; D], edited: &[([f64; D], f64)]) -> f64 {
+pub fn relative_distance<const D: usize>(x: &[f64; D], edited: &[([f64; D], f64)]) -> f64 {
     let of = |(y, d): &([f64; D], f64)| {
         let r2: f64 = (0..D).map(|k| (x[k] - y[k]).powi(2)).sum();
         r2.sqrt() / d
@@ -39,10 +42,10 @@ mod tests {
             [3.0, 24.1],
             [40.0, 4.0],
         ];
-        let t = around(&x, &[([3.0, 4.0], 4.0)]);
+        let t = temperatures(&x, &[([3.0, 4.0], 4.0)]);
         assert_eq!((t[0], t[1], t[3], t[4]), (1.0, 0.5, 0.0, 0.0));
         assert!(t[2] > 0.0 && t[2] < 0.01);
-        let t = around(&x, &[([3.0, 4.0], 4.0), ([40.0, 4.0], 4.0)]);
+        let t = temperatures(&x, &[([3.0, 4.0], 4.0), ([40.0, 4.0], 4.0)]);
         assert_eq!((t[0], t[4]), (1.0, 1.0));
     }
 }

@@ -1,9 +1,9 @@
 //! Optimisation: what it gains, and what it keeps.
 
 use super::*;
-use crate::image::{Field, Sparse};
+use crate::image::{ScalarField, SparseField};
 use crate::lattice::AtomKind;
-use crate::lattice::energy::{Beta, Pairwise};
+use crate::lattice::energy::{Beta, PairwiseEnergy};
 use crate::lattice::seeding::{self, Alignment};
 
 const D: f64 = 4.0;
@@ -14,7 +14,7 @@ fn surface(x: [f64; 3]) -> f64 {
     (x[0] + 0.25 * x[1] - 30.0 + 2.0 * (x[2] / 9.0).sin()) / 1.05
 }
 
-fn valley() -> Sparse<3> {
+fn valley() -> SparseField<3> {
     let dims = EXTENT.map(|l| l as usize + 1);
     let depth = |x| {
         let u = surface(x) / (0.25 * D);
@@ -24,12 +24,12 @@ fn valley() -> Sparse<3> {
             0.0
         }
     };
-    Sparse::of(&Field::from_fn(dims, [1.0; 3], depth))
+    SparseField::from_field(&ScalarField::from_fn(dims, [1.0; 3], depth))
 }
 
-fn evaluator<'a>(distance: &'a Distance<3>, valley: &'a Sparse<3>) -> Pairwise<'a, 3> {
-    let energy = Pairwise::new(EXTENT, distance, Some(valley), Beta::Constant(0.6)).unwrap();
-    energy.uncrowded()
+fn evaluator<'a>(distance: &'a Distance<3>, valley: &'a SparseField<3>) -> PairwiseEnergy<'a, 3> {
+    let energy = PairwiseEnergy::new(EXTENT, distance, Some(valley), Beta::Constant(0.6)).unwrap();
+    energy.with_auto_stiffness()
 }
 
 #[derive(Default)]
@@ -39,17 +39,17 @@ struct Recorder {
     stop_after: Option<usize>,
 }
 
-impl Observer for Recorder {
-    fn progress(&mut self, progress: &Progress) {
+impl Progress for Recorder {
+    fn optimize_step(&mut self, progress: &OptimizeStatus) {
         self.energies.push(progress.energy);
-        let energy = 0.4 * progress.lattice + 0.6 * progress.image;
+        let energy = 0.4 * progress.lattice_energy + 0.6 * progress.image_energy;
         assert!((energy - progress.energy).abs() < 1e-6);
     }
-    fn lattice(&mut self, snapshot: &Snapshot<'_>) {
+    fn lattice(&mut self, snapshot: &LatticeSnapshot<'_>) {
         assert_eq!(self.snapshots, snapshot.round);
         self.snapshots += 1;
         assert!(snapshot.positions.len() > 100);
-        let energy = 0.4 * snapshot.lattice + 0.6 * snapshot.image;
+        let energy = 0.4 * snapshot.lattice_energy + 0.6 * snapshot.image_energy;
         assert!((energy - snapshot.energy).abs() < 1e-6);
     }
     fn wants_lattices(&self) -> bool {
@@ -63,11 +63,17 @@ impl Observer for Recorder {
 #[test]
 fn atoms_settle_on_the_surface_and_the_box_stays_exact() {
     let (distance, valley) = (Distance::Constant(D), valley());
-    let mut atoms = seeding::fcc(EXTENT, &distance, &[[10.0, 20.0, 20.0]], Alignment::On).unwrap();
+    let mut atoms = seeding::fcc(
+        EXTENT,
+        &distance,
+        &[[10.0, 20.0, 20.0]],
+        Alignment::OnFeatures,
+    )
+    .unwrap();
     let before = atoms.clone();
     let mut energy = evaluator(&distance, &valley);
     let mut recorder = Recorder::default();
-    let options = Effort::default();
+    let options = OptimizeOptions::default();
     let outcome = optimize(
         &mut atoms,
         &mut energy,
@@ -144,12 +150,12 @@ fn atoms_settle_on_the_surface_and_the_box_stays_exact() {
 #[test]
 fn energy_never_rises_within_a_round_and_the_best_is_kept() {
     let (distance, valley) = (Distance::Constant(D), valley());
-    let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::On).unwrap();
+    let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::OnFeatures).unwrap();
     let mut energy = evaluator(&distance, &valley);
     let mut recorder = Recorder::default();
-    let options = Effort {
+    let options = OptimizeOptions {
         max_rounds: 1,
-        ..Effort::default()
+        ..OptimizeOptions::default()
     };
     let outcome = optimize(
         &mut atoms,
@@ -172,13 +178,13 @@ fn energy_never_rises_within_a_round_and_the_best_is_kept() {
 #[test]
 fn an_interrupt_keeps_what_has_been_gained() {
     let (distance, valley) = (Distance::Constant(D), valley());
-    let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::On).unwrap();
+    let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::OnFeatures).unwrap();
     let mut energy = evaluator(&distance, &valley);
     let mut recorder = Recorder {
         stop_after: Some(7),
         ..Recorder::default()
     };
-    let options = Effort::default();
+    let options = OptimizeOptions::default();
     let outcome = optimize(
         &mut atoms,
         &mut energy,
@@ -188,9 +194,12 @@ fn an_interrupt_keeps_what_has_been_gained() {
         &mut recorder,
     )
     .unwrap();
-    assert_eq!((outcome.stop, outcome.iterations), (Stop::Interrupted, 7));
+    assert_eq!(
+        (outcome.stop, outcome.iterations),
+        (StopReason::Interrupted, 7)
+    );
     assert_eq!(outcome.energy_after, recorder.energies[6]);
-    let limited = Effort {
+    let limited = OptimizeOptions {
         max_evaluations: 9,
         ..options
     };
@@ -200,12 +209,12 @@ fn an_interrupt_keeps_what_has_been_gained() {
         &distance,
         EXTENT,
         &limited,
-        &mut Unobserved,
+        &mut NoProgress,
     )
     .unwrap();
     assert_eq!(
         (outcome.stop, outcome.evaluations),
-        (Stop::MaxIterations, 9)
+        (StopReason::MaxIterations, 9)
     );
 }
 
@@ -218,14 +227,14 @@ fn any_number_of_threads_and_any_run_give_the_same_bytes() {
             .unwrap();
         pool.install(|| {
             let (distance, valley) = (Distance::Constant(D), valley());
-            let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::On).unwrap();
+            let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::OnFeatures).unwrap();
             let mut energy = evaluator(&distance, &valley);
-            let options = Effort {
+            let options = OptimizeOptions {
                 seed,
                 max_rounds: 2,
-                ..Effort::default()
+                ..OptimizeOptions::default()
             };
-            let stop = &mut Unobserved;
+            let stop = &mut NoProgress;
             optimize(&mut atoms, &mut energy, &distance, EXTENT, &options, stop).unwrap();
             atoms.positions
         })
@@ -238,13 +247,13 @@ fn any_number_of_threads_and_any_run_give_the_same_bytes() {
 #[test]
 fn frozen_atoms_stay() {
     let (distance, valley) = (Distance::Constant(D), valley());
-    let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::On).unwrap();
+    let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::OnFeatures).unwrap();
     let before = atoms.positions.clone();
     let warm = |x: &[f64; 3]| f64::from(u8::from((x[0] - 25.0).abs() < 8.0));
-    let options = Effort {
+    let options = OptimizeOptions {
         temperature: before.iter().map(warm).collect(),
         max_rounds: 1,
-        ..Effort::default()
+        ..OptimizeOptions::default()
     };
     let mut energy = evaluator(&distance, &valley);
     optimize(
@@ -253,7 +262,7 @@ fn frozen_atoms_stay() {
         &distance,
         EXTENT,
         &options,
-        &mut Unobserved,
+        &mut NoProgress,
     )
     .unwrap();
     let mut moved = 0;
@@ -267,7 +276,7 @@ fn frozen_atoms_stay() {
 #[test]
 fn an_edit_changes_its_neighbourhood_only() {
     let distance = Distance::Constant(D);
-    let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::On).unwrap();
+    let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::OnFeatures).unwrap();
     let centre = EXTENT.map(|l| 0.4 * l);
     let r = |x: &[f64; 3]| {
         (0..3)
@@ -284,23 +293,23 @@ fn an_edit_changes_its_neighbourhood_only() {
     let before = atoms.positions.clone();
     let run = |warmth: f64| {
         let mut atoms = atoms.clone();
-        let around = temperature::around(&before, &[(centre, distance.at(centre))]);
-        let options = Effort {
+        let around = temperature::temperatures(&before, &[(centre, distance.value_at(centre))]);
+        let options = OptimizeOptions {
             temperature: around.iter().map(|t| warmth * t).collect(),
             max_rounds: 1,
             // As given, at the start, and after one step, which is along the force.
             max_evaluations: 3,
             perturbation: 0.0,
-            ..Effort::default()
+            ..OptimizeOptions::default()
         };
-        let mut energy = Pairwise::new(EXTENT, &distance, None, Beta::Constant(0.0)).unwrap();
+        let mut energy = PairwiseEnergy::new(EXTENT, &distance, None, Beta::Constant(0.0)).unwrap();
         optimize(
             &mut atoms,
             &mut energy,
             &distance,
             EXTENT,
             &options,
-            &mut Unobserved,
+            &mut NoProgress,
         )
         .unwrap();
         let moved = |(x, old): (&[f64; 3], &[f64; 3])| {
@@ -318,13 +327,13 @@ fn an_edit_changes_its_neighbourhood_only() {
 }
 
 /// The same energy as a problem for argmin, over flat coordinates, the held ones left out.
-struct Problem<'a> {
-    energy: std::cell::RefCell<Pairwise<'a, 3>>,
+struct ArgminProblem<'a> {
+    energy: std::cell::RefCell<PairwiseEnergy<'a, 3>>,
     start: Vec<[f64; 3]>,
     free: Vec<(usize, usize)>,
 }
 
-impl Problem<'_> {
+impl ArgminProblem<'_> {
     fn evaluate(&self, x: &[f64]) -> (f64, Vec<f64>) {
         let mut positions = self.start.clone();
         for (&(n, k), &value) in self.free.iter().zip(x) {
@@ -343,7 +352,7 @@ impl Problem<'_> {
     }
 }
 
-impl argmin::core::CostFunction for Problem<'_> {
+impl argmin::core::CostFunction for ArgminProblem<'_> {
     type Param = Vec<f64>;
     type Output = f64;
     fn cost(&self, x: &Vec<f64>) -> std::result::Result<f64, argmin::core::Error> {
@@ -351,7 +360,7 @@ impl argmin::core::CostFunction for Problem<'_> {
     }
 }
 
-impl argmin::core::Gradient for Problem<'_> {
+impl argmin::core::Gradient for ArgminProblem<'_> {
     type Param = Vec<f64>;
     type Gradient = Vec<f64>;
     fn gradient(&self, x: &Vec<f64>) -> std::result::Result<Vec<f64>, argmin::core::Error> {
@@ -366,14 +375,14 @@ fn argmin_finds_no_lower_energy() {
     use argmin::solver::quasinewton::LBFGS;
 
     let (distance, valley) = (Distance::Constant(D), valley());
-    let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::On).unwrap();
+    let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::OnFeatures).unwrap();
     let mobility = atoms.mobility(EXTENT);
     let free: Vec<(usize, usize)> = (0..atoms.len())
         .flat_map(|n| (0..3).map(move |k| (n, k)))
         .filter(|&(n, k)| mobility[n][k] > 0.0)
         .collect();
     let start = atoms.positions.clone();
-    let problem = Problem {
+    let problem = ArgminProblem {
         energy: std::cell::RefCell::new(evaluator(&distance, &valley)),
         start: start.clone(),
         free: free.clone(),
@@ -387,12 +396,12 @@ fn argmin_finds_no_lower_energy() {
     let theirs = state.state().get_best_cost();
 
     let mut energy = evaluator(&distance, &valley);
-    let options = Effort {
+    let options = OptimizeOptions {
         perturbation: 0.0,
         max_rounds: 1,
         max_evaluations: 42,
         tolerance: 1e-9,
-        ..Effort::default()
+        ..OptimizeOptions::default()
     };
     let outcome = optimize(
         &mut atoms,
@@ -400,7 +409,7 @@ fn argmin_finds_no_lower_energy() {
         &distance,
         EXTENT,
         &options,
-        &mut Unobserved,
+        &mut NoProgress,
     )
     .unwrap();
     println!("ours {} theirs {theirs}", outcome.energy_after);
@@ -412,26 +421,26 @@ fn argmin_finds_no_lower_energy() {
 #[test]
 fn impossible_options_are_refused() {
     let (distance, valley) = (Distance::Constant(D), valley());
-    let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::On).unwrap();
-    let good = Effort::default();
+    let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::OnFeatures).unwrap();
+    let good = OptimizeOptions::default();
     for options in [
-        Effort {
+        OptimizeOptions {
             tolerance: 0.0,
             ..good.clone()
         },
-        Effort {
+        OptimizeOptions {
             tolerance: f64::NAN,
             ..good.clone()
         },
-        Effort {
+        OptimizeOptions {
             perturbation: 0.7,
             ..good.clone()
         },
-        Effort {
+        OptimizeOptions {
             temperature: vec![1.0],
             ..good.clone()
         },
-        Effort {
+        OptimizeOptions {
             temperature: vec![1.5; atoms.len()],
             ..good
         },
@@ -443,7 +452,7 @@ fn impossible_options_are_refused() {
             &distance,
             EXTENT,
             &options,
-            &mut Unobserved,
+            &mut NoProgress,
         );
         assert!(matches!(result, Err(Error::Optimize(_))));
     }
@@ -452,30 +461,49 @@ fn impossible_options_are_refused() {
 #[test]
 #[ignore = "slow: make test-all"]
 fn those_who_hold_parts_move_atoms_as_one_who_holds_all() {
-    use crate::ranks::shared;
+    use crate::comm::run_threads;
 
     let extent = [74.0, 43.0, 51.0];
     let valley = valley();
-    let varying = Field::from_fn([75, 44, 52], [1.0; 3], |x| 2.6 + 0.015 * x[0]);
+    let varying = ScalarField::from_fn([75, 44, 52], [1.0; 3], |x| 2.6 + 0.015 * x[0]);
     // In turn: on and along features, distance the same and varying, and so little room that it does not do at first.
     for (alignment, distance, rooms) in [
-        (Alignment::On, Distance::Constant(2.6), &[0.75, 0.02][..]),
-        (Alignment::On, Distance::Field(varying.clone()), &[0.75]),
-        (Alignment::Alongside, Distance::Constant(2.8), &[0.75]),
-        (Alignment::Alongside, Distance::Field(varying), &[0.3]),
+        (
+            Alignment::OnFeatures,
+            Distance::Constant(2.6),
+            &[0.75, 0.02][..],
+        ),
+        (
+            Alignment::OnFeatures,
+            Distance::Field(varying.clone()),
+            &[0.75],
+        ),
+        (
+            Alignment::AlongsideFeatures,
+            Distance::Constant(2.8),
+            &[0.75],
+        ),
+        (
+            Alignment::AlongsideFeatures,
+            Distance::Field(varying),
+            &[0.3],
+        ),
     ] {
         let seeded = seeding::fcc(extent, &distance, &[], alignment).unwrap();
-        assert!(seeded.len() > 5 * crate::lattice::energy::CHUNK);
-        let options = Effort {
+        assert!(seeded.len() > 5 * crate::lattice::energy::CHUNK_ATOMS);
+        let options = OptimizeOptions {
             tolerance: 3e-3,
-            ..Effort::default()
+            ..OptimizeOptions::default()
         };
         let energy = || {
-            let energy = Pairwise::new(extent, &distance, Some(&valley), Beta::Constant(0.6));
-            energy.unwrap().uncrowded().aligned(alignment)
+            let energy = PairwiseEnergy::new(extent, &distance, Some(&valley), Beta::Constant(0.6));
+            energy
+                .unwrap()
+                .with_auto_stiffness()
+                .with_alignment(alignment)
         };
         let mut alone = seeded.clone();
-        let observer = &mut Unobserved;
+        let observer = &mut NoProgress;
         let rest = optimize(
             &mut alone,
             &mut energy(),
@@ -491,13 +519,13 @@ fn those_who_hold_parts_move_atoms_as_one_who_holds_all() {
             .flat_map(|n| rooms.iter().map(move |r| (n, r)))
         {
             let room = room * distance.max();
-            let parts = shared(count, |group| {
-                let mut share = OwnAtoms::of(seeded.clone(), group);
-                let (energy, observer, distance) = (&mut energy(), &mut Unobserved, &distance);
-                let rest = optimize_parts(
+            let parts = run_threads(count, |group| {
+                let mut share = OwnedAtoms::from_global(seeded.clone(), group);
+                let (energy, observer, distance) = (&mut energy(), &mut NoProgress, &distance);
+                let rest = optimize_with_halo(
                     &mut share, energy, distance, extent, &options, room, group, observer,
                 );
-                (share.gathered(group).unwrap(), rest.unwrap())
+                (share.all_gather(group).unwrap(), rest.unwrap())
             });
             for (atoms, found) in parts {
                 assert!(atoms == alone, "{alignment:?}, {count} of them, {room}");

@@ -1,23 +1,23 @@
 //! Lattices that are grown: how regular they are, and the same by any number of a group.
 
 use super::*;
-use crate::image::Field;
+use crate::comm::{SelfComm, run_threads};
+use crate::image::ScalarField;
 use crate::lattice::AtomKind;
 use crate::lattice::seeding::{Atoms, Seeding, fcc, seed};
-use crate::ranks::{Alone, shared};
 
 /// d from 4 in the middle to 9 at the far corners.
-pub fn varying<const D: usize>(extent: [f64; D]) -> Distance<D> {
+pub fn varying_distance<const D: usize>(extent: [f64; D]) -> Distance<D> {
     let dims = extent.map(|l| (l / 2.0) as usize + 1);
     let step = std::array::from_fn(|k| extent[k] / (dims[k] - 1) as f64);
-    Distance::Field(Field::from_fn(dims, step, |x| {
+    Distance::Field(ScalarField::from_fn(dims, step, |x| {
         let r2: f64 = (0..D).map(|k| (x[k] - 0.5 * extent[k]).powi(2)).sum();
         (4.0 + 0.1 * (r2.sqrt() - 8.0).max(0.0)).min(9.0)
     }))
 }
 
 /// Nearest-neighbour distance over d at 0, 1, 50, 99 and 100 %.
-pub fn spacing<const D: usize>(atoms: &Atoms<D>, distance: &Distance<D>) -> [f64; 5] {
+pub fn spacing_quantiles<const D: usize>(atoms: &Atoms<D>, distance: &Distance<D>) -> [f64; 5] {
     let mut nearest: Vec<f64> = atoms
         .positions
         .iter()
@@ -27,7 +27,7 @@ pub fn spacing<const D: usize>(atoms: &Atoms<D>, distance: &Distance<D>) -> [f64
             let least = others
                 .map(|(_, y)| distance2(x, y))
                 .fold(f64::INFINITY, f64::min);
-            least.sqrt() / distance.at(*x)
+            least.sqrt() / distance.value_at(*x)
         })
         .collect();
     nearest.sort_by(f64::total_cmp);
@@ -37,15 +37,15 @@ pub fn spacing<const D: usize>(atoms: &Atoms<D>, distance: &Distance<D>) -> [f64
 #[test]
 fn fills_the_box_with_atoms_about_d_apart() {
     let extent = [70.0, 63.0, 55.0];
-    let distance = varying(extent);
-    let atoms = fcc(extent, &distance, &[], Alignment::On).unwrap();
+    let distance = varying_distance(extent);
+    let atoms = fcc(extent, &distance, &[], Alignment::OnFeatures).unwrap();
     let corners = atoms
         .kinds
         .iter()
         .filter(|&&k| k == AtomKind::Corner)
         .count();
     assert_eq!(corners, 8);
-    let spacing = spacing(&atoms, &distance);
+    let spacing = spacing_quantiles(&atoms, &distance);
     println!("{} atoms, nearest / d {spacing:.3?}", atoms.len());
     assert!(spacing[0] > 0.7 && spacing[4] < 1.5, "{spacing:?}");
     assert!(spacing[2] > 0.8 && spacing[2] < 1.05, "{spacing:?}");
@@ -53,7 +53,7 @@ fn fills_the_box_with_atoms_about_d_apart() {
     let mut expected = 0.0;
     for n in 0..70 * 63 * 55 {
         let x = [n % 70, n / 70 % 63, n / 70 / 63].map(|c| c as f64 + 0.5);
-        expected += SQRT_2 / distance.at(x).powi(3);
+        expected += SQRT_2 / distance.value_at(x).powi(3);
     }
     let share = atoms.len() as f64 / expected;
     println!("{share:.3} of the atoms of a perfect lattice");
@@ -68,7 +68,7 @@ fn fills_the_box_with_atoms_about_d_apart() {
             .iter()
             .map(|y| distance2(&x, y))
             .fold(f64::MAX, f64::min);
-        widest = widest.max(near.sqrt() / distance.at(x));
+        widest = widest.max(near.sqrt() / distance.value_at(x));
     }
     println!("widest hole {widest:.3} d");
     assert!(widest < 1.1, "{widest}");
@@ -76,9 +76,18 @@ fn fills_the_box_with_atoms_about_d_apart() {
 
 /// The share of atoms, farther than 2 d from all sides, that have as many others within 1.25 d as in the
 /// densest lattice.
-fn regular<const D: usize>(how: Seeding, extent: [f64; D], distance: &Distance<D>) -> f64 {
-    let patience = &Patience::endless();
-    let atoms = seed(how, extent, distance, &[], Alignment::On, None, patience).unwrap();
+fn regular_share<const D: usize>(how: Seeding, extent: [f64; D], distance: &Distance<D>) -> f64 {
+    let patience = &CancelToken::never();
+    let atoms = seed(
+        how,
+        extent,
+        distance,
+        &[],
+        Alignment::OnFeatures,
+        None,
+        patience,
+    )
+    .unwrap();
     // The sides are exact and carry their own lattice.
     let count = |kind| atoms.kinds.iter().filter(|&&k| k == kind).count();
     assert_eq!(count(AtomKind::Corner), 1 << D);
@@ -86,7 +95,7 @@ fn regular<const D: usize>(how: Seeding, extent: [f64; D], distance: &Distance<D
     let wanted = if D == 2 { 6 } else { 12 };
     let (mut all, mut whole) = (0, 0);
     for x in &atoms.positions {
-        let d = distance.at(*x);
+        let d = distance.value_at(*x);
         if (0..D).any(|k| x[k].min(extent[k] - x[k]) < 2.0 * d) {
             continue;
         }
@@ -99,10 +108,10 @@ fn regular<const D: usize>(how: Seeding, extent: [f64; D], distance: &Distance<D
 }
 
 /// d rises along the diagonal by `slope`, or in waves whose slope is at most that.
-fn sloping<const D: usize>(extent: [f64; D], slope: f64, waves: bool) -> Distance<D> {
+fn sloping_distance<const D: usize>(extent: [f64; D], slope: f64, waves: bool) -> Distance<D> {
     let dims = extent.map(|l| l as usize + 1);
     let step = std::array::from_fn(|k| extent[k] / (dims[k] - 1) as f64);
-    Distance::Field(Field::from_fn(dims, step, |x| {
+    Distance::Field(ScalarField::from_fn(dims, step, |x| {
         if waves {
             let steepest = slope * (D as f64).sqrt();
             let wave = |k: usize| (x[k] * steepest / 1.5 + k as f64).sin();
@@ -117,13 +126,21 @@ fn sloping<const D: usize>(extent: [f64; D], slope: f64, waves: bool) -> Distanc
 fn a_variable_lattice_is_regular_inside() {
     for (slope, waves) in [(0.05, false), (0.08, false), (0.05, true), (0.08, true)] {
         let extent = [120.0, 91.0];
-        let share = regular(Seeding::Fcc, extent, &sloping(extent, slope, waves));
+        let share = regular_share(
+            Seeding::Fcc,
+            extent,
+            &sloping_distance(extent, slope, waves),
+        );
         println!("2-D, slope {slope}, waves {waves}: {share:.3}");
         assert!(share >= 0.75, "{slope} {waves}: {share}");
     }
     for (slope, waves) in [(0.03, false), (0.05, false), (0.08, false), (0.05, true)] {
         let extent = [70.0, 63.0, 55.0];
-        let share = regular(Seeding::Fcc, extent, &sloping(extent, slope, waves));
+        let share = regular_share(
+            Seeding::Fcc,
+            extent,
+            &sloping_distance(extent, slope, waves),
+        );
         println!("3-D, slope {slope}, waves {waves}: {share:.3}");
         assert!(share >= 0.95, "{slope} {waves}: {share}");
     }
@@ -133,22 +150,22 @@ fn a_variable_lattice_is_regular_inside() {
 fn grown_at_a_constant_distance_it_is_regular_inside() {
     for d in [5.0, 6.0] {
         let distance = Distance::Constant(d);
-        assert!(regular(Seeding::Grown, [120.0, 91.0], &distance) >= 0.95);
+        assert!(regular_share(Seeding::Grown, [120.0, 91.0], &distance) >= 0.95);
         let distance = Distance::Constant(d);
-        assert!(regular(Seeding::Grown, [70.0, 63.0, 55.0], &distance) >= 0.95);
+        assert!(regular_share(Seeding::Grown, [70.0, 63.0, 55.0], &distance) >= 0.95);
     }
 }
 
 #[test]
 fn edges_carry_evenly_spread_atoms() {
     let extent = [60.0, 30.0, 30.0];
-    let distance = varying(extent);
-    let lattice = Grown::new(extent, &distance, Alignment::On, &Alone);
-    let mut along: Vec<f64> = lattice.edge(0, 0b110).iter().map(|x| x[0]).collect();
+    let distance = varying_distance(extent);
+    let lattice = GrowingLattice::new(extent, &distance, Alignment::OnFeatures, &SelfComm);
+    let mut along: Vec<f64> = lattice.edge_atoms(0, 0b110).iter().map(|x| x[0]).collect();
     along.insert(0, 0.0);
     along.push(60.0);
     for pair in along.windows(2) {
-        let d = distance.at([0.5 * (pair[0] + pair[1]), 0.0, 0.0]);
+        let d = distance.value_at([0.5 * (pair[0] + pair[1]), 0.0, 0.0]);
         let spacing = (pair[1] - pair[0]) / (SQRT_2 * d);
         assert!((0.85..1.15).contains(&spacing), "{along:?}");
     }
@@ -157,14 +174,14 @@ fn edges_carry_evenly_spread_atoms() {
 #[test]
 fn fixed_atoms_keep_their_places_and_their_room() {
     let extent = [40.0, 40.0, 40.0];
-    let distance = varying(extent);
+    let distance = varying_distance(extent);
     let fixed = [
         [20.3, 19.1, 20.7],
         [0.0, 13.3, 12.2],
         [0.0, 17.0, 40.0],
         [0.0; 3],
     ];
-    let atoms = fcc(extent, &distance, &fixed, Alignment::On).unwrap();
+    let atoms = fcc(extent, &distance, &fixed, Alignment::OnFeatures).unwrap();
     let count = atoms.len();
     assert_eq!(&atoms.positions[count - 4..], &fixed);
     assert!(
@@ -172,7 +189,7 @@ fn fixed_atoms_keep_their_places_and_their_room() {
             .iter()
             .all(|&k| k == AtomKind::Fixed)
     );
-    assert!(spacing(&atoms, &distance)[0] > 0.6);
+    assert!(spacing_quantiles(&atoms, &distance)[0] > 0.6);
     let corners = atoms
         .kinds
         .iter()
@@ -184,18 +201,18 @@ fn fixed_atoms_keep_their_places_and_their_room() {
 #[test]
 fn fills_a_rectangle() {
     let extent = [120.0, 91.0];
-    let distance = varying(extent);
-    let atoms = fcc(extent, &distance, &[[30.0, 40.5]], Alignment::On).unwrap();
+    let distance = varying_distance(extent);
+    let atoms = fcc(extent, &distance, &[[30.0, 40.5]], Alignment::OnFeatures).unwrap();
     let is = |kind| atoms.kinds.iter().filter(|&&k| k == kind).count();
     assert_eq!((is(AtomKind::Corner), is(AtomKind::Fixed)), (4, 1));
     // As many atoms along the edges as d asks for.
     let step = |n: u32| 0.5 + f64::from(n);
-    let along = |n: u32| 1.0 / distance.at([step(n), 0.0]);
-    let across = |n: u32| 1.0 / distance.at([0.0, step(n)]);
+    let along = |n: u32| 1.0 / distance.value_at([step(n), 0.0]);
+    let across = |n: u32| 1.0 / distance.value_at([0.0, step(n)]);
     let expected = 2.0 * ((0..120).map(along).sum::<f64>() + (0..91).map(across).sum::<f64>());
     let on_edges = (is(AtomKind::Edge) + 4) as f64;
     assert!((on_edges - expected).abs() < 3.0, "{on_edges} {expected}");
-    let spacing = spacing(&atoms, &distance);
+    let spacing = spacing_quantiles(&atoms, &distance);
     println!("{} atoms, nearest / d {spacing:.3?}", atoms.len());
     assert!(spacing[0] > 0.7 && spacing[4] < 1.5, "{spacing:?}");
     assert!(spacing[2] > 0.8 && spacing[2] < 1.05, "{spacing:?}");
@@ -206,7 +223,7 @@ fn assert_alongside<const D: usize>(atoms: &Atoms<D>, extent: [f64; D], distance
     assert!(atoms.kinds.iter().all(|&k| k == AtomKind::Interior));
     let mut outermost = 0;
     for x in &atoms.positions {
-        let d = distance.at(*x);
+        let d = distance.value_at(*x);
         for k in 0..D {
             let depth = x[k].min(extent[k] - x[k]) / d;
             assert!(depth > 0.39, "{x:?} {depth}");
@@ -214,31 +231,31 @@ fn assert_alongside<const D: usize>(atoms: &Atoms<D>, extent: [f64; D], distance
         }
     }
     assert!(outermost > 40, "{outermost}");
-    let spacing = spacing(atoms, distance);
+    let spacing = spacing_quantiles(atoms, distance);
     println!("{} atoms, nearest / d {spacing:.3?}", atoms.len());
     assert!(spacing[0] > 0.7 && spacing[4] < 1.5, "{spacing:?}");
 }
 
-fn keeps_off<const D: usize>(extent: [f64; D], vary: bool) {
+fn assert_inset<const D: usize>(extent: [f64; D], vary: bool) {
     let distance = match vary {
-        true => varying(extent),
+        true => varying_distance(extent),
         false => Distance::Constant(6.0),
     };
-    let atoms = fcc(extent, &distance, &[], Alignment::Alongside).unwrap();
+    let atoms = fcc(extent, &distance, &[], Alignment::AlongsideFeatures).unwrap();
     assert_alongside(&atoms, extent, &distance);
 }
 
 #[test]
 fn keeps_off_the_sides_alongside() {
     for vary in [false, true] {
-        keeps_off([120.0, 91.0], vary);
-        keeps_off([50.0, 43.0, 55.0], vary);
+        assert_inset([120.0, 91.0], vary);
+        assert_inset([50.0, 43.0, 55.0], vary);
     }
     let refused = fcc(
         [50.0; 2],
         &Distance::Constant(6.0),
         &[[0.0, 20.0]],
-        Alignment::Alongside,
+        Alignment::AlongsideFeatures,
     );
     assert!(refused.unwrap_err().to_string().contains("on a side"));
 }
@@ -255,15 +272,15 @@ fn wells_are_seeds_of_the_lattice() {
             extent,
             &distance,
             &wells,
-            Alignment::On,
+            Alignment::OnFeatures,
             None,
-            &Patience::endless(),
+            &CancelToken::never(),
         )
         .unwrap();
         assert_eq!(atoms.positions[atoms.len() - 2..], wells);
         let sites = wells.iter().flat_map(|well| {
             let step = |step: [f64; 3]| std::array::from_fn(|k| well[k] + 5.0 * step[k]);
-            steps::<3>(&[0, 1, 2]).into_iter().map(step)
+            neighbour_steps::<3>(&[0, 1, 2]).into_iter().map(step)
         });
         let taken = |site: &[f64; 3]| {
             let mut atoms = atoms.positions.iter();
@@ -280,28 +297,28 @@ fn wells_are_seeds_of_the_lattice() {
         extent,
         &Distance::Constant(5.0),
         &[well],
-        Alignment::On,
+        Alignment::OnFeatures,
         None,
-        &Patience::endless(),
+        &CancelToken::never(),
     );
     let atoms = atoms.unwrap().positions;
     let taken = |step: [f64; 2]| {
         let site = [well[0] + 5.0 * step[0], well[1] + 5.0 * step[1]];
         atoms.iter().any(|x| distance2(x, &site) < 1e-12)
     };
-    assert!(steps::<2>(&[0, 1]).into_iter().all(taken));
+    assert!(neighbour_steps::<2>(&[0, 1]).into_iter().all(taken));
 }
 
 /// The lattice that so many grow together, in the order in which atoms came.
-fn together<const D: usize>(
+fn grow_in_threads<const D: usize>(
     extent: [f64; D],
     distance: &Distance<D>,
     fixed: &[[f64; D]],
     count: usize,
 ) -> Vec<([f64; D], u32)> {
-    let (on, patience) = (Alignment::On, &Patience::endless());
-    let parts = shared(count, |group| {
-        grown(extent, distance, fixed, on, patience, group).unwrap()
+    let (on, patience) = (Alignment::OnFeatures, &CancelToken::never());
+    let parts = run_threads(count, |group| {
+        grow_lattice(extent, distance, fixed, on, patience, group).unwrap()
     });
     assert!(count > 9 || parts.iter().all(|part| !part.is_empty()));
     let mut all = parts.concat();
@@ -314,15 +331,15 @@ fn in_slabs_the_same_atoms_come_in_the_same_order() {
     let fixed = [[20.3, 19.1, 20.7], [0.0, 13.3, 12.2], [40.0, 0.0, 61.0]];
     for fixed in [&fixed[..], &[]] {
         let extent = [40.0, 30.0, 121.0];
-        let distance = varying(extent);
-        let alone = together(extent, &distance, fixed, 1);
+        let distance = varying_distance(extent);
+        let alone = grow_in_threads(extent, &distance, fixed, 1);
         assert!(alone.len() > 800, "{}", alone.len());
         for count in [2, 3, 7, 13] {
-            let slabs = together(extent, &distance, fixed, count);
+            let slabs = grow_in_threads(extent, &distance, fixed, count);
             assert!(slabs == alone, "{count}");
         }
     }
-    let (extent, waves) = ([70.0, 260.0], sloping([70.0, 260.0], 0.05, true));
-    let alone = together(extent, &waves, &[], 1);
-    assert!(together(extent, &waves, &[], 4) == alone);
+    let (extent, waves) = ([70.0, 260.0], sloping_distance([70.0, 260.0], 0.05, true));
+    let alone = grow_in_threads(extent, &waves, &[], 1);
+    assert!(grow_in_threads(extent, &waves, &[], 4) == alone);
 }

@@ -13,28 +13,28 @@
 //! - `turns`: sites in that order, of which each of a group has a share
 
 pub(crate) mod canny;
-pub(crate) mod fixed;
+mod curve_order;
+pub mod densest_lattice;
+pub(crate) mod fixed_atoms;
 pub(crate) mod grow;
 pub(crate) mod guide;
-pub mod lattice;
-pub mod order;
+pub mod morton;
 pub(crate) mod projection;
 pub(crate) mod refine;
 mod regular;
-mod turns;
 pub(crate) mod wells;
 
-use self::fixed::Room;
-use self::order::Curve;
+use self::fixed_atoms::Clearance;
+use self::morton::MortonCurve;
+use crate::comm::{self, Comm, SelfComm};
 use crate::error::{Error, Result, cause};
-use crate::geometry::scatter::Scatter;
-use crate::image::{Field, Sparse};
+use crate::geometry::incremental_grid::IncrementalGrid;
+use crate::image::{ScalarField, SparseField};
 use crate::lattice::AtomKind;
-use crate::lattice::distance::{Distance, Shared};
-use crate::lattice::share::OwnAtoms;
-use crate::observer::Patience;
+use crate::lattice::distance::{Distance, DistributedDistance};
+use crate::lattice::partition::OwnedAtoms;
 use crate::parallel::prelude::*;
-use crate::ranks::{self, Alone, Group};
+use crate::progress::CancelToken;
 
 /// Where atoms end up: on features, so that the faces of a Delaunay mesh follow them, or alongside,
 /// so that the faces of Voronoi cells do.
@@ -42,10 +42,10 @@ use crate::ranks::{self, Alone, Group};
 pub enum Alignment {
     /// On features and on the sides of the box.
     #[default]
-    On,
+    OnFeatures,
     /// Beside features and strictly inside the box. The mirror images of atoms near a side stand
     /// beyond it, and act on atoms inside as if they were atoms.
-    Alongside,
+    AlongsideFeatures,
 }
 
 /// The atoms of a lattice: the nodes of the mesh to come.
@@ -60,9 +60,9 @@ pub struct Atoms<const D: usize> {
 
 impl<const D: usize> Atoms<D> {
     /// Atoms whose kinds follow from the number of sides of the box they lie on.
-    pub fn in_box(positions: Vec<[f64; D]>, extent: [f64; D]) -> Self {
+    pub fn from_positions(positions: Vec<[f64; D]>, extent: [f64; D]) -> Self {
         let kinds = positions.par_iter();
-        let kinds = kinds.map(|&x| kind_in_box(x, extent)).collect();
+        let kinds = kinds.map(|&x| kind_at(x, extent)).collect();
         Self { positions, kinds }
     }
 
@@ -95,13 +95,13 @@ impl<const D: usize> Atoms<D> {
 }
 
 /// The number of sides of the box `[0, extent]` on which `x` lies exactly.
-pub fn sides_held<const D: usize>(x: [f64; D], extent: [f64; D]) -> usize {
+pub fn side_count<const D: usize>(x: [f64; D], extent: [f64; D]) -> usize {
     (0..D).filter(|&k| x[k] <= 0.0 || x[k] >= extent[k]).count()
 }
 
 /// The kind of an atom at `x` that no user fixed.
-pub fn kind_in_box<const D: usize>(x: [f64; D], extent: [f64; D]) -> AtomKind {
-    let held = sides_held(x, extent);
+pub fn kind_at<const D: usize>(x: [f64; D], extent: [f64; D]) -> AtomKind {
+    let held = side_count(x, extent);
     if held == 0 {
         AtomKind::Interior
     } else if held == D {
@@ -115,13 +115,13 @@ pub fn kind_in_box<const D: usize>(x: [f64; D], extent: [f64; D]) -> AtomKind {
 }
 
 /// A site is free if no atom is nearer than this, in units of d (Hale 2001: 0.8).
-const FREE: f64 = 0.8;
+const MIN_SITE_DISTANCE: f64 = 0.8;
 /// Nearest to the sides of what it fills that a site may be, in units of d; 0.71 in a regular
 /// lattice.
-const MARGIN: f64 = 0.4;
+const SIDE_MARGIN: f64 = 0.4;
 
 /// No atoms yet, in the box from `low` to `high`; `apart` is about how near to each other the nearest will be.
-fn scatter<const D: usize>(low: [f64; D], high: [f64; D], apart: f64) -> Scatter<D> {
+fn empty_grid<const D: usize>(low: [f64; D], high: [f64; D], apart: f64) -> IncrementalGrid<D> {
     // A few atoms a cell where they are dense; never more than some ten million cells.
     let volume: f64 = high
         .iter()
@@ -129,7 +129,7 @@ fn scatter<const D: usize>(low: [f64; D], high: [f64; D], apart: f64) -> Scatter
         .map(|(high, low)| high - low)
         .product();
     let edge = (1.6 * apart).max((volume / 1e7).powf(1.0 / D as f64));
-    Scatter::new(low, high, edge)
+    IncrementalGrid::new(low, high, edge)
 }
 
 /// How atoms are placed.
@@ -153,7 +153,7 @@ pub enum Seeding {
         /// Decides what is drawn.
         seed: u64,
         /// Most atoms.
-        most: usize,
+        max_atoms: usize,
     },
     /// Sites of a fine lattice projected onto the image's features (`projection::projected`).
     Projection,
@@ -183,24 +183,24 @@ pub fn seed<const D: usize>(
     distance: &Distance<D>,
     fixed: &[[f64; D]],
     alignment: Alignment,
-    potential: Option<&Sparse<D>>,
-    patience: &Patience<'_>,
+    potential: Option<&SparseField<D>>,
+    patience: &CancelToken<'_>,
 ) -> Result<Atoms<D>> {
-    let regular = || regularly(how, extent, distance, fixed, alignment, patience, &Alone);
+    let regular = || seed_regular(how, extent, distance, fixed, alignment, patience, &SelfComm);
     distance.validate(extent)?;
     let image = || {
-        potential.map(Sparse::dense).ok_or_else(|| {
-            refuse(
+        potential.map(SparseField::to_dense).ok_or_else(|| {
+            seeding_error(
                 "needs the potential of an image",
                 "give one, or seed regularly",
             )
         })
     };
-    let fixed = fixed::checked(fixed, extent, distance, alignment)?;
+    let fixed = fixed_atoms::validate(fixed, extent, distance, alignment)?;
     let mut positions = match how {
         Seeding::Fcc | Seeding::Grown => return Ok(regular()?.atoms),
         Seeding::Refine { seed } => {
-            refine::refined(extent, distance, &fixed, alignment, seed, patience)?
+            refine::refine_lattice(extent, distance, &fixed, alignment, seed, patience)?
         }
         Seeding::Canny => {
             return Err(Error::Seeding(cause(
@@ -209,7 +209,10 @@ pub fn seed<const D: usize>(
                 "call seeding::canny::seeded",
             )));
         }
-        Seeding::Guide { seed, most } => guide::drawn(
+        Seeding::Guide {
+            seed,
+            max_atoms: most,
+        } => guide::draw_lattice(
             extent,
             distance,
             &image()?,
@@ -219,41 +222,41 @@ pub fn seed<const D: usize>(
             most,
             patience,
         )?,
-        Seeding::Projection if alignment == Alignment::Alongside => {
-            return Err(refuse(
+        Seeding::Projection if alignment == Alignment::AlongsideFeatures => {
+            return Err(seeding_error(
                 "projection puts atoms onto features, which the faces of Voronoi cells follow",
                 "use another seeding for Voronoi cells",
             ));
         }
         Seeding::Projection => {
-            projection::projected(extent, distance, &image()?, &fixed, patience)?
+            projection::project_lattice(extent, distance, &image()?, &fixed, patience)?
         }
     };
-    order::sort_by_curve(&mut positions, extent, 2.0 * distance.min());
-    let mut atoms = Atoms::in_box(positions, extent);
-    fixed::insert(&mut atoms, &fixed, extent, distance);
+    morton::sort_by_curve(&mut positions, extent, 2.0 * distance.min());
+    let mut atoms = Atoms::from_positions(positions, extent);
+    fixed_atoms::insert(&mut atoms, &fixed, extent, distance);
     Ok(atoms)
 }
 
 /// The regular lattice of constant d, or the one that is grown; each of a group has a share.
-fn regularly<const D: usize>(
+fn seed_regular<const D: usize>(
     how: Seeding,
     extent: [f64; D],
     distance: &Distance<D>,
     fixed: &[[f64; D]],
     alignment: Alignment,
-    patience: &Patience<'_>,
-    group: &dyn Group,
-) -> Result<OwnAtoms<D>> {
+    patience: &CancelToken<'_>,
+    group: &dyn Comm,
+) -> Result<OwnedAtoms<D>> {
     if let (Seeding::Fcc, Distance::Constant(_)) = (how, distance) {
-        return regular::seeded(extent, distance, fixed, alignment, group);
+        return regular::place_atoms(extent, distance, fixed, alignment, group);
     }
     distance.validate(extent)?;
-    let fixed = &fixed::checked(fixed, extent, distance, alignment)?;
-    let sites = grow::grown(extent, distance, fixed, alignment, patience, group)?;
-    let curve = Curve::new(extent, 2.0 * distance.min());
-    let room = Room::new(fixed, extent, distance);
-    turns::dealt(sites, &curve, extent, (fixed, &room), group)
+    let fixed = &fixed_atoms::validate(fixed, extent, distance, alignment)?;
+    let sites = grow::grow_lattice(extent, distance, fixed, alignment, patience, group)?;
+    let curve = MortonCurve::new(extent, 2.0 * distance.min());
+    let room = Clearance::new(fixed, extent, distance);
+    curve_order::redistribute(sites, &curve, extent, (fixed, &room), group)
 }
 
 /// [`seed`], of whose atoms each of a group has a share in the end. Where the lattice is regular or grown, none ever has
@@ -261,27 +264,27 @@ fn regularly<const D: usize>(
 ///
 /// # Errors
 /// Those of [`seed`].
-pub(crate) fn seed_share<const D: usize>(
+pub(crate) fn seed_partition<const D: usize>(
     how: Seeding,
     extent: [f64; D],
-    distance: &Shared<D>,
+    distance: &DistributedDistance<D>,
     fixed: &[[f64; D]],
-    potential: &Sparse<D>,
-    group: &dyn Group,
-    patience: &Patience<'_>,
-) -> Result<OwnAtoms<D>> {
-    let on = Alignment::On;
+    potential: &SparseField<D>,
+    group: &dyn Comm,
+    patience: &CancelToken<'_>,
+) -> Result<OwnedAtoms<D>> {
+    let on = Alignment::OnFeatures;
     if let Seeding::Fcc | Seeding::Grown = how {
         let last = D - 1;
-        let looked_at = grow::looked_at(extent[last], distance.max(), group);
-        let distance = distance.between(last, looked_at, group)?;
-        return regularly(how, extent, &distance, fixed, on, patience, group);
+        let looked_at = grow::required_range(extent[last], distance.max(), group);
+        let distance = distance.fetch_between(last, looked_at, group)?;
+        return seed_regular(how, extent, &distance, fixed, on, patience, group);
     }
-    let distance = distance.whole(group)?;
+    let distance = distance.global(group)?;
     let potential = Some(potential);
     let all = seed(how, extent, &distance, fixed, on, potential, patience)?;
-    ranks::same("atoms placed", &all)?;
-    Ok(OwnAtoms::of(all, group))
+    comm::ensure_identical("atoms placed", &all)?;
+    Ok(OwnedAtoms::from_global(all, group))
 }
 
 /// [`seed`] with [`Seeding::Fcc`].
@@ -295,16 +298,20 @@ pub fn fcc<const D: usize>(
     alignment: Alignment,
 ) -> Result<Atoms<D>> {
     let how = Seeding::Fcc;
-    let patience = &Patience::endless();
+    let patience = &CancelToken::never();
     seed(how, extent, distance, fixed, alignment, None, patience)
 }
 
-fn refuse(problem: impl std::fmt::Display, remedy: &str) -> Error {
+fn seeding_error(problem: impl std::fmt::Display, remedy: &str) -> Error {
     Error::Seeding(cause("seeding", problem, remedy))
 }
 
 /// The least and the largest sample of a potential by which atoms are placed in the box `[0, extent]`.
-fn varies<const D: usize>(potential: &Field<D>, extent: [f64; D], how: &str) -> Result<[f32; 2]> {
+fn potential_range<const D: usize>(
+    potential: &ScalarField<D>,
+    extent: [f64; D],
+    how: &str,
+) -> Result<[f32; 2]> {
     let refuse = |problem: String, remedy: &str| {
         let place = format!("seeding {how}: image potential");
         Err(Error::Seeding(cause(place, problem, remedy)))

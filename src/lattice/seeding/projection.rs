@@ -15,15 +15,18 @@
 
 use crate::parallel::prelude::*;
 
-use super::{Alignment, FREE, MARGIN, grow, lattice, scatter, sides_held, varies};
+use super::{
+    Alignment, MIN_SITE_DISTANCE, SIDE_MARGIN, densest_lattice, empty_grid, grow, potential_range,
+    side_count,
+};
+use crate::comm::SelfComm;
 use crate::error::Result;
-use crate::image::Field;
+use crate::image::ScalarField;
 use crate::lattice::distance::Distance;
-use crate::observer::Patience;
-use crate::ranks::Alone;
+use crate::progress::CancelToken;
 
 /// Spacing of the sites, in units of d: sqrt(3) / 3.
-const SITES: f64 = 0.577_350_269_189_625_8;
+const SITE_SPACING_RATIO: f64 = 0.577_350_269_189_625_8;
 
 /// Positions of a lattice of spacing d(x) that fills the box `[0, extent]`, for `D` of 2 or 3, with
 /// atoms on the samples of the features of `potential`, which spans the box: -1 on features, 0
@@ -33,44 +36,44 @@ const SITES: f64 = 0.577_350_269_189_625_8;
 /// # Errors
 /// [`Error::Seeding`](crate::Error::Seeding) if the potential is the same everywhere or does not span
 /// the box.
-pub fn projected<const D: usize>(
+pub fn project_lattice<const D: usize>(
     extent: [f64; D],
     distance: &Distance<D>,
-    potential: &Field<D>,
+    potential: &ScalarField<D>,
     fixed: &[[f64; D]],
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> Result<Vec<[f64; D]>> {
-    varies(potential, extent, "projection")?;
-    let sites = regular(extent, &finer(distance), patience)?;
+    potential_range(potential, extent, "projection")?;
+    let sites = regular_lattice(extent, &site_distance(distance), patience)?;
     let best: Vec<Option<(f64, [f64; D])>> = sites
         .par_iter()
-        .map(|&site| match patience.over() {
+        .map(|&site| match patience.is_cancelled() {
             true => None,
-            false => bottom(potential, extent, site, distance.at(site)),
+            false => lowest_sample(potential, extent, site, distance.value_at(site)),
         })
         .collect();
     // Nearest first; of two as near, the one first in the lattice.
     let mut pairs: Vec<(f64, [f64; D])> = best.into_iter().flatten().collect();
     pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
     let pairs: Vec<[f64; D]> = pairs.into_iter().map(|pair| pair.1).collect();
-    let coarse = regular(extent, distance, patience)?;
+    let coarse = regular_lattice(extent, distance, patience)?;
 
-    let mut placed = scatter([0.0; D], extent, FREE * distance.min());
+    let mut placed = empty_grid([0.0; D], extent, MIN_SITE_DISTANCE * distance.min());
     for &x in fixed {
         placed.add(x);
     }
     // Corners, then edges, sides, inside.
     for rank in (0..=D).rev() {
         for &x in pairs.iter().chain(&coarse).chain(&sites) {
-            if sides_held(x, extent) != rank || patience.over() {
+            if side_count(x, extent) != rank || patience.is_cancelled() {
                 continue;
             }
-            let d = distance.at(x);
+            let d = distance.value_at(x);
             let inside = |k: usize| {
                 let depth = x[k].min(extent[k] - x[k]);
-                depth <= 0.0 || depth >= MARGIN * d
+                depth <= 0.0 || depth >= SIDE_MARGIN * d
             };
-            let room = if rank == D { 1e-3 } else { FREE };
+            let room = if rank == D { 1e-3 } else { MIN_SITE_DISTANCE };
             if (0..D).all(inside) && placed.is_free(&x, room * d) {
                 placed.add(x);
             }
@@ -80,41 +83,41 @@ pub fn projected<const D: usize>(
 }
 
 /// A regular lattice whose sites reach the sides of the box.
-fn regular<const D: usize>(
+fn regular_lattice<const D: usize>(
     extent: [f64; D],
     distance: &Distance<D>,
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> Result<Vec<[f64; D]>> {
-    let on = Alignment::On;
+    let on = Alignment::OnFeatures;
     Ok(match distance {
-        Distance::Constant(d) => lattice::fitted(extent, *d, on),
-        Distance::Field(_) | Distance::Near(_) => {
-            let atoms = grow::grown(extent, distance, &[], on, patience, &Alone)?;
+        Distance::Constant(d) => densest_lattice::fit_lattice(extent, *d, on),
+        Distance::Field(_) | Distance::Bricks(_) => {
+            let atoms = grow::grow_lattice(extent, distance, &[], on, patience, &SelfComm)?;
             atoms.into_iter().map(|(x, _)| x).collect()
         }
     })
 }
 
 /// Distances as those of sites are.
-fn finer<const D: usize>(distance: &Distance<D>) -> Distance<D> {
+fn site_distance<const D: usize>(distance: &Distance<D>) -> Distance<D> {
     match distance {
-        Distance::Constant(d) => Distance::Constant(SITES * d),
-        Distance::Field(field) => Distance::Field(field.map(|d| SITES * d)),
+        Distance::Constant(d) => Distance::Constant(SITE_SPACING_RATIO * d),
+        Distance::Field(field) => Distance::Field(field.map(|d| SITE_SPACING_RATIO * d)),
         // No one projects a share of a lattice.
-        Distance::Near(_) => distance.clone(),
+        Distance::Bricks(_) => distance.clone(),
     }
 }
 
 /// The lowest sample within `radius` of a site and the square of its distance; of several the nearest.
 /// On a side of the box, of the samples of that side. `None` if it is not the bottom of a valley: if it
 /// is not negative, or a sample beside it is lower.
-fn bottom<const D: usize>(
-    potential: &Field<D>,
+fn lowest_sample<const D: usize>(
+    potential: &ScalarField<D>,
     extent: [f64; D],
     site: [f64; D],
     radius: f64,
 ) -> Option<(f64, [f64; D])> {
-    let Field {
+    let ScalarField {
         dims,
         step,
         samples,
@@ -172,20 +175,20 @@ fn bottom<const D: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::Sparse;
-    use crate::lattice::seeding::grow::tests::{spacing, varying};
+    use crate::image::SparseField;
+    use crate::lattice::seeding::grow::tests::{spacing_quantiles, varying_distance};
     use crate::lattice::seeding::guide::tests::valley;
     use crate::lattice::seeding::{Seeding, seed};
 
     #[test]
     fn the_best_sample_is_found() {
         let extent = [30.0, 20.0, 24.0];
-        let mut field = Field::from_fn([31, 21, 25], [1.0; 3], |_| 0.0);
+        let mut field = ScalarField::from_fn([31, 21, 25], [1.0; 3], |_| 0.0);
         let mut set = |at: [usize; 3], b| field.samples[(at[2] * 21 + at[1]) * 31 + at[0]] = b;
         set([10, 10, 10], -0.5);
         set([14, 10, 10], -1.0);
         set([0, 10, 10], -0.9);
-        let find = |site, radius| bottom(&field, extent, site, radius);
+        let find = |site, radius| lowest_sample(&field, extent, site, radius);
         assert_eq!(find([11.0, 10.0, 10.5], 2.0), Some((1.25, [10.0; 3])));
         assert_eq!(
             find([11.0, 10.0, 10.5], 3.5),
@@ -197,8 +200,8 @@ mod tests {
         assert_eq!(find([2.0, 10.0, 10.0], 4.0), None);
         assert_eq!(find([0.0, 9.0, 0.0], 11.0), None);
         // A slope is no bottom.
-        let slope = Field::from_fn([31, 21, 25], [1.0; 3], |x| -x[0] / 30.0);
-        assert_eq!(bottom(&slope, extent, [11.0, 10.0, 10.0], 3.0), None);
+        let slope = ScalarField::from_fn([31, 21, 25], [1.0; 3], |x| -x[0] / 30.0);
+        assert_eq!(lowest_sample(&slope, extent, [11.0, 10.0, 10.0], 3.0), None);
     }
 
     fn check<const D: usize>(extent: [f64; D], distance: &Distance<D>, densest: f64) {
@@ -210,14 +213,14 @@ mod tests {
                 extent,
                 distance,
                 &[],
-                Alignment::On,
-                Some(&Sparse::of(&potential)),
-                &Patience::endless(),
+                Alignment::OnFeatures,
+                Some(&SparseField::from_field(&potential)),
+                &CancelToken::never(),
             )
             .unwrap()
         };
         let atoms = place();
-        let spacing = spacing(&atoms, distance);
+        let spacing = spacing_quantiles(&atoms, distance);
         let [least, _, median, _, widest] = spacing;
         let off = |x: &[f64; D]| (x[0] + 0.25 * x[1] - 0.6 * extent[0]).abs();
         let on = atoms.positions.iter().filter(|x| off(x) < 1.0).count();
@@ -229,7 +232,7 @@ mod tests {
         let length = extent[1] * 17.0f64.sqrt() / 4.0;
         let area: f64 = (2..D).map(|k| extent[k]).product::<f64>() * length;
         assert!(
-            on as f64 > densest * area / (FREE * distance.max()).powi(D as i32 - 1),
+            on as f64 > densest * area / (MIN_SITE_DISTANCE * distance.max()).powi(D as i32 - 1),
             "{on}"
         );
         assert_eq!(atoms, place());
@@ -239,14 +242,14 @@ mod tests {
     fn a_rectangle_is_filled_features_first() {
         let extent = [120.0, 91.0];
         check(extent, &Distance::Constant(5.0), 0.6);
-        check(extent, &varying(extent), 0.6);
+        check(extent, &varying_distance(extent), 0.6);
     }
 
     #[test]
     fn a_box_is_filled_features_first() {
         let extent = [60.0, 53.0, 48.0];
         check(extent, &Distance::Constant(5.0), 0.5);
-        check(extent, &varying(extent), 0.5);
+        check(extent, &varying_distance(extent), 0.5);
     }
 
     #[test]
@@ -258,9 +261,9 @@ mod tests {
             extent,
             &distance,
             &[],
-            Alignment::Alongside,
-            Some(&Sparse::of(&valley(extent))),
-            &Patience::endless(),
+            Alignment::AlongsideFeatures,
+            Some(&SparseField::from_field(&valley(extent))),
+            &CancelToken::never(),
         );
         assert!(refused.unwrap_err().to_string().contains("onto features"));
     }

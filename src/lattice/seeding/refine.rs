@@ -5,21 +5,21 @@
 //! refined in the plane; then the inside. Circumcentres outside the box are no points. No direction
 //! is favoured: images, not the lattice, say where atoms line up.
 
-use super::{Alignment, sides_held};
+use super::{Alignment, side_count};
 use crate::error::Result;
 use crate::geometry::distance2;
 use crate::geometry::random::Random;
-use crate::image::Field;
+use crate::image::ScalarField;
 use crate::lattice::distance::Distance;
 use crate::mesh::delaunay::refine::{refine_plane, refine_space};
-use crate::observer::Patience;
+use crate::progress::CancelToken;
 
 /// Largest circumradius in the plane, in units of d (Hale 2002).
-const PLANE: f64 = 0.760;
+const MAX_CIRCUMRADIUS_2D: f64 = 0.760;
 /// Largest circumradius in space, in units of d (Hale 2002).
-const SPACE: f64 = 0.803;
+const MAX_CIRCUMRADIUS_3D: f64 = 0.803;
 /// Nearest to a fixed atom that an atom of an edge may be, in units of d.
-const FREE: f64 = 0.8;
+const MIN_FIXED_DISTANCE: f64 = 0.8;
 
 /// Positions of an isotropic lattice of spacing d(x) that fills the box `[0, extent]`, for `D` of 2
 /// or 3; atoms on its sides have coordinates of exactly `0.0` or `extent[k]`. Keeps its distance from
@@ -29,13 +29,13 @@ const FREE: f64 = 0.8;
 ///
 /// # Errors
 /// [`Error::Delaunay`](crate::Error::Delaunay) in 3-D if built without the feature `cgal`.
-pub fn refined<const D: usize>(
+pub fn refine_lattice<const D: usize>(
     extent: [f64; D],
     distance: &Distance<D>,
     fixed: &[[f64; D]],
     alignment: Alignment,
     seed: u64,
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> Result<Vec<[f64; D]>> {
     let mut atoms = fixed.to_vec();
     let corners = faces::<D>(&[]).map(|end| std::array::from_fn(|k| end[k] * extent[k]));
@@ -46,10 +46,11 @@ pub fn refined<const D: usize>(
                 std::array::from_fn(|k| if k == axis { t } else { end[k] * extent[k] })
             };
             let free = |x: &[f64; D]| {
-                let radius = FREE * distance.at(*x);
+                let radius = MIN_FIXED_DISTANCE * distance.value_at(*x);
                 fixed.iter().all(|y| distance2(x, y) >= radius * radius)
             };
-            let spread = spread(extent[axis], distance.min(), |t| distance.at(at(t)));
+            let spread =
+                graded_positions(extent[axis], distance.min(), |t| distance.value_at(at(t)));
             atoms.extend(spread.into_iter().map(at).filter(free));
         }
     }
@@ -66,8 +67,14 @@ pub fn refined<const D: usize>(
                 };
                 let on = atoms.iter().filter(|x| x[normal] == level);
                 let start: Vec<[f64; 2]> = on.map(|x| along.map(|k| x[k])).collect();
-                let d = |x| distance.at(lift(x));
-                let added = refine_plane(&start, along.map(|k| extent[k]), d, PLANE, patience)?;
+                let d = |x| distance.value_at(lift(x));
+                let added = refine_plane(
+                    &start,
+                    along.map(|k| extent[k]),
+                    d,
+                    MAX_CIRCUMRADIUS_2D,
+                    patience,
+                )?;
                 atoms.extend(added.into_iter().map(lift));
             }
         }
@@ -75,65 +82,67 @@ pub fn refined<const D: usize>(
     // One point away from the corners, by chance.
     let mut random = Random::new(seed);
     let first = extent.map(|e| e * (0.35 + 0.3 * random.draw()));
-    let near = |y: &[f64; D]| distance2(&first, y) < (FREE * distance.at(first)).powi(2);
+    let near = |y: &[f64; D]| {
+        distance2(&first, y) < (MIN_FIXED_DISTANCE * distance.value_at(first)).powi(2)
+    };
     if !atoms.iter().any(near) {
         atoms.push(first);
     }
-    let added = inside(&atoms, extent, distance, patience)?;
+    let added = refine_interior(&atoms, extent, distance, patience)?;
     atoms.extend(added);
     atoms.drain(..fixed.len());
-    if alignment == Alignment::Alongside {
+    if alignment == Alignment::AlongsideFeatures {
         for x in &mut atoms {
-            let d = distance.at(*x);
+            let d = distance.value_at(*x);
             *x = std::array::from_fn(|k| x[k] + d * (0.5 - x[k] / extent[k]));
         }
         let free = |x: &[f64; D]| {
-            let radius = FREE * distance.at(*x);
+            let radius = MIN_FIXED_DISTANCE * distance.value_at(*x);
             fixed.iter().all(|y| distance2(x, y) >= radius * radius)
         };
-        atoms.retain(|x| free(x) && sides_held(*x, extent) == 0);
+        atoms.retain(|x| free(x) && side_count(*x, extent) == 0);
     }
     Ok(atoms)
 }
 
 /// Refines the whole box.
-fn inside<const D: usize>(
+fn refine_interior<const D: usize>(
     atoms: &[[f64; D]],
     extent: [f64; D],
     distance: &Distance<D>,
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> Result<Vec<[f64; D]>> {
     // `D` is not known to the compiler to be what it is: axes are copied one by one.
-    fn axes<const D: usize, const E: usize>(x: [f64; D]) -> [f64; E] {
+    fn cast_dims<const D: usize, const E: usize>(x: [f64; D]) -> [f64; E] {
         std::array::from_fn(|k| x[k])
     }
     if D == 2 {
-        let plane: Vec<[f64; 2]> = atoms.iter().map(|x| axes(*x)).collect();
-        let d = |x: [f64; 2]| distance.at(axes(x));
-        let added = refine_plane(&plane, axes(extent), d, PLANE, patience)?;
-        return Ok(added.into_iter().map(axes).collect());
+        let plane: Vec<[f64; 2]> = atoms.iter().map(|x| cast_dims(*x)).collect();
+        let d = |x: [f64; 2]| distance.value_at(cast_dims(x));
+        let added = refine_plane(&plane, cast_dims(extent), d, MAX_CIRCUMRADIUS_2D, patience)?;
+        return Ok(added.into_iter().map(cast_dims).collect());
     }
-    let space: Vec<[f64; 3]> = atoms.iter().map(|x| axes(*x)).collect();
+    let space: Vec<[f64; 3]> = atoms.iter().map(|x| cast_dims(*x)).collect();
     let d = match distance {
-        Distance::Constant(d) => Field {
+        Distance::Constant(d) => ScalarField {
             dims: [1; 3],
-            step: axes(extent),
+            step: cast_dims(extent),
             samples: vec![*d as f32],
         },
-        Distance::Field(field) => Field {
+        Distance::Field(field) => ScalarField {
             dims: std::array::from_fn(|k| field.dims[k]),
-            step: axes(field.step),
+            step: cast_dims(field.step),
             samples: field.samples.clone(),
         },
-        Distance::Near(_) => {
-            return Err(super::refuse(
+        Distance::Bricks(_) => {
+            return Err(super::seeding_error(
                 "by refinement asks for the distance everywhere",
                 "give all of it",
             ));
         }
     };
-    let added = refine_space(&space, axes(extent), &d, SPACE)?;
-    Ok(added.into_iter().map(axes).collect())
+    let added = refine_space(&space, cast_dims(extent), &d, MAX_CIRCUMRADIUS_3D)?;
+    Ok(added.into_iter().map(cast_dims).collect())
 }
 
 /// The faces of the unit box that lie along the given axes, by the coordinates (0 or 1) along the
@@ -145,7 +154,7 @@ fn faces<const D: usize>(along: &[usize]) -> impl Iterator<Item = [f64; D]> {
 }
 
 /// Places between the ends of a length, evenly spread in units of d(t).
-pub(super) fn spread(length: f64, least: f64, d: impl Fn(f64) -> f64) -> Vec<f64> {
+pub(super) fn graded_positions(length: f64, least: f64, d: impl Fn(f64) -> f64) -> Vec<f64> {
     // How many spacings from the start to each of many points (midpoint rule).
     let pieces = (8.0 * length / least).ceil().max(8.0) as usize;
     let piece = length / pieces as f64;
@@ -170,7 +179,7 @@ pub(super) fn spread(length: f64, least: f64, d: impl Fn(f64) -> f64) -> Vec<f64
 mod tests {
     use super::*;
     use crate::lattice::AtomKind;
-    use crate::lattice::seeding::grow::tests::{spacing, varying};
+    use crate::lattice::seeding::grow::tests::{spacing_quantiles, varying_distance};
     use crate::lattice::seeding::{Atoms, Seeding, seed};
 
     fn check<const D: usize>(extent: [f64; D], distance: &Distance<D>) -> [f64; 5] {
@@ -180,26 +189,26 @@ mod tests {
             extent,
             distance,
             &[],
-            Alignment::On,
+            Alignment::OnFeatures,
             None,
-            &Patience::endless(),
+            &CancelToken::never(),
         )
         .unwrap();
         let is = |kind| atoms.kinds.iter().filter(|&&k| k == kind).count();
         assert_eq!(is(AtomKind::Corner), 1 << D);
         assert!(is(AtomKind::Edge) > 20 && (D == 2 || is(AtomKind::Side) > 100));
-        let refined = spacing(&atoms, distance);
+        let refined = spacing_quantiles(&atoms, distance);
         let regular = seed(
             Seeding::Fcc,
             extent,
             distance,
             &[],
-            Alignment::On,
+            Alignment::OnFeatures,
             None,
-            &Patience::endless(),
+            &CancelToken::never(),
         )
         .unwrap();
-        let regular = spacing(&regular, distance);
+        let regular = spacing_quantiles(&regular, distance);
         println!(
             "{D}-D, {} atoms: nearest / d {refined:.3?}, regular {regular:.3?}",
             atoms.len()
@@ -210,7 +219,7 @@ mod tests {
     #[test]
     fn a_rectangle_is_filled_evenly() {
         let extent = [120.0, 91.0];
-        for distance in [Distance::Constant(5.0), varying(extent)] {
+        for distance in [Distance::Constant(5.0), varying_distance(extent)] {
             let [least, low, median, high, _] = check(extent, &distance);
             // 0.76 at the circumcentre, where d may be larger by its slope.
             assert!(
@@ -225,7 +234,7 @@ mod tests {
     #[test]
     fn a_box_is_filled_evenly() {
         let extent = [60.0, 53.0, 48.0];
-        for distance in [Distance::Constant(5.0), varying(extent)] {
+        for distance in [Distance::Constant(5.0), varying_distance(extent)] {
             let [least, low, median, high, _] = check(extent, &distance);
             assert!(
                 least > 0.7 && low > 0.74 && high < 1.2,
@@ -241,7 +250,7 @@ mod tests {
         let distance = Distance::Constant(5.0);
         let fixed = [[31.0, 22.0], [70.0, 12.5]];
         let how = Seeding::Refine { seed: 3 };
-        for alignment in [Alignment::On, Alignment::Alongside] {
+        for alignment in [Alignment::OnFeatures, Alignment::AlongsideFeatures] {
             let atoms = seed(
                 how,
                 extent,
@@ -249,31 +258,31 @@ mod tests {
                 &fixed,
                 alignment,
                 None,
-                &Patience::endless(),
+                &CancelToken::never(),
             )
             .unwrap();
             assert_eq!(atoms.positions[atoms.len() - 2..], fixed);
-            assert!(spacing(&atoms, &distance)[0] > 0.65);
+            assert!(spacing_quantiles(&atoms, &distance)[0] > 0.65);
             let inside = |x: &[f64; 2]| (0..2).all(|k| x[k] > 2.0 && x[k] < extent[k] - 2.0);
             let all = atoms.positions.iter().all(inside);
-            assert_eq!(all, alignment == Alignment::Alongside);
+            assert_eq!(all, alignment == Alignment::AlongsideFeatures);
         }
     }
 
     #[test]
     fn another_seed_gives_another_lattice() {
         let of = |seed| {
-            refined(
+            refine_lattice(
                 [50.0, 40.0],
                 &Distance::Constant(4.0),
                 &[],
-                Alignment::On,
+                Alignment::OnFeatures,
                 seed,
-                &Patience::endless(),
+                &CancelToken::never(),
             )
         };
         assert_eq!(of(1).unwrap(), of(1).unwrap());
         assert_ne!(of(1).unwrap(), of(2).unwrap());
-        assert!(Atoms::in_box(of(1).unwrap(), [50.0, 40.0]).len() > 100);
+        assert!(Atoms::from_positions(of(1).unwrap(), [50.0, 40.0]).len() > 100);
     }
 }

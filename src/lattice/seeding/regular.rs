@@ -5,43 +5,43 @@
 use crate::parallel::prelude::*;
 
 use super::Alignment;
-use super::fixed::{self, Room};
-use super::lattice::Sites;
-use super::order::Curve;
-use super::turns::{STRETCHES, Turns};
+use super::curve_order::{CurvePartition, MAX_SEGMENTS};
+use super::densest_lattice::LatticeSites;
+use super::fixed_atoms::{self, Clearance};
+use super::morton::MortonCurve;
+use crate::comm::Comm;
 use crate::error::Result;
 use crate::lattice::distance::Distance;
-use crate::lattice::share::OwnAtoms;
-use crate::ranks::Group;
+use crate::lattice::partition::OwnedAtoms;
 
 /// A share of the densest lattice whose nearest neighbours are `distance` apart, the same everywhere, in the order of a
 /// space-filling curve; fixed atoms, for which others make room, come last.
 ///
 /// # Errors
 /// Those of [`seed`](super::seed).
-pub fn seeded<const D: usize>(
+pub fn place_atoms<const D: usize>(
     extent: [f64; D],
     distance: &Distance<D>,
     fixed: &[[f64; D]],
     alignment: Alignment,
-    group: &dyn Group,
-) -> Result<OwnAtoms<D>> {
+    group: &dyn Comm,
+) -> Result<OwnedAtoms<D>> {
     distance.validate(extent)?;
-    let fixed = fixed::checked(fixed, extent, distance, alignment)?;
-    let lattice = Lattice {
-        sites: Sites::fitted(extent, distance.min(), alignment),
-        curve: Curve::new(extent, 2.0 * distance.min()),
-        room: Room::new(&fixed, extent, distance),
+    let fixed = fixed_atoms::validate(fixed, extent, distance, alignment)?;
+    let lattice = CurveLattice {
+        sites: LatticeSites::fit(extent, distance.min(), alignment),
+        curve: MortonCurve::new(extent, 2.0 * distance.min()),
+        clearance: Clearance::new(&fixed, extent, distance),
     };
-    let (turns, sites) = match group.count() {
+    let (turns, sites) = match group.size() {
         // One alone has all, and need not count.
         1 => {
-            let sites = lattice.sorted(0..usize::MAX);
-            (Turns::new(vec![sites.len()], fixed.len()), sites)
+            let sites = lattice.sorted_sites(0..usize::MAX);
+            (CurvePartition::new(vec![sites.len()], fixed.len()), sites)
         }
         count => {
-            let turns = Turns::new(lattice.counts(), fixed.len());
-            let sites = lattice.sorted(turns.stretches(group.rank(), count));
+            let turns = CurvePartition::new(lattice.segment_counts(), fixed.len());
+            let sites = lattice.sorted_sites(turns.segments(group.rank(), count));
             (turns, sites)
         }
     };
@@ -49,30 +49,30 @@ pub fn seeded<const D: usize>(
     let positions = positions.map(|&(_, site)| lattice.sites.position(site));
     let positions = positions.collect();
     drop(sites);
-    Ok(turns.share(positions, extent, &fixed, group))
+    Ok(turns.local_partition(positions, extent, &fixed, group))
 }
 
 /// The sites of a lattice along a curve.
-struct Lattice<'a, const D: usize> {
-    sites: Sites<D>,
-    curve: Curve<D>,
-    room: Room<'a, D>,
+struct CurveLattice<'a, const D: usize> {
+    sites: LatticeSites<D>,
+    curve: MortonCurve<D>,
+    clearance: Clearance<'a, D>,
 }
 
-impl<const D: usize> Lattice<'_, D> {
+impl<const D: usize> CurveLattice<'_, D> {
     /// The sites of a row that stay, each with its place along the curve.
     fn row(&self, row: usize) -> impl Iterator<Item = (u64, u64)> {
         self.sites.row(row).filter_map(|site| {
             let x = self.sites.position(site);
-            self.room.leaves(&x).then(|| (self.curve.key(x), site))
+            self.clearance.allows(&x).then(|| (self.curve.key(x), site))
         })
     }
 
     /// The sites of some stretches, in the order of the curve.
-    fn sorted(&self, stretches: std::ops::Range<usize>) -> Vec<(u64, u64)> {
+    fn sorted_sites(&self, stretches: std::ops::Range<usize>) -> Vec<(u64, u64)> {
         let wanted =
-            |(key, _): &(u64, u64)| stretches.contains(&self.curve.stretch(*key, STRETCHES));
-        let rows = (0..self.sites.rows()).into_par_iter();
+            |(key, _): &(u64, u64)| stretches.contains(&self.curve.segment(*key, MAX_SEGMENTS));
+        let rows = (0..self.sites.row_count()).into_par_iter();
         let mut sites: Vec<(u64, u64)> = rows
             .flat_map_iter(|row| self.row(row).filter(&wanted))
             .collect();
@@ -81,11 +81,11 @@ impl<const D: usize> Lattice<'_, D> {
     }
 
     /// How many sites each stretch has.
-    fn counts(&self) -> Vec<usize> {
-        let rows = (0..self.sites.rows()).into_par_iter();
-        let none = || vec![0; STRETCHES];
+    fn segment_counts(&self) -> Vec<usize> {
+        let rows = (0..self.sites.row_count()).into_par_iter();
+        let none = || vec![0; MAX_SEGMENTS];
         rows.fold(none, |mut counts, row| {
-            (self.row(row)).for_each(|(key, _)| counts[self.curve.stretch(key, STRETCHES)] += 1);
+            (self.row(row)).for_each(|(key, _)| counts[self.curve.segment(key, MAX_SEGMENTS)] += 1);
             counts
         })
         .reduce(none, |mut sum, counts| {
@@ -97,11 +97,11 @@ impl<const D: usize> Lattice<'_, D> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{fcc, order};
+    use super::super::{fcc, morton};
     use super::*;
-    use crate::lattice::energy::CHUNK;
+    use crate::comm::run_threads;
+    use crate::lattice::energy::CHUNK_ATOMS;
     use crate::lattice::seeding::Atoms;
-    use crate::ranks::shared;
 
     #[test]
     fn shares_of_the_lattice_are_the_lattice_in_turn() {
@@ -112,20 +112,26 @@ mod tests {
             ([20.0, 21.0, 23.0], 5.0, &[]),
         ] {
             let distance = Distance::Constant(d);
-            let whole = fcc(extent, &distance, fixed, Alignment::On).unwrap();
-            let mut sites = super::super::lattice::fitted(extent, d, Alignment::On);
-            order::sort_by_curve(&mut sites, extent, 2.0 * d);
-            let mut atoms = Atoms::in_box(sites, extent);
-            fixed::insert(&mut atoms, fixed, extent, &distance);
+            let whole = fcc(extent, &distance, fixed, Alignment::OnFeatures).unwrap();
+            let mut sites =
+                super::super::densest_lattice::fit_lattice(extent, d, Alignment::OnFeatures);
+            morton::sort_by_curve(&mut sites, extent, 2.0 * d);
+            let mut atoms = Atoms::from_positions(sites, extent);
+            fixed_atoms::insert(&mut atoms, fixed, extent, &distance);
             assert!(whole == atoms, "{extent:?}");
             for count in [2, 3, 7] {
-                let shares = shared(count, |group| {
-                    seeded(extent, &distance, fixed, Alignment::On, group).unwrap()
+                let shares = run_threads(count, |group| {
+                    place_atoms(extent, &distance, fixed, Alignment::OnFeatures, group).unwrap()
                 });
                 let mut all = Atoms::default();
                 for share in shares {
-                    assert_eq!((share.first, share.whole), (all.len(), whole.len()));
-                    assert!(share.atoms.len() <= (whole.len() / CHUNK / count + 2) * CHUNK);
+                    assert_eq!(
+                        (share.first_index, share.global_count),
+                        (all.len(), whole.len())
+                    );
+                    assert!(
+                        share.atoms.len() <= (whole.len() / CHUNK_ATOMS / count + 2) * CHUNK_ATOMS
+                    );
                     all.append(share.atoms);
                 }
                 assert!(all == whole, "{extent:?}, {count}");

@@ -3,30 +3,30 @@
 use super::Alignment;
 use crate::error::{Error, Result, cause};
 use crate::geometry::distance2;
-use crate::image::Field;
-use crate::lattice::distance::{Distance, limit_gradient, lower_round};
-use crate::observer::Patience;
+use crate::image::ScalarField;
+use crate::lattice::distance::{Distance, limit_gradient, lower_cell_corners};
+use crate::progress::CancelToken;
 
 /// Atoms of two wells nearer than this, in d, are too near.
-const APART: f64 = 0.7;
+const MIN_WELL_DISTANCE: f64 = 0.7;
 /// A well that ends nearer to a side than this, in d, ends on it (or, where no atoms may be there, this
 /// far inside).
-const NEAR: f64 = 0.5;
+const SIDE_SNAP_RATIO: f64 = 0.5;
 /// Steps, in d, in which a way is followed.
-const STEP: f64 = 0.05;
+const STEP_RATIO: f64 = 0.05;
 
 /// A well's way in lattice space: straight legs between points, or one point.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Way<const D: usize> {
+pub struct WellTrajectory<const D: usize> {
     /// What errors call it.
     pub name: String,
     /// Its points.
     pub points: Vec<[f64; D]>,
 }
 
-impl<const D: usize> Way<D> {
+impl<const D: usize> WellTrajectory<D> {
     /// Those parts of the way that lie in the box `[0, extent]`: a way each.
-    pub fn inside(&self, extent: [f64; D]) -> Vec<Self> {
+    pub fn clip_to_box(&self, extent: [f64; D]) -> Vec<Self> {
         let holds = |x: &[f64; D]| (0..D).all(|k| x[k] >= 0.0 && x[k] <= extent[k]);
         if let [x] = self.points[..] {
             return if holds(&x) {
@@ -72,14 +72,14 @@ impl<const D: usize> Way<D> {
     }
 
     /// Points along the way, their distance growing with d: `(position, d)`.
-    fn followed(&self, d: impl Fn([f64; D]) -> f64) -> Vec<([f64; D], f64)> {
+    fn sample_points(&self, d: impl Fn([f64; D]) -> f64) -> Vec<([f64; D], f64)> {
         let mut found: Vec<_> = self.points[..1].iter().map(|&x| (x, d(x))).collect();
         for leg in self.points.windows(2) {
             let length = distance2(&leg[0], &leg[1]).sqrt();
             let mut s = 0.0;
             while s < length {
                 let here = found[found.len() - 1].1;
-                s = (s + STEP * here).min(length);
+                s = (s + STEP_RATIO * here).min(length);
                 let share = s / length;
                 let x = match s < length {
                     true => std::array::from_fn(|k| leg[0][k] + share * (leg[1][k] - leg[0][k])),
@@ -96,13 +96,13 @@ impl<const D: usize> Way<D> {
 ///
 /// # Errors
 /// [`Error::Distance`] if `least` is not positive or above every distance.
-pub fn refined<const D: usize>(
+pub fn refine_near_wells<const D: usize>(
     distance: Distance<D>,
-    ways: &[Way<D>],
+    ways: &[WellTrajectory<D>],
     least: f64,
     growth: f64,
     extent: [f64; D],
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> Result<Distance<D>> {
     if !(least > 0.0 && least <= distance.max()) {
         return Err(Error::Distance(cause(
@@ -114,11 +114,11 @@ pub fn refined<const D: usize>(
     let finest = least.min(distance.min());
     let cells = extent.map(|e| (2.0 * e / finest).ceil().max(1.0) as usize);
     let step: [f64; D] = std::array::from_fn(|k| extent[k] / cells[k] as f64);
-    let mut field = Field::from_fn(cells.map(|c| c + 1), step, |x| distance.at(x));
+    let mut field = ScalarField::from_fn(cells.map(|c| c + 1), step, |x| distance.value_at(x));
     for way in ways {
         // All corners of every cell of the grid that the way passes.
-        for (x, _) in way.followed(|_| finest) {
-            lower_round(&mut field, x, least as f32);
+        for (x, _) in way.sample_points(|_| finest) {
+            lower_cell_corners(&mut field, x, least as f32);
         }
     }
     limit_gradient(&mut field, growth, patience);
@@ -130,8 +130,8 @@ pub fn refined<const D: usize>(
 ///
 /// # Errors
 /// [`Error::Seeding`] if two ways are nearer than 0.7 d.
-pub fn atoms<const D: usize>(
-    ways: &[Way<D>],
+pub fn place_atoms<const D: usize>(
+    ways: &[WellTrajectory<D>],
     distance: &Distance<D>,
     extent: [f64; D],
     alignment: Alignment,
@@ -142,11 +142,11 @@ pub fn atoms<const D: usize>(
         let last = way.points.len() - 1;
         for at in [0, last] {
             let x = &mut way.points[at];
-            let room = NEAR * distance.at(*x);
+            let room = SIDE_SNAP_RATIO * distance.value_at(*x);
             for k in 0..D {
                 let (on, off) = match alignment {
-                    Alignment::On => (0.0, extent[k]),
-                    Alignment::Alongside => (room, extent[k] - room),
+                    Alignment::OnFeatures => (0.0, extent[k]),
+                    Alignment::AlongsideFeatures => (room, extent[k] - room),
                 };
                 if x[k] < room {
                     x[k] = on;
@@ -156,7 +156,7 @@ pub fn atoms<const D: usize>(
             }
         }
         // Places at equal shares of the way measured in d.
-        let followed = way.followed(|x| distance.at(x));
+        let followed = way.sample_points(|x| distance.value_at(x));
         let mut measure = vec![0.0];
         for pair in followed.windows(2) {
             let length = distance2(&pair[0].0, &pair[1].0).sqrt();
@@ -178,7 +178,7 @@ pub fn atoms<const D: usize>(
                 }
             };
             let near = found.iter().find(|(other, of)| {
-                let most = APART * distance.at(x);
+                let most = MIN_WELL_DISTANCE * distance.value_at(x);
                 ways[*of].name != way.name && distance2(other, &x) < most * most
             });
             if let Some((_, of)) = near {
@@ -186,11 +186,11 @@ pub fn atoms<const D: usize>(
                     format!("wells {} and {}", ways[*of].name, way.name),
                     format!(
                         "are nearer to each other than the distance {:.3} between atoms, at {x:?} (lattice)",
-                        distance.at(x)
+                        distance.value_at(x)
                     ),
                     "give a smaller distance at wells, or one of the wells only",
                 )
-                .about("well-distance")));
+                .with_parameter("well-distance")));
             }
             found.push((x, number));
         }
@@ -202,8 +202,8 @@ pub fn atoms<const D: usize>(
 mod tests {
     use super::*;
 
-    fn way<const D: usize>(name: &str, points: &[[f64; D]]) -> Way<D> {
-        Way {
+    fn well_trajectory<const D: usize>(name: &str, points: &[[f64; D]]) -> WellTrajectory<D> {
+        WellTrajectory {
             name: name.into(),
             points: points.to_vec(),
         }
@@ -212,19 +212,20 @@ mod tests {
     #[test]
     fn what_is_outside_is_cut_off() {
         let extent = [10.0; 3];
-        let from_above = way("A", &[[5.0, 5.0, -20.0], [5.0, 5.0, 4.0], [15.0, 5.0, 4.0]]);
-        let parts = from_above.inside(extent);
+        let from_above =
+            well_trajectory("A", &[[5.0, 5.0, -20.0], [5.0, 5.0, 4.0], [15.0, 5.0, 4.0]]);
+        let parts = from_above.clip_to_box(extent);
         assert_eq!(parts.len(), 1);
         assert_eq!(
             parts[0].points,
             [[5.0, 5.0, 0.0], [5.0, 5.0, 4.0], [10.0, 5.0, 4.0]]
         );
         assert!(
-            way("B", &[[-5.0, 1.0, 1.0], [-5.0, 1.0, 9.0]])
-                .inside(extent)
+            well_trajectory("B", &[[-5.0, 1.0, 1.0], [-5.0, 1.0, 9.0]])
+                .clip_to_box(extent)
                 .is_empty()
         );
-        let through_twice = way(
+        let through_twice = well_trajectory(
             "C",
             &[
                 [-1.0, 5.0, 5.0],
@@ -233,32 +234,32 @@ mod tests {
                 [2.0, 5.0, 5.0],
             ],
         );
-        assert_eq!(through_twice.inside(extent).len(), 2);
+        assert_eq!(through_twice.clip_to_box(extent).len(), 2);
     }
 
     #[test]
     fn atoms_stand_d_apart_and_ends_on_the_sides() {
         let extent = [40.0, 40.0, 40.0];
-        let ways = [way(
+        let ways = [well_trajectory(
             "A",
             &[[20.0, 20.0, 1.0], [20.0, 20.0, 21.0], [33.0, 20.0, 21.0]],
         )];
         let distance = Distance::Constant(4.0);
-        let on = atoms(&ways, &distance, extent, Alignment::On).unwrap();
+        let on = place_atoms(&ways, &distance, extent, Alignment::OnFeatures).unwrap();
         assert_eq!(
             (on[0], on[on.len() - 1]),
             ([20.0, 20.0, 0.0], [33.0, 20.0, 21.0])
         );
-        let beside = atoms(&ways, &distance, extent, Alignment::Alongside).unwrap();
+        let beside = place_atoms(&ways, &distance, extent, Alignment::AlongsideFeatures).unwrap();
         assert_eq!(beside[0], [20.0, 20.0, 2.0]);
         for pair in on.windows(2) {
             // Round the corner the way is longer than the distance.
             let apart = distance2(&pair[0], &pair[1]).sqrt();
             assert!((2.6..4.6).contains(&apart), "{apart}");
         }
-        let near = way("B", &[[22.0, 20.0, 5.0], [22.0, 20.0, 30.0]]);
+        let near = well_trajectory("B", &[[22.0, 20.0, 5.0], [22.0, 20.0, 30.0]]);
         let both = [ways[0].clone(), near];
-        let said = atoms(&both, &distance, extent, Alignment::On)
+        let said = place_atoms(&both, &distance, extent, Alignment::OnFeatures)
             .unwrap_err()
             .to_string();
         assert!(said.contains("wells A and B: are nearer"), "{said}");
@@ -269,9 +270,9 @@ mod tests {
         // The shares of some lengths do not add up to the whole but for rounding.
         for step in 0..2000 {
             let end = [10.0, 11.0 + 0.017 * f64::from(step)];
-            let ways = [way("A", &[[10.0, 10.0], end])];
+            let ways = [well_trajectory("A", &[[10.0, 10.0], end])];
             let distance = Distance::Constant(1.7);
-            let on = atoms(&ways, &distance, [60.0, 60.0], Alignment::On).unwrap();
+            let on = place_atoms(&ways, &distance, [60.0, 60.0], Alignment::OnFeatures).unwrap();
             assert_eq!((on[0], on[on.len() - 1]), ([10.0, 10.0], end));
         }
     }
@@ -279,38 +280,38 @@ mod tests {
     #[test]
     fn distance_falls_at_wells_and_grows_away_from_them() {
         let extent = [60.0, 50.0];
-        let ways = [way("A", &[[20.0, 25.0]])];
-        let distance = refined(
+        let ways = [well_trajectory("A", &[[20.0, 25.0]])];
+        let distance = refine_near_wells(
             Distance::Constant(8.0),
             &ways,
             2.0,
             0.1,
             extent,
-            &Patience::endless(),
+            &CancelToken::never(),
         )
         .unwrap();
-        assert!((distance.at([20.0, 25.0]) - 2.0).abs() < 1e-6);
-        assert!((distance.at([40.0, 25.0]) - 4.0).abs() < 0.3);
-        let spaced = [way("A", &[[20.0, 25.0], [50.0, 25.0]])];
-        let graded = refined(
+        assert!((distance.value_at([20.0, 25.0]) - 2.0).abs() < 1e-6);
+        assert!((distance.value_at([40.0, 25.0]) - 4.0).abs() < 0.3);
+        let spaced = [well_trajectory("A", &[[20.0, 25.0], [50.0, 25.0]])];
+        let graded = refine_near_wells(
             Distance::Constant(8.0),
             &spaced[..],
             2.0,
             0.1,
             extent,
-            &Patience::endless(),
+            &CancelToken::never(),
         )
         .unwrap();
-        let on = atoms(&spaced, &graded, extent, Alignment::On).unwrap();
+        let on = place_atoms(&spaced, &graded, extent, Alignment::OnFeatures).unwrap();
         assert_eq!(on.len(), 16);
         assert!(
-            refined(
+            refine_near_wells(
                 Distance::Constant(8.0),
                 &ways,
                 9.0,
                 0.1,
                 extent,
-                &Patience::endless()
+                &CancelToken::never()
             )
             .is_err()
         );

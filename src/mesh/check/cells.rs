@@ -1,12 +1,12 @@
 //! Polyhedra and polygons: cells closed, with their sites inside; faces flat, between two cells or in a
 //! side of the box.
 
-use super::{Bounds, Check, Checked, Known, Sides, flat};
+use super::{BoxBounds, CellChecks, Check, CheckHints, SideCoverage, flat};
 use crate::geometry::dot;
 use crate::mesh::Mesh;
-use crate::mesh::poly::{Beyond, NO_CELL, PolyMesh, SIDE_0};
-use crate::observer::Patience;
+use crate::mesh::poly::{FIRST_SIDE, FaceNeighbour, NO_CELL, PolyMesh};
 use crate::parallel::prelude::*;
+use crate::progress::CancelToken;
 use serde::Serialize;
 
 /// What the check finds of polyhedra and polygons only.
@@ -15,20 +15,20 @@ pub struct CellCheck {
     /// Number of faces, each counted once.
     pub faces: usize,
     /// Whether the cells are columns whose layers, top or base are not level.
-    pub in_columns: bool,
+    pub is_columnar: bool,
     /// Cells whose faces do not close: an edge (a node in 2-D) is not met by exactly two of them.
-    pub not_closed: usize,
+    pub open_cells: usize,
     /// Cells that do not hold their own site.
-    pub without_site: usize,
+    pub cells_without_site: usize,
     /// Largest distance of a node from the plane of its face, over the box's longest side.
     pub warp: f64,
     /// How wide the part is that the outline of a face ties off where it crosses itself, the widest,
     /// over the box's longest side.
-    pub tied_off: f64,
+    pub self_crossing_width: f64,
 }
 
-impl<const D: usize> Checked<D> for PolyMesh<D> {
-    fn unreadable(&self) -> Option<String> {
+impl<const D: usize> CellChecks<D> for PolyMesh<D> {
+    fn unreadable_reason(&self) -> Option<String> {
         let (nodes, cells, faces) = (self.nodes.len(), self.sites.len(), self.face_cells.len());
         if self.faces.len() != faces || self.region.len() != cells || self.on_feature.len() != faces
         {
@@ -43,7 +43,7 @@ impl<const D: usize> Checked<D> for PolyMesh<D> {
                 return Some(format!("face {f} has the nodes {ring:?}"));
             }
             let [a, b] = self.face_cells[f];
-            let known = b >= SIDE_0 && (b - SIDE_0 < 2 * D as u32 || b == NO_CELL);
+            let known = b >= FIRST_SIDE && (b - FIRST_SIDE < 2 * D as u32 || b == NO_CELL);
             if a as usize >= cells || !(known || (a < b && (b as usize) < cells)) {
                 return Some(format!("face {f} lies between the cells {a} and {b}"));
             }
@@ -59,8 +59,8 @@ impl<const D: usize> Checked<D> for PolyMesh<D> {
         used
     }
 
-    fn room(&self, bounds: &Bounds<D>) -> f64 {
-        match in_columns(self, bounds) {
+    fn target_volume(&self, bounds: &BoxBounds<D>) -> f64 {
+        match is_columnar(self, bounds) {
             true => self.enclosed_volume(),
             false => bounds.extent().iter().product(),
         }
@@ -68,30 +68,30 @@ impl<const D: usize> Checked<D> for PolyMesh<D> {
 
     fn check_faces(
         &self,
-        known: Known<'_>,
-        bounds: &Bounds<D>,
+        known: CheckHints<'_>,
+        bounds: &BoxBounds<D>,
         found: &mut Check,
-        patience: &Patience<'_>,
-    ) -> Option<Sides<D>> {
-        let in_columns = in_columns(self, bounds);
+        patience: &CancelToken<'_>,
+    ) -> Option<SideCoverage<D>> {
+        let in_columns = is_columnar(self, bounds);
         let faces = self.faces_of_cells();
         let sound: Vec<[bool; 2]> = (0..self.sites.len())
             .into_par_iter()
             .map(|cell| {
-                if patience.over() {
+                if patience.is_cancelled() {
                     return [true; 2];
                 }
                 let faces = faces.get(cell);
-                let holds_site = holds_site(self, cell, faces, in_columns);
-                [closed(self, cell, faces), holds_site]
+                let holds_site = contains_site(self, cell, faces, in_columns);
+                [is_closed(self, cell, faces), holds_site]
             })
             .collect();
         let mut without = |which: usize, what: &str| {
             let count = sound.iter().filter(|c| !c[which]).count();
             if let Some(first) = sound.iter().position(|c| !c[which]) {
-                found.fault(format!(
+                found.add_problem(format!(
                     "{count} {} {what}, the first is {first}",
-                    Self::CELLS
+                    Self::CELLS_NAME
                 ));
             }
             count
@@ -102,41 +102,41 @@ impl<const D: usize> Checked<D> for PolyMesh<D> {
         );
 
         let widest = |of: &(dyn Fn(usize) -> f64 + Sync)| {
-            let off = |f: usize| match patience.over() {
+            let off = |f: usize| match patience.is_cancelled() {
                 true => 0.0,
-                false => (of(f) - flat::welded(self, f, known.weld)).max(0.0),
+                false => (of(f) - flat::weld_offset(self, f, known.weld)).max(0.0),
             };
             let off = (0..self.face_cells.len()).into_par_iter().map(off);
-            off.reduce(|| 0.0, f64::max) / bounds.longest()
+            off.reduce(|| 0.0, f64::max) / bounds.longest_side()
         };
         let warp = widest(&|f| match in_columns && !self.is_upright(f) {
             true => 0.0,
             false => flat::warp(self, f),
         });
         if warp > bounds.tolerance {
-            found.fault(format!("a face is not flat, by {warp:.1e} of the box"));
+            found.add_problem(format!("a face is not flat, by {warp:.1e} of the box"));
         }
-        let tied_off = widest(&|f| flat::tied_off(self, f));
+        let tied_off = widest(&|f| flat::self_crossing_width(self, f));
         if tied_off > bounds.tolerance {
-            found.fault(format!(
+            found.add_problem(format!(
                 "the outline of a face crosses itself, by {tied_off:.1e} of the box"
             ));
         }
-        found.of_cells = Some(CellCheck {
+        found.cell_check = Some(CellCheck {
             faces: self.face_cells.len(),
-            in_columns,
-            not_closed,
-            without_site,
+            is_columnar: in_columns,
+            open_cells: not_closed,
+            cells_without_site: without_site,
             warp,
-            tied_off,
+            self_crossing_width: tied_off,
         });
-        sides(self, in_columns, bounds, found)
+        boundary_sides(self, in_columns, bounds, found)
     }
 }
 
 /// The cells that are none: not closed, without their site, flat or inverted, or with a face that has a node
 /// twice; ascending.
-pub fn broken<const D: usize>(mesh: &PolyMesh<D>) -> Vec<u32> {
+pub fn broken_cells<const D: usize>(mesh: &PolyMesh<D>) -> Vec<u32> {
     let faces = mesh.faces_of_cells();
     let shapes = mesh.cell_shapes();
     let is_ring = |&f: &u32| {
@@ -146,8 +146,8 @@ pub fn broken<const D: usize>(mesh: &PolyMesh<D>) -> Vec<u32> {
     let is_broken = |cell: &u32| {
         let (cell, own) = (*cell as usize, faces.get(*cell as usize));
         let sound = own.iter().all(is_ring)
-            && closed(mesh, cell, own)
-            && holds_site(mesh, cell, own, false)
+            && is_closed(mesh, cell, own)
+            && contains_site(mesh, cell, own, false)
             && shapes[cell].0 > 0.0;
         !sound
     };
@@ -156,20 +156,25 @@ pub fn broken<const D: usize>(mesh: &PolyMesh<D>) -> Vec<u32> {
 }
 
 /// Whether the cells are columns whose layers, top or base are not level.
-fn in_columns<const D: usize>(mesh: &PolyMesh<D>, bounds: &Bounds<D>) -> bool {
-    let most = bounds.tolerance * bounds.longest();
-    mesh.stands_in_columns() && bent(mesh, bounds.low, bounds.high, most)
+fn is_columnar<const D: usize>(mesh: &PolyMesh<D>, bounds: &BoxBounds<D>) -> bool {
+    let most = bounds.tolerance * bounds.longest_side();
+    mesh.is_columnar() && has_bent_layer(mesh, bounds.low, bounds.high, most)
 }
 
 /// Whether a face above or below a cell of columns is not level, or the top or the base is not a side
 /// of the box.
-fn bent<const D: usize>(mesh: &PolyMesh<D>, low: [f64; D], high: [f64; D], most: f64) -> bool {
+fn has_bent_layer<const D: usize>(
+    mesh: &PolyMesh<D>,
+    low: [f64; D],
+    high: [f64; D],
+    most: f64,
+) -> bool {
     (0..mesh.face_cells.len()).any(|f| {
         let ring = mesh.faces.get(f);
-        let plane = match mesh.beyond(f) {
-            Beyond::Cell(_) if !mesh.is_upright(f) => mesh.nodes[ring[0] as usize][D - 1],
-            Beyond::Side(4) => low[D - 1],
-            Beyond::Side(5) => high[D - 1],
+        let plane = match mesh.face_neighbour(f) {
+            FaceNeighbour::Cell(_) if !mesh.is_upright(f) => mesh.nodes[ring[0] as usize][D - 1],
+            FaceNeighbour::Side(4) => low[D - 1],
+            FaceNeighbour::Side(5) => high[D - 1],
             _ => return false,
         };
         let off = |&n: &u32| (mesh.nodes[n as usize][D - 1] - plane).abs();
@@ -179,7 +184,7 @@ fn bent<const D: usize>(mesh: &PolyMesh<D>, low: [f64; D], high: [f64; D], most:
 
 /// Whether every edge of a cell is met by two of its faces, in opposite directions (in 2-D: every
 /// node by the end of one edge and the start of another).
-fn closed<const D: usize>(mesh: &PolyMesh<D>, cell: usize, faces: &[u32]) -> bool {
+fn is_closed<const D: usize>(mesh: &PolyMesh<D>, cell: usize, faces: &[u32]) -> bool {
     let mut edges: Vec<([u32; 2], i32)> = Vec::with_capacity(6 * faces.len());
     for &f in faces {
         let ring = mesh.faces.get(f as usize);
@@ -204,7 +209,7 @@ fn closed<const D: usize>(mesh: &PolyMesh<D>, cell: usize, faces: &[u32]) -> boo
 }
 
 /// Whether a cell's site is on the inner side of all its faces that have an area.
-fn holds_site<const D: usize>(
+fn contains_site<const D: usize>(
     mesh: &PolyMesh<D>,
     cell: usize,
     faces: &[u32],
@@ -214,7 +219,8 @@ fn holds_site<const D: usize>(
         let shape = mesh.face_shape(f as usize);
         let site = mesh.sites[cell];
         // What is above or below the site in a column counts there, as the face is bent.
-        let on = (in_columns && !mesh.is_upright(f as usize)).then(|| mesh.under(f as usize, site));
+        let on = (in_columns && !mesh.is_upright(f as usize))
+            .then(|| mesh.vertical_projection(f as usize, site));
         let on = on.flatten().unwrap_or(shape.apex);
         let out: [f64; D] = std::array::from_fn(|k| on[k] - site[k]);
         let own = mesh.face_cells[f as usize][0] as usize == cell;
@@ -227,20 +233,20 @@ fn holds_site<const D: usize>(
 }
 
 /// Every face without a cell beyond it, in its side of the box; `None` if one has no side.
-fn sides<const D: usize>(
+fn boundary_sides<const D: usize>(
     mesh: &PolyMesh<D>,
     in_columns: bool,
-    bounds: &Bounds<D>,
+    bounds: &BoxBounds<D>,
     found: &mut Check,
-) -> Option<Sides<D>> {
+) -> Option<SideCoverage<D>> {
     // The upright sides of columns are as high as top and base make them.
-    let mut sides = Sides::bare();
+    let mut sides = SideCoverage::uncovered();
     if in_columns {
-        sides.must = std::array::from_fn(|axis| axis == 2);
+        sides.must_be_covered = std::array::from_fn(|axis| axis == 2);
     }
-    for f in mesh.inner_faces()..mesh.face_cells.len() {
-        let Beyond::Side(side) = mesh.beyond(f) else {
-            found.fault(format!(
+    for f in mesh.inner_face_count()..mesh.face_cells.len() {
+        let FaceNeighbour::Side(side) = mesh.face_neighbour(f) else {
+            found.add_problem(format!(
                 "face {f} has one cell and lies in no side of the box"
             ));
             return None;
@@ -326,9 +332,9 @@ mod tests {
         // A corner of the cut moves along x: the cut is no longer flat.
         mesh.nodes[5][0] += 0.04;
         let found = check(&mesh, [0.0; 3], [2.0, 1.0, 1.0], 1e-12);
-        let of_cells = found.of_cells.clone().unwrap();
+        let of_cells = found.cell_check.clone().unwrap();
         assert!((0.004..0.02).contains(&of_cells.warp), "{}", of_cells.warp);
-        assert_eq!((of_cells.not_closed, found.volume_error), (0, 0.0));
+        assert_eq!((of_cells.open_cells, found.volume_error), (0, 0.0));
         assert!(!found.passed());
     }
 }

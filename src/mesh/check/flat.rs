@@ -5,7 +5,7 @@ use crate::mesh::poly::PolyMesh;
 
 /// How far off a face's plane welding may have put its nodes: each of two by the share of its distance
 /// to the site.
-pub fn welded<const D: usize>(mesh: &PolyMesh<D>, f: usize, weld: f64) -> f64 {
+pub fn weld_offset<const D: usize>(mesh: &PolyMesh<D>, f: usize, weld: f64) -> f64 {
     let site = mesh.sites[mesh.face_cells[f][0] as usize];
     let square = |&n: &u32| -> f64 {
         let node = mesh.nodes[n as usize];
@@ -23,7 +23,7 @@ pub fn welded<const D: usize>(mesh: &PolyMesh<D>, f: usize, weld: f64) -> f64 {
 
 /// An area vector this small a share of a face's length times its width has cancelled: the face's
 /// outline crosses itself, as an eight does, and no plane is the face's own.
-const CANCELLED: f64 = 1e-9;
+const CANCELLATION_RATIO: f64 = 1e-9;
 
 /// The largest distance of a face's nodes from a plane: that of its area, or, as the normal of a face
 /// as narrow as rounding means nothing, one through its long axis if that is nearer. A face whose area
@@ -52,7 +52,7 @@ pub fn warp<const D: usize>(mesh: &PolyMesh<D>, f: usize) -> f64 {
         width = width.max(square(&aside).sqrt());
     }
     // Also where the area is 0, and no height is known.
-    if area <= CANCELLED * square(&longest).sqrt() * width {
+    if area <= CANCELLATION_RATIO * square(&longest).sqrt() * width {
         return width;
     }
     height.min(width)
@@ -63,7 +63,7 @@ pub fn warp<const D: usize>(mesh: &PolyMesh<D>, f: usize) -> f64 {
 /// face without area, whose plane is not known.
 ///
 /// Where rounding makes the edges of a narrow face cross, that is as little as the face is narrow.
-pub fn tied_off<const D: usize>(mesh: &PolyMesh<D>, f: usize) -> f64 {
+pub fn self_crossing_width<const D: usize>(mesh: &PolyMesh<D>, f: usize) -> f64 {
     let ring = mesh.faces.get(f);
     let count = ring.len();
     let shape = mesh.face_shape(f);
@@ -184,12 +184,16 @@ mod tests {
             // Its area does not vanish, and it is flat.
             assert!(crossed.face_shape(0).area() > 0.1);
             assert!(warp(&crossed, 0) < 1e-12);
-            assert!(tied_off(&crossed, 0) > 0.003, "{}", tied_off(&crossed, 0));
+            assert!(
+                self_crossing_width(&crossed, 0) > 0.003,
+                "{}",
+                self_crossing_width(&crossed, 0)
+            );
             // The same nodes in an order that is a simple polygon, though not a convex one.
             let simple = eight([[0.0, 0.0], [1.0, 0.75], [1.0, 1.0], [0.0, 1.75]], tilt);
-            assert_eq!(tied_off(&simple, 0), 0.0);
+            assert_eq!(self_crossing_width(&simple, 0), 0.0);
             let dented = eight([[0.0, 0.0], [1.0, 0.0], [0.2, 0.3], [0.0, 1.0]], tilt);
-            assert_eq!(tied_off(&dented, 0), 0.0);
+            assert_eq!(self_crossing_width(&dented, 0), 0.0);
         }
         // Through a node: it lies on the edge from the first node to the second, and the outline goes on
         // beyond.
@@ -197,6 +201,6 @@ mod tests {
         through.nodes.push([0.5, -0.5, 0.0]);
         through.faces = Default::default();
         through.faces.push([0, 1, 2, 3, 4]);
-        assert!(tied_off(&through, 0) > 0.05);
+        assert!(self_crossing_width(&through, 0) > 0.05);
     }
 }

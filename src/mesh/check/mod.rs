@@ -6,18 +6,18 @@
 //! three nodes. `pieces` checks a mesh of which nobody holds the whole.
 
 mod cells;
+mod distributed;
 mod flat;
-mod pieces;
 mod simplices;
 
 pub use cells::CellCheck;
-pub(crate) use cells::broken;
-pub(crate) use pieces::check_pieces;
+pub(crate) use cells::broken_cells;
+pub(crate) use distributed::check_distributed;
 #[cfg(test)]
-pub(crate) use pieces::tests::assert_alike;
+pub(crate) use distributed::tests::assert_same_check;
 
 use super::Mesh;
-use crate::observer::Patience;
+use crate::progress::CancelToken;
 use serde::Serialize;
 
 /// What [`check`] found. A mesh that is right has `problems` empty.
@@ -28,7 +28,7 @@ pub struct Check {
     /// Number of cells.
     pub cells: usize,
     /// Cells of zero or negative volume.
-    pub not_positive: usize,
+    pub non_positive_cells: usize,
     /// Nodes that no cell uses.
     pub unused_nodes: usize,
     /// Faces on the boundary (edges, in the plane).
@@ -44,7 +44,7 @@ pub struct Check {
     pub area_error: f64,
     /// What is known of polyhedra and polygons only.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
-    pub of_cells: Option<CellCheck>,
+    pub cell_check: Option<CellCheck>,
     /// Each fault in one line.
     pub problems: Vec<String>,
 }
@@ -55,28 +55,38 @@ impl Check {
         self.problems.is_empty()
     }
 
-    fn fault(&mut self, problem: String) {
+    fn add_problem(&mut self, problem: String) {
         self.problems.push(problem);
     }
 
     /// Judges cells, whose kind is `cells`, by what they are in sum, and by how many nodes belong to none; `room` is
     /// what they are to fill.
-    fn judge(&mut self, cells: &str, filled: &Filled, unused: usize, room: f64, tolerance: f64) {
-        self.not_positive = filled.not_positive;
-        if let Some(first) = filled.first {
-            self.fault(format!(
+    fn judge(
+        &mut self,
+        cells: &str,
+        filled: &CellTotals,
+        unused: usize,
+        room: f64,
+        tolerance: f64,
+    ) {
+        self.non_positive_cells = filled.not_positive;
+        if let Some(first) = filled.first_not_positive {
+            self.add_problem(format!(
                 "{} {cells} are flat or inverted, the first is {first}",
-                self.not_positive
+                self.non_positive_cells
             ));
         }
         self.unused_nodes = unused;
         if unused > 0 {
-            self.fault(format!("{unused} nodes belong to no {}", singular(cells)));
+            self.add_problem(format!(
+                "{unused} nodes belong to no {}",
+                singular_name(cells)
+            ));
         }
         let volume = filled.volume;
         self.volume_error = ((volume - room) / room).abs();
         if self.volume_error > tolerance || self.volume_error.is_nan() {
-            self.fault(format!(
+            self.add_problem(format!(
                 "the {cells} fill {volume} instead of the box's {room}"
             ));
         }
@@ -84,27 +94,27 @@ impl Check {
 }
 
 /// What cells are in sum.
-struct Filled {
+struct CellTotals {
     /// How many are of zero or negative volume, and the first of them.
     not_positive: usize,
-    first: Option<usize>,
+    first_not_positive: Option<usize>,
     /// Of all.
     volume: f64,
 }
 
-impl Filled {
-    fn of(volumes: &[f64]) -> Self {
+impl CellTotals {
+    fn from_volumes(volumes: &[f64]) -> Self {
         let wrong = |v: &f64| *v <= 0.0;
         Self {
             not_positive: volumes.iter().filter(|v| wrong(v)).count(),
-            first: volumes.iter().position(wrong),
+            first_not_positive: volumes.iter().position(wrong),
             volume: volumes.iter().sum(),
         }
     }
 }
 
 /// Whether all nodes are somewhere.
-fn finite<const D: usize>(nodes: &[[f64; D]]) -> bool {
+fn are_finite<const D: usize>(nodes: &[[f64; D]]) -> bool {
     nodes.as_flattened().iter().all(|c| c.is_finite())
 }
 
@@ -113,7 +123,7 @@ const NOT_FINITE: &str = "a node is not finite";
 
 /// What a caller knows of a mesh beforehand.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Known<'a> {
+pub struct CheckHints<'a> {
     /// Of simplices: for every cell and face, in order, the cell on its other side, or
     /// `NONE`. Whether they are right is checked, which takes less time than to
     /// find them.
@@ -125,43 +135,43 @@ pub struct Known<'a> {
 
 /// The box that a mesh is to fill, and how exactly.
 #[derive(Debug, Clone, Copy)]
-pub struct Bounds<const D: usize> {
+pub struct BoxBounds<const D: usize> {
     low: [f64; D],
     high: [f64; D],
     /// Relative to the box.
     tolerance: f64,
 }
 
-impl<const D: usize> Bounds<D> {
+impl<const D: usize> BoxBounds<D> {
     fn extent(&self) -> [f64; D] {
         std::array::from_fn(|k| self.high[k] - self.low[k])
     }
 
-    fn longest(&self) -> f64 {
+    fn longest_side(&self) -> f64 {
         self.extent().into_iter().fold(0.0, f64::max)
     }
 }
 
 /// What of the check depends on the kind of cells.
-pub trait Checked<const D: usize> {
+pub trait CellChecks<const D: usize> {
     /// What makes a mesh unreadable, if anything does: numbers of nodes that do not exist, and the like.
-    fn unreadable(&self) -> Option<String>;
+    fn unreadable_reason(&self) -> Option<String>;
 
     /// Whether each node belongs to a cell.
     fn used_nodes(&self) -> Vec<bool>;
 
     /// The volume that the cells are to fill.
-    fn room(&self, bounds: &Bounds<D>) -> f64;
+    fn target_volume(&self, bounds: &BoxBounds<D>) -> f64;
 
     /// Checks the faces, and gives what each side of the box is covered with; `None` if that cannot be
     /// told.
     fn check_faces(
         &self,
-        known: Known<'_>,
-        bounds: &Bounds<D>,
+        known: CheckHints<'_>,
+        bounds: &BoxBounds<D>,
         found: &mut Check,
-        patience: &Patience<'_>,
-    ) -> Option<Sides<D>>;
+        patience: &CancelToken<'_>,
+    ) -> Option<SideCoverage<D>>;
 }
 
 /// Checks a mesh against the box `[low, high]`: positive volumes, conforming faces, no unused nodes,
@@ -177,54 +187,60 @@ pub fn check<const D: usize, M: Mesh<D>>(
     high: [f64; D],
     tolerance: f64,
 ) -> Check {
-    check_known(mesh, Known::default(), low, high, tolerance)
+    check_with_hints(mesh, CheckHints::default(), low, high, tolerance)
 }
 
 /// [`check`] of a mesh of which something is known.
-pub fn check_known<const D: usize, M: Mesh<D>>(
+pub fn check_with_hints<const D: usize, M: Mesh<D>>(
     mesh: &M,
-    known: Known<'_>,
+    known: CheckHints<'_>,
     low: [f64; D],
     high: [f64; D],
     tolerance: f64,
 ) -> Check {
-    check_while(mesh, known, low, high, tolerance, &Patience::endless())
+    check_cancellable(mesh, known, low, high, tolerance, &CancelToken::never())
 }
 
 /// The same as long as `patience` lasts; once it is over, nothing can be said of the mesh.
-pub(crate) fn check_while<const D: usize, M: Mesh<D>>(
+pub(crate) fn check_cancellable<const D: usize, M: Mesh<D>>(
     mesh: &M,
-    known: Known<'_>,
+    known: CheckHints<'_>,
     low: [f64; D],
     high: [f64; D],
     tolerance: f64,
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> Check {
     let mut found = Check {
         nodes: mesh.nodes().len(),
         cells: mesh.len(),
         ..Check::default()
     };
-    if let Some(problem) = mesh.unreadable() {
-        found.fault(problem);
+    if let Some(problem) = mesh.unreadable_reason() {
+        found.add_problem(problem);
         return found;
     }
-    if !finite(mesh.nodes()) {
-        found.fault(NOT_FINITE.into());
+    if !are_finite(mesh.nodes()) {
+        found.add_problem(NOT_FINITE.into());
         return found;
     }
-    let bounds = Bounds {
+    let bounds = BoxBounds {
         low,
         high,
         tolerance,
     };
 
-    if patience.over() {
+    if patience.is_cancelled() {
         return found;
     }
-    let filled = Filled::of(&mesh.volumes());
+    let filled = CellTotals::from_volumes(&mesh.volumes());
     let unused = mesh.used_nodes().iter().filter(|used| !**used).count();
-    found.judge(M::CELLS, &filled, unused, mesh.room(&bounds), tolerance);
+    found.judge(
+        M::CELLS_NAME,
+        &filled,
+        unused,
+        mesh.target_volume(&bounds),
+        tolerance,
+    );
     if let Some(sides) = mesh.check_faces(known, &bounds, &mut found, patience) {
         sides.judge(&bounds, &mut found);
     }
@@ -234,7 +250,7 @@ pub(crate) fn check_while<const D: usize, M: Mesh<D>>(
 /// The share of the box `[0, extent]` that cells fill: 1 of a valid mesh, less of one with a hole, more
 /// where cells overlap. `None` if a cell is flat or inverted, so that their sum says nothing.
 pub fn filled_share<const D: usize, M: Mesh<D>>(mesh: &M, extent: [f64; D]) -> Option<f64> {
-    let bounds = Bounds {
+    let bounds = BoxBounds {
         low: [0.0; D],
         high: extent,
         tolerance: 0.0,
@@ -246,11 +262,11 @@ pub fn filled_share<const D: usize, M: Mesh<D>>(mesh: &M, extent: [f64; D]) -> O
         }
         filled += volume;
     }
-    Some(filled / mesh.room(&bounds))
+    Some(filled / mesh.target_volume(&bounds))
 }
 
 /// The name of one cell.
-fn singular(name: &str) -> String {
+fn singular_name(name: &str) -> String {
     match name.strip_suffix("hedra") {
         Some(start) => format!("{start}hedron"),
         None => name.trim_end_matches('s').into(),
@@ -258,19 +274,19 @@ fn singular(name: &str) -> String {
 }
 
 /// What covers the sides of the box.
-pub struct Sides<const D: usize> {
+pub struct SideCoverage<const D: usize> {
     /// Area on the low and the high side of each axis.
     area: [[f64; 2]; D],
     /// Whether the sides of each axis must be covered.
-    must: [bool; D],
+    must_be_covered: [bool; D],
 }
 
-impl<const D: usize> Sides<D> {
+impl<const D: usize> SideCoverage<D> {
     /// None of them covered; of each axis both must be.
-    fn bare() -> Self {
+    fn uncovered() -> Self {
         Self {
             area: [[0.0; 2]; D],
-            must: [true; D],
+            must_be_covered: [true; D],
         }
     }
 
@@ -280,34 +296,34 @@ impl<const D: usize> Sides<D> {
         (axis, upper): (usize, bool),
         area: f64,
         off: f64,
-        bounds: &Bounds<D>,
+        bounds: &BoxBounds<D>,
         found: &mut Check,
     ) {
         found.boundary_faces += 1;
-        found.flatness_error = found.flatness_error.max(off / bounds.longest());
-        if off > bounds.tolerance * bounds.longest() {
+        found.flatness_error = found.flatness_error.max(off / bounds.longest_side());
+        if off > bounds.tolerance * bounds.longest_side() {
             found.faces_off_sides += 1;
         }
         self.area[axis][usize::from(upper)] += area;
     }
 
     /// Every boundary face lies in a side, every side is covered once.
-    fn judge(self, bounds: &Bounds<D>, found: &mut Check) {
+    fn judge(self, bounds: &BoxBounds<D>, found: &mut Check) {
         if found.faces_off_sides > 0 {
-            found.fault(format!(
+            found.add_problem(format!(
                 "{} boundary faces are off the box's sides: the mesh has holes or bumps",
                 found.faces_off_sides
             ));
         }
         let extent = bounds.extent();
-        for k in (0..D).filter(|&k| self.must[k]) {
+        for k in (0..D).filter(|&k| self.must_be_covered[k]) {
             let want: f64 = (0..D).filter(|&j| j != k).map(|j| extent[j]).product();
             for got in self.area[k] {
                 found.area_error = found.area_error.max((got - want).abs() / want);
             }
         }
         if found.area_error > bounds.tolerance {
-            found.fault(format!(
+            found.add_problem(format!(
                 "a side of the box is covered with a relative area error of {:.2e}",
                 found.area_error
             ));
@@ -339,11 +355,11 @@ mod tests {
         let mesh = cube();
         let right = Simplices::neighbors(&mesh).unwrap();
         let joined = |neighbors: &[u32]| {
-            let known = Known {
+            let known = CheckHints {
                 neighbors: Some(neighbors),
-                ..Known::default()
+                ..CheckHints::default()
             };
-            check_known(&mesh, known, [0.0; 3], [1.0; 3], 1e-12)
+            check_with_hints(&mesh, known, [0.0; 3], [1.0; 3], 1e-12)
         };
         let found = |neighbors: &[u32]| joined(neighbors).problems;
         assert_eq!(joined(&right), check(&mesh, [0.0; 3], [1.0; 3], 1e-12));
@@ -364,7 +380,7 @@ mod tests {
             change(&mut mesh);
             check(&mesh, [0.0; 3], [1.0; 3], 1e-12)
         };
-        assert_eq!(fault(&|m| m.tets[0].swap(0, 1)).not_positive, 1);
+        assert_eq!(fault(&|m| m.tets[0].swap(0, 1)).non_positive_cells, 1);
         assert_eq!(fault(&|m| m.nodes.push([0.5; 3])).unused_nodes, 1);
         assert!(fault(&|m| m.tets.truncate(5)).faces_off_sides > 0);
         assert!(fault(&|m| m.nodes[7][0] = 1.1).flatness_error > 0.05);

@@ -1,18 +1,18 @@
 //! Triangles and tetrahedra: each face belongs to one cell or two, and cells that meet share all of it.
 
-use super::{Bounds, Check, Checked, Known, Sides, singular};
+use super::{BoxBounds, CellChecks, Check, CheckHints, SideCoverage, singular_name};
 use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
-use crate::observer::Patience;
 use crate::parallel::prelude::*;
+use crate::progress::CancelToken;
 use std::ops::Range;
 
 /// Cells in one task, from one question whether to go on to the next.
-const ROW: usize = 1 << 14;
+const TASK_SIZE: usize = 1 << 14;
 
-impl<const D: usize, M: Simplices<D>> Checked<D> for M {
-    fn unreadable(&self) -> Option<String> {
-        first_unreadable(self).map(unreadable::<D, M>)
+impl<const D: usize, M: Simplices<D>> CellChecks<D> for M {
+    fn unreadable_reason(&self) -> Option<String> {
+        first_unreadable(self).map(unreadable_message::<D, M>)
     }
 
     fn used_nodes(&self) -> Vec<bool> {
@@ -23,34 +23,34 @@ impl<const D: usize, M: Simplices<D>> Checked<D> for M {
         used
     }
 
-    fn room(&self, bounds: &Bounds<D>) -> f64 {
+    fn target_volume(&self, bounds: &BoxBounds<D>) -> f64 {
         bounds.extent().iter().product()
     }
 
     fn check_faces(
         &self,
-        known: Known<'_>,
-        bounds: &Bounds<D>,
+        known: CheckHints<'_>,
+        bounds: &BoxBounds<D>,
         found: &mut Check,
-        patience: &Patience<'_>,
-    ) -> Option<Sides<D>> {
-        if patience.over() {
+        patience: &CancelToken<'_>,
+    ) -> Option<SideCoverage<D>> {
+        if patience.is_cancelled() {
             return None;
         }
         if let Some(neighbors) = known.neighbors {
-            match unpaired(self, neighbors, &[NONE], patience) {
-                Ok(0) => return Some(sides(self, neighbors, bounds, found)),
-                Ok(_) => found.fault(apart::<D, M>(0)),
-                Err(cell) => found.fault(apart::<D, M>(cell)),
+            match unpaired_count(self, neighbors, &[NONE], patience) {
+                Ok(0) => return Some(boundary_sides(self, neighbors, bounds, found)),
+                Ok(_) => found.add_problem(mismatch_message::<D, M>(0)),
+                Err(cell) => found.add_problem(mismatch_message::<D, M>(cell)),
             }
             return None;
         }
         match self.neighbors() {
-            Ok(neighbors) => Some(sides(self, &neighbors, bounds, found)),
+            Ok(neighbors) => Some(boundary_sides(self, &neighbors, bounds, found)),
             Err(face) => {
-                found.fault(format!(
+                found.add_problem(format!(
                     "face {face:?} belongs to more than two {}",
-                    M::CELLS
+                    M::CELLS_NAME
                 ));
                 None
             }
@@ -66,14 +66,14 @@ pub(super) fn first_unreadable<const D: usize, M: Simplices<D>>(mesh: &M) -> Opt
 }
 
 /// What is said of it.
-pub(super) fn unreadable<const D: usize, M: Simplices<D>>(cell: usize) -> String {
-    let name = singular(M::CELLS);
+pub(super) fn unreadable_message<const D: usize, M: Simplices<D>>(cell: usize) -> String {
+    let name = singular_name(M::CELLS_NAME);
     format!("{name} {cell}: it names a node that does not exist")
 }
 
 /// What is said of a cell that has not its faces in common with its neighbours.
-pub(super) fn apart<const D: usize, M: Simplices<D>>(cell: usize) -> String {
-    let name = singular(M::CELLS);
+pub(super) fn mismatch_message<const D: usize, M: Simplices<D>>(cell: usize) -> String {
+    let name = singular_name(M::CELLS_NAME);
     format!("{name} {cell}: it and its neighbours do not fit")
 }
 
@@ -81,32 +81,32 @@ pub(super) fn apart<const D: usize, M: Simplices<D>>(cell: usize) -> String {
 /// than of the second there are, where none may be left over; or the first cell that has not each of its faces in
 /// common with the neighbour there, and with that alone. Faces with one of the `open` numbers beyond are not looked
 /// at, and none once `patience` is over.
-pub(super) fn unpaired<const D: usize, M: Simplices<D>>(
+pub(super) fn unpaired_count<const D: usize, M: Simplices<D>>(
     mesh: &M,
     neighbors: &[u32],
     open: &[u32],
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> Result<isize, usize> {
     if neighbors.len() != (D + 1) * mesh.len() {
         return Err(0);
     }
     let of_row = |row: usize| {
-        let cells = row * ROW..mesh.len().min((row + 1) * ROW);
-        unpaired_of(mesh, neighbors, open, cells)
+        let cells = row * TASK_SIZE..mesh.len().min((row + 1) * TASK_SIZE);
+        unpaired_count_in(mesh, neighbors, open, cells)
     };
-    let rows: Vec<Result<isize, usize>> = (0..mesh.len().div_ceil(ROW))
+    let rows: Vec<Result<isize, usize>> = (0..mesh.len().div_ceil(TASK_SIZE))
         .into_par_iter()
-        .take_any_while(|_| !patience.over())
+        .take_any_while(|_| !patience.is_cancelled())
         .map(of_row)
         .collect();
-    if patience.over() {
+    if patience.is_cancelled() {
         return Ok(0);
     }
     rows.into_iter().sum()
 }
 
 /// The same of some cells.
-fn unpaired_of<const D: usize, M: Simplices<D>>(
+fn unpaired_count_in<const D: usize, M: Simplices<D>>(
     mesh: &M,
     neighbors: &[u32],
     open: &[u32],
@@ -150,13 +150,13 @@ fn unpaired_of<const D: usize, M: Simplices<D>>(
 }
 
 /// Every face without a neighbour, in the side of the box to whose plane it keeps closest.
-pub(super) fn sides<const D: usize, M: Simplices<D>>(
+pub(super) fn boundary_sides<const D: usize, M: Simplices<D>>(
     mesh: &M,
     neighbors: &[u32],
-    bounds: &Bounds<D>,
+    bounds: &BoxBounds<D>,
     found: &mut Check,
-) -> Sides<D> {
-    let mut sides = Sides::bare();
+) -> SideCoverage<D> {
+    let mut sides = SideCoverage::uncovered();
     for (i, _) in neighbors.iter().enumerate().filter(|(_, n)| **n == NONE) {
         let face = mesh.face(i / (D + 1), i % (D + 1));
         let p = face.map(|n| mesh.nodes()[n as usize]);

@@ -15,20 +15,20 @@ use std::sync::atomic::Ordering::Relaxed;
 use crate::parallel::prelude::*;
 
 use super::{FACES, TetMesh};
-use faces::Faces;
-use neighbors::sorted;
+use faces::OpenFaces;
+use neighbors::face_key;
 
 pub use neighbors::neighbors;
-pub use part::Numbers;
+pub use part::PartNumbering;
 
 /// Slots renumbered in one task, at least.
-const SLOTS: usize = 1 << 14;
+const MIN_TASK_SLOTS: usize = 1 << 14;
 
 /// No tetrahedron: beyond the box.
 pub const NONE: u32 = u32::MAX;
 
 /// In a part of a complex: a tetrahedron that is not in the part.
-pub const BEYOND: u32 = NONE - 1;
+pub const NOT_LOCAL: u32 = NONE - 1;
 
 /// A tetrahedral complex under change. A dead slot has `tets[t][0] == NONE`.
 #[derive(Debug, Default)]
@@ -40,17 +40,17 @@ pub struct Complex {
     /// `neighbors[t][k]` is the tetrahedron across face k (opposite node k), or `NONE`.
     pub neighbors: Vec<[u32; 4]>,
     tet_of_node: Vec<u32>,
-    free: Vec<u32>,
-    mark: Vec<u32>,
+    free_slots: Vec<u32>,
+    slot_stamps: Vec<u32>,
     stamp: u32,
-    faces: Faces,
-    journal: Option<Vec<Undo>>,
-    left: AtomicBool,
+    open_faces: OpenFaces,
+    journal: Option<Vec<JournalEntry>>,
+    reached_nonlocal: AtomicBool,
 }
 
 /// One write to a complex, and what was there before.
 #[derive(Debug, Clone, Copy)]
-enum Undo {
+enum JournalEntry {
     Tet(u32, [u32; 4], [u32; 4]),
     Neighbor(u32, u8, u32),
     TetOfNode(u32, u32),
@@ -67,7 +67,7 @@ pub struct Ring {
     /// The tetrahedra; as many as nodes if closed, one fewer if the edge lies on the boundary.
     pub tets: Vec<u32>,
     /// Whether the ring closes, that is, the edge is inside.
-    pub closed: bool,
+    pub is_closed: bool,
 }
 
 impl Complex {
@@ -79,20 +79,20 @@ impl Complex {
                 tet_of_node[n as usize] = t as u32;
             }
         }
-        let mark = vec![0; mesh.tets.len()];
+        let slot_stamps = vec![0; mesh.tets.len()];
         Self {
             nodes: mesh.nodes,
             tets: mesh.tets,
             neighbors,
             tet_of_node,
-            mark,
+            slot_stamps,
             ..Self::default()
         }
     }
 
     /// Whether slot `t` holds a tetrahedron.
     #[inline]
-    pub fn alive(&self, t: u32) -> bool {
+    pub fn is_alive(&self, t: u32) -> bool {
         self.tets[t as usize][0] != NONE
     }
 
@@ -110,7 +110,7 @@ impl Complex {
     }
 
     /// Forgets the nodes from number `count` on, which no tetrahedron may use.
-    pub fn forget_nodes(&mut self, count: usize) {
+    pub fn truncate_nodes(&mut self, count: usize) {
         self.nodes.truncate(count);
         self.tet_of_node.truncate(count);
     }
@@ -124,38 +124,38 @@ impl Complex {
     }
 
     /// Keeps everything since [`begin`](Self::begin).
-    pub fn keep(&mut self) {
+    pub fn commit(&mut self) {
         self.journal = None;
     }
 
     /// Takes back every exchange since [`begin`](Self::begin). Node positions are the caller's.
-    pub fn take_back(&mut self) {
+    pub fn rollback(&mut self) {
         let Some(journal) = self.journal.take() else {
             return;
         };
         for undo in journal.into_iter().rev() {
             match undo {
-                Undo::Tet(t, tet, neighbors) => {
+                JournalEntry::Tet(t, tet, neighbors) => {
                     self.tets[t as usize] = tet;
                     self.neighbors[t as usize] = neighbors;
                 }
-                Undo::Neighbor(t, k, n) => self.neighbors[t as usize][usize::from(k)] = n,
-                Undo::TetOfNode(n, t) => self.tet_of_node[n as usize] = t,
-                Undo::NewSlot => {
+                JournalEntry::Neighbor(t, k, n) => self.neighbors[t as usize][usize::from(k)] = n,
+                JournalEntry::TetOfNode(n, t) => self.tet_of_node[n as usize] = t,
+                JournalEntry::NewSlot => {
                     self.tets.pop();
                     self.neighbors.pop();
-                    self.mark.pop();
+                    self.slot_stamps.pop();
                 }
-                Undo::Freed => {
-                    self.free.pop();
+                JournalEntry::Freed => {
+                    self.free_slots.pop();
                 }
-                Undo::Reused(slot) => self.free.push(slot),
+                JournalEntry::Reused(slot) => self.free_slots.push(slot),
             }
         }
     }
 
     #[inline]
-    fn log(&mut self, undo: Undo) {
+    fn log(&mut self, undo: JournalEntry) {
         if let Some(journal) = &mut self.journal {
             journal.push(undo);
         }
@@ -163,19 +163,19 @@ impl Complex {
 
     fn set_tet(&mut self, t: u32, tet: [u32; 4]) {
         let i = t as usize;
-        self.log(Undo::Tet(t, self.tets[i], self.neighbors[i]));
+        self.log(JournalEntry::Tet(t, self.tets[i], self.neighbors[i]));
         self.tets[i] = tet;
         self.neighbors[i] = [NONE; 4];
     }
 
     fn set_tet_of_node(&mut self, n: u32, t: u32) {
-        self.log(Undo::TetOfNode(n, self.tet_of_node[n as usize]));
+        self.log(JournalEntry::TetOfNode(n, self.tet_of_node[n as usize]));
         self.tet_of_node[n as usize] = t;
     }
 
     fn next_stamp(&mut self) -> u32 {
         if self.stamp == u32::MAX {
-            self.mark.iter_mut().for_each(|m| *m = 0);
+            self.slot_stamps.iter_mut().for_each(|m| *m = 0);
             self.stamp = 0;
         }
         self.stamp += 1;
@@ -184,12 +184,12 @@ impl Complex {
 
     /// The tetrahedron across face k of `t`, if there is one.
     #[inline]
-    pub fn across(&self, t: u32, k: usize) -> Option<u32> {
+    pub fn neighbor(&self, t: u32, k: usize) -> Option<u32> {
         let n = self.neighbors[t as usize][k];
-        if n == BEYOND {
-            self.left.store(true, Relaxed);
+        if n == NOT_LOCAL {
+            self.reached_nonlocal.store(true, Relaxed);
         }
-        (n < BEYOND).then_some(n)
+        (n < NOT_LOCAL).then_some(n)
     }
 
     /// The tetrahedra at a node, into `star`.
@@ -207,7 +207,7 @@ impl Complex {
             for k in 0..4 {
                 // There are some two dozen.
                 if self.tets[t as usize][k] != node
-                    && let Some(n) = self.across(t, k)
+                    && let Some(n) = self.neighbor(t, k)
                     && !star.contains(&n)
                 {
                     star.push(n);
@@ -218,7 +218,7 @@ impl Complex {
 
     /// Local index of `node` in tetrahedron `t`.
     #[inline]
-    pub fn local(&self, t: u32, node: u32) -> usize {
+    pub fn local_index(&self, t: u32, node: u32) -> usize {
         let tet = &self.tets[t as usize];
         if tet[0] == node {
             0
@@ -235,15 +235,15 @@ impl Complex {
     #[inline]
     fn opposite_edge(&self, t: u32, a: u32, b: u32) -> (u32, u32) {
         let tet = &self.tets[t as usize];
-        let (i, j) = (self.local(t, a), self.local(t, b));
+        let (i, j) = (self.local_index(t, a), self.local_index(t, b));
         // Remaining local indices in the order that makes (i, j, k, l) an even permutation.
-        const NEXT: [[[u8; 2]; 4]; 4] = [
+        const NEXT_NODES: [[[u8; 2]; 4]; 4] = [
             [[0, 0], [2, 3], [3, 1], [1, 2]],
             [[3, 2], [0, 0], [0, 3], [2, 0]],
             [[1, 3], [3, 0], [0, 0], [0, 1]],
             [[2, 1], [0, 2], [1, 0], [0, 0]],
         ];
-        let [k, l] = NEXT[i][j];
+        let [k, l] = NEXT_NODES[i][j];
         (tet[k as usize], tet[l as usize])
     }
 
@@ -255,11 +255,11 @@ impl Complex {
         // Back to the boundary, if there is one.
         let mut first = t;
         let mut steps = 0;
-        ring.closed = true;
+        ring.is_closed = true;
         loop {
             let (_, d) = self.opposite_edge(first, a, b);
-            let Some(previous) = self.across(first, self.local(first, d)) else {
-                ring.closed = false;
+            let Some(previous) = self.neighbor(first, self.local_index(first, d)) else {
+                ring.is_closed = false;
                 break;
             };
             first = previous;
@@ -279,7 +279,7 @@ impl Complex {
             if ring.tets.len() > most {
                 return false;
             }
-            let Some(next) = self.across(at, self.local(at, c)) else {
+            let Some(next) = self.neighbor(at, self.local_index(at, c)) else {
                 ring.nodes.push(d);
                 return true;
             };
@@ -291,7 +291,7 @@ impl Complex {
     }
 
     /// Whether nodes `a` and `b` share an edge; gives a tetrahedron that has it.
-    pub fn find_edge(&self, a: u32, b: u32, star: &mut Vec<u32>) -> Option<u32> {
+    pub fn tet_with_edge(&self, a: u32, b: u32, star: &mut Vec<u32>) -> Option<u32> {
         self.star(a, star);
         star.iter()
             .copied()
@@ -303,19 +303,19 @@ impl Complex {
     pub fn exchange(&mut self, old: &[u32], new: &[[u32; 4]], slots: &mut Vec<u32>) {
         let stamp = self.next_stamp();
         for &t in old {
-            self.mark[t as usize] = stamp;
+            self.slot_stamps[t as usize] = stamp;
         }
         // Outer faces: the face, the neighbour beyond, and that neighbour's local index.
-        let mut faces = std::mem::take(&mut self.faces);
+        let mut faces = std::mem::take(&mut self.open_faces);
         faces.clear(old.len());
         for &t in old {
             for k in 0..4 {
                 let n = self.neighbors[t as usize][k];
-                if n < BEYOND && self.mark[n as usize] == stamp {
+                if n < NOT_LOCAL && self.slot_stamps[n as usize] == stamp {
                     continue;
                 }
-                let name = sorted(FACES[k].map(|i| self.tets[t as usize][i]));
-                let back = if n >= BEYOND {
+                let name = face_key(FACES[k].map(|i| self.tets[t as usize][i]));
+                let back = if n >= NOT_LOCAL {
                     0
                 } else {
                     self.neighbors[n as usize]
@@ -323,7 +323,7 @@ impl Complex {
                         .position(|&x| x == t)
                         .unwrap_or(0) as u32
                 };
-                faces.put(name, n, back);
+                faces.insert(name, n, back);
             }
         }
         for &t in old {
@@ -336,22 +336,22 @@ impl Complex {
         for i in 0..new.len() {
             let slot = if i < old.len() {
                 old[i]
-            } else if let Some(slot) = self.free.pop() {
-                self.log(Undo::Reused(slot));
+            } else if let Some(slot) = self.free_slots.pop() {
+                self.log(JournalEntry::Reused(slot));
                 slot
             } else {
-                self.log(Undo::NewSlot);
+                self.log(JournalEntry::NewSlot);
                 self.tets.push([NONE; 4]);
                 self.neighbors.push([NONE; 4]);
-                self.mark.push(0);
+                self.slot_stamps.push(0);
                 (self.tets.len() - 1) as u32
             };
             slots.push(slot);
         }
         for &t in &old[new.len().min(old.len())..] {
             self.set_tet(t, [NONE; 4]);
-            self.log(Undo::Freed);
-            self.free.push(t);
+            self.log(JournalEntry::Freed);
+            self.free_slots.push(t);
         }
         for (&slot, &tet) in slots.iter().zip(new) {
             self.set_tet(slot, tet);
@@ -359,12 +359,12 @@ impl Complex {
                 self.set_tet_of_node(n, slot);
             }
             for k in 0..4 {
-                let name = sorted(FACES[k].map(|i| tet[i]));
-                if let Some((n, back)) = faces.take(name) {
+                let name = face_key(FACES[k].map(|i| tet[i]));
+                if let Some((n, back)) = faces.remove(name) {
                     // The slot's own neighbours go back with the slot.
                     self.neighbors[slot as usize][k] = n;
-                    if n < BEYOND {
-                        self.log(Undo::Neighbor(
+                    if n < NOT_LOCAL {
+                        self.log(JournalEntry::Neighbor(
                             n,
                             back as u8,
                             self.neighbors[n as usize][back as usize],
@@ -373,16 +373,18 @@ impl Complex {
                     }
                 } else {
                     // An inner face: wait for the other new tetrahedron that has it.
-                    faces.put(name, slot, k as u32);
+                    faces.insert(name, slot, k as u32);
                 }
             }
         }
         // On the boundary old faces may go and new ones come; inside they must match.
         debug_assert!(
-            faces.left().all(|n| n == NONE || slots.contains(&n)),
+            faces
+                .remaining_tets()
+                .all(|n| n == NONE || slots.contains(&n)),
             "the new tetrahedra have the same outer faces as the old"
         );
-        self.faces = faces;
+        self.open_faces = faces;
     }
 
     /// The mesh without dead slots and unused nodes, and its neighbours; `kept[i]` is the old number
@@ -415,7 +417,7 @@ impl Complex {
         });
         tets.retain(|t| t[0] != NONE);
         let all = tets.par_iter_mut().zip(&mut neighbors);
-        all.with_min_len(SLOTS).for_each(|(tet, around)| {
+        all.with_min_len(MIN_TASK_SLOTS).for_each(|(tet, around)| {
             *tet = tet.map(|i| number[i as usize]);
             *around = around.map(|n| renumbered.get(n as usize).copied().unwrap_or(NONE));
         });
@@ -451,7 +453,7 @@ mod tests {
             let mut ring = Ring::default();
             for (a, b) in [(0, 1), (1, 0)] {
                 assert!(complex.ring(t, a, b, 9, &mut ring));
-                assert!(ring.closed && ring.tets.len() == 4 && ring.nodes.len() == 4);
+                assert!(ring.is_closed && ring.tets.len() == 4 && ring.nodes.len() == 4);
                 for i in 0..4 {
                     let tet = [a, b, ring.nodes[i], ring.nodes[(i + 1) % 4]];
                     let p = tet.map(|n| complex.nodes[n as usize]);
@@ -475,20 +477,20 @@ mod tests {
         let complex = octahedron();
         let mut ring = Ring::default();
         assert!(complex.ring(0, 0, 3, 9, &mut ring));
-        assert!(!ring.closed);
+        assert!(!ring.is_closed);
         assert_eq!((ring.tets.len(), ring.nodes.len()), (2, 3));
     }
 
     #[test]
     fn faces_are_found_again_however_many_there_are() {
         for tets in [10, 1000] {
-            let mut faces = Faces::default();
+            let mut faces = OpenFaces::default();
             faces.clear(tets);
             let name = |i: u32| [i, i + 1, i + 2];
-            (0..100).for_each(|i| faces.put(name(i), 2 * i, i % 4));
-            assert_eq!(faces.take(name(7)), Some((14, 3)));
-            assert_eq!(faces.take(name(7)), None);
-            let mut left: Vec<u32> = faces.left().collect();
+            (0..100).for_each(|i| faces.insert(name(i), 2 * i, i % 4));
+            assert_eq!(faces.remove(name(7)), Some((14, 3)));
+            assert_eq!(faces.remove(name(7)), None);
+            let mut left: Vec<u32> = faces.remaining_tets().collect();
             left.sort_unstable();
             assert!(left.len() == 99 && left[7] == 16);
         }
@@ -507,7 +509,7 @@ mod tests {
         complex.begin();
         complex.exchange(&[0, 1, 2, 3], &new, &mut slots);
         complex.exchange(&[slots[0]], &[new[0]], &mut slots);
-        complex.take_back();
+        complex.rollback();
         assert_eq!(
             (tets, around),
             (complex.tets.clone(), complex.neighbors.clone())
@@ -520,7 +522,7 @@ mod tests {
         let fresh = [[0, 1, 4, 2], [0, 1, 2, 3], [0, 1, 3, 4]];
         complex.exchange(&slots[..2], &fresh, &mut three);
         complex.exchange(&[three[2], three[0], three[1]], &new[..2], &mut two);
-        assert!(!complex.alive(three[1]) && complex.tets.len() == 5);
+        assert!(!complex.is_alive(three[1]) && complex.tets.len() == 5);
         let (mesh, around, kept) = complex.into_mesh();
         assert_eq!(mesh.tets.len(), 4);
         assert_eq!(around, neighbors(6, &mesh.tets).unwrap());

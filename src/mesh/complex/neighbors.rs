@@ -5,7 +5,7 @@ use crate::mesh::FACES;
 
 /// Three node numbers in rising order: a face's name.
 #[inline]
-pub(super) fn sorted(mut f: [u32; 3]) -> [u32; 3] {
+pub(super) fn face_key(mut f: [u32; 3]) -> [u32; 3] {
     if f[0] > f[1] {
         f.swap(0, 1);
     }
@@ -23,7 +23,7 @@ pub(super) fn sorted(mut f: [u32; 3]) -> [u32; 3] {
 /// Returns the first face that more than two tetrahedra share as the error.
 pub fn neighbors(node_count: usize, tets: &[[u32; 4]]) -> Result<Vec<[u32; 4]>, [u32; 3]> {
     // Faces in buckets by their smallest node: a counting sort, then tiny lists.
-    let face_of = |t: usize, k: usize| sorted(FACES[k].map(|i| tets[t][i]));
+    let face_of = |t: usize, k: usize| face_key(FACES[k].map(|i| tets[t][i]));
     let mut start = vec![0u32; node_count + 1];
     for t in 0..tets.len() {
         for k in 0..4 {

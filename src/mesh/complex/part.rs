@@ -5,27 +5,27 @@ use std::collections::hash_map::Entry;
 use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::atomic::Ordering::Relaxed;
 
-use super::{BEYOND, Complex, NONE};
+use super::{Complex, NONE, NOT_LOCAL};
 
 /// What the nodes and tetrahedra of a part are in the whole.
 #[derive(Debug, Default)]
-pub struct Numbers {
+pub struct PartNumbering {
     /// The whole's number of each node, and whether the part has all tetrahedra at it.
     pub nodes: Vec<(u32, bool)>,
     /// Of each tetrahedron.
     pub slots: Vec<u32>,
     /// The other way round.
-    node_here: Map,
-    slot_here: Map,
+    local_nodes: IdMap,
+    local_slots: IdMap,
 }
 
-type Map = HashMap<u32, u32, BuildHasherDefault<Fibonacci>>;
+type IdMap = HashMap<u32, u32, BuildHasherDefault<FibonacciHasher>>;
 
 /// Hashing of numbers that no one chose in bad faith.
 #[derive(Default)]
-struct Fibonacci(u64);
+struct FibonacciHasher(u64);
 
-impl Hasher for Fibonacci {
+impl Hasher for FibonacciHasher {
     fn write(&mut self, bytes: &[u8]) {
         bytes.iter().for_each(|&byte| self.write_u32(byte.into()));
     }
@@ -43,18 +43,18 @@ impl Hasher for Fibonacci {
 impl Complex {
     /// Becomes the part of `whole` that has all tetrahedra at nodes where it `holds`, as far as they are joined to
     /// the tetrahedra `first`, whose numbers become 0, 1 and so on. Nothing that it was before is left.
-    pub fn become_part(
+    pub fn set_to_part(
         &mut self,
         whole: &Complex,
         first: &[u32],
         holds: impl Fn([f64; 3]) -> bool,
-        numbers: &mut Numbers,
+        numbers: &mut PartNumbering,
     ) {
-        let Numbers {
+        let PartNumbering {
             nodes,
             slots,
-            node_here,
-            slot_here,
+            local_nodes: node_here,
+            local_slots: slot_here,
         } = numbers;
         nodes.clear();
         slots.clear();
@@ -64,10 +64,10 @@ impl Complex {
         self.tets.clear();
         self.neighbors.clear();
         self.tet_of_node.clear();
-        self.mark.clear();
-        self.free.clear();
+        self.slot_stamps.clear();
+        self.free_slots.clear();
         (self.stamp, self.journal) = (0, None);
-        *self.left.get_mut() = false;
+        *self.reached_nonlocal.get_mut() = false;
 
         slots.extend_from_slice(first);
         slot_here.extend(first.iter().copied().zip(0..));
@@ -99,18 +99,18 @@ impl Complex {
                         slots.push(n);
                         *place.insert(slots.len() as u32 - 1)
                     }
-                    Entry::Vacant(_) => BEYOND,
+                    Entry::Vacant(_) => NOT_LOCAL,
                 }
             }));
             here += 1;
         }
-        self.mark.resize(self.tets.len(), 0);
+        self.slot_stamps.resize(self.tets.len(), 0);
         // What came later than its neighbour looked.
         for t in 0..self.tets.len() {
             for k in 0..4 {
-                if self.neighbors[t][k] == BEYOND {
+                if self.neighbors[t][k] == NOT_LOCAL {
                     let there = whole.neighbors[slots[t] as usize][k];
-                    self.neighbors[t][k] = slot_here.get(&there).copied().unwrap_or(BEYOND);
+                    self.neighbors[t][k] = slot_here.get(&there).copied().unwrap_or(NOT_LOCAL);
                 }
             }
         }
@@ -118,7 +118,7 @@ impl Complex {
     }
 
     /// Numbers the nodes of a part in the order of the whole's: what goes through them goes the same way.
-    fn renumber(&mut self, numbers: &mut Numbers) {
+    fn renumber(&mut self, numbers: &mut PartNumbering) {
         let mut order: Vec<u32> = (0..self.nodes.len() as u32).collect();
         order.sort_unstable_by_key(|&n| numbers.nodes[n as usize].0);
         let mut now = vec![0; order.len()];
@@ -135,13 +135,13 @@ impl Complex {
     }
 
     /// Whether anything was asked of this part that only the whole knows: the answer was wrong.
-    pub fn has_left(&self) -> bool {
-        self.left.load(Relaxed)
+    pub fn has_reached_nonlocal(&self) -> bool {
+        self.reached_nonlocal.load(Relaxed)
     }
 
     /// The same, and forgets it: it may be asked other things.
-    pub fn had_left(&mut self) -> bool {
-        std::mem::take(self.left.get_mut())
+    pub fn take_reached_nonlocal(&mut self) -> bool {
+        std::mem::take(self.reached_nonlocal.get_mut())
     }
 }
 
@@ -166,28 +166,28 @@ mod tests {
     #[test]
     fn a_part_knows_what_it_does_not_know() {
         let whole = fan(8);
-        let (mut part, mut numbers) = (Complex::default(), Numbers::default());
+        let (mut part, mut numbers) = (Complex::default(), PartNumbering::default());
         // The tetrahedra at node 5: numbers 2 and 3.
         let at = whole.nodes[5];
-        part.become_part(&whole, &[3], |x| x == at, &mut numbers);
+        part.set_to_part(&whole, &[3], |x| x == at, &mut numbers);
         assert_eq!(numbers.slots, [3, 2]);
         let of_whole: Vec<u32> = numbers.nodes.iter().map(|n| n.0).collect();
         assert_eq!(of_whole, [0, 1, 4, 5, 6]);
-        assert_eq!(part.neighbors[0], [NONE, NONE, BEYOND, 1]);
+        assert_eq!(part.neighbors[0], [NONE, NONE, NOT_LOCAL, 1]);
         let mut star = Vec::new();
         part.star(3, &mut star);
         star.sort_unstable();
         assert_eq!(star, [0, 1]);
-        assert!(!part.had_left(), "all at node 5 is here");
+        assert!(!part.take_reached_nonlocal(), "all at node 5 is here");
         part.star(0, &mut star);
-        assert!(part.had_left(), "others are at node 0");
-        assert!(!part.had_left(), "asked before");
+        assert!(part.take_reached_nonlocal(), "others are at node 0");
+        assert!(!part.take_reached_nonlocal(), "asked before");
         let mut ring = Ring::default();
         part.ring(0, 0, 1, 9, &mut ring);
-        assert!(part.had_left());
+        assert!(part.take_reached_nonlocal());
         // Another part of the same size in the same room.
-        part.become_part(&whole, &[0], |x| x == whole.nodes[2], &mut numbers);
+        part.set_to_part(&whole, &[0], |x| x == whole.nodes[2], &mut numbers);
         assert_eq!((numbers.slots.len(), part.tets.len()), (1, 1));
-        assert_eq!(part.neighbors[0], [NONE, NONE, BEYOND, NONE]);
+        assert_eq!(part.neighbors[0], [NONE, NONE, NOT_LOCAL, NONE]);
     }
 }

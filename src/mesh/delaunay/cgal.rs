@@ -5,7 +5,7 @@ use crate::error::{Error, Result, cause};
 
 /// What CGAL finds in a mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Verdict {
+pub struct CgalReport {
     /// Tetrahedra whose exact orientation is negative.
     pub inverted: u64,
     /// Tetrahedra whose four nodes lie exactly in one plane.
@@ -25,7 +25,7 @@ pub struct Verdict {
     pub hull_volume: f64,
 }
 
-impl Verdict {
+impl CgalReport {
     /// What is wrong, in plain words; nothing if the mesh is a triangulation of its convex hull.
     /// The volumes may differ by the fraction `tolerance`: sides that are flat in lattice space
     /// are flat only up to rounding after a turn.
@@ -67,7 +67,7 @@ impl Verdict {
 /// [`Error::Delaunay`] if a coordinate is not finite, two points coincide, or built without the
 /// feature `cgal`.
 pub fn triangulate(points: &[[f64; 3]]) -> Result<Vec<[u32; 4]>> {
-    check(points)?;
+    check_points(points)?;
     bridge::triangulate(points)
 }
 
@@ -76,8 +76,8 @@ pub fn triangulate(points: &[[f64; 3]]) -> Result<Vec<[u32; 4]>> {
 /// # Errors
 /// [`Error::Mesh`] if a tetrahedron has a node that is not there or a coordinate is not finite,
 /// [`Error::Delaunay`] without the feature `cgal`.
-pub fn validate(points: &[[f64; 3]], tets: &[[u32; 4]]) -> Result<Verdict> {
-    check(points)?;
+pub fn validate(points: &[[f64; 3]], tets: &[[u32; 4]]) -> Result<CgalReport> {
+    check_points(points)?;
     let stray = |t: &&[u32; 4]| t.iter().any(|&node| node as usize >= points.len());
     if let Some(tet) = tets.iter().find(stray) {
         return Err(Error::Mesh(cause(
@@ -92,30 +92,30 @@ pub fn validate(points: &[[f64; 3]], tets: &[[u32; 4]]) -> Result<Verdict> {
     // Faces, four a tetrahedron and four beyond each hull face, are numbered in 32 bits.
     if points.len().max(tets.len()) > u32::MAX as usize / 32 {
         let problem = format!("{} nodes, {} tetrahedra", points.len(), tets.len());
-        return Err(fault(problem, "give fewer than 134 million of either"));
+        return Err(cgal_error(problem, "give fewer than 134 million of either"));
     }
     bridge::validate(points, tets)
 }
 
-fn check(points: &[[f64; 3]]) -> Result<()> {
+fn check_points(points: &[[f64; 3]]) -> Result<()> {
     if let Some(i) = points.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
         let p = points[i];
         let problem = format!("node {i} is at [{}, {}, {}]", p[0], p[1], p[2]);
-        return Err(fault(problem, "give finite coordinates"));
+        return Err(cgal_error(problem, "give finite coordinates"));
     }
     Ok(())
 }
 
-fn fault(problem: impl std::fmt::Display, remedy: impl std::fmt::Display) -> Error {
+fn cgal_error(problem: impl std::fmt::Display, remedy: impl std::fmt::Display) -> Error {
     Error::Delaunay(cause("CGAL's opinion", problem, remedy))
 }
 
 #[cfg(not(feature = "cgal"))]
 mod bridge {
-    use super::{Result, Verdict, fault};
+    use super::{CgalReport, Result, cgal_error};
 
     fn missing<T>() -> Result<T> {
-        Err(fault(
+        Err(cgal_error(
             "this atomesh was built without CGAL",
             "install libcgal-dev and build with the feature `cgal` (on by default)",
         ))
@@ -125,14 +125,14 @@ mod bridge {
         missing()
     }
 
-    pub fn validate(_: &[[f64; 3]], _: &[[u32; 4]]) -> Result<Verdict> {
+    pub fn validate(_: &[[f64; 3]], _: &[[u32; 4]]) -> Result<CgalReport> {
         missing()
     }
 }
 
 #[cfg(feature = "cgal")]
 mod bridge {
-    use super::{Result, Verdict, fault};
+    use super::{CgalReport, Result, cgal_error};
 
     /// The other side is `cpp/cgal_bridge.h`. Slices in, owned vectors out, C++ exceptions as
     /// errors: cxx checks both sides against each other at compile time.
@@ -163,15 +163,15 @@ mod bridge {
 
     pub fn triangulate(points: &[[f64; 3]]) -> Result<Vec<[u32; 4]>> {
         let tets = ffi::cgal_triangulate(points.as_flattened())
-            .map_err(|e| fault(e.what(), "give distinct points").because(e))?;
+            .map_err(|e| cgal_error(e.what(), "give distinct points").with_source(e))?;
         let (tets, _) = tets.as_chunks();
         Ok(tets.to_vec())
     }
 
-    pub fn validate(points: &[[f64; 3]], tets: &[[u32; 4]]) -> Result<Verdict> {
+    pub fn validate(points: &[[f64; 3]], tets: &[[u32; 4]]) -> Result<CgalReport> {
         let v = ffi::cgal_validate(points.as_flattened(), tets.as_flattened())
-            .map_err(|e| fault(e.what(), "please report it with the mesh").because(e))?;
-        Ok(Verdict {
+            .map_err(|e| cgal_error(e.what(), "please report it with the mesh").with_source(e))?;
+        Ok(CgalReport {
             inverted: v.inverted,
             flat: v.flat,
             unused_nodes: v.unused_nodes,
@@ -191,7 +191,7 @@ mod tests {
     use crate::mesh::delaunay::delaunay;
 
     /// Distinct points without a pattern.
-    fn scattered(count: usize) -> Vec<[f64; 3]> {
+    fn scattered_points(count: usize) -> Vec<[f64; 3]> {
         let mut state = 1u64;
         let mut next = || {
             state = state
@@ -220,7 +220,7 @@ mod tests {
 
     #[test]
     fn cgal_and_tetgen_make_the_same_tetrahedra() {
-        let points = scattered(3000);
+        let points = scattered_points(3000);
         let ours = delaunay(&points).unwrap();
         let theirs = triangulate(&points).unwrap();
         assert_eq!(sorted(&ours.tets), sorted(&theirs));

@@ -8,9 +8,9 @@ use crate::error::{Error, Result, cause};
 /// # Errors
 /// [`Error::Delaunay`] if a coordinate is not finite, two points coincide, or built without the
 /// feature `cgal`.
-pub fn unweighted(points: &[[f64; 3]]) -> Result<Vec<[u32; 4]>> {
-    check(points)?;
-    bridge::unweighted(points)
+pub fn unweighted_delaunay(points: &[[f64; 3]]) -> Result<Vec<[u32; 4]>> {
+    check_points(points)?;
+    bridge::unweighted_delaunay(points)
 }
 
 /// The tetrahedra of [`unweighted`] after points that belong to one with a dihedral angle below
@@ -21,31 +21,37 @@ pub fn unweighted(points: &[[f64; 3]]) -> Result<Vec<[u32; 4]>> {
 /// # Errors
 /// Those of [`unweighted`].
 pub fn exude(points: &[[f64; 3]], faces: &[[u32; 3]], angle: f64) -> Result<Vec<[u32; 4]>> {
-    check(points)?;
+    check_points(points)?;
     bridge::exude(points, faces, angle)
 }
 
-fn check(points: &[[f64; 3]]) -> Result<()> {
+fn check_points(points: &[[f64; 3]]) -> Result<()> {
     if !points.as_flattened().iter().all(|c| c.is_finite()) {
-        return Err(fault("a point is not finite", "give finite coordinates"));
+        return Err(exude_error(
+            "a point is not finite",
+            "give finite coordinates",
+        ));
     }
     // CGAL's indices are ints.
     if points.len() > i32::MAX as usize {
-        return Err(fault("more than 2^31 points", "mesh a part of the image"));
+        return Err(exude_error(
+            "more than 2^31 points",
+            "mesh a part of the image",
+        ));
     }
     Ok(())
 }
 
-fn fault(problem: impl std::fmt::Display, remedy: impl std::fmt::Display) -> Error {
+fn exude_error(problem: impl std::fmt::Display, remedy: impl std::fmt::Display) -> Error {
     Error::Delaunay(cause("sliver exudation", problem, remedy))
 }
 
 #[cfg(not(feature = "cgal"))]
 mod bridge {
-    use super::{Result, fault};
+    use super::{Result, exude_error};
 
     fn missing<T>() -> Result<T> {
-        Err(fault(
+        Err(exude_error(
             "this atomesh was built without CGAL",
             "build with the feature `cgal` (on by default), or remove slivers another way",
         ))
@@ -62,7 +68,7 @@ mod bridge {
 
 #[cfg(feature = "cgal")]
 mod bridge {
-    use super::{Result, fault};
+    use super::{Result, exude_error};
 
     /// The other side is `cpp/exude.h`.
     #[cxx::bridge(namespace = "atomesh")]
@@ -78,17 +84,18 @@ mod bridge {
         }
     }
 
-    pub fn unweighted(points: &[[f64; 3]]) -> Result<Vec<[u32; 4]>> {
-        owned(ffi::cgal_unweighted(points.as_flattened()))
+    pub fn unweighted_delaunay(points: &[[f64; 3]]) -> Result<Vec<[u32; 4]>> {
+        to_tets(ffi::cgal_unweighted(points.as_flattened()))
     }
 
     pub fn exude(points: &[[f64; 3]], faces: &[[u32; 3]], angle: f64) -> Result<Vec<[u32; 4]>> {
         let faces = faces.as_flattened();
-        owned(ffi::cgal_exude(points.as_flattened(), faces, angle))
+        to_tets(ffi::cgal_exude(points.as_flattened(), faces, angle))
     }
 
-    fn owned(tets: std::result::Result<Vec<u32>, cxx::Exception>) -> Result<Vec<[u32; 4]>> {
-        let tets = tets.map_err(|e| fault(e.what(), "give distinct points").because(e))?;
+    fn to_tets(tets: std::result::Result<Vec<u32>, cxx::Exception>) -> Result<Vec<[u32; 4]>> {
+        let tets =
+            tets.map_err(|e| exude_error(e.what(), "give distinct points").with_source(e))?;
         let (tets, _) = tets.as_chunks();
         Ok(tets.to_vec())
     }
@@ -124,7 +131,7 @@ mod tests {
         points
     }
 
-    fn smallest(mesh: &TetMesh) -> f64 {
+    fn smallest_angle(mesh: &TetMesh) -> f64 {
         let angles = (0..mesh.tets.len())
             .map(|t| quality::dihedral_angles(&mesh.corners(t)))
             .map(|angles| angles.into_iter().fold(f64::INFINITY, f64::min));
@@ -143,7 +150,7 @@ mod tests {
     fn slivers_go_and_points_hull_and_given_faces_stay() {
         let nodes = jittered(9);
         let before = TetMesh {
-            tets: unweighted(&nodes).unwrap(),
+            tets: unweighted_delaunay(&nodes).unwrap(),
             nodes: nodes.clone(),
         };
         let faces_of = |mesh: &TetMesh| -> BTreeSet<[u32; 3]> {
@@ -180,7 +187,7 @@ mod tests {
         }
         let left = faces_of(&after);
         assert!(keep.iter().all(|face| left.contains(face)));
-        let (was, is) = (smallest(&before), smallest(&after));
+        let (was, is) = (smallest_angle(&before), smallest_angle(&after));
         assert!(was < 1.0 && is > 5.0 * was, "{was} to {is}");
     }
 
@@ -188,7 +195,7 @@ mod tests {
     fn points_that_coincide_are_refused() {
         let mut points = jittered(3);
         points.push(points[4]);
-        let error = unweighted(&points).unwrap_err().to_string();
+        let error = unweighted_delaunay(&points).unwrap_err().to_string();
         assert!(error.contains("coincide"), "{error}");
         assert!(exude(&[[f64::NAN; 3]], &[], 30.0).is_err());
     }

@@ -14,7 +14,8 @@ pub(crate) mod tetgen;
 
 pub use planar::{constrained_plane, delaunay_plane};
 pub use tetgen::{
-    Delaunay, OUTSIDE, Stretches, Whole, delaunay, delaunay_of_stretches, delaunay_with_neighbors,
+    Delaunay, GlobalPoints, IntervalTets, OUTSIDE, delaunay, delaunay_in_intervals,
+    delaunay_with_neighbors,
 };
 #[cfg(feature = "tetgen")]
 pub use tetgen::{peak_mb, run_in_worker, serve, share_with_workers};

@@ -12,12 +12,12 @@ use crate::mesh::TriMesh;
 use crate::{Error, Result};
 
 /// A point that knows its number.
-struct Numbered {
+struct IndexedPoint {
     position: Point2<f64>,
-    number: u32,
+    index: u32,
 }
 
-impl HasPosition for Numbered {
+impl HasPosition for IndexedPoint {
     type Scalar = f64;
 
     fn position(&self) -> Point2<f64> {
@@ -34,9 +34,9 @@ impl HasPosition for Numbered {
 /// [`Error::Delaunay`] for fewer than three points, points on one line, two points at one place,
 /// and coordinates that are not finite or beyond spade's range (1e-42 to 1e60).
 pub fn delaunay_plane(points: &[[f64; 2]]) -> Result<TriMesh> {
-    let numbered = numbered(points)?;
-    let triangulation = DelaunayTriangulation::<Numbered>::bulk_load(numbered)
-        .or_else(|error| refuse(error.to_string(), "give finite coordinates"))?;
+    let numbered = indexed_points(points)?;
+    let triangulation = DelaunayTriangulation::<IndexedPoint>::bulk_load(numbered)
+        .or_else(|error| invalid_input(error.to_string(), "give finite coordinates"))?;
     triangles(points, &triangulation)
 }
 
@@ -45,36 +45,37 @@ pub fn delaunay_plane(points: &[[f64; 2]]) -> Result<TriMesh> {
 /// # Errors
 /// Also if edges cross one another.
 pub fn constrained_plane(points: &[[f64; 2]], edges: &[[u32; 2]]) -> Result<TriMesh> {
-    let numbered = numbered(points)?;
+    let numbered = indexed_points(points)?;
     let edges = edges.iter().map(|edge| edge.map(|n| n as usize)).collect();
     let mut crossing = 0;
-    let triangulation =
-        ConstrainedDelaunayTriangulation::<Numbered>::try_bulk_load_cdt(numbered, edges, |_| {
-            crossing += 1
-        })
-        .or_else(|error| refuse(error.to_string(), "give finite coordinates"))?;
+    let triangulation = ConstrainedDelaunayTriangulation::<IndexedPoint>::try_bulk_load_cdt(
+        numbered,
+        edges,
+        |_| crossing += 1,
+    )
+    .or_else(|error| invalid_input(error.to_string(), "give finite coordinates"))?;
     if crossing > 0 {
-        return refuse(format!("{crossing} edges cross others"), "leave them out");
+        return invalid_input(format!("{crossing} edges cross others"), "leave them out");
     }
     triangles(points, &triangulation)
 }
 
-fn refuse<T>(problem: String, remedy: &str) -> Result<T> {
+fn invalid_input<T>(problem: String, remedy: &str) -> Result<T> {
     let place = "2-D Delaunay triangulation";
     Err(Error::Delaunay(cause(place, problem, remedy)))
 }
 
 /// Points that know their numbers, checked.
-fn numbered(points: &[[f64; 2]]) -> Result<Vec<Numbered>> {
+fn indexed_points(points: &[[f64; 2]]) -> Result<Vec<IndexedPoint>> {
     if points.len() < 3 || points.len() >= u32::MAX as usize {
-        return refuse(
+        return invalid_input(
             format!("{} points", points.len()),
             "give at least 3 points, and fewer than 2^32",
         );
     }
     for (i, &[x, y]) in points.iter().enumerate() {
         if spade::validate_coordinate(x).is_err() || spade::validate_coordinate(y).is_err() {
-            return refuse(
+            return invalid_input(
                 format!("point {i} at ({x}, {y}) is too large to compute with"),
                 "give finite coordinates",
             );
@@ -82,9 +83,9 @@ fn numbered(points: &[[f64; 2]]) -> Result<Vec<Numbered>> {
     }
     Ok((0u32..)
         .zip(points)
-        .map(|(number, &[x, y])| Numbered {
+        .map(|(number, &[x, y])| IndexedPoint {
             position: Point2::new(x, y),
-            number,
+            index: number,
         })
         .collect())
 }
@@ -92,10 +93,10 @@ fn numbered(points: &[[f64; 2]]) -> Result<Vec<Numbered>> {
 /// The triangles, if every point is a node of them.
 fn triangles(
     points: &[[f64; 2]],
-    triangulation: &impl Triangulation<Vertex = Numbered>,
+    triangulation: &impl Triangulation<Vertex = IndexedPoint>,
 ) -> Result<TriMesh> {
     if triangulation.num_vertices() < points.len() {
-        return refuse(
+        return invalid_input(
             format!(
                 "{} of {} points coincide with another",
                 points.len() - triangulation.num_vertices(),
@@ -105,14 +106,14 @@ fn triangles(
         );
     }
     if triangulation.num_inner_faces() == 0 {
-        return refuse(
+        return invalid_input(
             format!("all {} points lie on one line", points.len()),
             "give points that span the plane",
         );
     }
     let triangles = triangulation
         .inner_faces()
-        .map(|face| face.vertices().map(|vertex| vertex.data().number))
+        .map(|face| face.vertices().map(|vertex| vertex.data().index))
         .collect();
     Ok(TriMesh {
         nodes: points.to_vec(),
@@ -124,7 +125,7 @@ fn triangles(
 mod tests {
     use super::*;
     use crate::mesh::check::check;
-    use crate::mesh::tri::{angles, area2};
+    use crate::mesh::tri::{angles, double_area};
     use proptest::prelude::*;
 
     /// Whether no node lies inside the circle through a triangle's corners (to rounding).
@@ -141,7 +142,7 @@ mod tests {
     }
 
     /// Points in the unit square with its corners and `sides` points on each side.
-    fn boxed(inside: Vec<[f64; 2]>, sides: usize) -> Vec<[f64; 2]> {
+    fn points_in_square(inside: Vec<[f64; 2]>, sides: usize) -> Vec<[f64; 2]> {
         let mut points = inside;
         for k in 0..=sides {
             let t = k as f64 / (sides + 1) as f64;
@@ -202,7 +203,7 @@ mod tests {
             let mut inside = inside;
             inside.sort_by(|a, b| a.partial_cmp(b).unwrap());
             inside.dedup();
-            let mesh = delaunay_plane(&boxed(inside, sides)).unwrap();
+            let mesh = delaunay_plane(&points_in_square(inside, sides)).unwrap();
             let found = check(&mesh, [0.0; 2], [1.0; 2], 1e-12);
             prop_assert!(found.passed(), "{:?}", found.problems);
             prop_assert!(is_delaunay(&mesh));
@@ -217,12 +218,12 @@ mod tests {
                 .enumerate()
                 .map(|(i, j)| [0.1 * (i % 9 + 1) as f64 + j[0], 0.1 * (i / 9 + 1) as f64 + j[1]])
                 .collect();
-            let mesh = delaunay_plane(&boxed(inside, 9)).unwrap();
+            let mesh = delaunay_plane(&points_in_square(inside, 9)).unwrap();
             let found = check(&mesh, [0.0; 2], [1.0; 2], 1e-12);
             prop_assert!(found.passed(), "{:?}", found.problems);
             prop_assert!(is_delaunay(&mesh));
             prop_assert_eq!(mesh.triangles.len(), 200);
-            let area: f64 = (0..200).map(|t| 0.5 * area2(&mesh.corners(t))).sum();
+            let area: f64 = (0..200).map(|t| 0.5 * double_area(&mesh.corners(t))).sum();
             prop_assert!((area - 1.0).abs() < 1e-12);
         }
     }

@@ -8,11 +8,11 @@ use spade::handles::FixedVertexHandle;
 use spade::{DelaunayTriangulation, Point2, Triangulation};
 
 use crate::error::{Error, Result, cause};
-use crate::image::Field;
-use crate::observer::Patience;
+use crate::image::ScalarField;
+use crate::progress::CancelToken;
 
 /// A triangle whose circumcentre is to become a point.
-struct Entry {
+struct RefineCandidate {
     /// Circumradius over d.
     ratio: f64,
     corners: [FixedVertexHandle; 3],
@@ -20,7 +20,7 @@ struct Entry {
     centre: Point2<f64>,
 }
 
-impl Ord for Entry {
+impl Ord for RefineCandidate {
     fn cmp(&self, other: &Self) -> Ordering {
         // Of equal ratios in the order of the vertices: the same on every run.
         let corners = |entry: &Self| entry.corners.map(|corner| corner.index());
@@ -29,19 +29,19 @@ impl Ord for Entry {
     }
 }
 
-impl PartialOrd for Entry {
+impl PartialOrd for RefineCandidate {
     fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
         Some(self.cmp(other))
     }
 }
 
-impl PartialEq for Entry {
+impl PartialEq for RefineCandidate {
     fn eq(&self, other: &Self) -> bool {
         self.cmp(other) == Ordering::Equal
     }
 }
 
-impl Eq for Entry {}
+impl Eq for RefineCandidate {}
 
 /// The points to add to `points` so that no triangle of their Delaunay triangulation with its
 /// circumcentre in the rectangle `[0, extent]` has a circumradius of more than `limit` d; fewer once
@@ -54,12 +54,12 @@ pub fn refine_plane(
     extent: [f64; 2],
     d: impl Fn([f64; 2]) -> f64,
     limit: f64,
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> Result<Vec<[f64; 2]>> {
     let mut delaunay: DelaunayTriangulation<Point2<f64>> = DelaunayTriangulation::new();
     let insert = |delaunay: &mut DelaunayTriangulation<_>, x: Point2<f64>| {
         let inserted = delaunay.insert(x);
-        inserted.map_err(|error| fault(error, "give finite coordinates"))
+        inserted.map_err(|error| refine_error(error, "give finite coordinates"))
     };
     for &[x, y] in points {
         insert(&mut delaunay, Point2::new(x, y))?;
@@ -73,7 +73,7 @@ pub fn refine_plane(
                 return None;
             }
             let ratio = centre.distance_2(face.vertices()[0].position()).sqrt() / d(x);
-            (ratio > limit).then(|| Entry {
+            (ratio > limit).then(|| RefineCandidate {
                 ratio,
                 corners: face.vertices().map(|vertex| vertex.fix()),
                 face: face.fix(),
@@ -83,7 +83,7 @@ pub fn refine_plane(
     queue.extend(delaunay.inner_faces().filter_map(consider));
     let mut added = Vec::new();
     while let Some(worst) = queue.pop() {
-        if patience.over() {
+        if patience.is_cancelled() {
             break;
         }
         // Faces are reused, never given up: the triangle is there if its corners are.
@@ -113,30 +113,33 @@ pub fn refine_plane(
 pub fn refine_space(
     points: &[[f64; 3]],
     extent: [f64; 3],
-    d: &Field<3>,
+    d: &ScalarField<3>,
     limit: f64,
 ) -> Result<Vec<[f64; 3]>> {
     if !points.as_flattened().iter().all(|c| c.is_finite()) {
-        return Err(fault("a point is not finite", "give finite coordinates"));
+        return Err(refine_error(
+            "a point is not finite",
+            "give finite coordinates",
+        ));
     }
     bridge::refine_space(points, extent, d, limit)
 }
 
-fn fault(problem: impl std::fmt::Display, remedy: impl std::fmt::Display) -> Error {
+fn refine_error(problem: impl std::fmt::Display, remedy: impl std::fmt::Display) -> Error {
     Error::Delaunay(cause("Delaunay refinement", problem, remedy))
 }
 
 #[cfg(not(feature = "cgal"))]
 mod bridge {
-    use super::{Field, Result, fault};
+    use super::{Result, ScalarField, refine_error};
 
     pub fn refine_space(
         _: &[[f64; 3]],
         _: [f64; 3],
-        _: &Field<3>,
+        _: &ScalarField<3>,
         _: f64,
     ) -> Result<Vec<[f64; 3]>> {
-        Err(fault(
+        Err(refine_error(
             "this atomesh was built without CGAL",
             "build with the feature `cgal` (on by default), or seed another way",
         ))
@@ -145,7 +148,7 @@ mod bridge {
 
 #[cfg(feature = "cgal")]
 mod bridge {
-    use super::{Field, Result, fault};
+    use super::{Result, ScalarField, refine_error};
 
     /// The other side is `cpp/refine.h`.
     #[cxx::bridge(namespace = "atomesh")]
@@ -169,17 +172,17 @@ mod bridge {
     pub fn refine_space(
         points: &[[f64; 3]],
         extent: [f64; 3],
-        d: &Field<3>,
+        d: &ScalarField<3>,
         limit: f64,
     ) -> Result<Vec<[f64; 3]>> {
         if d.samples.len() != d.dims.iter().product::<usize>() || d.samples.is_empty() {
-            return Err(fault(
+            return Err(refine_error(
                 "d does not have as many samples as it should",
                 "give one that covers the box",
             ));
         }
         let added = ffi::cgal_refine(points.as_flattened(), &extent, &d.samples, &d.dims, limit)
-            .map_err(|e| fault(e.what(), "please report it").because(e))?;
+            .map_err(|e| refine_error(e.what(), "please report it").with_source(e))?;
         let (added, _) = added.as_chunks();
         Ok(added.to_vec())
     }

@@ -1,12 +1,12 @@
 //! Rings of simplices and their centres -> the mesh: faces with the nodes that differ, in order,
 //! numbered as they are met.
 
-use super::mirror::Mirrored;
-use super::needles::{Paths, share_sides};
-use super::nodes::Groups;
+use super::mirror::MirroredAtoms;
+use super::needles::{EdgePaths, merge_sides};
+use super::nodes::SimplexGroups;
 use super::rings::Rings;
 use crate::error::{Error, Result, cause};
-use crate::mesh::poly::{Lists, PolyMesh, SIDE_0};
+use crate::mesh::poly::{FIRST_SIDE, Lists, PolyMesh};
 
 /// The mesh of the cells.
 ///
@@ -14,21 +14,21 @@ use crate::mesh::poly::{Lists, PolyMesh, SIDE_0};
 /// [`Error::Delaunay`] if an atom's cell ends on another atom's image, which no true Delaunay
 /// triangulation can say.
 pub fn assemble<const D: usize>(
-    mirrored: &Mirrored<D>,
+    mirrored: &MirroredAtoms<D>,
     rings: Vec<Rings>,
     mut centres: Vec<[f64; D]>,
     extent: [f64; D],
     reach: impl Fn(u32) -> f64,
 ) -> Result<PolyMesh<D>> {
-    let mut groups = Groups::new(centres.len());
-    for &[s, t] in rings.iter().flat_map(|part| &part.joined) {
-        groups.join(s, t);
+    let mut groups = SimplexGroups::new(centres.len());
+    for &[s, t] in rings.iter().flat_map(|part| &part.coincident_pairs) {
+        groups.merge(s, t);
     }
-    for &[s, t] in rings.iter().flat_map(|part| &part.joined) {
-        let first = groups.first(s);
-        share_sides(&mut centres, first, &[s, t], extent);
+    for &[s, t] in rings.iter().flat_map(|part| &part.coincident_pairs) {
+        let first = groups.find_first(s);
+        merge_sides(&mut centres, first, &[s, t], extent);
     }
-    let paths = Paths::new(&rings, &mut groups, &mut centres, extent, reach);
+    let paths = EdgePaths::new(&rings, &mut groups, &mut centres, extent, reach);
     // Nodes are numbered as they are met, in the order of atoms.
     let mut number = vec![u32::MAX; centres.len()];
     let mut nodes = Vec::with_capacity(centres.len());
@@ -52,17 +52,17 @@ pub fn assemble<const D: usize>(
     for part in rings {
         for (edge, &[a, b]) in part.edges.iter().enumerate() {
             let simplices = part.simplices.get(edge);
-            paths.trace(simplices.iter().map(|&s| groups.first(s)), &mut ring);
+            paths.trace(simplices.iter().map(|&s| groups.find_first(s)), &mut ring);
             if ring.len() < D {
                 continue;
             }
             ring.iter_mut().for_each(|s| *s = node_of(*s));
-            if (b as usize) < mirrored.atoms {
+            if (b as usize) < mirrored.atom_count {
                 faces.push(ring.iter().copied());
                 face_cells.push([a, b]);
                 continue;
             }
-            let (atom, side) = mirrored.images[b as usize - mirrored.atoms];
+            let (atom, side) = mirrored.images[b as usize - mirrored.atom_count];
             if atom != a {
                 return Err(Error::Delaunay(cause(
                     "Voronoi cells",
@@ -71,7 +71,7 @@ pub fn assemble<const D: usize>(
                 )));
             }
             sides.push(ring.iter().copied());
-            side_cells.push([a, SIDE_0 + u32::from(side)]);
+            side_cells.push([a, FIRST_SIDE + u32::from(side)]);
         }
     }
     for (side, cells) in side_cells.into_iter().enumerate() {
@@ -80,10 +80,10 @@ pub fn assemble<const D: usize>(
     }
     Ok(PolyMesh {
         nodes,
-        region: vec![0; mirrored.atoms],
+        region: vec![0; mirrored.atom_count],
         on_feature: vec![false; face_cells.len()],
         faces,
         face_cells,
-        sites: mirrored.points[..mirrored.atoms].to_vec(),
+        sites: mirrored.points[..mirrored.atom_count].to_vec(),
     })
 }

@@ -9,15 +9,15 @@
 
 /// Atoms and their images.
 #[derive(Debug, Clone)]
-pub struct Mirrored<const D: usize> {
+pub struct MirroredAtoms<const D: usize> {
     /// The atoms, and behind them the images.
     pub points: Vec<[f64; D]>,
     /// Number of atoms.
-    pub atoms: usize,
+    pub atom_count: usize,
     /// For each image, its atom and the side: 2 axis for the lower one, 2 axis + 1 for the upper.
     pub images: Vec<(u32, u8)>,
     /// For each atom, bit s: it has an image in side s.
-    done: Vec<u8>,
+    image_sides: Vec<u8>,
     extent: [f64; D],
 }
 
@@ -25,7 +25,7 @@ pub struct Mirrored<const D: usize> {
 /// twice the extent (about 1e-16 of it). Symmetric points then give exactly symmetric results, which
 /// TetGen's exact predicates need to see that an atom, its neighbour and their images lie on a
 /// circle.
-pub fn rounded<const D: usize>(atoms: &[[f64; D]], extent: [f64; D]) -> Vec<[f64; D]> {
+pub fn round_coordinates<const D: usize>(atoms: &[[f64; D]], extent: [f64; D]) -> Vec<[f64; D]> {
     let unit = extent.map(|e| (2.0 * e).next_up() - 2.0 * e);
     atoms
         .iter()
@@ -33,10 +33,10 @@ pub fn rounded<const D: usize>(atoms: &[[f64; D]], extent: [f64; D]) -> Vec<[f64
         .collect()
 }
 
-impl<const D: usize> Mirrored<D> {
+impl<const D: usize> MirroredAtoms<D> {
     /// The atom that a point is, or is an image of.
     pub fn owner(&self, point: u32) -> usize {
-        match (point as usize).checked_sub(self.atoms) {
+        match (point as usize).checked_sub(self.atom_count) {
             None => point as usize,
             Some(image) => self.images[image].0 as usize,
         }
@@ -45,15 +45,15 @@ impl<const D: usize> Mirrored<D> {
     /// Atoms, already [`rounded`], with the images that they need and a few more.
     pub fn new(atoms: Vec<[f64; D]>, extent: [f64; D]) -> Self {
         let mut mirrored = Self {
-            atoms: atoms.len(),
-            done: vec![0; atoms.len()],
+            atom_count: atoms.len(),
+            image_sides: vec![0; atoms.len()],
             images: Vec::new(),
             points: atoms,
             extent,
         };
         for side in 0..2 * D {
-            let atoms = &mirrored.points[..mirrored.atoms];
-            let beneath = Beneath::new(atoms, extent, side);
+            let atoms = &mirrored.points[..mirrored.atom_count];
+            let beneath = NearestAtomBins::new(atoms, extent, side);
             let touching: Vec<usize> = (0..atoms.len())
                 .filter(|&atom| beneath.may_touch(atoms[atom]))
                 .collect();
@@ -67,10 +67,10 @@ impl<const D: usize> Mirrored<D> {
     /// Adds the image of an atom in a side; says whether it was new.
     pub fn add(&mut self, atom: usize, side: usize) -> bool {
         let bit = 1 << side;
-        if self.done[atom] & bit != 0 {
+        if self.image_sides[atom] & bit != 0 {
             return false;
         }
-        self.done[atom] |= bit;
+        self.image_sides[atom] |= bit;
         self.images.push((atom as u32, side as u8));
         let mut image = self.points[atom];
         let axis = side / 2;
@@ -85,7 +85,7 @@ impl<const D: usize> Mirrored<D> {
 
 /// For every bin of a side, an atom near to it: the nearest to the bin's centre, or one not much
 /// farther where atoms are sparse.
-struct Beneath<'a, const D: usize> {
+struct NearestAtomBins<'a, const D: usize> {
     atoms: &'a [[f64; D]],
     axis: usize,
     plane: f64,
@@ -93,20 +93,21 @@ struct Beneath<'a, const D: usize> {
     dims: [usize; D],
     nearest: Vec<u32>,
     /// The largest distance from a bin's centre to its atom.
-    largest: f64,
+    max_distance: f64,
 }
 
-impl<'a, const D: usize> Beneath<'a, D> {
+impl<'a, const D: usize> NearestAtomBins<'a, D> {
     /// Size of bins over the mean distance between atoms.
-    const FINE: f64 = 0.3;
+    const BIN_SIZE_RATIO: f64 = 0.3;
     /// Most bins to either side that are looked at for one atom.
-    const WIDEST: f64 = 32.0;
+    const MAX_BIN_RADIUS: f64 = 32.0;
 
     fn new(atoms: &'a [[f64; D]], extent: [f64; D], side: usize) -> Self {
         let axis = side / 2;
         let volume: f64 = extent.iter().product();
         let spacing = (volume / atoms.len() as f64).powf(1.0 / D as f64);
-        let mut dims = extent.map(|e| ((e / (Self::FINE * spacing)) as usize).clamp(1, 1024));
+        let mut dims =
+            extent.map(|e| ((e / (Self::BIN_SIZE_RATIO * spacing)) as usize).clamp(1, 1024));
         dims[axis] = 1;
         let mut beneath = Self {
             atoms,
@@ -119,7 +120,7 @@ impl<'a, const D: usize> Beneath<'a, D> {
             size: std::array::from_fn(|k| extent[k] / dims[k] as f64),
             dims,
             nearest: Vec::new(),
-            largest: 0.0,
+            max_distance: 0.0,
         };
         let mut found = vec![(f64::INFINITY, 0u32); dims.iter().product()];
         for (atom, &x) in atoms.iter().enumerate() {
@@ -128,28 +129,28 @@ impl<'a, const D: usize> Beneath<'a, D> {
             } else {
                 0.0
             };
-            beneath.visit(x, reach, |bin, _, square| {
+            beneath.visit_bins(x, reach, |bin, _, square| {
                 if square < found[bin].0 {
                     found[bin] = (square, atom as u32);
                 }
                 false
             });
         }
-        beneath.spread(&mut found);
+        beneath.propagate_nearest(&mut found);
         let square = found.iter().fold(0.0, |most: f64, f| most.max(f.0));
-        beneath.largest = square.sqrt();
+        beneath.max_distance = square.sqrt();
         beneath.nearest = found.into_iter().map(|f| f.1).collect();
         beneath
     }
 
     /// Hands atoms on from bin to bin where they are nearer than what a bin has, there and back
     /// along each direction.
-    fn spread(&self, found: &mut [(f64, u32)]) {
+    fn propagate_nearest(&self, found: &mut [(f64, u32)]) {
         for k in (0..D).filter(|&k| k != self.axis) {
             let stride: usize = self.dims[..k].iter().product();
             let mut hand_on = |from: usize, to: usize| {
                 if found[from].0 < f64::INFINITY && found[from].1 != found[to].1 {
-                    let square = self.square(self.centre(to), found[from].1);
+                    let square = self.squared_distance(self.centre(to), found[from].1);
                     if square < found[to].0 {
                         found[to] = (square, found[from].1);
                     }
@@ -181,19 +182,19 @@ impl<'a, const D: usize> Beneath<'a, D> {
         };
         let slack = (0..D).map(|k| half(k).powi(2)).sum::<f64>().sqrt();
         // From a point of the side to the atom nearest to it.
-        let farthest = self.largest + slack;
+        let farthest = self.max_distance + slack;
         let height = self.height(x);
         if height > farthest {
             return false;
         }
         let reach = (farthest * farthest - height * height).sqrt();
-        let widest = self.size.iter().copied().fold(f64::INFINITY, f64::min) * Self::WIDEST;
+        let widest = self.size.iter().copied().fold(f64::INFINITY, f64::min) * Self::MAX_BIN_RADIUS;
         reach > widest
-            || self.visit(x, reach, |bin, centre, square| {
+            || self.visit_bins(x, reach, |bin, centre, square| {
                 let other = self.nearest[bin];
                 let n = &self.atoms[other as usize];
                 let least: f64 = (0..D).map(|k| 2.0 * half(k) * (n[k] - x[k]).abs()).sum();
-                square - least <= self.square(centre, other)
+                square - least <= self.squared_distance(centre, other)
             })
     }
 
@@ -211,14 +212,14 @@ impl<'a, const D: usize> Beneath<'a, D> {
     }
 
     /// The square of the distance from a position to an atom.
-    fn square(&self, x: [f64; D], atom: u32) -> f64 {
+    fn squared_distance(&self, x: [f64; D], atom: u32) -> f64 {
         let n = &self.atoms[atom as usize];
         (0..D).map(|k| (x[k] - n[k]).powi(2)).sum()
     }
 
     /// Runs `found(bin, its centre, square of the distance from x)` on the bins within `reach` along
     /// the side, and on the one below x, until it returns true; says whether it did.
-    fn visit(
+    fn visit_bins(
         &self,
         x: [f64; D],
         reach: f64,
@@ -272,8 +273,8 @@ mod tests {
                 }
             }
         }
-        let atoms = rounded(&atoms, extent);
-        let mirrored = Mirrored::new(atoms, extent);
+        let atoms = round_coordinates(&atoms, extent);
+        let mirrored = MirroredAtoms::new(atoms, extent);
         assert_eq!(mirrored.images.len(), 600);
         for (image, &(atom, side)) in mirrored.points[1000..].iter().zip(&mirrored.images) {
             let (axis, plane) = (usize::from(side) / 2, f64::from(side % 2) * 12.3);

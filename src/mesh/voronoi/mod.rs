@@ -12,7 +12,7 @@
 //! simplex (its centre), a face for every edge (square to it, half-way), a cell for every atom.
 
 mod assemble;
-mod centre;
+mod circumcentre;
 pub mod conform;
 mod mirror;
 mod needles;
@@ -23,15 +23,15 @@ use crate::parallel::prelude::*;
 
 use crate::error::{Error, Result, cause};
 use crate::geometry::distance2;
-use crate::mesh::check::broken;
+use crate::mesh::check::broken_cells;
 use crate::mesh::delaunay;
 use crate::mesh::poly::PolyMesh;
-use mirror::Mirrored;
+use mirror::MirroredAtoms;
 use rings::Rings;
 
 /// Nodes nearer to one another, or to a side, than this share of the mean distance between atoms are
 /// one, or on it: far above rounding, far below anything that matters.
-const ONE_NODE: f64 = 1e-10;
+const SAME_NODE_TOLERANCE: f64 = 1e-10;
 
 /// The Voronoi cells of atoms, cut by the box `[0, extent]`: cell i belongs to atom i.
 ///
@@ -56,12 +56,12 @@ pub fn voronoi(atoms: &[[f64; 3]], extent: [f64; 3]) -> Result<PolyMesh<3>> {
 /// # Errors
 /// As [`voronoi`].
 pub fn voronoi_welded(atoms: &[[f64; 3]], extent: [f64; 3], weld: f64) -> Result<PolyMesh<3>> {
-    cells(
+    build_cells(
         atoms,
         extent,
         weld,
         |points| Ok(delaunay::delaunay(points)?.tets),
-        centre::of_tetrahedron,
+        circumcentre::tetrahedron_circumcentre,
     )
 }
 
@@ -82,16 +82,16 @@ pub fn voronoi_plane_welded(
     extent: [f64; 2],
     weld: f64,
 ) -> Result<PolyMesh<2>> {
-    cells(
+    build_cells(
         atoms,
         extent,
         weld,
         |points| Ok(delaunay::delaunay_plane(points)?.triangles),
-        centre::of_triangle,
+        circumcentre::triangle_circumcentre,
     )
 }
 
-fn cells<const D: usize, const N: usize>(
+fn build_cells<const D: usize, const N: usize>(
     atoms: &[[f64; D]],
     extent: [f64; D],
     weld: f64,
@@ -100,7 +100,7 @@ fn cells<const D: usize, const N: usize>(
 ) -> Result<PolyMesh<D>> {
     let refuse =
         |problem: String, remedy: &str| Error::Delaunay(cause("Voronoi cells", problem, remedy));
-    let atoms = mirror::rounded(atoms, extent);
+    let atoms = mirror::round_coordinates(atoms, extent);
     if atoms.is_empty() || atoms.len() > u32::MAX as usize / 64 {
         return Err(refuse(
             format!("{} atoms", atoms.len()),
@@ -118,25 +118,26 @@ fn cells<const D: usize, const N: usize>(
         ));
     }
     let volume: f64 = extent.iter().product();
-    let tolerance = ONE_NODE * (volume / atoms.len() as f64).powf(1.0 / D as f64);
-    let mut mirrored = Mirrored::new(atoms, extent);
+    let tolerance = SAME_NODE_TOLERANCE * (volume / atoms.len() as f64).powf(1.0 / D as f64);
+    let mut mirrored = MirroredAtoms::new(atoms, extent);
     loop {
-        let simplices = rings::ordered(mirrored.atoms, &triangulate(&mirrored.points)?);
+        let simplices =
+            rings::ordered_simplices(mirrored.atom_count, &triangulate(&mirrored.points)?);
         let nodes = nodes::centres(&mirrored, &simplices, extent, tolerance, &centre);
-        let mut faces = Welded::new(&mirrored, &simplices, &nodes, (tolerance, weld), &[]);
+        let mut faces = WeldedRings::new(&mirrored, &simplices, &nodes, (tolerance, weld), &[]);
         let mut complete = true;
         // A cell that reaches beyond a side lacks its image in that side.
         for (simplex, node) in simplices.iter().zip(&nodes) {
             let beyond = nodes::sides_beyond(node, extent);
             for side in (0..2 * D).filter(|side| beyond >> side & 1 == 1) {
                 for &node in simplex {
-                    if (node as usize) < mirrored.atoms {
+                    if (node as usize) < mirrored.atom_count {
                         complete &= !mirrored.add(node as usize, side);
                     }
                 }
             }
         }
-        for &atom in faces.rings.iter().flat_map(|part| &part.open) {
+        for &atom in faces.rings.iter().flat_map(|part| &part.open_atoms) {
             for side in 0..2 * D {
                 complete &= !mirrored.add(atom as usize, side);
             }
@@ -145,38 +146,38 @@ fn cells<const D: usize, const N: usize>(
             continue;
         }
         // Where welding would break cells, their nodes stay apart, and those around are looked at again.
-        let mut whole = vec![false; mirrored.atoms];
+        let mut whole = vec![false; mirrored.atom_count];
         loop {
             let rings = std::mem::take(&mut faces.rings);
-            let reach = |s: u32| faces.reach(s);
+            let reach = |s: u32| faces.weld_radius(s);
             if weld == 0.0 {
                 return assemble::assemble(&mirrored, rings, nodes, extent, reach);
             }
             let mesh = assemble::assemble(&mirrored, rings, nodes.clone(), extent, reach)?;
             let mut more = false;
-            for cell in broken(&mesh) {
+            for cell in broken_cells(&mesh) {
                 more |= !std::mem::replace(&mut whole[cell as usize], true);
             }
             if !more {
                 return Ok(mesh);
             }
-            faces = Welded::new(&mirrored, &simplices, &nodes, (tolerance, weld), &whole);
+            faces = WeldedRings::new(&mirrored, &simplices, &nodes, (tolerance, weld), &whole);
         }
     }
 }
 
 /// The faces of cells, and how near to each node others are the same.
-struct Welded {
+struct WeldedRings {
     rings: Vec<Rings>,
-    reaches: Vec<f64>,
+    weld_radii: Vec<f64>,
     tolerance: f64,
 }
 
-impl Welded {
+impl WeldedRings {
     /// Nodes within the share `weld` of their distance to atoms are the same, but for those of cells that are
     /// to stay `whole`.
     fn new<const D: usize, const N: usize>(
-        mirrored: &Mirrored<D>,
+        mirrored: &MirroredAtoms<D>,
         simplices: &[[u32; N]],
         nodes: &[[f64; D]],
         (tolerance, weld): (f64, f64),
@@ -192,27 +193,27 @@ impl Welded {
         };
         let mut welded = Self {
             rings: Vec::new(),
-            reaches: match weld > 0.0 {
+            weld_radii: match weld > 0.0 {
                 true => simplices.par_iter().zip(nodes).map(size).collect(),
                 false => Vec::new(),
             },
             tolerance,
         };
         let one = |s: u32, t: u32| {
-            let reach = welded.reach(s).min(welded.reach(t));
+            let reach = welded.weld_radius(s).min(welded.weld_radius(t));
             distance2(&nodes[s as usize], &nodes[t as usize]) <= reach * reach
         };
         let narrow = |ring: &[u32]| {
-            let reaches = ring.iter().map(|&s| welded.reach(s));
+            let reaches = ring.iter().map(|&s| welded.weld_radius(s));
             let width = reaches.fold(f64::INFINITY, f64::min);
-            N > 3 && needles::narrow(ring.iter().map(|&s| nodes[s as usize]), width)
+            N > 3 && needles::is_narrow(ring.iter().map(|&s| nodes[s as usize]), width)
         };
-        welded.rings = rings::rings(mirrored.atoms, simplices, one, narrow);
+        welded.rings = rings::rings(mirrored.atom_count, simplices, one, narrow);
         welded
     }
 
-    fn reach(&self, simplex: u32) -> f64 {
-        let reach = self.reaches.get(simplex as usize);
+    fn weld_radius(&self, simplex: u32) -> f64 {
+        let reach = self.weld_radii.get(simplex as usize);
         reach.copied().unwrap_or(self.tolerance)
     }
 }

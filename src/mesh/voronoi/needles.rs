@@ -8,14 +8,17 @@
 use crate::geometry::distance2;
 use std::collections::HashMap;
 
-use super::nodes::Groups;
+use super::nodes::SimplexGroups;
 use super::rings::Rings;
 
 /// More rounds than any atoms need: one splits edges, the next may find those of the next needle.
-const ROUNDS: usize = 32;
+const MAX_ROUNDS: usize = 32;
 
 /// Whether a polygon is longer than `width` but narrower: all its nodes are that near to its long axis.
-pub fn narrow<const D: usize>(nodes: impl Iterator<Item = [f64; D]> + Clone, width: f64) -> bool {
+pub fn is_narrow<const D: usize>(
+    nodes: impl Iterator<Item = [f64; D]> + Clone,
+    width: f64,
+) -> bool {
     let mut rest = nodes.clone();
     let Some(first) = rest.next() else {
         return true;
@@ -30,21 +33,21 @@ pub fn narrow<const D: usize>(nodes: impl Iterator<Item = [f64; D]> + Clone, wid
     let length = distance2(&far, &first);
     length > width * width
         && nodes.into_iter().all(|x| {
-            let share = along(&x, &first, &far) / length;
+            let share = projection_product(&x, &first, &far) / length;
             let foot = std::array::from_fn(|k| first[k] + share * (far[k] - first[k]));
             distance2(&x, &foot) <= width * width
         })
 }
 
 /// The distance from `first` to the foot of `x`, times that to `far`.
-fn along<const D: usize>(x: &[f64; D], first: &[f64; D], far: &[f64; D]) -> f64 {
+fn projection_product<const D: usize>(x: &[f64; D], first: &[f64; D], far: &[f64; D]) -> f64 {
     (0..D)
         .map(|k| (x[k] - first[k]) * (far[k] - first[k]))
         .sum()
 }
 
 /// Puts the first node of a group onto the sides of the box that its members are on.
-pub fn share_sides<const D: usize>(
+pub fn merge_sides<const D: usize>(
     centres: &mut [[f64; D]],
     first: u32,
     members: &[u32],
@@ -62,18 +65,18 @@ pub fn share_sides<const D: usize>(
 
 /// Edges that lead through other nodes.
 #[derive(Debug, Default)]
-pub struct Paths {
+pub struct EdgePaths {
     /// From the edge's lower node to its higher one: the nodes between.
-    between: HashMap<[u32; 2], Vec<u32>>,
+    inner_nodes: HashMap<[u32; 2], Vec<u32>>,
 }
 
-impl Paths {
+impl EdgePaths {
     /// The paths that make the narrow faces of `rings` vanish: narrower than the `reach` of their nodes.
     /// Of nodes that turn out to be one, groups are joined. Nodes that an edge on the box's sides is led
     /// through go onto them.
     pub fn new<'a, const D: usize>(
         rings: &'a [Rings],
-        groups: &mut Groups,
+        groups: &mut SimplexGroups,
         centres: &mut [[f64; D]],
         extent: [f64; D],
         reach: impl Fn(u32) -> f64,
@@ -81,17 +84,17 @@ impl Paths {
         let mut paths = Self::default();
         let needles = || {
             let faces = |part: &'a Rings| {
-                part.needles
+                part.narrow_edges
                     .iter()
                     .map(|&edge| part.simplices.get(edge as usize))
             };
             rings.iter().flat_map(faces)
         };
         let (mut way, mut order) = (Vec::new(), Vec::new());
-        for _ in 0..ROUNDS {
+        for _ in 0..MAX_ROUNDS {
             let mut changed = false;
             for needle in needles() {
-                paths.trace(needle.iter().map(|&s| groups.first(s)), &mut way);
+                paths.trace(needle.iter().map(|&s| groups.find_first(s)), &mut way);
                 if way.len() < 3 {
                     continue;
                 }
@@ -103,7 +106,7 @@ impl Paths {
                 let far = centres[far.unwrap_or(way[0]) as usize];
                 let length = distance2(&far, &first).sqrt();
                 let at = |centres: &[[f64; D]], s: u32| {
-                    along(&centres[s as usize], &first, &far) / length
+                    projection_product(&centres[s as usize], &first, &far) / length
                 };
                 order.clear();
                 order.extend(way.iter().map(|&s| (at(centres, s), s)));
@@ -111,9 +114,9 @@ impl Paths {
                 order.dedup_by_key(|node| node.1);
                 for pair in order.windows(2) {
                     let [s, t] = [pair[0].1, pair[1].1];
-                    if pair[1].0 - pair[0].0 <= width && groups.join(s, t) {
-                        let first = groups.first(s);
-                        share_sides(centres, first, &[s, t], extent);
+                    if pair[1].0 - pair[0].0 <= width && groups.merge(s, t) {
+                        let first = groups.find_first(s);
+                        merge_sides(centres, first, &[s, t], extent);
                         changed = true;
                     }
                 }
@@ -138,14 +141,14 @@ impl Paths {
                             passed.iter().for_each(|&m| centres[m as usize][k] = side);
                         }
                     }
-                    paths.between.insert([s.min(t), s.max(t)], passed);
+                    paths.inner_nodes.insert([s.min(t), s.max(t)], passed);
                 }
             }
             if changed {
                 // The paths lead through nodes that are others now.
-                paths.between.clear();
+                paths.inner_nodes.clear();
             } else if needles().all(|needle| {
-                paths.trace(needle.iter().map(|&s| groups.first(s)), &mut way);
+                paths.trace(needle.iter().map(|&s| groups.find_first(s)), &mut way);
                 way.len() < 3
             }) {
                 break;
@@ -159,37 +162,37 @@ impl Paths {
         way.clear();
         for node in ring {
             if let Some(&before) = way.last() {
-                self.lead(before, node, way, 0);
+                self.append_path(before, node, way, 0);
             }
             way.push(node);
         }
         if let [first, .., last] = way[..] {
-            self.lead(last, first, way, 0);
+            self.append_path(last, first, way, 0);
         }
-        collapse(way);
+        remove_backtracks(way);
     }
 
     /// Appends what lies between two nodes.
-    fn lead(&self, from: u32, to: u32, way: &mut Vec<u32>, depth: usize) {
-        if self.between.is_empty() || depth > ROUNDS {
+    fn append_path(&self, from: u32, to: u32, way: &mut Vec<u32>, depth: usize) {
+        if self.inner_nodes.is_empty() || depth > MAX_ROUNDS {
             return;
         }
-        let Some(between) = self.between.get(&[from.min(to), from.max(to)]) else {
+        let Some(between) = self.inner_nodes.get(&[from.min(to), from.max(to)]) else {
             return;
         };
         let mut at = from;
         for i in 0..between.len() {
             let next = between[if from < to { i } else { between.len() - 1 - i }];
-            self.lead(at, next, way, depth + 1);
+            self.append_path(at, next, way, depth + 1);
             way.push(next);
             at = next;
         }
-        self.lead(at, to, way, depth + 1);
+        self.append_path(at, to, way, depth + 1);
     }
 }
 
 /// Takes repeats out of a ring, and ways to a node and back.
-fn collapse(nodes: &mut Vec<u32>) {
+fn remove_backtracks(nodes: &mut Vec<u32>) {
     let mut kept = 0;
     for i in 0..nodes.len() {
         let node = nodes[i];
@@ -229,7 +232,7 @@ mod tests {
     fn rings_lose_repeats_and_spikes() {
         let check = |ring: &[u32], want: &[u32]| {
             let mut nodes = Vec::new();
-            Paths::default().trace(ring.iter().copied(), &mut nodes);
+            EdgePaths::default().trace(ring.iter().copied(), &mut nodes);
             let mut turned = want.to_vec();
             let any = (0..want.len().max(1)).any(|_| {
                 turned.rotate_left(1.min(want.len()));

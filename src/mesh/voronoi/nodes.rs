@@ -3,11 +3,11 @@
 
 use crate::parallel::prelude::*;
 
-use super::mirror::Mirrored;
+use super::mirror::MirroredAtoms;
 
 /// The centre of every simplex. Coordinates within `tolerance` of a side of the box are on it exactly.
 pub fn centres<const D: usize, const N: usize>(
-    mirrored: &Mirrored<D>,
+    mirrored: &MirroredAtoms<D>,
     simplices: &[[u32; N]],
     extent: [f64; D],
     tolerance: f64,
@@ -39,22 +39,22 @@ pub fn sides_beyond<const D: usize>(node: &[f64; D], extent: [f64; D]) -> u8 {
 }
 
 /// Simplices whose centres are one node, in groups that grow.
-pub struct Groups {
+pub struct SimplexGroups {
     /// A simplex before it in its group, or itself: the first.
-    before: Vec<u32>,
+    parents: Vec<u32>,
 }
 
-impl Groups {
+impl SimplexGroups {
     /// Each of `count` simplices alone.
     pub fn new(count: usize) -> Self {
         Self {
-            before: (0..count as u32).collect(),
+            parents: (0..count as u32).collect(),
         }
     }
 
     /// The first simplex of the group of `s`.
-    pub fn first(&mut self, mut s: u32) -> u32 {
-        let before = &mut self.before;
+    pub fn find_first(&mut self, mut s: u32) -> u32 {
+        let before = &mut self.parents;
         while before[s as usize] != s {
             before[s as usize] = before[before[s as usize] as usize];
             s = before[s as usize];
@@ -63,9 +63,9 @@ impl Groups {
     }
 
     /// Makes one group of two; says whether they were two.
-    pub fn join(&mut self, s: u32, t: u32) -> bool {
-        let (s, t) = (self.first(s), self.first(t));
-        self.before[s.max(t) as usize] = s.min(t);
+    pub fn merge(&mut self, s: u32, t: u32) -> bool {
+        let (s, t) = (self.find_first(s), self.find_first(t));
+        self.parents[s.max(t) as usize] = s.min(t);
         s != t
     }
 }

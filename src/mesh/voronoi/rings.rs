@@ -18,35 +18,35 @@ pub struct Rings {
     /// The simplices round each edge, anticlockwise seen from b (in 2-D: right, left).
     pub simplices: Lists,
     /// Simplices that follow one another and whose centres are one node.
-    pub joined: Vec<[u32; 2]>,
+    pub coincident_pairs: Vec<[u32; 2]>,
     /// Edges (by their place in the list) whose face is as narrow as rounding, though long.
-    pub needles: Vec<u32>,
+    pub narrow_edges: Vec<u32>,
     /// Atoms with an edge on the hull: their cells have no end.
-    pub open: Vec<u32>,
+    pub open_atoms: Vec<u32>,
 }
 
 /// Atoms in one task.
-const CHUNK: usize = 2048;
+const CHUNK_SIZE: usize = 2048;
 
 /// One simplex at an edge (a, b), round which it leads from one face to another.
 #[derive(Debug, Clone, Copy, Default)]
-struct Turn {
-    from: u32,
-    to: u32,
+struct RingStep {
+    from_neighbour: u32,
+    to_neighbour: u32,
     simplex: u32,
 }
 
 /// The turns at the edges of one atom.
 #[derive(Debug, Default)]
-struct Star {
+struct AtomEdges {
     /// The other ends b of the edges, and how many turns each has.
     ends: Vec<(u32, u32)>,
     /// Every turn, with the number of its edge.
-    turns: Vec<(u32, Turn)>,
+    steps: Vec<(u32, RingStep)>,
     /// The edges by their ends.
     order: Vec<u32>,
     /// The turns edge by edge.
-    sorted: Vec<Turn>,
+    sorted_steps: Vec<RingStep>,
 }
 
 /// The rings of all edges of atoms, and of no others. Simplices have N = D + 1 corners; `one` says
@@ -57,31 +57,31 @@ pub fn rings<const N: usize>(
     one: impl Fn(u32, u32) -> bool + Sync,
     narrow: impl Fn(&[u32]) -> bool + Sync,
 ) -> Vec<Rings> {
-    let stars = stars(atoms, simplices);
-    (0..atoms.div_ceil(CHUNK))
+    let stars = simplices_of_atoms(atoms, simplices);
+    (0..atoms.div_ceil(CHUNK_SIZE))
         .into_par_iter()
         .map(|chunk| {
             let mut part = Rings::default();
-            let mut star = Star::default();
-            for atom in chunk * CHUNK..((chunk + 1) * CHUNK).min(atoms) {
+            let mut star = AtomEdges::default();
+            for atom in chunk * CHUNK_SIZE..((chunk + 1) * CHUNK_SIZE).min(atoms) {
                 star.ends.clear();
-                star.turns.clear();
+                star.steps.clear();
                 for &s in stars.get(atom) {
-                    star.enter(atom as u32, s, &simplices[s as usize]);
+                    star.add_simplex(atom as u32, s, &simplices[s as usize]);
                 }
-                star.sort();
-                part.chain(atom as u32, &star);
+                star.sort_steps();
+                part.append_rings(atom as u32, &star);
             }
             for edge in 0..part.edges.len() {
                 let ring = part.simplices.get(edge);
                 for (i, &s) in ring.iter().enumerate() {
                     let t = ring[(i + 1) % ring.len()];
                     if one(s, t) {
-                        part.joined.push([s, t]);
+                        part.coincident_pairs.push([s, t]);
                     }
                 }
                 if narrow(ring) {
-                    part.needles.push(edge as u32);
+                    part.narrow_edges.push(edge as u32);
                 }
             }
             part
@@ -91,7 +91,7 @@ pub fn rings<const N: usize>(
 
 /// The simplices that have an atom, ordered by their first one: what lies together in space, as
 /// atoms do, is then together in memory.
-pub fn ordered<const N: usize>(atoms: usize, simplices: &[[u32; N]]) -> Vec<[u32; N]> {
+pub fn ordered_simplices<const N: usize>(atoms: usize, simplices: &[[u32; N]]) -> Vec<[u32; N]> {
     let first = |simplex: &[u32; N]| simplex.iter().fold(u32::MAX, |a, &b| a.min(b)) as usize;
     let mut next = vec![0u32; atoms + 1];
     for simplex in simplices {
@@ -114,7 +114,7 @@ pub fn ordered<const N: usize>(atoms: usize, simplices: &[[u32; N]]) -> Vec<[u32
 }
 
 /// The simplices at each atom, ascending.
-fn stars<const N: usize>(atoms: usize, simplices: &[[u32; N]]) -> Lists {
+fn simplices_of_atoms<const N: usize>(atoms: usize, simplices: &[[u32; N]]) -> Lists {
     let mut offsets = vec![0u32; atoms + 1];
     for &node in simplices.as_flattened() {
         if (node as usize) < atoms {
@@ -138,30 +138,30 @@ fn stars<const N: usize>(atoms: usize, simplices: &[[u32; N]]) -> Lists {
     Lists { offsets, items }
 }
 
-impl Star {
+impl AtomEdges {
     /// Enters a simplex at the edges that it has from `a` to higher numbers.
     #[inline]
-    fn enter<const N: usize>(&mut self, a: u32, s: u32, simplex: &[u32; N]) {
+    fn add_simplex<const N: usize>(&mut self, a: u32, s: u32, simplex: &[u32; N]) {
         let at = |i: usize| simplex[i % N];
         let Some(i) = simplex.iter().position(|&n| n == a) else {
             return;
         };
         if N == 3 {
             let (b, c) = (at(i + 1), at(i + 2));
-            self.turn(a, b, 1, 0, s);
-            self.turn(a, c, 0, 1, s);
+            self.add_step(a, b, 1, 0, s);
+            self.add_step(a, c, 0, 1, s);
             return;
         }
         // The others in an order that keeps (a, b, c, d) positive.
-        const OTHERS: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
-        let [b, c, d] = OTHERS[i].map(at);
-        self.turn(a, b, c, d, s);
-        self.turn(a, c, d, b, s);
-        self.turn(a, d, b, c, s);
+        const OTHER_CORNERS: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
+        let [b, c, d] = OTHER_CORNERS[i].map(at);
+        self.add_step(a, b, c, d, s);
+        self.add_step(a, c, d, b, s);
+        self.add_step(a, d, b, c, s);
     }
 
     #[inline]
-    fn turn(&mut self, a: u32, b: u32, from: u32, to: u32, simplex: u32) {
+    fn add_step(&mut self, a: u32, b: u32, from: u32, to: u32, simplex: u32) {
         if b < a {
             return;
         }
@@ -173,11 +173,18 @@ impl Star {
             }
         };
         self.ends[edge].1 += 1;
-        self.turns.push((edge as u32, Turn { from, to, simplex }));
+        self.steps.push((
+            edge as u32,
+            RingStep {
+                from_neighbour: from,
+                to_neighbour: to,
+                simplex,
+            },
+        ));
     }
 
     /// Puts edges in the order of their ends and turns in that of edges.
-    fn sort(&mut self) {
+    fn sort_steps(&mut self) {
         self.order.clear();
         self.order.extend(0..self.ends.len() as u32);
         self.order
@@ -188,10 +195,11 @@ impl Star {
             start += *count;
             *count = start - *count;
         }
-        self.sorted.resize(self.turns.len(), Turn::default());
-        for (edge, turn) in &self.turns {
+        self.sorted_steps
+            .resize(self.steps.len(), RingStep::default());
+        for (edge, turn) in &self.steps {
             let at = &mut self.ends[*edge as usize].1;
-            self.sorted[*at as usize] = *turn;
+            self.sorted_steps[*at as usize] = *turn;
             *at += 1;
         }
         // Each count has become the end of the edge's turns.
@@ -200,26 +208,29 @@ impl Star {
 
 impl Rings {
     /// Chains an atom's turns into rings.
-    fn chain(&mut self, atom: u32, star: &Star) {
+    fn append_rings(&mut self, atom: u32, star: &AtomEdges) {
         let mut start = 0;
         for &edge in &star.order {
             let (b, end) = star.ends[edge as usize];
-            let turns = &star.sorted[start..end as usize];
+            let turns = &star.sorted_steps[start..end as usize];
             start = end as usize;
             // In the plane, right (from 0) comes before left.
-            let first = turns.iter().min_by_key(|turn| turn.from);
+            let first = turns.iter().min_by_key(|turn| turn.from_neighbour);
             let Some(&first) = first else { continue };
             let mut at = first;
             self.simplices.items.push(at.simplex);
             for _ in 1..turns.len() {
-                match turns.iter().find(|turn| turn.from == at.to) {
+                match turns
+                    .iter()
+                    .find(|turn| turn.from_neighbour == at.to_neighbour)
+                {
                     Some(&next) => at = next,
                     None => break,
                 }
                 self.simplices.items.push(at.simplex);
             }
-            if at.to != first.from {
-                self.open.push(atom);
+            if at.to_neighbour != first.from_neighbour {
+                self.open_atoms.push(atom);
             }
             self.edges.push([atom, b]);
             self.simplices

@@ -1,6 +1,6 @@
 use super::*;
 use crate::mesh::check::check;
-use crate::mesh::check::{Check, Known, check_known};
+use crate::mesh::check::{Check, CheckHints, check_with_hints};
 use crate::mesh::graph::Graph;
 use proptest::prelude::*;
 
@@ -12,7 +12,7 @@ fn uniform(state: &mut u64) -> f64 {
     (*state >> 11) as f64 / (1u64 << 53) as f64
 }
 
-fn random(n: usize, extent: [f64; 3], seed: u64) -> Vec<[f64; 3]> {
+fn random_points(n: usize, extent: [f64; 3], seed: u64) -> Vec<[f64; 3]> {
     let mut state = seed;
     (0..n)
         .map(|_| extent.map(|e| e * (0.001 + 0.998 * uniform(&mut state))))
@@ -46,7 +46,7 @@ fn lattice(
 }
 
 /// The cells, checked: valid, the box filled, faces square to their connections.
-fn checked(atoms: &[[f64; 3]], extent: [f64; 3]) -> PolyMesh<3> {
+fn checked_cells(atoms: &[[f64; 3]], extent: [f64; 3]) -> PolyMesh<3> {
     let mesh = voronoi(atoms, extent).unwrap();
     let found = check(&mesh, [0.0; 3], extent, 1e-9);
     assert!(found.passed(), "{:?}", found.problems);
@@ -97,7 +97,7 @@ fn assert_like_meshless(atoms: &[[f64; 3]], extent: [f64; 3], mesh: &PolyMesh<3>
 
 #[test]
 fn one_atom_has_the_box() {
-    let mesh = checked(&[[1.0, 0.5, 2.0]], [3.0, 2.0, 4.0]);
+    let mesh = checked_cells(&[[1.0, 0.5, 2.0]], [3.0, 2.0, 4.0]);
     assert_eq!((mesh.nodes.len(), mesh.face_cells.len()), (8, 6));
     assert_eq!(mesh.cell_shapes()[0].0, 24.0);
 }
@@ -106,8 +106,8 @@ fn one_atom_has_the_box() {
 fn random_atoms_have_the_cells_that_another_program_finds() {
     for n in [2, 3, 5, 20, 1000] {
         let extent = [7.0, 11.0, 13.3];
-        let atoms = random(n, extent, n as u64);
-        assert_like_meshless(&atoms, extent, &checked(&atoms, extent));
+        let atoms = random_points(n, extent, n as u64);
+        assert_like_meshless(&atoms, extent, &checked_cells(&atoms, extent));
     }
 }
 
@@ -116,7 +116,7 @@ fn lattices_have_the_cells_that_another_program_finds() {
     for parity in [1, 2] {
         for jitter in [0.0, 1e-13, 1e-9, 1e-7, 0.05] {
             let (atoms, extent) = lattice([8, 7, 6], parity, 0.7, 0.5, jitter);
-            let mesh = checked(&atoms, extent);
+            let mesh = checked_cells(&atoms, extent);
             // The other program gives up on points that are cospherical but for rounding.
             if jitter >= 1e-7 {
                 assert_like_meshless(&atoms, extent, &mesh);
@@ -130,7 +130,7 @@ fn cubic_lattices_have_cubes_and_centred_ones_rhombic_dodecahedra() {
     for (parity, faces, nodes) in [(1, 6, 8), (2, 12, 14)] {
         // 0.7 is no dyadic fraction: points are cospherical only but for rounding.
         let (atoms, extent) = lattice([9, 9, 9], parity, 0.7, 0.5, 0.0);
-        let mesh = checked(&atoms, extent);
+        let mesh = checked_cells(&atoms, extent);
         let lists = mesh.faces_of_cells();
         let inside = |x: &[f64; 3]| x.iter().all(|&c| c > 1.4 && c < 4.9);
         let mut seen = 0;
@@ -170,7 +170,7 @@ fn turned_lattices_have_no_faces_from_rounding() {
             atoms.push(at);
         }
     }
-    let mesh = checked(&atoms, extent);
+    let mesh = checked_cells(&atoms, extent);
     assert_like_meshless(&atoms, extent, &mesh);
     let lists = mesh.faces_of_cells();
     let inside = |x: &[f64; 3]| (0..3).all(|k| x[k] > 1.2 && x[k] < extent[k] - 1.2);
@@ -183,15 +183,15 @@ fn turned_lattices_have_no_faces_from_rounding() {
 fn crowded_and_empty_places_in_one_box_are_cut_exactly() {
     // Nearly all atoms in one corner: cells reach across the whole box.
     let extent = [20.0, 20.0, 20.0];
-    let mut atoms = random(300, [1.0, 1.0, 1.0], 5);
+    let mut atoms = random_points(300, [1.0, 1.0, 1.0], 5);
     atoms.push([15.0, 3.0, 19.9999]);
-    assert_like_meshless(&atoms, extent, &checked(&atoms, extent));
+    assert_like_meshless(&atoms, extent, &checked_cells(&atoms, extent));
     // A flat box, and a row of atoms along its middle.
     let extent = [50.0, 3.0, 0.02];
     let row: Vec<[f64; 3]> = (0..25)
         .map(|i| [2.0 * f64::from(i) + 1.0, 1.5, 0.01])
         .collect();
-    let mesh = checked(&row, extent);
+    let mesh = checked_cells(&row, extent);
     assert!(
         mesh.cell_shapes()
             .iter()
@@ -202,10 +202,10 @@ fn crowded_and_empty_places_in_one_box_are_cut_exactly() {
 #[test]
 fn atoms_near_a_side_touch_it_exactly() {
     for height in [1e-3, 1e-6, 1e-9] {
-        let mut atoms = random(200, [10.0; 3], 3);
+        let mut atoms = random_points(200, [10.0; 3], 3);
         atoms.push([4.0, 5.0, height]);
         atoms.push([10.0 - height, 5.0, 10.0 - 2.0 * height]);
-        checked(&atoms, [10.0; 3]);
+        checked_cells(&atoms, [10.0; 3]);
     }
 }
 
@@ -239,23 +239,23 @@ fn small_faces<const D: usize>(mesh: &PolyMesh<D>, limit: f64) -> (f64, usize, f
 }
 
 /// What the checker finds of cells whose nodes are welded.
-fn welded<const D: usize>(mesh: &PolyMesh<D>, extent: [f64; D], weld: f64) -> Check {
-    let known = Known {
+fn check_welded<const D: usize>(mesh: &PolyMesh<D>, extent: [f64; D], weld: f64) -> Check {
+    let known = CheckHints {
         weld,
-        ..Known::default()
+        ..CheckHints::default()
     };
-    check_known(mesh, known, [0.0; D], extent, 1e-9)
+    check_with_hints(mesh, known, [0.0; D], extent, 1e-9)
 }
 
 #[test]
 fn welding_takes_small_faces_away_and_keeps_cells_whole() {
     let (atoms, extent) = lattice([14, 14, 14], 2, 1.0, 0.5, 0.05);
-    let exact = checked(&atoms, extent);
+    let exact = checked_cells(&atoms, extent);
     let before = small_faces(&exact, 1e-4);
     let mut last = before.1;
     for weld in [1e-3, 1e-2, 5e-2] {
         let mesh = voronoi_welded(&atoms, extent, weld).unwrap();
-        let found = welded(&mesh, extent, weld);
+        let found = check_welded(&mesh, extent, weld);
         assert!(found.passed(), "{weld}: {:?}", found.problems);
         assert!(
             found.volume_error < 1e-12 && found.area_error < 1e-12,
@@ -273,9 +273,9 @@ fn welding_takes_small_faces_away_and_keeps_cells_whole() {
     }
     // Atoms without any order, in a box with cells of all sizes at its sides.
     for seed in 0..4 {
-        let (atoms, extent) = (random(400, [5.0, 4.0, 3.0], seed), [5.0, 4.0, 3.0]);
+        let (atoms, extent) = (random_points(400, [5.0, 4.0, 3.0], seed), [5.0, 4.0, 3.0]);
         let mesh = voronoi_welded(&atoms, extent, 2e-3).unwrap();
-        let found = welded(&mesh, extent, 2e-3);
+        let found = check_welded(&mesh, extent, 2e-3);
         assert!(
             found.passed() && found.volume_error < 1e-12,
             "{:?}",
@@ -290,12 +290,12 @@ fn welding_takes_small_faces_away_and_keeps_cells_whole() {
         voronoi(&atoms, extent).unwrap()
     );
     // However far: cells that would break keep their nodes.
-    let (atoms, extent) = (random(300, [5.0; 3], 3), [5.0; 3]);
+    let (atoms, extent) = (random_points(300, [5.0; 3], 3), [5.0; 3]);
     let count = |mesh: &PolyMesh<3>| mesh.face_cells.len();
     let mut last = count(&voronoi(&atoms, extent).unwrap());
     for weld in [0.02, 0.1, 0.2] {
         let mesh = voronoi_welded(&atoms, extent, weld).unwrap();
-        let found = welded(&mesh, extent, weld);
+        let found = check_welded(&mesh, extent, weld);
         assert!(found.passed(), "{weld}: {:?}", found.problems);
         assert!(found.volume_error < 1e-12, "{weld}: {found:?}");
         assert!(count(&mesh) < last, "{weld}");
@@ -312,7 +312,7 @@ fn short_edges_of_polygons_are_welded() {
         .collect();
     let before = small_faces(&voronoi_plane(&atoms, extent).unwrap(), 0.02);
     let mesh = voronoi_plane_welded(&atoms, extent, 0.03).unwrap();
-    let found = welded(&mesh, extent, 0.03);
+    let found = check_welded(&mesh, extent, 0.03);
     assert!(found.passed() && found.volume_error < 1e-12, "{found:?}");
     let after = small_faces(&mesh, 0.02);
     assert!(
@@ -358,6 +358,6 @@ proptest! {
                 [i, j, k].map(|c| 0.3 * (f64::from(c) + 0.5 + shift * (uniform(&mut state) - 0.5)))
             })
             .collect();
-        checked(&atoms, [1.8, 1.5, 1.2]);
+        checked_cells(&atoms, [1.8, 1.5, 1.2]);
     }
 }

@@ -6,9 +6,9 @@ use crate::mesh::poly::PolyMesh;
 use crate::{Error, Result};
 
 /// How far, in samples, a grid goes on beyond its outermost samples: coordinates are rounded.
-const RIM: f64 = 0.5;
+const GRID_MARGIN: f64 = 0.5;
 /// Sweeps that smooth what was filled in.
-const SWEEPS: usize = 300;
+const SMOOTHING_SWEEPS: usize = 300;
 
 /// A horizon: z over the plane, in the map's coordinates.
 #[derive(Debug, Clone, PartialEq)]
@@ -18,22 +18,22 @@ pub enum Horizon {
     /// Samples of z, between which it is bilinear; not finite where it is not known.
     Grid(Image<2>),
     /// Triangles.
-    Surface(Triangles),
+    Surface(TriangleIndex),
 }
 
 /// Triangles in boxes, so that those at a point are found fast.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Triangles {
+pub struct TriangleIndex {
     corners: Vec<[[f64; 3]; 3]>,
     low: [f64; 2],
-    width: f64,
+    bin_width: f64,
     dims: [usize; 2],
     /// The triangles of each box begin here, and the end.
-    start: Vec<u32>,
-    items: Vec<u32>,
+    bin_start: Vec<u32>,
+    bin_triangles: Vec<u32>,
 }
 
-impl Triangles {
+impl TriangleIndex {
     /// Those of a surface.
     pub fn new(corners: Vec<[[f64; 3]; 3]>) -> Self {
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
@@ -49,16 +49,16 @@ impl Triangles {
         let mut found = Self {
             corners,
             low,
-            width,
+            bin_width: width,
             dims,
-            start: Vec::new(),
-            items: Vec::new(),
+            bin_start: Vec::new(),
+            bin_triangles: Vec::new(),
         };
         let boxes = |t: &[[f64; 3]; 3]| {
             let range = |k: usize| {
                 let low = t.iter().map(|p| p[k]).fold(f64::INFINITY, f64::min);
                 let high = t.iter().map(|p| p[k]).fold(f64::NEG_INFINITY, f64::max);
-                found.index(low, k)..=found.index(high, k)
+                found.bin_index(low, k)..=found.bin_index(high, k)
             };
             let (x, nx) = (range(0), found.dims[0]);
             range(1).flat_map(move |j| x.clone().map(move |i| j * nx + i))
@@ -70,25 +70,25 @@ impl Triangles {
         pairs.sort_unstable();
         let start = |b: usize| pairs.partition_point(|p| p.0 < b) as u32;
         let start = (0..=found.dims[0] * found.dims[1]).map(start).collect();
-        found.items = pairs.iter().map(|p| p.1).collect();
-        found.start = start;
+        found.bin_triangles = pairs.iter().map(|p| p.1).collect();
+        found.bin_start = start;
         found
     }
 
-    fn index(&self, x: f64, k: usize) -> usize {
-        (((x - self.low[k]) / self.width).max(0.0) as usize).min(self.dims[k] - 1)
+    fn bin_index(&self, x: f64, k: usize) -> usize {
+        (((x - self.low[k]) / self.bin_width).max(0.0) as usize).min(self.dims[k] - 1)
     }
 
-    fn at(&self, x: [f64; 2]) -> Option<f64> {
-        let b = self.index(x[1], 1) * self.dims[0] + self.index(x[0], 0);
-        let own = &self.items[self.start[b] as usize..self.start[b + 1] as usize];
+    fn z_at(&self, x: [f64; 2]) -> Option<f64> {
+        let b = self.bin_index(x[1], 1) * self.dims[0] + self.bin_index(x[0], 0);
+        let own = &self.bin_triangles[self.bin_start[b] as usize..self.bin_start[b + 1] as usize];
         own.iter()
-            .find_map(|&t| height(&self.corners[t as usize], x))
+            .find_map(|&t| triangle_z(&self.corners[t as usize], x))
     }
 }
 
 /// z of a triangle at x, if it is there.
-fn height(t: &[[f64; 3]; 3], x: [f64; 2]) -> Option<f64> {
+fn triangle_z(t: &[[f64; 3]; 3], x: [f64; 2]) -> Option<f64> {
     let area = |a: [f64; 2], b: [f64; 2], c: [f64; 2]| {
         (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
     };
@@ -101,11 +101,11 @@ fn height(t: &[[f64; 3]; 3], x: [f64; 2]) -> Option<f64> {
 
 impl Horizon {
     /// z at x; `None` where it is not known.
-    pub fn at(&self, x: [f64; 2]) -> Option<f64> {
+    pub fn z_at(&self, x: [f64; 2]) -> Option<f64> {
         match self {
             Self::Flat(z) => Some(*z),
-            Self::Grid(image) => bilinear(image, &image.geometry, x),
-            Self::Surface(triangles) => triangles.at(x),
+            Self::Grid(image) => bilinear_value(image, &image.geometry, x),
+            Self::Surface(triangles) => triangles.z_at(x),
         }
     }
 
@@ -114,8 +114,8 @@ impl Horizon {
     ///
     /// # Errors
     /// [`Error::Image`] if it is known at none.
-    pub fn at_nodes(&self, map: &PolyMesh<2>, place: &str) -> Result<(Vec<f64>, usize)> {
-        let known: Vec<Option<f64>> = map.nodes.iter().map(|&x| self.at(x)).collect();
+    pub fn z_at_nodes(&self, map: &PolyMesh<2>, place: &str) -> Result<(Vec<f64>, usize)> {
+        let known: Vec<Option<f64>> = map.nodes.iter().map(|&x| self.z_at(x)).collect();
         let missing = known.iter().filter(|z| z.is_none()).count();
         if missing == known.len() {
             return Err(Error::Image(cause(
@@ -124,18 +124,18 @@ impl Horizon {
                 "give a horizon in the map's coordinates (`atomesh info` shows the map's extent)",
             )));
         }
-        Ok((continued(map, &known), missing))
+        Ok((fill_missing(map, &known), missing))
     }
 }
 
 /// Samples of an image, between which it is bilinear.
-fn bilinear(image: &Image<2>, geometry: &Geometry<2>, x: [f64; 2]) -> Option<f64> {
+fn bilinear_value(image: &Image<2>, geometry: &Geometry<2>, x: [f64; 2]) -> Option<f64> {
     let dims = image.dims();
     let index = geometry.to_index(x)?;
     let (mut cell, mut share) = ([0; 2], [0.0; 2]);
     for k in 0..2 {
         let last = (dims[k] - 1) as f64;
-        if !(index[k] >= -RIM && index[k] <= last + RIM) {
+        if !(index[k] >= -GRID_MARGIN && index[k] <= last + GRID_MARGIN) {
             return None;
         }
         let at = index[k].clamp(0.0, last);
@@ -163,7 +163,7 @@ fn bilinear(image: &Image<2>, geometry: &Geometry<2>, x: [f64; 2]) -> Option<f64
 
 /// Known values, and between and beyond them smooth ones: each the mean of its neighbours' along the
 /// edges of the map.
-fn continued(map: &PolyMesh<2>, known: &[Option<f64>]) -> Vec<f64> {
+fn fill_missing(map: &PolyMesh<2>, known: &[Option<f64>]) -> Vec<f64> {
     let mut value = known.to_vec();
     let mut around: Vec<Vec<u32>> = vec![Vec::new(); known.len()];
     for f in 0..map.face_cells.len() {
@@ -190,7 +190,7 @@ fn continued(map: &PolyMesh<2>, known: &[Option<f64>]) -> Vec<f64> {
         }
     }
     let mut value: Vec<f64> = value.into_iter().map(|z| z.unwrap_or(0.0)).collect();
-    for _ in 0..SWEEPS {
+    for _ in 0..SMOOTHING_SWEEPS {
         for &n in &unknown {
             let sum: f64 = around[n].iter().map(|&m| value[m as usize]).sum();
             value[n] = sum / around[n].len() as f64;

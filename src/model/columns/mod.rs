@@ -15,11 +15,11 @@
 //!
 //! - `horizon`: horizons, sampled at the nodes of a map
 
-pub mod drawn;
+pub mod file;
 pub mod horizon;
 
 use crate::error::cause;
-use crate::mesh::poly::{Lists, PolyMesh, SIDE_0};
+use crate::mesh::poly::{FIRST_SIDE, Lists, PolyMesh};
 use crate::{Error, Result, memory};
 
 /// The cell array that numbers columns.
@@ -28,11 +28,11 @@ pub const COLUMN: &str = "column";
 pub const LAYER: &str = "layer";
 
 /// Thickness, over the whole, that is taken for rounding.
-const NOTHING: f64 = 1e-9;
+const MIN_THICKNESS_RATIO: f64 = 1e-9;
 
 /// How many layers there are between two horizons.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Division {
+pub enum LayerDivision {
     /// This many in each interval; one number counts for all.
     Counts(Vec<usize>),
     /// As many as make layers that are this thick on average.
@@ -50,11 +50,11 @@ pub struct Columns {
     /// For each cell its layer, from 0.
     pub layer: Vec<i32>,
     /// Number of layers of each interval.
-    pub counts: Vec<usize>,
+    pub layer_counts: Vec<usize>,
     /// Number of columns in which each layer is missing.
-    pub missing: Vec<usize>,
+    pub missing_counts: Vec<usize>,
     /// Whether z grows upwards: from the last horizon to the first.
-    pub z_up: bool,
+    pub is_z_up: bool,
 }
 
 /// Draws the cells of a map down through the layers between horizons: `z[h][n]` is horizon h at node
@@ -68,7 +68,7 @@ pub fn columns(
     map: &PolyMesh<2>,
     z: &[Vec<f64>],
     names: &[String],
-    division: &Division,
+    division: &LayerDivision,
     least: f64,
 ) -> Result<Columns> {
     let refuse = |place: &str, problem: String, remedy: &str| {
@@ -87,7 +87,7 @@ pub fn columns(
     }
     let z_up = whole > 0.0;
     let sign = whole.signum();
-    let nothing = NOTHING * whole.abs();
+    let nothing = MIN_THICKNESS_RATIO * whole.abs();
     for h in 1..z.len() {
         let over = |n: &usize| sign * (z[h][*n] - z[h - 1][*n]);
         let worst = (0..nodes).max_by(|a, b| over(a).total_cmp(&over(b)));
@@ -103,16 +103,16 @@ pub fn columns(
             );
         }
     }
-    let counts = division.counts(z, nodes)?;
+    let counts = division.layer_counts(z, nodes)?;
     let layers: f64 = counts.iter().map(|&n| n as f64).sum();
     let (levels, cells) = (layers * nodes as f64, layers * map.sites.len() as f64);
-    memory::afford(
+    memory::ensure_available(
         "layers",
         32.0 * levels + 400.0 * cells,
         format!("{layers} layers of {} cells", map.sites.len()),
         "ask for fewer",
     )?;
-    let found = Builder::new(map, z, &counts, z_up, least.max(nothing)).columns(counts);
+    let found = Builder::new(map, z, &counts, z_up, least.max(nothing)).build(counts);
     if found.column.is_empty() {
         let problem = format!("have no layer between them that is thicker than {least}");
         return refuse(&names.join(", "), problem, "allow thinner layers");
@@ -120,8 +120,8 @@ pub fn columns(
     Ok(found)
 }
 
-impl Division {
-    fn counts(&self, z: &[Vec<f64>], nodes: usize) -> Result<Vec<usize>> {
+impl LayerDivision {
+    fn layer_counts(&self, z: &[Vec<f64>], nodes: usize) -> Result<Vec<usize>> {
         let intervals = z.len() - 1;
         match self {
             Self::Counts(counts) => match counts[..] {
@@ -154,11 +154,11 @@ impl Division {
 /// Levels (tops and bottoms of layers) of nodes, as they are joined to cells.
 struct Builder<'a> {
     map: &'a PolyMesh<2>,
-    layers: usize,
-    z_up: bool,
+    layer_count: usize,
+    is_z_up: bool,
     nodes: Vec<[f64; 3]>,
     /// The node of each level at each node of the map, level by level.
-    number: Vec<u32>,
+    node_numbers: Vec<u32>,
     /// The nodes of each column's polygon, anticlockwise.
     rings: Lists,
 }
@@ -169,10 +169,10 @@ impl<'a> Builder<'a> {
         let layers = counts.iter().sum();
         let mut builder = Self {
             map,
-            layers,
-            z_up,
+            layer_count: layers,
+            is_z_up: z_up,
             nodes: Vec::new(),
-            number: Vec::with_capacity((layers + 1) * count),
+            node_numbers: Vec::with_capacity((layers + 1) * count),
             rings: Lists::default(),
         };
         let mut level = |h: usize, share: f64| {
@@ -180,14 +180,14 @@ impl<'a> Builder<'a> {
                 let [x, y] = map.nodes[n];
                 let next = z[(h + 1).min(z.len() - 1)][n];
                 let z = z[h][n] + share * (next - z[h][n]);
-                let above = builder.number.len().checked_sub(count);
-                let above = above.map(|at| builder.number[at]);
+                let above = builder.node_numbers.len().checked_sub(count);
+                let above = above.map(|at| builder.node_numbers[at]);
                 let same = |m: &u32| (builder.nodes[*m as usize][2] - z).abs() <= least;
                 let number = above.filter(same).unwrap_or_else(|| {
                     builder.nodes.push([x, y, z]);
                     builder.nodes.len() as u32 - 1
                 });
-                builder.number.push(number);
+                builder.node_numbers.push(number);
             }
         };
         for (h, &layers) in counts.iter().enumerate() {
@@ -198,36 +198,36 @@ impl<'a> Builder<'a> {
         let mut ring = Vec::new();
         for cell in 0..map.sites.len() {
             ring.clear();
-            map.ring(cell, lists.get(cell), &mut ring);
+            map.append_ring(cell, lists.get(cell), &mut ring);
             builder.rings.push(ring.iter().copied());
         }
         builder
     }
 
-    fn at(&self, level: usize, node: u32) -> u32 {
-        self.number[level * self.map.nodes.len() + node as usize]
+    fn node_at(&self, level: usize, node: u32) -> u32 {
+        self.node_numbers[level * self.map.nodes.len() + node as usize]
     }
 
-    fn columns(self, counts: Vec<usize>) -> Columns {
+    fn build(self, counts: Vec<usize>) -> Columns {
         let map = self.map;
         let interval: Vec<i32> = (0..).zip(&counts).flat_map(|(i, &n)| vec![i; n]).collect();
         let mut all = Columns {
-            missing: vec![0; self.layers],
-            z_up: self.z_up,
+            missing_counts: vec![0; self.layer_count],
+            is_z_up: self.is_z_up,
             ..Columns::default()
         };
         // The number of the cell in each layer of each column; none where layers have no thickness.
         const NONE: u32 = u32::MAX;
         let columns = map.sites.len();
-        let mut cell = vec![NONE; self.layers * columns];
-        for layer in 0..self.layers {
+        let mut cell = vec![NONE; self.layer_count * columns];
+        for layer in 0..self.layer_count {
             for column in 0..columns {
                 let ring = self.rings.get(column);
                 if ring
                     .iter()
-                    .all(|&n| self.at(layer, n) == self.at(layer + 1, n))
+                    .all(|&n| self.node_at(layer, n) == self.node_at(layer + 1, n))
                 {
-                    all.missing[layer] += 1;
+                    all.missing_counts[layer] += 1;
                     continue;
                 }
                 cell[layer * columns + column] = all.column.len() as u32;
@@ -240,22 +240,22 @@ impl<'a> Builder<'a> {
         }
         let mut faces: Vec<(bool, [u32; 2], Vec<u32>, bool)> = Vec::new();
         let mut put = |cells: [u32; 2], ring: Vec<u32>, on_feature: bool| {
-            faces.push((cells[1] >= SIDE_0, cells, ring, on_feature));
+            faces.push((cells[1] >= FIRST_SIDE, cells, ring, on_feature));
         };
         for f in 0..map.face_cells.len() {
             let [p, q] = [0, 1].map(|i| map.faces.get(f)[i]);
             let [a, b] = map.face_cells[f];
-            for layer in 0..self.layers {
-                let (low, high) = if self.z_up {
+            for layer in 0..self.layer_count {
+                let (low, high) = if self.is_z_up {
                     (layer + 1, layer)
                 } else {
                     (layer, layer + 1)
                 };
                 let mut ring = vec![
-                    self.at(low, p),
-                    self.at(low, q),
-                    self.at(high, q),
-                    self.at(high, p),
+                    self.node_at(low, p),
+                    self.node_at(low, q),
+                    self.node_at(high, q),
+                    self.node_at(high, p),
                 ];
                 ring.dedup();
                 if ring.first() == ring.last() {
@@ -265,14 +265,18 @@ impl<'a> Builder<'a> {
                     continue;
                 }
                 let of = |column: u32| cell[layer * columns + column as usize];
-                let beyond = if b < SIDE_0 { of(b) } else { b };
+                let beyond = if b < FIRST_SIDE { of(b) } else { b };
                 put([of(a), beyond], ring, map.on_feature[f]);
             }
         }
-        let (first, last) = if self.z_up { (5, 4) } else { (4, 5) };
+        let (first, last) = if self.is_z_up { (5, 4) } else { (4, 5) };
         for column in 0..columns {
             let surface = |level: usize, upwards: bool| -> Vec<u32> {
-                let ring = self.rings.get(column).iter().map(|&n| self.at(level, n));
+                let ring = self
+                    .rings
+                    .get(column)
+                    .iter()
+                    .map(|&n| self.node_at(level, n));
                 if upwards {
                     ring.collect()
                 } else {
@@ -280,21 +284,25 @@ impl<'a> Builder<'a> {
                 }
             };
             let mut above = NONE;
-            for layer in 0..self.layers {
+            for layer in 0..self.layer_count {
                 let own = cell[layer * columns + column];
                 if own == NONE {
                     continue;
                 }
                 match above {
-                    NONE => put([own, SIDE_0 + first], surface(layer, self.z_up), false),
-                    _ => put([above, own], surface(layer, !self.z_up), false),
+                    NONE => put(
+                        [own, FIRST_SIDE + first],
+                        surface(layer, self.is_z_up),
+                        false,
+                    ),
+                    _ => put([above, own], surface(layer, !self.is_z_up), false),
                 }
                 above = own;
             }
             if above != NONE {
                 put(
-                    [above, SIDE_0 + last],
-                    surface(self.layers, !self.z_up),
+                    [above, FIRST_SIDE + last],
+                    surface(self.layer_count, !self.is_z_up),
                     false,
                 );
             }
@@ -306,15 +314,19 @@ impl<'a> Builder<'a> {
             all.mesh.on_feature.push(on_feature);
         }
         all.mesh.nodes = self.nodes;
-        all.counts = counts;
+        all.layer_counts = counts;
         // Sites lie midway between the faces above and below.
         for f in 0..all.mesh.face_cells.len() {
             for cell in all.mesh.face_cells[f]
                 .into_iter()
-                .filter(|&cell| cell < SIDE_0)
+                .filter(|&cell| cell < FIRST_SIDE)
             {
                 let site = all.mesh.sites[cell as usize];
-                if let Some(on) = all.mesh.under(f, site).filter(|_| !all.mesh.is_upright(f)) {
+                if let Some(on) = all
+                    .mesh
+                    .vertical_projection(f, site)
+                    .filter(|_| !all.mesh.is_upright(f))
+                {
                     all.mesh.sites[cell as usize][2] += 0.5 * on[2];
                 }
             }
@@ -343,11 +355,11 @@ mod tests {
         voronoi_plane(&atoms, [21.0, 18.0]).unwrap()
     }
 
-    fn sampled(map: &PolyMesh<2>, z: impl Fn(f64, f64) -> f64) -> Vec<f64> {
+    fn sample_nodes(map: &PolyMesh<2>, z: impl Fn(f64, f64) -> f64) -> Vec<f64> {
         map.nodes.iter().map(|&[x, y]| z(x, y)).collect()
     }
 
-    fn names(count: usize) -> Vec<String> {
+    fn horizon_names(count: usize) -> Vec<String> {
         (0..count).map(|i| format!("h{i}")).collect()
     }
 
@@ -357,9 +369,9 @@ mod tests {
         for z_up in [true, false] {
             let sign = if z_up { -1.0 } else { 1.0 };
             let z = [100.0, 104.0, 110.0].map(|d: f64| vec![sign * d; map.nodes.len()]);
-            let division = Division::Counts(vec![2, 3]);
-            let found = columns(&map, &z, &names(3), &division, 0.0).unwrap();
-            assert_eq!((found.z_up, found.mesh.sites.len()), (z_up, 5 * 42));
+            let division = LayerDivision::Counts(vec![2, 3]);
+            let found = columns(&map, &z, &horizon_names(3), &division, 0.0).unwrap();
+            assert_eq!((found.is_z_up, found.mesh.sites.len()), (z_up, 5 * 42));
             let (low, high) = if z_up {
                 (-110.0, -100.0)
             } else {
@@ -398,15 +410,26 @@ mod tests {
     fn dipping_and_bent_layers_conform_and_conduct_along_the_column() {
         let map = map();
         let z = [
-            sampled(&map, |x, y| 50.0 + 0.3 * x - 0.1 * y),
-            sampled(&map, |x, y| {
+            sample_nodes(&map, |x, y| 50.0 + 0.3 * x - 0.1 * y),
+            sample_nodes(&map, |x, y| {
                 56.0 + 0.3 * x + (0.4 * x).sin() * (0.3 * y).cos()
             }),
-            sampled(&map, |x, y| 66.0 + 0.2 * x + 0.02 * x * y),
+            sample_nodes(&map, |x, y| 66.0 + 0.2 * x + 0.02 * x * y),
         ];
-        let found = columns(&map, &z, &names(3), &Division::Thickness(2.0), 0.0).unwrap();
-        assert!(!found.z_up && found.counts[0] >= 2, "{:?}", found.counts);
-        let (low, high) = crate::store::stored::bounds(&found.mesh.nodes);
+        let found = columns(
+            &map,
+            &z,
+            &horizon_names(3),
+            &LayerDivision::Thickness(2.0),
+            0.0,
+        )
+        .unwrap();
+        assert!(
+            !found.is_z_up && found.layer_counts[0] >= 2,
+            "{:?}",
+            found.layer_counts
+        );
+        let (low, high) = crate::store::stored_mesh::bounding_box(&found.mesh.nodes);
         let check = check(&found.mesh, low, high, 1e-12);
         assert!(check.passed(), "{check:?}");
         let graph = Graph::from_poly(&found.mesh);
@@ -436,13 +459,15 @@ mod tests {
         let z = [
             vec![0.0; map.nodes.len()],
             vec![3.0; map.nodes.len()],
-            sampled(&map, |x, _| 3.0 + (0.5 * (x - 10.0)).max(0.0)),
+            sample_nodes(&map, |x, _| 3.0 + (0.5 * (x - 10.0)).max(0.0)),
             vec![12.0; map.nodes.len()],
         ];
-        let division = Division::Counts(vec![1, 2, 1]);
-        let found = columns(&map, &z, &names(4), &division, 0.0).unwrap();
+        let division = LayerDivision::Counts(vec![1, 2, 1]);
+        let found = columns(&map, &z, &horizon_names(4), &division, 0.0).unwrap();
         assert!(
-            found.missing[0] == 0 && found.missing[1] == found.missing[2] && found.missing[1] > 10
+            found.missing_counts[0] == 0
+                && found.missing_counts[1] == found.missing_counts[2]
+                && found.missing_counts[1] > 10
         );
         let check = check(&found.mesh, [0.0; 3], [21.0, 18.0, 12.0], 1e-12);
         assert!(check.passed(), "{check:?}");
@@ -453,20 +478,20 @@ mod tests {
         };
         assert_eq!(
             graph.connections.iter().filter(across).count(),
-            found.missing[1]
+            found.missing_counts[1]
         );
         // All of it is gone where it is thinner than asked for.
-        assert!(columns(&map, &z, &names(4), &division, 100.0).is_err());
-        let fewer = columns(&map, &z, &names(4), &division, 2.9).unwrap();
-        assert_eq!((fewer.missing[0], fewer.missing[1]), (0, 42));
+        assert!(columns(&map, &z, &horizon_names(4), &division, 100.0).is_err());
+        let fewer = columns(&map, &z, &horizon_names(4), &division, 2.9).unwrap();
+        assert_eq!((fewer.missing_counts[0], fewer.missing_counts[1]), (0, 42));
     }
 
     #[test]
     fn impossible_horizons_are_refused() {
         let map = map();
         let flat = |d: f64| vec![d; map.nodes.len()];
-        let bent = sampled(&map, |x, _| 9.0 + 0.2 * x);
-        let one = Division::Counts(vec![1]);
+        let bent = sample_nodes(&map, |x, _| 9.0 + 0.2 * x);
+        let one = LayerDivision::Counts(vec![1]);
         for (z, division, want) in [
             (vec![flat(0.0)], &one, "at least two"),
             (vec![flat(1.0), flat(1.0)], &one, "coincide everywhere"),
@@ -477,30 +502,34 @@ mod tests {
             ),
             (
                 vec![flat(0.0), flat(1.0)],
-                &Division::Counts(vec![1, 2]),
+                &LayerDivision::Counts(vec![1, 2]),
                 "do not fit 1 intervals",
             ),
             (
                 vec![flat(0.0), flat(1.0)],
-                &Division::Counts(vec![0]),
+                &LayerDivision::Counts(vec![0]),
                 "do not fit",
             ),
             (
                 vec![flat(0.0), flat(1.0)],
-                &Division::Thickness(-1.0),
+                &LayerDivision::Thickness(-1.0),
                 "not positive",
             ),
         ] {
-            let said = columns(&map, &z, &names(z.len()), division, 0.0)
+            let said = columns(&map, &z, &horizon_names(z.len()), division, 0.0)
                 .unwrap_err()
                 .to_string();
             assert!(said.contains(want), "{said}");
         }
         // What is as little as may vanish may cross.
-        let z = [flat(0.0), sampled(&map, |x, _| 9.0 + 0.2 * x), flat(10.0)];
-        let found = columns(&map, &z, &names(3), &one, 3.3).unwrap();
-        assert_eq!(found.missing, [0, 42]);
-        let (low, high) = crate::store::stored::bounds(&found.mesh.nodes);
+        let z = [
+            flat(0.0),
+            sample_nodes(&map, |x, _| 9.0 + 0.2 * x),
+            flat(10.0),
+        ];
+        let found = columns(&map, &z, &horizon_names(3), &one, 3.3).unwrap();
+        assert_eq!(found.missing_counts, [0, 42]);
+        let (low, high) = crate::store::stored_mesh::bounding_box(&found.mesh.nodes);
         assert!(check(&found.mesh, low, high, 1e-12).passed());
     }
 }

@@ -13,9 +13,9 @@
 //! - `body`: a mesh that can be changed in places
 //! - `cells`: the same of Voronoi cells
 
-pub(crate) mod around;
-pub mod body;
 pub mod cells;
+pub mod editable_mesh;
+pub(crate) mod local_fields;
 pub(crate) mod neighbourhood;
 pub(crate) mod resolve;
 pub(crate) mod spacing;
@@ -24,22 +24,22 @@ pub(crate) mod window;
 use serde::Serialize;
 
 use crate::error::cause;
-use crate::feature::{self, Settled};
-use crate::image::{Image, Source};
-use crate::job::{Meshing, Params, Space, lattice_beta};
+use crate::feature::{self, ResolvedOptions};
+use crate::image::{Image, ImageSource};
+use crate::job::{MeshSpace, Meshing, Params, lattice_beta};
 use crate::mesh::Simplices;
-use crate::observer::{Observer, Patience, Stage};
+use crate::progress::{CancelToken, Progress, Stage};
 use crate::report::{Clock, Quality, StageCost};
-use crate::store::file::{settled_field, settled_of};
+use crate::store::output::{resolved_options, resolved_options_field};
 use crate::store::{FieldValue, MeshFile};
 use crate::{Error, Result};
-use around::Context;
-use body::Body;
-use neighbourhood::Scope;
+use editable_mesh::EditableMesh;
+use local_fields::Context;
+use neighbourhood::Neighbourhood;
 
 /// What shall happen to one atom; positions are physical.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Change<const D: usize> {
+pub enum AtomChange<const D: usize> {
     /// A new atom.
     Add([f64; D]),
     /// The atom goes elsewhere.
@@ -54,7 +54,7 @@ pub struct Edit<const D: usize> {
     /// What to call it in an error, e.g. `--add 1,2,3`.
     pub name: String,
     /// What shall happen.
-    pub change: Change<D>,
+    pub change: AtomChange<D>,
 }
 
 /// What became of the neighbourhoods of all edits.
@@ -63,9 +63,9 @@ pub struct Summary {
     /// For each edit, the number that its atom has in the new mesh.
     pub atoms: Vec<Option<u32>>,
     /// Atoms that could move.
-    pub warm: usize,
+    pub movable_atoms: usize,
     /// Atoms that made room for added and moved ones.
-    pub made_room: usize,
+    pub removed_neighbours: usize,
     /// Nodes of the mesh before and after.
     pub nodes: [usize; 2],
     /// Cells of the neighbourhoods before and after.
@@ -84,7 +84,7 @@ pub struct Summary {
 
 /// An edited mesh.
 #[derive(Debug, Clone)]
-pub struct Edited<M> {
+pub struct EditedMesh<M> {
     /// The mesh, with all that was known of it.
     pub file: MeshFile<M>,
     /// What was done.
@@ -110,15 +110,15 @@ pub fn edit<const D: usize, M: Simplices<D>>(
     params: &Params<D>,
     edits: &[Edit<D>],
     free: bool,
-    observer: &mut dyn Observer,
-) -> Result<Edited<M>>
+    observer: &mut dyn Progress,
+) -> Result<EditedMesh<M>>
 where
-    Space<D>: Meshing<D, Mesh = M>,
+    MeshSpace<D>: Meshing<D, Mesh = M>,
 {
     let clock = Clock::new();
     let mut stages = EditStages { clock, observer };
-    let settled = settled_of(&file);
-    let mut body = Body::new(file, place)?;
+    let settled = resolved_options(&file);
+    let mut body = EditableMesh::new(file, place)?;
     body.check_dims(image.dims())?;
     // The file knows the units of its lattice space.
     let lengths = params.metric.lengths(&image.geometry);
@@ -130,32 +130,34 @@ where
     };
     let settled = match settled {
         Some(settled) => settled,
-        None => stages.settle(image, params, body.step, &mut summary, &mut body.fields)?,
+        None => {
+            stages.resolve_detection(image, params, body.step, &mut summary, &mut body.fields)?
+        }
     };
     let beta = lattice_beta(&params.beta, image.dims(), body.step)?;
     let context = Context {
         image,
         params,
-        settled: &settled,
+        resolved_options: &settled,
         beta: &beta,
         edits,
     };
-    let groups = stages.run(Stage::Neighbourhoods, |_| {
+    let groups = stages.run_stage(Stage::Neighbourhoods, |_| {
         resolve::resolve(&body.lattice(), edits, free)
     })?;
     let mut quality: [Option<M>; 2] = [None, None];
     for group in groups {
-        let mut scope = stages.run(Stage::Neighbours, |_| {
-            Ok(Scope::new(&body, group, &context))
+        let mut scope = stages.run_stage(Stage::Neighbours, |_| {
+            Ok(Neighbourhood::new(&body, group, &context))
         })?;
-        let scene = stages.run(Stage::Features, |patience| {
-            scope.look(&body, &context, patience)
+        let scene = stages.run_stage(Stage::Features, |patience| {
+            scope.local_fields(&body, &context, patience)
         })?;
-        stages.run(Stage::Moving, |patience| {
+        stages.run_stage(Stage::Moving, |patience| {
             scope.relax(&scene, &context, &mut summary, patience)
         })?;
-        let parts = stages.run(Stage::Mending, |_| {
-            scope.rejoin(&mut body, &scene, &context, &mut summary)
+        let parts = stages.run_stage(Stage::Rebuilding, |_| {
+            scope.remesh(&mut body, &scene, &context, &mut summary)
         })?;
         refuse_invalid(&parts)?;
         for (all, part) in quality.iter_mut().zip(parts) {
@@ -171,13 +173,13 @@ where
     let file = body.into_file();
     clock.end();
     summary.stages = clock.costs().to_vec();
-    Ok(Edited { file, summary })
+    Ok(EditedMesh { file, summary })
 }
 
 /// Tells clock and observer of each stage.
 struct EditStages<'a> {
     clock: Clock,
-    observer: &'a mut dyn Observer,
+    observer: &'a mut dyn Progress,
 }
 
 impl EditStages<'_> {
@@ -185,25 +187,25 @@ impl EditStages<'_> {
     ///
     /// # Errors
     /// Those of detection.
-    fn settle<const D: usize>(
+    fn resolve_detection<const D: usize>(
         &mut self,
         image: &Image<D>,
         params: &Params<D>,
         step: [f64; D],
         summary: &mut Summary,
         fields: &mut Vec<(String, FieldValue)>,
-    ) -> Result<Vec<Settled>> {
+    ) -> Result<Vec<ResolvedOptions>> {
         let options = params.feature_options(step);
-        let look = |patience: &Patience<'_>| {
-            feature::detect_while(Source::Held(image), &options, patience)
+        let look = |patience: &CancelToken<'_>| {
+            feature::detect_with_cancel(ImageSource::InMemory(image), &options, patience)
         };
-        let settled = self.run(Stage::FeaturesEverywhere, look)?.settled;
+        let settled = self.run_stage(Stage::FeaturesEverywhere, look)?.resolved;
         summary.notes.push(
             "the mesh does not record how its features were found, so they were sought in the \
              whole image; the new mesh records how"
                 .into(),
         );
-        fields.extend(settled_field(&settled));
+        fields.extend(resolved_options_field(&settled));
         Ok(settled)
     }
 
@@ -211,23 +213,27 @@ impl EditStages<'_> {
     ///
     /// # Errors
     /// Those of the work; [`Error::Interrupted`] if the observer says no.
-    fn run<T>(&mut self, stage: Stage, work: impl FnOnce(&Patience<'_>) -> Result<T>) -> Result<T> {
+    fn run_stage<T>(
+        &mut self,
+        stage: Stage,
+        work: impl FnOnce(&CancelToken<'_>) -> Result<T>,
+    ) -> Result<T> {
         self.clock.begin(stage);
         self.observer.stage(stage);
         let ask = &mut |share: Option<f64>| {
             if let Some(share) = share {
-                self.observer.share(share);
+                self.observer.fraction_done(share);
             }
             self.observer.keep_going()
         };
-        Patience::telling(ask, |patience| {
+        CancelToken::run_with_progress(ask, |patience| {
             let stopped =
                 || Error::Interrupted(cause(stage, "interrupted", "start the edit again"));
-            if patience.over() {
+            if patience.is_cancelled() {
                 return Err(stopped());
             }
             let done = work(patience);
-            if patience.over() {
+            if patience.is_cancelled() {
                 Err(stopped())
             } else {
                 done
@@ -237,7 +243,7 @@ impl EditStages<'_> {
 }
 
 /// Names of a mesh's arrays that are not among those that are `known`.
-fn unknown<M>(file: &MeshFile<M>, known: &[&str]) -> Vec<String> {
+fn unknown_arrays<M>(file: &MeshFile<M>, known: &[&str]) -> Vec<String> {
     let arrays = file.point_data.iter().chain(&file.cell_data);
     let names = arrays.map(|array| array.name.clone());
     names
@@ -252,14 +258,14 @@ fn refuse_invalid<const D: usize, M: Simplices<D>>(parts: &[M; 2]) -> Result<()>
         let least = volumes.iter().copied().fold(f64::INFINITY, f64::min);
         (least, volumes.iter().sum::<f64>())
     });
-    if after.0 > 0.0 && (after.1 - before.1).abs() <= FILLING * before.1 {
+    if after.0 > 0.0 && (after.1 - before.1).abs() <= MAX_VOLUME_CHANGE * before.1 {
         return Ok(());
     }
     Err(Error::Mesh(cause(
         "the edited mesh",
         format!(
             "came out invalid: around an edit its {} fill {} instead of {}, the smallest has {}",
-            M::CELLS,
+            M::CELLS_NAME,
             after.1,
             before.1,
             after.0
@@ -270,7 +276,7 @@ fn refuse_invalid<const D: usize, M: Simplices<D>>(parts: &[M; 2]) -> Result<()>
 }
 
 /// Cells made anew may differ by this share in volume from those that they replace.
-const FILLING: f64 = 1e-9;
+const MAX_VOLUME_CHANGE: f64 = 1e-9;
 
 /// Adds a part's cells to those of others.
 fn append<const D: usize, M: Simplices<D>>(all: &mut Option<M>, part: M) {
@@ -301,9 +307,9 @@ fn history<const D: usize>(
     }
     let point = |x: &[f64; D]| x.map(|c| c.to_string()).join(",");
     lines.extend(edits.iter().map(|edit| match &edit.change {
-        Change::Add(x) => format!("add {}", point(x)),
-        Change::Move(n, x) => format!("move {n} {}", point(x)),
-        Change::Remove(n) => format!("remove {n}"),
+        AtomChange::Add(x) => format!("add {}", point(x)),
+        AtomChange::Move(n, x) => format!("move {n} {}", point(x)),
+        AtomChange::Remove(n) => format!("remove {n}"),
     }));
     (EDITS.into(), FieldValue::Text(lines.join("\n")))
 }

@@ -1,16 +1,16 @@
 //! The nominal distance round an edit, as the mesh knows it at its nodes: what it was made from may
 //! depend on the whole image.
 
-use crate::image::Field;
+use crate::image::ScalarField;
 use crate::lattice::distance::Distance;
 use crate::mesh::Simplices;
 
 /// Samples of d per d: it is smooth.
-const FINENESS: f64 = 3.0;
+const SAMPLES_PER_DISTANCE: f64 = 3.0;
 
 /// d(x) in the box `[0, extent]` of a part of a mesh, from d at its nodes: linear within each cell,
 /// the nearest cell's beyond.
-pub fn from_nodes<const D: usize>(
+pub fn distance_from_nodes<const D: usize>(
     part: &impl Simplices<D>,
     d: &[f64],
     extent: [f64; D],
@@ -20,22 +20,27 @@ pub fn from_nodes<const D: usize>(
     if most <= least * (1.0 + 1e-6) {
         return Distance::Constant(least);
     }
-    let dims = extent.map(|e| (e * FINENESS / least).ceil().max(1.0) as usize + 1);
+    let dims = extent.map(|e| (e * SAMPLES_PER_DISTANCE / least).ceil().max(1.0) as usize + 1);
     let step: [f64; D] = std::array::from_fn(|k| extent[k] / (dims[k] - 1) as f64);
-    let mut field = Field {
+    let mut field = ScalarField {
         dims,
         step,
         samples: vec![f32::NAN; dims.iter().product()],
     };
     for c in 0..part.len() {
-        fill(&mut field, part, c, d);
+        fill_cell(&mut field, part, c, d);
     }
-    spread(&mut field);
+    fill_gaps(&mut field);
     Distance::Field(field)
 }
 
 /// Writes the samples inside cell `c`.
-fn fill<const D: usize>(field: &mut Field<D>, part: &impl Simplices<D>, c: usize, d: &[f64]) {
+fn fill_cell<const D: usize>(
+    field: &mut ScalarField<D>,
+    part: &impl Simplices<D>,
+    c: usize,
+    d: &[f64],
+) {
     let cell = part.cell(c);
     let corner = |i: usize| part.nodes()[cell[i] as usize];
     let (mut low, mut high) = (field.dims, [0usize; D]);
@@ -88,7 +93,7 @@ fn determinant<const D: usize>(m: [[f64; D]; D]) -> f64 {
 }
 
 /// Gives samples that have no value that of a neighbour, axis after axis, there and back.
-fn spread<const D: usize>(field: &mut Field<D>) {
+fn fill_gaps<const D: usize>(field: &mut ScalarField<D>) {
     let mut stride = 1;
     for k in 0..D {
         let n = field.dims[k];
@@ -122,13 +127,13 @@ mod tests {
         };
         let linear = |x: [f64; 2]| 3.0 + 0.2 * x[0] - 0.1 * x[1];
         let d: Vec<f64> = nodes.iter().map(|&x| linear(x)).collect();
-        let found = from_nodes(&mesh, &d, [16.0, 15.0]);
+        let found = distance_from_nodes(&mesh, &d, [16.0, 15.0]);
         for x in [[4.0, 4.0], [9.0, 5.5], [13.0, 11.0], [3.0, 10.0]] {
-            assert!((found.at(x) - linear(x)).abs() < 1e-5, "{x:?}");
+            assert!((found.value_at(x) - linear(x)).abs() < 1e-5, "{x:?}");
         }
-        assert!(found.at([0.0, 0.0]).is_finite() && found.at([16.0, 15.0]) > 0.0);
+        assert!(found.value_at([0.0, 0.0]).is_finite() && found.value_at([16.0, 15.0]) > 0.0);
         assert_eq!(
-            from_nodes(&mesh, &[3.0; 4], [16.0, 15.0]),
+            distance_from_nodes(&mesh, &[3.0; 4], [16.0, 15.0]),
             Distance::Constant(3.0)
         );
     }
@@ -142,8 +147,8 @@ mod tests {
         };
         let linear = |x: [f64; 3]| 2.0 + 0.1 * x[0] + 0.2 * x[1] - 0.05 * x[2];
         let d: Vec<f64> = nodes.iter().map(|&x| linear(x)).collect();
-        let found = from_nodes(&mesh, &d, [10.0; 3]);
+        let found = distance_from_nodes(&mesh, &d, [10.0; 3]);
         let x = [3.0, 3.0, 3.0];
-        assert!((found.at(x) - linear(x)).abs() < 1e-5);
+        assert!((found.value_at(x) - linear(x)).abs() < 1e-5);
     }
 }

@@ -4,12 +4,12 @@ use super::*;
 use crate::image::Geometry;
 use crate::job::{self, BOX_TOLERANCE, FixedAtom, Spacing};
 use crate::lattice::AtomKind;
-use crate::lattice::optimize::Unobserved;
+use crate::lattice::optimize::NoProgress;
 use crate::mesh::TriMesh;
 use crate::mesh::check::check;
 use crate::report::{Reference, fidelity, quality};
 use crate::store::StoredMesh;
-use crate::store::file::to_file;
+use crate::store::output::simplex_mesh_file;
 
 /// An image with a bright curved sheet across it, somewhere in the world.
 pub(super) fn image<const D: usize>(dims: [usize; D]) -> Image<D> {
@@ -34,7 +34,7 @@ pub(super) fn image<const D: usize>(dims: [usize; D]) -> Image<D> {
     )
 }
 
-pub(super) fn world<const D: usize>(sample: [f64; D]) -> [f64; D] {
+pub(super) fn world_position<const D: usize>(sample: [f64; D]) -> [f64; D] {
     std::array::from_fn(|k| 100.0 + if k + 1 == D { -2.0 } else { 2.0 } * sample[k])
 }
 
@@ -46,15 +46,15 @@ pub(super) fn params<const D: usize>(d: f64) -> Params<D> {
     }
 }
 
-fn made<const D: usize, M: Simplices<D>>(image: &Image<D>, params: &Params<D>) -> MeshFile<M>
+fn make_mesh<const D: usize, M: Simplices<D>>(image: &Image<D>, params: &Params<D>) -> MeshFile<M>
 where
-    Space<D>: Meshing<D, Mesh = M>,
+    MeshSpace<D>: Meshing<D, Mesh = M>,
 {
-    let outcome = job::run(image, params, &mut Unobserved).unwrap();
-    to_file(&outcome, outcome.simplices().unwrap())
+    let outcome = job::run(image, params, &mut NoProgress).unwrap();
+    simplex_mesh_file(&outcome, outcome.simplices().unwrap())
 }
 
-pub(super) fn named<const D: usize>(changes: &[Change<D>]) -> Vec<Edit<D>> {
+pub(super) fn named_edits<const D: usize>(changes: &[AtomChange<D>]) -> Vec<Edit<D>> {
     let edit = |(n, &change)| Edit {
         name: format!("edit {n}"),
         change,
@@ -62,16 +62,16 @@ pub(super) fn named<const D: usize>(changes: &[Change<D>]) -> Vec<Edit<D>> {
     changes.iter().enumerate().map(edit).collect()
 }
 
-fn edited<const D: usize, M: Simplices<D>>(
+fn edit_mesh<const D: usize, M: Simplices<D>>(
     file: &MeshFile<M>,
     image: &Image<D>,
     params: &Params<D>,
-    changes: &[Change<D>],
-) -> Result<Edited<M>>
+    changes: &[AtomChange<D>],
+) -> Result<EditedMesh<M>>
 where
-    Space<D>: Meshing<D, Mesh = M>,
+    MeshSpace<D>: Meshing<D, Mesh = M>,
 {
-    let edits = named(changes);
+    let edits = named_edits(changes);
     edit(
         file.clone(),
         "mesh",
@@ -79,19 +79,19 @@ where
         params,
         &edits,
         false,
-        &mut Unobserved,
+        &mut NoProgress,
     )
 }
 
 #[test]
 fn a_mesh_that_is_not_valid_is_refused() {
     let (image, params) = (image([40, 36]), params(6.0));
-    let good: MeshFile<TriMesh> = made(&image, &params);
-    let change = Change::Remove(9);
+    let good: MeshFile<TriMesh> = make_mesh(&image, &params);
+    let change = AtomChange::Remove(9);
     let refusal = |spoil: fn(&mut TriMesh)| {
         let mut file = good.clone();
         spoil(&mut file.mesh);
-        let error = edited(&file, &image, &params, &[change]).unwrap_err();
+        let error = edit_mesh(&file, &image, &params, &[change]).unwrap_err();
         error.to_string()
     };
     let inverted = refusal(|mesh| mesh.triangles[3].swap(0, 1));
@@ -101,30 +101,30 @@ fn a_mesh_that_is_not_valid_is_refused() {
 }
 
 /// The node nearest to a position in samples.
-fn nearest<const D: usize, M: Simplices<D>>(file: &MeshFile<M>, sample: [f64; D]) -> u32 {
-    let x = world(sample);
-    let gap = |n: usize| resolve::square(file.mesh.nodes()[n], x);
+fn nearest_node<const D: usize, M: Simplices<D>>(file: &MeshFile<M>, sample: [f64; D]) -> u32 {
+    let x = world_position(sample);
+    let gap = |n: usize| resolve::squared_distance(file.mesh.nodes()[n], x);
     let nodes = 0..file.mesh.nodes().len();
     nodes.min_by(|&a, &b| gap(a).total_cmp(&gap(b))).unwrap() as u32
 }
 
-pub(super) fn bits<const D: usize>(x: [f64; D]) -> [u64; D] {
+pub(super) fn coordinate_bits<const D: usize>(x: [f64; D]) -> [u64; D] {
     x.map(f64::to_bits)
 }
 
 /// Nodes farther than `radius` (world units) from all positions, and cells all of whose nodes are, as
 /// bits; with each cell what is stored for it.
-type Far<const D: usize> = (BTreeSet<[u64; D]>, BTreeSet<(Vec<[u64; D]>, Vec<u64>)>);
+type FarParts<const D: usize> = (BTreeSet<[u64; D]>, BTreeSet<(Vec<[u64; D]>, Vec<u64>)>);
 
-fn far<const D: usize, M: Simplices<D>>(
+fn far_parts<const D: usize, M: Simplices<D>>(
     file: &MeshFile<M>,
     from: &[[f64; D]],
     radius: f64,
-) -> Far<D> {
+) -> FarParts<D> {
     let nodes = file.mesh.nodes();
     let is_far = |x: [f64; D]| {
         from.iter()
-            .all(|&y| resolve::square(x, y) > radius * radius)
+            .all(|&y| resolve::squared_distance(x, y) > radius * radius)
     };
     let data: Vec<Vec<f64>> = file.cell_data.iter().map(|a| a.values.to_f64()).collect();
     let cells = (0..file.mesh.len()).filter_map(|c| {
@@ -133,20 +133,24 @@ fn far<const D: usize, M: Simplices<D>>(
             .collect();
         let stored = data.iter().map(|a| a[c].to_bits()).collect();
         let all = corners.iter().all(|&x| is_far(x));
-        all.then(|| (corners.into_iter().map(bits).collect(), stored))
+        all.then(|| (corners.into_iter().map(coordinate_bits).collect(), stored))
     });
     let cells = cells.collect();
-    let nodes = nodes.iter().copied().filter(|&x| is_far(x)).map(bits);
+    let nodes = nodes
+        .iter()
+        .copied()
+        .filter(|&x| is_far(x))
+        .map(coordinate_bits);
     (nodes.collect(), cells)
 }
 
 /// Adds, moves (a little and far) and removes atoms, near one another and apart.
 fn edits_stay_local<const D: usize, M: Simplices<D>>(dims: [usize; D], d: f64)
 where
-    Space<D>: Meshing<D, Mesh = M>,
+    MeshSpace<D>: Meshing<D, Mesh = M>,
 {
     let (image, params) = (image(dims), params(d));
-    let before = made(&image, &params);
+    let before = make_mesh(&image, &params);
     let sample =
         |x: [f64; 3]| -> [f64; D] { std::array::from_fn(|k| x[if k + 1 == D { 2 } else { k }]) };
     let (added, far_to, near_from) = (
@@ -154,27 +158,27 @@ where
         sample([9.1, 21.4, 18.0]),
         sample([20.0, 12.0, 22.0]),
     );
-    let moved_far = nearest(&before, sample([18.0, 6.0, 6.0]));
-    let nudged = nearest(&before, near_from);
-    let removed = nearest(&before, sample([10.0, 18.0, 8.0]));
-    let on_side = nearest(&before, sample([0.0, 12.0, 12.0]));
+    let moved_far = nearest_node(&before, sample([18.0, 6.0, 6.0]));
+    let nudged = nearest_node(&before, near_from);
+    let removed = nearest_node(&before, sample([10.0, 18.0, 8.0]));
+    let on_side = nearest_node(&before, sample([0.0, 12.0, 12.0]));
     let mut nudge = before.mesh.nodes()[nudged as usize];
     nudge[0] += 0.6 * d;
     nudge[1] -= 0.5 * d;
     let changes = [
-        Change::Add(world(added)),
-        Change::Move(moved_far, world(far_to)),
-        Change::Move(nudged, nudge),
-        Change::Remove(removed),
-        Change::Remove(on_side),
+        AtomChange::Add(world_position(added)),
+        AtomChange::Move(moved_far, world_position(far_to)),
+        AtomChange::Move(nudged, nudge),
+        AtomChange::Remove(removed),
+        AtomChange::Remove(on_side),
     ];
-    let after = edited(&before, &image, &params, &changes).unwrap();
-    let Edited { file, summary } = &after;
+    let after = edit_mesh(&before, &image, &params, &changes).unwrap();
+    let EditedMesh { file, summary } = &after;
 
     // Atoms are where they were put, to the bit, and fixed.
     let at = |n: usize| file.mesh.nodes()[summary.atoms[n].unwrap() as usize];
-    assert_eq!(at(0), world(added));
-    assert_eq!(at(1), world(far_to));
+    assert_eq!(at(0), world_position(added));
+    assert_eq!(at(1), world_position(far_to));
     assert_eq!(at(2), nudge);
     assert_eq!(summary.atoms[1..3], [Some(moved_far), Some(nudged)]);
     assert_eq!(summary.atoms[3..], [None, None]);
@@ -190,16 +194,16 @@ where
 
     // Far away nothing has changed by a bit; there is something far away; near by, much has changed.
     let places = [
-        world(added),
-        world(far_to),
+        world_position(added),
+        world_position(far_to),
         nudge,
         old(nudged),
         old(moved_far),
         old(removed),
         old(on_side),
     ];
-    let (nodes, cells) = far(&before, &places, 2.0 * 5.0 * d);
-    let (same_nodes, same_cells) = far(file, &places, 2.0 * 5.0 * d);
+    let (nodes, cells) = far_parts(&before, &places, 2.0 * 5.0 * d);
+    let (same_nodes, same_cells) = far_parts(file, &places, 2.0 * 5.0 * d);
     assert!(nodes == same_nodes && cells == same_cells);
     assert!(
         5 * cells.len() > before.mesh.len(),
@@ -208,9 +212,9 @@ where
         before.mesh.len()
     );
     let near = |radius: f64| {
-        far(&before, &places, radius)
+        far_parts(&before, &places, radius)
             .0
-            .intersection(&far(file, &places, radius).0)
+            .intersection(&far_parts(file, &places, radius).0)
             .count()
     };
     let kept = near(0.0) - near(2.0 * 4.0 * d);
@@ -230,7 +234,7 @@ where
     let [was, is] = stored.map(|stored| {
         let claimed = stored.feature_faces.as_deref();
         let fidelity = fidelity(&stored.lattice, &reference, claimed).unwrap();
-        (quality(&stored.lattice), fidelity.claimed.unwrap())
+        (quality(&stored.lattice), fidelity.tagged_faces.unwrap())
     });
     println!(
         "{D}-D angles {:.1} to {:.1}, before {:.1} to {:.1}; coverage {:.4}, {:.4}; precision {:.4}, {:.4}; {} of {} cells, {} made room",
@@ -244,7 +248,7 @@ where
         was.1.precision,
         summary.cells[1],
         file.mesh.len(),
-        summary.made_room,
+        summary.removed_neighbours,
     );
     // Measured: 30.7 and 30.0 at least; at most 113.0 after 112.3, and 147.4 after 142.2: of tetrahedra all is well between
     // 30 and 150 degrees.
@@ -269,21 +273,21 @@ fn edits_in_the_plane_stay_local() {
 }
 
 /// The same atoms by edits and by meshing anew with them.
-fn as_good_as_anew<const D: usize, M: Simplices<D>>(dims: [usize; D], d: f64)
+fn compare_with_remeshing<const D: usize, M: Simplices<D>>(dims: [usize; D], d: f64)
 where
-    Space<D>: Meshing<D, Mesh = M>,
+    MeshSpace<D>: Meshing<D, Mesh = M>,
 {
     let image = image(dims);
     let plain = params(d);
     let wells: Vec<[f64; D]> = (0..4)
         .map(|n| {
-            world(std::array::from_fn(|k| {
+            world_position(std::array::from_fn(|k| {
                 8.3 + 9.7 * f64::from(n) + 3.1 * k as f64
             }))
         })
         .collect();
-    let changes: Vec<Change<D>> = wells.iter().map(|&x| Change::Add(x)).collect();
-    let by_edit = edited(&made(&image, &plain), &image, &plain, &changes)
+    let changes: Vec<AtomChange<D>> = wells.iter().map(|&x| AtomChange::Add(x)).collect();
+    let by_edit = edit_mesh(&make_mesh(&image, &plain), &image, &plain, &changes)
         .unwrap()
         .file;
     let fixed = |(n, &position): (usize, &[f64; D])| FixedAtom {
@@ -291,17 +295,17 @@ where
         position,
     };
     let with_wells = Params {
-        fixed: wells.iter().enumerate().map(fixed).collect(),
+        fixed_atoms: wells.iter().enumerate().map(fixed).collect(),
         ..plain
     };
-    let anew = made(&image, &with_wells);
+    let anew = make_mesh(&image, &with_wells);
     let features = feature::detect(&image, &with_wells.feature_options([1.0; D])).unwrap();
     let reference = Reference::from_features(&features);
     let [(q, f), (r, g)] = [by_edit, anew].map(|file| {
         let stored = StoredMesh::new(file, "mesh").unwrap();
         let claimed = stored.feature_faces.as_deref();
         let fidelity = fidelity(&stored.lattice, &reference, claimed).unwrap();
-        (quality(&stored.lattice), fidelity.claimed.unwrap())
+        (quality(&stored.lattice), fidelity.tagged_faces.unwrap())
     });
     let figures = format!(
         "{D}-D edited: angles {:.2} to {:.2}, mean ratio {:.4}, coverage {:.4}; anew: {:.2} to {:.2}, {:.4}, {:.4}",
@@ -333,29 +337,29 @@ where
 #[test]
 #[cfg(feature = "tetgen")]
 fn in_space_edits_are_as_good_as_meshing_anew() {
-    as_good_as_anew([56, 52, 60], 5.0);
+    compare_with_remeshing([56, 52, 60], 5.0);
 }
 
 #[test]
 fn in_the_plane_edits_are_as_good_as_meshing_anew() {
-    as_good_as_anew([90, 80], 5.0);
+    compare_with_remeshing([90, 80], 5.0);
 }
 
 /// Work on an edit in a small and in a large image.
-fn work<const D: usize, M: Simplices<D>>(dims: [usize; D], params: &Params<D>) -> Summary
+fn edit_work<const D: usize, M: Simplices<D>>(dims: [usize; D], params: &Params<D>) -> Summary
 where
-    Space<D>: Meshing<D, Mesh = M>,
+    MeshSpace<D>: Meshing<D, Mesh = M>,
 {
     let image = image(dims);
-    let file = made(&image, params);
-    let change = Change::Add(world([6.1; D]));
-    edited(&file, &image, params, &[change]).unwrap().summary
+    let file = make_mesh(&image, params);
+    let change = AtomChange::Add(world_position([6.1; D]));
+    edit_mesh(&file, &image, params, &[change]).unwrap().summary
 }
 
 #[test]
 fn work_does_not_grow_with_the_image() {
-    let small = work([100, 100], &params(5.0));
-    let large = work([300, 400], &params(5.0));
+    let small = edit_work([100, 100], &params(5.0));
+    let large = edit_work([300, 400], &params(5.0));
     assert_eq!(small.samples, large.samples);
     let share = small.cells[1] as f64 / large.cells[1] as f64;
     assert!(
@@ -369,8 +373,8 @@ fn work_does_not_grow_with_the_image() {
 #[test]
 #[cfg(feature = "tetgen")]
 fn work_does_not_grow_with_the_volume() {
-    let small = work([60; 3], &params(5.0));
-    let large = work([80, 100, 90], &params(5.0));
+    let small = edit_work([60; 3], &params(5.0));
+    let large = edit_work([80, 100, 90], &params(5.0));
     assert_eq!(small.samples, large.samples);
     let share = small.cells[1] as f64 / large.cells[1] as f64;
     assert!(
@@ -388,16 +392,16 @@ fn variable_distances_and_old_meshes() {
         spacing: Spacing::FromFeatures { min: 3.0, max: 9.0 },
         ..params(3.0)
     };
-    let mut file = made(&image, &params);
+    let mut file = make_mesh(&image, &params);
     // As if written before files kept how features were found.
     file.field_data.retain(|(name, _)| name != "features");
     let changes = [
-        Change::Add(world([80.3, 50.4])),
-        Change::Remove(nearest(&file, [60.0, 70.0])),
+        AtomChange::Add(world_position([80.3, 50.4])),
+        AtomChange::Remove(nearest_node(&file, [60.0, 70.0])),
     ];
-    let after = edited(&file, &image, &params, &changes).unwrap();
+    let after = edit_mesh(&file, &image, &params, &changes).unwrap();
     assert_eq!(after.summary.notes.len(), 1);
-    assert!(settled_of(&after.file).is_some());
+    assert!(resolved_options(&after.file).is_some());
     let stored = StoredMesh::new(after.file.clone(), "mesh").unwrap();
     let found = check(
         &stored.lattice,
@@ -413,11 +417,11 @@ fn variable_distances_and_old_meshes() {
         quality.smallest_angle
     );
     // Once more, with what the file now says; and both edits are remembered.
-    let again = edited(
+    let again = edit_mesh(
         &after.file,
         &image,
         &params,
-        &[Change::Add(world([20.0, 90.0]))],
+        &[AtomChange::Add(world_position([20.0, 90.0]))],
     )
     .unwrap();
     assert!(again.summary.notes.is_empty());
@@ -435,7 +439,7 @@ fn variable_distances_and_old_meshes() {
 #[test]
 fn regions_go_with_the_cells() {
     let (image, params) = (image([90, 80]), params(5.0));
-    let mut file = made(&image, &params);
+    let mut file = make_mesh(&image, &params);
     let side = |file: &MeshFile<crate::mesh::TriMesh>, c: usize| {
         let corners = file.mesh.corners(c);
         i32::from(corners.iter().map(|x| x[1]).sum::<f64>() / 3.0 > 20.0)
@@ -444,7 +448,13 @@ fn regions_go_with_the_cells() {
         .map(|c| side(&file, c))
         .collect();
     file.cell_data[0].values = regions.into();
-    let after = edited(&file, &image, &params, &[Change::Add(world([40.2, 40.3]))]).unwrap();
+    let after = edit_mesh(
+        &file,
+        &image,
+        &params,
+        &[AtomChange::Add(world_position([40.2, 40.3]))],
+    )
+    .unwrap();
     let regions = after.file.cell_data[0].values.to_f64();
     let wrong = (0..regions.len())
         .filter(|&c| regions[c] != f64::from(side(&after.file, c)))
@@ -462,25 +472,28 @@ pub(super) fn refusal<T>(outcome: crate::Result<T>) -> String {
 #[test]
 fn impossible_edits_are_refused() {
     let (image, params) = (image([60, 50]), params(5.0));
-    let file = made(&image, &params);
-    let refused = |changes: &[Change<2>]| refusal(edited(&file, &image, &params, changes));
-    let well = world([30.0, 20.0]);
-    let outside = refused(&[Change::Add(world([61.0, 20.0]))]);
+    let file = make_mesh(&image, &params);
+    let refused = |changes: &[AtomChange<2>]| refusal(edit_mesh(&file, &image, &params, changes));
+    let well = world_position([30.0, 20.0]);
+    let outside = refused(&[AtomChange::Add(world_position([61.0, 20.0]))]);
     assert!(
         outside.contains("edit 0") && outside.contains("outside"),
         "{outside}"
     );
-    assert!(refused(&[Change::Add([f64::NAN, 0.0])]).contains("outside"));
-    assert!(refused(&[Change::Add(well), Change::Add(well)]).contains("same place"));
-    assert!(refused(&[Change::Remove(100_000)]).contains("has no atom 100000"));
-    let corner = nearest(&file, [0.0, 0.0]);
-    assert!(refused(&[Change::Remove(corner)]).contains("corner"));
-    assert!(refused(&[Change::Move(corner, well)]).contains("corner"));
-    assert!(refused(&[Change::Add(world([0.0, 0.0]))]).contains("stays"));
-    let inner = nearest(&file, [30.0, 20.0]);
-    assert!(refused(&[Change::Remove(inner), Change::Move(inner, well)]).contains("also edited"));
+    assert!(refused(&[AtomChange::Add([f64::NAN, 0.0])]).contains("outside"));
+    assert!(refused(&[AtomChange::Add(well), AtomChange::Add(well)]).contains("same place"));
+    assert!(refused(&[AtomChange::Remove(100_000)]).contains("has no atom 100000"));
+    let corner = nearest_node(&file, [0.0, 0.0]);
+    assert!(refused(&[AtomChange::Remove(corner)]).contains("corner"));
+    assert!(refused(&[AtomChange::Move(corner, well)]).contains("corner"));
+    assert!(refused(&[AtomChange::Add(world_position([0.0, 0.0]))]).contains("stays"));
+    let inner = nearest_node(&file, [30.0, 20.0]);
+    assert!(
+        refused(&[AtomChange::Remove(inner), AtomChange::Move(inner, well)])
+            .contains("also edited")
+    );
     let other = super::tests::image([61, 50]);
-    let edits = named(&[Change::Add(well)]);
+    let edits = named_edits(&[AtomChange::Add(well)]);
     let error = edit(
         file,
         "mesh",
@@ -488,7 +501,7 @@ fn impossible_edits_are_refused() {
         &params,
         &edits,
         false,
-        &mut Unobserved,
+        &mut NoProgress,
     );
     assert!(error.unwrap_err().to_string().contains("61"));
 }

@@ -2,14 +2,14 @@
 //! which cells would have it.
 
 use super::cells::CellFlow;
-use super::rock::{Faults, Rock, Tensor};
+use super::rock::{FaultLaw, Rock, Tensor};
 use crate::Result;
 use crate::geometry::{add_scaled, dot, norm};
 use crate::mesh::graph::Graph;
-use crate::observer::Patience;
+use crate::progress::CancelToken;
 
 /// Errors of the rate along an axis that are smaller are not worth a word.
-const SMALL: f64 = 0.05;
+const MIN_NOTED_ERROR: f64 = 0.05;
 
 /// What two-point fluxes make of flow along each axis.
 #[derive(Debug, Clone, PartialEq)]
@@ -33,22 +33,22 @@ impl<const D: usize> AxisRatios<D> {
         rock: &Rock,
         axes: &[[f64; D]; D],
         step: [f64; D],
-        patience: &Patience<'_>,
+        patience: &CancelToken<'_>,
     ) -> Result<Self> {
         let tensor = mean(graph, rock);
         let uniform = Rock::uniform(tensor, 1.0);
-        let flow = CellFlow::new(graph, &uniform, Faults::OPEN)?;
+        let flow = CellFlow::new(graph, &uniform, FaultLaw::OPEN)?;
         let mut ratio = [None; D];
         for (axis, ratio) in ratio.iter_mut().enumerate() {
             let sides = [2 * axis as u8, 2 * axis as u8 + 1];
-            let [Some(low), Some(high)] = sides.map(|side| Plane::of(graph, side)) else {
+            let [Some(low), Some(high)] = sides.map(|side| BoxSide::from_graph(graph, side)) else {
                 continue;
             };
             let length = dot(high.normal, high.middle) - dot(high.normal, low.middle);
-            let right = high.area * tensor.along(high.normal) / length;
+            let right = high.area * tensor.normal_component(high.normal) / length;
             let given = [(sides[0], 1.0), (sides[1], 0.0)];
             let cells = graph.volume.len();
-            let found = flow.solve_while(&vec![0.0; cells], &given, patience)?;
+            let found = flow.solve_cancellable(&vec![0.0; cells], &given, patience)?;
             *ratio = Some(found.inflow[cells] / right);
         }
         Ok(Self {
@@ -59,7 +59,8 @@ impl<const D: usize> AxisRatios<D> {
 
     /// What to say of it, if rates are wrong by more than a little.
     pub fn note(&self) -> Option<String> {
-        let wrong = |ratio: &Option<f64>| ratio.is_some_and(|ratio| (ratio - 1.0).abs() > SMALL);
+        let wrong =
+            |ratio: &Option<f64>| ratio.is_some_and(|ratio| (ratio - 1.0).abs() > MIN_NOTED_ERROR);
         if !self.ratio.iter().any(wrong) {
             return None;
         }
@@ -77,14 +78,14 @@ impl<const D: usize> AxisRatios<D> {
 }
 
 /// One side of the box.
-struct Plane<const D: usize> {
+struct BoxSide<const D: usize> {
     normal: [f64; D],
     middle: [f64; D],
     area: f64,
 }
 
-impl<const D: usize> Plane<D> {
-    fn of(graph: &Graph<D>, side: u8) -> Option<Self> {
+impl<const D: usize> BoxSide<D> {
+    fn from_graph(graph: &Graph<D>, side: u8) -> Option<Self> {
         let (mut normal, mut middle, mut area) = ([0.0; D], [0.0; D], 0.0);
         for face in graph.boundary.iter().filter(|face| face.side == Some(side)) {
             normal = add_scaled(normal, face.area, face.normal);
@@ -120,7 +121,7 @@ fn mean<const D: usize>(graph: &Graph<D>, rock: &Rock) -> Tensor {
 fn metric<const D: usize>(tensor: &Tensor, axes: &[[f64; D]; D], step: [f64; D]) -> [f64; D] {
     let scales = axes.map(|axis| {
         let length = norm(axis);
-        length / tensor.along(axis.map(|x| x / length)).sqrt()
+        length / tensor.normal_component(axis.map(|x| x / length)).sqrt()
     });
     let all = |scales: [f64; D]| scales.iter().product::<f64>();
     let factor = (all(step) / all(scales)).powf(1.0 / D as f64);
@@ -139,7 +140,7 @@ mod tests {
         let graph = Graph::from_poly(&mesh);
         let rock = Rock::uniform(Tensor::from_numbers(&[4.0, 4.0, 1.0]).unwrap(), 1.0);
         let axes = [[2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 1.0]];
-        let found = AxisRatios::new(&graph, &rock, &axes, [1.0; 3], &Patience::endless()).unwrap();
+        let found = AxisRatios::new(&graph, &rock, &axes, [1.0; 3], &CancelToken::never()).unwrap();
         for ratio in found.ratio {
             assert!((ratio.unwrap() - 1.0).abs() < 1e-9, "{ratio:?}");
         }

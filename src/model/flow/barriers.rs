@@ -1,6 +1,6 @@
 //! Which faces of a mesh resist flow, and how: faults, each with its own law.
 
-use super::rock::Faults;
+use super::rock::FaultLaw;
 use crate::error::cause;
 use crate::{Error, Result};
 
@@ -10,13 +10,13 @@ use crate::{Error, Result};
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Barriers {
     label: Vec<u32>,
-    laws: Vec<Faults>,
+    laws: Vec<FaultLaw>,
     names: Vec<String>,
 }
 
 impl Barriers {
     /// Barriers that all resist alike, on the faces for which `on` holds, face after face.
-    pub fn alike(on: impl IntoIterator<Item = bool>, law: Faults) -> Self {
+    pub fn uniform(on: impl IntoIterator<Item = bool>, law: FaultLaw) -> Self {
         Self {
             label: on.into_iter().map(u32::from).collect(),
             laws: vec![law],
@@ -30,7 +30,7 @@ impl Barriers {
     ///
     /// # Errors
     /// [`Error::Flow`] for a label without a law.
-    pub fn new(label: Vec<u32>, laws: Vec<Faults>) -> Result<Self> {
+    pub fn new(label: Vec<u32>, laws: Vec<FaultLaw>) -> Result<Self> {
         match label.iter().max() {
             Some(&most) if most as usize > laws.len() => Err(Error::Flow(cause(
                 format!("fault {most}"),
@@ -47,7 +47,7 @@ impl Barriers {
 
     /// The same with names for labels 1, 2 ...
     #[must_use]
-    pub fn named(self, names: Vec<String>) -> Self {
+    pub fn with_names(self, names: Vec<String>) -> Self {
         Self { names, ..self }
     }
 
@@ -61,12 +61,12 @@ impl Barriers {
     #[inline]
     pub fn label(&self, face: usize) -> Option<u32> {
         let label = *self.label.get(face)?;
-        (label > 0 && !self.law(label).are_open()).then_some(label)
+        (label > 0 && !self.law(label).is_open()).then_some(label)
     }
 
     /// How barriers of a label resist.
     #[inline]
-    pub fn law(&self, label: u32) -> Faults {
+    pub fn law(&self, label: u32) -> FaultLaw {
         self.laws[label as usize - 1]
     }
 }
@@ -74,11 +74,11 @@ impl Barriers {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::interface::marks_of_bits;
+    use crate::mesh::interface::marks_from_bits;
 
     #[test]
     fn labels_have_laws_and_open_ones_do_not_count() {
-        let law = |m| Faults::new(m, None).unwrap();
+        let law = |m| FaultLaw::new(m, None).unwrap();
         let barriers = Barriers::new(vec![0, 2, 1, 0], vec![law(0.5), law(1.0)]).unwrap();
         let labels = [0, 1, 2, 3, 4].map(|face| barriers.label(face));
         assert_eq!(labels, [None, None, Some(1), None, None]);
@@ -89,8 +89,8 @@ mod tests {
 
     #[test]
     fn bits_stand_for_the_faces_of_triangles_and_tetrahedra() {
-        let marks: Vec<bool> = marks_of_bits::<2>(&[5, 2]).collect();
+        let marks: Vec<bool> = marks_from_bits::<2>(&[5, 2]).collect();
         assert_eq!(marks, [true, false, true, false, true, false]);
-        assert_eq!(marks_of_bits::<3>(&[8, 0]).count(), 8);
+        assert_eq!(marks_from_bits::<3>(&[8, 0]).count(), 8);
     }
 }

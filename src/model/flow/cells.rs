@@ -9,14 +9,14 @@
 use crate::parallel::prelude::*;
 
 use super::barriers::Barriers;
-use super::rock::{Faults, Rock};
-use super::sparse::{Matrix, sum};
+use super::rock::{FaultLaw, Rock};
+use super::sparse_matrix::{Matrix, sum};
 use super::system::{Solution, solve};
-use super::wells::Well;
+use super::wells::PointWell;
 use crate::error::cause;
 use crate::geometry::{dot, solve_positive};
 use crate::mesh::graph::{Connection, Graph, Locator};
-use crate::observer::Patience;
+use crate::progress::CancelToken;
 use crate::{Error, Result};
 
 /// The pressure system of a graph of cells, ready for any sources.
@@ -49,8 +49,8 @@ impl<'a, const D: usize> CellFlow<'a, D> {
     /// # Errors
     /// [`Error::Flow`] if a face does not lie between its sites, so that the transmissibility would
     /// not be positive.
-    pub fn new(graph: &'a Graph<D>, rock: &Rock, faults: Faults) -> Result<Self> {
-        let law = |c: &Connection<D>| (c.on_feature && !faults.are_open()).then_some(faults);
+    pub fn new(graph: &'a Graph<D>, rock: &Rock, faults: FaultLaw) -> Result<Self> {
+        let law = |c: &Connection<D>| (c.on_feature && !faults.is_open()).then_some(faults);
         Self::with_laws(graph, rock, law)
     }
 
@@ -69,12 +69,12 @@ impl<'a, const D: usize> CellFlow<'a, D> {
     fn with_laws(
         graph: &'a Graph<D>,
         rock: &Rock,
-        law: impl Fn(&Connection<D>) -> Option<Faults> + Sync,
+        law: impl Fn(&Connection<D>) -> Option<FaultLaw> + Sync,
     ) -> Result<Self> {
         let between = |c: &Connection<D>| {
             let mobility = c
                 .cells
-                .map(|cell| rock.mobility(cell as usize).along(c.normal));
+                .map(|cell| rock.mobility(cell as usize).normal_component(c.normal));
             let mut resistance = c.distance[0] / mobility[0] + c.distance[1] / mobility[1];
             if let Some(law) = law(c) {
                 resistance += 1.0 / law.conductance(c.distance, mobility);
@@ -86,7 +86,7 @@ impl<'a, const D: usize> CellFlow<'a, D> {
             .boundary
             .par_iter()
             .map(|f| {
-                let mobility = rock.mobility(f.cell as usize).along(f.normal);
+                let mobility = rock.mobility(f.cell as usize).normal_component(f.normal);
                 f.area * mobility / f.distance
             })
             .collect();
@@ -121,18 +121,18 @@ impl<'a, const D: usize> CellFlow<'a, D> {
     /// # Errors
     /// [`Error::Flow`] if rates do not balance where they must, or a side has no faces.
     pub fn solve(&self, rates: &[f64], sides: &[(u8, f64)]) -> Result<Solution> {
-        self.solve_while(rates, sides, &Patience::endless())
+        self.solve_cancellable(rates, sides, &CancelToken::never())
     }
 
     /// The same as long as `patience` lasts, which is asked between iterations.
     ///
     /// # Errors
     /// Those of [`solve`](Self::solve), and [`Error::Interrupted`] once it is over.
-    pub fn solve_while(
+    pub fn solve_cancellable(
         &self,
         rates: &[f64],
         sides: &[(u8, f64)],
-        patience: &Patience<'_>,
+        patience: &CancelToken<'_>,
     ) -> Result<Solution> {
         let (cells, n) = (rates.len(), rates.len() + sides.len());
         let mut couplings = Vec::new();
@@ -235,13 +235,13 @@ impl<'a, const D: usize> CellFlow<'a, D> {
     ///
     /// # Errors
     /// [`Error::Flow`] names a well outside the mesh.
-    pub fn well_rates(&self, wells: &[Well<D>]) -> Result<Vec<f64>> {
+    pub fn well_rates(&self, wells: &[PointWell<D>]) -> Result<Vec<f64>> {
         let mut rates = vec![0.0; self.graph.volume.len()];
         let locator = Locator::new(self.graph);
         for well in wells {
             well.check()?;
             let cell = locator.cell_at(well.position);
-            let cell = cell.ok_or_else(|| well.outside())?;
+            let cell = cell.ok_or_else(|| well.outside_error())?;
             rates[cell] += well.rate;
         }
         Ok(rates)
@@ -332,7 +332,7 @@ mod tests {
         let extent: [f64; D] = std::array::from_fn(|k| 4.0 + k as f64);
         let graph = grid::<D>(std::array::from_fn(|k| 6 + k), extent, None);
         let rock = Rock::uniform(Tensor::from_numbers(&[2.0, 30.0, 0.1]).unwrap(), 0.5);
-        let flow = CellFlow::new(&graph, &rock, Faults::CLOSED).unwrap();
+        let flow = CellFlow::new(&graph, &rock, FaultLaw::CLOSED).unwrap();
         assert!(flow.angle_error < 1e-9);
         for axis in 0..D {
             let sides = [(2 * axis as u8, 5.0), (2 * axis as u8 + 1, 1.0)];
@@ -352,8 +352,8 @@ mod tests {
                 }
             }
             let area: f64 = extent.iter().product::<f64>() / extent[axis];
-            assert!((found.figures.throughput / (u * area) - 1.0).abs() < 1e-10);
-            assert!(found.figures.total_balance < 1e-10 && found.figures.worst_balance < 1e-10);
+            assert!((found.stats.throughput / (u * area) - 1.0).abs() < 1e-10);
+            assert!(found.stats.total_imbalance < 1e-10 && found.stats.max_imbalance < 1e-10);
         }
     }
 
@@ -370,7 +370,7 @@ mod tests {
         assert_eq!(half, [1.0, 0.0, 0.0]);
         let kinds = [(0, Tensor::isotropic(k[0])), (1, Tensor::isotropic(k[1]))];
         let rock = Rock::by_region(&graph.region, &kinds, 1.0).unwrap();
-        let faults = Faults::new(m, Some(w)).unwrap();
+        let faults = FaultLaw::new(m, Some(w)).unwrap();
         let flow = CellFlow::new(&graph, &rock, faults).unwrap();
         let middle = graph
             .connections
@@ -383,12 +383,12 @@ mod tests {
         let found = flow
             .solve(&vec![0.0; graph.volume.len()], &[(0, 1.0), (1, 0.0)])
             .unwrap();
-        assert!((found.figures.throughput * resistance - 1.0).abs() < 1e-10);
-        let closed = CellFlow::new(&graph, &rock, Faults::CLOSED).unwrap();
+        assert!((found.stats.throughput * resistance - 1.0).abs() < 1e-10);
+        let closed = CellFlow::new(&graph, &rock, FaultLaw::CLOSED).unwrap();
         let found = closed
             .solve(&vec![0.0; graph.volume.len()], &[(0, 1.0), (1, 0.0)])
             .unwrap();
-        assert_eq!(found.figures.compartments, 2);
+        assert_eq!(found.stats.compartments, 2);
         for (p, region) in found.pressure.iter().zip(&graph.region) {
             assert!((p - f64::from(1 - region)).abs() < 1e-10);
         }
@@ -398,8 +398,8 @@ mod tests {
     fn wells_go_to_the_cells_that_hold_them_and_balance() {
         let graph = grid([9, 8, 7], [4.0, 5.0, 6.0], None);
         let rock = Rock::uniform(Tensor::isotropic(1.0), 1.0);
-        let flow = CellFlow::new(&graph, &rock, Faults::OPEN).unwrap();
-        let well = |position: [f64; 3], rate| Well {
+        let flow = CellFlow::new(&graph, &rock, FaultLaw::OPEN).unwrap();
+        let well = |position: [f64; 3], rate| PointWell {
             name: "--source".into(),
             position,
             rate,
@@ -411,7 +411,7 @@ mod tests {
             .unwrap();
         assert_eq!((rates[137], rates[300]), (3.0, -3.0));
         let found = flow.solve(&rates, &[]).unwrap();
-        assert!(found.figures.worst_balance < 1e-10 && found.figures.total_balance < 1e-10);
+        assert!(found.stats.max_imbalance < 1e-10 && found.stats.total_imbalance < 1e-10);
         let through = flow.rates(&found.pressure, &[]);
         let mut out = vec![0.0; rates.len()];
         for (c, rate) in graph.connections.iter().zip(&through.connections) {

@@ -16,24 +16,24 @@
 use crate::parallel::prelude::*;
 
 use super::barriers::Barriers;
-use super::linear::{area_vector, centre_to_face, corners, factorial, gradients};
 use super::rock::{Rock, Tensor};
-use super::sparse::Matrix;
-use super::split::{FaultFace, Split};
+use super::shape_functions::{area_vector, centre_to_face, corners, factorial, gradients};
+use super::sparse_matrix::Matrix;
+use super::split_mesh::{FaultFace, SplitMesh};
 use super::system::{Solution, solve};
-use super::wells::{Located, Well};
+use super::wells::{LocatedWell, PointWell};
 use crate::error::cause;
+use crate::geometry::counting_sort::sort_by_group;
 use crate::geometry::dot;
-use crate::geometry::groups::grouped;
 use crate::mesh::{Simplices, TetMesh};
-use crate::observer::Patience;
+use crate::progress::CancelToken;
 use crate::{Error, Result};
 
 /// The pressure system of a mesh, ready for any sources.
 #[derive(Debug, Clone)]
 pub struct ElementFlow<const D: usize = 3, M = TetMesh> {
     /// The mesh, torn along its faults unless they are open.
-    pub split: Split<D, M>,
+    pub split_mesh: SplitMesh<D, M>,
     /// Rate across each face of `split.faces` per jump of pressure.
     pub transmissibility: Vec<f64>,
     rock: Rock,
@@ -56,29 +56,31 @@ impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
         };
         if let Some(c) = (0..mesh.len()).find(flat) {
             return Err(Error::Mesh(cause(
-                format!("cell {c} of the {}", M::CELLS),
+                format!("cell {c} of the {}", M::CELLS_NAME),
                 "has no positive volume",
                 "run `atomesh validate`, mesh the image again",
             )));
         }
-        let split = Split::new(mesh, barriers)?;
+        let split = SplitMesh::new(mesh, barriers)?;
         let transmissibility = (split.faces.par_iter())
             .map(|face| {
                 let seen = [0, 1].map(|side| {
                     let (g, size) = gradients(&corners(mesh, face.cells[side] as usize));
-                    (g[usize::from(face.face[side])], size)
+                    (g[usize::from(face.local_faces[side])], size)
                 });
                 let area = area_vector(seen[0].0);
                 let size = dot(area, area).sqrt();
                 let normal = area.map(|c| c / size);
                 let distance = seen.map(|(g, size)| centre_to_face(g, size));
-                let mobility = face.cells.map(|c| rock.mobility(c as usize).along(normal));
+                let mobility = face
+                    .cells
+                    .map(|c| rock.mobility(c as usize).normal_component(normal));
                 size * barriers.law(face.label).conductance(distance, mobility)
             })
             .collect::<Vec<f64>>();
         let (matrix, volume) = assemble(&split, &transmissibility, &rock);
         Ok(Self {
-            split,
+            split_mesh: split,
             transmissibility,
             rock,
             matrix,
@@ -93,27 +95,27 @@ impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
     /// # Errors
     /// [`Error::Flow`] if rates do not balance where they must.
     pub fn solve(&self, rates: &[f64], fixed: &[(u32, f64)]) -> Result<Solution> {
-        self.solve_while(rates, fixed, &Patience::endless())
+        self.solve_cancellable(rates, fixed, &CancelToken::never())
     }
 
     /// The same as long as `patience` lasts, which is asked between iterations.
     ///
     /// # Errors
     /// Those of [`solve`](Self::solve), and [`Error::Interrupted`] once it is over.
-    pub fn solve_while(
+    pub fn solve_cancellable(
         &self,
         rates: &[f64],
         fixed: &[(u32, f64)],
-        patience: &Patience<'_>,
+        patience: &CancelToken<'_>,
     ) -> Result<Solution> {
         solve(&self.matrix, rates, fixed, &self.volume, 0.0, patience)
     }
 
     /// The rate at each node due to wells: shared between the nodes of its cell.
-    pub fn rates(&self, wells: &[Located]) -> Vec<f64> {
+    pub fn rates(&self, wells: &[LocatedWell]) -> Vec<f64> {
         let mut rates = vec![0.0; self.volume.len()];
         for well in wells {
-            let corners = self.split.mesh.cell(well.cell as usize);
+            let corners = self.split_mesh.mesh.cell(well.cell as usize);
             for (&i, share) in corners.iter().zip(well.shares) {
                 rates[i as usize] += share * well.rate;
             }
@@ -131,10 +133,10 @@ impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
     ///
     /// # Errors
     /// [`Error::Flow`] names a well outside the mesh.
-    pub fn locate(&self, wells: &[Well<D>]) -> Result<Vec<Located>> {
+    pub fn locate(&self, wells: &[PointWell<D>]) -> Result<Vec<LocatedWell>> {
         wells
             .iter()
-            .map(|well| well.locate(&self.split.mesh))
+            .map(|well| well.locate(&self.split_mesh.mesh))
             .collect()
     }
 
@@ -146,15 +148,15 @@ impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
 
     /// The nodes of the torn mesh for which `chosen` holds of the node they were made from.
     pub fn nodes_where(&self, chosen: impl Fn(usize) -> bool) -> Vec<u32> {
-        let nodes = 0..self.split.original.len() as u32;
+        let nodes = 0..self.split_mesh.original_node.len() as u32;
         nodes
-            .filter(|&i| chosen(self.split.original[i as usize] as usize))
+            .filter(|&i| chosen(self.split_mesh.original_node[i as usize] as usize))
             .collect()
     }
 
     /// The Darcy velocity `-K grad p / viscosity` of each cell (rate per area).
     pub fn velocity(&self, pressure: &[f64]) -> Vec<[f64; D]> {
-        let mesh = &self.split.mesh;
+        let mesh = &self.split_mesh.mesh;
         let one = |c: usize| {
             let (g, size) = gradients(&corners(mesh, c));
             let nodes = mesh.cell(c);
@@ -177,7 +179,7 @@ impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
                 .map(|(&a, b)| pressure[a as usize] - pressure[b as usize]);
             t / D as f64 * jumps.sum::<f64>()
         };
-        self.split
+        self.split_mesh
             .faces
             .iter()
             .zip(&self.transmissibility)
@@ -188,13 +190,13 @@ impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
 
 /// The system's matrix and the control volumes.
 fn assemble<const D: usize, M: Simplices<D>>(
-    split: &Split<D, M>,
+    split: &SplitMesh<D, M>,
     transmissibility: &[f64],
     rock: &Rock,
 ) -> (Matrix, Vec<f64>) {
     let mesh = &split.mesh;
     let n = mesh.nodes().len();
-    let (start, around) = grouped(n, mesh.connectivity().iter().map(|&i| i as usize));
+    let (start, around) = sort_by_group(n, mesh.connectivity().iter().map(|&i| i as usize));
     let mut couplings: Vec<(u32, u32, f64)> = Vec::with_capacity(2 * D * split.faces.len());
     for (face, t) in split.faces.iter().zip(transmissibility) {
         for (&a, &b) in face.nodes[0].iter().zip(&face.nodes[1]) {

@@ -5,15 +5,15 @@ use std::f64::consts::PI;
 use super::*;
 use crate::mesh::TriMesh;
 use crate::mesh::boxes::{faces_on, jittered_box};
-use crate::model::flow::Faults;
-use crate::model::flow::test_meshes::{flow_through, torn_box};
+use crate::model::flow::FaultLaw;
+use crate::model::flow::test_meshes::{faulted_box, flow_through};
 
 /// Nodes of the torn mesh in sides of the box, by a predicate of position.
 fn nodes_at<const D: usize, M: Simplices<D>>(
     flow: &ElementFlow<D, M>,
     chosen: impl Fn([f64; D]) -> bool,
 ) -> Vec<u32> {
-    let nodes = flow.split.mesh.nodes();
+    let nodes = flow.split_mesh.mesh.nodes();
     (0..nodes.len() as u32)
         .filter(|&i| chosen(nodes[i as usize]))
         .collect()
@@ -24,7 +24,7 @@ fn full_tensor() -> Tensor {
 }
 
 /// Pressures at x = 0 and x = length given.
-fn ends<const D: usize, M: Simplices<D>>(
+fn end_pressures<const D: usize, M: Simplices<D>>(
     flow: &ElementFlow<D, M>,
     length: f64,
     low: f64,
@@ -38,11 +38,11 @@ fn ends<const D: usize, M: Simplices<D>>(
 }
 
 fn no_rates<const D: usize, M: Simplices<D>>(flow: &ElementFlow<D, M>) -> Vec<f64> {
-    vec![0.0; flow.split.mesh.nodes().len()]
+    vec![0.0; flow.split_mesh.mesh.nodes().len()]
 }
 
 /// The first coordinates of a point in space.
-fn part<const D: usize>(x: [f64; 3]) -> [f64; D] {
+fn truncate_point<const D: usize>(x: [f64; 3]) -> [f64; D] {
     std::array::from_fn(|k| x[k])
 }
 
@@ -90,17 +90,17 @@ fn outflow_by_facets<const D: usize, M: Simplices<D>>(mesh: &M, velocity: &[[f64
     out
 }
 
-fn linear_pressure<const D: usize, M: Simplices<D>>() {
+fn check_linear_pressure<const D: usize, M: Simplices<D>>() {
     let extent: [f64; D] = std::array::from_fn(|k| 5.0 - k as f64);
     let mesh: M = jittered_box(std::array::from_fn(|k| 7 - k), extent, 0.25, |_| true);
-    let slope: [f64; D] = part([0.7, -1.3, 0.4]);
+    let slope: [f64; D] = truncate_point([0.7, -1.3, 0.4]);
     let exact = |x: [f64; D]| 2.0 + dot(slope, x);
     for tensor in [
         Tensor::isotropic(2.0),
         Tensor::from_numbers(&[1.0, 10.0, 1e-3]).unwrap(),
         full_tensor(),
     ] {
-        let flow = flow_through(&mesh, &[], Rock::uniform(tensor, 0.5), Faults::CLOSED);
+        let flow = flow_through(&mesh, &[], Rock::uniform(tensor, 0.5), FaultLaw::CLOSED);
         let on_box = |x: [f64; D]| (0..D).any(|k| x[k] == 0.0 || x[k] == extent[k]);
         let fixed: Vec<(u32, f64)> = nodes_at(&flow, on_box)
             .into_iter()
@@ -117,17 +117,17 @@ fn linear_pressure<const D: usize, M: Simplices<D>>() {
                 "{velocity:?}"
             );
         }
-        assert!(found.figures.total_balance < 1e-10 && found.figures.worst_balance < 1e-10);
+        assert!(found.stats.total_imbalance < 1e-10 && found.stats.max_imbalance < 1e-10);
     }
 }
 
 #[test]
 fn linear_pressure_is_exact_for_any_mesh_and_tensor() {
-    linear_pressure::<2, TriMesh>();
-    linear_pressure::<3, TetMesh>();
+    check_linear_pressure::<2, TriMesh>();
+    check_linear_pressure::<3, TetMesh>();
 }
 
-fn second_order<const D: usize, M: Simplices<D>>(sizes: [usize; 3]) {
+fn check_second_order<const D: usize, M: Simplices<D>>(sizes: [usize; 3]) {
     // No flow through the sides; the source that makes cos cos cos the pressure.
     let k = [1.0, 2.0, 0.5];
     let tensor = Tensor::from_numbers(&k).unwrap();
@@ -137,7 +137,7 @@ fn second_order<const D: usize, M: Simplices<D>>(sizes: [usize; 3]) {
     let mut errors = Vec::new();
     for n in sizes {
         let mesh: M = jittered_box([n; D], [1.0; D], 0.15, |_| true);
-        let flow = flow_through(&mesh, &[], Rock::uniform(tensor, 1.0), Faults::OPEN);
+        let flow = flow_through(&mesh, &[], Rock::uniform(tensor, 1.0), FaultLaw::OPEN);
         let volume = flow.control_volumes();
         let nodes = mesh.nodes().iter().zip(volume);
         let mut rates: Vec<f64> = nodes.map(|(&x, v)| v * strength * exact(x)).collect();
@@ -156,31 +156,34 @@ fn second_order<const D: usize, M: Simplices<D>>(sizes: [usize; 3]) {
 
 #[test]
 fn the_error_falls_with_the_square_of_the_mesh_size() {
-    second_order::<2, TriMesh>([16, 32, 64]);
-    second_order::<3, TetMesh>([8, 16, 32]);
+    check_second_order::<2, TriMesh>([16, 32, 64]);
+    check_second_order::<3, TetMesh>([8, 16, 32]);
 }
 
 /// A box 4 long with a layer of fault rock across it at x = 2: rock outside the layer and the layer
 /// in series.
-fn a_layer_across<const D: usize, M: Simplices<D>>() {
+fn check_fault_layer<const D: usize, M: Simplices<D>>() {
     let mut extent = [2.0; D];
     extent[0] = 4.0;
     let mesh: M = jittered_box(extent.map(|x| 2 * x as usize), extent, 0.2, |x| x[0] != 2.0);
     let bits = faces_on(&mesh, |x| x[0] == 2.0);
     let (k, viscosity, multiplier, thickness) = (3.0, 0.5, 0.05, 0.2);
     let rock = Rock::uniform(Tensor::isotropic(k), viscosity);
-    let faults = Faults::new(multiplier, Some(thickness)).unwrap();
+    let faults = FaultLaw::new(multiplier, Some(thickness)).unwrap();
     let flow = flow_through(&mesh, &bits, rock, faults);
     let (faces, doubled) = if D == 2 { (4, 5) } else { (2 * 4 * 4, 25) };
-    assert_eq!(flow.split.faces.len(), faces);
-    assert_eq!(flow.split.mesh.nodes().len(), mesh.nodes().len() + doubled);
-    let fixed = ends(&flow, 4.0, 10.0, 4.0);
+    assert_eq!(flow.split_mesh.faces.len(), faces);
+    assert_eq!(
+        flow.split_mesh.mesh.nodes().len(),
+        mesh.nodes().len() + doubled
+    );
+    let fixed = end_pressures(&flow, 4.0, 10.0, 4.0);
     let found = flow.solve(&no_rates(&flow), &fixed).unwrap();
     let resistance = viscosity * ((4.0 - thickness) / k + thickness / (multiplier * k));
     let u = 6.0 / resistance;
     let jump = 6.0 - u * viscosity * 4.0 / k;
     for c in 0..mesh.len() {
-        let torn = &flow.split.mesh;
+        let torn = &flow.split_mesh.mesh;
         let step = if middle(&corners(torn, c)[..=D])[0] > 2.0 {
             jump
         } else {
@@ -195,17 +198,17 @@ fn a_layer_across<const D: usize, M: Simplices<D>>() {
     let section: f64 = extent[1..].iter().product();
     let across: f64 = flow.fault_rates(&found.pressure).iter().sum();
     assert!((across - section * u).abs() < 1e-9);
-    assert!((found.figures.throughput - section * u).abs() < 1e-9);
+    assert!((found.stats.throughput - section * u).abs() < 1e-9);
 }
 
 #[test]
 fn a_layer_of_fault_rock_makes_the_jump_that_it_must() {
-    a_layer_across::<2, TriMesh>();
-    a_layer_across::<3, TetMesh>();
+    check_fault_layer::<2, TriMesh>();
+    check_fault_layer::<3, TetMesh>();
 }
 
 /// Three faults across a box 8 long, each with its own law; in series.
-fn faults_with_their_own_laws<const D: usize, M: Simplices<D>>() {
+fn check_fault_laws<const D: usize, M: Simplices<D>>() {
     let mut extent = [2.0; D];
     extent[0] = 8.0;
     let at = [2.0, 4.0, 6.0];
@@ -215,37 +218,42 @@ fn faults_with_their_own_laws<const D: usize, M: Simplices<D>>() {
     let mut label = vec![0; (D + 1) * mesh.len()];
     for (x, number) in at.into_iter().zip(1..) {
         let marks: Vec<bool> =
-            crate::mesh::interface::marks_of_bits::<D>(&faces_on(&mesh, |y| y[0] == x)).collect();
+            crate::mesh::interface::marks_from_bits::<D>(&faces_on(&mesh, |y| y[0] == x)).collect();
         (0..marks.len())
             .filter(|&f| marks[f])
             .for_each(|f| label[f] = number);
     }
-    let law = |multiplier| Faults::new(multiplier, Some(0.1)).unwrap();
+    let law = |multiplier| FaultLaw::new(multiplier, Some(0.1)).unwrap();
     let rock = Rock::uniform(Tensor::isotropic(1.0), 1.0);
     // The second is open, so the mesh is not torn there.
-    let barriers = Barriers::new(label.clone(), vec![law(0.1), Faults::OPEN, law(0.02)]).unwrap();
+    let barriers = Barriers::new(label.clone(), vec![law(0.1), FaultLaw::OPEN, law(0.02)]).unwrap();
     let flow = ElementFlow::new(&mesh, &barriers, rock.clone()).unwrap();
-    let labels: Vec<u32> = flow.split.faces.iter().map(|face| face.label).collect();
+    let labels: Vec<u32> = flow
+        .split_mesh
+        .faces
+        .iter()
+        .map(|face| face.label)
+        .collect();
     assert!(labels.contains(&1) && !labels.contains(&2) && labels.contains(&3));
     let found = flow
-        .solve(&no_rates(&flow), &ends(&flow, 8.0, 1.0, 0.0))
+        .solve(&no_rates(&flow), &end_pressures(&flow, 8.0, 1.0, 0.0))
         .unwrap();
     let resistance = 8.0 + 0.1 * (1.0 / 0.1 - 1.0) + 0.1 * (1.0 / 0.02 - 1.0);
     let section: f64 = extent[1..].iter().product();
-    assert!((found.figures.throughput * resistance / section - 1.0).abs() < 1e-10);
+    assert!((found.stats.throughput * resistance / section - 1.0).abs() < 1e-10);
     // One of them closed: nothing gets through.
-    let laws = vec![law(0.1), Faults::CLOSED, law(0.02)];
+    let laws = vec![law(0.1), FaultLaw::CLOSED, law(0.02)];
     let flow = ElementFlow::new(&mesh, &Barriers::new(label, laws).unwrap(), rock).unwrap();
     let found = flow
-        .solve(&no_rates(&flow), &ends(&flow, 8.0, 1.0, 0.0))
+        .solve(&no_rates(&flow), &end_pressures(&flow, 8.0, 1.0, 0.0))
         .unwrap();
-    assert!(found.figures.throughput < 1e-12 && found.figures.compartments == 2);
+    assert!(found.stats.throughput < 1e-12 && found.stats.compartments == 2);
 }
 
 #[test]
 fn every_fault_has_its_own_multiplier() {
-    faults_with_their_own_laws::<2, TriMesh>();
-    faults_with_their_own_laws::<3, TetMesh>();
+    check_fault_laws::<2, TriMesh>();
+    check_fault_laws::<3, TetMesh>();
 }
 
 #[test]
@@ -253,16 +261,21 @@ fn a_fault_that_is_open_is_not_there() {
     let mesh = jittered_box::<3, TetMesh>([4, 3, 3], [4.0, 3.0, 3.0], 0.2, |x| x[0] != 2.0);
     let bits = faces_on(&mesh, |x| x[0] == 2.0);
     let rock = || Rock::uniform(full_tensor(), 1.0);
-    let open = flow_through(&mesh, &bits, rock(), Faults::OPEN);
-    assert!(open.split.faces.is_empty());
-    assert_eq!(open.split.mesh, mesh);
-    let nearly = flow_through(&mesh, &bits, rock(), Faults::new(1.0 - 1e-6, None).unwrap());
+    let open = flow_through(&mesh, &bits, rock(), FaultLaw::OPEN);
+    assert!(open.split_mesh.faces.is_empty());
+    assert_eq!(open.split_mesh.mesh, mesh);
+    let nearly = flow_through(
+        &mesh,
+        &bits,
+        rock(),
+        FaultLaw::new(1.0 - 1e-6, None).unwrap(),
+    );
     let pressure = |flow: &ElementFlow| {
-        let found = flow.solve(&no_rates(flow), &ends(flow, 4.0, 1.0, 0.0));
+        let found = flow.solve(&no_rates(flow), &end_pressures(flow, 4.0, 1.0, 0.0));
         found.unwrap().pressure
     };
     let (a, b) = (pressure(&open), pressure(&nearly));
-    for (p, &from) in b.iter().zip(&nearly.split.original) {
+    for (p, &from) in b.iter().zip(&nearly.split_mesh.original_node) {
         assert!((p - a[from as usize]).abs() < 1e-5);
     }
 }
@@ -272,11 +285,13 @@ fn a_closed_fault_parts_pressures_and_compartments() {
     let mesh = jittered_box::<3, TetMesh>([6, 4, 4], [6.0, 4.0, 4.0], 0.2, |x| x[0] != 3.0);
     let bits = faces_on(&mesh, |x| x[0] == 3.0);
     let rock = Rock::uniform(Tensor::isotropic(1.0), 1.0);
-    let flow = flow_through(&mesh, &bits, rock, Faults::CLOSED);
-    let none = vec![0.0; flow.split.mesh.nodes.len()];
-    let found = flow.solve(&none, &ends(&flow, 6.0, 7.0, -2.0)).unwrap();
-    assert_eq!(found.figures.compartments, 2);
-    for (t, tet) in flow.split.mesh.tets.iter().enumerate() {
+    let flow = flow_through(&mesh, &bits, rock, FaultLaw::CLOSED);
+    let none = vec![0.0; flow.split_mesh.mesh.nodes.len()];
+    let found = flow
+        .solve(&none, &end_pressures(&flow, 6.0, 7.0, -2.0))
+        .unwrap();
+    assert_eq!(found.stats.compartments, 2);
+    for (t, tet) in flow.split_mesh.mesh.tets.iter().enumerate() {
         let x = mesh.corners(t).iter().map(|p| p[0]).sum::<f64>() / 4.0;
         let want = if x < 3.0 { 7.0 } else { -2.0 };
         assert!(
@@ -286,7 +301,7 @@ fn a_closed_fault_parts_pressures_and_compartments() {
     }
 
     // A source on one side and a sink on the other cannot balance.
-    let well = |x: f64, rate: f64| Well {
+    let well = |x: f64, rate: f64| PointWell {
         name: format!("well at {x}"),
         position: [x, 1.9, 2.2],
         rate,
@@ -303,7 +318,7 @@ fn a_closed_fault_parts_pressures_and_compartments() {
     // On one side they can; the other side has pressure zero.
     let together = flow.locate(&[well(1.0, 1.0), well(2.6, -1.0)]).unwrap();
     let found = flow.solve(&flow.rates(&together), &[]).unwrap();
-    assert!(found.figures.worst_balance < 1e-10 && found.figures.total_balance < 1e-10);
+    assert!(found.stats.max_imbalance < 1e-10 && found.stats.total_imbalance < 1e-10);
     let mean: f64 = found
         .pressure
         .iter()
@@ -326,18 +341,22 @@ fn pressure_is_continuous_round_the_tip_of_a_fault() {
     let mesh = jittered_box::<3, TetMesh>([6, 6, 2], [6.0, 6.0, 2.0], 0.0, |_| false);
     let bits = faces_on(&mesh, |x| x[0] == 3.0 && x[1] <= 3.0);
     let rock = Rock::uniform(Tensor::isotropic(1.0), 1.0);
-    let flow = flow_through(&mesh, &bits, rock, Faults::CLOSED);
+    let flow = flow_through(&mesh, &bits, rock, FaultLaw::CLOSED);
     // Nodes at y = 0, 1, 2 are doubled, those of the tip (y = 3) are not.
-    assert_eq!(flow.split.mesh.nodes.len(), mesh.nodes.len() + 3 * 3);
-    let none = vec![0.0; flow.split.mesh.nodes.len()];
-    let found = flow.solve(&none, &ends(&flow, 6.0, 1.0, 0.0)).unwrap();
-    assert_eq!(found.figures.compartments, 1);
-    let through = found.figures.throughput;
+    assert_eq!(flow.split_mesh.mesh.nodes.len(), mesh.nodes.len() + 3 * 3);
+    let none = vec![0.0; flow.split_mesh.mesh.nodes.len()];
+    let found = flow
+        .solve(&none, &end_pressures(&flow, 6.0, 1.0, 0.0))
+        .unwrap();
+    assert_eq!(found.stats.compartments, 1);
+    let through = found.stats.throughput;
     assert!(through < 0.9 * 2.0 && through > 0.5 * 2.0, "{through}");
     // The mesh of faults has jumps, and by symmetry the two sides mirror each other there.
-    let doubled = flow.split.original.len() - mesh.nodes.len();
-    let jumps: Vec<f64> = (mesh.nodes.len()..flow.split.original.len())
-        .map(|i| (found.pressure[i] - found.pressure[flow.split.original[i] as usize]).abs())
+    let doubled = flow.split_mesh.original_node.len() - mesh.nodes.len();
+    let jumps: Vec<f64> = (mesh.nodes.len()..flow.split_mesh.original_node.len())
+        .map(|i| {
+            (found.pressure[i] - found.pressure[flow.split_mesh.original_node[i] as usize]).abs()
+        })
         .collect();
     assert_eq!(jumps.len(), doubled);
     assert!(jumps.iter().all(|j| *j > 0.1 && *j < 1.0), "{jumps:?}");
@@ -348,25 +367,26 @@ fn what_runs_out_of_patience_stops_wherever_it_is() {
     let mesh = jittered_box::<3, TetMesh>([8, 7, 6], [8.0, 7.0, 6.0], 0.2, |_| false);
     let bits = vec![0; mesh.tets.len()];
     let rock = Rock::uniform(Tensor::isotropic(1.0), 1.0);
-    let flow = flow_through(&mesh, &bits, rock, Faults::CLOSED);
-    let (none, fixed) = (no_rates(&flow), ends(&flow, 8.0, 1.0, 0.0));
+    let flow = flow_through(&mesh, &bits, rock, FaultLaw::CLOSED);
+    let (none, fixed) = (no_rates(&flow), end_pressures(&flow, 8.0, 1.0, 0.0));
     // What it gives, and how often it was asked before that.
-    let ask = |questions: usize, of: &dyn Fn(&Patience<'_>) -> Result<()>| {
+    let ask = |questions: usize, of: &dyn Fn(&CancelToken<'_>) -> Result<()>| {
         let mut asked = 0;
         let mut keep_going = || {
             asked += 1;
             asked <= questions
         };
-        let done = Patience::of(&mut keep_going, of);
+        let done = CancelToken::run(&mut keep_going, of);
         (done, asked)
     };
     let pressure = flow.solve(&none, &fixed).unwrap().pressure;
-    let solve = |patience: &Patience<'_>| flow.solve_while(&none, &fixed, patience).map(|_| ());
-    let rates = |patience: &Patience<'_>| {
+    let solve =
+        |patience: &CancelToken<'_>| flow.solve_cancellable(&none, &fixed, patience).map(|_| ());
+    let rates = |patience: &CancelToken<'_>| {
         let rates = flow.face_rates(&pressure, &[], &fixed, patience);
         rates.map(|_| ())
     };
-    for work in [&solve as &dyn Fn(&Patience<'_>) -> Result<()>, &rates] {
+    for work in [&solve as &dyn Fn(&CancelToken<'_>) -> Result<()>, &rates] {
         let (done, all) = ask(usize::MAX, work);
         assert!(done.is_ok() && all > 4, "asked {all} times");
         for questions in [0, 1, all / 2, all - 1] {
@@ -381,7 +401,7 @@ fn what_runs_out_of_patience_stops_wherever_it_is() {
 /// Pressure of a source at `from` and a sink at `to`, rate 1 and mobility 1, no flow through the
 /// sides of the unit cube (or square), up to a constant: cosines across, the one-dimensional Green's
 /// function along the last axis. Converges fast where that coordinate differs from the wells'.
-fn between_wells<const D: usize>(from: [f64; D], to: [f64; D], x: [f64; D]) -> f64 {
+fn two_well_pressure<const D: usize>(from: [f64; D], to: [f64; D], x: [f64; D]) -> f64 {
     const MODES: usize = 60;
     let last = D - 1;
     let mut sum = 0.5 * ((x[last] - to[last]).abs() - (x[last] - from[last]).abs());
@@ -406,22 +426,24 @@ fn between_wells<const D: usize>(from: [f64; D], to: [f64; D], x: [f64; D]) -> f
     sum
 }
 
-fn well_to_well<const D: usize, M: Simplices<D>>(n: usize) {
-    let (mut from, mut to): ([f64; D], [f64; D]) =
-        (part([0.27, 0.31, 0.0]), part([0.71, 0.64, 0.0]));
+fn check_well_to_well<const D: usize, M: Simplices<D>>(n: usize) {
+    let (mut from, mut to): ([f64; D], [f64; D]) = (
+        truncate_point([0.27, 0.31, 0.0]),
+        truncate_point([0.71, 0.64, 0.0]),
+    );
     (from[D - 1], to[D - 1]) = (0.23, 0.28);
     let mesh: M = jittered_box([n; D], [1.0; D], 0.15, |_| true);
     let (k, viscosity, rate) = (2.0, 0.3, 5.0);
     let rock = Rock::uniform(Tensor::isotropic(k), viscosity);
-    let flow = flow_through(&mesh, &[], rock, Faults::OPEN);
-    let well = |position, rate| Well {
+    let flow = flow_through(&mesh, &[], rock, FaultLaw::OPEN);
+    let well = |position, rate| PointWell {
         name: "well".into(),
         position,
         rate,
     };
     let wells = flow.locate(&[well(from, rate), well(to, -rate)]).unwrap();
     let found = flow.solve(&flow.rates(&wells), &[]).unwrap();
-    assert!(found.figures.worst_balance < 1e-10 && found.figures.total_balance < 1e-10);
+    assert!(found.stats.max_imbalance < 1e-10 && found.stats.total_imbalance < 1e-10);
     let far: Vec<usize> = (0..mesh.nodes().len())
         .filter(|&i| mesh.nodes()[i][D - 1] > 0.55)
         .step_by(97)
@@ -429,7 +451,7 @@ fn well_to_well<const D: usize, M: Simplices<D>>(n: usize) {
     assert!(far.len() > 10);
     let exact: Vec<f64> = far
         .iter()
-        .map(|&i| rate * viscosity / k * between_wells(from, to, mesh.nodes()[i]))
+        .map(|&i| rate * viscosity / k * two_well_pressure(from, to, mesh.nodes()[i]))
         .collect();
     let mean =
         |values: &dyn Fn(usize) -> f64| (0..far.len()).map(values).sum::<f64>() / far.len() as f64;
@@ -443,26 +465,26 @@ fn well_to_well<const D: usize, M: Simplices<D>>(n: usize) {
 
 #[test]
 fn well_to_well_in_a_box_agrees_with_the_series() {
-    well_to_well::<2, TriMesh>(64);
-    well_to_well::<3, TetMesh>(24);
+    check_well_to_well::<2, TriMesh>(64);
+    check_well_to_well::<3, TetMesh>(24);
 }
 
-fn conservation_by_geometry<const D: usize, M: Simplices<D>>() {
-    let (mesh, bits) = torn_box::<D, M>();
+fn check_conservation<const D: usize, M: Simplices<D>>() {
+    let (mesh, bits) = faulted_box::<D, M>();
     let regions: Vec<i32> = (0..mesh.len()).map(|c| (c / 30 % 2) as i32).collect();
     let kinds = [(0, full_tensor()), (1, Tensor::isotropic(1e-3))];
     let rock = Rock::by_region(&regions, &kinds, 1e-3).unwrap();
-    let flow = flow_through(&mesh, &bits, rock, Faults::new(0.01, None).unwrap());
-    let well = |x: f64, rate| Well {
+    let flow = flow_through(&mesh, &bits, rock, FaultLaw::new(0.01, None).unwrap());
+    let well = |x: f64, rate| PointWell {
         name: "well".into(),
-        position: part([x, 1.1, 1.3]),
+        position: truncate_point([x, 1.1, 1.3]),
         rate,
     };
     let wells = flow.locate(&[well(0.4, 2.0), well(2.5, -2.0)]).unwrap();
     let rates = flow.rates(&wells);
     let found = flow.solve(&rates, &[]).unwrap();
-    let mut out = outflow_by_facets(&flow.split.mesh, &flow.velocity(&found.pressure));
-    for (face, t) in flow.split.faces.iter().zip(&flow.transmissibility) {
+    let mut out = outflow_by_facets(&flow.split_mesh.mesh, &flow.velocity(&found.pressure));
+    for (face, t) in flow.split_mesh.faces.iter().zip(&flow.transmissibility) {
         for (&a, &b) in face.nodes[0].iter().zip(&face.nodes[1]) {
             let flux = t / D as f64 * (found.pressure[a as usize] - found.pressure[b as usize]);
             out[a as usize] += flux;
@@ -476,8 +498,8 @@ fn conservation_by_geometry<const D: usize, M: Simplices<D>>() {
 
 #[test]
 fn fluid_is_conserved_on_control_volumes_measured_by_geometry() {
-    conservation_by_geometry::<2, TriMesh>();
-    conservation_by_geometry::<3, TetMesh>();
+    check_conservation::<2, TriMesh>();
+    check_conservation::<3, TetMesh>();
 }
 
 #[test]
@@ -497,15 +519,15 @@ fn iterations_do_not_grow_with_the_mesh() {
                 .map(|t| layered(mesh.corners(t)[0].map(|c| c * 0.999)))
                 .collect();
             let rock = Rock::by_region(&regions, &kinds, 1.0).unwrap();
-            let flow = flow_through(&mesh, &[], rock, Faults::OPEN);
-            let well = |x: f64, rate| Well {
+            let flow = flow_through(&mesh, &[], rock, FaultLaw::OPEN);
+            let well = |x: f64, rate| PointWell {
                 name: "well".into(),
                 position: [x; 3],
                 rate,
             };
             let wells = flow.locate(&[well(0.1, 1.0), well(0.9, -1.0)]).unwrap();
             let found = flow.solve(&flow.rates(&wells), &[]).unwrap();
-            iterations.push(found.figures.iterations);
+            iterations.push(found.stats.iterations);
         }
         assert!(iterations.iter().all(|&i| i <= 25), "{iterations:?}");
     }
@@ -515,8 +537,8 @@ fn iterations_do_not_grow_with_the_mesh() {
 fn wells_outside_and_flat_tetrahedra_are_refused() {
     let mut mesh = jittered_box::<3, TetMesh>([3; 3], [3.0; 3], 0.2, |_| true);
     let rock = || Rock::uniform(Tensor::isotropic(1.0), 1.0);
-    let flow = flow_through(&mesh, &[], rock(), Faults::OPEN);
-    let well = Well {
+    let flow = flow_through(&mesh, &[], rock(), FaultLaw::OPEN);
+    let well = PointWell {
         name: "--source 9,1,1".into(),
         position: [9.0, 1.0, 1.0],
         rate: 1.0,
@@ -529,12 +551,12 @@ fn wells_outside_and_flat_tetrahedra_are_refused() {
         error.starts_with("--source 9,1,1: ") && error.contains("outside"),
         "{error}"
     );
-    let nowhere = Well {
+    let nowhere = PointWell {
         position: [f64::NAN; 3],
         ..well.clone()
     };
     assert!(flow.locate(&[nowhere]).is_err());
-    let endless = Well {
+    let endless = PointWell {
         position: [1.0; 3],
         rate: f64::INFINITY,
         ..well.clone()
@@ -548,7 +570,7 @@ fn wells_outside_and_flat_tetrahedra_are_refused() {
         [1.5, 0.0, 0.0],
         [3.0, 1.2, 0.7],
     ] {
-        let inside = Well {
+        let inside = PointWell {
             position,
             ..well.clone()
         };
@@ -560,7 +582,7 @@ fn wells_outside_and_flat_tetrahedra_are_refused() {
         }
     }
     let one = flow
-        .locate(&[Well {
+        .locate(&[PointWell {
             position: [1.1; 3],
             ..well
         }])
@@ -588,15 +610,15 @@ fn two_point_fluxes_between_tetrahedra_would_be_wrong() {
     for face in &mut graph.boundary {
         face.side = (face.normal[0].abs() > 0.5).then_some(u8::from(face.normal[0] > 0.0));
     }
-    let cells = CellFlow::new(&graph, &rock, Faults::OPEN).unwrap();
+    let cells = CellFlow::new(&graph, &rock, FaultLaw::OPEN).unwrap();
     let found = cells
         .solve(&vec![0.0; mesh.tets.len()], &[(0, 1.0), (1, 0.0)])
         .unwrap();
-    let two_point = (found.figures.throughput - 1.0).abs();
-    let flow = flow_through(&mesh, &[], rock, Faults::OPEN);
-    let fixed = ends(&flow, 1.0, 1.0, 0.0);
+    let two_point = (found.stats.throughput - 1.0).abs();
+    let flow = flow_through(&mesh, &[], rock, FaultLaw::OPEN);
+    let fixed = end_pressures(&flow, 1.0, 1.0, 0.0);
     let found = flow.solve(&no_rates(&flow), &fixed).unwrap();
-    assert!((found.figures.throughput - 1.0).abs() < 1e-10);
+    assert!((found.stats.throughput - 1.0).abs() < 1e-10);
     // However fine the mesh.
     assert!(two_point > 0.05, "{two_point}");
 }

@@ -7,24 +7,24 @@
 //! scaled matrix: unlike Gauss-Seidel it knows no order, so it is parallel and always gives the same
 //! bits.
 
-use super::sparse::{Matrix, dot, for_each};
+use super::sparse_matrix::{Matrix, dot, for_each};
 
 /// No aggregate: the unknown is left to the smoother.
-const NONE: u32 = u32::MAX;
+const NO_AGGREGATE: u32 = u32::MAX;
 /// Couplings weaker than this, |a_ij| / sqrt(a_ii a_jj), are no reason to share an aggregate; half of
 /// it on each coarser level.
-const STRENGTH: f64 = 0.08;
+const MIN_COUPLING_STRENGTH: f64 = 0.08;
 /// A matrix so small is factorised.
-const DIRECT: usize = 300;
+const MAX_DIRECT_SIZE: usize = 300;
 /// Degree of the smoothing polynomial.
-const DEGREE: usize = 3;
+const SMOOTHER_DEGREE: usize = 3;
 /// The smoother damps eigenvalues from the largest down to this part of it.
-const BAND: f64 = 0.1;
+const MIN_EIGENVALUE_RATIO: f64 = 0.1;
 
 /// A hierarchy of ever coarser matrices.
 pub struct Multigrid {
     levels: Vec<Level>,
-    last: Last,
+    coarsest: CoarsestLevel,
 }
 
 /// A matrix and how to smooth errors of it.
@@ -32,7 +32,7 @@ struct Smoother {
     matrix: Matrix,
     inverse_diagonal: Vec<f64>,
     /// The largest eigenvalue of the diagonally scaled matrix.
-    largest: f64,
+    max_eigenvalue: f64,
     step: Vec<f64>,
 }
 
@@ -48,9 +48,9 @@ struct Level {
 
 /// The coarsest matrix: factorised, or, where coarsening has stalled because little is coupled at
 /// all, left to its smoother.
-enum Last {
+enum CoarsestLevel {
     Factorised(Cholesky),
-    Smoothed(Smoother),
+    Iterative(Smoother),
 }
 
 impl Multigrid {
@@ -59,20 +59,26 @@ impl Multigrid {
         let mut levels: Vec<Level> = Vec::new();
         let mut matrix = matrix.clone();
         loop {
-            if matrix.height() <= DIRECT {
-                let last = Last::Factorised(Cholesky::new(&matrix));
-                return Self { levels, last };
+            if matrix.height() <= MAX_DIRECT_SIZE {
+                let last = CoarsestLevel::Factorised(Cholesky::new(&matrix));
+                return Self {
+                    levels,
+                    coarsest: last,
+                };
             }
             let diagonal = matrix.diagonal();
-            let strength = STRENGTH * 0.5f64.powi(levels.len() as i32);
+            let strength = MIN_COUPLING_STRENGTH * 0.5f64.powi(levels.len() as i32);
             let smoother = Smoother::new(matrix, &diagonal);
             let (aggregates, count) = aggregate(&smoother.matrix, &diagonal, strength);
             if count == 0 || count * 10 > 9 * diagonal.len() {
-                let last = Last::Smoothed(smoother);
-                return Self { levels, last };
+                let last = CoarsestLevel::Iterative(smoother);
+                return Self {
+                    levels,
+                    coarsest: last,
+                };
             }
             let prolongation = prolongation(&smoother, &diagonal, &aggregates, count, strength);
-            let restriction = prolongation.transposed();
+            let restriction = prolongation.transpose();
             matrix = restriction.product(&smoother.matrix.product(&prolongation));
             levels.push(Level {
                 smoother,
@@ -88,7 +94,7 @@ impl Multigrid {
     /// One V-cycle from zero: `x` becomes about the solution of `A x = b`. As a map from `b` to `x`
     /// it is linear, symmetric and positive definite.
     pub fn apply(&mut self, b: &[f64], x: &mut [f64]) {
-        cycle(&mut self.levels, &mut self.last, b, x);
+        cycle(&mut self.levels, &mut self.coarsest, b, x);
     }
 
     /// Entries of all matrices over those of the finest.
@@ -102,19 +108,17 @@ impl Multigrid {
     }
 }
 
-fn cycle(levels: &mut [Level], last: &mut Last, b: &[f64], x: &mut [f64]) {
+fn cycle(levels: &mut [Level], last: &mut CoarsestLevel, b: &[f64], x: &mut [f64]) {
     let Some((level, coarser)) = levels.split_first_mut() else {
         match last {
-            Last::Factorised(factor) => factor.solve(b, x),
-            Last::Smoothed(smoother) => smoother.smooth(b, x, true),
+            CoarsestLevel::Factorised(factor) => factor.solve(b, x),
+            CoarsestLevel::Iterative(smoother) => smoother.smooth(b, x, true),
         }
         return;
     };
     level.smoother.smooth(b, x, true);
     let matrix = &level.smoother.matrix;
-    for_each(&mut level.residual, |i, r| {
-        *r = b[i] - matrix.row_times(i, x)
-    });
+    for_each(&mut level.residual, |i, r| *r = b[i] - matrix.row_dot(i, x));
     level
         .restriction
         .times(&level.residual, &mut level.coarse_residual);
@@ -125,7 +129,7 @@ fn cycle(levels: &mut [Level], last: &mut Last, b: &[f64], x: &mut [f64]) {
         &mut level.coarse_correction,
     );
     for_each(x, |i, x| {
-        *x += level.prolongation.row_times(i, &level.coarse_correction)
+        *x += level.prolongation.row_dot(i, &level.coarse_correction)
     });
     level.smoother.smooth(b, x, false);
 }
@@ -133,12 +137,12 @@ fn cycle(levels: &mut [Level], last: &mut Last, b: &[f64], x: &mut [f64]) {
 impl Smoother {
     fn new(matrix: Matrix, diagonal: &[f64]) -> Self {
         let inverse_diagonal: Vec<f64> = diagonal.iter().map(|d| 1.0 / d).collect();
-        let largest = largest_eigenvalue(&matrix, &inverse_diagonal);
+        let max_eigenvalue = max_eigenvalue(&matrix, &inverse_diagonal);
         let step = vec![0.0; diagonal.len()];
         Self {
             matrix,
             inverse_diagonal,
-            largest,
+            max_eigenvalue,
             step,
         }
     }
@@ -148,20 +152,20 @@ impl Smoother {
         let Self {
             matrix,
             inverse_diagonal,
-            largest,
+            max_eigenvalue: largest,
             step,
         } = self;
-        let middle = 0.5 * *largest * (1.0 + BAND);
-        let half = 0.5 * *largest * (1.0 - BAND);
+        let middle = 0.5 * *largest * (1.0 + MIN_EIGENVALUE_RATIO);
+        let half = 0.5 * *largest * (1.0 - MIN_EIGENVALUE_RATIO);
         let (mut keep, mut add) = (0.0, 1.0 / middle);
         let mut ratio = half / middle;
-        for degree in 0..DEGREE {
+        for degree in 0..SMOOTHER_DEGREE {
             if degree == 0 && from_zero {
                 for_each(step, |i, d| *d = add * inverse_diagonal[i] * b[i]);
                 x.copy_from_slice(step);
             } else {
                 for_each(step, |i, d| {
-                    let residual = b[i] - matrix.row_times(i, x);
+                    let residual = b[i] - matrix.row_dot(i, x);
                     *d = keep * *d + add * inverse_diagonal[i] * residual;
                 });
                 for_each(x, |i, x| *x += step[i]);
@@ -174,7 +178,7 @@ impl Smoother {
 }
 
 /// The largest eigenvalue of `D^-1 A` by power iteration, with a margin for what it misses.
-fn largest_eigenvalue(matrix: &Matrix, inverse_diagonal: &[f64]) -> f64 {
+fn max_eigenvalue(matrix: &Matrix, inverse_diagonal: &[f64]) -> f64 {
     let n = matrix.height();
     let start = |i: usize| ((i as u32).wrapping_mul(2_654_435_761) >> 16) as f64 / 65536.0 - 0.5;
     let mut x: Vec<f64> = (0..n).map(start).collect();
@@ -182,7 +186,7 @@ fn largest_eigenvalue(matrix: &Matrix, inverse_diagonal: &[f64]) -> f64 {
     let mut largest = 1.0;
     for _ in 0..12 {
         for_each(&mut y, |i, y| {
-            *y = inverse_diagonal[i] * matrix.row_times(i, &x)
+            *y = inverse_diagonal[i] * matrix.row_dot(i, &x)
         });
         largest = (dot(&y, &y) / dot(&x, &x).max(f64::MIN_POSITIVE)).sqrt();
         let scale = 1.0 / largest.max(f64::MIN_POSITIVE);
@@ -192,7 +196,7 @@ fn largest_eigenvalue(matrix: &Matrix, inverse_diagonal: &[f64]) -> f64 {
 }
 
 #[inline]
-fn strong(value: f64, d: f64, e: f64, strength: f64) -> bool {
+fn is_strong(value: f64, d: f64, e: f64, strength: f64) -> bool {
     value * value > strength * strength * d * e
 }
 
@@ -205,17 +209,17 @@ fn aggregate(matrix: &Matrix, diagonal: &[f64], strength: f64) -> (Vec<u32>, usi
         let couplings = columns.iter().zip(values);
         couplings.filter_map(move |(&j, &v)| {
             let j = j as usize;
-            (j != i && strong(v, diagonal[i], diagonal[j], strength)).then_some((j, v.abs()))
+            (j != i && is_strong(v, diagonal[i], diagonal[j], strength)).then_some((j, v.abs()))
         })
     };
-    let mut of = vec![NONE; n];
+    let mut of = vec![NO_AGGREGATE; n];
     let mut count = 0;
     // Neighbourhoods that are wholly free.
     for i in 0..n {
-        let (mut coupled, mut free) = (false, of[i] == NONE);
+        let (mut coupled, mut free) = (false, of[i] == NO_AGGREGATE);
         for (j, _) in neighbours(i) {
             coupled = true;
-            free &= of[j] == NONE;
+            free &= of[j] == NO_AGGREGATE;
         }
         if coupled && free {
             of[i] = count;
@@ -225,18 +229,18 @@ fn aggregate(matrix: &Matrix, diagonal: &[f64], strength: f64) -> (Vec<u32>, usi
     }
     // What is left joins the neighbour it is coupled to most.
     let whole = of.clone();
-    for i in (0..n).filter(|&i| whole[i] == NONE) {
-        let taken = neighbours(i).filter(|&(j, _)| whole[j] != NONE);
+    for i in (0..n).filter(|&i| whole[i] == NO_AGGREGATE) {
+        let taken = neighbours(i).filter(|&(j, _)| whole[j] != NO_AGGREGATE);
         if let Some((j, _)) = taken.max_by(|a, b| a.1.total_cmp(&b.1)) {
             of[i] = whole[j];
         }
     }
     // And what has no such neighbour goes together.
     for i in 0..n {
-        if of[i] == NONE && neighbours(i).next().is_some() {
+        if of[i] == NO_AGGREGATE && neighbours(i).next().is_some() {
             of[i] = count;
             for (j, _) in neighbours(i) {
-                if of[j] == NONE {
+                if of[j] == NO_AGGREGATE {
                     of[j] = count;
                 }
             }
@@ -256,11 +260,13 @@ fn prolongation(
     strength: f64,
 ) -> Matrix {
     let Smoother {
-        matrix, largest, ..
+        matrix,
+        max_eigenvalue: largest,
+        ..
     } = smoother;
     let damping = 4.0 / (3.0 * largest);
     Matrix::from_rows(diagonal.len(), count, |i, row| {
-        if of[i] == NONE {
+        if of[i] == NO_AGGREGATE {
             return;
         }
         let (columns, values) = matrix.row(i);
@@ -271,7 +277,7 @@ fn prolongation(
                 .zip(values.iter().copied())
         };
         let weak =
-            |&(j, v): &(usize, f64)| j != i && !strong(v, diagonal[i], diagonal[j], strength);
+            |&(j, v): &(usize, f64)| j != i && !is_strong(v, diagonal[i], diagonal[j], strength);
         let lumped = diagonal[i] + couplings().filter(weak).map(|(_, v)| v).sum::<f64>();
         let scale = damping
             / if lumped > 0.1 * diagonal[i] {
@@ -281,7 +287,7 @@ fn prolongation(
             };
         row.add(of[i], 1.0 - scale * lumped);
         for (j, v) in couplings() {
-            if j != i && of[j] != NONE && strong(v, diagonal[i], diagonal[j], strength) {
+            if j != i && of[j] != NO_AGGREGATE && is_strong(v, diagonal[i], diagonal[j], strength) {
                 row.add(of[j], -scale * v);
             }
         }

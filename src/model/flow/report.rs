@@ -4,19 +4,19 @@ use std::fmt::Write;
 
 use serde::Serialize;
 
-use super::system::Figures;
+use super::system::SolveStats;
 
 /// The figures of a flow.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct FlowReport {
     /// How pressures were found.
-    pub figures: Figures,
+    pub solver: SolveStats,
     /// The lowest and the highest pressure, Pa.
-    pub pressure: Range,
+    pub pressure: ValueRange,
     /// All faults together.
-    pub faults: Faulted,
+    pub faults: FaultStats,
     /// Each fault, by the number that `surface` gives.
-    pub by_fault: Vec<Fault>,
+    pub by_fault: Vec<FaultReport>,
     /// Where fluid enters or leaves.
     pub exchange: Vec<Exchange>,
 }
@@ -24,14 +24,14 @@ pub struct FlowReport {
 /// From the least to the largest value.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 #[allow(missing_docs)]
-pub struct Range {
+pub struct ValueRange {
     pub min: f64,
     pub max: f64,
 }
 
-impl Range {
+impl ValueRange {
     /// Of all values.
-    pub fn of(values: &[f64]) -> Self {
+    pub fn from_values(values: &[f64]) -> Self {
         let all = values.iter();
         let (min, max) = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &v| {
             (low.min(v), high.max(v))
@@ -42,29 +42,29 @@ impl Range {
 
 /// What faults do to a flow.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
-pub struct Faulted {
+pub struct FaultStats {
     /// Number of their faces.
     pub faces: usize,
     /// Nodes that exist once for each side.
-    pub nodes_doubled: usize,
+    pub doubled_nodes: usize,
     /// Sum of the rates across faces, whatever their direction, m^3/s.
-    pub rate_across: f64,
+    pub total_rate_across: f64,
     /// The largest jump of pressure across a face, Pa.
-    pub largest_jump: f64,
+    pub max_jump: f64,
 }
 
-impl Faulted {
+impl FaultStats {
     /// Counts one face.
     pub fn add(&mut self, rate: f64, jump: f64) {
         self.faces += 1;
-        self.rate_across += rate.abs();
-        self.largest_jump = self.largest_jump.max(jump.abs());
+        self.total_rate_across += rate.abs();
+        self.max_jump = self.max_jump.max(jump.abs());
     }
 }
 
 /// What one fault does.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Fault {
+pub struct FaultReport {
     /// Its number, from 1.
     pub surface: u32,
     /// Its name, as exports have it.
@@ -73,7 +73,7 @@ pub struct Fault {
     pub multiplier: f64,
     /// What it does.
     #[serde(flatten)]
-    pub faulted: Faulted,
+    pub stats: FaultStats,
 }
 
 /// A place where fluid enters or leaves.
@@ -87,17 +87,19 @@ pub struct Exchange {
 
 impl FlowReport {
     /// Faults that the table lists.
-    const MOST_FAULTS: usize = 12;
+    const MAX_LISTED_FAULTS: usize = 12;
 
     /// As lines of text.
     pub fn table(&self) -> String {
         let Self {
-            figures, faults, ..
+            solver: figures,
+            faults,
+            ..
         } = self;
         let mut text = format!(
             "unknowns      {} ({} nodes doubled on {} faces of faults), {} compartment{}\n",
             figures.unknowns,
-            faults.nodes_doubled,
+            faults.doubled_nodes,
             faults.faces,
             figures.compartments,
             if figures.compartments == 1 { "" } else { "s" },
@@ -121,28 +123,28 @@ impl FlowReport {
             figures.residual,
             self.pressure.min,
             self.pressure.max,
-            faults.rate_across,
-            faults.largest_jump,
+            faults.total_rate_across,
+            faults.max_jump,
             figures.throughput,
-            figures.worst_balance,
-            figures.total_balance,
+            figures.max_imbalance,
+            figures.total_imbalance,
         );
-        for Fault {
+        for FaultReport {
             name,
             multiplier,
-            faulted,
+            stats: faulted,
             ..
-        } in self.by_fault.iter().take(Self::MOST_FAULTS)
+        } in self.by_fault.iter().take(Self::MAX_LISTED_FAULTS)
         {
             let _ = write!(
                 text,
                 "\n{name:<13} {} faces, multiplier {multiplier}: {:.6e} m^3/s across, \
                  largest jump {:.6e} Pa",
-                faulted.faces, faulted.rate_across, faulted.largest_jump
+                faulted.faces, faulted.total_rate_across, faulted.max_jump
             );
         }
-        if self.by_fault.len() > Self::MOST_FAULTS {
-            let more = self.by_fault.len() - Self::MOST_FAULTS;
+        if self.by_fault.len() > Self::MAX_LISTED_FAULTS {
+            let more = self.by_fault.len() - Self::MAX_LISTED_FAULTS;
             let _ = write!(text, "\n... and {more} smaller faults");
         }
         for Exchange { name, rate } in &self.exchange {

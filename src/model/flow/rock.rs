@@ -29,9 +29,9 @@ impl Tensor {
     }
 
     /// [`in_plane`](Self::in_plane) or [`from_numbers`](Self::from_numbers), by the dimension.
-    pub fn of_dimension<const D: usize>(numbers: &[f64]) -> Option<Self> {
+    pub fn from_components<const D: usize>(numbers: &[f64]) -> Option<Self> {
         match D {
-            2 => Self::in_plane(numbers),
+            2 => Self::from_plane_numbers(numbers),
             _ => Self::from_numbers(numbers),
         }
     }
@@ -42,7 +42,7 @@ impl Tensor {
     }
 
     /// In the plane, from 1, 2 or 3 numbers: k; or kx, ky; or kxx, kyy, kxy. Along z it is as along x.
-    pub fn in_plane(numbers: &[f64]) -> Option<Self> {
+    pub fn from_plane_numbers(numbers: &[f64]) -> Option<Self> {
         match *numbers {
             [k] => Self::from_numbers(&[k]),
             [x, y] => Self::from_numbers(&[x, y, x]),
@@ -61,7 +61,7 @@ impl Tensor {
 
     /// `n . K n`: what counts for flow along the unit vector `n` driven along it.
     #[inline]
-    pub fn along<const D: usize>(&self, n: [f64; D]) -> f64 {
+    pub fn normal_component<const D: usize>(&self, n: [f64; D]) -> f64 {
         let kn = self.times(n);
         (0..D).map(|k| n[k] * kn[k]).sum()
     }
@@ -71,17 +71,17 @@ impl Tensor {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Rock {
     /// The mobilities that occur.
-    pub kinds: Vec<Tensor>,
+    pub mobilities: Vec<Tensor>,
     /// Which of them a cell has; empty if there is but one.
-    pub of_cell: Vec<u32>,
+    pub cell_mobility: Vec<u32>,
 }
 
 impl Rock {
     /// The same everywhere.
     pub fn uniform(permeability: Tensor, viscosity: f64) -> Self {
         Self {
-            kinds: vec![permeability.scaled(1.0 / viscosity)],
-            of_cell: Vec::new(),
+            mobilities: vec![permeability.scaled(1.0 / viscosity)],
+            cell_mobility: Vec::new(),
         }
     }
 
@@ -112,11 +112,11 @@ impl Rock {
             })
         };
         Ok(Self {
-            kinds: permeability
+            mobilities: permeability
                 .iter()
                 .map(|(_, k)| k.scaled(1.0 / viscosity))
                 .collect(),
-            of_cell: regions.iter().map(kind).collect::<Result<_>>()?,
+            cell_mobility: regions.iter().map(kind).collect::<Result<_>>()?,
         })
     }
 
@@ -131,7 +131,7 @@ impl Rock {
         viscosity: f64,
     ) -> Result<Self> {
         let cell = |(cell, numbers): (usize, &[f64])| {
-            let tensor = Tensor::of_dimension::<D>(numbers);
+            let tensor = Tensor::from_components::<D>(numbers);
             tensor.map(|k| k.scaled(1.0 / viscosity)).ok_or_else(|| {
                 Error::Flow(cause(
                     format!("permeability of cell {cell}"),
@@ -146,17 +146,17 @@ impl Rock {
             .map(cell)
             .collect::<Result<_>>()?;
         Ok(Self {
-            of_cell: (0..kinds.len() as u32).collect(),
-            kinds,
+            cell_mobility: (0..kinds.len() as u32).collect(),
+            mobilities: kinds,
         })
     }
 
     /// The mobility of a cell.
     #[inline]
     pub fn mobility(&self, cell: usize) -> &Tensor {
-        match self.of_cell.get(cell) {
-            Some(&kind) => &self.kinds[kind as usize],
-            None => &self.kinds[0],
+        match self.cell_mobility.get(cell) {
+            Some(&kind) => &self.mobilities[kind as usize],
+            None => &self.mobilities[0],
         }
     }
 }
@@ -164,12 +164,12 @@ impl Rock {
 /// How faults resist flow across them: as a thin layer of rock whose permeability is `multiplier`
 /// times that of the rock in whose place it stands.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Faults {
+pub struct FaultLaw {
     multiplier: f64,
     thickness: Option<f64>,
 }
 
-impl Faults {
+impl FaultLaw {
     /// Faults that do not resist.
     pub const OPEN: Self = Self {
         multiplier: 1.0,
@@ -217,7 +217,7 @@ impl Faults {
     }
 
     /// Whether faults do not resist at all.
-    pub fn are_open(&self) -> bool {
+    pub fn is_open(&self) -> bool {
         self.multiplier == 1.0
     }
 
@@ -241,15 +241,17 @@ mod tests {
         assert_eq!(Tensor::from_numbers(&[2.0]), Some(Tensor::isotropic(2.0)));
         let full = Tensor::from_numbers(&[3.0, 2.0, 1.0, 0.5, 0.1, -0.2]).unwrap();
         assert_eq!(full.times([1.0, 0.0, 0.0]), [3.0, 0.5, -0.2]);
-        assert_eq!(full.along([0.0, 1.0, 0.0]), 2.0);
-        let flat = Tensor::in_plane(&[3.0, 2.0, 0.5]).unwrap();
+        assert_eq!(full.normal_component([0.0, 1.0, 0.0]), 2.0);
+        let flat = Tensor::from_plane_numbers(&[3.0, 2.0, 0.5]).unwrap();
         assert_eq!(flat.times([1.0, 2.0]), [4.0, 4.5]);
         assert_eq!(
-            Tensor::in_plane(&[3.0, 2.0]).unwrap().along([0.0, 1.0]),
+            Tensor::from_plane_numbers(&[3.0, 2.0])
+                .unwrap()
+                .normal_component([0.0, 1.0]),
             2.0
         );
-        assert_eq!(Tensor::in_plane(&[1.0, 1.0, 1.0]), None);
-        assert_eq!(Tensor::in_plane(&[1.0; 6]), None);
+        assert_eq!(Tensor::from_plane_numbers(&[1.0, 1.0, 1.0]), None);
+        assert_eq!(Tensor::from_plane_numbers(&[1.0; 6]), None);
         for wrong in [
             &[0.0][..],
             &[-1.0],
@@ -269,14 +271,17 @@ mod tests {
         let (distance, mobility) = ([0.3, 0.7], [2.0, 5.0]);
         let rock = 0.3 / 2.0 + 0.7 / 5.0;
         for multiplier in [1e-6, 0.01, 0.5, 0.999] {
-            let faults = Faults::new(multiplier, None).unwrap();
+            let faults = FaultLaw::new(multiplier, None).unwrap();
             let whole = 1.0 / (rock + 1.0 / faults.conductance(distance, mobility));
             assert!((whole * rock / multiplier - 1.0).abs() < 1e-9);
         }
-        assert_eq!(Faults::CLOSED.conductance(distance, mobility), 0.0);
-        assert_eq!(Faults::OPEN.conductance(distance, mobility), f64::INFINITY);
+        assert_eq!(FaultLaw::CLOSED.conductance(distance, mobility), 0.0);
+        assert_eq!(
+            FaultLaw::OPEN.conductance(distance, mobility),
+            f64::INFINITY
+        );
         // A layer 0.2 thick, a tenth as permeable as the rock (4) in whose place it stands.
-        let layer = Faults::new(0.1, Some(0.2)).unwrap();
+        let layer = FaultLaw::new(0.1, Some(0.2)).unwrap();
         let resistance = 1.0 / layer.conductance([1.0; 2], [4.0; 2]);
         assert!((resistance - (0.2 / 0.4 - 0.2 / 4.0)).abs() < 1e-12);
     }
@@ -298,7 +303,7 @@ mod tests {
             (0.5, Some(0.0)),
             (0.5, Some(f64::NAN)),
         ] {
-            assert!(Faults::new(multiplier, thickness).is_err());
+            assert!(FaultLaw::new(multiplier, thickness).is_err());
         }
     }
 }

@@ -14,19 +14,19 @@ use std::path::Path;
 
 use crate::parallel::prelude::*;
 
-use super::conserve::FaceRates;
-use super::inside::Inside;
-use super::linear::corners;
-use super::wells::{Located, barycentric};
+use super::face_rates::FaceRates;
+use super::reconstruction::CellReconstruction;
+use super::shape_functions::corners;
+use super::wells::{LocatedWell, barycentric};
 use crate::Result;
 use crate::files::atomic_write;
-use crate::files::vtk::{Document, Source};
+use crate::files::vtk::{ArraySource, Document};
 use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
-use crate::observer::Patience;
+use crate::progress::CancelToken;
 
 /// Faces that one streamline may cross: far more than any that does not go round in circles.
-const MOST_FACES: usize = 100_000;
+const MAX_CROSSED_FACES: usize = 100_000;
 
 /// Polylines, in one list.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -57,33 +57,34 @@ impl<const D: usize> Streamlines<D> {
     pub fn trace<M: Simplices<D>>(
         mesh: &M,
         rates: &FaceRates<D>,
-        wells: &[Located],
+        wells: &[LocatedWell],
         positions: &[[f64; D]],
         count: usize,
-        patience: &Patience<'_>,
+        patience: &CancelToken<'_>,
     ) -> Self {
         let wells: Vec<(Range<u32>, f64)> = wells
             .iter()
             .map(|well| (well.cell..well.cell + 1, well.rate))
             .collect();
-        Self::between(mesh, rates, &wells, positions, count, patience)
+        Self::trace_between(mesh, rates, &wells, positions, count, patience)
     }
 
     /// The same through polyhedra or polygons, each of which is cut into parts. Wells are known by
     /// their cell and rate.
-    pub fn through<M: Simplices<D>>(
-        inside: &Inside<D, M>,
+    pub fn trace_polyhedra<M: Simplices<D>>(
+        inside: &CellReconstruction<D, M>,
         wells: &[(u32, f64)],
         positions: &[[f64; D]],
         count: usize,
-        patience: &Patience<'_>,
+        patience: &CancelToken<'_>,
     ) -> Self {
-        let parts = |cell: u32| inside.first[cell as usize]..inside.first[cell as usize + 1];
+        let parts =
+            |cell: u32| inside.cell_start[cell as usize]..inside.cell_start[cell as usize + 1];
         let wells: Vec<_> = wells
             .iter()
             .map(|&(cell, rate)| (parts(cell), rate))
             .collect();
-        Self::between(
+        Self::trace_between(
             &inside.mesh,
             &inside.rates,
             &wells,
@@ -94,13 +95,13 @@ impl<const D: usize> Streamlines<D> {
     }
 
     /// From sources to sinks, each of which is a range of cells.
-    fn between<M: Simplices<D>>(
+    fn trace_between<M: Simplices<D>>(
         mesh: &M,
         rates: &FaceRates<D>,
         wells: &[(Range<u32>, f64)],
         positions: &[[f64; D]],
         count: usize,
-        patience: &Patience<'_>,
+        patience: &CancelToken<'_>,
     ) -> Self {
         let inlets = inlets(rates, wells);
         let total: f64 = inlets.iter().map(|inlet| inlet.rate).sum();
@@ -125,7 +126,7 @@ impl<const D: usize> Streamlines<D> {
         };
         let lines: Vec<(Vec<[f64; D]>, Vec<f64>)> = starts
             .into_par_iter()
-            .take_any_while(|_| !patience.over())
+            .take_any_while(|_| !patience.is_cancelled())
             .map(|(inlet, line)| {
                 let mut points = Vec::new();
                 let mut time = Vec::new();
@@ -134,7 +135,7 @@ impl<const D: usize> Streamlines<D> {
                 if let Some(source) = inlet.source {
                     points.push(positions[source as usize]);
                     time.push(0.0);
-                    cell = rates.of(cell as usize).1[usize::from(inlet.face)];
+                    cell = rates.faces_of(cell as usize).1[usize::from(inlet.face)];
                 }
                 points.push(start);
                 time.push(0.0);
@@ -172,24 +173,29 @@ impl<const D: usize> Streamlines<D> {
             ],
         );
         document.open("PointData", &[]);
-        document.array(Source::slice("time", 1, &self.time));
+        document.add_array(ArraySource::slice("time", 1, &self.time));
         document.close();
         document.open("CellData", &[]);
-        document.array(Source::computed("rate", 1, self.ends.len(), |_| self.rate));
-        document.close();
-        document.open("Points", &[]);
-        document.array(Source::computed("Points", 3, 3 * self.points.len(), |i| {
-            self.points[i / 3].get(i % 3).copied().unwrap_or(0.0)
+        document.add_array(ArraySource::computed("rate", 1, self.ends.len(), |_| {
+            self.rate
         }));
         document.close();
+        document.open("Points", &[]);
+        document.add_array(ArraySource::computed(
+            "Points",
+            3,
+            3 * self.points.len(),
+            |i| self.points[i / 3].get(i % 3).copied().unwrap_or(0.0),
+        ));
+        document.close();
         document.open("Lines", &[]);
-        document.array(Source::computed(
+        document.add_array(ArraySource::computed(
             "connectivity",
             1,
             self.points.len(),
             |i| i as i64,
         ));
-        document.array(Source::computed("offsets", 1, self.ends.len(), |i| {
+        document.add_array(ArraySource::computed("offsets", 1, self.ends.len(), |i| {
             i64::from(self.ends[i])
         }));
         atomic_write(path, |out| document.write(out))
@@ -199,7 +205,7 @@ impl<const D: usize> Streamlines<D> {
 /// Faces through which fluid comes from outside or from a source's cell.
 fn inlets<const D: usize>(rates: &FaceRates<D>, wells: &[(Range<u32>, f64)]) -> Vec<Inlet> {
     let mut inlets = Vec::new();
-    for (face, (&out, &beyond)) in rates.out.iter().zip(&rates.neighbors).enumerate() {
+    for (face, (&out, &beyond)) in rates.outflow.iter().zip(&rates.neighbors).enumerate() {
         if beyond == NONE && out < 0.0 {
             inlets.push(Inlet {
                 cell: (face / (D + 1)) as u32,
@@ -213,7 +219,7 @@ fn inlets<const D: usize>(rates: &FaceRates<D>, wells: &[(Range<u32>, f64)]) -> 
         let from = inlets.len();
         let mut leaving = 0.0;
         for cell in cells.clone() {
-            let (out, around) = rates.of(cell as usize);
+            let (out, around) = rates.faces_of(cell as usize);
             for k in (0..=D).filter(|&k| out[k] > 0.0 && around[k] != NONE) {
                 if !cells.contains(&around[k]) {
                     leaving += out[k];
@@ -268,9 +274,9 @@ fn follow<const D: usize, M: Simplices<D>>(
 ) -> Option<u32> {
     let (mut x, mut now) = (points.last().copied()?, time.last().copied()?);
     let mut entered = NONE;
-    for _ in 0..MOST_FACES {
+    for _ in 0..MAX_CROSSED_FACES {
         let p = corners(mesh, at as usize);
-        let (out, around) = rates.of(at as usize);
+        let (out, around) = rates.faces_of(at as usize);
         let size = D as f64 * mesh.volume(at as usize);
         let growth = out.iter().sum::<f64>() / size;
         let velocity: [f64; D] =
@@ -319,7 +325,7 @@ mod tests {
     use crate::mesh::boxes::{faces_on, jittered_box};
     use crate::mesh::{TetMesh, TriMesh};
     use crate::model::flow::test_meshes::flow_through;
-    use crate::model::flow::{Faults, Rock, Tensor, Well};
+    use crate::model::flow::{FaultLaw, PointWell, Rock, Tensor};
 
     fn lines_of<const D: usize>(all: &Streamlines<D>) -> Vec<&[[f64; D]]> {
         let mut begin = 0;
@@ -331,12 +337,12 @@ mod tests {
         all.ends.iter().map(line).collect()
     }
 
-    fn uniform_flow<const D: usize, M: Simplices<D>>() {
+    fn check_uniform_flow<const D: usize, M: Simplices<D>>() {
         let mut n = [4; D];
         n[0] = 6;
         let mesh: M = jittered_box(n, n.map(|n| n as f64), 0.25, |_| true);
         let rock = Rock::uniform(Tensor::isotropic(2.0), 1.0);
-        let flow = flow_through(&mesh, &[], rock, Faults::OPEN);
+        let flow = flow_through(&mesh, &[], rock, FaultLaw::OPEN);
         let fixed: Vec<(u32, f64)> = flow
             .nodes_where(|i| mesh.nodes()[i][0] == 0.0 || mesh.nodes()[i][0] == 6.0)
             .into_iter()
@@ -345,9 +351,9 @@ mod tests {
         let none = vec![0.0; mesh.nodes().len()];
         let found = flow.solve(&none, &fixed).unwrap();
         let rates = flow
-            .face_rates(&found.pressure, &[], &fixed, &Patience::endless())
+            .face_rates(&found.pressure, &[], &fixed, &CancelToken::never())
             .unwrap();
-        let patience = &Patience::endless();
+        let patience = &CancelToken::never();
         let all = Streamlines::trace(&mesh, &rates, &[], &[], 50, patience);
         assert!((all.rate * 50.0 - 2.0 * 4f64.powi(D as i32 - 1)).abs() < 1e-9);
         for line in lines_of(&all) {
@@ -366,19 +372,19 @@ mod tests {
 
     #[test]
     fn in_uniform_flow_streamlines_are_straight_and_arrive_in_time() {
-        uniform_flow::<2, TriMesh>();
-        uniform_flow::<3, TetMesh>();
+        check_uniform_flow::<2, TriMesh>();
+        check_uniform_flow::<3, TetMesh>();
     }
 
-    fn round_a_closed_fault<const D: usize, M: Simplices<D>>() {
+    fn check_closed_fault<const D: usize, M: Simplices<D>>() {
         let n: [usize; D] = std::array::from_fn(|k| if k < 2 { 12 } else { 3 });
         let mesh: M = jittered_box(n, n.map(|n| n as f64), 0.2, |x| x[0] != 6.0);
         let bits = faces_on(&mesh, |x| x[0] == 6.0 && x[1] <= 8.0);
         let rock = Rock::uniform(Tensor::isotropic(1.0), 1.0);
-        let flow = flow_through(&mesh, &bits, rock, Faults::CLOSED);
+        let flow = flow_through(&mesh, &bits, rock, FaultLaw::CLOSED);
         let place = |at: [f64; 3]| -> [f64; D] { std::array::from_fn(|k| at[k]) };
         let (from, to) = (place([3.1, 2.2, 1.4]), place([9.2, 2.1, 1.6]));
-        let well = |position, rate| Well {
+        let well = |position, rate| PointWell {
             name: "well".into(),
             position,
             rate,
@@ -386,10 +392,17 @@ mod tests {
         let wells = flow.locate(&[well(from, 1.0), well(to, -1.0)]).unwrap();
         let found = flow.solve(&flow.rates(&wells), &[]).unwrap();
         let rates = flow
-            .face_rates(&found.pressure, &wells, &[], &Patience::endless())
+            .face_rates(&found.pressure, &wells, &[], &CancelToken::never())
             .unwrap();
-        let patience = &Patience::endless();
-        let all = Streamlines::trace(&flow.split.mesh, &rates, &wells, &[from, to], 40, patience);
+        let patience = &CancelToken::never();
+        let all = Streamlines::trace(
+            &flow.split_mesh.mesh,
+            &rates,
+            &wells,
+            &[from, to],
+            40,
+            patience,
+        );
         let lines = lines_of(&all);
         assert_eq!(lines.len(), 40);
         let arrived = lines.iter().filter(|line| line.last() == Some(&to)).count();
@@ -412,7 +425,11 @@ mod tests {
         all.write(&path).unwrap();
         let read = crate::files::vtk::VtkFile::read(&path, "PolyData").unwrap();
         let piece = read.piece().unwrap();
-        assert_eq!(read.numbers::<usize>(piece, "NumberOfLines").unwrap(), [40]);
+        assert_eq!(
+            read.parse_attribute::<usize>(piece, "NumberOfLines")
+                .unwrap(),
+            [40]
+        );
         let points = read
             .array(&piece.child("Points").unwrap().children[0])
             .unwrap();
@@ -421,7 +438,7 @@ mod tests {
 
     #[test]
     fn streamlines_go_from_source_to_sink_round_a_closed_fault() {
-        round_a_closed_fault::<2, TriMesh>();
-        round_a_closed_fault::<3, TetMesh>();
+        check_closed_fault::<2, TriMesh>();
+        check_closed_fault::<3, TetMesh>();
     }
 }

@@ -6,19 +6,19 @@
 //! rates must balance, and its pressures are those of mean zero.
 
 use super::multigrid::Multigrid;
-use super::sparse::{Matrix, dot, for_each, sum};
+use super::sparse_matrix::{Matrix, dot, for_each, sum};
 use crate::error::cause;
-use crate::observer::Patience;
+use crate::progress::CancelToken;
 use crate::{Error, Result};
 
 /// The residual at which iterations stop, over that of no flow at all.
-const TOLERANCE: f64 = 1e-12;
+const RESIDUAL_TOLERANCE: f64 = 1e-12;
 /// The largest imbalance, of one unknown or of all, over the rate that flows through.
-const BALANCE: f64 = 1e-10;
+const MAX_IMBALANCE: f64 = 1e-10;
 /// Iterations at most; tens are usual.
-const MOST_ITERATIONS: usize = 2000;
+const MAX_ITERATIONS: usize = 2000;
 /// No unknown.
-const NONE: u32 = u32::MAX;
+const NO_UNKNOWN: u32 = u32::MAX;
 
 /// Pressures, and how well they were found.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -28,12 +28,12 @@ pub struct Solution {
     /// Rate that enters at each unknown: its sources', or what holds its given pressure.
     pub inflow: Vec<f64>,
     /// How it was found.
-    pub figures: Figures,
+    pub stats: SolveStats,
 }
 
 /// How a solution was found.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
-pub struct Figures {
+pub struct SolveStats {
     /// Number of unknown pressures.
     pub unknowns: usize,
     /// Number of parts that exchange no fluid.
@@ -49,9 +49,9 @@ pub struct Figures {
     /// All that flows in, from sources and where pressure is given.
     pub throughput: f64,
     /// The largest imbalance of one control volume, over the throughput.
-    pub worst_balance: f64,
+    pub max_imbalance: f64,
     /// The imbalance of all together, over the throughput.
-    pub total_balance: f64,
+    pub total_imbalance: f64,
 }
 
 fn is_zero(count: &usize) -> bool {
@@ -71,7 +71,7 @@ pub fn solve(
     fixed: &[(u32, f64)],
     weights: &[f64],
     least: f64,
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> Result<Solution> {
     let n = matrix.height();
     let mut pressure = vec![f64::NAN; n];
@@ -79,10 +79,10 @@ pub fn solve(
         pressure[i as usize] = p;
     }
     let compartments = Compartments::new(matrix);
-    let afloat = compartments.pin(rates, least, &mut pressure)?;
+    let afloat = compartments.pin_pressures(rates, least, &mut pressure)?;
 
     // Given pressures leave the system.
-    let mut unknown = vec![NONE; n];
+    let mut unknown = vec![NO_UNKNOWN; n];
     let free: Vec<u32> = (0..n as u32)
         .filter(|&i| pressure[i as usize].is_nan())
         .collect();
@@ -93,7 +93,7 @@ pub fn solve(
     let reduced = Matrix::from_rows(free.len(), free.len(), |k, row| {
         let (columns, values) = matrix.row(free[k] as usize);
         for (&j, &v) in columns.iter().zip(values) {
-            if unknown[j as usize] != NONE {
+            if unknown[j as usize] != NO_UNKNOWN {
                 row.add(unknown[j as usize], v);
             }
         }
@@ -101,30 +101,30 @@ pub fn solve(
     let mut b = vec![0.0; free.len()];
     for_each(&mut b, |k, b| {
         let i = free[k] as usize;
-        *b = rates[i] - matrix.row_times(i, &pressure);
+        *b = rates[i] - matrix.row_dot(i, &pressure);
     });
 
     let mut x = vec![0.0; free.len()];
-    let mut figures = Figures {
+    let mut figures = SolveStats {
         unknowns: free.len(),
         compartments: compartments.count,
-        undetermined: compartments.undetermined(&afloat, rates),
-        ..Figures::default()
+        undetermined: compartments.count_undetermined(&afloat, rates),
+        ..SolveStats::default()
     };
     let diagonal = matrix.diagonal();
     let mut solver = Solver::new(&reduced);
     let mut inflow = vec![0.0; n];
     // Conjugate gradients minimise another norm than the balance, so the balance has the last word.
-    let mut tolerance = TOLERANCE;
+    let mut tolerance = RESIDUAL_TOLERANCE;
     for _ in 0..4 {
         let (iterations, residual) = solver.improve(&b, &mut x, tolerance, patience);
-        lasts(patience)?;
+        check_cancelled(patience)?;
         figures.iterations += iterations;
         figures.residual = residual;
         for (&i, &x) in free.iter().zip(&x) {
             pressure[i as usize] = x;
         }
-        balance(
+        measure_balance(
             matrix,
             &diagonal,
             rates,
@@ -133,7 +133,7 @@ pub fn solve(
             &mut inflow,
             &mut figures,
         );
-        if figures.worst_balance.max(figures.total_balance) <= BALANCE {
+        if figures.max_imbalance.max(figures.total_imbalance) <= MAX_IMBALANCE {
             break;
         }
         tolerance *= 0.01;
@@ -152,13 +152,13 @@ pub fn solve(
     Ok(Solution {
         pressure,
         inflow,
-        figures,
+        stats: figures,
     })
 }
 
 /// Refuses to go on once `patience` is over.
-pub(super) fn lasts(patience: &Patience<'_>) -> Result<()> {
-    if patience.over() {
+pub(super) fn check_cancelled(patience: &CancelToken<'_>) -> Result<()> {
+    if patience.is_cancelled() {
         let (problem, remedy) = ("interrupted before it was computed", "compute it again");
         return Err(Error::Interrupted(cause("flow", problem, remedy)));
     }
@@ -166,19 +166,19 @@ pub(super) fn lasts(patience: &Patience<'_>) -> Result<()> {
 }
 
 /// What enters at each unknown, and how far rates and flow are from balance.
-fn balance(
+fn measure_balance(
     matrix: &Matrix,
     diagonal: &[f64],
     rates: &[f64],
     pressure: &[f64],
     unknown: &[u32],
     inflow: &mut [f64],
-    figures: &mut Figures,
+    figures: &mut SolveStats,
 ) {
     let n = matrix.height();
     for_each(inflow, |i, q| {
-        *q = if unknown[i] == NONE {
-            matrix.row_times(i, pressure)
+        *q = if unknown[i] == NO_UNKNOWN {
+            matrix.row_dot(i, pressure)
         } else {
             rates[i]
         };
@@ -188,41 +188,41 @@ fn balance(
     let total = sum(n, |i| q[i]).abs();
     let mut off = vec![0.0; n];
     for_each(&mut off, |i, off| {
-        if unknown[i] != NONE {
-            *off = (matrix.row_times(i, pressure) - rates[i]).abs();
+        if unknown[i] != NO_UNKNOWN {
+            *off = (matrix.row_dot(i, pressure) - rates[i]).abs();
         }
     });
     let worst = off.iter().copied().fold(0.0, f64::max);
     // Where nothing flows only rounding is left to see: of the rates into and out of unknowns.
     let passing = || (0..n).map(|i| (diagonal[i] * pressure[i]).abs());
     let over = |rounding: f64| figures.throughput.max(rounding).max(f64::MIN_POSITIVE);
-    figures.worst_balance = worst / over(1e-5 * passing().fold(0.0, f64::max));
-    figures.total_balance = total / over(1e-6 * passing().sum::<f64>());
+    figures.max_imbalance = worst / over(1e-5 * passing().fold(0.0, f64::max));
+    figures.total_imbalance = total / over(1e-6 * passing().sum::<f64>());
 }
 
 /// Which unknowns are joined by couplings.
 struct Compartments {
-    of: Vec<u32>,
+    compartment_of: Vec<u32>,
     count: usize,
 }
 
 impl Compartments {
     fn new(matrix: &Matrix) -> Self {
         let n = matrix.height();
-        let mut of = vec![NONE; n];
+        let mut compartment_of = vec![NO_UNKNOWN; n];
         let mut count = 0;
         let mut reached = Vec::new();
         for seed in 0..n {
-            if of[seed] != NONE {
+            if compartment_of[seed] != NO_UNKNOWN {
                 continue;
             }
-            of[seed] = count;
+            compartment_of[seed] = count;
             reached.push(seed);
             while let Some(i) = reached.pop() {
                 let (columns, values) = matrix.row(i);
                 for (&j, &v) in columns.iter().zip(values) {
-                    if v != 0.0 && of[j as usize] == NONE {
-                        of[j as usize] = count;
+                    if v != 0.0 && compartment_of[j as usize] == NO_UNKNOWN {
+                        compartment_of[j as usize] = count;
                         reached.push(j as usize);
                     }
                 }
@@ -230,17 +230,17 @@ impl Compartments {
             count += 1;
         }
         Self {
-            of,
+            compartment_of,
             count: count as usize,
         }
     }
 
     /// Gives pressure zero to one unknown of each compartment that has none given, and says which
     /// compartments these are.
-    fn pin(&self, rates: &[f64], least: f64, pressure: &mut [f64]) -> Result<Vec<bool>> {
+    fn pin_pressures(&self, rates: &[f64], least: f64, pressure: &mut [f64]) -> Result<Vec<bool>> {
         let mut afloat = vec![true; self.count];
         let mut sums = vec![[0.0; 2]; self.count];
-        for (i, &c) in self.of.iter().enumerate() {
+        for (i, &c) in self.compartment_of.iter().enumerate() {
             afloat[c as usize] &= pressure[i].is_nan();
             sums[c as usize][0] += rates[i];
             sums[c as usize][1] += rates[i].abs();
@@ -270,7 +270,7 @@ impl Compartments {
             }
         }
         let mut pinned = vec![false; self.count];
-        for (i, &c) in self.of.iter().enumerate() {
+        for (i, &c) in self.compartment_of.iter().enumerate() {
             if afloat[c as usize] && !pinned[c as usize] {
                 pinned[c as usize] = true;
                 pressure[i] = 0.0;
@@ -281,24 +281,28 @@ impl Compartments {
 
     /// How many unknowns are in compartments without given pressure and without rates; none if that is
     /// so of all of them.
-    fn undetermined(&self, afloat: &[bool], rates: &[f64]) -> usize {
+    fn count_undetermined(&self, afloat: &[bool], rates: &[f64]) -> usize {
         let mut idle = afloat.to_vec();
-        for (&c, &rate) in self.of.iter().zip(rates) {
+        for (&c, &rate) in self.compartment_of.iter().zip(rates) {
             idle[c as usize] &= rate == 0.0;
         }
         match idle.iter().all(|idle| *idle) {
             true => 0,
-            false => self.of.iter().filter(|&&c| idle[c as usize]).count(),
+            false => self
+                .compartment_of
+                .iter()
+                .filter(|&&c| idle[c as usize])
+                .count(),
         }
     }
 
     fn remove_mean(&self, afloat: &[bool], weights: &[f64], pressure: &mut [f64]) {
         let mut sums = vec![[0.0; 2]; self.count];
-        for (i, &c) in self.of.iter().enumerate() {
+        for (i, &c) in self.compartment_of.iter().enumerate() {
             sums[c as usize][0] += weights[i] * pressure[i];
             sums[c as usize][1] += weights[i];
         }
-        for (i, &c) in self.of.iter().enumerate() {
+        for (i, &c) in self.compartment_of.iter().enumerate() {
             let [sum, weight] = sums[c as usize];
             if afloat[c as usize] && weight > 0.0 {
                 pressure[i] -= sum / weight;
@@ -330,7 +334,7 @@ impl<'a> Solver<'a> {
         b: &[f64],
         x: &mut [f64],
         tolerance: f64,
-        patience: &Patience<'_>,
+        patience: &CancelToken<'_>,
     ) -> (usize, f64) {
         let n = b.len();
         let scale = dot(b, b).sqrt();
@@ -340,16 +344,16 @@ impl<'a> Solver<'a> {
         }
         let matrix = self.matrix;
         let mut residual = vec![0.0; n];
-        for_each(&mut residual, |i, r| *r = b[i] - matrix.row_times(i, x));
+        for_each(&mut residual, |i, r| *r = b[i] - matrix.row_dot(i, x));
         let mut z = vec![0.0; n];
         let mut along = vec![0.0; n];
         let mut image = vec![0.0; n];
         let mut slope = 0.0;
         let mut left = dot(&residual, &residual).sqrt() / scale;
         let mut iterations = 0;
-        while left > tolerance && iterations < MOST_ITERATIONS && !patience.over() {
+        while left > tolerance && iterations < MAX_ITERATIONS && !patience.is_cancelled() {
             // Each iteration gains about as many digits as another.
-            patience.reached(left.ln() / tolerance.ln());
+            patience.set_fraction(left.ln() / tolerance.ln());
             self.multigrid.apply(&residual, &mut z);
             let next = dot(&residual, &z);
             let keep = if iterations == 0 { 0.0 } else { next / slope };
@@ -365,7 +369,7 @@ impl<'a> Solver<'a> {
             left = dot(&residual, &residual).sqrt() / scale;
             iterations += 1;
         }
-        for_each(&mut residual, |i, r| *r = b[i] - matrix.row_times(i, x));
+        for_each(&mut residual, |i, r| *r = b[i] - matrix.row_dot(i, x));
         (iterations, dot(&residual, &residual).sqrt() / scale)
     }
 }

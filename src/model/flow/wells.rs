@@ -2,20 +2,20 @@
 
 use crate::parallel::prelude::*;
 
-use super::linear::{corners, gradients};
+use super::shape_functions::{corners, gradients};
 use crate::error::cause;
 use crate::geometry::dot;
 use crate::mesh::Simplices;
 use crate::{Error, Result};
 
 /// Cells that one task searches.
-const CHUNK: usize = 1 << 14;
+const CHUNK_CELLS: usize = 1 << 14;
 /// How far outside a cell, in its own size, a point may seem to be by rounding.
-const ROUNDING: f64 = 1e-9;
+const BARYCENTRIC_TOLERANCE: f64 = 1e-9;
 
 /// A point where fluid enters or leaves.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Well<const D: usize = 3> {
+pub struct PointWell<const D: usize = 3> {
     /// What errors call it.
     pub name: String,
     /// Where it is, in the mesh's coordinates.
@@ -26,7 +26,7 @@ pub struct Well<const D: usize = 3> {
 
 /// A well in its tetrahedron or triangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Located {
+pub struct LocatedWell {
     /// The cell.
     pub cell: u32,
     /// The well's barycentric coordinates in it (in a triangle the last is 0).
@@ -35,7 +35,7 @@ pub struct Located {
     pub rate: f64,
 }
 
-impl<const D: usize> Well<D> {
+impl<const D: usize> PointWell<D> {
     /// Whether position and rate are numbers.
     pub(super) fn check(&self) -> Result<()> {
         let refuse =
@@ -50,7 +50,7 @@ impl<const D: usize> Well<D> {
     }
 
     /// The well is not in the mesh.
-    pub(super) fn outside(&self) -> Error {
+    pub(super) fn outside_error(&self) -> Error {
         Error::Flow(cause(
             &self.name,
             format!("{:?} lies outside the mesh", self.position),
@@ -62,7 +62,7 @@ impl<const D: usize> Well<D> {
     ///
     /// # Errors
     /// [`Error::Flow`] if there is none, or the rate is not finite.
-    pub fn locate<M: Simplices<D>>(&self, mesh: &M) -> Result<Located> {
+    pub fn locate<M: Simplices<D>>(&self, mesh: &M) -> Result<LocatedWell> {
         self.check()?;
         let depth = |c: usize| {
             let shares = barycentric(&corners(mesh, c), self.position);
@@ -72,20 +72,20 @@ impl<const D: usize> Well<D> {
             )
         };
         let deeper = |a: (f64, usize), b: (f64, usize)| if b.0 > a.0 { b } else { a };
-        let parts: Vec<(f64, usize)> = (0..mesh.len().div_ceil(CHUNK))
+        let parts: Vec<(f64, usize)> = (0..mesh.len().div_ceil(CHUNK_CELLS))
             .into_par_iter()
             .map(|k| {
-                let cells = k * CHUNK..mesh.len().min((k + 1) * CHUNK);
+                let cells = k * CHUNK_CELLS..mesh.len().min((k + 1) * CHUNK_CELLS);
                 cells.map(depth).fold((f64::NEG_INFINITY, 0), deeper)
             })
             .collect();
         let (depth, cell) = parts.into_iter().fold((f64::NEG_INFINITY, 0), deeper);
-        if depth < -ROUNDING {
-            return Err(self.outside());
+        if depth < -BARYCENTRIC_TOLERANCE {
+            return Err(self.outside_error());
         }
         let shares = barycentric(&corners(mesh, cell), self.position).map(|s| s.max(0.0));
         let sum: f64 = shares.iter().sum();
-        Ok(Located {
+        Ok(LocatedWell {
             cell: cell as u32,
             shares: shares.map(|s| s / sum),
             rate: self.rate,

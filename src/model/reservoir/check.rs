@@ -1,20 +1,20 @@
 //! What is looked at before anything is written.
 
-use crate::geometry::sets::Sets;
+use crate::geometry::union_find::UnionFind;
 use serde::Serialize;
 
 use super::Model;
-use crate::model::flow::through::ROUGH;
+use crate::model::flow::driver::ROUGH_ANGLE_DEGREES;
 
 /// Figures of a model, as the table and the JSON show them.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Checks {
+pub struct ModelChecks {
     /// Number of cells.
     pub cells: usize,
     /// Number of connections.
     pub connections: usize,
     /// Connections on features.
-    pub on_feature: usize,
+    pub feature_connections: usize,
     /// Sum of the cells' volumes in m^3.
     pub volume: f64,
     /// How far it is from the box's volume, relative to it.
@@ -29,18 +29,18 @@ pub struct Checks {
     /// mean by area, and the worst.
     pub angle: [f64; 2],
     /// The cells of the connection that has the worst angle.
-    pub worst: Option<[u32; 2]>,
+    pub worst_connection: Option<[u32; 2]>,
     /// What a two-point flux misses where fluid flows along the face as strongly as across it: the
     /// tangent of the angle, mean by area.
     pub two_point_error: f64,
     /// Whether the cells stand in columns.
-    pub in_columns: bool,
+    pub is_columnar: bool,
     /// Parts between which nothing flows: the least cell and the number of cells of each, the
     /// largest first.
-    pub parts: Vec<(usize, usize)>,
+    pub compartments: Vec<(usize, usize)>,
 }
 
-impl Checks {
+impl ModelChecks {
     /// Looks at a model that fills a box of volume `box_volume`, in m^3.
     pub fn new(model: &Model, box_volume: f64) -> Self {
         let graph = &model.graph;
@@ -66,7 +66,7 @@ impl Checks {
         Self {
             cells,
             connections: graph.connections.len(),
-            on_feature: graph.connections.iter().filter(|c| c.on_feature).count(),
+            feature_connections: graph.connections.iter().filter(|c| c.on_feature).count(),
             volume,
             volume_error: (volume / box_volume - 1.0).abs(),
             pore_volume: model.porosity.as_ref().map(|porosity| {
@@ -78,10 +78,10 @@ impl Checks {
                 .filter(|t| !t.is_empty())
                 .map(|t| range(&mut t.iter().copied())),
             angle: [mean(sum), worst.0],
-            worst: worst.1,
+            worst_connection: worst.1,
             two_point_error: mean(tangents),
-            in_columns: model.mesh.stands_in_columns(),
-            parts: parts(
+            is_columnar: model.mesh.is_columnar(),
+            compartments: parts(
                 cells,
                 |cell| model.is_active(cell),
                 graph
@@ -99,7 +99,7 @@ impl Checks {
         let mut lines = vec![
             format!(
                 "cells          {} with {} connections, {} of them on features",
-                self.cells, self.connections, self.on_feature
+                self.cells, self.connections, self.feature_connections
             ),
             format!(
                 "volume         {:.6e} {unit}^3, {:.1e} off the box",
@@ -120,15 +120,15 @@ impl Checks {
             let [mean, worst] = self.angle;
             let mut line =
                 format!("two-point      {mean:.2} degrees off on average, {worst:.2} at worst");
-            if let Some([a, b]) = self.worst {
+            if let Some([a, b]) = self.worst_connection {
                 line += &format!(" (cells {a} and {b})");
             }
             lines.push(line);
         }
-        lines.push(match self.parts.len() {
+        lines.push(match self.compartments.len() {
             1 => "connected      all cells".to_string(),
             count => {
-                let few = self.parts.iter().take(5);
+                let few = self.compartments.iter().take(5);
                 let named: Vec<String> = few
                     .map(|(cell, size)| format!("{size} cells with cell {cell}"))
                     .collect();
@@ -141,14 +141,14 @@ impl Checks {
 
     /// Whether two-point fluxes are rough.
     pub fn is_rough(&self) -> bool {
-        self.angle[0] > ROUGH
+        self.angle[0] > ROUGH_ANGLE_DEGREES
     }
 
     /// What the user should know, if anything: one line each.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
         if self.is_rough() {
-            let remedy = match self.in_columns {
+            let remedy = match self.is_columnar {
                 true => "level layers, or cells that are not columns,",
                 false => "Voronoi cells made with the metric of the rock",
             };
@@ -168,7 +168,7 @@ fn parts(
     is_active: impl Fn(usize) -> bool,
     pairs: impl Iterator<Item = [u32; 2]>,
 ) -> Vec<(usize, usize)> {
-    let mut sets = Sets::new(cells);
+    let mut sets = UnionFind::new(cells);
     for [a, b] in pairs {
         sets.unite(a, b);
     }
@@ -189,7 +189,7 @@ fn parts(
 mod tests {
     use super::*;
     use crate::mesh::poly::samples::two_cells;
-    use crate::model::flow::{Faults, Rock, Tensor};
+    use crate::model::flow::{FaultLaw, Rock, Tensor};
 
     #[test]
     fn parts_are_named_largest_first() {
@@ -206,28 +206,31 @@ mod tests {
         let rock = || Rock::uniform(Tensor::isotropic(2.0), 1.0);
         model.set_permeability(rock()).unwrap();
         model.porosity = Some(vec![0.5, 0.25]);
-        let found = Checks::new(&model, 2.0);
+        let found = ModelChecks::new(&model, 2.0);
         assert_eq!(
-            (found.cells, found.connections, found.on_feature),
+            (found.cells, found.connections, found.feature_connections),
             (2, 1, 1)
         );
         assert!(found.volume_error < 1e-15 && found.angle[1] < 1e-9);
         assert_eq!(found.pore_volume, Some(0.375 + 0.3125));
-        assert_eq!(found.parts, [(0, 2)]);
+        assert_eq!(found.compartments, [(0, 2)]);
         assert!(found.notes().is_empty());
-        model.set_faults(&Faults::CLOSED.into()).unwrap();
+        model.set_faults(&FaultLaw::CLOSED.into()).unwrap();
         model.set_permeability(rock()).unwrap();
-        let found = Checks::new(&model, 2.0);
-        assert_eq!(found.parts, [(0, 1), (1, 1)]);
+        let found = ModelChecks::new(&model, 2.0);
+        assert_eq!(found.compartments, [(0, 1), (1, 1)]);
         assert!(found.table("m", true).contains("not connected  2 parts"));
     }
 
     #[test]
     fn sheared_cells_are_rough() {
         let sheared = two_cells::<3>(0.75).mapped(|[x, y, z]| [x, y + x, z], false);
-        let found = Checks::new(&Model::new(sheared, None), 2.0);
+        let found = ModelChecks::new(&Model::new(sheared, None), 2.0);
         assert!((found.angle[1] - 45.0).abs() < 1e-9);
         assert!((found.two_point_error - 1.0).abs() < 1e-9);
-        assert_eq!((found.worst, found.notes().len()), (Some([0, 1]), 1));
+        assert_eq!(
+            (found.worst_connection, found.notes().len()),
+            (Some([0, 1]), 1)
+        );
     }
 }

@@ -24,7 +24,7 @@
 
 use std::f64::consts::TAU;
 
-use super::trajectory::{Piece, Tracer, Trajectory};
+use super::trajectory::{Trajectory, WellSegment, WellTracer};
 use crate::error::cause;
 use crate::geometry::{add_scaled, cross, dot, norm, sub};
 use crate::model::flow::Tensor;
@@ -32,7 +32,7 @@ use crate::model::reservoir::Permeability;
 use crate::{Error, Result};
 
 /// Equivalent radius of a square cell over its side (Peaceman 1978).
-const SQUARE: f64 = 0.2;
+const SQUARE_RADIUS_RATIO: f64 = 0.2;
 
 /// A well in one cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -50,34 +50,34 @@ pub struct Completion {
 }
 
 /// The parts of a well in one cell, together.
-struct Within {
+struct WellInCell {
     cell: usize,
     length: f64,
     /// From where to where it goes in all.
-    way: [f64; 3],
+    direction: [f64; 3],
     middle: [f64; 3],
     radius: f64,
     /// Permeability times length, both of the rescaled space.
     strength: f64,
     /// Radius of the bore in the rescaled space.
-    bore: f64,
+    bore_radius: f64,
     /// The share of the full angle that is open.
-    angle: f64,
-    space: Space,
+    open_angle_share: f64,
+    space: IsotropicSpace,
 }
 
 /// Lengths in the space where rock of permeability K conducts alike in all directions.
 #[derive(Clone, Copy)]
-struct Space {
+struct IsotropicSpace {
     /// Geometric mean of the permeabilities along the principal axes.
-    mean: f64,
+    mean_permeability: f64,
     /// mean K^-1, the metric.
     metric: Tensor,
     /// K / mean.
     inverse: Tensor,
 }
 
-impl Space {
+impl IsotropicSpace {
     fn new(k: &Tensor) -> Self {
         let [xx, yy, zz, xy, yz, xz] = k.0;
         let minors = [
@@ -89,11 +89,11 @@ impl Space {
             xy * yz - xz * yy,
         ];
         let determinant = xx * minors[0] + xy * minors[3] + xz * minors[5];
-        let mean = determinant.cbrt();
+        let mean_permeability = determinant.cbrt();
         Self {
-            mean,
-            metric: Tensor(minors.map(|m| m / determinant * mean)),
-            inverse: k.scaled(1.0 / mean),
+            mean_permeability,
+            metric: Tensor(minors.map(|m| m / determinant * mean_permeability)),
+            inverse: k.scaled(1.0 / mean_permeability),
         }
     }
 
@@ -107,7 +107,7 @@ impl Space {
 
     /// The radius of a round bore of radius 1 along `d`: the mean of the half axes of the ellipse that
     /// it is here.
-    fn bore(&self, d: [f64; 3]) -> f64 {
+    fn bore_radius(&self, d: [f64; 3]) -> f64 {
         let least = (0..3).fold(0, |k, l| if d[l].abs() < d[k].abs() { l } else { k });
         let mut axis = [0.0; 3];
         axis[least] = 1.0;
@@ -122,7 +122,7 @@ impl Space {
 
     /// Distance of a point from a way whose ends go on for ever.
     fn distance(&self, way: &Trajectory, x: [f64; 3]) -> f64 {
-        let last = way.legs() - 1;
+        let last = way.leg_count() - 1;
         let off = |leg: usize| {
             let (a, d) = way.leg(leg);
             let x = sub(x, a);
@@ -135,7 +135,7 @@ impl Space {
     }
 
     /// A point's image in the plane of a face.
-    fn mirrored(&self, x: [f64; 3], on: [f64; 3], normal: [f64; 3]) -> [f64; 3] {
+    fn mirror_image(&self, x: [f64; 3], on: [f64; 3], normal: [f64; 3]) -> [f64; 3] {
         let turned = self.inverse.times(normal);
         add_scaled(
             x,
@@ -145,19 +145,19 @@ impl Space {
     }
 
     /// Distance from a point to a plane.
-    fn off_plane(&self, x: [f64; 3], on: [f64; 3], normal: [f64; 3]) -> f64 {
-        (dot(normal, sub(x, on)) / self.inverse.along(normal).sqrt()).abs()
+    fn plane_distance(&self, x: [f64; 3], on: [f64; 3], normal: [f64; 3]) -> f64 {
+        (dot(normal, sub(x, on)) / self.inverse.normal_component(normal).sqrt()).abs()
     }
 }
 
-impl Tracer<'_> {
+impl WellTracer<'_> {
     /// The completions of a well in all cells that it crosses, in the order in which it does.
     ///
     /// # Errors
     /// [`Error::Export`] if there is not a permeability, the well lies outside the mesh, or is as wide as
     /// a cell's equivalent radius.
     pub fn complete(&self, way: &Trajectory) -> Result<Vec<Completion>> {
-        self.completions(way, &self.pieces(way))
+        self.completions(way, &self.segments(way))
     }
 
     /// The completion of an upright well through a cell's site, in that cell only.
@@ -174,12 +174,12 @@ impl Tracer<'_> {
             radii: vec![radius; 2],
         };
         let way = upright.extended(1e3 * size);
-        let pieces = self.pieces(&way).into_iter();
-        let own: Vec<Piece> = pieces.filter(|p| p.cell as usize == cell).collect();
+        let pieces = self.segments(&way).into_iter();
+        let own: Vec<WellSegment> = pieces.filter(|p| p.cell as usize == cell).collect();
         self.completions(&way, &own)
     }
 
-    fn completions(&self, way: &Trajectory, pieces: &[Piece]) -> Result<Vec<Completion>> {
+    fn completions(&self, way: &Trajectory, pieces: &[WellSegment]) -> Result<Vec<Completion>> {
         let permeability = self.model.need_permeability(&way.name)?;
         if pieces.is_empty() {
             return Err(Error::Export(cause(
@@ -191,7 +191,7 @@ impl Tracer<'_> {
         let active = pieces
             .iter()
             .filter(|p| self.model.is_active(p.cell as usize));
-        let active: Vec<Piece> = active.copied().collect();
+        let active: Vec<WellSegment> = active.copied().collect();
         if active.is_empty() {
             return Err(Error::Export(cause(
                 &way.name,
@@ -202,13 +202,13 @@ impl Tracer<'_> {
                 "give points in other cells",
             )));
         }
-        let within = self.within(permeability, way, &active);
-        let radii = self.equivalent(permeability, way, &within)?;
+        let within = self.merge_by_cell(permeability, way, &active);
+        let radii = self.log_equivalent_radii(permeability, way, &within)?;
         within
             .iter()
             .zip(radii)
             .map(|(w, log_radius)| {
-                let over = log_radius - w.bore.ln();
+                let over = log_radius - w.bore_radius.ln();
                 if over.is_nan() || over <= 0.0 {
                     return Err(Error::Export(cause(
                         &way.name,
@@ -216,7 +216,7 @@ impl Tracer<'_> {
                             "has a radius of {} m in cell {}, whose equivalent radius is {:.3} m",
                             w.radius,
                             w.cell,
-                            log_radius.exp() * w.radius / w.bore
+                            log_radius.exp() * w.radius / w.bore_radius
                         ),
                         "give a smaller radius, or larger cells around the well",
                     )));
@@ -224,7 +224,7 @@ impl Tracer<'_> {
                 Ok(Completion {
                     cell: w.cell as u32,
                     length: w.length,
-                    index: TAU * w.angle * w.strength / over,
+                    index: TAU * w.open_angle_share * w.strength / over,
                     equivalent_radius: log_radius.exp(),
                 })
             })
@@ -232,27 +232,27 @@ impl Tracer<'_> {
     }
 
     /// The pieces by cell, in the order in which cells are first met.
-    fn within(
+    fn merge_by_cell(
         &self,
         permeability: &Permeability,
         way: &Trajectory,
-        pieces: &[Piece],
-    ) -> Vec<Within> {
-        let mut all: Vec<Within> = Vec::new();
+        pieces: &[WellSegment],
+    ) -> Vec<WellInCell> {
+        let mut all: Vec<WellInCell> = Vec::new();
         for piece in pieces {
             let cell = piece.cell as usize;
             let at = all.iter().rposition(|w| w.cell == cell);
             let at = at.unwrap_or_else(|| {
-                let space = Space::new(permeability.rock.mobility(cell));
-                all.push(Within {
+                let space = IsotropicSpace::new(permeability.rock.mobility(cell));
+                all.push(WellInCell {
                     cell,
                     length: 0.0,
-                    way: [0.0; 3],
+                    direction: [0.0; 3],
                     middle: [0.0; 3],
                     radius: 0.0,
                     strength: 0.0,
-                    bore: 0.0,
-                    angle: 1.0,
+                    bore_radius: 0.0,
+                    open_angle_share: 1.0,
                     space,
                 });
                 all.len() - 1
@@ -265,20 +265,20 @@ impl Tracer<'_> {
             let part = d.map(|c| c * (to - from));
             let length = norm(part);
             let [r, s] = [way.radii[leg], way.radii[leg + 1]];
-            w.way = add_scaled(w.way, 1.0, part);
+            w.direction = add_scaled(w.direction, 1.0, part);
             w.middle = add_scaled(w.middle, length, add_scaled(a, share, d));
             w.radius += length * (r + share * (s - r));
-            w.strength += w.space.mean * w.space.length(part);
-            w.bore += length * (r + share * (s - r)) * w.space.bore(d);
+            w.strength += w.space.mean_permeability * w.space.length(part);
+            w.bore_radius += length * (r + share * (s - r)) * w.space.bore_radius(d);
             w.length += length;
         }
         for w in &mut all {
             w.middle = w.middle.map(|c| c / w.length);
             w.radius /= w.length;
-            w.bore /= w.length;
-            for (on, normal) in self.mirrors(w) {
-                if w.space.off_plane(w.middle, on, normal) < w.bore {
-                    w.angle *= 0.5;
+            w.bore_radius /= w.length;
+            for (on, normal) in self.mirror_planes(w) {
+                if w.space.plane_distance(w.middle, on, normal) < w.bore_radius {
+                    w.open_angle_share *= 0.5;
                 }
             }
         }
@@ -286,35 +286,35 @@ impl Tracer<'_> {
     }
 
     /// The sides of the box at a cell that the well runs along: a point and the normal of each.
-    fn mirrors(&self, w: &Within) -> Vec<([f64; 3], [f64; 3])> {
+    fn mirror_planes(&self, w: &WellInCell) -> Vec<([f64; 3], [f64; 3])> {
         let graph = &self.model.graph;
         let inner = graph.connections.len();
         let outer = self.faces(w.cell).iter().filter(|&&f| f as usize >= inner);
         outer
             .map(|&f| &graph.boundary[f as usize - inner])
-            .filter(|f| dot(f.normal, w.way).abs() < 0.5 * norm(w.way) && f.area > 0.0)
+            .filter(|f| dot(f.normal, w.direction).abs() < 0.5 * norm(w.direction) && f.area > 0.0)
             .map(|f| (f.point, f.normal))
             .collect()
     }
 
     /// The logarithm of each cell's equivalent radius.
-    fn equivalent(
+    fn log_equivalent_radii(
         &self,
         permeability: &Permeability,
         way: &Trajectory,
-        within: &[Within],
+        within: &[WellInCell],
     ) -> Result<Vec<f64>> {
         let (graph, rock) = (&self.model.graph, &permeability.rock);
         if self.model.tets.is_some() {
-            let of = |w: &Within| {
-                let length = w.strength / w.space.mean;
-                (SQUARE * (graph.volume[w.cell] / length).sqrt()).ln()
+            let of = |w: &WellInCell| {
+                let length = w.strength / w.space.mean_permeability;
+                (SQUARE_RADIUS_RATIO * (graph.volume[w.cell] / length).sqrt()).ln()
             };
             return Ok(within.iter().map(of).collect());
         }
         let number = |cell: u32| within.iter().position(|w| w.cell == cell as usize);
         let size = graph.volume.iter().sum::<f64>().cbrt();
-        let all = self.pieces(&way.extended(1e3 * size));
+        let all = self.segments(&way.extended(1e3 * size));
         let in_line = |cell: u32| all.iter().any(|p| p.cell == cell);
 
         // A row a cell: its couplings with others, their sum and that with what is known; the right
@@ -322,21 +322,21 @@ impl Tracer<'_> {
         let mut couplings: Vec<Vec<(usize, f64)>> = Vec::with_capacity(within.len());
         let (mut diagonal, mut right) = (Vec::new(), Vec::new());
         for w in within {
-            let mirrors = self.mirrors(w);
+            let mirrors = self.mirror_planes(w);
             let mirrors: Vec<_> = mirrors
                 .into_iter()
-                .map(|(on, n)| (on, n, 2.0 * w.space.off_plane(w.middle, on, n)))
-                .filter(|m| m.2 >= 2.0 * w.bore)
+                .map(|(on, n)| (on, n, 2.0 * w.space.plane_distance(w.middle, on, n)))
+                .filter(|m| m.2 >= 2.0 * w.bore_radius)
                 .collect();
             let (mut own, mut sum) = (Vec::new(), 0.0);
-            let mut known = -TAU * w.angle * w.strength;
+            let mut known = -TAU * w.open_angle_share * w.strength;
             for &face in self.faces(w.cell) {
                 let Some(c) = graph.connections.get(face as usize) else {
                     continue;
                 };
                 let k = c
                     .cells
-                    .map(|cell| rock.mobility(cell as usize).along(c.normal));
+                    .map(|cell| rock.mobility(cell as usize).normal_component(c.normal));
                 let t = c.area / (c.distance[0] / k[0] + c.distance[1] / k[1]);
                 let other = c.cells[usize::from(c.cells[0] as usize == w.cell)];
                 if let Some(other) = number(other) {
@@ -347,7 +347,7 @@ impl Tracer<'_> {
                     let site = graph.site[other as usize];
                     let mut log = w.space.distance(way, site).ln();
                     for &(on, normal, apart) in &mirrors {
-                        let image = w.space.mirrored(site, on, normal);
+                        let image = w.space.mirror_image(site, on, normal);
                         log += (w.space.distance(way, image) / apart).ln();
                     }
                     known += t * log;
@@ -358,7 +358,7 @@ impl Tracer<'_> {
             diagonal.push(sum);
             right.push(known);
         }
-        solve(&couplings, &diagonal, &right).ok_or_else(|| {
+        solve_couplings(&couplings, &diagonal, &right).ok_or_else(|| {
             Error::Export(cause(
                 &way.name,
                 "fills all the cells around it, so that it has no well index",
@@ -369,7 +369,11 @@ impl Tracer<'_> {
 }
 
 /// Solves `diagonal x - couplings x = right` by conjugate gradients; `None` if that is singular.
-fn solve(couplings: &[Vec<(usize, f64)>], diagonal: &[f64], right: &[f64]) -> Option<Vec<f64>> {
+fn solve_couplings(
+    couplings: &[Vec<(usize, f64)>],
+    diagonal: &[f64],
+    right: &[f64],
+) -> Option<Vec<f64>> {
     let n = right.len();
     let product = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
     let times = |x: &[f64]| -> Vec<f64> {

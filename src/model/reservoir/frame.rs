@@ -6,19 +6,19 @@ use crate::{Error, Result};
 
 /// The coordinate that grows with depth (or, negative, shrinks).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Down {
+pub struct DepthAxis {
     /// Number of the coordinate.
     pub axis: usize,
     /// Whether it grows with depth.
-    pub grows: bool,
+    pub is_downward: bool,
 }
 
-impl Default for Down {
+impl Default for DepthAxis {
     /// z grows upwards.
     fn default() -> Self {
         Self {
             axis: 2,
-            grows: false,
+            is_downward: false,
         }
     }
 }
@@ -27,26 +27,26 @@ impl Default for Down {
 ///
 /// The coordinate that is depth becomes the last; the other two keep their cyclic order.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Frame {
+pub struct ModelFrame {
     /// Metres in a unit of each coordinate.
     scale: [f64; 3],
-    down: Down,
+    depth_axis: DepthAxis,
     /// Added to z.
-    shift: f64,
+    z_shift: f64,
 }
 
-impl Default for Frame {
+impl Default for ModelFrame {
     /// Changes nothing.
     fn default() -> Self {
         Self {
             scale: [1.0; 3],
-            down: Down::default(),
-            shift: 0.0,
+            depth_axis: DepthAxis::default(),
+            z_shift: 0.0,
         }
     }
 }
 
-impl Frame {
+impl ModelFrame {
     /// Makes a frame from the coordinates' units. A unit of length is `length` metres, whatever the mesh states;
     /// without that it is what is stated, or else a metre. Coordinates that are two-way
     /// time (`ms`, `s`) become depth by `velocity` in
@@ -57,7 +57,7 @@ impl Frame {
     pub fn new(
         units: &[String; 3],
         length: Option<f64>,
-        down: Down,
+        down: DepthAxis,
         velocity: Option<f64>,
     ) -> Result<Self> {
         let in_time = |unit: &String| matches!(unit.trim(), "ms" | "s");
@@ -76,7 +76,7 @@ impl Frame {
                 "" => continue,
                 "ms" => 1e-3,
                 "s" => 1.0,
-                _ => match length.or(metres(unit)) {
+                _ => match length.or(metres_per_unit(unit)) {
                     Some(metres) => {
                         scale[k] = metres;
                         continue;
@@ -85,14 +85,14 @@ impl Frame {
                         let problem = "has a unit that is not a length";
                         let remedy = "give the unit of its coordinates";
                         return Err(Error::Export(
-                            cause(place(), problem, remedy).about("length-unit"),
+                            cause(place(), problem, remedy).with_parameter("length-unit"),
                         ));
                     }
                 },
             };
             let refuse = |problem: &str, remedy: &str, parameter| {
                 let cause = cause(place(), problem, remedy);
-                Err(Error::Export(cause.about(parameter)))
+                Err(Error::Export(cause.with_parameter(parameter)))
             };
             if k != down.axis {
                 return refuse(
@@ -122,8 +122,8 @@ impl Frame {
         }
         Ok(Self {
             scale,
-            down,
-            shift: 0.0,
+            depth_axis: down,
+            z_shift: 0.0,
         })
     }
 
@@ -133,30 +133,34 @@ impl Frame {
         let z = points.iter().map(|&p| self.to_model(p)[2]);
         let highest = z.fold(f64::NEG_INFINITY, f64::max);
         Self {
-            shift: self.shift - highest - top,
+            z_shift: self.z_shift - highest - top,
             ..self
         }
     }
 
     /// The coordinates that x, y and z come from.
     fn axes(&self) -> [usize; 3] {
-        [1, 2, 0].map(|k| (self.down.axis + k) % 3)
+        [1, 2, 0].map(|k| (self.depth_axis.axis + k) % 3)
     }
 
-    fn sign(&self) -> f64 {
-        if self.down.grows { -1.0 } else { 1.0 }
+    fn depth_sign(&self) -> f64 {
+        if self.depth_axis.is_downward {
+            -1.0
+        } else {
+            1.0
+        }
     }
 
     /// From the mesh's coordinates to metres.
     pub fn to_model(&self, point: [f64; 3]) -> [f64; 3] {
         let [x, y, z] = self.axes().map(|k| point[k] * self.scale[k]);
-        [x, y, self.sign() * z + self.shift]
+        [x, y, self.depth_sign() * z + self.z_shift]
     }
 
     /// The inverse of [`to_model`](Self::to_model).
     pub fn to_file(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
         let mut point = [0.0; 3];
-        let moved = [x, y, self.sign() * (z - self.shift)];
+        let moved = [x, y, self.depth_sign() * (z - self.z_shift)];
         for (k, value) in self.axes().into_iter().zip(moved) {
             point[k] = value / self.scale[k];
         }
@@ -169,30 +173,30 @@ impl Frame {
     }
 
     /// Metres in a unit of the horizontal coordinates (of the first of them).
-    pub fn across(&self) -> f64 {
+    pub fn horizontal_scale(&self) -> f64 {
         self.scale[self.axes()[0]]
     }
 
     /// Whether left becomes right.
-    pub fn mirrors(&self) -> bool {
-        self.down.grows
+    pub fn is_mirrored(&self) -> bool {
+        self.depth_axis.is_downward
     }
 
     /// A tensor along the mesh's coordinates as one along x, y, z of metres.
-    pub fn tensor(&self, tensor: Tensor) -> Tensor {
+    pub fn transform_tensor(&self, tensor: Tensor) -> Tensor {
         let axes = self.axes();
         // The signs of two coordinates that both turn round cancel.
-        let sign = |i: usize| if i == 2 { self.sign() } else { 1.0 };
+        let sign = |i: usize| if i == 2 { self.depth_sign() } else { 1.0 };
         let at = |i: usize, j: usize| {
-            const PLACE: [[usize; 3]; 3] = [[0, 3, 5], [3, 1, 4], [5, 4, 2]];
-            sign(i) * sign(j) * tensor.0[PLACE[axes[i]][axes[j]]]
+            const COMPONENT_INDEX: [[usize; 3]; 3] = [[0, 3, 5], [3, 1, 4], [5, 4, 2]];
+            sign(i) * sign(j) * tensor.0[COMPONENT_INDEX[axes[i]][axes[j]]]
         };
         Tensor([at(0, 0), at(1, 1), at(2, 2), at(0, 1), at(1, 2), at(0, 2)])
     }
 }
 
 /// Metres in a unit of length.
-pub fn metres(unit: &str) -> Option<f64> {
+pub fn metres_per_unit(unit: &str) -> Option<f64> {
     match unit {
         "m" => Some(1.0),
         "km" => Some(1e3),
@@ -218,8 +222,11 @@ mod tests {
         let point = [3.0, -5.0, 7.0];
         for axis in 0..3 {
             for grows in [false, true] {
-                let down = Down { axis, grows };
-                let frame = Frame::new(&units([""; 3]), Some(0.5), down, None)
+                let down = DepthAxis {
+                    axis,
+                    is_downward: grows,
+                };
+                let frame = ModelFrame::new(&units([""; 3]), Some(0.5), down, None)
                     .unwrap()
                     .with_top(&[point, [0.0; 3]], 100.0);
                 let there = frame.to_model(point);
@@ -229,13 +236,13 @@ mod tests {
                 assert!((-there[2] - 100.0 - (depth - depth.min(0.0))).abs() < 1e-12);
             }
         }
-        assert_eq!(Frame::default().to_model(point), point);
+        assert_eq!(ModelFrame::default().to_model(point), point);
     }
 
     #[test]
     fn time_becomes_depth() {
-        let down = Down::default();
-        let frame = Frame::new(&units(["ft", "m", "ms"]), None, down, Some(3000.0)).unwrap();
+        let down = DepthAxis::default();
+        let frame = ModelFrame::new(&units(["ft", "m", "ms"]), None, down, Some(3000.0)).unwrap();
         assert_eq!(frame.to_model([10.0, 2.0, -1000.0]), [3.048, 2.0, -1500.0]);
         for (words, down, velocity, want) in [
             (["m", "m", "ms"], down, None, "a velocity in m/s"),
@@ -248,35 +255,41 @@ mod tests {
                 "the unit of its coordinates",
             ),
         ] {
-            let error = Frame::new(&units(words), None, down, velocity).unwrap_err();
+            let error = ModelFrame::new(&units(words), None, down, velocity).unwrap_err();
             assert!(error.to_string().contains(want), "{error}");
         }
     }
 
     #[test]
     fn a_unit_that_is_given_wins_over_one_that_is_stated() {
-        let down = Down::default();
+        let down = DepthAxis::default();
         for stated in ["mm", "ft", "furlong", ""] {
-            let frame = Frame::new(&units([stated; 3]), Some(1e-6), down, None).unwrap();
+            let frame = ModelFrame::new(&units([stated; 3]), Some(1e-6), down, None).unwrap();
             assert_eq!(frame.to_model([2.0, 3.0, 4.0]), [2e-6, 3e-6, 4e-6]);
         }
-        let frame = Frame::new(&units(["mm"; 3]), None, down, None).unwrap();
+        let frame = ModelFrame::new(&units(["mm"; 3]), None, down, None).unwrap();
         assert_eq!(frame.to_model([2.0, 3.0, 4.0]), [2e-3, 3e-3, 4e-3]);
         // Time stays time.
-        let frame = Frame::new(&units(["ft", "ft", "ms"]), Some(1.0), down, Some(2e3)).unwrap();
+        let frame =
+            ModelFrame::new(&units(["ft", "ft", "ms"]), Some(1.0), down, Some(2e3)).unwrap();
         assert_eq!(frame.to_model([2.0, 3.0, 4.0]), [2.0, 3.0, 4.0]);
     }
 
     #[test]
     fn tensors_turn_with_the_axes() {
         let tensor = Tensor([1.0, 2.0, 3.0, 0.1, 0.2, 0.3]);
-        assert_eq!(Frame::default().tensor(tensor), tensor);
+        assert_eq!(ModelFrame::default().transform_tensor(tensor), tensor);
         let normal = [0.6, 0.0, 0.8];
         for axis in 0..3 {
-            let down = Down { axis, grows: true };
-            let frame = Frame::new(&units([""; 3]), None, down, None).unwrap();
-            let turned = frame.tensor(tensor).along(frame.to_model(normal));
-            assert!((turned - tensor.along(normal)).abs() < 1e-12);
+            let down = DepthAxis {
+                axis,
+                is_downward: true,
+            };
+            let frame = ModelFrame::new(&units([""; 3]), None, down, None).unwrap();
+            let turned = frame
+                .transform_tensor(tensor)
+                .normal_component(frame.to_model(normal));
+            assert!((turned - tensor.normal_component(normal)).abs() < 1e-12);
         }
     }
 }

@@ -10,16 +10,16 @@
 //! - `completion`: well indices
 //! - `sides`: the two sides of surfaces, and meshes torn along them
 
+pub(crate) mod averaging;
 pub(crate) mod check;
-pub(crate) mod closed;
+pub(crate) mod closed_faults;
 pub(crate) mod completion;
 pub(crate) mod frame;
-pub(crate) mod prepared;
-pub(crate) mod sample;
-pub(crate) mod sides;
+pub(crate) mod prepared_model;
+pub(crate) mod surface_sides;
 pub(crate) mod trajectory;
 
-pub use prepared::{Placement, Prepared};
+pub use prepared_model::{MeshPlacement, PreparedModel};
 
 use crate::parallel::prelude::*;
 
@@ -28,20 +28,20 @@ use crate::files::vtk::DataArray;
 use crate::geometry::dot;
 use crate::mesh::TetMesh;
 use crate::mesh::graph::{Connection, Graph};
-use crate::mesh::poly::{PolyMesh, SIDES};
-use crate::model::flow::through::FaultLaws;
-use crate::model::flow::{Barriers, CellFlow, Rock, Split};
-use crate::model::surface::Kind;
+use crate::mesh::poly::{PolyMesh, SIDE_NAMES};
+use crate::model::flow::driver::FaultLaws;
+use crate::model::flow::{Barriers, CellFlow, Rock, SplitMesh};
+use crate::model::surface::SurfaceKind;
 use crate::model::surface::names::{SurfaceNames, add_names, interface_name};
-use crate::model::surface::stored::region_text;
+use crate::model::surface::stored_surfaces::region_label;
 use crate::store::LabelledRegion;
 use crate::{Error, Result};
 
-pub use check::Checks;
+pub use averaging::{MeanKind, SamplePositions};
+pub use check::ModelChecks;
 pub use completion::Completion;
-pub use frame::{Down, Frame};
-pub use sample::{Mean, Places};
-pub use trajectory::{Tracer, Trajectory};
+pub use frame::{DepthAxis, ModelFrame};
+pub use trajectory::{Trajectory, WellTracer};
 
 /// One millidarcy in m^2.
 pub const MILLIDARCY: f64 = 9.869_232_667_160_13e-16;
@@ -66,9 +66,9 @@ pub struct Model {
     /// The same cells as tetrahedra, if that is what they are.
     pub tets: Option<TetMesh>,
     /// Whether simplices shall have nodes in the middle of their edges.
-    pub quadratic: bool,
+    pub is_quadratic: bool,
     /// The tetrahedra torn along surfaces, if they shall be.
-    pub torn: Option<Split>,
+    pub split_mesh: Option<SplitMesh>,
     /// Of a layer of prisms on triangles, those: of the first half of the mesh's nodes.
     pub triangles: Option<Vec<[u32; 3]>>,
     /// Cells and connections.
@@ -89,7 +89,7 @@ pub struct Model {
     /// Whatever else is known of each cell.
     pub properties: Vec<DataArray>,
     /// What happens in the model.
-    pub case: Case,
+    pub case: SimulationCase,
     /// Columns along two axes, and layers, of a grid that the model is resampled on; as fine as the
     /// cells if not given.
     pub grid: Option<[usize; 3]>,
@@ -99,45 +99,49 @@ pub struct Model {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FaceSurfaces {
     /// The kind of surface 1, 2 ...: they have the numbers that `atomesh surface` gives them.
-    pub kinds: Vec<Kind>,
+    pub kinds: Vec<SurfaceKind>,
     /// The names of the first, as far as the mesh's file has names.
     pub names: Vec<String>,
     /// How many of them, the first, are more than scraps.
-    pub kept: usize,
+    pub kept_count: usize,
     /// For each connection the number of its surface; 0 for none.
-    pub of_connection: Vec<u32>,
+    pub connection_surfaces: Vec<u32>,
 }
 
 /// Names that no surface has: those of the sides of the box, and of what else has no name of its own.
-pub(crate) fn reserved() -> Vec<String> {
-    let all = SIDES.into_iter().chain(["boundary", "scraps"]);
+pub(crate) fn reserved_names() -> Vec<String> {
+    let all = SIDE_NAMES.into_iter().chain(["boundary", "scraps"]);
     all.map(String::from).collect()
 }
 
 impl FaceSurfaces {
     /// One fault of all connections on features.
-    fn one_fault(graph: &Graph<3>) -> Self {
+    fn single_fault(graph: &Graph<3>) -> Self {
         let on = graph.connections.iter().map(|c| u32::from(c.on_feature));
-        let of_connection: Vec<u32> = on.collect();
-        let any = of_connection.contains(&1);
+        let connection_surfaces: Vec<u32> = on.collect();
+        let any = connection_surfaces.contains(&1);
         Self {
-            kinds: if any { vec![Kind::Fault] } else { Vec::new() },
+            kinds: if any {
+                vec![SurfaceKind::Fault]
+            } else {
+                Vec::new()
+            },
             names: Vec::new(),
-            kept: usize::from(any),
-            of_connection,
+            kept_count: usize::from(any),
+            connection_surfaces,
         }
     }
 
     /// The names of all surfaces, as every format has them.
     pub fn all_names(&self) -> SurfaceNames {
-        SurfaceNames::new(&self.kinds, self.kept, &self.names, &reserved())
+        SurfaceNames::new(&self.kinds, self.kept_count, &self.names, &reserved_names())
     }
 
     /// Makes surfaces of what parts regions, where it is on no other: `number` is the place of each
     /// connection's name among `names`.
     fn add_interfaces(&mut self, names: Vec<String>, number: impl Fn(usize) -> Option<usize>) {
-        let (kept, added) = (self.kept, names.len());
-        for (at, surface) in self.of_connection.iter_mut().enumerate() {
+        let (kept, added) = (self.kept_count, names.len());
+        for (at, surface) in self.connection_surfaces.iter_mut().enumerate() {
             match *surface as usize {
                 0 => *surface = number(at).map_or(0, |place| (kept + 1 + place) as u32),
                 scrap if scrap > kept => *surface += added as u32,
@@ -146,9 +150,9 @@ impl FaceSurfaces {
         }
         self.names = self.all_names().names;
         self.names.extend(names);
-        let interfaces = std::iter::repeat_n(Kind::Interface, added);
+        let interfaces = std::iter::repeat_n(SurfaceKind::Interface, added);
         self.kinds.splice(kept..kept, interfaces);
-        self.kept += added;
+        self.kept_count += added;
     }
 }
 
@@ -184,13 +188,13 @@ impl Fluid {
 
 /// Fluids, wells, and the time that a simulation covers.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Case {
+pub struct SimulationCase {
     /// What the model is called.
     pub title: String,
     /// What fills the pores at first.
     pub fluid: Fluid,
     /// Whether fluids have weight; without it, all cells are taken to be at one depth.
-    pub gravity: bool,
+    pub has_gravity: bool,
     /// Pressure in Pa at the top of the model at first.
     pub top_pressure: f64,
     /// Wells.
@@ -199,12 +203,12 @@ pub struct Case {
     pub duration: f64,
 }
 
-impl Default for Case {
+impl Default for SimulationCase {
     fn default() -> Self {
         Self {
             title: "atomesh".into(),
             fluid: Fluid::Water,
-            gravity: true,
+            has_gravity: true,
             top_pressure: 100.0 * BAR,
             wells: Vec::new(),
             duration: 3650.0 * DAY,
@@ -225,7 +229,7 @@ pub struct Well {
     /// Radius in metres.
     pub radius: f64,
     /// Its way, in the model's metres; a single point if it is upright and open to one cell.
-    pub way: Vec<[f64; 3]>,
+    pub path: Vec<[f64; 3]>,
     /// What it does.
     pub control: Control,
 }
@@ -247,7 +251,7 @@ impl Model {
     pub fn new(mesh: PolyMesh<3>, tets: Option<TetMesh>) -> Self {
         let graph = Graph::from_poly(&mesh);
         Self {
-            surfaces: FaceSurfaces::one_fault(&graph),
+            surfaces: FaceSurfaces::single_fault(&graph),
             graph,
             mesh,
             tets,
@@ -307,8 +311,8 @@ impl Model {
     /// [`Error::Flow`] if a law is for a surface that does not exist.
     pub fn set_faults(&mut self, laws: &FaultLaws) -> Result<()> {
         self.add_picked_interfaces(laws);
-        let of_surfaces = laws.of_surfaces(&self.surfaces.all_names(), "--barriers")?;
-        self.barriers = Barriers::new(self.surfaces.of_connection.clone(), of_surfaces)?;
+        let of_surfaces = laws.surface_laws(&self.surfaces.all_names(), "--barriers")?;
+        self.barriers = Barriers::new(self.surfaces.connection_surfaces.clone(), of_surfaces)?;
         Ok(())
     }
 
@@ -319,21 +323,22 @@ impl Model {
             (a != b).then_some([a.min(b), a.max(b)])
         };
         let connections = self.graph.connections.iter();
-        let mut pairs: Vec<[i32; 2]> = (connections.zip(&self.surfaces.of_connection))
+        let mut pairs: Vec<[i32; 2]> = (connections.zip(&self.surfaces.connection_surfaces))
             .filter(|(_, surface)| **surface == 0)
             .filter_map(|(c, _)| pair(c))
             .collect();
         pairs.sort_unstable();
         pairs.dedup();
-        let mut names = [reserved(), self.surfaces.all_names().names].concat();
+        let mut names = [reserved_names(), self.surfaces.all_names().names].concat();
         let before = names.len();
         let interfaces = pairs.iter().map(|pair| {
-            let [a, b] = pair.map(|region| region_text(&self.labels, region));
+            let [a, b] = pair.map(|region| region_label(&self.labels, region));
             interface_name([&a, &b])
         });
         add_names(&mut names, interfaces);
         let named = pairs.into_iter().zip(names.split_off(before));
-        let (pairs, names): (Vec<_>, Vec<_>) = named.filter(|(_, name)| laws.pick(name)).unzip();
+        let (pairs, names): (Vec<_>, Vec<_>) =
+            named.filter(|(_, name)| laws.selects_name(name)).unzip();
         if !names.is_empty() {
             let connections = &self.graph.connections;
             let number = |at: usize| pairs.binary_search(&pair(&connections[at])?).ok();
@@ -349,7 +354,10 @@ impl Model {
         };
         let c = &self.graph.connections[connection];
         let mobility = c.cells.map(|cell| match &self.permeability {
-            Some(known) => known.rock.mobility(cell as usize).along(c.normal),
+            Some(known) => known
+                .rock
+                .mobility(cell as usize)
+                .normal_component(c.normal),
             None => 1.0,
         });
         let open = c.distance[0] / mobility[0] + c.distance[1] / mobility[1];
@@ -397,7 +405,7 @@ impl Model {
     }
 
     /// Depth of the shallowest site in metres.
-    pub fn top(&self) -> f64 {
+    pub fn top_depth(&self) -> f64 {
         (0..self.len())
             .map(|cell| self.depth(cell))
             .fold(f64::INFINITY, f64::min)
@@ -406,7 +414,7 @@ impl Model {
     /// The pressure in Pa at a depth at first; `top` is [`top`](Self::top).
     pub fn initial_pressure(&self, depth: f64, top: f64) -> f64 {
         let case = &self.case;
-        match case.gravity {
+        match case.has_gravity {
             true => case.top_pressure + case.fluid.density() * GRAVITY * (depth - top),
             false => case.top_pressure,
         }
@@ -415,7 +423,7 @@ impl Model {
     /// A line for each producer whose pressure is not below that of the rock at first: it has nothing to
     /// draw fluid with.
     pub fn idle_producers(&self) -> Vec<String> {
-        let top = self.top();
+        let top = self.top_depth();
         let idle = |well: &Well| {
             let Control::Pressure(own) = well.control else {
                 return None;
@@ -443,7 +451,7 @@ impl Model {
         let missing = || {
             let remedy = "give a number, a file by region, or an image";
             Error::Export(
-                cause(needs, "needs the porosity of every cell", remedy).about("porosity"),
+                cause(needs, "needs the porosity of every cell", remedy).with_parameter("porosity"),
             )
         };
         self.porosity.as_deref().ok_or_else(missing)
@@ -457,7 +465,8 @@ impl Model {
         let missing = || {
             let remedy = "give numbers, a file by region, or images";
             Error::Export(
-                cause(needs, "needs the permeability of every cell", remedy).about("permeability"),
+                cause(needs, "needs the permeability of every cell", remedy)
+                    .with_parameter("permeability"),
             )
         };
         self.permeability.as_ref().ok_or_else(missing)
@@ -501,7 +510,7 @@ impl Model {
 mod tests {
     use super::*;
     use crate::mesh::poly::samples::two_cells;
-    use crate::model::flow::{Faults, Tensor};
+    use crate::model::flow::{FaultLaw, Tensor};
 
     fn model() -> Model {
         let mut model = Model::new(two_cells::<3>(0.75), None);
@@ -522,7 +531,7 @@ mod tests {
     fn a_fault_is_a_factor_with_and_without_permeability() {
         let bare = Model::new(two_cells::<3>(0.75), None);
         for multiplier in [0.0, 0.25, 1.0] {
-            let law = Faults::new(multiplier, None).unwrap();
+            let law = FaultLaw::new(multiplier, None).unwrap();
             let mut model = bare.clone();
             model.set_faults(&law.into()).unwrap();
             assert!((model.fault_factor(0) - multiplier).abs() < 1e-15);
@@ -534,14 +543,14 @@ mod tests {
         }
         // A horizon is no barrier, unless it is named.
         let mut model = bare;
-        model.surfaces.kinds = vec![Kind::Horizon];
-        let mut laws = FaultLaws::from(Faults::CLOSED);
+        model.surfaces.kinds = vec![SurfaceKind::Horizon];
+        let mut laws = FaultLaws::from(FaultLaw::CLOSED);
         model.set_faults(&laws).unwrap();
         assert_eq!(model.fault_factor(0), 1.0);
-        laws.own = vec![(1.into(), Faults::new(0.5, None).unwrap())];
+        laws.overrides = vec![(1.into(), FaultLaw::new(0.5, None).unwrap())];
         model.set_faults(&laws).unwrap();
         assert!((model.fault_factor(0) - 0.5).abs() < 1e-15);
-        laws.own[0].0 = 2.into();
+        laws.overrides[0].0 = 2.into();
         let error = model.set_faults(&laws).unwrap_err().to_string();
         let want = "--fault-multiplier 2: matches no surface: the mesh has horizon1; ";
         assert!(error.starts_with(want), "{error}");

@@ -7,9 +7,9 @@ use crate::mesh::poly::{Lists, PolyMesh};
 use crate::model::reservoir::Model;
 
 /// A direction is along a plane if its sine is no more than this.
-const ALONG: f64 = 1e-12;
+const MAX_PARALLEL_SINE: f64 = 1e-12;
 /// Shares of a leg no longer than this are rounding.
-const SHORTEST: f64 = 1e-10;
+const MIN_SEGMENT_SHARE: f64 = 1e-10;
 
 /// A well's way, in the model's metres: straight legs between points.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -24,7 +24,7 @@ pub struct Trajectory {
 
 /// The part of a leg that lies in one cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Piece {
+pub struct WellSegment {
     /// The cell.
     pub cell: u32,
     /// The leg: from point `leg` to point `leg + 1`.
@@ -41,19 +41,21 @@ impl Trajectory {
     }
 
     /// Number of legs.
-    pub fn legs(&self) -> usize {
+    pub fn leg_count(&self) -> usize {
         self.points.len().saturating_sub(1)
     }
 
     /// Its whole length.
     pub fn length(&self) -> f64 {
-        (0..self.legs()).map(|leg| norm(self.leg(leg).1)).sum()
+        (0..self.leg_count()).map(|leg| norm(self.leg(leg).1)).sum()
     }
 
     /// The same with its first and its last leg longer by `reach` at the well's ends.
     pub fn extended(&self, reach: f64) -> Self {
         let mut longer = self.clone();
-        if let (Some(first), Some(last)) = (longer.points.first_mut(), self.legs().checked_sub(1)) {
+        if let (Some(first), Some(last)) =
+            (longer.points.first_mut(), self.leg_count().checked_sub(1))
+        {
             let (a, d) = self.leg(0);
             *first = add_scaled(a, -reach / norm(d), d);
             let (a, d) = self.leg(last);
@@ -64,14 +66,14 @@ impl Trajectory {
 }
 
 /// Finds the cells on a way; made once for all ways through a model.
-pub struct Tracer<'a> {
+pub struct WellTracer<'a> {
     pub(super) model: &'a Model,
     faces: Lists,
     /// Distance from each cell's site to the farthest of its nodes.
-    reach: Vec<f64>,
+    cell_radius: Vec<f64>,
 }
 
-impl<'a> Tracer<'a> {
+impl<'a> WellTracer<'a> {
     /// For the cells of a model.
     pub fn new(model: &'a Model) -> Self {
         let faces = model.mesh.faces_of_cells();
@@ -84,11 +86,11 @@ impl<'a> Tracer<'a> {
             let off = nodes.map(|&n| norm(sub(mesh.nodes[n as usize], mesh.sites[cell])));
             off.fold(0.0, f64::max)
         };
-        let reach = (0..model.len()).into_par_iter().map(reach).collect();
+        let cell_radius = (0..model.len()).into_par_iter().map(reach).collect();
         Self {
             model,
             faces,
-            reach,
+            cell_radius,
         }
     }
 
@@ -116,7 +118,7 @@ impl<'a> Tracer<'a> {
     /// cells belongs to the first of them.
     fn clip(&self, cell: usize, a: [f64; 3], d: [f64; 3]) -> Option<[f64; 2]> {
         let [mut from, mut to] = [0.0f64, 1.0f64];
-        let along = ALONG * norm(d);
+        let along = MAX_PARALLEL_SINE * norm(d);
         for &face in self.faces(cell) {
             let Some((point, normal, owner)) = self.plane(cell, face as usize) else {
                 continue;
@@ -133,31 +135,31 @@ impl<'a> Tracer<'a> {
                 from = from.max(-outside / speed);
             }
         }
-        (to - from > SHORTEST).then_some([from, to])
+        (to - from > MIN_SEGMENT_SHARE).then_some([from, to])
     }
 
     /// The pieces of a way in the order in which it runs. What lies outside the mesh is in none.
-    pub fn pieces(&self, way: &Trajectory) -> Vec<Piece> {
+    pub fn segments(&self, way: &Trajectory) -> Vec<WellSegment> {
         let sites = &self.model.graph.site;
         let mut pieces = Vec::new();
-        for leg in 0..way.legs() {
+        for leg in 0..way.leg_count() {
             let (a, d) = way.leg(leg);
             let square = dot(d, d);
             let crossed = |cell: usize| {
                 let off = sub(sites[cell], a);
                 let share = (dot(off, d) / square).clamp(0.0, 1.0);
-                if norm(add_scaled(off, -share, d)) > self.reach[cell] {
+                if norm(add_scaled(off, -share, d)) > self.cell_radius[cell] {
                     return None;
                 }
                 let span = self.clip(cell, a, d)?;
-                Some(Piece {
+                Some(WellSegment {
                     cell: cell as u32,
                     leg: leg as u32,
                     span,
                 })
             };
             let cells = (0..sites.len()).into_par_iter();
-            let mut own: Vec<Piece> = cells.filter_map(crossed).collect();
+            let mut own: Vec<WellSegment> = cells.filter_map(crossed).collect();
             own.sort_by(|p, q| p.span[0].total_cmp(&q.span[0]));
             pieces.extend(own);
         }

@@ -4,7 +4,7 @@ use crate::mesh::Mesh;
 
 /// The facets between cells of label 1 and cells of label 0, turned out of the object. `cells` are
 /// those of [`Mesh::cells_of_faces`]. Where the object touches the side of the box there is none.
-pub fn between<const D: usize, F: Mesh<D>>(
+pub fn boundary_facets<const D: usize, F: Mesh<D>>(
     mesh: &F,
     cells: &[[u32; 2]],
     labels: &[u8],
@@ -29,9 +29,9 @@ pub fn between<const D: usize, F: Mesh<D>>(
 /// it, and a little farther away again. A ball shrinks under the first and grows under the second by
 /// as much; what is ragged goes under both. (Three times 0.5, as in Xu 2016, shrinks a ball of radius
 /// 40 by 0.75.)
-const SHARES: [f64; 2] = [0.5, -0.51];
+const TAUBIN_WEIGHTS: [f64; 2] = [0.5, -0.51];
 /// How many times both.
-const TIMES: usize = 10;
+const SMOOTHING_ROUNDS: usize = 10;
 
 /// Smooths a surface that keeps its volume. On its rim only neighbours on the rim count, and where a
 /// curve ends, nothing moves. Nodes of no facet stay.
@@ -65,7 +65,7 @@ pub fn smooth<const D: usize>(nodes: &mut [[f64; D]], facets: &[[u32; D]]) {
             edge.iter().for_each(|&n| on_rim[n as usize] |= is_rim);
         }
     }
-    for share in [SHARES; TIMES].into_iter().flatten() {
+    for share in [TAUBIN_WEIGHTS; SMOOTHING_ROUNDS].into_iter().flatten() {
         let mut sums = vec![([0.0; D], 0.0f64); nodes.len()];
         for &([a, b], is_rim) in &edges {
             for (own, other) in [(a, b), (b, a)] {
@@ -98,7 +98,7 @@ mod tests {
         let mesh = two_cells::<3>(0.75);
         let across = mesh.cells_of_faces().unwrap();
         for (labels, sign) in [([1, 0], 1.0), ([0, 1], -1.0)] {
-            let facets = between(&mesh, &across, &labels);
+            let facets = boundary_facets(&mesh, &across, &labels);
             assert_eq!(facets.len(), 2);
             for facet in facets {
                 let [p, q, r] = facet.map(|n| mesh.nodes[n as usize]);
@@ -107,7 +107,7 @@ mod tests {
                 assert!((area - sign).abs() < 1e-12, "{area}");
             }
         }
-        assert!(between(&mesh, &across, &[1, 1]).is_empty());
+        assert!(boundary_facets(&mesh, &across, &[1, 1]).is_empty());
     }
 
     #[test]
@@ -148,7 +148,7 @@ mod tests {
     }
 
     /// Volume that facets enclose, and their area.
-    fn enclosed(nodes: &[[f64; 3]], facets: &[[u32; 3]]) -> (f64, f64) {
+    fn volume_and_area(nodes: &[[f64; 3]], facets: &[[u32; 3]]) -> (f64, f64) {
         let one = |facet: &[u32; 3]| {
             let corners = facet.map(|n| nodes[n as usize]);
             let n = normal(&corners);
@@ -167,11 +167,11 @@ mod tests {
             let inside = |(_, x): &(f64, [f64; 3])| norm(sub(*x, [middle; 3])) < radius;
             let volumes = mesh.cell_volumes();
             let labels: Vec<u8> = volumes.iter().map(|c| u8::from(inside(c))).collect();
-            let facets = between(&mesh, &mesh.cells_of_faces().unwrap(), &labels);
-            let (before, ragged) = enclosed(&mesh.nodes, &facets);
+            let facets = boundary_facets(&mesh, &mesh.cells_of_faces().unwrap(), &labels);
+            let (before, ragged) = volume_and_area(&mesh.nodes, &facets);
             let mut nodes = mesh.nodes.clone();
             smooth(&mut nodes, &facets);
-            let (after, area) = enclosed(&nodes, &facets);
+            let (after, area) = volume_and_area(&nodes, &facets);
             let radius_of = |volume: f64| (0.75 * volume / PI).cbrt();
             let off = radius_of(after) - radius_of(before);
             assert!(off.abs() < 0.1, "{off}");

@@ -1,39 +1,39 @@
 //! What it costs to call a cell object or background, and to have a boundary between two cells.
 
-use super::{Links, Options, Seeds};
+use super::{Links, Options, SegmentSeeds};
 use crate::error::cause;
 use crate::{Error, Result};
 
 /// Number of classes of a histogram.
-const CLASSES: usize = 64;
+const BIN_COUNT: usize = 64;
 
 /// Share of every histogram that lies evenly over all classes: no value is impossible.
-const EVEN: f64 = 0.01;
+const UNIFORM_SHARE: f64 = 0.01;
 
 /// The least width to which a seed's value is spread, in classes.
-const LEAST_WIDTH: f64 = 1.5;
+const MIN_KERNEL_WIDTH: f64 = 1.5;
 
 /// The largest capacity, but for those of seeds: whole numbers up to here, thousands of which add up
 /// to less than 2^31.
-const LARGEST: f64 = (1 << 20) as f64;
+const MAX_CAPACITY: f64 = (1 << 20) as f64;
 
 /// -ln Pr of object and of background, by classes of values.
 #[derive(Debug, Clone)]
-pub struct Regions {
+pub struct RegionCosts {
     low: f32,
     /// Classes in a unit of value.
     scale: f32,
     costs: Vec<[f64; 2]>,
 }
 
-impl Regions {
+impl RegionCosts {
     /// From the values of the seeds, each spread as a Gaussian of the width that suits their number
     /// (Silverman 1986: 1.06 times their standard deviation over the fifth root of it), of 1.5
     /// classes at least.
     ///
     /// # Errors
     /// [`Error::Job`] if either kind has no seed, or a cell is a seed of both.
-    pub fn new(values: &[f32], seeds: &Seeds) -> Result<Self> {
+    pub fn new(values: &[f32], seeds: &SegmentSeeds) -> Result<Self> {
         let [object, background] = [("object", &seeds.object), ("background", &seeds.background)]
             .map(|(seeds, cells)| match cells.is_empty() {
                 false => Ok(cells),
@@ -43,7 +43,7 @@ impl Regions {
                         "hold no cell or sample",
                         "give a point, or a box that is not smaller than a cell",
                     )
-                    .about(seeds),
+                    .with_parameter(seeds),
                 )),
             });
         let (object, background) = (object?, background?);
@@ -65,7 +65,7 @@ impl Regions {
                 (low.min(v), high.max(v))
             });
         let scale = if high > low {
-            CLASSES as f32 / (high - low)
+            BIN_COUNT as f32 / (high - low)
         } else {
             0.0
         };
@@ -92,7 +92,7 @@ impl Regions {
     #[inline]
     pub fn costs(&self, value: f32) -> [f64; 2] {
         let class = ((value - self.low) * self.scale) as usize;
-        self.costs[class.min(CLASSES - 1)]
+        self.costs[class.min(BIN_COUNT - 1)]
     }
 }
 
@@ -101,10 +101,10 @@ fn histogram(places: &[f64]) -> Vec<f64> {
     let n = places.len() as f64;
     let mean = places.iter().sum::<f64>() / n;
     let variance = places.iter().map(|p| (p - mean).powi(2)).sum::<f64>() / n;
-    let width = (1.06 * variance.sqrt() / n.powf(0.2)).max(LEAST_WIDTH);
-    let mut counts = vec![0.0; CLASSES];
+    let width = (1.06 * variance.sqrt() / n.powf(0.2)).max(MIN_KERNEL_WIDTH);
+    let mut counts = vec![0.0; BIN_COUNT];
     for &place in places {
-        counts[(place as usize).min(CLASSES - 1)] += 1.0;
+        counts[(place as usize).min(BIN_COUNT - 1)] += 1.0;
     }
     let spread = |class: usize| {
         let part = |(other, count): (usize, &f64)| {
@@ -113,15 +113,15 @@ fn histogram(places: &[f64]) -> Vec<f64> {
         };
         counts.iter().enumerate().map(part).sum::<f64>()
     };
-    let spread: Vec<f64> = (0..CLASSES).map(spread).collect();
+    let spread: Vec<f64> = (0..BIN_COUNT).map(spread).collect();
     let sum: f64 = spread.iter().sum();
-    let share = |s: &f64| (1.0 - EVEN) * s / sum + EVEN / CLASSES as f64;
+    let share = |s: &f64| (1.0 - UNIFORM_SHARE) * s / sum + UNIFORM_SHARE / BIN_COUNT as f64;
     spread.iter().map(share).collect()
 }
 
 /// Costs of boundaries, and whole numbers for all costs.
 #[derive(Debug, Clone)]
-pub struct Costs {
+pub struct BoundaryCosts {
     /// The difference of values at which a boundary is cheap.
     pub sigma: f64,
     /// -1 / (2 sigma^2).
@@ -130,7 +130,7 @@ pub struct Costs {
     scale: f64,
 }
 
-impl Costs {
+impl BoundaryCosts {
     /// Of cells with these values.
     pub fn new(values: &[f32], links: Links<'_>, options: &Options) -> Self {
         let (mut sum, mut count, mut largest) = (0.0, 0.0, 0.0f64);
@@ -152,16 +152,16 @@ impl Costs {
             sigma,
             exponent: exponent as f32,
             scale: if largest > 0.0 {
-                LARGEST / largest
+                MAX_CAPACITY / largest
             } else {
-                LARGEST
+                MAX_CAPACITY
             },
         }
     }
 
     /// exp(-(p - q)^2 / (2 sigma^2)).
     #[inline]
-    pub fn boundary(&self, p: f32, q: f32) -> f64 {
+    pub fn boundary_weight(&self, p: f32, q: f32) -> f64 {
         f64::from((self.exponent * (p - q) * (p - q)).exp())
     }
 
@@ -169,11 +169,11 @@ impl Costs {
     #[inline]
     pub fn capacity(&self, cost: f64) -> i32 {
         // Beyond what all of a cell's faces can carry it makes no difference.
-        (cost * self.scale + 0.5).min(512.0 * LARGEST) as i32
+        (cost * self.scale + 0.5).min(512.0 * MAX_CAPACITY) as i32
     }
 
     /// A sum of capacities as a cost.
-    pub fn of(&self, capacity: i64) -> f64 {
+    pub fn to_cost(&self, capacity: i64) -> f64 {
         capacity as f64 / self.scale
     }
 }
@@ -202,7 +202,7 @@ mod tests {
             .0;
         assert_eq!(best, 10);
         // A value that is 4 standard deviations off is as unlikely as the even part says.
-        assert!((one[40] - EVEN / 64.0).abs() < 1e-12);
+        assert!((one[40] - UNIFORM_SHARE / 64.0).abs() < 1e-12);
         let even = histogram(&(0..6400).map(|i| f64::from(i) * 0.01).collect::<Vec<_>>());
         assert!((even[32] * 64.0 - 1.0).abs() < 0.1, "{}", even[32]);
     }
@@ -210,11 +210,11 @@ mod tests {
     #[test]
     fn the_own_histogram_is_the_cheaper_one() {
         let values: Vec<f32> = (0..100).map(|i| i as f32).collect();
-        let seeds = Seeds {
+        let seeds = SegmentSeeds {
             object: vec![80, 85, 90],
             background: vec![5, 10],
         };
-        let regions = Regions::new(&values, &seeds).unwrap();
+        let regions = RegionCosts::new(&values, &seeds).unwrap();
         let [object, background] = regions.costs(84.0);
         assert!(object < 4.0 && background > 8.0, "{object} {background}");
         let [object, background] = regions.costs(7.0);
@@ -232,12 +232,12 @@ mod tests {
                 add(i, i + 1, 2.0);
             }
         };
-        let costs = Costs::new(&values, &links, &Options::default());
+        let costs = BoundaryCosts::new(&values, &links, &Options::default());
         assert!((costs.sigma - (25.0f64 / 3.0).sqrt()).abs() < 1e-12);
-        assert!((costs.boundary(0.0, 5.0) - (-1.5f64).exp()).abs() < 1e-6);
-        assert!((costs.of(i64::from(costs.capacity(1.25))) - 1.25).abs() < 1e-5);
+        assert!((costs.boundary_weight(0.0, 5.0) - (-1.5f64).exp()).abs() < 1e-6);
+        assert!((costs.to_cost(i64::from(costs.capacity(1.25))) - 1.25).abs() < 1e-5);
         // All alike: every boundary costs its whole area.
-        let flat = Costs::new(&[1.0; 4], &links, &Options::default());
-        assert_eq!(flat.boundary(1.0, 1.0), 1.0);
+        let flat = BoundaryCosts::new(&[1.0; 4], &links, &Options::default());
+        assert_eq!(flat.boundary_weight(1.0, 1.0), 1.0);
     }
 }

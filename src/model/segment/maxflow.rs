@@ -8,7 +8,7 @@
 use crate::error::{Error, Result, cause};
 
 /// No node.
-const NOBODY: u32 = u32::MAX;
+const NO_NODE: u32 = u32::MAX;
 /// As a node's parent: it is in no tree.
 const FREE: u32 = u32::MAX;
 /// As a node's parent: the terminal itself.
@@ -17,8 +17,8 @@ const TERMINAL: u32 = u32::MAX - 1;
 const ORPHAN: u32 = u32::MAX - 2;
 
 /// Most nodes, and most links, which are two arcs each: their numbers are below the words above.
-const MOST_NODES: u64 = ORPHAN as u64 - 1;
-const MOST_LINKS: u64 = ORPHAN as u64 / 2;
+const MAX_NODES: u64 = ORPHAN as u64 - 1;
+const MAX_LINKS: u64 = ORPHAN as u64 / 2;
 
 /// One direction of a link.
 #[derive(Debug, Clone, Copy)]
@@ -33,9 +33,9 @@ struct Arc {
 
 /// A node's place in the search trees.
 #[derive(Debug, Clone, Copy)]
-struct Node {
+struct FlowNode {
     /// Its first arc; the next node's first arc ends its own.
-    first: u32,
+    first_arc: u32,
     /// The arc to its parent, or one of the four words above.
     parent: u32,
     /// When its distance to the terminal was known to be right.
@@ -43,25 +43,25 @@ struct Node {
     /// An estimate of that distance.
     distance: u32,
     /// What can flow from the source (positive) or to the sink (negative).
-    terminal: i32,
+    terminal_residual: i32,
     /// Whether it is in the sink's tree, if it is in any.
-    in_sink: bool,
+    is_in_sink: bool,
     /// Whether it waits among the active nodes.
-    waits: bool,
+    is_queued: bool,
 }
 
 /// Nodes joined by links, each with capacities from the source and to the sink.
 #[derive(Debug, Clone)]
 pub struct Network {
     /// One more than there are nodes, so that every node's arcs have an end.
-    nodes: Vec<Node>,
+    nodes: Vec<FlowNode>,
     arcs: Vec<Arc>,
     flow: i64,
     time: u32,
     /// Active nodes: those being looked at, in order, and those that come after them.
     queue: Vec<u32>,
-    at: usize,
-    later: Vec<u32>,
+    queue_position: usize,
+    next_queue: Vec<u32>,
     orphans: std::collections::VecDeque<u32>,
 }
 
@@ -74,41 +74,41 @@ impl Network {
     /// # Errors
     /// [`Error::Job`] if there are 2^32 nodes or 2^31 links, or nearly so.
     pub fn new(count: usize, links: impl Fn(&mut dyn FnMut(u32, u32, i32))) -> Result<Self> {
-        refuse_too_many(count as u64, 0)?;
-        let node = Node {
-            first: 0,
+        check_size(count as u64, 0)?;
+        let node = FlowNode {
+            first_arc: 0,
             parent: FREE,
             stamp: 0,
             distance: 0,
-            terminal: 0,
-            in_sink: false,
-            waits: false,
+            terminal_residual: 0,
+            is_in_sink: false,
+            is_queued: false,
         };
         let mut nodes = vec![node; count + 1];
         let mut sum = 0u64;
         links(&mut |a, b, _| {
             sum += 1;
             for node in [a, b] {
-                let arcs = &mut nodes[node as usize].first;
+                let arcs = &mut nodes[node as usize].first_arc;
                 *arcs = arcs.wrapping_add(1);
             }
         });
-        refuse_too_many(count as u64, sum)?;
+        check_size(count as u64, sum)?;
         // Ends first; filling from the back turns them into beginnings.
         let mut end = 0;
         for node in &mut nodes {
-            end += node.first;
-            node.first = end;
+            end += node.first_arc;
+            node.first_arc = end;
         }
         let unset = Arc {
-            head: NOBODY,
-            sister: NOBODY,
+            head: NO_NODE,
+            sister: NO_NODE,
             residual: 0,
         };
         let mut arcs = vec![unset; end as usize];
         links(&mut |a, b, capacity| {
             let mut place = |node: u32| {
-                let first = &mut nodes[node as usize].first;
+                let first = &mut nodes[node as usize].first_arc;
                 *first -= 1;
                 *first
             };
@@ -130,8 +130,8 @@ impl Network {
             flow: 0,
             time: 0,
             queue: Vec::new(),
-            at: 0,
-            later: Vec::new(),
+            queue_position: 0,
+            next_queue: Vec::new(),
             orphans: std::collections::VecDeque::new(),
         })
     }
@@ -140,33 +140,33 @@ impl Network {
     /// flows at once.
     pub fn add_terminal(&mut self, node: u32, from_source: i32, to_sink: i32) {
         self.flow += i64::from(from_source.min(to_sink));
-        self.nodes[node as usize].terminal += from_source - to_sink;
+        self.nodes[node as usize].terminal_residual += from_source - to_sink;
     }
 
     /// Binds a node to the source, or to the sink, with more than its links can carry. To be called
     /// once for a node, before [`Network::solve`].
-    pub fn bind(&mut self, node: u32, to_source: bool) {
+    pub fn bind_to_terminal(&mut self, node: u32, to_source: bool) {
         let arcs = self.arcs_of(node).map(|a| self.arcs[a as usize].residual);
         let more = 1 + arcs.sum::<i32>();
-        self.nodes[node as usize].terminal = if to_source { more } else { -more };
+        self.nodes[node as usize].terminal_residual = if to_source { more } else { -more };
     }
 
     /// Finds the maximum flow, and with it the minimum cut.
     pub fn solve(&mut self) -> i64 {
         for i in 0..self.nodes.len() as u32 - 1 {
             let node = &mut self.nodes[i as usize];
-            if node.terminal != 0 {
-                node.in_sink = node.terminal < 0;
+            if node.terminal_residual != 0 {
+                node.is_in_sink = node.terminal_residual < 0;
                 node.parent = TERMINAL;
                 node.distance = 1;
                 self.activate(i);
             }
         }
-        let mut current = NOBODY;
+        let mut current = NO_NODE;
         loop {
-            let kept = std::mem::replace(&mut current, NOBODY);
+            let kept = std::mem::replace(&mut current, NO_NODE);
             let i = match kept {
-                NOBODY => match self.next_active() {
+                NO_NODE => match self.next_active() {
                     Some(i) => i,
                     None => return self.flow,
                 },
@@ -187,35 +187,35 @@ impl Network {
     }
 
     /// Whether a node is on the source's side of the cut. What both sides could have is the sink's.
-    pub fn is_source(&self, node: u32) -> bool {
+    pub fn is_on_source_side(&self, node: u32) -> bool {
         let node = &self.nodes[node as usize];
-        node.parent != FREE && !node.in_sink
+        node.parent != FREE && !node.is_in_sink
     }
 
     fn arcs_of(&self, node: u32) -> std::ops::Range<u32> {
-        self.nodes[node as usize].first..self.nodes[node as usize + 1].first
+        self.nodes[node as usize].first_arc..self.nodes[node as usize + 1].first_arc
     }
 
     fn activate(&mut self, node: u32) {
-        let waits = &mut self.nodes[node as usize].waits;
+        let waits = &mut self.nodes[node as usize].is_queued;
         if !*waits {
             *waits = true;
-            self.later.push(node);
+            self.next_queue.push(node);
         }
     }
 
     /// The active node that has waited longest and is still in a tree.
     fn next_active(&mut self) -> Option<u32> {
         loop {
-            if self.at == self.queue.len() {
+            if self.queue_position == self.queue.len() {
                 self.queue.clear();
-                self.at = 0;
-                std::mem::swap(&mut self.queue, &mut self.later);
+                self.queue_position = 0;
+                std::mem::swap(&mut self.queue, &mut self.next_queue);
             }
-            let &i = self.queue.get(self.at)?;
-            self.at += 1;
+            let &i = self.queue.get(self.queue_position)?;
+            self.queue_position += 1;
             let node = &mut self.nodes[i as usize];
-            node.waits = false;
+            node.is_queued = false;
             if node.parent != FREE {
                 return Some(i);
             }
@@ -225,8 +225,8 @@ impl Network {
     /// Lets the tree of an active node take its free neighbours, until it meets the other tree: the
     /// arc there, from the source's side to the sink's.
     fn grow(&mut self, i: u32) -> Option<u32> {
-        let Node {
-            in_sink,
+        let FlowNode {
+            is_in_sink: in_sink,
             stamp,
             distance,
             ..
@@ -246,12 +246,12 @@ impl Network {
             }
             let node = &mut self.nodes[head as usize];
             if node.parent == FREE {
-                node.in_sink = in_sink;
+                node.is_in_sink = in_sink;
                 node.parent = sister;
                 node.stamp = stamp;
                 node.distance = distance + 1;
                 self.activate(head);
-            } else if node.in_sink != in_sink {
+            } else if node.is_in_sink != in_sink {
                 return Some(if in_sink { sister } else { a });
             } else if node.stamp <= stamp && node.distance > distance {
                 // A shorter way to the terminal.
@@ -277,7 +277,7 @@ impl Network {
             loop {
                 let node = &self.nodes[i as usize];
                 if node.parent == TERMINAL {
-                    most = most.min(node.terminal.abs());
+                    most = most.min(node.terminal_residual.abs());
                     break;
                 }
                 let arc = self.arcs[node.parent as usize];
@@ -296,8 +296,8 @@ impl Network {
                 let node = &mut self.nodes[i as usize];
                 let parent = node.parent;
                 if parent == TERMINAL {
-                    node.terminal -= if in_sink { -most } else { most };
-                    if node.terminal == 0 {
+                    node.terminal_residual -= if in_sink { -most } else { most };
+                    if node.terminal_residual == 0 {
                         node.parent = ORPHAN;
                         self.orphans.push_front(i);
                     }
@@ -325,12 +325,12 @@ impl Network {
 
     /// Finds a new parent for an orphan, the one nearest to the terminal, or sets it free.
     fn adopt(&mut self, i: u32) {
-        let in_sink = self.nodes[i as usize].in_sink;
+        let in_sink = self.nodes[i as usize].is_in_sink;
         let (mut best, mut least) = (FREE, u32::MAX);
         for a in self.arcs_of(i) {
             let head = self.arcs[a as usize].head;
-            if self.feeds(a, in_sink)
-                && let Some(distance) = self.distance(head, in_sink)
+            if self.can_be_parent(a, in_sink)
+                && let Some(distance) = self.distance_to_terminal(head, in_sink)
                 && distance < least
             {
                 (best, least) = (a, distance);
@@ -346,15 +346,15 @@ impl Network {
         }
         for a in self.arcs_of(i) {
             let head = self.arcs[a as usize].head;
-            let Node {
+            let FlowNode {
                 parent,
-                in_sink: other,
+                is_in_sink: other,
                 ..
             } = self.nodes[head as usize];
             if parent == FREE || other != in_sink {
                 continue;
             }
-            if self.feeds(a, in_sink) {
+            if self.can_be_parent(a, in_sink) {
                 self.activate(head);
             }
             if parent < ORPHAN && self.arcs[parent as usize].head == i {
@@ -365,7 +365,7 @@ impl Network {
     }
 
     /// Whether the node at the arc's head could be its tail's parent.
-    fn feeds(&self, arc: u32, in_sink: bool) -> bool {
+    fn can_be_parent(&self, arc: u32, in_sink: bool) -> bool {
         let Arc {
             residual, sister, ..
         } = self.arcs[arc as usize];
@@ -377,9 +377,9 @@ impl Network {
 
     /// How far a node is from its tree's terminal, if its way there is whole; known from then on for
     /// all nodes on the way.
-    fn distance(&mut self, start: u32, in_sink: bool) -> Option<u32> {
+    fn distance_to_terminal(&mut self, start: u32, in_sink: bool) -> Option<u32> {
         let node = &self.nodes[start as usize];
-        if node.parent == FREE || node.in_sink != in_sink {
+        if node.parent == FREE || node.is_in_sink != in_sink {
             return None;
         }
         let (mut j, mut steps) = (start, 0);
@@ -417,10 +417,10 @@ impl Network {
 ///
 /// # Errors
 /// [`Error::Job`] that says how many there are and may be.
-pub(super) fn refuse_too_many(nodes: u64, links: u64) -> Result<()> {
+pub(super) fn check_size(nodes: u64, links: u64) -> Result<()> {
     for (count, most, what) in [
-        (nodes, MOST_NODES, "cells or samples"),
-        (links, MOST_LINKS, "faces between them"),
+        (nodes, MAX_NODES, "cells or samples"),
+        (links, MAX_LINKS, "faces between them"),
     ] {
         if count > most {
             return Err(Error::Job(cause(
@@ -481,7 +481,7 @@ mod tests {
             let mut network = network(&terminals, &links);
             let flow = network.solve();
             prop_assert_eq!(flow, brute_force(&terminals, &links));
-            let side = |node: u32| network.is_source(node);
+            let side = |node: u32| network.is_on_source_side(node);
             let own = (0..).zip(&terminals).map(|(node, t)| if side(node) { t[1] } else { t[0] });
             let cut = links.iter().filter(|(a, b, _)| side(*a) != side(*b)).map(|link| link.2);
             prop_assert_eq!(flow, own.chain(cut).map(i64::from).sum::<i64>());
@@ -490,12 +490,12 @@ mod tests {
 
     #[test]
     fn more_nodes_or_links_than_can_be_numbered_are_refused() {
-        assert!(refuse_too_many(MOST_NODES, MOST_LINKS).is_ok());
+        assert!(check_size(MAX_NODES, MAX_LINKS).is_ok());
         // The last arc of the largest network has a number that is none of the words.
-        assert!(2 * MOST_LINKS - 1 < u64::from(ORPHAN));
-        for (nodes, links) in [(MOST_NODES + 1, 0), (1 << 32, 0), (7, MOST_LINKS + 1)] {
-            let error = refuse_too_many(nodes, links).unwrap_err().to_string();
-            let most = if links == 0 { MOST_NODES } else { MOST_LINKS };
+        assert!(2 * MAX_LINKS - 1 < u64::from(ORPHAN));
+        for (nodes, links) in [(MAX_NODES + 1, 0), (1 << 32, 0), (7, MAX_LINKS + 1)] {
+            let error = check_size(nodes, links).unwrap_err().to_string();
+            let most = if links == 0 { MAX_NODES } else { MAX_LINKS };
             assert!(error.contains(&format!("more than the {most} ")), "{error}");
         }
         let error = Network::new(1 << 32, |_| panic!("links are asked for")).unwrap_err();
@@ -525,7 +525,7 @@ mod tests {
             .collect();
         let mut network = network(&terminals, &links);
         let flow = network.solve();
-        let side = |node: u32| network.is_source(node);
+        let side = |node: u32| network.is_on_source_side(node);
         let own = (0..)
             .zip(&terminals)
             .map(|(node, t)| if side(node) { t[1] } else { t[0] });

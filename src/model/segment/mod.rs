@@ -20,8 +20,8 @@ pub mod superpixels;
 
 use crate::Result;
 use crate::image::Image;
-use crate::model::surface::adjacency::Adjacency;
-use costs::{Costs, Regions};
+use crate::model::surface::adjacency::CellAdjacency;
+use costs::{BoundaryCosts, RegionCosts};
 use maxflow::Network;
 
 /// What weighs how much in a segmentation.
@@ -45,7 +45,7 @@ impl Default for Options {
 
 /// Where the user says that there is object or background.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Seeds {
+pub struct SegmentSeeds {
     /// Cells (or samples) of the object.
     pub object: Vec<u32>,
     /// Cells (or samples) of the background.
@@ -68,9 +68,9 @@ pub struct Segmentation {
 /// # Errors
 /// [`Error::Job`](crate::Error::Job) if there are no seeds, or one cell is of both kinds.
 pub fn cut_cells<const D: usize>(
-    cells: &Adjacency<D>,
+    cells: &CellAdjacency<D>,
     values: &[f32],
-    seeds: &Seeds,
+    seeds: &SegmentSeeds,
     options: &Options,
 ) -> Result<Segmentation> {
     let links = |add: &mut dyn FnMut(u32, u32, f64)| {
@@ -78,7 +78,7 @@ pub fn cut_cells<const D: usize>(
             add(link.cells[0], link.cells[1], link.area);
         }
     };
-    cut(values, |i| cells.volumes[i], &links, seeds, options)
+    min_cut(values, |i| cells.volumes[i], &links, seeds, options)
 }
 
 /// Cuts an image between its samples, each joined to its two neighbours along every axis: the
@@ -88,7 +88,7 @@ pub fn cut_cells<const D: usize>(
 /// As [`cut_cells`].
 pub fn cut_samples<const D: usize>(
     image: &Image<D>,
-    seeds: &Seeds,
+    seeds: &SegmentSeeds,
     options: &Options,
 ) -> Result<Segmentation> {
     let dims = image.dims();
@@ -104,33 +104,33 @@ pub fn cut_samples<const D: usize>(
             stride *= n;
         }
     };
-    cut(image.as_slice(), |_| 1.0, &links, seeds, options)
+    min_cut(image.as_slice(), |_| 1.0, &links, seeds, options)
 }
 
 /// Something that calls its argument with every link: two cells and the area between them.
 type Links<'a> = &'a dyn Fn(&mut dyn FnMut(u32, u32, f64));
 
-fn cut(
+fn min_cut(
     values: &[f32],
     volume: impl Fn(usize) -> f64,
     links: Links<'_>,
-    seeds: &Seeds,
+    seeds: &SegmentSeeds,
     options: &Options,
 ) -> Result<Segmentation> {
-    maxflow::refuse_too_many(values.len() as u64, 0)?;
-    let regions = Regions::new(values, seeds)?;
-    let costs = Costs::new(values, links, options);
+    maxflow::check_size(values.len() as u64, 0)?;
+    let regions = RegionCosts::new(values, seeds)?;
+    let costs = BoundaryCosts::new(values, links, options);
     let mut network = Network::new(values.len(), |add| {
         links(&mut |a, b, area| {
             let [p, q] = [a, b].map(|i| values[i as usize]);
-            add(a, b, costs.capacity(area * costs.boundary(p, q)));
+            add(a, b, costs.capacity(area * costs.boundary_weight(p, q)));
         });
     })?;
     let mut is_seed = vec![false; values.len()];
     for (cells, is_object) in [(&seeds.object, true), (&seeds.background, false)] {
         for &cell in cells {
             if !std::mem::replace(&mut is_seed[cell as usize], true) {
-                network.bind(cell, is_object);
+                network.bind_to_terminal(cell, is_object);
             }
         }
     }
@@ -142,11 +142,11 @@ fn cut(
         }
     }
     let flow = network.solve();
-    let label = |i: usize| u8::from(network.is_source(i as u32));
+    let label = |i: usize| u8::from(network.is_on_source_side(i as u32));
     Ok(Segmentation {
         labels: (0..values.len()).map(label).collect(),
         sigma: costs.sigma,
-        cost: costs.of(flow),
+        cost: costs.to_cost(flow),
     })
 }
 
@@ -195,9 +195,9 @@ mod tests {
         (Image::new([n, n], samples, Geometry::default()), truth)
     }
 
-    fn corners(n: u32) -> Seeds {
+    fn corner_seeds(n: u32) -> SegmentSeeds {
         let middle = n / 2 * n + n / 2;
-        Seeds {
+        SegmentSeeds {
             object: vec![middle, middle + 1, middle + n],
             background: vec![0, 1, n, n * n - 1],
         }
@@ -206,7 +206,7 @@ mod tests {
     #[test]
     fn samples_of_a_clean_disc_are_found_exactly() {
         let (image, truth) = disc(48, 0.0);
-        let found = cut_samples(&image, &corners(48), &Options::default()).unwrap();
+        let found = cut_samples(&image, &corner_seeds(48), &Options::default()).unwrap();
         assert_eq!(found.labels, truth);
         assert!((dice(&found.labels, &truth) - 1.0).abs() < 1e-12);
     }
@@ -214,7 +214,7 @@ mod tests {
     #[test]
     fn a_cut_is_smoother_than_a_threshold() {
         let (image, truth) = disc(64, 0.4);
-        let mut seeds = corners(64);
+        let mut seeds = corner_seeds(64);
         // Rows through the middle and along the side: enough for histograms.
         seeds.object.extend((0..20).map(|k| 32 * 64 + 22 + k));
         seeds.background.extend((0..60).chain(64..120));
@@ -233,7 +233,7 @@ mod tests {
     #[test]
     fn seeds_are_kept_whatever_the_values_say() {
         let (image, _) = disc(32, 0.0);
-        let mut seeds = corners(32);
+        let mut seeds = corner_seeds(32);
         seeds.background.push(16 * 32 + 10);
         let found = cut_samples(&image, &seeds, &Options::default()).unwrap();
         assert_eq!(found.labels[16 * 32 + 10], 0);

@@ -7,10 +7,10 @@ use crate::mesh::Mesh;
 use crate::mesh::complex::NONE;
 
 /// How far a sample may be beyond a face and still be in the cell, in samples: rounding.
-const SLACK: f64 = 1e-6;
+const FACE_TOLERANCE: f64 = 1e-6;
 
 /// The half spaces whose intersection each (convex) cell is, and the box round it.
-struct Cell<const D: usize> {
+struct ConvexCell<const D: usize> {
     low: [f64; D],
     high: [f64; D],
     /// n and c of n x <= c.
@@ -25,13 +25,13 @@ pub fn cells_of_samples<const D: usize, F: Mesh<D>>(
     dims: [usize; D],
     step: [f64; D],
 ) -> Vec<u32> {
-    let shapes = shapes(mesh, cells, step);
+    let shapes = convex_cells(mesh, cells, step);
     let slab: usize = dims[..D - 1].iter().product();
     // Which cells reach into each section across the last axis.
     let last = D - 1;
     let mut of_section = vec![Vec::new(); dims[last]];
     for (number, cell) in shapes.iter().enumerate() {
-        for section in whole(cell.low[last], cell.high[last], dims[last]) {
+        for section in sample_range(cell.low[last], cell.high[last], dims[last]) {
             of_section[section].push(number as u32);
         }
     }
@@ -42,16 +42,16 @@ pub fn cells_of_samples<const D: usize, F: Mesh<D>>(
         .enumerate()
         .for_each(|(section, (found, numbers))| {
             for number in numbers {
-                fill(&shapes[number as usize], number, section, dims, found);
+                fill_section(&shapes[number as usize], number, section, dims, found);
             }
         });
     found
 }
 
 /// The whole numbers between two, below `n`.
-fn whole(low: f64, high: f64, n: usize) -> std::ops::Range<usize> {
-    let low = (low - SLACK).ceil().max(0.0) as usize;
-    let high = (high + SLACK).floor();
+fn sample_range(low: f64, high: f64, n: usize) -> std::ops::Range<usize> {
+    let low = (low - FACE_TOLERANCE).ceil().max(0.0) as usize;
+    let high = (high + FACE_TOLERANCE).floor();
     low..if high < 0.0 {
         0
     } else {
@@ -61,14 +61,14 @@ fn whole(low: f64, high: f64, n: usize) -> std::ops::Range<usize> {
 
 /// Facets smaller than this share of their mean area are left out: rounding leaves them no direction, and a
 /// convex cell hardly changes without them.
-const TINY: f64 = 1e-6;
+const MIN_AREA_RATIO: f64 = 1e-6;
 
 /// Half spaces and boxes in units of samples.
-fn shapes<const D: usize, F: Mesh<D>>(
+fn convex_cells<const D: usize, F: Mesh<D>>(
     mesh: &F,
     cells: &[[u32; 2]],
     step: [f64; D],
-) -> Vec<Cell<D>> {
+) -> Vec<ConvexCell<D>> {
     let nodes: Vec<[f64; D]> = mesh
         .nodes()
         .par_iter()
@@ -77,16 +77,16 @@ fn shapes<const D: usize, F: Mesh<D>>(
     let (mut area, mut count) = (0.0, 0usize);
     for face in 0..cells.len() {
         mesh.facets(face, |facet| {
-            area += facing(&facet.map(|n| nodes[n as usize])).1;
+            area += normal_and_size(&facet.map(|n| nodes[n as usize])).1;
             count += 1;
         });
     }
-    let tiny = TINY * area / count.max(1) as f64;
-    let mut shapes: Vec<Cell<D>> = Vec::new();
+    let tiny = MIN_AREA_RATIO * area / count.max(1) as f64;
+    let mut shapes: Vec<ConvexCell<D>> = Vec::new();
     for (face, beyond) in cells.iter().enumerate() {
         mesh.facets(face, |facet| {
             let corners = facet.map(|n| nodes[n as usize]);
-            let (normal, area) = facing(&corners);
+            let (normal, area) = normal_and_size(&corners);
             if area <= tiny {
                 return;
             }
@@ -96,7 +96,7 @@ fn shapes<const D: usize, F: Mesh<D>>(
                     continue;
                 }
                 while shapes.len() <= cell as usize {
-                    shapes.push(Cell {
+                    shapes.push(ConvexCell {
                         low: [f64::INFINITY; D],
                         high: [f64::NEG_INFINITY; D],
                         planes: Vec::with_capacity(D + 1),
@@ -121,15 +121,15 @@ fn shapes<const D: usize, F: Mesh<D>>(
 }
 
 /// The unit normal of an edge and its length, or of a triangle and its area.
-fn facing<const D: usize>(corners: &[[f64; D]; D]) -> ([f64; D], f64) {
+fn normal_and_size<const D: usize>(corners: &[[f64; D]; D]) -> ([f64; D], f64) {
     let normal = crate::geometry::normal(corners);
     let length = norm(normal);
     (normal.map(|n| n / length.max(f64::MIN_POSITIVE)), length)
 }
 
 /// Gives a cell the samples of one section that lie in it and in no cell before, row by row.
-fn fill<const D: usize>(
-    cell: &Cell<D>,
+fn fill_section<const D: usize>(
+    cell: &ConvexCell<D>,
     number: u32,
     section: usize,
     dims: [usize; D],
@@ -137,7 +137,7 @@ fn fill<const D: usize>(
 ) {
     let rows = match D {
         2 => 0..1,
-        _ => whole(cell.low[1], cell.high[1], dims[1]),
+        _ => sample_range(cell.low[1], cell.high[1], dims[1]),
     };
     for row in rows {
         // The coordinates of the row but for x.
@@ -148,7 +148,7 @@ fn fill<const D: usize>(
         });
         let (mut low, mut high) = (cell.low[0], cell.high[0]);
         for (normal, c) in &cell.planes {
-            let rest = c + SLACK - (1..D).map(|k| normal[k] * at[k]).sum::<f64>();
+            let rest = c + FACE_TOLERANCE - (1..D).map(|k| normal[k] * at[k]).sum::<f64>();
             if normal[0] > 0.0 {
                 high = high.min(rest / normal[0]);
             } else if normal[0] < 0.0 {
@@ -157,7 +157,7 @@ fn fill<const D: usize>(
                 high = f64::NEG_INFINITY;
             }
         }
-        let range = whole(low, high, dims[0]);
+        let range = sample_range(low, high, dims[0]);
         if range.is_empty() {
             continue;
         }

@@ -4,7 +4,7 @@ use super::raster::cells_of_samples;
 use crate::image::Image;
 use crate::mesh::Mesh;
 use crate::mesh::complex::NONE;
-use crate::model::surface::adjacency::Adjacency;
+use crate::model::surface::adjacency::CellAdjacency;
 
 /// The cells of a mesh as parts of an image.
 #[derive(Debug, Clone, PartialEq)]
@@ -13,7 +13,7 @@ pub struct Superpixels {
     /// centre.
     pub means: Vec<f32>,
     /// The cell that each sample (x fastest) lies in, of several the first; `NONE` outside all.
-    pub cell_of: Vec<u32>,
+    pub cell_of_sample: Vec<u32>,
 }
 
 impl Superpixels {
@@ -21,16 +21,16 @@ impl Superpixels {
     /// those of [`Mesh::cells_of_faces`].
     pub fn new<const D: usize, F: Mesh<D>>(
         mesh: &F,
-        cells: &Adjacency<D>,
+        cells: &CellAdjacency<D>,
         across: &[[u32; 2]],
         image: &Image<D>,
         step: [f64; D],
     ) -> Self {
         let (dims, samples) = (image.dims(), image.as_slice());
-        let cell_of = cells_of_samples(mesh, across, dims, step);
+        let cell_of_sample = cells_of_samples(mesh, across, dims, step);
         // In order, so that the sums are the same with any number of threads.
         let mut sums = vec![(0.0f64, 0u32); cells.len()];
-        for (&cell, &value) in cell_of.iter().zip(samples) {
+        for (&cell, &value) in cell_of_sample.iter().zip(samples) {
             if cell != NONE {
                 let (sum, count) = &mut sums[cell as usize];
                 *sum += f64::from(value);
@@ -52,14 +52,14 @@ impl Superpixels {
                     _ => (sum / f64::from(count)) as f32,
                 })
                 .collect(),
-            cell_of,
+            cell_of_sample,
         }
     }
 
     /// For each sample the label of its cell, 0 outside all.
-    pub fn spread(&self, labels: &[u8]) -> Vec<u8> {
+    pub fn sample_labels(&self, labels: &[u8]) -> Vec<u8> {
         let label = |&cell: &u32| labels.get(cell as usize).copied().unwrap_or(0);
-        self.cell_of.iter().map(label).collect()
+        self.cell_of_sample.iter().map(label).collect()
     }
 }
 
@@ -71,7 +71,7 @@ mod tests {
     use crate::mesh::boxes::kuhn_box;
     use crate::mesh::poly::PolyMesh;
     use crate::mesh::poly::samples::two_cells;
-    use crate::model::reservoir::sample::{Mean, Places, sample};
+    use crate::model::reservoir::averaging::{MeanKind, SamplePositions, average_cells};
 
     /// The image of a function of the index.
     fn image<const D: usize>(dims: [usize; D], f: impl Fn([f64; D]) -> f64) -> Image<D> {
@@ -92,7 +92,7 @@ mod tests {
         step: [f64; D],
     ) -> Superpixels {
         let across = mesh.cells_of_faces().unwrap();
-        let cells = Adjacency::new(mesh, &across, &[]);
+        let cells = CellAdjacency::new(mesh, &across, &[]);
         Superpixels::new(mesh, &cells, &across, image, step)
     }
 
@@ -105,7 +105,7 @@ mod tests {
         let space = image([41, 21, 21], |[x, y, z]| x - 3.0 * y + z);
         let found = superpixels(&two_cells::<3>(0.75), &space, [0.05; 3]);
         assert_eq!(found.means, [7.5 - 20.0, 28.0 - 20.0]);
-        let labels = found.spread(&[1, 0]);
+        let labels = found.sample_labels(&[1, 0]);
         assert_eq!(
             labels.iter().map(|&l| u32::from(l)).sum::<u32>(),
             16 * 21 * 21
@@ -119,8 +119,8 @@ mod tests {
         let image = image([41; 3], |[x, y, z]| x * x + 20.0 * y - z * y);
         let found = superpixels(&mesh, &image, [1.0; 3]);
         let cells = PolyMesh::from_simplices(&mesh, &[], &[]).unwrap();
-        let places = Places::new(&cells, image.dims(), |p| p);
-        let exact = sample(&cells, &places, &image, Mean::Arithmetic, "image").unwrap();
+        let places = SamplePositions::new(&cells, image.dims(), |p| p);
+        let exact = average_cells(&cells, &places, &image, MeanKind::Arithmetic, "image").unwrap();
         // Samples on faces belong to one cell alone: a few percent of the range of 1600.
         for (mean, exact) in found.means.iter().zip(exact) {
             assert!((f64::from(*mean) - exact).abs() < 40.0, "{mean} {exact}");

@@ -10,13 +10,13 @@ use crate::Result;
 use crate::files::atomic_write;
 
 /// Width and height of a letter.
-pub(super) const LETTER: [f32; 2] = [
+pub(super) const LETTER_SIZE: [f32; 2] = [
     get_raster_width(FontWeight::Regular, RasterHeight::Size16) as f32,
     16.0,
 ];
 
 /// Lines in one stroke: long paths cost more than their parts.
-const BATCH: usize = 256;
+const MAX_LINES_PER_STROKE: usize = 256;
 
 /// A picture.
 #[derive(Debug, Clone)]
@@ -42,7 +42,7 @@ impl Canvas {
     }
 
     /// Sets a pixel to an opaque colour; outside nothing happens.
-    pub fn set(&mut self, x: u32, y: u32, [r, g, b, _]: [u8; 4]) {
+    pub fn set_pixel(&mut self, x: u32, y: u32, [r, g, b, _]: [u8; 4]) {
         let [width, height] = self.size();
         if x < width
             && y < height
@@ -53,7 +53,7 @@ impl Canvas {
     }
 
     /// Draws straight lines of one colour.
-    pub fn lines(&mut self, ends: &[[[f32; 2]; 2]], [r, g, b, a]: [u8; 4], width: f32) {
+    pub fn draw_lines(&mut self, ends: &[[[f32; 2]; 2]], [r, g, b, a]: [u8; 4], width: f32) {
         let mut paint = Paint::default();
         paint.set_color_rgba8(r, g, b, a);
         let stroke = Stroke {
@@ -64,7 +64,7 @@ impl Canvas {
             },
             ..Stroke::default()
         };
-        for batch in ends.chunks(BATCH) {
+        for batch in ends.chunks(MAX_LINES_PER_STROKE) {
             let mut path = PathBuilder::new();
             for [p, q] in batch {
                 path.move_to(p[0], p[1]);
@@ -79,8 +79,8 @@ impl Canvas {
 
     /// Writes a line of text; `anchor` is 0 if it begins at `at`, 1 if it ends there, 0.5 if `at` is
     /// the middle. It never leaves the picture to the left.
-    pub fn text(&mut self, text: &str, at: [f32; 2], anchor: f32, [r, g, b, _]: [u8; 4]) {
-        let width = LETTER[0] * text.chars().count() as f32;
+    pub fn draw_text(&mut self, text: &str, at: [f32; 2], anchor: f32, [r, g, b, _]: [u8; 4]) {
+        let width = LETTER_SIZE[0] * text.chars().count() as f32;
         let left = (at[0] - anchor * width).round().max(2.0) as u32;
         let top = at[1].round().max(0.0) as u32;
         for (i, letter) in text.chars().enumerate() {
@@ -89,7 +89,7 @@ impl Canvas {
             let Some(glyph) = glyph else { continue };
             for (row, line) in glyph.rows().enumerate() {
                 for (column, &ink) in line.iter().enumerate().filter(|(_, ink)| **ink > 0) {
-                    let x = left + (LETTER[0] as usize * i + column) as u32;
+                    let x = left + (LETTER_SIZE[0] as usize * i + column) as u32;
                     let y = top + row as u32;
                     let under = self.color(x, y);
                     let t = f32::from(ink) / 255.0;
@@ -97,7 +97,7 @@ impl Canvas {
                         let below = f32::from(under[k]);
                         (below + t * (f32::from(ink) - below)).round() as u8
                     };
-                    self.set(x, y, [over(r, 0), over(g, 1), over(b, 2), 255]);
+                    self.set_pixel(x, y, [over(r, 0), over(g, 1), over(b, 2), 255]);
                 }
             }
         }

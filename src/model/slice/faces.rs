@@ -1,17 +1,17 @@
 //! Any mesh as faces with the cells on either side.
 
 use crate::Result;
-use crate::geometry::in_space;
+use crate::geometry::to_3d;
 use crate::mesh::Mesh;
 use crate::mesh::complex::NONE;
 use crate::mesh::poly::Lists;
-use crate::model::surface::select::labels_of_faces;
-use crate::store::{Stored, StoredMesh};
+use crate::model::surface::facet_selection::labels_of_faces;
+use crate::store::{Storable, StoredMesh};
 
 /// Faces that bound cells in space. In the plane each cell is a face of itself alone, and the mesh's
 /// edges on features are lines.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub(crate) struct Faces {
+pub(crate) struct DrawableFaces {
     /// Node positions as shares of the box, in [0, 1].
     pub nodes: Vec<[f64; 3]>,
     /// The nodes of each face, in order round it.
@@ -21,17 +21,17 @@ pub(crate) struct Faces {
     /// The number of the surface on which each face lies, from 1; 0 if on none.
     pub surfaces: Vec<u32>,
     /// In the plane: the edges on features, each with the number of its surface.
-    pub lines: Vec<([u32; 2], u32)>,
+    pub feature_edges: Vec<([u32; 2], u32)>,
     /// The middle of each cell, a share of the box.
-    pub middles: Vec<[f64; 3]>,
+    pub cell_centres: Vec<[f64; 3]>,
 }
 
-impl Faces {
+impl DrawableFaces {
     /// Of a mesh, with the facets of its surfaces (nodes ascending, sorted) and their numbers.
     ///
     /// # Errors
     /// [`Error::Mesh`](crate::Error::Mesh) if more than two cells share a face.
-    pub(crate) fn of<const D: usize, M: Stored<D>>(
+    pub(crate) fn from_mesh<const D: usize, M: Storable<D>>(
         stored: &StoredMesh<D, M>,
         surfaces: &[([u32; D], u32)],
     ) -> Result<Self> {
@@ -39,11 +39,11 @@ impl Faces {
         let extent = stored.space.extent;
         let share = |x: &[f64; D]| {
             let share: [f64; D] = std::array::from_fn(|k| (x[k] / extent[k]).clamp(0.0, 1.0));
-            in_space(share)
+            to_3d(share)
         };
         let mut faces = Self {
             nodes: mesh.nodes().iter().map(share).collect(),
-            middles: (mesh.cell_volumes().iter())
+            cell_centres: (mesh.cell_volumes().iter())
                 .map(|(_, middle)| share(middle))
                 .collect(),
             ..Self::default()
@@ -51,9 +51,9 @@ impl Faces {
         let sides = mesh.cells_of_faces()?;
         let labels = labels_of_faces(mesh, surfaces);
         if D == 2 {
-            faces.of_plane(mesh, &sides, &labels);
+            faces.from_plane_mesh(mesh, &sides, &labels);
         } else {
-            faces.of_space(mesh, &sides, &labels);
+            faces.from_volume_mesh(mesh, &sides, &labels);
         }
         Ok(faces)
     }
@@ -63,7 +63,7 @@ impl Faces {
         self.cells.len()
     }
 
-    fn of_space<const D: usize>(
+    fn from_volume_mesh<const D: usize>(
         &mut self,
         mesh: &impl Mesh<D>,
         sides: &[[u32; 2]],
@@ -83,7 +83,7 @@ impl Faces {
         }
     }
 
-    fn of_plane<const D: usize>(
+    fn from_plane_mesh<const D: usize>(
         &mut self,
         mesh: &impl Mesh<D>,
         sides: &[[u32; 2]],
@@ -99,7 +99,7 @@ impl Faces {
                     edges.push((right, [q, p]));
                 }
                 if labels[face] > 0 {
-                    self.lines.push(([p, q], labels[face]));
+                    self.feature_edges.push(([p, q], labels[face]));
                 }
             });
         }

@@ -21,56 +21,56 @@
 
 mod axes;
 mod canvas;
+mod clipping;
+mod color_key;
+mod color_map;
+mod decorations;
 pub(crate) mod faces;
 pub(crate) mod frame;
-mod furniture;
-mod marks;
-mod opening;
 mod paint;
 mod panel;
 mod raster;
-mod shades;
 mod shape;
 mod skeleton;
 mod solid;
 
 pub use canvas::Canvas;
-pub(crate) use faces::Faces;
-pub(crate) use frame::Frame;
-pub use furniture::Caption;
+pub(crate) use color_map::ColorMap;
+pub use decorations::Caption;
+pub(crate) use faces::DrawableFaces;
+pub(crate) use frame::BoxFrame;
 pub use paint::Paint;
-pub(crate) use shades::Shades;
-pub use shape::Shape;
+pub use shape::OverlayShape;
 pub use skeleton::Skeleton;
-pub use solid::{Body, Cut, Solid};
+pub use solid::{CutMode, SolidMesh, SolidView};
 
 use std::path::Path;
 
-use crate::error::{cause, os};
+use crate::error::{cause, io_error};
 use crate::geometry::norm;
-use crate::image::formats::stream::Slabs;
+use crate::image::formats::stream::SlabSource;
 use crate::image::{Geometry, Image};
-use crate::store::{Stored, StoredMesh};
+use crate::store::{Storable, StoredMesh};
 use crate::{Error, Result};
-use canvas::LETTER;
-use furniture::{ABOVE, BELOW, LEFT, RIGHT};
-use marks::Marks;
-use panel::{Line, Panel, extent};
+use canvas::LETTER_SIZE;
+use color_key::ColorKey;
+use decorations::{BOTTOM_MARGIN, LEFT_MARGIN, RIGHT_MARGIN, TOP_MARGIN};
+use panel::{Panel, PanelLine, pixel_extent};
 
 /// Width and height of what is drawn, in pixels, aimed at.
-const SIZE: [f32; 2] = [1400.0, 1200.0];
+const TARGET_SIZE: [f32; 2] = [1400.0, 1200.0];
 /// Most pixels a sample is drawn with, along the axis whose samples are nearest to each other.
-const LARGEST: f32 = 8.0;
+const MAX_PIXELS_PER_SAMPLE: f32 = 8.0;
 /// Space between panels.
-const GAP: f32 = 106.0;
+const PANEL_GAP: f32 = 106.0;
 
 /// Which way is up in a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Upward {
+pub struct UpDirection {
     /// The physical coordinate that is drawn upright.
     pub coordinate: usize,
     /// Whether it grows downwards.
-    pub down: bool,
+    pub points_down: bool,
 }
 
 /// What is drawn over an image.
@@ -79,30 +79,30 @@ pub struct Overlay<const D: usize> {
     /// The mesh.
     pub mesh: Skeleton<D>,
     /// Its cells, and what they are painted with.
-    pub painted: Option<Painted>,
+    pub painted_cells: Option<PaintedCells>,
     /// Surfaces, where the plane meets them; in the plane lines. In physical coordinates.
-    pub shapes: Vec<Shape>,
+    pub shapes: Vec<OverlayShape>,
     /// Which way is up; as the image has it if not given.
-    pub up: Option<Upward>,
+    pub up_direction: Option<UpDirection>,
 }
 
 /// Cells with their paint.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Painted {
-    faces: Faces,
+pub struct PaintedCells {
+    faces: DrawableFaces,
     paint: Paint,
 }
 
-impl Painted {
+impl PaintedCells {
     /// Paints the cells of a mesh.
     ///
     /// # Errors
     /// [`Error::Mesh`] if more than two cells share a face.
-    pub fn new<const D: usize, M: Stored<D>>(
+    pub fn new<const D: usize, M: Storable<D>>(
         stored: &StoredMesh<D, M>,
         paint: Paint,
     ) -> Result<Self> {
-        let faces = Faces::of(stored, &[])?;
+        let faces = DrawableFaces::from_mesh(stored, &[])?;
         Ok(Self { faces, paint })
     }
 }
@@ -111,70 +111,70 @@ impl Painted {
 ///
 /// # Errors
 /// [`Error::Image`] for an image too large to draw.
-pub fn plane(image: &Image<2>, over: &Overlay<2>, caption: &Caption) -> Result<Canvas> {
+pub fn draw_plane(image: &Image<2>, over: &Overlay<2>, caption: &Caption) -> Result<Canvas> {
     let dims = image.dims();
     let geometry = &image.geometry;
-    let up = over.up.unwrap_or_else(|| upward(geometry));
+    let up = over.up_direction.unwrap_or_else(|| default_up(geometry));
     let down = axis_along(geometry, up.coordinate);
     let across = 1 - down;
-    let apart = apart(geometry, dims);
-    let unit = unit_for(
+    let apart = sample_spacing(geometry, dims);
+    let unit = pixels_per_unit(
         &apart,
         [
-            steps(dims[across]) * apart[across],
-            steps(dims[down]) * apart[down],
+            step_count(dims[across]) * apart[across],
+            step_count(dims[down]) * apart[down],
         ],
     );
     let panel = Panel {
-        corner: [LEFT, ABOVE],
-        scale: [across, down].map(|k| unit * apart[k]),
+        top_left: [LEFT_MARGIN, TOP_MARGIN],
+        pixels_per_sample: [across, down].map(|k| unit * apart[k]),
         dims: [dims[across], dims[down]],
-        flipped: [false, is_flipped(geometry, down, up)],
+        is_flipped: [false, is_flipped(geometry, down, up)],
     };
-    let mut canvas = blank(
-        extent(panel.dims[0], panel.scale[0]) + LEFT + RIGHT,
-        extent(panel.dims[1], panel.scale[1]) + ABOVE + BELOW,
+    let mut canvas = blank_canvas(
+        pixel_extent(panel.dims[0], panel.pixels_per_sample[0]) + LEFT_MARGIN + RIGHT_MARGIN,
+        pixel_extent(panel.dims[1], panel.pixels_per_sample[1]) + TOP_MARGIN + BOTTOM_MARGIN,
         caption,
     )?;
-    let shades = Shades::of(image.as_slice());
+    let shades = ColorMap::from_samples(image.as_slice());
     let strides = [1, dims[0]];
-    panel.image(&mut canvas, &shades, |x, y| {
+    panel.draw_image(&mut canvas, &shades, |x, y| {
         image.as_slice()[x * strides[across] + y * strides[down]]
     });
-    let mut marks = Marks::new(Some(shades), over.painted.as_ref().map(|p| &p.paint));
-    if let Some(Painted { faces, paint }) = &over.painted {
+    let mut marks = ColorKey::new(Some(shades), over.painted_cells.as_ref().map(|p| &p.paint));
+    if let Some(PaintedCells { faces, paint }) = &over.painted_cells {
         for (face, cells) in faces.cells.iter().enumerate() {
             let corner = |&n: &u32| {
                 let p = faces.nodes[n as usize];
-                let at = [across, down].map(|k| p[k] as f32 * steps(dims[k]));
+                let at = [across, down].map(|k| p[k] as f32 * step_count(dims[k]));
                 (at, paint.value(cells[0], n))
             };
             let ring: Vec<_> = faces.rings.get(face).iter().map(corner).collect();
-            panel.fill(&mut canvas, &ring, |value| paint.color(value));
+            panel.fill_polygon(&mut canvas, &ring, |value| paint.color(value));
         }
     }
-    let lines: Vec<Line> = over
+    let lines: Vec<PanelLine> = over
         .mesh
         .edges()
-        .map(|(ends, kind)| Line {
+        .map(|(ends, kind)| PanelLine {
             ends: ends.map(|p| [p[across] as f32, p[down] as f32]),
             kind,
         })
         .collect();
-    panel.lines(&mut canvas, &marks, &lines);
-    for (shape, color) in over.shapes.iter().zip(shape::colors(&over.shapes)) {
+    panel.draw_mesh_lines(&mut canvas, &marks, &lines);
+    for (shape, color) in over.shapes.iter().zip(shape::shape_colors(&over.shapes)) {
         let place = |[x, y, _]: [f64; 3]| {
             let at = geometry.to_index([x, y]).unwrap_or_default();
             [at[across] as f32, at[down] as f32]
         };
         let lines: Vec<_> = shape.segments().map(|ends| ends.map(place)).collect();
-        panel.thick(&mut canvas, color, &lines);
-        marks.saw_shape(shape, color);
+        panel.draw_thick_lines(&mut canvas, color, &lines);
+        marks.add_shape(shape, color);
     }
     let rulers = [across, down].map(|k| caption.ruler(geometry, k, dims[k]));
-    panel.axes(&mut canvas, [&rulers[0], &rulers[1]], None);
-    marks.saw_all(&over.mesh.kinds);
-    marks.put_on(&mut canvas, caption);
+    panel.draw_axes(&mut canvas, [&rulers[0], &rulers[1]], None);
+    marks.add_kinds(&over.mesh.kinds);
+    marks.draw_decorations(&mut canvas, caption);
     Ok(canvas)
 }
 
@@ -184,14 +184,16 @@ pub fn plane(image: &Image<2>, over: &Overlay<2>, caption: &Caption) -> Result<C
 ///
 /// # Errors
 /// [`Error::Image`] for an image too large to draw.
-pub fn space(
+pub fn draw_sections(
     image: &Sections,
     geometry: &Geometry<3>,
     over: &Overlay<3>,
     caption: &Caption,
 ) -> Result<Canvas> {
-    let Sections { dims, at, .. } = *image;
-    let upward = over.up.unwrap_or_else(|| upward(geometry));
+    let Sections {
+        dims, point: at, ..
+    } = *image;
+    let upward = over.up_direction.unwrap_or_else(|| default_up(geometry));
     let up = axis_along(geometry, upward.coordinate);
     // The two others, the faster one across the page.
     let [across, deep] = match up {
@@ -199,64 +201,64 @@ pub fn space(
         1 => [0, 2],
         _ => [0, 1],
     };
-    let apart = apart(geometry, dims);
-    let wide = |k: usize| steps(dims[k]) * apart[k];
-    let unit = unit_for(&apart, [wide(across) + wide(deep), wide(deep) + wide(up)]);
-    let size = |k: usize| extent(dims[k], unit * apart[k]);
-    let mut canvas = blank(
-        size(across) + size(deep) + GAP + LEFT + RIGHT,
-        size(deep) + size(up) + GAP + ABOVE + BELOW,
+    let apart = sample_spacing(geometry, dims);
+    let wide = |k: usize| step_count(dims[k]) * apart[k];
+    let unit = pixels_per_unit(&apart, [wide(across) + wide(deep), wide(deep) + wide(up)]);
+    let size = |k: usize| pixel_extent(dims[k], unit * apart[k]);
+    let mut canvas = blank_canvas(
+        size(across) + size(deep) + PANEL_GAP + LEFT_MARGIN + RIGHT_MARGIN,
+        size(deep) + size(up) + PANEL_GAP + TOP_MARGIN + BOTTOM_MARGIN,
         caption,
     )?;
-    let shades = image.shades;
-    let mut marks = Marks::new(Some(shades), over.painted.as_ref().map(|p| &p.paint));
-    for (shape, color) in over.shapes.iter().zip(shape::colors(&over.shapes)) {
-        marks.saw_shape(shape, color);
+    let shades = image.color_map;
+    let mut marks = ColorKey::new(Some(shades), over.painted_cells.as_ref().map(|p| &p.paint));
+    for (shape, color) in over.shapes.iter().zip(shape::shape_colors(&over.shapes)) {
+        marks.add_shape(shape, color);
     }
     let rulers: [_; 3] = std::array::from_fn(|k| caption.ruler(geometry, k, dims[k]));
-    let low = ABOVE + size(deep) + GAP;
-    let right = LEFT + size(across) + GAP;
+    let low = TOP_MARGIN + size(deep) + PANEL_GAP;
+    let right = LEFT_MARGIN + size(across) + PANEL_GAP;
     for ([h, v], corner) in [
-        ([across, deep], [LEFT, ABOVE]),
-        ([across, up], [LEFT, low]),
+        ([across, deep], [LEFT_MARGIN, TOP_MARGIN]),
+        ([across, up], [LEFT_MARGIN, low]),
         ([deep, up], [right, low]),
     ] {
         let normal = 3 - h - v;
         let panel = Panel {
-            corner,
-            scale: [h, v].map(|k| unit * apart[k]),
+            top_left: corner,
+            pixels_per_sample: [h, v].map(|k| unit * apart[k]),
             dims: [dims[h], dims[v]],
-            flipped: [false, v == up && is_flipped(geometry, up, upward)],
+            is_flipped: [false, v == up && is_flipped(geometry, up, upward)],
         };
-        panel.image(&mut canvas, &shades, |x, y| image.sample([h, v], [x, y]));
-        if let Some(Painted { faces, paint }) = &over.painted {
-            let share = at[normal] / f64::from(steps(dims[normal]));
+        panel.draw_image(&mut canvas, &shades, |x, y| image.sample([h, v], [x, y]));
+        if let Some(PaintedCells { faces, paint }) = &over.painted_cells {
+            let share = at[normal] / f64::from(step_count(dims[normal]));
             let value = |cell, node| paint.value(cell, node);
-            for (_, ring) in opening::sections(faces, normal, share, &value) {
-                let place = |p: [f64; 3]| [h, v].map(|k| p[k] as f32 * steps(dims[k]));
+            for (_, ring) in clipping::cell_sections(faces, normal, share, &value) {
+                let place = |p: [f64; 3]| [h, v].map(|k| p[k] as f32 * step_count(dims[k]));
                 let ring: Vec<_> = ring.iter().map(|&(p, value)| (place(p), value)).collect();
-                panel.fill(&mut canvas, &ring, |value| paint.color(value));
+                panel.fill_polygon(&mut canvas, &ring, |value| paint.color(value));
             }
         }
         let flat = |ends: [[f64; 3]; 2]| ends.map(|p| [p[h] as f32, p[v] as f32]);
-        let lines: Vec<Line> = over
+        let lines: Vec<PanelLine> = over
             .mesh
             .section(normal, at[normal])
-            .map(|(ends, kind)| Line {
+            .map(|(ends, kind)| PanelLine {
                 ends: flat(ends),
                 kind,
             })
             .collect();
-        panel.lines(&mut canvas, &marks, &lines);
-        for (shape, color) in over.shapes.iter().zip(shape::colors(&over.shapes)) {
+        panel.draw_mesh_lines(&mut canvas, &marks, &lines);
+        for (shape, color) in over.shapes.iter().zip(shape::shape_colors(&over.shapes)) {
             let place = |x: [f64; 3]| geometry.to_index(x).unwrap_or_default();
             let lines: Vec<_> = shape.section(normal, at[normal], place).map(flat).collect();
-            panel.thick(&mut canvas, color, &lines);
+            panel.draw_thick_lines(&mut canvas, color, &lines);
         }
-        panel.axes(&mut canvas, [&rulers[h], &rulers[v]], Some([at[h], at[v]]));
+        panel.draw_axes(&mut canvas, [&rulers[h], &rulers[v]], Some([at[h], at[v]]));
     }
-    marks.saw_all(&over.mesh.kinds);
-    marks.put_on(&mut canvas, caption);
+    marks.add_kinds(&over.mesh.kinds);
+    marks.draw_decorations(&mut canvas, caption);
     Ok(canvas)
 }
 
@@ -264,10 +266,10 @@ pub fn space(
 pub struct Sections {
     dims: [usize; 3],
     /// Where they meet, in samples.
-    at: [f64; 3],
+    point: [f64; 3],
     /// Those across each axis, in memory order.
     planes: [Vec<f32>; 3],
-    shades: Shades,
+    color_map: ColorMap,
 }
 
 impl Sections {
@@ -276,11 +278,16 @@ impl Sections {
     ///
     /// # Errors
     /// [`Error::Job`] if `at` lies outside the image; those of reading it, from `place`.
-    pub fn of(place: &Path, dims: [usize; 3], slabs: &dyn Slabs, at: [f64; 3]) -> Result<Self> {
+    pub fn new(
+        place: &Path,
+        dims: [usize; 3],
+        slabs: &dyn SlabSource,
+        at: [f64; 3],
+    ) -> Result<Self> {
         check_inside(dims, at)?;
         let [nx, ny, nz] = dims;
         let slice = at.map(|x| x.round() as usize);
-        let stride = Shades::stride(nx * ny * nz);
+        let stride = ColorMap::stride(nx * ny * nz);
         let mut planes: [Vec<f32>; 3] = Default::default();
         let (mut looked_at, mut first) = (Vec::new(), 0);
         let gather = &mut |slab: &[f32]| {
@@ -297,12 +304,14 @@ impl Sections {
             first += slab.len() / (nx * ny);
             Ok(())
         };
-        slabs.each(1, gather).map_err(|e| os(place, "read", e))?;
+        slabs
+            .for_each_slab(1, gather)
+            .map_err(|e| io_error(place, "read", e))?;
         Ok(Self {
             dims,
-            at,
+            point: at,
             planes,
-            shades: Shades::of_some(looked_at),
+            color_map: ColorMap::from_selected_samples(looked_at),
         })
     }
 
@@ -316,7 +325,7 @@ impl Sections {
 
 /// A point, in samples, is in the image.
 fn check_inside(dims: [usize; 3], at: [f64; 3]) -> Result<()> {
-    if (0..3).all(|k| (0.0..=steps(dims[k]).into()).contains(&at[k])) {
+    if (0..3).all(|k| (0.0..=step_count(dims[k]).into()).contains(&at[k])) {
         return Ok(());
     }
     Err(Error::Job(cause(
@@ -327,10 +336,10 @@ fn check_inside(dims: [usize; 3], at: [f64; 3]) -> Result<()> {
 }
 
 /// Up as an image has it: its last physical coordinate.
-fn upward<const D: usize>(geometry: &Geometry<D>) -> Upward {
-    Upward {
+fn default_up<const D: usize>(geometry: &Geometry<D>) -> UpDirection {
+    UpDirection {
         coordinate: D - 1,
-        down: geometry.points_down(),
+        points_down: geometry.points_down(),
     }
 }
 
@@ -349,35 +358,37 @@ fn axis_along<const D: usize>(geometry: &Geometry<D>, coordinate: usize) -> usiz
 }
 
 /// Whether an axis has its last sample on top.
-fn is_flipped<const D: usize>(geometry: &Geometry<D>, axis: usize, up: Upward) -> bool {
-    (geometry.axes[axis][up.coordinate] >= 0.0) != up.down
+fn is_flipped<const D: usize>(geometry: &Geometry<D>, axis: usize, up: UpDirection) -> bool {
+    (geometry.axes[axis][up.coordinate] >= 0.0) != up.points_down
 }
 
 /// How far samples are drawn from each other along each axis, in one unit for all.
-fn apart<const D: usize>(geometry: &Geometry<D>, dims: [usize; D]) -> [f32; D] {
-    let samples = dims.map(|n| steps(n).into());
-    let aspect = geometry.aspect(samples, samples);
+fn sample_spacing<const D: usize>(geometry: &Geometry<D>, dims: [usize; D]) -> [f32; D] {
+    let samples = dims.map(|n| step_count(n).into());
+    let aspect = geometry.display_scale(samples, samples);
     geometry
         .axes
         .map(|axis| norm::<D>(std::array::from_fn(|c| axis[c] * aspect[c])) as f32)
 }
 
 /// Steps from the first sample to the last.
-fn steps(samples: usize) -> f32 {
+fn step_count(samples: usize) -> f32 {
     (samples.max(2) - 1) as f32
 }
 
 /// Pixels for a unit of length of a picture so wide and high.
-fn unit_for(apart: &[f32], lengths: [f32; 2]) -> f32 {
+fn pixels_per_unit(apart: &[f32], lengths: [f32; 2]) -> f32 {
     let nearest = apart.iter().copied().fold(f32::INFINITY, f32::min);
-    (0..2).fold(LARGEST / nearest, |unit, k| unit.min(SIZE[k] / lengths[k]))
+    (0..2).fold(MAX_PIXELS_PER_SAMPLE / nearest, |unit, k| {
+        unit.min(TARGET_SIZE[k] / lengths[k])
+    })
 }
 
-fn blank(width: f32, height: f32, caption: &Caption) -> Result<Canvas> {
+fn blank_canvas(width: f32, height: f32, caption: &Caption) -> Result<Canvas> {
     // Titles and legends need some width.
     let words = [&caption.title, &caption.subtitle].map(|line| line.chars().count());
-    let words = LEFT + LETTER[0] * (words[0].max(words[1]) + 2) as f32;
-    let width = width.max(520.0).max(words.min(SIZE[0]));
+    let words = LEFT_MARGIN + LETTER_SIZE[0] * (words[0].max(words[1]) + 2) as f32;
+    let width = width.max(520.0).max(words.min(TARGET_SIZE[0]));
     Canvas::new(width.ceil() as u32, height.ceil() as u32).ok_or_else(|| {
         Error::Image(cause(
             "picture",

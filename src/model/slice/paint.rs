@@ -2,9 +2,9 @@
 
 use crate::error::cause;
 use crate::files::vtk::{DataArray, Values};
-use crate::store::file::unit_of;
-use crate::store::labels::labels_of;
-use crate::store::{MeshFile, Stored, StoredMesh};
+use crate::store::labels::read_labels;
+use crate::store::output::array_unit;
+use crate::store::{MeshFile, Storable, StoredMesh};
 use crate::{Error, Result};
 
 /// An array of a mesh, and its colours.
@@ -14,7 +14,7 @@ pub struct Paint {
     pub(super) title: String,
     /// By the number of the cell or of the node.
     values: Vec<f64>,
-    of_nodes: bool,
+    is_nodal: bool,
     colors: Colors,
 }
 
@@ -23,14 +23,14 @@ enum Colors {
     /// From blue to red between two values.
     Scale([f64; 2]),
     /// One for each number, with what it means; those that it does not hold are not painted.
-    Kinds(Vec<(f64, String)>),
+    Categories(Vec<(f64, String)>),
 }
 
 /// The regions of cells; 0 where there is none.
 const REGION: &str = "region";
 
 /// From low values to high ones.
-const SCALE: [[f64; 3]; 7] = [
+const SCALE_COLORS: [[f64; 3]; 7] = [
     [49.0, 54.0, 149.0],
     [90.0, 150.0, 200.0],
     [171.0, 217.0, 233.0],
@@ -41,7 +41,7 @@ const SCALE: [[f64; 3]; 7] = [
 ];
 
 /// Of things that are told apart by number; the first are none of the colours of amplitudes.
-pub(super) const KINDS: [[u8; 3]; 10] = [
+pub(super) const CATEGORY_COLORS: [[u8; 3]; 10] = [
     [95, 185, 180],
     [232, 157, 72],
     [86, 152, 205],
@@ -59,13 +59,13 @@ impl Paint {
     ///
     /// # Errors
     /// [`Error::Job`] if there is no such array; `place` names the file.
-    pub fn of<const D: usize, M: Stored<D>>(
+    pub fn from_array<const D: usize, M: Storable<D>>(
         stored: &StoredMesh<D, M>,
         name: &str,
         place: &str,
     ) -> Result<Self> {
         let arrays = &stored.arrays;
-        let named = |arrays: &[DataArray]| arrays.iter().find(|a| a.name == name).map(lengths);
+        let named = |arrays: &[DataArray]| arrays.iter().find(|a| a.name == name).map(magnitudes);
         let regions = || match stored.regions() {
             Some(regions) if name == REGION => {
                 Some((regions.into_iter().map(f64::from).collect(), true))
@@ -75,47 +75,51 @@ impl Paint {
         let of_cells = named(&arrays.cell_data).or_else(regions);
         let of_nodes = of_cells.is_none();
         let Some((values, whole)) = of_cells.or_else(|| named(&arrays.point_data)) else {
-            return Err(none_named(stored, name, place));
+            return Err(missing_array_error(stored, name, place));
         };
         let unit = match name {
-            "pressure" if flows(arrays) => "Pa".to_string(),
-            "velocity" if flows(arrays) => "m/s".to_string(),
-            _ => unit_of(name, &stored.space.geometry.units),
+            "pressure" if is_flow_result(arrays) => "Pa".to_string(),
+            "velocity" if is_flow_result(arrays) => "m/s".to_string(),
+            _ => array_unit(name, &stored.space.geometry.units),
         };
         let title = match unit.as_str() {
             "" => name.to_string(),
             unit => format!("{name} [{unit}]"),
         };
-        let kinds = whole.then(|| kinds(stored, name, &values)).flatten();
-        let colors = kinds.map_or_else(|| Colors::Scale(range(&values)), Colors::Kinds);
+        let kinds = whole.then(|| categories(stored, name, &values)).flatten();
+        let colors = kinds.map_or_else(
+            || Colors::Scale(percentile_range(&values)),
+            Colors::Categories,
+        );
         Ok(Self {
             title,
             values,
-            of_nodes,
+            is_nodal: of_nodes,
             colors,
         })
     }
 
     /// The value at a node of a cell.
     pub(super) fn value(&self, cell: u32, node: u32) -> f64 {
-        self.values[if self.of_nodes { node } else { cell } as usize]
+        self.values[if self.is_nodal { node } else { cell } as usize]
     }
 
     /// The colour of a value; `None` if it is not painted.
     pub(super) fn color(&self, value: f64) -> Option<[u8; 3]> {
         match &self.colors {
-            Colors::Kinds(kinds) => {
+            Colors::Categories(kinds) => {
                 let at = kinds.iter().position(|(kind, _)| *kind == value)?;
-                Some(KINDS[at % KINDS.len()])
+                Some(CATEGORY_COLORS[at % CATEGORY_COLORS.len()])
             }
             Colors::Scale(_) if value.is_nan() => None,
             Colors::Scale([low, high]) => {
-                let last = (SCALE.len() - 1) as f64;
+                let last = (SCALE_COLORS.len() - 1) as f64;
                 let t = last * ((value - low) / (high - low)).clamp(0.0, 1.0);
-                let at = (t as usize).min(SCALE.len() - 2);
+                let at = (t as usize).min(SCALE_COLORS.len() - 2);
                 let share = t - at as f64;
                 Some(std::array::from_fn(|k| {
-                    (SCALE[at][k] + share * (SCALE[at + 1][k] - SCALE[at][k])) as u8
+                    (SCALE_COLORS[at][k] + share * (SCALE_COLORS[at + 1][k] - SCALE_COLORS[at][k]))
+                        as u8
                 }))
             }
         }
@@ -125,14 +129,14 @@ impl Paint {
     pub(super) fn range(&self) -> Option<[f64; 2]> {
         match self.colors {
             Colors::Scale(range) => Some(range),
-            Colors::Kinds(_) => None,
+            Colors::Categories(_) => None,
         }
     }
 
     /// What each colour means, where there is no bar.
     pub(super) fn legend(&self) -> Vec<(String, [u8; 3])> {
         let kinds: &[(f64, String)] = match &self.colors {
-            Colors::Kinds(kinds) => kinds,
+            Colors::Categories(kinds) => kinds,
             Colors::Scale(_) => &[],
         };
         let color = |(value, name): &(f64, String)| Some((name.clone(), self.color(*value)?));
@@ -141,12 +145,12 @@ impl Paint {
 }
 
 /// Whether a mesh comes from `flow`, as its velocity says: of any other a pressure may be in bar.
-fn flows(arrays: &MeshFile<()>) -> bool {
+fn is_flow_result(arrays: &MeshFile<()>) -> bool {
     arrays.cell_array("velocity").is_some()
 }
 
 /// Numbers, or the lengths of vectors; and whether they are whole numbers.
-fn lengths(array: &DataArray) -> (Vec<f64>, bool) {
+fn magnitudes(array: &DataArray) -> (Vec<f64>, bool) {
     let numbers = array.values.to_f64();
     let whole = !matches!(array.values, Values::F32(_) | Values::F64(_));
     if array.components <= 1 {
@@ -161,7 +165,7 @@ fn lengths(array: &DataArray) -> (Vec<f64>, bool) {
 
 /// From the 2nd to the 98th of a hundred values: the extremes at wells and the like would leave no
 /// colours for the rest.
-fn range(values: &[f64]) -> [f64; 2] {
+fn percentile_range(values: &[f64]) -> [f64; 2] {
     let mut sorted: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
     sorted.sort_unstable_by(f64::total_cmp);
     let rank = |share: f64| {
@@ -176,7 +180,7 @@ fn range(values: &[f64]) -> [f64; 2] {
 }
 
 /// Whole numbers and what they mean: regions, and other numbers if there are no more than colours.
-fn kinds<const D: usize, M: Stored<D>>(
+fn categories<const D: usize, M: Storable<D>>(
     stored: &StoredMesh<D, M>,
     name: &str,
     values: &[f64],
@@ -185,10 +189,10 @@ fn kinds<const D: usize, M: Stored<D>>(
     kinds.sort_unstable_by(f64::total_cmp);
     kinds.dedup();
     let regions = name == REGION;
-    if !regions && kinds.len() > KINDS.len() {
+    if !regions && kinds.len() > CATEGORY_COLORS.len() {
         return None;
     }
-    let labels = labels_of(&stored.arrays);
+    let labels = read_labels(&stored.arrays);
     let named = |value: f64| {
         let label = labels.iter().filter(|_| regions);
         let mut label = label.filter(|label| f64::from(label.region) == value);
@@ -208,7 +212,7 @@ fn kinds<const D: usize, M: Stored<D>>(
     )
 }
 
-fn none_named<const D: usize, M: Stored<D>>(
+fn missing_array_error<const D: usize, M: Storable<D>>(
     stored: &StoredMesh<D, M>,
     name: &str,
     place: &str,
@@ -237,7 +241,7 @@ mod tests {
         Paint {
             title: String::new(),
             values,
-            of_nodes: false,
+            is_nodal: false,
             colors,
         }
     }
@@ -246,12 +250,12 @@ mod tests {
     fn a_few_extremes_leave_colours_for_the_rest() {
         let mut values: Vec<f64> = (0..=100).map(f64::from).collect();
         values[100] = 1e9;
-        assert_eq!(range(&values), [2.0, 98.0]);
+        assert_eq!(percentile_range(&values), [2.0, 98.0]);
         // One value in a hundred: all of them count.
         let mut rare = vec![0.0; 200];
         rare[7] = 3.0;
-        assert_eq!(range(&rare), [0.0, 3.0]);
-        let [low, high] = range(&[f64::NAN, 5.0, 5.0]);
+        assert_eq!(percentile_range(&rare), [0.0, 3.0]);
+        let [low, high] = percentile_range(&[f64::NAN, 5.0, 5.0]);
         assert!(low == 5.0 && high > low);
     }
 
@@ -265,7 +269,7 @@ mod tests {
         );
         assert_eq!(scale.color(f64::NAN), None);
         let kinds = vec![(1.0, "sand".to_string()), (4.0, "silt".to_string())];
-        let kinds = paint(vec![0.0, 1.0, 4.0], Colors::Kinds(kinds));
+        let kinds = paint(vec![0.0, 1.0, 4.0], Colors::Categories(kinds));
         assert_eq!(kinds.color(0.0), None);
         assert_ne!(kinds.color(1.0), kinds.color(4.0));
         assert_eq!(kinds.legend()[1].0, "silt");

@@ -1,22 +1,22 @@
 //! Surfaces and lines that are drawn with a mesh, with an image, or by themselves.
 
-use super::paint::KINDS;
-use crate::model::surface::Kind;
+use super::paint::CATEGORY_COLORS;
+use crate::model::surface::SurfaceKind;
 
 /// A surface of triangles, or lines, in physical coordinates.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Shape {
+pub struct OverlayShape {
     /// What the legend calls it.
     pub name: String,
     /// What it is, if that is known.
-    pub kind: Option<Kind>,
+    pub kind: Option<SurfaceKind>,
     /// Its triangles.
     pub triangles: Vec<[[f64; 3]; 3]>,
     /// Its lines, each from point to point.
     pub lines: Vec<Vec<[f64; 3]>>,
 }
 
-const FAULTS: [[u8; 3]; 6] = [
+const FAULT_COLORS: [[u8; 3]; 6] = [
     [205, 85, 60],
     [236, 160, 75],
     [150, 60, 95],
@@ -24,7 +24,7 @@ const FAULTS: [[u8; 3]; 6] = [
     [135, 80, 60],
     [220, 125, 145],
 ];
-const HORIZONS: [[u8; 3]; 6] = [
+const HORIZON_COLORS: [[u8; 3]; 6] = [
     [60, 155, 140],
     [80, 125, 195],
     [130, 185, 95],
@@ -33,9 +33,9 @@ const HORIZONS: [[u8; 3]; 6] = [
     [115, 190, 210],
 ];
 /// Lines that are not on surfaces: streamlines and the like.
-const LINES: [u8; 3] = [30, 110, 50];
+const LINE_COLOR: [u8; 3] = [30, 110, 50];
 
-impl Shape {
+impl OverlayShape {
     /// All its points.
     pub fn points(&self) -> impl Iterator<Item = [f64; 3]> {
         let triangles = self.triangles.as_flattened().iter();
@@ -58,20 +58,20 @@ impl Shape {
     ) -> impl Iterator<Item = [[f64; 3]; 2]> {
         self.triangles.iter().filter_map(move |triangle| {
             let ring = triangle.map(|x| (map(x), 0.0));
-            Some(cut(&ring, axis, at)?.map(|(p, _)| p))
+            Some(cut_polygon(&ring, axis, at)?.map(|(p, _)| p))
         })
     }
 }
 
 /// A colour for each: faults and horizons have families of their own, in which no two neighbours are alike.
-pub(super) fn colors(shapes: &[Shape]) -> Vec<[u8; 3]> {
+pub(super) fn shape_colors(shapes: &[OverlayShape]) -> Vec<[u8; 3]> {
     let mut used = [0; 3];
-    let color = |shape: &Shape| {
+    let color = |shape: &OverlayShape| {
         let (family, which): (&[[u8; 3]], usize) = match shape.kind {
-            Some(Kind::Fault | Kind::Interface) => (&FAULTS, 0),
-            Some(Kind::Horizon) => (&HORIZONS, 1),
-            None if shape.triangles.is_empty() => return LINES,
-            None => (&KINDS, 2),
+            Some(SurfaceKind::Fault | SurfaceKind::Interface) => (&FAULT_COLORS, 0),
+            Some(SurfaceKind::Horizon) => (&HORIZON_COLORS, 1),
+            None if shape.triangles.is_empty() => return LINE_COLOR,
+            None => (&CATEGORY_COLORS, 2),
         };
         let number = used[which];
         used[which] += 1;
@@ -84,7 +84,11 @@ pub(super) fn colors(shapes: &[Shape]) -> Vec<[u8; 3]> {
 
 /// Where a convex polygon meets the plane on which coordinate `axis` is `at`, and the values there. A corner
 /// exactly on the plane counts as beyond it, so that the sections of neighbours close.
-pub(super) fn cut(ring: &[([f64; 3], f64)], axis: usize, at: f64) -> Option<[([f64; 3], f64); 2]> {
+pub(super) fn cut_polygon(
+    ring: &[([f64; 3], f64)],
+    axis: usize,
+    at: f64,
+) -> Option<[([f64; 3], f64); 2]> {
     let mut found = [([0.0; 3], 0.0); 2];
     let mut count = 0;
     for i in 0..ring.len() {
@@ -107,15 +111,21 @@ mod tests {
 
     #[test]
     fn faults_are_warm_and_horizons_are_cool_and_no_two_are_alike() {
-        let of = |kind: Option<Kind>| Shape {
+        let of = |kind: Option<SurfaceKind>| OverlayShape {
             kind,
             triangles: vec![[[0.0; 3]; 3]],
-            ..Shape::default()
+            ..OverlayShape::default()
         };
-        let shapes: Vec<Shape> = (0..14)
-            .map(|i| of(Some(if i < 7 { Kind::Fault } else { Kind::Horizon })))
+        let shapes: Vec<OverlayShape> = (0..14)
+            .map(|i| {
+                of(Some(if i < 7 {
+                    SurfaceKind::Fault
+                } else {
+                    SurfaceKind::Horizon
+                }))
+            })
             .collect();
-        let mut colors = colors(&shapes);
+        let mut colors = shape_colors(&shapes);
         assert!(colors[..7].iter().all(|[r, _, b]| r > b));
         assert!(colors[7..].iter().all(|[r, g, b]| r < g || r < b));
         colors.sort_unstable();
@@ -130,9 +140,9 @@ mod tests {
             ([4.0, 0.0, 0.0], 8.0),
             ([4.0, 0.0, 4.0], 0.0),
         ];
-        let [(p, at_p), (q, at_q)] = cut(&ring, 0, 1.0).unwrap();
+        let [(p, at_p), (q, at_q)] = cut_polygon(&ring, 0, 1.0).unwrap();
         assert_eq!((p, at_p), ([1.0, 0.0, 0.0], 2.0));
         assert_eq!((q, at_q), ([1.0, 0.0, 1.0], 0.0));
-        assert_eq!(cut(&ring, 0, 5.0), None);
+        assert_eq!(cut_polygon(&ring, 0, 5.0), None);
     }
 }

@@ -3,8 +3,8 @@
 
 use crate::image::Geometry;
 use crate::mesh::poly::Lists;
-use crate::model::surface::Kind;
-use crate::store::{MeshFile, Stored};
+use crate::model::surface::SurfaceKind;
+use crate::store::{MeshFile, Storable};
 
 /// The faces of a mesh (edges, in the plane), with nodes in sample indices.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -14,7 +14,7 @@ pub struct Skeleton<const D: usize> {
     /// The nodes of each face, in order round it.
     pub faces: Lists,
     /// On which kind of feature each face lies, if on one.
-    pub kinds: Vec<Option<Kind>>,
+    pub kinds: Vec<Option<SurfaceKind>>,
 }
 
 /// A point on a line of a section, and the next.
@@ -23,16 +23,16 @@ type Segment<const D: usize> = [[f64; D]; 2];
 impl<const D: usize> Skeleton<D> {
     /// Of a mesh file (physical coordinates) in the sample indices of an image, with what the file says of
     /// faces on features. `None` if the image's axes are linearly dependent.
-    pub fn new<M: Stored<D>>(file: &MeshFile<M>, geometry: &Geometry<D>) -> Option<Self> {
+    pub fn new<M: Storable<D>>(file: &MeshFile<M>, geometry: &Geometry<D>) -> Option<Self> {
         let mesh = &file.mesh;
         let index = |&x: &[f64; D]| geometry.to_index(x);
         let nodes = mesh.nodes().iter().map(index).collect::<Option<_>>()?;
-        let marks = mesh.marks(M::feature_faces(file, false).as_deref());
-        let (faces, on_feature) = mesh.faces_once(&marks.unwrap_or_default());
-        let (_, on_horizon) = mesh.faces_once(&M::horizons(file, false));
+        let marks = mesh.feature_marks(M::feature_faces(file, false).as_deref());
+        let (faces, on_feature) = mesh.unique_faces(&marks.unwrap_or_default());
+        let (_, on_horizon) = mesh.unique_faces(&M::horizons(file, false));
         let kind = |(&feature, &horizon)| match (feature, horizon) {
-            (_, true) => Some(Kind::Horizon),
-            (true, false) => Some(Kind::Fault),
+            (_, true) => Some(SurfaceKind::Horizon),
+            (true, false) => Some(SurfaceKind::Fault),
             (false, false) => None,
         };
         Some(Self {
@@ -43,7 +43,7 @@ impl<const D: usize> Skeleton<D> {
     }
 
     /// The faces, each as its nodes and the kind of feature on which it lies.
-    fn faces(&self) -> impl Iterator<Item = (&[u32], Option<Kind>)> {
+    fn faces(&self) -> impl Iterator<Item = (&[u32], Option<SurfaceKind>)> {
         let numbered = self.kinds.iter().enumerate();
         numbered.map(|(face, &kind)| (self.faces.get(face), kind))
     }
@@ -51,7 +51,7 @@ impl<const D: usize> Skeleton<D> {
 
 impl Skeleton<2> {
     /// The edges, with the kind of feature on which each lies.
-    pub fn edges(&self) -> impl Iterator<Item = (Segment<2>, Option<Kind>)> {
+    pub fn edges(&self) -> impl Iterator<Item = (Segment<2>, Option<SurfaceKind>)> {
         self.faces().filter_map(|(face, kind)| match *face {
             [a, b] => Some(([a, b].map(|n| self.nodes[n as usize]), kind)),
             _ => None,
@@ -69,12 +69,12 @@ impl Skeleton<3> {
         &self,
         axis: usize,
         at: f64,
-    ) -> impl Iterator<Item = (Segment<3>, Option<Kind>)> {
+    ) -> impl Iterator<Item = (Segment<3>, Option<SurfaceKind>)> {
         self.faces()
-            .filter_map(move |(face, kind)| Some((self.cut(face, axis, at)?, kind)))
+            .filter_map(move |(face, kind)| Some((self.cut_face(face, axis, at)?, kind)))
     }
 
-    fn cut(&self, face: &[u32], axis: usize, at: f64) -> Option<Segment<3>> {
+    fn cut_face(&self, face: &[u32], axis: usize, at: f64) -> Option<Segment<3>> {
         let mut found = [[0.0; 3]; 2];
         let mut count = 0;
         for i in 0..face.len() {

@@ -1,16 +1,16 @@
 use super::*;
 use crate::files::vtk::DataArray;
-use crate::model::slice::tests::{cube, file};
+use crate::model::slice::tests::{cube, mesh_file};
 
 /// Dark for x below the middle of 10 samples, bright above.
-fn halves() -> Image<3> {
+fn half_dark_image() -> Image<3> {
     let samples = (0..1000).map(|i| if i % 10 < 5 { 0.0 } else { 1.0 });
     Image::new([10; 3], samples.collect(), Geometry::default())
 }
 
 /// A cube of six tetrahedra.
-fn solid<'a>(image: Option<&'a Image<3>>, paint: Option<(&str, DataArray)>) -> Solid<'a> {
-    let mut mesh = file(cube(9.0), "feature_faces", vec![1, 0, 0, 0, 0, 0]);
+fn test_solid<'a>(image: Option<&'a Image<3>>, paint: Option<(&str, DataArray)>) -> SolidView<'a> {
+    let mut mesh = mesh_file(cube(9.0), "feature_faces", vec![1, 0, 0, 0, 0, 0]);
     let color = paint.map(|(of, array)| {
         let name = array.name.clone();
         match of {
@@ -20,19 +20,19 @@ fn solid<'a>(image: Option<&'a Image<3>>, paint: Option<(&str, DataArray)>) -> S
         name
     });
     let stored = StoredMesh::new(mesh, "cube").unwrap();
-    Solid {
+    SolidView {
         space: stored.space.clone(),
         image,
-        mesh: Some(Body::of(&stored).unwrap()),
-        paint: color.map(|name| Paint::of(&stored, &name, "cube").unwrap()),
+        mesh: Some(SolidMesh::from_stored(&stored).unwrap()),
+        paint: color.map(|name| Paint::from_array(&stored, &name, "cube").unwrap()),
         shapes: Vec::new(),
-        up: None,
-        cut: Cut::Corner,
-        at: None,
+        up_direction: None,
+        cut: CutMode::Corner,
+        cut_point: None,
     }
 }
 
-fn count(canvas: &Canvas, wanted: impl Fn([u8; 3]) -> bool) -> usize {
+fn count_pixels(canvas: &Canvas, wanted: impl Fn([u8; 3]) -> bool) -> usize {
     let [width, height] = canvas.size();
     (100..height - 100)
         .flat_map(|y| (100..width - 150).map(move |x| (x, y)))
@@ -40,45 +40,51 @@ fn count(canvas: &Canvas, wanted: impl Fn([u8; 3]) -> bool) -> usize {
         .count()
 }
 
-fn draw(solid: &Solid) -> Canvas {
+fn draw(solid: &SolidView) -> Canvas {
     solid.draw(&Caption::default()).unwrap()
 }
 
-const WHITE: fn([u8; 3]) -> bool = |c| c == [255; 3];
-const DARK: fn([u8; 3]) -> bool = |[r, g, b]| r < 45 && g < 45 && b < 45;
-const BRIGHT: fn([u8; 3]) -> bool = |[r, g, b]| (150..255).contains(&r) && r == g && g == b;
-const RED: fn([u8; 3]) -> bool = |[r, _, b]| r > b && r - b > 60;
-const BLUE: fn([u8; 3]) -> bool = |[r, _, b]| b > r && b - r > 60;
+const IS_WHITE: fn([u8; 3]) -> bool = |c| c == [255; 3];
+const IS_DARK: fn([u8; 3]) -> bool = |[r, g, b]| r < 45 && g < 45 && b < 45;
+const IS_BRIGHT: fn([u8; 3]) -> bool = |[r, g, b]| (150..255).contains(&r) && r == g && g == b;
+const IS_RED: fn([u8; 3]) -> bool = |[r, _, b]| r > b && r - b > 60;
+const IS_BLUE: fn([u8; 3]) -> bool = |[r, _, b]| b > r && b - r > 60;
 
 #[test]
 fn cells_are_painted_with_the_image_and_the_corner_is_open() {
-    let image = halves();
-    let at = |at| Solid {
-        at: Some(at),
-        ..solid(Some(&image), None)
+    let image = half_dark_image();
+    let at = |at| SolidView {
+        cut_point: Some(at),
+        ..test_solid(Some(&image), None)
     };
     let whole = draw(&at([9.0, 0.0, 0.0]));
     let open = draw(&at([0.0, 9.0, 9.0]));
-    let (dark, bright) = (count(&whole, DARK), count(&whole, BRIGHT));
+    let (dark, bright) = (
+        count_pixels(&whole, IS_DARK),
+        count_pixels(&whole, IS_BRIGHT),
+    );
     assert!(dark > 50_000 && bright > 50_000, "{dark} {bright}");
     // Some of its cells have gone.
-    assert_ne!(count(&open, WHITE), count(&whole, WHITE));
+    assert_ne!(
+        count_pixels(&open, IS_WHITE),
+        count_pixels(&whole, IS_WHITE)
+    );
     assert!(at([10.0, 0.0, 0.0]).draw(&Caption::default()).is_err());
 }
 
 #[test]
 fn a_plane_across_x_shows_what_is_behind_it() {
-    let image = halves();
+    let image = half_dark_image();
     // Whoever looks stands where x is large: what is left is dark but for the far side of the plane.
     for mesh in [true, false] {
-        let mut half = solid(Some(&image), None);
+        let mut half = test_solid(Some(&image), None);
         if !mesh {
             half.mesh = None;
         }
-        half.cut = Cut::Plane(0);
-        half.at = Some([4.0, 4.5, 4.5]);
+        half.cut = CutMode::Plane(0);
+        half.cut_point = Some([4.0, 4.5, 4.5]);
         let half = draw(&half);
-        let (dark, bright) = (count(&half, DARK), count(&half, BRIGHT));
+        let (dark, bright) = (count_pixels(&half, IS_DARK), count_pixels(&half, IS_BRIGHT));
         assert!(dark > 50_000 && bright < 2_000, "{mesh}: {dark} {bright}");
     }
 }
@@ -87,11 +93,14 @@ fn a_plane_across_x_shows_what_is_behind_it() {
 fn nodes_and_cells_are_painted_from_blue_to_red() {
     // By x: nodes of the cube have even numbers on the left.
     let by_x: Vec<f64> = (0..8).map(|i| f64::from(i & 1)).collect();
-    let mut painted = solid(None, Some(("nodes", DataArray::scalars("pressure", by_x))));
-    for cut in [Cut::Corner, Cut::Plane(1), Cut::Plane(2)] {
+    let mut painted = test_solid(None, Some(("nodes", DataArray::scalars("pressure", by_x))));
+    for cut in [CutMode::Corner, CutMode::Plane(1), CutMode::Plane(2)] {
         painted.cut = cut;
         let canvas = draw(&painted);
-        let (red, blue) = (count(&canvas, RED), count(&canvas, BLUE));
+        let (red, blue) = (
+            count_pixels(&canvas, IS_RED),
+            count_pixels(&canvas, IS_BLUE),
+        );
         assert!(red > 20_000 && blue > 20_000, "{cut:?}: {red} {blue}");
         // Blue is left of red.
         let [width, height] = canvas.size();
@@ -100,33 +109,33 @@ fn nodes_and_cells_are_painted_from_blue_to_red() {
             let columns: Vec<u32> = columns.collect();
             columns.iter().sum::<u32>() / columns.len().max(1) as u32
         };
-        assert!(mean(BLUE) < mean(RED), "{cut:?}");
+        assert!(mean(IS_BLUE) < mean(IS_RED), "{cut:?}");
         // The bar of colours.
-        let bar = [ABOVE as u32 + 3, ABOVE as u32 + 250];
-        let [high, low] = bar.map(|y| canvas.color(width - RIGHT as u32 + 40, y));
-        assert!(RED(high) && BLUE(low), "{high:?} {low:?}");
+        let bar = [TOP_MARGIN as u32 + 3, TOP_MARGIN as u32 + 250];
+        let [high, low] = bar.map(|y| canvas.color(width - RIGHT_MARGIN as u32 + 40, y));
+        assert!(IS_RED(high) && IS_BLUE(low), "{high:?} {low:?}");
     }
 }
 
 #[test]
 fn features_are_dark_lines_where_a_plane_cuts_them() {
     let flat = DataArray::scalars("pressure", vec![0.0, 1.0, 0.5, 0.5, 0.5, 0.5]);
-    let mut painted = solid(None, Some(("cells", flat)));
-    painted.cut = Cut::Plane(2);
+    let mut painted = test_solid(None, Some(("cells", flat)));
+    painted.cut = CutMode::Plane(2);
     let black: fn([u8; 3]) -> bool = |[r, g, b]| r < 30 && g < 30 && b < 30;
-    let with = count(&draw(&painted), black);
+    let with = count_pixels(&draw(&painted), black);
     for kind in &mut painted.mesh.as_mut().unwrap().faces.surfaces {
         *kind = 0;
     }
-    let without = count(&draw(&painted), black);
+    let without = count_pixels(&draw(&painted), black);
     assert!(with > without + 500, "{with} {without}");
 }
 
 #[test]
 fn regions_have_colours_of_their_own_and_what_has_none_is_the_image() {
-    let image = halves();
+    let image = half_dark_image();
     let regions = DataArray::scalars("region", vec![0_i32, 0, 1, 1, 2, 2]);
-    let canvas = draw(&solid(Some(&image), Some(("cells", regions))));
+    let canvas = draw(&test_solid(Some(&image), Some(("cells", regions))));
     let near = |color: [u8; 3]| {
         move |c: [u8; 3]| {
             // However they are lit.
@@ -135,9 +144,10 @@ fn regions_have_colours_of_their_own_and_what_has_none_is_the_image() {
                 && (0..3).all(|k| (f64::from(c[k]) - light * f64::from(color[k])).abs() < 4.0)
         }
     };
-    let found = [0, 1].map(|i| count(&canvas, near(super::super::paint::KINDS[i])));
+    let found =
+        [0, 1].map(|i| count_pixels(&canvas, near(super::super::paint::CATEGORY_COLORS[i])));
     assert!(found.iter().all(|n| *n > 10_000), "{found:?}");
-    assert!(count(&canvas, DARK) + count(&canvas, BRIGHT) > 10_000);
+    assert!(count_pixels(&canvas, IS_DARK) + count_pixels(&canvas, IS_BRIGHT) > 10_000);
 }
 
 #[test]
@@ -145,35 +155,39 @@ fn near_shapes_hide_far_ones_and_stand_upright() {
     let square = |y: f64, kind| {
         let corners = [[0.0, y, 0.0], [4.0, y, 0.0], [4.0, y, 9.0], [0.0, y, 9.0]];
         let [a, b, c, d] = corners;
-        Shape {
+        OverlayShape {
             kind: Some(kind),
             triangles: vec![[a, b, c], [a, c, d]],
-            ..Shape::default()
+            ..OverlayShape::default()
         }
     };
-    let line = Shape {
+    let line = OverlayShape {
         lines: vec![vec![[0.0, 0.0, 9.0], [4.0, 0.0, 9.0]]],
-        ..Shape::default()
+        ..OverlayShape::default()
     };
-    let shapes = vec![square(2.0, Kind::Fault), square(5.0, Kind::Horizon), line];
-    let mut drawn = Solid {
-        space: Solid::space_around(&shapes),
+    let shapes = vec![
+        square(2.0, SurfaceKind::Fault),
+        square(5.0, SurfaceKind::Horizon),
+        line,
+    ];
+    let mut drawn = SolidView {
+        space: SolidView::bounding_space(&shapes),
         image: None,
         mesh: None,
         paint: None,
-        up: Some(Upward {
+        up_direction: Some(UpDirection {
             coordinate: 2,
-            down: false,
+            points_down: false,
         }),
         shapes,
-        cut: Cut::Corner,
-        at: None,
+        cut: CutMode::Corner,
+        cut_point: None,
     };
     let canvas = draw(&drawn);
     let green = |[r, g, b]: [u8; 3]| g > r && g > b && g - r > 40;
     let (near, far) = (
-        count(&canvas, RED),
-        count(&canvas, |c| green(c) && c[2] > 80),
+        count_pixels(&canvas, IS_RED),
+        count_pixels(&canvas, |c| green(c) && c[2] > 80),
     );
     // The two are alike, but one hides a part of the other.
     assert!(2 * near > 3 * far && far > 1_000, "{near} {far}");
@@ -189,9 +203,9 @@ fn near_shapes_hide_far_ones_and_stand_upright() {
         2 * seen.iter().sum::<u32>() / seen.len() as u32 > height
     };
     assert!(!middle(&canvas));
-    drawn.up = Some(Upward {
+    drawn.up_direction = Some(UpDirection {
         coordinate: 2,
-        down: true,
+        points_down: true,
     });
     assert!(middle(&draw(&drawn)));
 }

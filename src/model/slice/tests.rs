@@ -1,9 +1,9 @@
 use super::*;
 use crate::files::vtk::DataArray;
 use crate::mesh::poly::Lists;
-use crate::mesh::poly::{PolyMesh, SIDE_0};
+use crate::mesh::poly::{FIRST_SIDE, PolyMesh};
 use crate::mesh::{TetMesh, TriMesh};
-use crate::model::surface::Kind;
+use crate::model::surface::SurfaceKind;
 use crate::store::MeshFile;
 
 /// The unit cube as six tetrahedra about its diagonal, scaled to side `size`.
@@ -16,7 +16,7 @@ pub(super) fn cube(size: f64) -> TetMesh {
     TetMesh { nodes, tets }
 }
 
-pub(super) fn file<M>(mesh: M, name: &str, bits: Vec<u8>) -> MeshFile<M> {
+pub(super) fn mesh_file<M>(mesh: M, name: &str, bits: Vec<u8>) -> MeshFile<M> {
     MeshFile {
         mesh,
         point_data: Vec::new(),
@@ -25,7 +25,7 @@ pub(super) fn file<M>(mesh: M, name: &str, bits: Vec<u8>) -> MeshFile<M> {
     }
 }
 
-fn over<const D: usize>(mesh: Skeleton<D>) -> Overlay<D> {
+fn overlay<const D: usize>(mesh: Skeleton<D>) -> Overlay<D> {
     Overlay {
         mesh,
         ..Overlay::default()
@@ -33,14 +33,14 @@ fn over<const D: usize>(mesh: Skeleton<D>) -> Overlay<D> {
 }
 
 /// The cells of a unit cube.
-pub(super) fn unit_cube() -> Faces {
-    let stored = StoredMesh::new(file(cube(1.0), "none", vec![0; 6]), "cube").unwrap();
-    Faces::of(&stored, &[]).unwrap()
+pub(super) fn unit_cube() -> DrawableFaces {
+    let stored = StoredMesh::new(mesh_file(cube(1.0), "none", vec![0; 6]), "cube").unwrap();
+    DrawableFaces::from_mesh(&stored, &[]).unwrap()
 }
 
 #[test]
 fn a_section_lies_in_its_plane_and_closes() {
-    let mesh = file(cube(2.0), "feature_faces", vec![1, 0, 0, 0, 0, 0]);
+    let mesh = mesh_file(cube(2.0), "feature_faces", vec![1, 0, 0, 0, 0, 0]);
     let skeleton = Skeleton::new(&mesh, &Geometry::default()).unwrap();
     // 12 faces on the sides and 6 about the diagonal; one is marked.
     assert_eq!(skeleton.kinds.len(), 18);
@@ -81,12 +81,12 @@ fn polygons_are_cut_as_triangles_are() {
             offsets: vec![0, 4],
             items: vec![0, 1, 2, 3],
         },
-        kinds: vec![Some(Kind::Fault)],
+        kinds: vec![Some(SurfaceKind::Fault)],
     };
     let found: Vec<_> = skeleton.section(2, 0.5).collect();
     assert_eq!(
         found,
-        [([[4.0, 0.0, 0.5], [0.0, 0.0, 0.5]], Some(Kind::Fault))]
+        [([[4.0, 0.0, 0.5], [0.0, 0.0, 0.5]], Some(SurfaceKind::Fault))]
     );
 }
 
@@ -104,20 +104,24 @@ fn the_feature_edge_is_drawn_in_its_colour_where_it_is() {
         triangles: vec![[0, 1, 2], [2, 1, 3]],
     };
     // The diagonal from (200, 0) to (100, 100), opposite node 0 of the first triangle.
-    let mesh = file(mesh, "feature_edges", vec![1, 0]);
+    let mesh = mesh_file(mesh, "feature_edges", vec![1, 0]);
     let skeleton = Skeleton::new(&mesh, &image.geometry).unwrap();
     assert_eq!(
         skeleton.edges().filter(|(_, kind)| kind.is_some()).count(),
         1
     );
-    let picture = plane(&image, &over(skeleton), &Caption::default()).unwrap();
+    let picture = draw_plane(&image, &overlay(skeleton), &Caption::default()).unwrap();
     let [width, height] = picture.size();
     // 20 steps of 8 pixels, and room for what stands round them.
-    assert_eq!([width, height], [520, 160 + (ABOVE + BELOW) as u32]);
-    let middle = picture.color(LEFT as u32 + 80, ABOVE as u32 + 80);
+    assert_eq!(
+        [width, height],
+        [520, 160 + (TOP_MARGIN + BOTTOM_MARGIN) as u32]
+    );
+    let middle = picture.color(LEFT_MARGIN as u32 + 80, TOP_MARGIN as u32 + 80);
     assert_eq!(middle, [255, 120, 0]);
     // Off the diagonal there is the image's grey: dark on the left, bright on the right.
-    let [left, right] = [20, 140].map(|x| picture.color(LEFT as u32 + x, ABOVE as u32 + 40));
+    let [left, right] =
+        [20, 140].map(|x| picture.color(LEFT_MARGIN as u32 + x, TOP_MARGIN as u32 + 40));
     assert!(
         left[0] == left[1] && left[0] < 80 && right[0] > 180,
         "{left:?} {right:?}"
@@ -135,37 +139,46 @@ fn cells_are_drawn_as_simplices_are() {
     // Two halves of a square; the face between them is on a feature.
     let mut mesh = PolyMesh {
         nodes: vec![[4.0, 0.0], [4.0, 8.0], [0.0, 0.0], [8.0, 8.0]],
-        face_cells: vec![[0, 1], [0, SIDE_0]],
+        face_cells: vec![[0, 1], [0, FIRST_SIDE]],
         on_feature: vec![true, false],
         ..PolyMesh::default()
     };
     mesh.faces.push([1, 0]);
     mesh.faces.push([0, 2]);
     let geometry = Geometry::with_spacing([0.0; 2], [2.0; 2]);
-    let skeleton = Skeleton::new(&file(mesh, "none", vec![]), &geometry).unwrap();
+    let skeleton = Skeleton::new(&mesh_file(mesh, "none", vec![]), &geometry).unwrap();
     let edges: Vec<_> = skeleton.edges().collect();
-    assert_eq!(edges[0], ([[2.0, 4.0], [2.0, 0.0]], Some(Kind::Fault)));
+    assert_eq!(
+        edges[0],
+        ([[2.0, 4.0], [2.0, 0.0]], Some(SurfaceKind::Fault))
+    );
     assert_eq!(edges[1], ([[2.0, 0.0], [0.0, 0.0]], None));
 }
 
 #[test]
 fn three_panels_meet_at_the_point_and_points_outside_are_refused() {
     let image = Image::new([9, 7, 5], vec![0.5; 315], Geometry::default());
-    let mesh = file(cube(4.0), "feature_faces", vec![0; 6]);
+    let mesh = mesh_file(cube(4.0), "feature_faces", vec![0; 6]);
     let skeleton = Skeleton::new(&mesh, &image.geometry).unwrap();
-    let sections = |at| Sections::of(Path::new("image"), image.dims(), &image, at);
+    let sections = |at| Sections::new(Path::new("image"), image.dims(), &image, at);
     let through = sections([4.0, 3.0, 2.0]).unwrap();
-    let picture = space(
+    let picture = draw_sections(
         &through,
         &image.geometry,
-        &over(skeleton),
+        &overlay(skeleton),
         &Caption::default(),
     )
     .unwrap();
     let [width, height] = picture.size();
     // x and y across, y and z down.
-    assert_eq!(width, 520.max((8.0 * 14.0 + GAP + LEFT + RIGHT) as u32));
-    assert_eq!(height, (8.0 * 10.0 + GAP + ABOVE + BELOW) as u32);
+    assert_eq!(
+        width,
+        520.max((8.0 * 14.0 + PANEL_GAP + LEFT_MARGIN + RIGHT_MARGIN) as u32)
+    );
+    assert_eq!(
+        height,
+        (8.0 * 10.0 + PANEL_GAP + TOP_MARGIN + BOTTOM_MARGIN) as u32
+    );
     for wrong in [[9.0, 3.0, 2.0], [4.0, -1.0, 2.0], [4.0, 3.0, f64::NAN]] {
         assert!(sections(wrong).is_err());
     }
@@ -191,12 +204,12 @@ fn sections_of_seismic_stand_upright_and_keep_the_shape_of_the_world() {
     };
     let draw = |geometry: &Geometry<2>| {
         let image = Image::new([40, 20], samples.clone(), geometry.clone());
-        plane(&image, &Overlay::default(), &Caption::default()).unwrap()
+        draw_plane(&image, &Overlay::default(), &Caption::default()).unwrap()
     };
     let ends = |canvas: &Canvas| {
         let [_, height] = canvas.size();
-        let x = LEFT as u32 + 40;
-        [ABOVE as u32 + 6, height - BELOW as u32 - 6].map(|y| canvas.color(x, y)[0])
+        let x = LEFT_MARGIN as u32 + 40;
+        [TOP_MARGIN as u32 + 6, height - BOTTOM_MARGIN as u32 - 6].map(|y| canvas.color(x, y)[0])
     };
     geometry.units = ["m".into(), "ms".into()];
     let [early, late] = ends(&draw(&geometry));
@@ -208,7 +221,7 @@ fn sections_of_seismic_stand_upright_and_keep_the_shape_of_the_world() {
     // In metres, lengths are true: 475 m wide, 156 m high, 2 pixels a metre.
     geometry.units = ["m".into(), "m".into()];
     let [width, height] = draw(&geometry).size().map(|n| n as f32);
-    let shape = (width - LEFT - RIGHT) / (height - ABOVE - BELOW);
+    let shape = (width - LEFT_MARGIN - RIGHT_MARGIN) / (height - TOP_MARGIN - BOTTOM_MARGIN);
     assert!((shape - 475.0 / 156.0).abs() < 0.05, "{shape}");
 }
 
@@ -221,13 +234,13 @@ fn faults_and_horizons_have_colours_of_their_own() {
             offsets: vec![0, 2, 4],
             items: vec![0, 1, 2, 3],
         },
-        kinds: vec![Some(Kind::Fault), Some(Kind::Horizon)],
+        kinds: vec![Some(SurfaceKind::Fault), Some(SurfaceKind::Horizon)],
     };
-    let picture = plane(&image, &over(skeleton), &Caption::default()).unwrap();
-    let at = |y: f32| picture.color(LEFT as u32 + 80, (ABOVE + 8.0 * y) as u32);
-    let shades = Shades::of(image.as_slice());
-    assert_eq!(at(5.0), shades.feature()[..3]);
-    assert_eq!(at(15.0), shades.horizon()[..3]);
+    let picture = draw_plane(&image, &overlay(skeleton), &Caption::default()).unwrap();
+    let at = |y: f32| picture.color(LEFT_MARGIN as u32 + 80, (TOP_MARGIN + 8.0 * y) as u32);
+    let shades = ColorMap::from_samples(image.as_slice());
+    assert_eq!(at(5.0), shades.feature_color()[..3]);
+    assert_eq!(at(15.0), shades.horizon_color()[..3]);
 }
 
 #[test]
@@ -238,24 +251,29 @@ fn cells_of_the_plane_are_painted_and_lines_are_drawn_where_they_are() {
         nodes,
         triangles: vec![[0, 1, 2], [2, 1, 3]],
     };
-    let mut mesh = file(mesh, "feature_edges", vec![1, 0]);
+    let mut mesh = mesh_file(mesh, "feature_edges", vec![1, 0]);
     let values = vec![0.0, 10.0, 10.0, 20.0];
     mesh.point_data.push(DataArray::scalars("pressure", values));
     let skeleton = Skeleton::new(&mesh, &image.geometry).unwrap();
     let stored = StoredMesh::new(mesh, "square").unwrap();
-    let paint = Paint::of(&stored, "pressure", "square").unwrap();
-    let painted = Painted::new(&stored, paint).unwrap();
-    let line = Shape {
+    let paint = Paint::from_array(&stored, "pressure", "square").unwrap();
+    let painted = PaintedCells::new(&stored, paint).unwrap();
+    let line = OverlayShape {
         lines: vec![vec![[2.0, 5.0, 0.0], [12.0, 5.0, 0.0]]],
-        ..Shape::default()
+        ..OverlayShape::default()
     };
     let over = Overlay {
-        painted: Some(painted),
+        painted_cells: Some(painted),
         shapes: vec![line],
-        ..over(skeleton)
+        ..overlay(skeleton)
     };
-    let picture = plane(&image, &over, &Caption::default()).unwrap();
-    let at = |x: f32, y: f32| picture.color((LEFT + 8.0 * x) as u32, (ABOVE + 8.0 * y) as u32);
+    let picture = draw_plane(&image, &over, &Caption::default()).unwrap();
+    let at = |x: f32, y: f32| {
+        picture.color(
+            (LEFT_MARGIN + 8.0 * x) as u32,
+            (TOP_MARGIN + 8.0 * y) as u32,
+        )
+    };
     let ([r, _, b], [s, _, c]) = (at(1.0, 1.0), at(19.0, 19.0));
     assert!(b > r && s > c, "{r} {b}, {s} {c}");
     // The diagonal is a feature: dark. The line is green, and ends where it ends.
@@ -263,7 +281,7 @@ fn cells_of_the_plane_are_painted_and_lines_are_drawn_where_they_are() {
     let [r, g, b] = at(8.0, 5.0);
     assert!(g > r + 40 && g > b + 40, "{r} {g} {b}");
     assert_ne!(at(13.0, 5.0), [r, g, b]);
-    let error = Paint::of(&stored, "presure", "square")
+    let error = Paint::from_array(&stored, "presure", "square")
         .unwrap_err()
         .to_string();
     assert!(
@@ -275,24 +293,29 @@ fn cells_of_the_plane_are_painted_and_lines_are_drawn_where_they_are() {
 #[test]
 fn sections_are_painted_by_region_and_surfaces_leave_traces() {
     let image = Image::new([10; 3], vec![0.5; 1000], Geometry::default());
-    let mesh = file(cube(9.0), "region", vec![0, 3, 3, 3, 3, 3]);
+    let mesh = mesh_file(cube(9.0), "region", vec![0, 3, 3, 3, 3, 3]);
     let stored = StoredMesh::new(mesh, "cube").unwrap();
-    let paint = Paint::of(&stored, "region", "cube").unwrap();
-    let sheet = Shape {
-        kind: Some(Kind::Fault),
+    let paint = Paint::from_array(&stored, "region", "cube").unwrap();
+    let sheet = OverlayShape {
+        kind: Some(SurfaceKind::Fault),
         triangles: vec![[[6.0, -30.0, -30.0], [6.0, 90.0, 4.0], [6.0, -30.0, 90.0]]],
-        ..Shape::default()
+        ..OverlayShape::default()
     };
     let over = Overlay {
-        painted: Some(Painted::new(&stored, paint).unwrap()),
+        painted_cells: Some(PaintedCells::new(&stored, paint).unwrap()),
         shapes: vec![sheet],
         ..Overlay::default()
     };
     let at = [4.0, 4.0, 5.0];
-    let through = Sections::of(Path::new("image"), image.dims(), &image, at).unwrap();
-    let picture = space(&through, &image.geometry, &over, &Caption::default()).unwrap();
+    let through = Sections::new(Path::new("image"), image.dims(), &image, at).unwrap();
+    let picture = draw_sections(&through, &image.geometry, &over, &Caption::default()).unwrap();
     // The section across z is the first panel, x across and y down.
-    let color = |x: f32, y: f32| picture.color((LEFT + 8.0 * x) as u32, (ABOVE + 8.0 * y) as u32);
+    let color = |x: f32, y: f32| {
+        picture.color(
+            (LEFT_MARGIN + 8.0 * x) as u32,
+            (TOP_MARGIN + 8.0 * y) as u32,
+        )
+    };
     // The first cell holds 0 < z < y < x < 9 or another order of the three; it is not painted.
     let painted = (0..81).filter(|i| {
         let [r, g, b] = color((i % 9) as f32 + 0.6, (i / 9) as f32 + 0.3);

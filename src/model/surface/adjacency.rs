@@ -1,12 +1,12 @@
 //! Cells of a mesh and the faces between them, of whatever shape: what paint and blocks need.
 
-use crate::geometry::groups::grouped;
+use crate::geometry::counting_sort::sort_by_group;
 use crate::geometry::{dot, norm, normal, sub};
 use crate::mesh::Mesh;
 use crate::mesh::complex::NONE;
 
 /// Facets narrower than this share of the largest face's size are not asked on which side a point is.
-const NARROW: f64 = 1e-5;
+const MIN_FACET_WIDTH_RATIO: f64 = 1e-5;
 
 /// A face between two cells.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -18,12 +18,12 @@ pub struct Link {
     /// Distance between the cells' centres.
     pub distance: f64,
     /// Whether the face lies on no surface.
-    pub open: bool,
+    pub is_open: bool,
 }
 
 /// Cells as a graph.
 #[derive(Debug, Clone, Default)]
-pub struct Adjacency<const D: usize> {
+pub struct CellAdjacency<const D: usize> {
     /// Volume of each cell.
     pub volumes: Vec<f64>,
     /// Centre of each cell.
@@ -31,10 +31,10 @@ pub struct Adjacency<const D: usize> {
     /// The faces between cells.
     pub links: Vec<Link>,
     start: Vec<u32>,
-    around: Vec<u32>,
+    cell_links: Vec<u32>,
 }
 
-impl<const D: usize> Adjacency<D> {
+impl<const D: usize> CellAdjacency<D> {
     /// The cells of a mesh; facets in `closed` (nodes ascending, sorted) lie on surfaces, and so do
     /// the faces that they are part of. `cells` are those of [`Mesh::cells_of_faces`].
     pub fn new<F: Mesh<D>>(mesh: &F, cells: &[[u32; 2]], closed: &[[u32; D]]) -> Self {
@@ -56,18 +56,18 @@ impl<const D: usize> Adjacency<D> {
                 cells,
                 area,
                 distance: norm(sub(a, b)),
-                open,
+                is_open: open,
             });
         }
         let ends = links.iter().flat_map(|link| link.cells.map(|c| c as usize));
-        let (start, around) = grouped(volumes.len(), ends);
-        let around = around.into_iter().map(|end| end / 2).collect();
+        let (start, around) = sort_by_group(volumes.len(), ends);
+        let cell_links = around.into_iter().map(|end| end / 2).collect();
         Self {
             volumes,
             centres,
             links,
             start,
-            around,
+            cell_links,
         }
     }
 
@@ -82,9 +82,9 @@ impl<const D: usize> Adjacency<D> {
     }
 
     /// The links of a cell: number, link, and the cell beyond.
-    pub fn around(&self, cell: u32) -> impl Iterator<Item = (usize, &Link, u32)> {
+    pub fn links_of(&self, cell: u32) -> impl Iterator<Item = (usize, &Link, u32)> {
         let range = self.start[cell as usize] as usize..self.start[cell as usize + 1] as usize;
-        self.around[range].iter().map(move |&l| {
+        self.cell_links[range].iter().map(move |&l| {
             let link = &self.links[l as usize];
             let [a, b] = link.cells;
             (l as usize, link, if a == cell { b } else { a })
@@ -94,7 +94,7 @@ impl<const D: usize> Adjacency<D> {
 
 /// The cell that holds a point, cells being convex; of several that touch it the first. `cells` are
 /// those of [`Mesh::cells_of_faces`].
-pub fn holding<const D: usize, F: Mesh<D>>(
+pub fn find_cell<const D: usize, F: Mesh<D>>(
     mesh: &F,
     cells: &[[u32; 2]],
     p: [f64; D],
@@ -120,7 +120,7 @@ pub fn holding<const D: usize, F: Mesh<D>>(
                 .flat_map(|a| corners.iter().map(|b| norm(sub(*a, *b)))))
             .fold(0.0, f64::max);
             // Of narrow facets rounding leaves no direction; the cell hardly grows without them.
-            let is_wide = area > NARROW * size * longest.powi(D as i32 - 2);
+            let is_wide = area > MIN_FACET_WIDTH_RATIO * size * longest.powi(D as i32 - 2);
             for (&cell, off) in cells.iter().zip([off, -off]) {
                 if cell != NONE && is_wide {
                     let cell = cell as usize;
@@ -137,7 +137,7 @@ pub fn holding<const D: usize, F: Mesh<D>>(
 
 /// The facets that enclose all cells of `region`, turned outwards. `cells` are those of
 /// [`Mesh::cells_of_faces`].
-pub fn skin<const D: usize, F: Mesh<D>>(
+pub fn enclosing_facets<const D: usize, F: Mesh<D>>(
     mesh: &F,
     cells: &[[u32; 2]],
     regions: &[u32],

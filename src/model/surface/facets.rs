@@ -22,7 +22,7 @@ pub const NONE: u32 = u32::MAX;
 
 /// Facets with their ridges. Positions are the caller's: in one space, lattice or physical.
 #[derive(Debug, Clone)]
-pub struct Facets<'a, const D: usize> {
+pub struct FacetComplex<'a, const D: usize> {
     /// Node positions.
     pub nodes: &'a [[f64; D]],
     /// Nodes of each facet.
@@ -33,7 +33,7 @@ pub struct Facets<'a, const D: usize> {
     sides: Vec<u32>,
 }
 
-impl<'a, const D: usize> Facets<'a, D> {
+impl<'a, const D: usize> FacetComplex<'a, D> {
     /// Finds the ridges, by sorting: n log n in the number of facets.
     pub fn new(nodes: &'a [[f64; D]], facets: Vec<[u32; D]>) -> Self {
         let mut keys: Vec<(u64, u32)> = (0..facets.len() * D)
@@ -87,7 +87,7 @@ impl<'a, const D: usize> Facets<'a, D> {
     }
 
     /// The middle of the ridge at a side.
-    pub fn ridge_middle(&self, side: usize) -> [f64; D] {
+    pub fn ridge_centre(&self, side: usize) -> [f64; D] {
         let share = 1.0 / (D - 1) as f64;
         self.ridge_nodes(side).fold([0.0; D], |sum, n| {
             add_scaled(sum, share, self.nodes[n as usize])
@@ -143,11 +143,11 @@ mod tests {
             [0.0, 1.0, 0.0],
             [2.0, 1.0, 1.0],
         ];
-        let facets = Facets::new(&nodes, vec![[0, 1, 2], [3, 2, 1]]);
+        let facets = FacetComplex::new(&nodes, vec![[0, 1, 2], [3, 2, 1]]);
         assert_eq!(facets.ridge_count(), 5);
         let shared = facets.ridges[0][0] as usize;
         assert_eq!(facets.sides(shared), [0, 3]);
-        let middle = facets.ridge_middle(0);
+        let middle = facets.ridge_centre(0);
         assert_eq!(middle, [1.0, 0.5, 0.0]);
         let inward = facets.inward(0);
         assert!(dot(inward, [2.0, -1.0, 0.0]).abs() < 1e-15 && inward[0] < 0.0);
@@ -158,7 +158,7 @@ mod tests {
     #[test]
     fn in_two_dimensions_ridges_are_nodes() {
         let nodes = [[0.0, 0.0], [1.0, 0.0], [2.0, 1.0], [1.0, -1.0]];
-        let facets = Facets::new(&nodes, vec![[0, 1], [1, 2], [3, 1]]);
+        let facets = FacetComplex::new(&nodes, vec![[0, 1], [1, 2], [3, 1]]);
         assert_eq!(facets.ridge_count(), 4);
         let at_one = facets.ridges[0][0] as usize;
         assert_eq!(facets.sides(at_one), [0, 3, 4]);

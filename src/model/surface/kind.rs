@@ -8,7 +8,7 @@ use crate::geometry::{norm, normal};
 /// What a surface is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Kind {
+pub enum SurfaceKind {
     /// A fault, or any other feature that is no horizon.
     Fault,
     /// Where layers meet.
@@ -17,7 +17,7 @@ pub enum Kind {
     Interface,
 }
 
-impl Kind {
+impl SurfaceKind {
     /// In lower case.
     pub fn name(self) -> &'static str {
         match self {
@@ -30,14 +30,14 @@ impl Kind {
 
 /// The kind of each surface: an interface if it parts two labels, a horizon if at least half of its area is in `horizons`, facets with
 /// nodes ascending, sorted.
-pub fn kinds<const D: usize>(
+pub fn surface_kinds<const D: usize>(
     surfaces: &Surfaces<D>,
     nodes: &[[f64; D]],
     horizons: &[[u32; D]],
-) -> Vec<Kind> {
+) -> Vec<SurfaceKind> {
     let kind = |surface: usize| {
         if surfaces.interfaces.contains(&surface) {
-            return Kind::Interface;
+            return SurfaceKind::Interface;
         }
         let sign = |facet: &[u32; D]| {
             let mut sorted = *facet;
@@ -48,13 +48,13 @@ pub fn kinds<const D: usize>(
             }
         };
         let area = |f: &[u32; D]| norm(normal(&f.map(|n| nodes[n as usize])));
-        let balance: f64 = (surfaces.of(surface).iter())
+        let balance: f64 = (surfaces.facets_of(surface).iter())
             .map(|f| sign(f) * area(f))
             .sum();
         if balance >= 0.0 && !horizons.is_empty() {
-            Kind::Horizon
+            SurfaceKind::Horizon
         } else {
-            Kind::Fault
+            SurfaceKind::Fault
         }
     };
     (0..surfaces.len()).map(kind).collect()

@@ -6,22 +6,22 @@ use crate::parallel::prelude::*;
 use serde::Serialize;
 
 use super::Surfaces;
-use super::facets::Facets;
-use super::kind::{Kind, kinds};
-use crate::geometry::sets::Sets;
-use crate::geometry::{add_scaled, cross, dot, in_space, norm, normal, spread, sub, unit};
+use super::facets::FacetComplex;
+use super::kind::{SurfaceKind, surface_kinds};
+use crate::geometry::union_find::UnionFind;
+use crate::geometry::{add_scaled, bounding_box, cross, dot, norm, normal, sub, to_3d, unit};
 use crate::image::Geometry;
 
 /// Figures of one surface, in the space of the nodes that were given. In 2-D, area means length.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Measure {
+pub struct SurfaceMeasure {
     /// Number of the surface: those with names come first, then the largest.
     pub surface: usize,
     /// Its name in the mesh's file, if it has one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
     /// Fault or horizon.
-    pub kind: Kind,
+    pub kind: SurfaceKind,
     /// Number of facets.
     pub facets: usize,
     /// Area (length in 2-D) of the surface without the steps and bumps of single facets, which depend on the
@@ -40,11 +40,11 @@ pub struct Measure {
     /// Centre of area.
     pub centre: Vec<f64>,
     /// Low corner of the bounding box.
-    pub low: Vec<f64>,
+    pub min_corner: Vec<f64>,
     /// High corner of the bounding box.
-    pub high: Vec<f64>,
+    pub max_corner: Vec<f64>,
     /// Root of the mean squared distance of the facets' middles from that plane.
-    pub off_plane: f64,
+    pub rms_plane_distance: f64,
     /// Length of the rim (3-D), number of end points (2-D).
     pub rim: f64,
     /// Pieces that no ridge connects.
@@ -54,12 +54,12 @@ pub struct Measure {
     /// Area of these holes, each as a flat one of the same rim would show it most.
     pub hole_area: f64,
     /// Surfaces that share a ridge's nodes with this one, by their numbers.
-    pub meets: Vec<usize>,
+    pub adjacent_surfaces: Vec<usize>,
 }
 
 /// What is up, and what north and east.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Up<const D: usize> {
+pub struct MapAxes<const D: usize> {
     /// Unit vector upwards.
     pub up: [f64; D],
     /// Unit vector towards north.
@@ -67,32 +67,32 @@ pub struct Up<const D: usize> {
     /// Unit vector towards east.
     pub east: [f64; D],
     /// Whether angles against the horizontal mean something.
-    pub dips: bool,
+    pub has_dip: bool,
     /// Whether angles in the map do.
-    pub strikes: bool,
+    pub has_strike: bool,
     /// For each axis of the samples, how much its index grows along each coordinate.
     pub per_sample: [[f64; D]; D],
 }
 
-impl<const D: usize> Up<D> {
+impl<const D: usize> MapAxes<D> {
     /// Up along a coordinate, or against it. The other two are east and north, in cyclic order: for
     /// z, x is east and y is north.
-    pub fn along(axis: usize, positive: bool) -> Self {
+    pub fn from_axis(axis: usize, positive: bool) -> Self {
         let unit = |k: usize| std::array::from_fn(|c| f64::from(u8::from(c == k % D)));
         let up: [f64; D] = unit(axis);
         Self {
             up: if positive { up } else { up.map(|c| -c) },
             east: unit(axis + 1),
             north: unit(axis + 2),
-            dips: true,
-            strikes: true,
+            has_dip: true,
+            has_strike: true,
             per_sample: std::array::from_fn(unit),
         }
     }
 
     /// Returns the same where samples lie as `geometry` says.
     #[must_use]
-    pub fn in_samples(self, geometry: &Geometry<D>) -> Self {
+    pub fn with_geometry(self, geometry: &Geometry<D>) -> Self {
         let origin = geometry.origin;
         let along = |c: usize| {
             let mut position = origin;
@@ -109,14 +109,14 @@ impl<const D: usize> Up<D> {
 
     /// The same where coordinates are in `units`: there is no angle between milliseconds and metres.
     #[must_use]
-    pub fn in_units(self, units: &[String; D]) -> Self {
+    pub fn with_units(self, units: &[String; D]) -> Self {
         let map: Vec<&String> = (units.iter().zip(self.up))
             .filter(|(_, up)| *up == 0.0)
             .map(|(unit, _)| unit)
             .collect();
         Self {
-            dips: units.iter().all(|unit| *unit == units[0]),
-            strikes: map.iter().all(|unit| *unit == map[0]),
+            has_dip: units.iter().all(|unit| *unit == units[0]),
+            has_strike: map.iter().all(|unit| *unit == map[0]),
             ..self
         }
     }
@@ -127,28 +127,35 @@ impl<const D: usize> Up<D> {
 pub fn measure<const D: usize>(
     surfaces: &Surfaces<D>,
     nodes: &[[f64; D]],
-    up: &Up<D>,
+    up: &MapAxes<D>,
     horizons: &[[u32; D]],
-) -> Vec<Measure> {
-    let meets = meetings(surfaces);
-    let kinds = kinds(surfaces, nodes, horizons);
+) -> Vec<SurfaceMeasure> {
+    let meets = adjacent_surfaces(surfaces);
+    let kinds = surface_kinds(surfaces, nodes, horizons);
     (0..surfaces.len())
         .into_par_iter()
-        .map(|s| Measure {
+        .map(|s| SurfaceMeasure {
             name: surfaces.names.get(s).cloned(),
-            ..one(s, surfaces.of(s), kinds[s], nodes, up, meets[s].clone())
+            ..measure_surface(
+                s,
+                surfaces.facets_of(s),
+                kinds[s],
+                nodes,
+                up,
+                meets[s].clone(),
+            )
         })
         .collect()
 }
 
-fn one<const D: usize>(
+fn measure_surface<const D: usize>(
     surface: usize,
     list: &[[u32; D]],
-    kind: Kind,
+    kind: SurfaceKind,
     nodes: &[[f64; D]],
-    up: &Up<D>,
+    up: &MapAxes<D>,
     meets: Vec<usize>,
-) -> Measure {
+) -> SurfaceMeasure {
     let corners = |f: &[u32; D]| f.map(|n| nodes[n as usize]);
     let middle = |f: &[u32; D]| {
         let sum = corners(f)
@@ -166,40 +173,44 @@ fn one<const D: usize>(
         .map(|(f, a)| a / area * dot(sub(middle(f), centre), n).powi(2))
         .sum();
     let corners = list.as_flattened().iter();
-    let [low, high] = spread(corners.map(|&node| &nodes[node as usize]));
-    let Shape {
+    let [low, high] = bounding_box(corners.map(|&node| &nodes[node as usize]));
+    let SurfaceTopology {
         rim,
         components,
         holes,
         hole_area,
-    } = shape(nodes, list);
+    } = topology(nodes, list);
     let dip = dot(n, up.up).clamp(-1.0, 1.0).acos().to_degrees();
     // The normal leans towards where the surface dips; strike is a right angle before that.
     let towards = dot(n, up.east).atan2(dot(n, up.north)).to_degrees();
-    Measure {
+    SurfaceMeasure {
         surface: surface + 1,
         name: None,
         kind,
         facets: list.len(),
         area: smooth_area(nodes, list, up.per_sample),
         normal: n.to_vec(),
-        dip: up.dips.then_some(dip),
-        strike: (D == 3 && up.strikes).then(|| (towards - 90.0).rem_euclid(360.0)),
+        dip: up.has_dip.then_some(dip),
+        strike: (D == 3 && up.has_strike).then(|| (towards - 90.0).rem_euclid(360.0)),
         centre: centre.to_vec(),
-        low: low.to_vec(),
-        high: high.to_vec(),
-        off_plane: square.sqrt(),
+        min_corner: low.to_vec(),
+        max_corner: high.to_vec(),
+        rms_plane_distance: square.sqrt(),
         rim,
         components,
         holes,
         hole_area,
-        meets,
+        adjacent_surfaces: meets,
     }
 }
 
 /// Returns the unit normal of the plane from which the facets deviate least, in samples and weighted by their
 /// area there, pointing up.
-fn plane_normal<const D: usize>(nodes: &[[f64; D]], facets: &[[u32; D]], up: &Up<D>) -> [f64; D] {
+fn plane_normal<const D: usize>(
+    nodes: &[[f64; D]],
+    facets: &[[u32; D]],
+    up: &MapAxes<D>,
+) -> [f64; D] {
     // Differences from one of the nodes: coordinates may be large.
     let origin = nodes[facets[0][0] as usize];
     let in_samples = |n: u32| {
@@ -229,17 +240,17 @@ fn plane_normal<const D: usize>(nodes: &[[f64; D]], facets: &[[u32; D]], up: &Up
     for (row, m) in second.iter_mut().zip(mean) {
         *row = add_scaled(*row, -m, first);
     }
-    let least = least_axis(second);
+    let least = min_eigenvector(second);
     let mut axis = [0.0; D];
     for (c, row) in least.into_iter().zip(up.per_sample) {
         axis = add_scaled(axis, c, row);
     }
-    upward(unit(axis), up.up)
+    orient_up(unit(axis), up.up)
 }
 
 /// Returns the unit eigenvector of the least eigenvalue of a symmetric matrix (Jacobi's rotations: exact even
 /// where that eigenvalue is zero).
-fn least_axis<const D: usize>(mut m: [[f64; D]; D]) -> [f64; D] {
+fn min_eigenvector<const D: usize>(mut m: [[f64; D]; D]) -> [f64; D] {
     let mut axes: [[f64; D]; D] =
         std::array::from_fn(|i| std::array::from_fn(|k| f64::from(u8::from(i == k))));
     for _ in 0..30 {
@@ -273,7 +284,7 @@ fn least_axis<const D: usize>(mut m: [[f64; D]; D]) -> [f64; D] {
 }
 
 /// Passes in which normals are averaged before an area is measured: over two facets or three to each side.
-const PASSES: usize = 12;
+const NORMAL_SMOOTHING_PASSES: usize = 12;
 
 /// Returns the area of the facets without the bumps of single ones: each counts as it is seen along the mean
 /// normal of the facets around it.
@@ -317,7 +328,7 @@ fn smooth_area<const D: usize>(
         }
     }
     let mut means = own.clone();
-    for _ in 0..PASSES {
+    for _ in 0..NORMAL_SMOOTHING_PASSES {
         let mut sums = means.clone();
         for &(a, b, sign) in &pairs {
             sums[a] = add_scaled(sums[a], sign, means[b]);
@@ -363,11 +374,11 @@ pub fn mean_normal<const D: usize>(
             break;
         }
     }
-    upward(axis, up)
+    orient_up(axis, up)
 }
 
 /// Returns the axis or its opposite, whichever points up.
-fn upward<const D: usize>(axis: [f64; D], up: [f64; D]) -> [f64; D] {
+fn orient_up<const D: usize>(axis: [f64; D], up: [f64; D]) -> [f64; D] {
     // Vertical surfaces need a rule too: the largest component is positive.
     let mut sign = dot(axis, up);
     if sign.abs() < 1e-9 {
@@ -379,7 +390,7 @@ fn upward<const D: usize>(axis: [f64; D], up: [f64; D]) -> [f64; D] {
     if sign < 0.0 { axis.map(|c| -c) } else { axis }
 }
 
-struct Shape {
+struct SurfaceTopology {
     rim: f64,
     components: usize,
     holes: usize,
@@ -387,9 +398,9 @@ struct Shape {
 }
 
 /// Rim, pieces and holes of one surface.
-fn shape<const D: usize>(nodes: &[[f64; D]], list: &[[u32; D]]) -> Shape {
-    let facets = Facets::new(nodes, list.to_vec());
-    let mut pieces = Sets::new(facets.len());
+fn topology<const D: usize>(nodes: &[[f64; D]], list: &[[u32; D]]) -> SurfaceTopology {
+    let facets = FacetComplex::new(nodes, list.to_vec());
+    let mut pieces = UnionFind::new(facets.len());
     let mut rim_sides = Vec::new();
     for ridge in 0..facets.ridge_count() {
         let sides = facets.sides(ridge);
@@ -400,7 +411,7 @@ fn shape<const D: usize>(nodes: &[[f64; D]], list: &[[u32; D]]) -> Shape {
             rim_sides.push(side as usize);
         }
     }
-    let (piece, components) = pieces.numbered();
+    let (piece, components) = pieces.into_labels();
     let rim = rim_sides.iter().map(|&side| {
         let ends: Vec<[f64; D]> = (facets.ridge_nodes(side))
             .map(|n| nodes[n as usize])
@@ -410,8 +421,8 @@ fn shape<const D: usize>(nodes: &[[f64; D]], list: &[[u32; D]]) -> Shape {
             _ => 1.0,
         }
     });
-    let (holes, hole_area) = holes(&facets, &rim_sides, &piece);
-    Shape {
+    let (holes, hole_area) = count_holes(&facets, &rim_sides, &piece);
+    SurfaceTopology {
         rim: rim.sum(),
         components,
         holes,
@@ -421,7 +432,11 @@ fn shape<const D: usize>(nodes: &[[f64; D]], list: &[[u32; D]]) -> Shape {
 
 /// Holes of a surface, of which `rim` holds the sides without a neighbour, and their area: of the closed
 /// curves of each piece's rim, all but the one that encloses most.
-fn holes<const D: usize>(facets: &Facets<D>, rim: &[usize], piece: &[u32]) -> (usize, f64) {
+fn count_holes<const D: usize>(
+    facets: &FacetComplex<D>,
+    rim: &[usize],
+    piece: &[u32],
+) -> (usize, f64) {
     if D != 3 {
         return (0, 0.0);
     }
@@ -430,7 +445,7 @@ fn holes<const D: usize>(facets: &Facets<D>, rim: &[usize], piece: &[u32]) -> (u
     at.dedup();
     let place = |n: u32| at.partition_point(|&m| m < n) as u32;
     // Closed curves: rim nodes that rim edges connect.
-    let mut curves = Sets::new(at.len());
+    let mut curves = UnionFind::new(at.len());
     for &side in rim {
         let ends: Vec<u32> = facets.ridge_nodes(side).map(place).collect();
         curves.unite(ends[0], ends[1]);
@@ -439,10 +454,10 @@ fn holes<const D: usize>(facets: &Facets<D>, rim: &[usize], piece: &[u32]) -> (u
     let mut enclosed: BTreeMap<(u32, u32), [f64; 3]> = BTreeMap::new();
     for &side in rim {
         let facet = facets.corners(side / D);
-        let [a, b] = [1, 2].map(|step| in_space(facet[(side % D + step) % D]));
+        let [a, b] = [1, 2].map(|step| to_3d(facet[(side % D + step) % D]));
         let first = facets.ridge_nodes(side).map(place).next().unwrap_or(0);
         let curve = curves.find(first);
-        let base = in_space(facets.nodes[at[curve as usize] as usize]);
+        let base = to_3d(facets.nodes[at[curve as usize] as usize]);
         let sum = enclosed.entry((piece[side / D], curve)).or_default();
         *sum = add_scaled(*sum, 1.0, cross(sub(a, base), sub(b, base)));
     }
@@ -462,10 +477,10 @@ fn holes<const D: usize>(facets: &Facets<D>, rim: &[usize], piece: &[u32]) -> (u
 }
 
 /// For each surface, the numbers from 1 of those that it shares at least as many nodes with as a ridge has.
-fn meetings<const D: usize>(surfaces: &Surfaces<D>) -> Vec<Vec<usize>> {
+fn adjacent_surfaces<const D: usize>(surfaces: &Surfaces<D>) -> Vec<Vec<usize>> {
     let mut at: Vec<(u32, u32)> = (0..surfaces.len())
         .flat_map(|s| {
-            let nodes = surfaces.of(s).as_flattened().iter();
+            let nodes = surfaces.facets_of(s).as_flattened().iter();
             nodes.map(move |&n| (n, s as u32))
         })
         .collect();

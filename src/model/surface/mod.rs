@@ -37,24 +37,24 @@
 //! - `adjacency`: cells and the faces between them
 
 pub mod adjacency;
+pub(crate) mod continuation_votes;
+pub mod facet_selection;
 pub(crate) mod facets;
+pub(crate) mod fault_separation;
+pub(crate) mod hole_patches;
 pub(crate) mod kind;
 pub(crate) mod measure;
+pub(crate) mod merging;
 pub mod names;
-pub(crate) mod pairs;
-pub mod pairs_of_regions;
-pub(crate) mod patch;
-pub mod select;
-pub mod stored;
-pub(crate) mod unite;
-pub(crate) mod walls;
+pub mod region_interfaces;
+pub mod stored_surfaces;
 
 use crate::geometry::norm;
-use facets::{Facets, NONE};
-pub use kind::Kind;
-pub use measure::{Measure, measure};
-use pairs::{Cores, Vote, across_crossings, across_gaps, across_ridges, rims};
-use walls::Walls;
+use continuation_votes::{SmoothPieces, Vote, crossing_votes, gap_votes, ridge_votes, rim_lengths};
+use facets::{FacetComplex, NONE};
+use fault_separation::FaultSeparation;
+pub use kind::SurfaceKind;
+pub use measure::{SurfaceMeasure, measure};
 
 /// What makes facets one surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -62,7 +62,7 @@ pub struct Options {
     /// The largest bend within a surface, in degrees.
     pub max_bend: f64,
     /// The widest gap across which a surface goes on, in units of the facets' size.
-    pub reach: f64,
+    pub max_gap: f64,
     /// Smaller surfaces are dropped: least area (3-D) or length (2-D), in the space of the nodes; if
     /// `None` that of ten facets, and a fiftieth of the largest surface.
     pub min_area: Option<f64>,
@@ -72,19 +72,19 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             max_bend: 25.0,
-            reach: 2.0,
+            max_gap: 2.0,
             min_area: None,
         }
     }
 }
 
 /// Smaller surfaces than this many facets are crumbs: ten faces, or as many edges as those are wide.
-const fn fewest<const D: usize>() -> f64 {
+const fn min_facet_count<const D: usize>() -> f64 {
     if D == 2 { 3.0 } else { 10.0 }
 }
 
 /// Next to the largest surface, surfaces smaller than this part of it are confetti.
-const SHARE: f64 = 0.02;
+const MIN_AREA_RATIO: f64 = 0.02;
 
 /// Facets grouped into surfaces.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -98,7 +98,7 @@ pub struct Surfaces<const D: usize> {
     /// Which of these part two labels of the image.
     pub interfaces: std::ops::Range<usize>,
     /// Surfaces that were too small.
-    pub dropped: usize,
+    pub dropped_count: usize,
     /// Their area.
     pub dropped_area: f64,
 }
@@ -115,23 +115,24 @@ impl<const D: usize> Surfaces<D> {
         options: &Options,
     ) -> Self {
         let straight = options.max_bend.to_radians().cos();
-        let facets = Facets::new(nodes, facets);
-        let walls = Walls::new(&facets, horizons);
+        let facets = FacetComplex::new(nodes, facets);
+        let walls = FaultSeparation::new(&facets, horizons);
         let walls = walls.as_ref();
-        let cores = Cores::new(&facets, walls);
-        let (mut votes, rim) = across_ridges(&facets, &cores, walls, straight);
-        let reach = options.reach;
-        votes.extend(across_gaps(&facets, &cores, walls, &rim, reach, straight));
+        let cores = SmoothPieces::new(&facets, walls);
+        let (mut votes, rim) = ridge_votes(&facets, &cores, walls, straight);
+        let reach = options.max_gap;
+        votes.extend(gap_votes(&facets, &cores, walls, &rim, reach, straight));
         let unite_pieces = |piece: &[u32], count: usize, votes: &[Vote]| {
-            let facing = unite::Facing::of_pieces(&facets, piece, count);
-            let (united, count) = unite::unite(&rims(&facets, piece, count), facing, votes);
+            let facing = merging::PieceOrientation::from_pieces(&facets, piece, count);
+            let (united, count) =
+                merging::merge_pieces(&rim_lengths(&facets, piece, count), facing, votes);
             let piece: Vec<u32> = piece.iter().map(|&p| united[p as usize]).collect();
             (united, piece, count)
         };
-        let (united, surface, count) = unite_pieces(&cores.core, cores.count, &votes);
+        let (united, surface, count) = unite_pieces(&cores.piece, cores.count, &votes);
         // Once more, across wider gaps; what was against stays so.
-        let mut votes: Vec<Vote> = votes.iter().filter_map(|v| v.between(&united)).collect();
-        votes.extend(across_crossings(&facets, &surface, &cores.normals, walls));
+        let mut votes: Vec<Vote> = votes.iter().filter_map(|v| v.remap(&united)).collect();
+        votes.extend(crossing_votes(&facets, &surface, &cores.normals, walls));
         let (_, surface, count) = unite_pieces(&surface, count, &votes);
 
         let mut areas = vec![0.0; count];
@@ -140,7 +141,7 @@ impl<const D: usize> Surfaces<D> {
         }
         let mean = areas.iter().sum::<f64>() / facets.len().max(1) as f64;
         let largest = areas.iter().copied().fold(0.0, f64::max);
-        let least = (fewest::<D>() * mean).max(SHARE * largest);
+        let least = (min_facet_count::<D>() * mean).max(MIN_AREA_RATIO * largest);
         let least = options.min_area.unwrap_or(least);
         let mut order: Vec<usize> = (0..count).collect();
         order.sort_by(|&a, &b| areas[b].total_cmp(&areas[a]).then(a.cmp(&b)));
@@ -149,9 +150,9 @@ impl<const D: usize> Surfaces<D> {
         for (place, &s) in order[..kept].iter().enumerate() {
             rank[s] = place as u32;
         }
-        let crumb = |s: usize| rank[s] == NONE && areas[s] < fewest::<D>() * mean;
+        let crumb = |s: usize| rank[s] == NONE && areas[s] < min_facet_count::<D>() * mean;
         let crumbs: Vec<bool> = (0..count).map(crumb).collect();
-        let patches = patch::patches(&facets, &surface, &crumbs);
+        let patches = hole_patches::hole_patches(&facets, &surface, &crumbs);
         let dropped: Vec<usize> = (order[kept..].iter().copied())
             .filter(|&s| patches[s].is_none_or(|whole| rank[whole as usize] == NONE))
             .collect();
@@ -167,7 +168,7 @@ impl<const D: usize> Surfaces<D> {
             facets: members.iter().map(|m| m.1).collect(),
             names: Vec::new(),
             interfaces: 0..0,
-            dropped: dropped.len(),
+            dropped_count: dropped.len(),
             dropped_area: dropped.iter().map(|&s| areas[s]).sum(),
         }
     }
@@ -190,21 +191,21 @@ impl<const D: usize> Surfaces<D> {
     }
 
     /// How many of the surfaces, the first, are as large as the default [`Options::min_area`] asks for.
-    pub fn usual(&self, nodes: &[[f64; D]]) -> usize {
+    pub fn count_above_min_area(&self, nodes: &[[f64; D]]) -> usize {
         let area = |f: &[u32; D]| norm(crate::geometry::normal(&f.map(|n| nodes[n as usize])));
         let areas: Vec<f64> = (0..self.len())
-            .map(|s| self.of(s).iter().map(area).sum())
+            .map(|s| self.facets_of(s).iter().map(area).sum())
             .collect();
         let mean = areas.iter().sum::<f64>() / self.facets.len().max(1) as f64;
         let largest = areas.iter().copied().fold(0.0, f64::max);
         // Sums in another order than in `find`.
-        let least = (fewest::<D>() * mean).max(SHARE * largest) * (1.0 - 1e-9);
+        let least = (min_facet_count::<D>() * mean).max(MIN_AREA_RATIO * largest) * (1.0 - 1e-9);
         areas.iter().take_while(|&&area| area >= least).count()
     }
 
     /// These surfaces behind those that have names, of which `interfaces` part two labels.
     #[must_use]
-    pub fn behind(
+    pub fn append_to_named(
         self,
         names: Vec<String>,
         named: Vec<Vec<[u32; D]>>,
@@ -229,26 +230,26 @@ impl<const D: usize> Surfaces<D> {
     }
 
     /// The facets of a surface.
-    pub fn of(&self, surface: usize) -> &[[u32; D]] {
+    pub fn facets_of(&self, surface: usize) -> &[[u32; D]] {
         &self.facets[self.start[surface]..self.start[surface + 1]]
     }
 
     /// For each surface the one that it counts as, as a part of it: crumbs of fewer than
     /// ten facets are part of the larger surface with which they share most nodes, if there is one.
-    pub fn adopted(&self, nodes: &[[f64; D]]) -> Vec<u32> {
+    pub fn fragment_parents(&self, nodes: &[[f64; D]]) -> Vec<u32> {
         let area = |s: usize| -> f64 {
-            let areas =
-                (self.of(s).iter()).map(|f| crate::geometry::normal(&f.map(|n| nodes[n as usize])));
+            let areas = (self.facets_of(s).iter())
+                .map(|f| crate::geometry::normal(&f.map(|n| nodes[n as usize])));
             areas.map(crate::geometry::norm).sum()
         };
         let mut part_of: Vec<u32> = (0..self.len() as u32).collect();
         let all: f64 = (0..self.len()).map(area).sum();
-        let least = fewest::<D>() * all / self.facets.len().max(1) as f64;
+        let least = min_facet_count::<D>() * all / self.facets.len().max(1) as f64;
         let first = (0..self.len()).position(|s| area(s) < least);
         let first = first.unwrap_or(self.len());
         let mut on: Vec<(u32, u32)> = (0..first)
             .flat_map(|s| {
-                self.of(s)
+                self.facets_of(s)
                     .as_flattened()
                     .iter()
                     .map(move |&n| (n, s as u32))
@@ -258,7 +259,7 @@ impl<const D: usize> Surfaces<D> {
         on.dedup();
         for crumb in first..self.len() {
             let mut shared: Vec<u32> = Vec::new();
-            for &n in self.of(crumb).as_flattened() {
+            for &n in self.facets_of(crumb).as_flattened() {
                 let from = on.partition_point(|&(m, _)| m < n);
                 shared.extend(on[from..].iter().take_while(|at| at.0 == n).map(|at| at.1));
             }
@@ -289,7 +290,7 @@ impl<const D: usize> Surfaces<D> {
     pub fn orient(&mut self, nodes: &[[f64; D]], up: [f64; D]) {
         for s in 0..self.len() {
             let range = self.start[s]..self.start[s + 1];
-            let turned = turned(nodes, self.facets[range.clone()].to_vec(), up);
+            let turned = oriented_facets(nodes, self.facets[range.clone()].to_vec(), up);
             self.facets[range].copy_from_slice(&turned);
         }
     }
@@ -297,13 +298,13 @@ impl<const D: usize> Surfaces<D> {
 
 /// Facets of one surface with consistent orientation, piece by connected piece; each piece such that
 /// its mean normal agrees with that of the surface, which points up.
-fn turned<const D: usize>(
+fn oriented_facets<const D: usize>(
     nodes: &[[f64; D]],
     facets: Vec<[u32; D]>,
     up: [f64; D],
 ) -> Vec<[u32; D]> {
     let normal = measure::mean_normal(nodes, &facets, up);
-    let facets = Facets::new(nodes, facets);
+    let facets = FacetComplex::new(nodes, facets);
     let mut result = facets.facets.clone();
     let mut known = vec![false; facets.len()];
     let mut piece: Vec<usize> = Vec::new();
@@ -328,7 +329,7 @@ fn turned<const D: usize>(
                 let (g, l) = (other / D, other % D);
                 if !std::mem::replace(&mut known[g], true) {
                     let opposite = [(f, k), (g, l)].map(|(i, j)| facets.facets[i][j]);
-                    if !agree(&result[f], opposite[0], &result[g], opposite[1]) {
+                    if !have_same_orientation(&result[f], opposite[0], &result[g], opposite[1]) {
                         result[g].swap(0, 1);
                     }
                     piece.push(g);
@@ -343,7 +344,12 @@ fn turned<const D: usize>(
 }
 
 /// Whether two facets that share a ridge show the same side; told by the nodes opposite the ridge.
-fn agree<const D: usize>(f: &[u32; D], f_node: u32, g: &[u32; D], g_node: u32) -> bool {
+fn have_same_orientation<const D: usize>(
+    f: &[u32; D],
+    f_node: u32,
+    g: &[u32; D],
+    g_node: u32,
+) -> bool {
     let at = |facet: &[u32; D], node| facet.iter().position(|&n| n == node).unwrap_or(0);
     let (k, l) = (at(f, f_node), at(g, g_node));
     match D {

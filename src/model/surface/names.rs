@@ -2,15 +2,15 @@
 
 use std::collections::BTreeSet;
 
-use super::Kind;
+use super::SurfaceKind;
 use crate::error::cause;
 use crate::{Error, Result};
 
 /// Errors list so many names.
-const LISTED: usize = 20;
+const MAX_LISTED_NAMES: usize = 20;
 /// What is wrong with a selector that picks nothing, and what helps.
-pub(crate) const NO_MATCH: &str = "matches no surface";
-pub(crate) const USE_NAMES: &str =
+pub(crate) const NO_MATCH_PROBLEM: &str = "matches no surface";
+pub(crate) const NO_MATCH_REMEDY: &str =
     "give one of these names, a number that `atomesh surface` prints, or faults, horizons or all";
 
 /// The name of what parts two regions, from the names or numbers of these.
@@ -35,16 +35,16 @@ pub struct SurfaceNames {
     /// The names of those that are large enough to have one.
     pub names: Vec<String>,
     /// The kinds of all, also of those without a name.
-    pub kinds: Vec<Kind>,
+    pub kinds: Vec<SurfaceKind>,
 }
 
 impl SurfaceNames {
     /// Names for surfaces of these kinds, the first `kept` of which are large enough. `own` are the names
     /// that the first have in the mesh's file, and no name is one of `reserved`.
-    pub fn new(kinds: &[Kind], kept: usize, own: &[String], reserved: &[String]) -> Self {
+    pub fn new(kinds: &[SurfaceKind], kept: usize, own: &[String], reserved: &[String]) -> Self {
         let mut names = reserved.to_vec();
         let kept = (1..).zip(&kinds[..kept.min(kinds.len())]);
-        let called = kept.map(|(number, kind): (usize, &Kind)| {
+        let called = kept.map(|(number, kind): (usize, &SurfaceKind)| {
             let own = own.get(number - 1).map(|name| name.replace('-', "_"));
             own.unwrap_or_else(|| format!("{}{number}", kind.name()))
         });
@@ -56,16 +56,16 @@ impl SurfaceNames {
     }
 
     /// The names, for an error.
-    fn listed(&self) -> String {
-        let first = self.names.iter().take(LISTED);
+    fn list_names(&self) -> String {
+        let first = self.names.iter().take(MAX_LISTED_NAMES);
         let first: Vec<&str> = first.map(String::as_str).collect();
         match self.names.len() {
             0 => "the mesh has no surfaces".into(),
-            count if count > LISTED => {
+            count if count > MAX_LISTED_NAMES => {
                 format!(
                     "the mesh has {} and {} more",
                     first.join(", "),
-                    count - LISTED
+                    count - MAX_LISTED_NAMES
                 )
             }
             _ => format!("the mesh has {}", first.join(", ")),
@@ -73,7 +73,12 @@ impl SurfaceNames {
     }
 
     /// An error for an option, with what it gives, that is for none of the surfaces.
-    pub fn none_picked(&self, place: impl std::fmt::Display, problem: &str, remedy: &str) -> Error {
+    pub fn no_match_error(
+        &self,
+        place: impl std::fmt::Display,
+        problem: &str,
+        remedy: &str,
+    ) -> Error {
         let remedy = if self.names.is_empty() {
             "omit it, or give a mesh with features"
         } else {
@@ -81,7 +86,7 @@ impl SurfaceNames {
         };
         Error::Flow(cause(
             place,
-            format!("{problem}: {}", self.listed()),
+            format!("{problem}: {}", self.list_names()),
             remedy,
         ))
     }
@@ -91,10 +96,14 @@ impl SurfaceNames {
     /// # Errors
     /// [`Error::Flow`] lists the names if it picks none.
     pub fn check(&self, option: &str, selector: &Selector) -> Result<()> {
-        if (0..self.kinds.len()).any(|at| selector.picks(self, at)) {
+        if (0..self.kinds.len()).any(|at| selector.selects(self, at)) {
             return Ok(());
         }
-        Err(self.none_picked(format!("{option} {selector}"), NO_MATCH, USE_NAMES))
+        Err(self.no_match_error(
+            format!("{option} {selector}"),
+            NO_MATCH_PROBLEM,
+            NO_MATCH_REMEDY,
+        ))
     }
 }
 
@@ -135,7 +144,7 @@ impl Selector {
     }
 
     /// Whether it picks the surface at a place among `surfaces`.
-    pub fn picks(&self, surfaces: &SurfaceNames, at: usize) -> bool {
+    pub fn selects(&self, surfaces: &SurfaceNames, at: usize) -> bool {
         match (self, surfaces.names.get(at)) {
             (Self::Number(number), Some(_)) => *number as usize == at + 1,
             (Self::Number(_), None) => false,
@@ -153,14 +162,14 @@ impl Selector {
         match pattern.split_once('/') {
             Some((a, b)) => [[a, b], [b, a]]
                 .into_iter()
-                .any(|pair| glob(&interface_name(pair), name)),
-            None => glob(&pattern, name),
+                .any(|pair| matches_glob(&interface_name(pair), name)),
+            None => matches_glob(&pattern, name),
         }
     }
 }
 
 /// Whether a pattern with `*` and `?` matches a whole text.
-fn glob(pattern: &str, text: &str) -> bool {
+fn matches_glob(pattern: &str, text: &str) -> bool {
     let (pattern, text): (Vec<char>, Vec<char>) =
         (pattern.chars().collect(), text.chars().collect());
     // Where the last star was, and how far its letters reach.
@@ -210,7 +219,12 @@ mod tests {
 
     #[test]
     fn what_picks_nothing_is_an_error_that_lists_the_names() {
-        let kinds = [Kind::Interface, Kind::Fault, Kind::Horizon, Kind::Fault];
+        let kinds = [
+            SurfaceKind::Interface,
+            SurfaceKind::Fault,
+            SurfaceKind::Horizon,
+            SurfaceKind::Fault,
+        ];
         let own = ["interface_1_2".to_string()];
         let names = SurfaceNames::new(&kinds, 3, &own, &["fault2".into()]);
         assert_eq!(names.names, ["interface_1_2", "fault2_", "horizon3"]);

@@ -5,11 +5,11 @@
 
 use std::collections::BTreeMap;
 
-use super::{Fault, Foreign, Found, settle};
+use super::{FileProblem, ForeignMesh, ReadResult, assign_regions};
 
 /// Dimension, number of nodes and number of corners of Gmsh's element types; those of no simplices have no
 /// corners.
-fn kind(number: i64) -> Found<(usize, usize, usize)> {
+fn element_type(number: i64) -> ReadResult<(usize, usize, usize)> {
     Ok(match number {
         15 => (0, 1, 1),
         1 => (1, 2, 2),
@@ -18,86 +18,90 @@ fn kind(number: i64) -> Found<(usize, usize, usize)> {
         9 => (2, 6, 3),
         4 => (3, 4, 4),
         11 => (3, 10, 4),
-        3 | 16 | 10 => return Err(others("quadrilaterals")),
-        5 | 17 | 12 => return Err(others("hexahedra")),
-        6 | 18 | 13 => return Err(others("prisms")),
-        7 | 19 | 14 => return Err(others("pyramids")),
-        other => return Err(others(&format!("elements of Gmsh's type {other}"))),
+        3 | 16 | 10 => return Err(unsupported_elements("quadrilaterals")),
+        5 | 17 | 12 => return Err(unsupported_elements("hexahedra")),
+        6 | 18 | 13 => return Err(unsupported_elements("prisms")),
+        7 | 19 | 14 => return Err(unsupported_elements("pyramids")),
+        other => {
+            return Err(unsupported_elements(&format!(
+                "elements of Gmsh's type {other}"
+            )));
+        }
     })
 }
 
-fn others(what: &str) -> Fault {
-    Fault {
+fn unsupported_elements(what: &str) -> FileProblem {
+    FileProblem {
         problem: format!("holds {what}"),
         remedy: "give a mesh of tetrahedra or triangles, of first or second order",
     }
 }
 
 /// Reads a file.
-pub fn read(bytes: &[u8]) -> Found<Foreign> {
-    let mut at = Cursor {
+pub fn read(bytes: &[u8]) -> ReadResult<ForeignMesh> {
+    let mut at = MshReader {
         bytes,
-        place: 0,
-        binary: false,
-        swapped: false,
+        position: 0,
+        is_binary: false,
+        is_byte_swapped: false,
     };
     let mut version = 0.0;
     let mut groups = BTreeMap::new();
     let mut entities = BTreeMap::new();
-    let mut nodes = Nodes::default();
+    let mut nodes = NumberedNodes::default();
     let mut elements = Vec::new();
     while let Some(section) = at.section() {
         match section.as_str() {
             "$MeshFormat" => version = at.format()?,
             "$PhysicalNames" => groups = at.names()?,
             "$Entities" if version >= 4.0 => entities = at.entities()?,
-            "$Nodes" if version < 4.0 => at.nodes_2(&mut nodes)?,
-            "$Nodes" => at.nodes_4(&mut nodes)?,
-            "$Elements" if version < 4.0 => at.elements_2(&mut elements)?,
-            "$Elements" => at.elements_4(&entities, &mut elements)?,
+            "$Nodes" if version < 4.0 => at.nodes_v2(&mut nodes)?,
+            "$Nodes" => at.nodes_v4(&mut nodes)?,
+            "$Elements" if version < 4.0 => at.elements_v2(&mut elements)?,
+            "$Elements" => at.elements_v4(&entities, &mut elements)?,
             _ => {}
         }
         let end = section.replacen('$', "$End", 1);
         if !at.skip_past(&end) {
-            return Err(Fault::damaged(format!("ends within {section}")));
+            return Err(FileProblem::damaged(format!("ends within {section}")));
         }
     }
-    assembled(nodes, elements, &groups)
+    assemble_mesh(nodes, elements, &groups)
 }
 
 /// A group of elements: its dimension, and the number of the physical group, or else of the entity.
-type Group = (usize, i32);
+type GroupKey = (usize, i32);
 
-fn assembled(
-    nodes: Nodes,
-    elements: Vec<(Group, [u64; 4])>,
-    groups: &BTreeMap<Group, String>,
-) -> Found<Foreign> {
-    let by_number: BTreeMap<u64, u32> = match nodes.in_order() {
+fn assemble_mesh(
+    nodes: NumberedNodes,
+    elements: Vec<(GroupKey, [u64; 4])>,
+    groups: &BTreeMap<GroupKey, String>,
+) -> ReadResult<ForeignMesh> {
+    let by_number: BTreeMap<u64, u32> = match nodes.is_consecutive() {
         true => BTreeMap::new(),
         false => nodes.numbers.iter().copied().zip(0..).collect(),
     };
-    let place = |number: u64| -> Found<u32> {
+    let place = |number: u64| -> ReadResult<u32> {
         let found = match by_number.is_empty() {
             true => number.checked_sub(1).and_then(|n| u32::try_from(n).ok()),
             false => by_number.get(&number).copied(),
         };
         let found = found.filter(|&n| (n as usize) < nodes.positions.len());
         found.ok_or_else(|| {
-            Fault::damaged(format!("an element has node {number}, which is not there"))
+            FileProblem::damaged(format!("an element has node {number}, which is not there"))
         })
     };
     let cells = elements.iter().map(|((dim, _), _)| *dim).max().unwrap_or(0);
     let of_cells = groups.iter().filter(|((dim, _), _)| *dim == cells);
     let of_cells = of_cells.map(|((_, number), name)| (*number, name.clone()));
-    let (numbers, names) = settle(of_cells.collect());
+    let (numbers, names) = assign_regions(of_cells.collect());
     let of_faces = groups.iter().filter(|((dim, _), _)| dim + 1 == cells);
-    let mut foreign = Foreign {
+    let mut foreign = ForeignMesh {
         names,
         face_names: of_faces
             .map(|((_, number), name)| (*number, name.clone()))
             .collect(),
-        ..Foreign::default()
+        ..ForeignMesh::default()
     };
     for ((dim, group), corners) in elements {
         let region = match dim == cells {
@@ -122,14 +126,14 @@ fn assembled(
 }
 
 #[derive(Default)]
-struct Nodes {
+struct NumberedNodes {
     numbers: Vec<u64>,
     positions: Vec<[f64; 3]>,
 }
 
-impl Nodes {
+impl NumberedNodes {
     /// Whether nodes have the numbers 1, 2, 3 ...
-    fn in_order(&self) -> bool {
+    fn is_consecutive(&self) -> bool {
         self.numbers
             .iter()
             .zip(1..)
@@ -138,14 +142,14 @@ impl Nodes {
 }
 
 /// Where in a file we are; numbers are words of text or binary, as the file is.
-struct Cursor<'a> {
+struct MshReader<'a> {
     bytes: &'a [u8],
-    place: usize,
-    binary: bool,
-    swapped: bool,
+    position: usize,
+    is_binary: bool,
+    is_byte_swapped: bool,
 }
 
-impl Cursor<'_> {
+impl MshReader<'_> {
     /// The next line that begins with `$`, trimmed.
     fn section(&mut self) -> Option<String> {
         loop {
@@ -160,115 +164,115 @@ impl Cursor<'_> {
     fn line(&mut self) -> Option<String> {
         let rest = self
             .bytes
-            .get(self.place..)
+            .get(self.position..)
             .filter(|rest| !rest.is_empty())?;
         let end = rest.iter().position(|b| *b == b'\n').unwrap_or(rest.len());
-        self.place += (end + 1).min(rest.len());
+        self.position += (end + 1).min(rest.len());
         Some(String::from_utf8_lossy(&rest[..end]).trim().to_string())
     }
 
     /// Goes behind the line that is `word`; false if there is none.
     fn skip_past(&mut self, word: &str) -> bool {
-        let rest = &self.bytes[self.place.min(self.bytes.len())..];
+        let rest = &self.bytes[self.position.min(self.bytes.len())..];
         let found = rest.windows(word.len()).position(|w| w == word.as_bytes());
         if let Some(at) = found {
-            self.place += at + word.len();
+            self.position += at + word.len();
             self.line();
         }
         found.is_some()
     }
 
-    fn word(&mut self) -> Found<&str> {
-        let rest = &self.bytes[self.place.min(self.bytes.len())..];
+    fn word(&mut self) -> ReadResult<&str> {
+        let rest = &self.bytes[self.position.min(self.bytes.len())..];
         let begin = rest
             .iter()
             .position(|b| !b.is_ascii_whitespace())
             .unwrap_or(rest.len());
         let length = rest[begin..].iter().position(|b| b.is_ascii_whitespace());
         let word = &rest[begin..begin + length.unwrap_or(rest.len() - begin)];
-        self.place += begin + word.len();
+        self.position += begin + word.len();
         match std::str::from_utf8(word) {
             Ok(word) if !word.is_empty() => Ok(word),
-            _ => Err(Fault::damaged("ends where a number should be")),
+            _ => Err(FileProblem::damaged("ends where a number should be")),
         }
     }
 
-    fn parsed<T: std::str::FromStr>(&mut self) -> Found<T> {
+    fn parse_word<T: std::str::FromStr>(&mut self) -> ReadResult<T> {
         let word = self.word()?;
-        let fault = || Fault::damaged(format!("has '{word}' where a number should be"));
+        let fault = || FileProblem::damaged(format!("has '{word}' where a number should be"));
         word.parse().map_err(|_| fault())
     }
 
-    fn raw<const N: usize>(&mut self) -> Found<[u8; N]> {
-        let bytes = self.bytes.get(self.place..self.place + N);
+    fn raw_bytes<const N: usize>(&mut self) -> ReadResult<[u8; N]> {
+        let bytes = self.bytes.get(self.position..self.position + N);
         let mut bytes: [u8; N] = bytes
             .and_then(|bytes| bytes.try_into().ok())
-            .ok_or_else(|| Fault::damaged("is cut off"))?;
-        self.place += N;
-        if self.swapped {
+            .ok_or_else(|| FileProblem::damaged("is cut off"))?;
+        self.position += N;
+        if self.is_byte_swapped {
             bytes.reverse();
         }
         Ok(bytes)
     }
 
-    fn int(&mut self) -> Found<i64> {
-        match self.binary {
-            true => Ok(i64::from(i32::from_le_bytes(self.raw()?))),
-            false => self.parsed(),
+    fn int(&mut self) -> ReadResult<i64> {
+        match self.is_binary {
+            true => Ok(i64::from(i32::from_le_bytes(self.raw_bytes()?))),
+            false => self.parse_word(),
         }
     }
 
-    fn size(&mut self) -> Found<u64> {
-        match self.binary {
-            true => Ok(u64::from_le_bytes(self.raw()?)),
-            false => self.parsed(),
+    fn size(&mut self) -> ReadResult<u64> {
+        match self.is_binary {
+            true => Ok(u64::from_le_bytes(self.raw_bytes()?)),
+            false => self.parse_word(),
         }
     }
 
-    fn real(&mut self) -> Found<f64> {
-        match self.binary {
-            true => Ok(f64::from_le_bytes(self.raw()?)),
-            false => self.parsed(),
+    fn real(&mut self) -> ReadResult<f64> {
+        match self.is_binary {
+            true => Ok(f64::from_le_bytes(self.raw_bytes()?)),
+            false => self.parse_word(),
         }
     }
 
-    fn point(&mut self) -> Found<[f64; 3]> {
+    fn point(&mut self) -> ReadResult<[f64; 3]> {
         Ok([self.real()?, self.real()?, self.real()?])
     }
 
     /// A physical tag or an entity's, as a group's number.
-    fn tag(&mut self) -> Found<i32> {
+    fn tag(&mut self) -> ReadResult<i32> {
         let tag = self.int()?;
-        i32::try_from(tag).map_err(|_| Fault::damaged(format!("has the tag {tag}")))
+        i32::try_from(tag).map_err(|_| FileProblem::damaged(format!("has the tag {tag}")))
     }
 
-    fn format(&mut self) -> Found<f64> {
-        let version: f64 = self.parsed()?;
-        let (binary, width): (u8, u8) = (self.parsed()?, self.parsed()?);
+    fn format(&mut self) -> ReadResult<f64> {
+        let version: f64 = self.parse_word()?;
+        let (binary, width): (u8, u8) = (self.parse_word()?, self.parse_word()?);
         self.line();
         if !(version == 4.1 || (2.0..3.0).contains(&version)) || width != 8 {
-            return Err(Fault {
+            return Err(FileProblem {
                 problem: format!("is of version {version} with numbers of {width} bytes"),
                 remedy: "write version 2.2 or 4.1 (gmsh -format msh41)",
             });
         }
         if binary == 1 {
-            let one: [u8; 4] = self.raw()?;
-            self.swapped = match one {
+            let one: [u8; 4] = self.raw_bytes()?;
+            self.is_byte_swapped = match one {
                 [1, 0, 0, 0] => false,
                 [0, 0, 0, 1] => true,
-                _ => return Err(Fault::damaged("does not say its order of bytes")),
+                _ => return Err(FileProblem::damaged("does not say its order of bytes")),
             };
         }
-        self.binary = binary == 1;
+        self.is_binary = binary == 1;
         Ok(version)
     }
 
-    fn names(&mut self) -> Found<BTreeMap<Group, String>> {
-        let count: usize = self.parsed()?;
+    fn names(&mut self) -> ReadResult<BTreeMap<GroupKey, String>> {
+        let count: usize = self.parse_word()?;
         let mut names = BTreeMap::new();
         for _ in 0..count {
-            let group = (self.parsed()?, self.parsed()?);
+            let group = (self.parse_word()?, self.parse_word()?);
             let line = self.line().unwrap_or_default();
             names.insert(group, line.trim_matches('"').to_string());
         }
@@ -276,7 +280,7 @@ impl Cursor<'_> {
     }
 
     /// The physical group of each entity that has one.
-    fn entities(&mut self) -> Found<BTreeMap<Group, i32>> {
+    fn entities(&mut self) -> ReadResult<BTreeMap<GroupKey, i32>> {
         let mut groups = BTreeMap::new();
         let counts = [self.size()?, self.size()?, self.size()?, self.size()?];
         for (dim, count) in counts.into_iter().enumerate() {
@@ -300,8 +304,8 @@ impl Cursor<'_> {
         Ok(groups)
     }
 
-    fn nodes_2(&mut self, nodes: &mut Nodes) -> Found<()> {
-        let count: u64 = self.parsed()?;
+    fn nodes_v2(&mut self, nodes: &mut NumberedNodes) -> ReadResult<()> {
+        let count: u64 = self.parse_word()?;
         self.line();
         for _ in 0..count {
             let number = self.int()?;
@@ -311,7 +315,7 @@ impl Cursor<'_> {
         Ok(())
     }
 
-    fn nodes_4(&mut self, nodes: &mut Nodes) -> Found<()> {
+    fn nodes_v4(&mut self, nodes: &mut NumberedNodes) -> ReadResult<()> {
         let [blocks, _, _, _] = [self.size()?, self.size()?, self.size()?, self.size()?];
         for _ in 0..blocks {
             let [dim, _, parametric] = [self.int()?, self.int()?, self.int()?];
@@ -329,23 +333,23 @@ impl Cursor<'_> {
         Ok(())
     }
 
-    fn elements_2(&mut self, elements: &mut Vec<(Group, [u64; 4])>) -> Found<()> {
-        let count: u64 = self.parsed()?;
+    fn elements_v2(&mut self, elements: &mut Vec<(GroupKey, [u64; 4])>) -> ReadResult<()> {
+        let count: u64 = self.parse_word()?;
         self.line();
         let mut left = count;
         while left > 0 {
             // Text has a type for each element, binary for a row of them.
-            let (number, kind_number, row, tags) = match self.binary {
+            let (number, kind_number, row, tags) = match self.is_binary {
                 true => (None, self.int()?, self.int()?, self.int()?),
                 false => {
                     let number = self.int()?;
                     (Some(number), self.int()?, 1, self.int()?)
                 }
             };
-            let (dim, nodes, corners) = kind(kind_number)?;
+            let (dim, nodes, corners) = element_type(kind_number)?;
             let row = u64::try_from(row).unwrap_or(0).min(left);
             if row == 0 {
-                return Err(Fault::damaged("has a row of no elements"));
+                return Err(FileProblem::damaged("has a row of no elements"));
             }
             for _ in 0..row {
                 if number.is_none() {
@@ -373,16 +377,16 @@ impl Cursor<'_> {
         Ok(())
     }
 
-    fn elements_4(
+    fn elements_v4(
         &mut self,
-        entities: &BTreeMap<Group, i32>,
-        elements: &mut Vec<(Group, [u64; 4])>,
-    ) -> Found<()> {
+        entities: &BTreeMap<GroupKey, i32>,
+        elements: &mut Vec<(GroupKey, [u64; 4])>,
+    ) -> ReadResult<()> {
         let [blocks, _, _, _] = [self.size()?, self.size()?, self.size()?, self.size()?];
         for _ in 0..blocks {
             self.int()?;
             let entity = self.tag()?;
-            let (dim, nodes, corners) = kind(self.int()?)?;
+            let (dim, nodes, corners) = element_type(self.int()?)?;
             let group = entities.get(&(dim, entity)).copied().unwrap_or(entity);
             for _ in 0..self.size()? {
                 self.size()?;

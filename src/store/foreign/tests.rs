@@ -4,7 +4,7 @@ use super::*;
 use crate::mesh::Mesh as _;
 
 /// Two tetrahedra on a triangle that is a surface; node 9 belongs to no cell.
-const TEXT_2: &str = "$MeshFormat
+const MSH_V2_TEXT: &str = "$MeshFormat
 2.2 0 8
 $EndMeshFormat
 $PhysicalNames
@@ -31,7 +31,7 @@ $Elements
 $EndElements
 ";
 
-const TEXT_4: &str = "$MeshFormat
+const MSH_V4_TEXT: &str = "$MeshFormat
 4.1 0 8
 $EndMeshFormat
 $PhysicalNames
@@ -75,15 +75,15 @@ $Elements
 $EndElements
 ";
 
-fn bytes_2(swap: bool) -> Vec<u8> {
+fn msh_v2_bytes(swap: bool) -> Vec<u8> {
     let mut bytes = b"$MeshFormat\n2.2 1 8\n".to_vec();
-    fn put<const N: usize>(bytes: &mut Vec<u8>, mut number: [u8; N], swap: bool) {
+    fn push_number<const N: usize>(bytes: &mut Vec<u8>, mut number: [u8; N], swap: bool) {
         if swap {
             number.reverse();
         }
         bytes.extend(number);
     }
-    put(&mut bytes, 1i32.to_le_bytes(), swap);
+    push_number(&mut bytes, 1i32.to_le_bytes(), swap);
     bytes.extend(b"\n$EndMeshFormat\n$Nodes\n5\n");
     let nodes = [
         [0.0, 0.0, 0.0],
@@ -93,8 +93,8 @@ fn bytes_2(swap: bool) -> Vec<u8> {
         [0.0, 0.0, -1.0],
     ];
     for (number, x) in (1i32..).zip(nodes) {
-        put(&mut bytes, number.to_le_bytes(), swap);
-        let _ = x.map(|c: f64| put(&mut bytes, c.to_le_bytes(), swap));
+        push_number(&mut bytes, number.to_le_bytes(), swap);
+        let _ = x.map(|c: f64| push_number(&mut bytes, c.to_le_bytes(), swap));
     }
     bytes.extend(b"\n$EndNodes\n$Elements\n3\n");
     #[rustfmt::skip]
@@ -102,15 +102,15 @@ fn bytes_2(swap: bool) -> Vec<u8> {
         2, 1, 2, 1, 5, 1, 1, 2, 3,
         4, 2, 2, 2, 1, 1, 1, 2, 3, 4, 3, 2, 2, 1, 2, 3,
     ];
-    let _ = elements.map(|n| put(&mut bytes, n.to_le_bytes(), swap));
-    put(&mut bytes, 5i32.to_le_bytes(), swap);
+    let _ = elements.map(|n| push_number(&mut bytes, n.to_le_bytes(), swap));
+    push_number(&mut bytes, 5i32.to_le_bytes(), swap);
     bytes.extend(b"\n$EndElements\n");
     bytes
 }
 
 fn tets(bytes: &[u8]) -> MeshFile<TetMesh> {
-    match gmsh::read(bytes).and_then(Foreign::assembled) {
-        Ok(AnyMesh::Space(file)) => file,
+    match gmsh::read(bytes).and_then(ForeignMesh::into_mesh) {
+        Ok(AnyMesh::Tetrahedra(file)) => file,
         other => panic!("{other:?}"),
     }
 }
@@ -118,10 +118,10 @@ fn tets(bytes: &[u8]) -> MeshFile<TetMesh> {
 #[test]
 fn gmsh_meshes_keep_regions_names_and_surfaces() {
     let own = [
-        TEXT_2.as_bytes().to_vec(),
-        TEXT_4.as_bytes().to_vec(),
-        bytes_2(false),
-        bytes_2(true),
+        MSH_V2_TEXT.as_bytes().to_vec(),
+        MSH_V4_TEXT.as_bytes().to_vec(),
+        msh_v2_bytes(false),
+        msh_v2_bytes(true),
     ];
     for (number, bytes) in own.iter().enumerate() {
         let file = tets(bytes);
@@ -136,11 +136,11 @@ fn gmsh_meshes_keep_regions_names_and_surfaces() {
             let apex = file.mesh.nodes[file.mesh.tets[c][k] as usize];
             assert_eq!(apex[2].abs(), 1.0, "{number}");
         }
-        let names: Vec<_> = crate::store::labels_of(&file)
+        let names: Vec<_> = crate::store::read_labels(&file)
             .into_iter()
             .map(|l| l.name)
             .collect();
-        let named = NamedSurfaces::of(&file);
+        let named = NamedSurfaces::from_file(&file);
         if number < 2 {
             assert_eq!(names, [Some("left_lung".into()), Some("rest".into())]);
             assert_eq!(named.names, ["fault"]);
@@ -149,16 +149,20 @@ fn gmsh_meshes_keep_regions_names_and_surfaces() {
             assert!(named.names.is_empty());
         }
     }
-    let horizon = TEXT_2.replace("\"fault\"", "\"Horizon B\"");
+    let horizon = MSH_V2_TEXT.replace("\"fault\"", "\"Horizon B\"");
     let file = tets(horizon.as_bytes());
-    assert_eq!(NamedSurfaces::of(&file).names, ["Horizon_B"]);
+    assert_eq!(NamedSurfaces::from_file(&file).names, ["Horizon_B"]);
     assert_eq!(
         file.cell_array("horizon_faces").map(|a| &a.values),
         file.cell_array("feature_faces").map(|a| &a.values)
     );
     // What our exports call scraps is no surface.
-    let scraps = TEXT_2.replace("\"fault\"", "\"scraps\"");
-    assert!(NamedSurfaces::of(&tets(scraps.as_bytes())).names.is_empty());
+    let scraps = MSH_V2_TEXT.replace("\"fault\"", "\"scraps\"");
+    assert!(
+        NamedSurfaces::from_file(&tets(scraps.as_bytes()))
+            .names
+            .is_empty()
+    );
 }
 
 #[test]
@@ -171,10 +175,13 @@ fn named_surfaces_that_make_no_sense_are_none() {
             ],
             ..MeshFile::<()>::default()
         };
-        NamedSurfaces::of(&file)
+        NamedSurfaces::from_file(&file)
     };
     let found = field("a\nb", vec![2, 0, 1, 2, 1, 5]);
-    assert_eq!((found.names.len(), found.between([5, 1])), (1, Some(1)));
+    assert_eq!(
+        (found.names.len(), found.surface_between([5, 1])),
+        (1, Some(1))
+    );
     for numbers in [
         vec![0, 0, 1],
         vec![3, 0, 1],
@@ -194,8 +201,9 @@ fn triangles_of_the_plane_are_a_mesh_and_others_are_refused() {
              $EndNodes\n$Elements\n{elements}$EndElements\n"
         )
     };
-    let read = |elements: &str| gmsh::read(text(elements).as_bytes()).and_then(Foreign::assembled);
-    let Ok(AnyMesh::Plane(file)) = read("3\n1 1 2 9 1 1 3\n2 2 2 4 1 1 3 2\n3 2 2 6 1 1 3 4\n")
+    let read =
+        |elements: &str| gmsh::read(text(elements).as_bytes()).and_then(ForeignMesh::into_mesh);
+    let Ok(AnyMesh::Triangles(file)) = read("3\n1 1 2 9 1 1 3\n2 2 2 4 1 1 3 2\n3 2 2 6 1 1 3 4\n")
     else {
         panic!("no mesh of the plane");
     };
@@ -221,7 +229,7 @@ fn triangles_of_the_plane_are_a_mesh_and_others_are_refused() {
             fault.problem
         );
     }
-    let old = TEXT_4.replace("4.1", "4.0");
+    let old = MSH_V4_TEXT.replace("4.1", "4.0");
     assert!(
         gmsh::read(old.as_bytes())
             .unwrap_err()
@@ -233,14 +241,14 @@ fn triangles_of_the_plane_are_a_mesh_and_others_are_refused() {
 #[test]
 fn cut_files_are_refused_wherever_they_end() {
     let mut all = vec![
-        TEXT_2.as_bytes().to_vec(),
-        TEXT_4.as_bytes().to_vec(),
-        bytes_2(false),
+        MSH_V2_TEXT.as_bytes().to_vec(),
+        MSH_V4_TEXT.as_bytes().to_vec(),
+        msh_v2_bytes(false),
     ];
     for bytes in &mut all {
         let whole = bytes.len() - b"$EndElements\n".len();
         for end in 12..whole {
-            let made = gmsh::read(&bytes[..end]).and_then(Foreign::assembled);
+            let made = gmsh::read(&bytes[..end]).and_then(ForeignMesh::into_mesh);
             assert!(made.is_err(), "{end} of {whole}");
         }
     }

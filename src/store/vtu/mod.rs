@@ -4,22 +4,22 @@
 //! tetrahedron is ours: node 3 on the side from which nodes 0, 1, 2 turn anticlockwise. Triangles
 //! lie in the plane z = 0.
 
-mod mixed;
+mod mixed_grid;
 
 use std::any::Any;
 use std::path::Path;
 
 use crate::parallel::prelude::*;
 
-use super::file::{UNITS, unit_of};
 use super::foreign;
-use super::parts::{is_in_parts, read_parts};
-use super::polyhedra::{self, Streams, is_polygon};
-use super::solids;
+use super::mixed_elements;
+use super::output::{UNITS_FIELD, array_unit};
+use super::polyhedra::{self, CellStreams, is_polygon};
+use super::pvtu::{is_pvtu, read_pvtu};
 use crate::error::Result;
 use crate::files::Batch;
 use crate::files::vtk::xml::Element;
-use crate::files::vtk::{DataArray, Document, Source, Values, VtkFile};
+use crate::files::vtk::{ArraySource, DataArray, Document, Values, VtkFile};
 use crate::mesh::poly::{Lists, PolyMesh};
 use crate::mesh::{Mesh, Simplices, TetMesh, TriMesh};
 
@@ -43,13 +43,13 @@ impl<M> MeshFile<M> {
     }
 
     /// What belongs to the whole mesh by that name.
-    pub fn field(&self, name: &str) -> Option<&FieldValue> {
+    pub fn field_value(&self, name: &str) -> Option<&FieldValue> {
         let mut fields = self.field_data.iter();
         fields.find_map(|(known, value)| (known == name).then_some(value))
     }
 
     /// The mesh, and what else there is.
-    pub fn split(self) -> (M, MeshFile<()>) {
+    pub fn into_parts(self) -> (M, MeshFile<()>) {
         let rest = MeshFile {
             mesh: (),
             point_data: self.point_data,
@@ -111,7 +111,7 @@ pub fn add_vtu<const D: usize, M: Simplices<D>>(
     } = file;
     let (nodes, cells) = (mesh.nodes().len(), mesh.len());
     check_lengths(path, point_data, nodes, "nodes")?;
-    check_lengths(path, cell_data, cells, M::CELLS)?;
+    check_lengths(path, cell_data, cells, M::CELLS_NAME)?;
 
     let mut document = Document::new("UnstructuredGrid", &[]);
     let fields: Vec<_> = field_data.iter().collect();
@@ -128,21 +128,27 @@ pub fn add_vtu<const D: usize, M: Simplices<D>>(
     let corners = mesh.connectivity();
     let size = D + 1;
     if nodes.max(corners.len()) <= i32::MAX as usize {
-        document.array(Source::computed("connectivity", 1, corners.len(), |i| {
-            corners[i] as i32
-        }));
-        document.array(Source::computed("offsets", 1, cells, |c| {
+        document.add_array(ArraySource::computed(
+            "connectivity",
+            1,
+            corners.len(),
+            |i| corners[i] as i32,
+        ));
+        document.add_array(ArraySource::computed("offsets", 1, cells, |c| {
             (size * (c + 1)) as i32
         }));
     } else {
-        document.array(Source::computed("connectivity", 1, corners.len(), |i| {
-            i64::from(corners[i])
-        }));
-        document.array(Source::computed("offsets", 1, cells, |c| {
+        document.add_array(ArraySource::computed(
+            "connectivity",
+            1,
+            corners.len(),
+            |i| i64::from(corners[i]),
+        ));
+        document.add_array(ArraySource::computed("offsets", 1, cells, |c| {
             (size * (c + 1)) as i64
         }));
     }
-    document.array(Source::computed("types", 1, cells, |_| M::VTK_CELL));
+    document.add_array(ArraySource::computed("types", 1, cells, |_| M::VTK_CELL));
     batch.write(path, |out| document.write(out))
 }
 
@@ -162,7 +168,7 @@ pub struct MixedCells {
 impl MixedCells {
     /// The cells of a mesh of polyhedra.
     pub fn polyhedra(mesh: &PolyMesh<3>) -> Self {
-        let streams = Streams::new(mesh);
+        let streams = CellStreams::new(mesh);
         let ends = streams.corner_ends.iter().map(|&end| end as u32);
         Self {
             corners: Lists {
@@ -201,14 +207,14 @@ pub fn add_mixed_vtu(
     let count = cells.kinds.len();
     begin_piece(&mut document, &[], nodes, count, &points, &arrays);
     document.open("Cells", &[]);
-    document.array(integers("connectivity", &cells.corners.items));
-    document.array(integers("offsets", &cells.corners.offsets[1..]));
-    document.array(Source::slice("types", 1, &cells.kinds));
+    document.add_array(integer_source("connectivity", &cells.corners.items));
+    document.add_array(integer_source("offsets", &cells.corners.offsets[1..]));
+    document.add_array(ArraySource::slice("types", 1, &cells.kinds));
     if !cells.faces.is_empty() {
-        document.array(integers("faces", &cells.faces));
+        document.add_array(integer_source("faces", &cells.faces));
         // Other cells have none.
         let ends = |i: usize| cells.face_ends.get(i).map_or(-1, |&end| end as i64);
-        document.array(Source::computed("faceoffsets", 1, count, ends));
+        document.add_array(ArraySource::computed("faceoffsets", 1, count, ends));
     }
     batch.write(path, |out| document.write(out))
 }
@@ -225,10 +231,10 @@ pub(super) fn begin_piece<'a, const D: usize>(
     if !fields.is_empty() {
         document.open("FieldData", &[]);
         for (name, value) in fields {
-            document.array(match value {
-                FieldValue::Text(text) => Source::slice(name, 1, text.as_bytes()),
-                FieldValue::F64s(numbers) => Source::slice(name, 1, numbers),
-                FieldValue::Ints(numbers) => Source::slice(name, 1, numbers),
+            document.add_array(match value {
+                FieldValue::Text(text) => ArraySource::slice(name, 1, text.as_bytes()),
+                FieldValue::F64s(numbers) => ArraySource::slice(name, 1, numbers),
+                FieldValue::Ints(numbers) => ArraySource::slice(name, 1, numbers),
             });
         }
         document.close();
@@ -242,7 +248,7 @@ pub(super) fn begin_piece<'a, const D: usize>(
     );
     let mut units = (fields.iter())
         .find_map(|(name, value)| match value {
-            FieldValue::Text(text) if name == UNITS => Some(text.as_str()),
+            FieldValue::Text(text) if name == UNITS_FIELD => Some(text.as_str()),
             _ => None,
         })
         .unwrap_or_default()
@@ -253,39 +259,42 @@ pub(super) fn begin_piece<'a, const D: usize>(
         document.open(element, &[]);
         for array in arrays {
             let source = array.values.source(&array.name, array.components);
-            document.array(source.in_unit(unit_of(&array.name, &units)));
+            document.add_array(source.with_unit(array_unit(&array.name, &units)));
         }
         document.close();
     }
     document.open("Points", &[]);
     let coordinates = nodes.as_flattened();
-    document.array(Source::computed("Points", 3, 3 * nodes.len(), |i| {
-        match i % 3 {
+    document.add_array(ArraySource::computed(
+        "Points",
+        3,
+        3 * nodes.len(),
+        |i| match i % 3 {
             k if k < D => coordinates[D * (i / 3) + k],
             _ => 0.0,
-        }
-    }));
+        },
+    ));
     document.close();
 }
 
 /// Points of the plane or of space as points of space, coordinate after coordinate.
-pub(super) fn in_space<const D: usize>(points: &[[f64; D]]) -> Vec<f64> {
+pub(super) fn coordinates_3d<const D: usize>(points: &[[f64; D]]) -> Vec<f64> {
     points
         .iter()
-        .flat_map(|&p| crate::geometry::in_space(p))
+        .flat_map(|&p| crate::geometry::to_3d(p))
         .collect()
 }
 
 /// Numbers and counts, 32-bit if all fit.
-pub(super) fn integers<'a, T>(name: &str, values: &'a [T]) -> Source<'a>
+pub(super) fn integer_source<'a, T>(name: &str, values: &'a [T]) -> ArraySource<'a>
 where
     T: Copy + Into<u64> + Sync,
 {
     let most = values.par_iter().map(|&v| v.into()).max().unwrap_or(0);
     if most <= i32::MAX as u64 {
-        Source::computed(name, 1, values.len(), |i| values[i].into() as i32)
+        ArraySource::computed(name, 1, values.len(), |i| values[i].into() as i32)
     } else {
-        Source::computed(name, 1, values.len(), |i| values[i].into() as i64)
+        ArraySource::computed(name, 1, values.len(), |i| values[i].into() as i64)
     }
 }
 
@@ -327,29 +336,29 @@ pub fn read_vtu(path: &Path) -> Result<MeshFile> {
 #[derive(Debug, Clone, PartialEq)]
 pub enum AnyMesh {
     /// Triangles in the plane.
-    Plane(MeshFile<TriMesh>),
+    Triangles(MeshFile<TriMesh>),
     /// Tetrahedra.
-    Space(MeshFile<TetMesh>),
+    Tetrahedra(MeshFile<TetMesh>),
     /// Polygons in the plane.
-    PlaneCells(MeshFile<PolyMesh<2>>),
+    Polygons(MeshFile<PolyMesh<2>>),
     /// Polyhedra.
-    SpaceCells(MeshFile<PolyMesh<3>>),
+    Polyhedra(MeshFile<PolyMesh<3>>),
 }
 
 impl AnyMesh {
     /// A [`MeshFile`] of any of these kinds; `None` of anything else.
-    pub fn of(file: Box<dyn Any>) -> Option<Self> {
+    pub fn from_any(file: Box<dyn Any>) -> Option<Self> {
         let file = match file.downcast() {
-            Ok(plane) => return Some(Self::Plane(*plane)),
+            Ok(plane) => return Some(Self::Triangles(*plane)),
             Err(other) => other,
         };
         let file = match file.downcast() {
-            Ok(space) => return Some(Self::Space(*space)),
+            Ok(space) => return Some(Self::Tetrahedra(*space)),
             Err(other) => other,
         };
         match file.downcast() {
-            Ok(cells) => Some(Self::PlaneCells(*cells)),
-            Err(other) => Some(Self::SpaceCells(*other.downcast().ok()?)),
+            Ok(cells) => Some(Self::Polygons(*cells)),
+            Err(other) => Some(Self::Polyhedra(*other.downcast().ok()?)),
         }
     }
 }
@@ -366,10 +375,10 @@ macro_rules! with_mesh {
     };
     ($mesh:expr, simplices $simplices:pat => $run:expr, cells $cells:pat => $other:expr) => {
         match $mesh {
-            $crate::store::AnyMesh::Plane($simplices) => $run,
-            $crate::store::AnyMesh::Space($simplices) => $run,
-            $crate::store::AnyMesh::PlaneCells($cells) => $other,
-            $crate::store::AnyMesh::SpaceCells($cells) => $other,
+            $crate::store::AnyMesh::Triangles($simplices) => $run,
+            $crate::store::AnyMesh::Tetrahedra($simplices) => $run,
+            $crate::store::AnyMesh::Polygons($cells) => $other,
+            $crate::store::AnyMesh::Polyhedra($cells) => $other,
         }
     };
 }
@@ -385,35 +394,37 @@ pub(crate) use crate::with_mesh;
 /// # Errors
 /// As [`read_vtu`], and for triangles and polygons that are not in that plane.
 pub fn read_any_vtu(path: &Path) -> Result<AnyMesh> {
-    if is_in_parts(path) {
-        return read_parts(path);
+    if is_pvtu(path) {
+        return read_pvtu(path);
     }
     let file = VtkFile::read(path, "UnstructuredGrid")?;
-    let types = cell_values(&file, file.child(file.piece()?, "Cells")?, "types")?;
+    let types = read_cell_integers(&file, file.child(file.piece()?, "Cells")?, "types")?;
     let [triangle, polyhedron] = [TriMesh::VTK_CELL, PolyMesh::<3>::VTK_CELL].map(i64::from);
     Ok(match types.first() {
-        Some(_) if types.iter().all(|&kind| kind == triangle) => AnyMesh::Plane(read_cells(&file)?),
+        Some(_) if types.iter().all(|&kind| kind == triangle) => {
+            AnyMesh::Triangles(read_cells(&file)?)
+        }
         Some(_) if types.iter().all(|&kind| is_polygon(kind)) => {
-            AnyMesh::PlaneCells(polyhedra::read_cells(&file)?)
+            AnyMesh::Polygons(polyhedra::read_cells(&file)?)
         }
         Some(_) if types.iter().all(|&kind| kind == polyhedron) => {
-            AnyMesh::SpaceCells(polyhedra::read_cells(&file)?)
+            AnyMesh::Polyhedra(polyhedra::read_cells(&file)?)
         }
-        Some(_) if solids::are_mixed(&types) => {
-            AnyMesh::SpaceCells(mixed::read_cells(&file, &types)?)
+        Some(_) if mixed_elements::are_mixed(&types) => {
+            AnyMesh::Polyhedra(mixed_grid::read_cells(&file, &types)?)
         }
-        Some(_) if foreign::is_mixed(&types) => foreign::mixed(path, &file, &types)?,
-        _ => AnyMesh::Space(read_cells(&file)?),
+        Some(_) if foreign::is_mixed(&types) => foreign::read_mixed(path, &file, &types)?,
+        _ => AnyMesh::Tetrahedra(read_cells(&file)?),
     })
 }
 
 fn read_cells<const D: usize, M: Simplices<D>>(file: &VtkFile) -> Result<MeshFile<M>> {
     let piece = file.piece()?;
-    let points: usize = count(file, piece, "NumberOfPoints")?;
-    let cells: usize = count(file, piece, "NumberOfCells")?;
+    let points: usize = read_count(file, piece, "NumberOfPoints")?;
+    let cells: usize = read_count(file, piece, "NumberOfCells")?;
 
     let nodes = read_nodes(file, file.child(piece, "Points")?, points)?;
-    let corners = corners::<D, M>(file, file.child(piece, "Cells")?, points, cells)?;
+    let corners = read_corners::<D, M>(file, file.child(piece, "Cells")?, points, cells)?;
     Ok(MeshFile {
         mesh: M::from_parts(nodes, corners),
         point_data: read_arrays(file, piece, "PointData", points)?,
@@ -446,10 +457,10 @@ pub(super) fn read_fields(file: &VtkFile) -> Result<Vec<(String, FieldValue)>> {
     Ok(field_data)
 }
 
-pub(crate) fn count(file: &VtkFile, piece: &Element, name: &str) -> Result<usize> {
-    match file.numbers(piece, name)?[..] {
+pub(crate) fn read_count(file: &VtkFile, piece: &Element, name: &str) -> Result<usize> {
+    match file.parse_attribute(piece, name)?[..] {
         [n] => Ok(n),
-        _ => Err(file.fault(format!("{name} is not one number"), "write it again")),
+        _ => Err(file.error(format!("{name} is not one number"), "write it again")),
     }
 }
 
@@ -465,33 +476,33 @@ pub(crate) fn read_nodes<const D: usize>(
     };
     if numbers.len() != points.saturating_mul(3) {
         let problem = format!("has {} coordinates for {points} points", numbers.len());
-        return Err(file.fault(problem, "write it again"));
+        return Err(file.error(problem, "write it again"));
     }
     let (nodes, _) = numbers.as_chunks::<3>();
     if let Some(node) = nodes.iter().position(|x| x.iter().any(|c| !c.is_finite())) {
         let problem = format!("node {node} is not finite");
-        return Err(file.fault(problem, "write it again"));
+        return Err(file.error(problem, "write it again"));
     }
     if let Some(off) = nodes.iter().flat_map(|x| &x[D..]).find(|c| **c != 0.0) {
         let problem = format!("has cells off the plane z = 0 (at z = {off})");
-        return Err(file.fault(problem, "give cells of space, or of that plane"));
+        return Err(file.error(problem, "give cells of space, or of that plane"));
     }
     let node = |x: &[f64; 3]| std::array::from_fn(|k| x[k]);
     Ok(nodes.iter().map(node).collect())
 }
 
 /// An array of the cells' description.
-pub(crate) fn cell_values(file: &VtkFile, cells: &Element, name: &str) -> Result<Vec<i64>> {
-    Ok(cell_array(file, cells, name)?.to_i64())
+pub(crate) fn read_cell_integers(file: &VtkFile, cells: &Element, name: &str) -> Result<Vec<i64>> {
+    Ok(read_cell_values(file, cells, name)?.to_i64())
 }
 
 /// The same, of whatever type it is stored in.
-pub(super) fn cell_array(file: &VtkFile, cells: &Element, name: &str) -> Result<Values> {
+pub(super) fn read_cell_values(file: &VtkFile, cells: &Element, name: &str) -> Result<Values> {
     let mut arrays = cells.children.iter();
     let element = arrays
         .find(|a| a.attribute("Name") == Some(name))
         .ok_or_else(|| {
-            file.fault(
+            file.error(
                 format!("its cells have no array '{name}'"),
                 "write it again",
             )
@@ -499,13 +510,13 @@ pub(super) fn cell_array(file: &VtkFile, cells: &Element, name: &str) -> Result<
     Ok(file.array(element)?.values)
 }
 
-fn corners<const D: usize, M: Simplices<D>>(
+fn read_corners<const D: usize, M: Simplices<D>>(
     file: &VtkFile,
     cells: &Element,
     points: usize,
     count: usize,
 ) -> Result<Vec<u32>> {
-    let values = |name: &str| cell_values(file, cells, name);
+    let values = |name: &str| read_cell_integers(file, cells, name);
     let size = D + 1;
     let types = values("types")?;
     if let Some((cell, kind)) = types
@@ -513,13 +524,13 @@ fn corners<const D: usize, M: Simplices<D>>(
         .enumerate()
         .find(|&(_, &t)| t != i64::from(M::VTK_CELL))
     {
-        return Err(file.fault(
+        return Err(file.error(
             format!(
                 "cell {cell} is of VTK's type {kind}, not of type {} as {} are",
                 M::VTK_CELL,
-                M::CELLS
+                M::CELLS_NAME
             ),
-            format!("give a mesh of linear {} only", M::CELLS),
+            format!("give a mesh of linear {} only", M::CELLS_NAME),
         ));
     }
     let ends = values("offsets")?;
@@ -539,17 +550,17 @@ fn corners<const D: usize, M: Simplices<D>>(
             ends.len(),
             corners.len()
         );
-        return Err(file.fault(problem, "write it again"));
+        return Err(file.error(problem, "write it again"));
     }
     if points > u32::MAX as usize {
-        return Err(file.fault(
+        return Err(file.error(
             format!("has {points} points"),
             "give a mesh of fewer than 2^32",
         ));
     }
     if let Some(stray) = corners.iter().find(|&&c| c < 0 || c as usize >= points) {
         let problem = format!("a cell has node {stray}, but there are {points} points");
-        return Err(file.fault(problem, "write it again"));
+        return Err(file.error(problem, "write it again"));
     }
     Ok(corners.iter().map(|&c| c as u32).collect())
 }
@@ -573,7 +584,7 @@ pub(super) fn read_arrays(
                 array.values.len(),
                 array.components
             );
-            return Err(file.fault(problem, "write it again"));
+            return Err(file.error(problem, "write it again"));
         }
         arrays.push(array);
     }

@@ -40,7 +40,7 @@ fn two_tets() -> MeshFile {
     }
 }
 
-fn refusal(path: &Path) -> String {
+fn read_error(path: &Path) -> String {
     read_vtu(path).unwrap_err().to_string()
 }
 
@@ -51,7 +51,7 @@ fn write_then_read_gives_the_same_file() {
     for file in [two_tets(), MeshFile::default()] {
         write_vtu(&path, &file).unwrap();
         assert_eq!(read_vtu(&path).unwrap(), file);
-        assert_eq!(read_any_vtu(&path).unwrap(), AnyMesh::Space(file));
+        assert_eq!(read_any_vtu(&path).unwrap(), AnyMesh::Tetrahedra(file));
     }
 }
 
@@ -69,8 +69,8 @@ fn triangles_lie_in_the_plane() {
         field_data: Vec::new(),
     };
     write_vtu(&path, &file).unwrap();
-    assert_eq!(read_any_vtu(&path).unwrap(), AnyMesh::Plane(file));
-    assert!(refusal(&path).contains("cell 0 is of VTK's type 5"));
+    assert_eq!(read_any_vtu(&path).unwrap(), AnyMesh::Triangles(file));
+    assert!(read_error(&path).contains("cell 0 is of VTK's type 5"));
 }
 
 #[test]
@@ -87,8 +87,8 @@ fn every_variant_that_vtk_writes_is_read() {
         let note = FieldValue::Text("made by <VTK>".to_string());
         assert_eq!(file.field_data, [("note".to_string(), note)], "{variant}");
     }
-    assert!(refusal(&fixture("ascii_none_32_le.vti")).contains("holds ImageData"));
-    assert!(refusal(&fixture("legacy_ascii.vtk")).contains("holds ImageData"));
+    assert!(read_error(&fixture("ascii_none_32_le.vti")).contains("holds ImageData"));
+    assert!(read_error(&fixture("legacy_ascii.vtk")).contains("holds ImageData"));
 }
 
 /// Legacy files, and polyhedra as VTK lists them since version 9.4.
@@ -96,13 +96,13 @@ fn every_variant_that_vtk_writes_is_read() {
 fn cells_of_other_programs_are_read_from_every_kind_of_file() {
     let [x, next] = [612345.678, 612346.678];
     for name in ["legacy_tets_ascii.vtk", "legacy_tets_binary.vtk"] {
-        let AnyMesh::Space(file) = read_any_vtu(&fixture(name)).unwrap() else {
+        let AnyMesh::Tetrahedra(file) = read_any_vtu(&fixture(name)).unwrap() else {
             panic!("{name} holds tetrahedra");
         };
         assert_eq!(file.mesh.tets, [[0, 1, 2, 3], [1, 2, 3, 4]], "{name}");
         assert_eq!(file.mesh.nodes[4], [next, 1.0, 1.0], "{name}");
         assert_eq!(file.field_data[0].0, "TimeValue", "{name}");
-        has_arrays(name, &file);
+        check_arrays(name, &file);
     }
     for kind in ["polyhedra", "polygons"] {
         for name in [
@@ -112,15 +112,15 @@ fn cells_of_other_programs_are_read_from_every_kind_of_file() {
         ] {
             // Two cells that share a face.
             match read_any_vtu(&fixture(&name)).unwrap() {
-                AnyMesh::SpaceCells(file) => {
+                AnyMesh::Polyhedra(file) => {
                     assert_eq!((kind, file.mesh.face_cells.len()), ("polyhedra", 7));
                     assert_eq!(file.mesh.nodes[0], [x, 0.0, 0.0], "{name}");
-                    two_cells(&name, &file);
+                    check_two_cells(&name, &file);
                 }
-                AnyMesh::PlaneCells(file) => {
+                AnyMesh::Polygons(file) => {
                     assert_eq!((kind, file.mesh.face_cells.len()), ("polygons", 6));
                     assert_eq!(file.mesh.nodes[2], [next, 1.0], "{name}");
-                    two_cells(&name, &file);
+                    check_two_cells(&name, &file);
                 }
                 _ => panic!("{name} holds {kind}"),
             }
@@ -129,17 +129,17 @@ fn cells_of_other_programs_are_read_from_every_kind_of_file() {
 }
 
 /// Two cells that share a face, with the arrays that all these files hold.
-fn two_cells<const D: usize>(name: &str, file: &MeshFile<PolyMesh<D>>) {
+fn check_two_cells<const D: usize>(name: &str, file: &MeshFile<PolyMesh<D>>) {
     assert_eq!(
-        (file.mesh.sites.len(), file.mesh.inner_faces()),
+        (file.mesh.sites.len(), file.mesh.inner_face_count()),
         (2, 1),
         "{name}"
     );
-    has_arrays(name, file);
+    check_arrays(name, file);
 }
 
 /// The arrays that all files of other programs hold here.
-fn has_arrays<M>(name: &str, file: &MeshFile<M>) {
+fn check_arrays<M>(name: &str, file: &MeshFile<M>) {
     let rock = DataArray::scalars("rock type", vec![5i64, -7]);
     assert!(file.cell_data.contains(&rock), "{name}");
     let height = vec![0.0f32, 0.25, 0.5, 0.75, 1.0];
@@ -167,7 +167,7 @@ fn wrong_and_damaged_files_are_refused() {
         assert!(read_vtu(&path).is_err(), "cut at {end}");
     }
     std::fs::write(&path, "hello").unwrap();
-    assert!(refusal(&path).contains("not a VTK XML file"));
+    assert!(read_error(&path).contains("not a VTK XML file"));
 
     let ascii = |points: &str, cells: &str, connectivity: &str, offsets: &str, types: &str| {
         let text = format!(

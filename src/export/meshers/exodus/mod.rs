@@ -16,56 +16,58 @@ mod simplices;
 use std::ops::Range;
 use std::path::Path;
 
-use super::groups::{region_name, regions, shift_of_regions};
-use super::simplices::Simplices;
+use super::groups::{region_name, region_shift, sorted_regions};
+use super::simplices::SimplexMesh;
 use crate::error::cause;
-use crate::export::containers::binary::Numbers;
-use crate::export::containers::netcdf::{self, Attribute, File, MOST_BYTES, Variable};
-use crate::export::values::columns;
+use crate::export::containers::binary::LazyArray;
+use crate::export::containers::netcdf::{
+    self, MAX_VARIABLE_BYTES, NetcdfAttribute, NetcdfFile, NetcdfVariable,
+};
+use crate::export::values::scalar_columns;
 use crate::files::Batch;
 use crate::model::reservoir::Model;
 use crate::{Error, Result};
 
 /// Bytes of a name, with the 0 at its end.
-const NAME: usize = 129;
+const NAME_BYTES: usize = 129;
 /// Types of cells that are lists of faces, and of faces that are lists of nodes.
 const NFACED: &str = "NFACED";
 const NSIDED: &str = "NSIDED";
 
 /// A mesh as Exodus has it.
-struct Grid {
+struct ExodusMesh {
     dim: usize,
     points: Vec<[f64; 3]>,
     /// The cells in the order of elements.
-    order: Vec<u32>,
+    cell_order: Vec<u32>,
     /// The elements.
     blocks: Vec<Block>,
     /// The faces of cells of any shape.
     faces: Option<Block>,
-    sets: Vec<Set>,
+    sets: Vec<SideSet>,
 }
 
 /// Elements, or faces, of one type.
 struct Block {
     name: String,
     number: i32,
-    kind: &'static str,
+    element_type: &'static str,
     /// The nodes, or faces, of each, one after the other, from 1 on.
-    parts: Vec<i32>,
+    connectivity: Vec<i32>,
     /// How many each has.
-    size: Size,
+    part_counts: PartCounts,
     /// Whether its elements are cells of the model, which have values.
-    of_cells: bool,
+    has_cell_values: bool,
 }
 
 /// How many parts the elements of a block have.
-enum Size {
-    All(usize),
-    Each(Vec<i32>),
+enum PartCounts {
+    Uniform(usize),
+    PerElement(Vec<i32>),
 }
 
 /// Sides that have a name.
-struct Set {
+struct SideSet {
     name: String,
     number: usize,
     /// The element of each, and the number of the side there, both from 1 on.
@@ -75,7 +77,7 @@ struct Set {
     nodes: Vec<i32>,
 }
 
-impl Set {
+impl SideSet {
     /// Without sides yet.
     fn new(name: &str, number: usize) -> Self {
         Self {
@@ -95,7 +97,7 @@ impl Set {
     }
 
     /// With each node once.
-    fn done(mut self) -> Self {
+    fn with_unique_nodes(mut self) -> Self {
         self.nodes.sort_unstable();
         self.nodes.dedup();
         self
@@ -104,9 +106,9 @@ impl Set {
 
 impl Block {
     fn len(&self) -> usize {
-        match &self.size {
-            Size::All(size) => self.parts.len() / size,
-            Size::Each(counts) => counts.len(),
+        match &self.part_counts {
+            PartCounts::Uniform(size) => self.connectivity.len() / size,
+            PartCounts::PerElement(counts) => counts.len(),
         }
     }
 }
@@ -117,72 +119,72 @@ impl Block {
 /// [`Error::Export`] if the cells are too many for the format.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let grid = match model.tets.is_some() || model.triangles.is_some() {
-        true => simplices::grid(model, &Simplices::new(model, "Exodus II")?),
-        false => cells::grid(model),
+        true => simplices::exodus_mesh(model, &SimplexMesh::new(model, "Exodus II")?),
+        false => cells::exodus_mesh(model),
     };
     let most = grid.blocks.iter().chain(&grid.faces);
-    let most = most.map(|block| 4 * block.parts.len() as u64);
-    if most.chain([8 * grid.points.len() as u64]).max() > Some(MOST_BYTES) {
+    let most = most.map(|block| 4 * block.connectivity.len() as u64);
+    if most.chain([8 * grid.points.len() as u64]).max() > Some(MAX_VARIABLE_BYTES) {
         return Err(Error::Export(cause(
             path.display(),
             "has more cells than Exodus II in NetCDF's classic format holds",
             "export to vtkhdf",
         )));
     }
-    let columns = columns(model);
-    let Grid {
+    let columns = scalar_columns(model);
+    let ExodusMesh {
         dim,
         points,
-        order,
+        cell_order: order,
         blocks,
         ..
     } = &grid;
     let count = blocks.iter().map(Block::len).sum();
-    let mut file = head(points.len(), count, *dim);
-    let map = Numbers::computed(count, |i| {
+    let mut file = new_file(points.len(), count, *dim);
+    let map = LazyArray::from_fn(count, |i| {
         order.get(i).map_or(i, |&c| c as usize) as i32 + 1
     });
     file.variables
-        .push(Variable::new("elem_num_map", &["num_elem"], map));
+        .push(NetcdfVariable::new("elem_num_map", &["num_elem"], map));
     for (k, axis) in ["coordx", "coordy", "coordz"][..*dim].iter().enumerate() {
-        let numbers = Numbers::computed(points.len(), move |i| points[i][k]);
+        let numbers = LazyArray::from_fn(points.len(), move |i| points[i][k]);
         file.variables
-            .push(Variable::new(*axis, &["num_nodes"], numbers));
+            .push(NetcdfVariable::new(*axis, &["num_nodes"], numbers));
     }
     let axes: Vec<String> = ["x", "y", "z"][..*dim].iter().map(|&a| a.into()).collect();
-    file.variables.push(Variable::texts(
+    file.variables.push(NetcdfVariable::from_texts(
         "coor_names",
         &["num_dim", "len_name"],
-        NAME,
+        NAME_BYTES,
         &axes,
     ));
     if let Some(faces) = &grid.faces {
         file.dimensions.push(("num_face".into(), faces.len()));
-        put_blocks(&mut file, "fa", "num_fa_blk", std::slice::from_ref(faces));
+        add_blocks(&mut file, "fa", "num_fa_blk", std::slice::from_ref(faces));
     }
-    put_blocks(&mut file, "eb", "num_el_blk", blocks);
-    put_sets(&mut file, &grid.sets);
-    put_values(&mut file, &columns, blocks, order);
+    add_blocks(&mut file, "eb", "num_el_blk", blocks);
+    add_sets(&mut file, &grid.sets);
+    add_values(&mut file, &columns, blocks, order);
     batch.write(path, |out| netcdf::write(out, &file))
 }
 
 /// A region: its name, its number, and where its cells are among those in order.
-struct Region {
+struct RegionCells {
     name: String,
     number: i32,
     cells: Range<usize>,
 }
 
 /// The cells in the order of their regions, and these.
-fn by_regions(model: &Model) -> (Vec<u32>, Vec<Region>) {
+fn order_by_region(model: &Model) -> (Vec<u32>, Vec<RegionCells>) {
     let region = &model.mesh.region;
     let mut order: Vec<u32> = (0..region.len() as u32).collect();
     order.sort_by_key(|&cell| region[cell as usize]);
-    let shift = shift_of_regions(model);
-    let parts = regions(model).into_iter().map(|own| {
+    let shift = region_shift(model);
+    let parts = sorted_regions(model).into_iter().map(|own| {
         let start = order.partition_point(|&c| region[c as usize] < own);
         let end = order.partition_point(|&c| region[c as usize] <= own);
-        Region {
+        RegionCells {
             name: region_name(model, own),
             number: (i64::from(own) + shift) as i32,
             cells: start..end,
@@ -193,7 +195,7 @@ fn by_regions(model: &Model) -> (Vec<u32>, Vec<Region>) {
 }
 
 /// The number of each cell among the elements, from 1 on.
-fn places(order: &[u32]) -> Vec<i32> {
+fn element_numbers(order: &[u32]) -> Vec<i32> {
     let mut places = vec![0; order.len()];
     for (number, &cell) in (1..).zip(order) {
         places[cell as usize] = number;
@@ -202,13 +204,13 @@ fn places(order: &[u32]) -> Vec<i32> {
 }
 
 /// Dimensions and words that every file has.
-fn head<'a>(nodes: usize, elements: usize, dim: usize) -> File<'a> {
-    let mut file = File::default();
+fn new_file<'a>(nodes: usize, elements: usize, dim: usize) -> NetcdfFile<'a> {
+    let mut file = NetcdfFile::default();
     for (name, length) in [
         ("len_string", 33),
         ("len_line", 81),
         ("four", 4),
-        ("len_name", NAME),
+        ("len_name", NAME_BYTES),
         ("time_step", 0),
         ("num_dim", dim),
         ("num_nodes", nodes),
@@ -218,12 +220,15 @@ fn head<'a>(nodes: usize, elements: usize, dim: usize) -> File<'a> {
     }
     let version = concat!("atomesh ", env!("CARGO_PKG_VERSION"));
     for (name, value) in [
-        ("api_version", Attribute::Float(8.11)),
-        ("version", Attribute::Float(8.11)),
-        ("floating_point_word_size", Attribute::Int(8)),
-        ("file_size", Attribute::Int(1)),
-        ("maximum_name_length", Attribute::Int(NAME as i32 - 1)),
-        ("title", Attribute::Text(version.into())),
+        ("api_version", NetcdfAttribute::Float(8.11)),
+        ("version", NetcdfAttribute::Float(8.11)),
+        ("floating_point_word_size", NetcdfAttribute::Int(8)),
+        ("file_size", NetcdfAttribute::Int(1)),
+        (
+            "maximum_name_length",
+            NetcdfAttribute::Int(NAME_BYTES as i32 - 1),
+        ),
+        ("title", NetcdfAttribute::Text(version.into())),
     ] {
         file.attributes.push((name.into(), value));
     }
@@ -231,21 +236,24 @@ fn head<'a>(nodes: usize, elements: usize, dim: usize) -> File<'a> {
 }
 
 /// The words and numbers of `count` blocks or sets: their status, numbers and names.
-fn list<'a>(file: &mut File<'a>, prefix: &str, count: &str, named: Vec<(i32, String)>) {
+fn add_list<'a>(file: &mut NetcdfFile<'a>, prefix: &str, count: &str, named: Vec<(i32, String)>) {
     file.dimensions.push((count.into(), named.len()));
     let (numbers, names): (Vec<i32>, Vec<String>) = named.into_iter().unzip();
-    let status = Numbers::computed(numbers.len(), |_| 1i32);
-    let property = Numbers::computed(numbers.len(), move |i| numbers[i]);
-    file.variables
-        .push(Variable::new(format!("{prefix}_status"), &[count], status));
-    let mut ids = Variable::new(format!("{prefix}_prop1"), &[count], property);
+    let status = LazyArray::from_fn(numbers.len(), |_| 1i32);
+    let property = LazyArray::from_fn(numbers.len(), move |i| numbers[i]);
+    file.variables.push(NetcdfVariable::new(
+        format!("{prefix}_status"),
+        &[count],
+        status,
+    ));
+    let mut ids = NetcdfVariable::new(format!("{prefix}_prop1"), &[count], property);
     ids.attributes
-        .push(("name".into(), Attribute::Text("ID".into())));
+        .push(("name".into(), NetcdfAttribute::Text("ID".into())));
     file.variables.push(ids);
-    let names = Variable::texts(
+    let names = NetcdfVariable::from_texts(
         format!("{prefix}_names"),
         &[count, "len_name"],
-        NAME,
+        NAME_BYTES,
         &names,
     );
     file.variables.push(names);
@@ -253,7 +261,7 @@ fn list<'a>(file: &mut File<'a>, prefix: &str, count: &str, named: Vec<(i32, Str
 
 /// How a file calls the numbers of a block's parts, those of how many each has, the dimensions of both, and
 /// what parts are of what.
-struct Words {
+struct BlockNames {
     list: &'static str,
     counts: &'static str,
     len: &'static str,
@@ -261,20 +269,20 @@ struct Words {
     types: [&'static str; 2],
 }
 
-const ELEMENTS: Words = Words {
+const ELEMENTS: BlockNames = BlockNames {
     list: "connect",
     counts: "ebepecnt",
     len: "num_el_in_blk",
     size: "num_nod_per_el",
     types: ["NODE", "ELEM"],
 };
-const ELEMENTS_OF_FACES: Words = Words {
+const ELEMENTS_OF_FACES: BlockNames = BlockNames {
     list: "facconn",
     size: "num_fac_per_el",
     types: ["FACE", "ELEM"],
     ..ELEMENTS
 };
-const FACES: Words = Words {
+const FACES: BlockNames = BlockNames {
     list: "fbconn",
     counts: "fbepecnt",
     len: "num_fa_in_blk",
@@ -283,37 +291,37 @@ const FACES: Words = Words {
 };
 
 /// Blocks of elements (`eb`) or of faces (`fa`).
-fn put_blocks<'a>(file: &mut File<'a>, prefix: &str, count: &str, blocks: &'a [Block]) {
+fn add_blocks<'a>(file: &mut NetcdfFile<'a>, prefix: &str, count: &str, blocks: &'a [Block]) {
     let named = blocks
         .iter()
         .map(|block| (block.number, block.name.clone()));
-    list(file, prefix, count, named.collect());
+    add_list(file, prefix, count, named.collect());
     for (k, block) in (1..).zip(blocks) {
-        let words = match block.kind {
+        let words = match block.element_type {
             NFACED => ELEMENTS_OF_FACES,
             NSIDED => FACES,
             _ => ELEMENTS,
         };
         let [len, size] = [words.len, words.size].map(|word| format!("{word}{k}"));
         let of_each = [len.as_str(), &size];
-        let (on, width) = match block.size {
-            Size::All(width) => (&of_each[..], width),
-            Size::Each(_) => (&of_each[1..], block.parts.len()),
+        let (on, width) = match block.part_counts {
+            PartCounts::Uniform(width) => (&of_each[..], width),
+            PartCounts::PerElement(_) => (&of_each[1..], block.connectivity.len()),
         };
         let name = format!("{}{k}", words.list);
-        let mut parts = Variable::new(name, on, Numbers::slice(&block.parts));
-        let kind = Attribute::Text(block.kind.into());
+        let mut parts = NetcdfVariable::new(name, on, LazyArray::from_slice(&block.connectivity));
+        let kind = NetcdfAttribute::Text(block.element_type.into());
         parts.attributes.push(("elem_type".into(), kind));
         file.variables.push(parts);
-        if let Size::Each(counts) = &block.size {
+        if let PartCounts::PerElement(counts) = &block.part_counts {
             let name = format!("{}{k}", words.counts);
-            let mut each = Variable::new(name, &of_each[..1], Numbers::slice(counts));
+            let mut each = NetcdfVariable::new(name, &of_each[..1], LazyArray::from_slice(counts));
             for (name, kind) in ["entity_type1", "entity_type2"]
                 .into_iter()
                 .zip(words.types)
             {
                 each.attributes
-                    .push((name.into(), Attribute::Text(kind.into())));
+                    .push((name.into(), NetcdfAttribute::Text(kind.into())));
             }
             file.variables.push(each);
         }
@@ -322,13 +330,13 @@ fn put_blocks<'a>(file: &mut File<'a>, prefix: &str, count: &str, blocks: &'a [B
     }
 }
 
-fn put_sets<'a>(file: &mut File<'a>, sets: &'a [Set]) {
+fn add_sets<'a>(file: &mut NetcdfFile<'a>, sets: &'a [SideSet]) {
     if sets.is_empty() {
         return;
     }
     let named = || sets.iter().map(|set| (set.number as i32, set.name.clone()));
-    list(file, "ss", "num_side_sets", named().collect());
-    list(file, "ns", "num_node_sets", named().collect());
+    add_list(file, "ss", "num_side_sets", named().collect());
+    add_list(file, "ns", "num_node_sets", named().collect());
     for (k, set) in (1..).zip(sets) {
         let [sides, points] = [format!("num_side_ss{k}"), format!("num_nod_ns{k}")];
         file.dimensions.push((sides.clone(), set.elements.len()));
@@ -338,15 +346,18 @@ fn put_sets<'a>(file: &mut File<'a>, sets: &'a [Set]) {
             (format!("side_ss{k}"), &sides, &set.sides),
             (format!("node_ns{k}"), &points, &set.nodes),
         ] {
-            file.variables
-                .push(Variable::new(name, &[on], Numbers::slice(values)));
+            file.variables.push(NetcdfVariable::new(
+                name,
+                &[on],
+                LazyArray::from_slice(values),
+            ));
         }
     }
 }
 
 /// The values of cells, which other elements do not have.
-fn put_values<'a>(
-    file: &mut File<'a>,
+fn add_values<'a>(
+    file: &mut NetcdfFile<'a>,
     columns: &'a [(String, Vec<f64>)],
     blocks: &[Block],
     order: &'a [u32],
@@ -355,28 +366,32 @@ fn put_values<'a>(
     file.dimensions.push(("num_elem_var".into(), width));
     let known: Vec<i32> = blocks
         .iter()
-        .map(|block| i32::from(block.of_cells))
+        .map(|block| i32::from(block.has_cell_values))
         .collect();
-    let table = Numbers::computed(count * width, move |i| known[i / width]);
+    let table = LazyArray::from_fn(count * width, move |i| known[i / width]);
     let on = ["num_el_blk", "num_elem_var"];
     file.variables
-        .push(Variable::new("elem_var_tab", &on, table));
+        .push(NetcdfVariable::new("elem_var_tab", &on, table));
     let names: Vec<String> = columns.iter().map(|(name, _)| name.clone()).collect();
     let on = ["num_elem_var", "len_name"];
+    file.variables.push(NetcdfVariable::from_texts(
+        "name_elem_var",
+        &on,
+        NAME_BYTES,
+        &names,
+    ));
+    let now = LazyArray::from_fn(1, |_| 0.0f64);
     file.variables
-        .push(Variable::texts("name_elem_var", &on, NAME, &names));
-    let now = Numbers::computed(1, |_| 0.0f64);
-    file.variables
-        .push(Variable::new("time_whole", &["time_step"], now));
+        .push(NetcdfVariable::new("time_whole", &["time_step"], now));
     for (number, (_, values)) in (1..).zip(columns) {
         let mut start = 0;
-        for (k, block) in (1..).zip(blocks).filter(|(_, block)| block.of_cells) {
+        for (k, block) in (1..).zip(blocks).filter(|(_, block)| block.has_cell_values) {
             let own = &order[start..][..block.len()];
             start += block.len();
             let name = format!("vals_elem_var{number}eb{k}");
             let on = ["time_step", &format!("num_el_in_blk{k}")];
-            let numbers = Numbers::computed(own.len(), |i| values[own[i] as usize]);
-            file.variables.push(Variable::new(name, &on, numbers));
+            let numbers = LazyArray::from_fn(own.len(), |i| values[own[i] as usize]);
+            file.variables.push(NetcdfVariable::new(name, &on, numbers));
         }
     }
 }

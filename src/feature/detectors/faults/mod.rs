@@ -16,32 +16,36 @@ pub(crate) mod scan;
 pub(crate) mod semblance;
 
 use super::ridges::RidgeSearch;
-use super::{Detector, Found, Scene};
+use super::{Detector, DetectorInput, DetectorOutput};
 use crate::error::Result;
 use crate::feature::FeatureKind;
-use crate::feature::tensor::Normals;
+use crate::feature::structure_tensor::NormalField;
 use crate::geometry::dot;
 
 /// Finds faults of seismic amplitude.
 pub struct Faults;
 
 /// Width (samples) of the structure tensor's window.
-const WINDOW: f64 = 12.0;
+const TENSOR_WINDOW: f64 = 12.0;
 
 /// Faults whose normals agree more than this (cosine) with the layers' are layers themselves.
-const ALONG_LAYERS: f32 = 0.77;
+const MAX_LAYER_COSINE: f32 = 0.77;
 
 impl<const D: usize> Detector<D> for Faults {
     fn kind(&self) -> FeatureKind {
         FeatureKind::Faults
     }
 
-    fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
-        let window = scene.asked.smoothing.unwrap_or(WINDOW);
+    fn find(
+        &self,
+        scene: &DetectorInput<'_, D>,
+        notes: &mut Vec<String>,
+    ) -> Result<DetectorOutput<D>> {
+        let window = scene.options.smoothing.unwrap_or(TENSOR_WINDOW);
         let samples = scene.smoothed_in_layers()?;
-        let (layers, rms) = Normals::new(&samples, window, scene.live, scene.patience)?;
+        let (layers, rms) = NormalField::new(&samples, window, scene.live_mask, scene.cancel)?;
         let likelihood =
-            semblance::likelihood(&samples, (&layers, rms), scene.live, scene.patience)?;
+            semblance::likelihood(&samples, (&layers, rms), scene.live_mask, scene.cancel)?;
         drop(samples);
         notes.push(format!(
             "faults: least semblance along layers over steep planes, at scale {}, normals averaged over \
@@ -50,27 +54,27 @@ impl<const D: usize> Detector<D> for Faults {
         ));
         let search = RidgeSearch {
             scale: None,
-            automatic: semblance::thresholds,
+            auto_thresholds: semblance::thresholds,
             // What is weak here is mostly where layers end.
-            weak: 1.0,
+            weak_share: 1.0,
             // Likelihoods vary along a fault much more than those of an image of faults: 0.18 where there
             // is little noise, more where noise lifts the threshold.
-            least: |thresholds| 0.18 * thresholds.low / semblance::LEAST[0],
+            min_strength_share: |thresholds| 0.18 * thresholds.low / semblance::MIN_LIKELIHOODS[0],
             ..RidgeSearch::new(scene)
         };
         let mut found = search.find(likelihood, notes)?;
-        let along_layers = |position, normal| dot(normal, layers.at(position)).abs();
+        let along_layers = |position, normal| dot(normal, layers.normal_at(position)).abs();
         found
             .candidates
-            .retain(|c| along_layers(c.position, c.normal) < ALONG_LAYERS);
+            .retain(|c| along_layers(c.position, c.normal) < MAX_LAYER_COSINE);
         Ok(found)
     }
 
-    fn in_layers(&self) -> bool {
+    fn is_streamable(&self) -> bool {
         true
     }
 
-    fn least_sheet(&self) -> f64 {
+    fn min_surface_cells(&self) -> f64 {
         6.0
     }
 
@@ -82,14 +86,14 @@ impl<const D: usize> Detector<D> for Faults {
 
 #[cfg(test)]
 mod tests {
-    use super::semblance::{SEEN, likelihood};
+    use super::semblance::{HALO_LAYERS, likelihood};
     use super::*;
     use crate::feature::scenes::Noise;
     use crate::feature::volume::Volume;
     use crate::feature::windows::Samples;
-    use crate::feature::{Detection, FeaturePoint, detect};
+    use crate::feature::{DetectionOptions, FeaturePoint, detect};
     use crate::image::{Geometry, Image};
-    use crate::observer::Patience;
+    use crate::progress::CancelToken;
 
     /// Shares of the true faults within two samples of a point, and of the points within two samples of a
     /// true fault.
@@ -134,7 +138,7 @@ mod tests {
             (1, 2.0, 0.8, 0.9),
         ] {
             let made = crate::image::synth::make(
-                crate::image::synth::Kind::Amplitude,
+                crate::image::synth::SyntheticKind::Amplitude,
                 &crate::image::synth::Options {
                     dims: [96, 80, 72],
                     count: Some(2),
@@ -144,7 +148,11 @@ mod tests {
                 },
             )
             .unwrap();
-            let features = detect(&made.image, &Detection::of(FeatureKind::Faults, 8.0)).unwrap();
+            let features = detect(
+                &made.image,
+                &DetectionOptions::with_kind(FeatureKind::Faults, 8.0),
+            )
+            .unwrap();
             let dims = made.image.dims();
             let found = recall_and_precision(dims, &made.truth.distance, &features.points);
             assert!(
@@ -174,7 +182,11 @@ mod tests {
             })
             .collect();
         let image = Image::new(dims, samples, Geometry::default());
-        let features = detect(&image, &Detection::of(FeatureKind::Faults, 6.0)).unwrap();
+        let features = detect(
+            &image,
+            &DetectionOptions::with_kind(FeatureKind::Faults, 6.0),
+        )
+        .unwrap();
         let inner = |p: &[f64; D]| (0..D).all(|k| p[k] > 6.0 && p[k] < dims[k] as f64 - 7.0);
         let (mut squares, mut angles, mut count) = (0.0, 0.0, 0.0);
         for point in &features.points {
@@ -251,21 +263,21 @@ mod tests {
                     (0.5 * depth).sin() as f32 + 0.3 * noise.normal() as f32
                 })
                 .collect();
-            let patience = &Patience::endless();
+            let patience = &CancelToken::never();
             let seen = |limits: [usize; 2], most: usize| {
-                let samples = Samples::held(dims, &samples[..]).limited(limits);
-                let mut samples = samples.in_strips(1, most);
+                let samples = Samples::in_memory(dims, &samples[..]).with_limits(limits);
+                let mut samples = samples.with_strips(1, most);
                 samples.smooth(1.0, patience);
-                let (normals, rms) = Normals::new(&samples, 12.0, None, patience).unwrap();
+                let (normals, rms) = NormalField::new(&samples, 12.0, None, patience).unwrap();
                 assert_eq!(normals.main_axis(), vertical);
                 let likelihood = likelihood(&samples, (&normals, rms), None, patience).unwrap();
-                let at = normals.at([20.3, 17.7, 155.5]);
-                (likelihood.all().to_vec(), rms, at)
+                let at = normals.normal_at([20.3, 17.7, 155.5]);
+                (likelihood.as_slice().to_vec(), rms, at)
             };
             let whole = seen([usize::MAX, 1], usize::MAX);
             assert!(whole.0.iter().any(|&l| l > 0.5), "there is a fault");
             // Three windows, of which the last is shorter, or two strips.
-            const { assert!(2 * SEEN < 324 / 2) };
+            const { assert!(2 * HALO_LAYERS < 324 / 2) };
             let most = dims[0] * dims[2] * (330 / 2 + 2 * 80);
             for most in [usize::MAX, most] {
                 assert!(seen([0, 1], most) == whole, "{dims:?} {most}");
@@ -276,17 +288,17 @@ mod tests {
     #[test]
     #[ignore = "slow: make test-all"]
     fn amplitudes_in_layers_have_the_features_of_those_in_memory() {
-        use crate::feature::windows::tests::ByLayers;
-        use crate::image::Source;
-        use crate::image::synth::{Kind, Options, make};
+        use crate::feature::windows::tests::LayeredImage;
+        use crate::image::ImageSource;
+        use crate::image::synth::{Options, SyntheticKind, make};
 
         let options = Options {
             dims: [72, 60, 64],
             seed: 2,
             ..Options::default()
         };
-        let image = make(Kind::Amplitude, &options).unwrap().image;
-        let by_layers = ByLayers(&image);
+        let image = make(SyntheticKind::Amplitude, &options).unwrap().image;
+        let by_layers = LayeredImage(&image);
         for kind in [
             FeatureKind::Faults,
             FeatureKind::Horizons,
@@ -294,15 +306,18 @@ mod tests {
             FeatureKind::Edges,
             FeatureKind::Auto,
         ] {
-            let asked = Detection::of(kind, 6.0);
-            let [held, in_layers] =
-                [Source::Held(&image), Source::InLayers(&by_layers)].map(|source| {
-                    let patience = &Patience::endless();
-                    crate::feature::detect_while(source, &asked, patience).unwrap()
-                });
+            let asked = DetectionOptions::with_kind(kind, 6.0);
+            let [held, in_layers] = [
+                ImageSource::InMemory(&image),
+                ImageSource::Layered(&by_layers),
+            ]
+            .map(|source| {
+                let patience = &CancelToken::never();
+                crate::feature::detect_with_cancel(source, &asked, patience).unwrap()
+            });
             assert!(held.points.len() > 1000, "{kind}");
             assert!(held.points == in_layers.points, "{kind}");
-            assert!(held.potential.dense() == in_layers.potential.dense());
+            assert!(held.potential.to_dense() == in_layers.potential.to_dense());
         }
     }
 }

@@ -12,41 +12,41 @@
 //! dip. PaddedRows are padded by zeros: beyond the box numerator and denominator lose the same weights.
 
 use crate::feature::volume::Volume;
-use crate::geometry::wide::wide;
-use crate::observer::Patience;
+use crate::geometry::simd::dispatch_simd;
 use crate::parallel::prelude::*;
+use crate::progress::CancelToken;
 
 /// Standard deviation (samples) of the weights along a fault's strike ...
-const ALONG_STRIKE: f64 = 6.0;
+const STRIKE_SIGMA: f64 = 6.0;
 /// ... and along its dip.
-const ALONG_DIP: f64 = 12.0;
+const DIP_SIGMA: f64 = 12.0;
 
 /// Weights are cut at this many standard deviations.
-const CUT: f64 = 2.5;
+const CUTOFF_SIGMAS: f64 = 2.5;
 
 /// Slopes of strikes against the axis that the fault does not cross: beyond one, it crosses it.
-const STRIKES: [f64; 7] = [-1.0, -0.67, -0.33, 0.0, 0.33, 0.67, 1.0];
+const STRIKE_SLOPES: [f64; 7] = [-1.0, -0.67, -0.33, 0.0, 0.33, 0.67, 1.0];
 
 /// Samples that a fault moves sideways for one up or down: from vertical to 40 degrees.
-const STEEPEST: f64 = 1.2;
+const MAX_DIP_SLOPE: f64 = 1.2;
 /// Number of dips to either side of the vertical.
-const DIPS: i32 = 6;
+const DIP_COUNT: i32 = 6;
 
 /// How far (samples) from a sample planes are followed along any axis: up and down; sideways along a strike and then
 /// along a dip it is less than that and an eighth more; and what is filled in between planes that are scanned.
-pub const REACH: usize = 36;
+pub const SCAN_REACH: usize = 36;
 
 /// Vertical distance (samples) of the planes that are scanned: semblance is smooth there.
-const THIN_OUT: usize = 2;
+const ROW_STRIDE: usize = 2;
 
 /// The share of the search for faults that is done after the scan, roughly.
-const SCANNED: f64 = 0.8;
+const PROGRESS_SCANNED: f64 = 0.8;
 
 /// Samples of x handled at once: the sums stay in registers.
 const LANES: usize = 32;
 
 /// PaddedRows per parallel task.
-const ROWS: usize = 16;
+const ROWS_PER_TASK: usize = 16;
 
 /// One less the squared semblance, in [0, 1], of the steep plane through each sample for which it is
 /// lowest: of its upper and its lower half, the harmonic mean.
@@ -57,21 +57,25 @@ const ROWS: usize = 16;
 pub fn likelihood<const D: usize>(
     dims: [usize; D],
     vertical: usize,
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
     parts: impl Fn([f64; D], usize) -> [Vec<f32>; 2],
 ) -> Vec<f32> {
     let mut thin = dims;
-    thin[vertical] = dims[vertical].div_ceil(THIN_OUT);
+    thin[vertical] = dims[vertical].div_ceil(ROW_STRIDE);
     let mut most = vec![0.0f32; thin.iter().product()];
     let horizontal = |k: &usize| *k != vertical;
     // Each strike once.
-    let strikes = if D == 2 { 1 } else { 2 * STRIKES.len() - 1 } as f64;
+    let strikes = if D == 2 {
+        1
+    } else {
+        2 * STRIKE_SLOPES.len() - 1
+    } as f64;
     let mut done = 0.0;
     for across in (0..D).filter(horizontal) {
-        let dips: Vec<[Vec<Tap<D>>; 2]> = (-DIPS..=DIPS)
+        let dips: Vec<[Vec<LineTap<D>>; 2]> = (-DIP_COUNT..=DIP_COUNT)
             .map(|dip| {
-                let slope = STEEPEST * f64::from(dip) / f64::from(DIPS);
-                let line = taps(vertical, THIN_OUT as f64, across, slope, ALONG_DIP);
+                let slope = MAX_DIP_SLOPE * f64::from(dip) / f64::from(DIP_COUNT);
+                let line = taps(vertical, ROW_STRIDE as f64, across, slope, DIP_SIGMA);
                 let half = |keep: fn(i32) -> bool| {
                     let kept = line.iter().filter(|(offset, _)| keep(offset[vertical]));
                     kept.copied().collect()
@@ -82,28 +86,29 @@ pub fn likelihood<const D: usize>(
         let Some(along) = (0..D).find(|k| horizontal(k) && *k != across) else {
             let mut normal = [0.0; D];
             normal[across] = 1.0;
-            PaddedRows::new(thin, parts(normal, THIN_OUT)).raise(&dips, &mut most, patience);
+            PaddedRows::new(thin, parts(normal, ROW_STRIDE))
+                .raise_maxima(&dips, &mut most, patience);
             continue;
         };
         // Strikes at 45 degrees cross both axes: once is enough.
-        let last = STRIKES.len() - usize::from(along < across);
-        for &slope in &STRIKES[usize::from(along < across)..last] {
+        let last = STRIKE_SLOPES.len() - usize::from(along < across);
+        for &slope in &STRIKE_SLOPES[usize::from(along < across)..last] {
             let mut normal = [0.0; D];
             normal[across] = 1.0;
             normal[along] = -slope;
-            let strike = taps(along, 1.0, across, slope, ALONG_STRIKE);
-            PaddedRows::new(thin, parts(normal, THIN_OUT))
-                .smoothed(&strike, patience)
-                .raise(&dips, &mut most, patience);
+            let strike = taps(along, 1.0, across, slope, STRIKE_SIGMA);
+            PaddedRows::new(thin, parts(normal, ROW_STRIDE))
+                .smooth(&strike, patience)
+                .raise_maxima(&dips, &mut most, patience);
             done += 1.0;
-            patience.reached(SCANNED * done / strikes);
+            patience.set_fraction(PROGRESS_SCANNED * done / strikes);
         }
     }
-    fill_in(thin, &most, vertical, dims)
+    interpolate_rows(thin, &most, vertical, dims)
 }
 
 /// Offset of a sample (in samples) and its weight.
-type Tap<const D: usize> = ([i32; D], f32);
+type LineTap<const D: usize> = ([i32; D], f32);
 
 /// Gaussian weights on a line that advances by `step` along one axis and `slope` times that across.
 fn taps<const D: usize>(
@@ -112,9 +117,9 @@ fn taps<const D: usize>(
     across: usize,
     slope: f64,
     width: f64,
-) -> Vec<Tap<D>> {
+) -> Vec<LineTap<D>> {
     let length = step * (1.0 + slope * slope).sqrt();
-    let reach = (CUT * width / length) as i32;
+    let reach = (CUTOFF_SIGMAS * width / length) as i32;
     let mut taps = Vec::new();
     for k in -reach..=reach {
         let weight = (-0.5 * (f64::from(k) * length / width).powi(2)).exp();
@@ -137,7 +142,7 @@ struct PaddedRows<const D: usize> {
     dims: [usize; D],
     /// From one row to the next.
     pitch: usize,
-    parts: [Vec<f32>; 2],
+    images: [Vec<f32>; 2],
 }
 
 /// Zeros on either side of a row: as far as any tap reaches.
@@ -146,18 +151,22 @@ const MARGIN: usize = 32;
 impl<const D: usize> PaddedRows<D> {
     fn new(dims: [usize; D], parts: [Vec<f32>; 2]) -> Self {
         let pitch = dims[0].next_multiple_of(LANES) + 2 * MARGIN;
-        let parts = parts.map(|part| {
+        let images = parts.map(|part| {
             let mut padded = vec![0.0; part.len() / dims[0].max(1) * pitch];
             for (to, from) in padded.chunks_mut(pitch).zip(part.chunks(dims[0])) {
                 to[MARGIN..][..dims[0]].copy_from_slice(from);
             }
             padded
         });
-        Self { dims, pitch, parts }
+        Self {
+            dims,
+            pitch,
+            images,
+        }
     }
 
     /// Where, in memory, the taps of a row begin, and their weights; taps in rows outside are left out.
-    fn of_row(&self, row: usize, taps: &[Tap<D>], starts: &mut Vec<(usize, f32)>) {
+    fn row_taps(&self, row: usize, taps: &[LineTap<D>], starts: &mut Vec<(usize, f32)>) {
         starts.clear();
         let mut at = [0; D];
         let mut rest = row;
@@ -181,13 +190,13 @@ impl<const D: usize> PaddedRows<D> {
     }
 
     /// Weighted sums over the taps.
-    fn smoothed(&self, taps: &[Tap<D>], patience: &Patience<'_>) -> Self {
+    fn smooth(&self, taps: &[LineTap<D>], patience: &CancelToken<'_>) -> Self {
         let mut parts = [
-            vec![0.0; self.parts[0].len()],
-            vec![0.0; self.parts[0].len()],
+            vec![0.0; self.images[0].len()],
+            vec![0.0; self.images[0].len()],
         ];
         let [first, second] = &mut parts;
-        let chunk = ROWS * self.pitch;
+        let chunk = ROWS_PER_TASK * self.pitch;
         first
             .par_chunks_mut(chunk)
             .zip(second.par_chunks_mut(chunk))
@@ -197,12 +206,12 @@ impl<const D: usize> PaddedRows<D> {
                     .chunks_mut(self.pitch)
                     .zip(second.chunks_mut(self.pitch));
                 for (row, (first, second)) in rows.enumerate() {
-                    if patience.over() {
+                    if patience.is_cancelled() {
                         return;
                     }
-                    self.of_row(number * ROWS + row, taps, starts);
+                    self.row_taps(number * ROWS_PER_TASK + row, taps, starts);
                     let (first, second) = (&mut first[MARGIN..], &mut second[MARGIN..]);
-                    wide(
+                    dispatch_simd(
                         #[inline(always)]
                         || {
                             for x in (0..self.dims[0]).step_by(LANES) {
@@ -220,40 +229,47 @@ impl<const D: usize> PaddedRows<D> {
         Self {
             dims: self.dims,
             pitch: self.pitch,
-            parts,
+            images: parts,
         }
     }
 
     /// Raises `most` to what is missing of the squared ratio of the weighted sums to one, the
     /// harmonic mean of the two halves of each line.
-    fn raise(&self, lines: &[[Vec<Tap<D>>; 2]], most: &mut [f32], patience: &Patience<'_>) {
+    fn raise_maxima(
+        &self,
+        lines: &[[Vec<LineTap<D>>; 2]],
+        most: &mut [f32],
+        patience: &CancelToken<'_>,
+    ) {
         let nx = self.dims[0];
-        most.par_chunks_mut(ROWS * nx).enumerate().for_each_init(
-            <[Vec<(usize, f32)>; 2]>::default,
-            |starts, (number, most)| {
-                for line in lines {
-                    if patience.over() {
-                        return;
-                    }
-                    for (row, most) in most.chunks_mut(nx).enumerate() {
-                        for (starts, half) in starts.iter_mut().zip(line) {
-                            self.of_row(number * ROWS + row, half, starts);
+        most.par_chunks_mut(ROWS_PER_TASK * nx)
+            .enumerate()
+            .for_each_init(
+                <[Vec<(usize, f32)>; 2]>::default,
+                |starts, (number, most)| {
+                    for line in lines {
+                        if patience.is_cancelled() {
+                            return;
                         }
-                        wide(
-                            #[inline(always)]
-                            || self.raise_row(starts, most),
-                        );
+                        for (row, most) in most.chunks_mut(nx).enumerate() {
+                            for (starts, half) in starts.iter_mut().zip(line) {
+                                self.row_taps(number * ROWS_PER_TASK + row, half, starts);
+                            }
+                            dispatch_simd(
+                                #[inline(always)]
+                                || self.raise_row_maxima(starts, most),
+                            );
+                        }
                     }
-                }
-            },
-        );
+                },
+            );
     }
 
     #[inline(always)]
-    fn raise_row(&self, [up, down]: &[Vec<(usize, f32)>; 2], most: &mut [f32]) {
+    fn raise_row_maxima(&self, [up, down]: &[Vec<(usize, f32)>; 2], most: &mut [f32]) {
         for (block, most) in most.chunks_mut(LANES).enumerate() {
-            let up = self.missing(up, block * LANES);
-            let down = self.missing(down, block * LANES);
+            let up = self.complement(up, block * LANES);
+            let down = self.complement(down, block * LANES);
             for (lane, most) in most.iter_mut().enumerate() {
                 let (up, down) = (up[lane], down[lane]);
                 *most = most.max(2.0 * up * down / (up + down + f32::MIN_POSITIVE));
@@ -263,7 +279,7 @@ impl<const D: usize> PaddedRows<D> {
 
     /// What is missing of the squared ratio to one.
     #[inline(always)]
-    fn missing(&self, starts: &[(usize, f32)], x: usize) -> [f32; LANES] {
+    fn complement(&self, starts: &[(usize, f32)], x: usize) -> [f32; LANES] {
         let [mut a, b] = self.sums(starts, x);
         for lane in 0..LANES {
             let ratio = a[lane] / b[lane];
@@ -284,7 +300,7 @@ impl<const D: usize> PaddedRows<D> {
                     .copied()
                     .unwrap_or([0.0; LANES])
             };
-            let (from_a, from_b) = (lanes(&self.parts[0]), lanes(&self.parts[1]));
+            let (from_a, from_b) = (lanes(&self.images[0]), lanes(&self.images[1]));
             for lane in 0..LANES {
                 a[lane] += weight * from_a[lane];
                 b[lane] += weight * from_b[lane];
@@ -295,7 +311,7 @@ impl<const D: usize> PaddedRows<D> {
 }
 
 /// Samples of all planes from those of every [`THIN_OUT`]-th: linear between them.
-fn fill_in<const D: usize>(
+fn interpolate_rows<const D: usize>(
     thin: [usize; D],
     samples: &[f32],
     axis: usize,
@@ -312,8 +328,8 @@ fn fill_in<const D: usize>(
         .into_par_iter()
         .map(|i| {
             let mut at = to.coordinates(i);
-            let share = (at[axis] % THIN_OUT) as f32 / THIN_OUT as f32;
-            at[axis] /= THIN_OUT;
+            let share = (at[axis] % ROW_STRIDE) as f32 / ROW_STRIDE as f32;
+            at[axis] /= ROW_STRIDE;
             let low = samples[from.index(at)];
             at[axis] = (at[axis] + 1).min(thin[axis] - 1);
             low + share * (samples[from.index(at)] - low)

@@ -10,45 +10,45 @@
 use super::scan;
 use crate::error::Result;
 use crate::feature::gaussian::smooth;
-use crate::feature::ridges::Statistics;
-use crate::feature::tensor::Normals;
+use crate::feature::ridges::RidgeStatistics;
+use crate::feature::structure_tensor::NormalField;
 use crate::feature::volume::Volume;
-use crate::feature::windows::{Samples, Stack};
+use crate::feature::windows::{LayerStack, Samples};
 use crate::geometry::dot;
-use crate::geometry::wide::wide;
+use crate::geometry::simd::dispatch_simd;
 use crate::image::LiveMask;
-use crate::observer::Patience;
 use crate::parallel::prelude::*;
+use crate::progress::CancelToken;
 
 /// Radius (samples) of the disc of a layer round a sample ...
-const RADIUS: i32 = 4;
+const DISC_RADIUS: i32 = 4;
 /// ... and the standard deviation of its weights.
-const WIDTH: f32 = 2.5;
+const DISC_SIGMA: f32 = 2.5;
 /// What is nearer than this (samples) to the fault belongs to neither half.
-const ON_FAULT: f64 = 0.5;
+const FAULT_HALF_WIDTH: f64 = 0.5;
 
 /// A half disc of which no larger share of the weights is seen tells nothing.
-const LEAST_SEEN: f32 = 0.1;
+const MIN_WEIGHT_SHARE: f32 = 0.1;
 
 /// Width (samples) of the Gaussian under which the rms of amplitudes is taken.
-const BALANCE: f64 = 6.0;
+const BALANCE_SIGMA: f64 = 6.0;
 
 /// Energy, as a share of the image's mean, that amplitudes are not balanced below: there is only noise.
-const LOUD: f32 = 0.3;
+const MIN_BALANCED_ENERGY: f32 = 0.3;
 
 /// Energy of balanced amplitudes that counts as alike anywhere: where it is quiet there are no faults.
-const QUIET: f32 = 0.1;
+const QUIET_ENERGY: f32 = 0.1;
 
 /// Rows per parallel task.
-const ROWS: usize = 64;
+const ROWS_PER_TASK: usize = 64;
 
 /// Samples of a row that share one normal of the layers: its window is wider.
 const LANES: usize = 8;
 
 /// How many layers to either side are looked at: as far as planes are followed ([`scan::REACH`]), from there as far
 /// as what is seen of a layer at most, and from there as far as amplitudes are balanced.
-pub const SEEN: usize =
-    (scan::REACH + 3 * RADIUS as usize + 4 * BALANCE as usize).next_multiple_of(8);
+pub const HALO_LAYERS: usize =
+    (scan::SCAN_REACH + 3 * DISC_RADIUS as usize + 4 * BALANCE_SIGMA as usize).next_multiple_of(8);
 
 /// How likely a fault runs through each sample, in [0, 1], of which each rank has a share: see [`scan::likelihood`].
 /// `layers` are the normals of amplitudes smoothed to the scale of their derivatives, whose root mean square is `rms`;
@@ -59,22 +59,22 @@ pub const SEEN: usize =
 /// Those of reading layers of `amplitude`.
 pub fn likelihood<const D: usize>(
     amplitude: &Samples<'_, D>,
-    (layers, rms): (&Normals<D>, f32),
+    (layers, rms): (&NormalField<D>, f32),
     live: Option<&LiveMask<D>>,
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> Result<Samples<'static, D>> {
     let vertical = layers.main_axis();
-    amplitude.changed(SEEN, patience, |stack| {
+    amplitude.map_windows(HALO_LAYERS, patience, |stack| {
         let dims = stack.volume.dims;
-        let mut balanced = balanced(stack.volume, rms, patience);
+        let mut balanced = balance_amplitudes(stack.volume, rms, patience);
         let weights = live.map(|live| weights(stack, live));
         if let Some(weights) = &weights {
             balanced.iter_mut().zip(weights).for_each(|(b, w)| *b *= w);
         }
-        let balanced = stack.with(&balanced);
+        let balanced = stack.with_samples(&balanced);
         scan::likelihood(dims, vertical, patience, |across, every| {
             let weights = weights.as_deref();
-            both_sides(
+            side_energies(
                 (balanced, weights),
                 layers,
                 across,
@@ -86,9 +86,9 @@ pub fn likelihood<const D: usize>(
 }
 
 /// Returns 1 for each live sample and 0 for others.
-fn weights<const D: usize>(stack: Stack<'_, D>, live: &LiveMask<D>) -> Vec<f32> {
+fn weights<const D: usize>(stack: LayerStack<'_, D>, live: &LiveMask<D>) -> Vec<f32> {
     let count = stack.volume.samples.len();
-    let is_live = |i: usize| live.is_live(stack.in_volume(stack.volume.coordinates(i)));
+    let is_live = |i: usize| live.is_live(stack.to_volume(stack.volume.coordinates(i)));
     (0..count)
         .into_par_iter()
         .map(|i| f32::from(is_live(i)))
@@ -96,15 +96,15 @@ fn weights<const D: usize>(stack: Stack<'_, D>, live: &LiveMask<D>) -> Vec<f32> 
 }
 
 /// Amplitudes over their rms round each sample, so that no layer has more say than others; that of all is `rms`.
-fn balanced<const D: usize>(
+fn balance_amplitudes<const D: usize>(
     amplitude: Volume<'_, D>,
     rms: f32,
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> Vec<f32> {
     let a = amplitude.samples;
     let mut energy: Vec<f32> = a.par_iter().map(|a| a * a).collect();
-    smooth(amplitude.dims, &mut energy, [BALANCE; D], patience);
-    let floor = LOUD * rms.powi(2);
+    smooth(amplitude.dims, &mut energy, [BALANCE_SIGMA; D], patience);
+    let floor = MIN_BALANCED_ENERGY * rms.powi(2);
     energy.par_iter_mut().zip(a).for_each(|(e, a)| {
         *e = a / (*e + floor).max(f32::MIN_POSITIVE).sqrt();
     });
@@ -113,23 +113,23 @@ fn balanced<const D: usize>(
 
 /// Likelihood down to which a fault is followed, and which it must reach somewhere; or these
 /// multiples of the noise, if they are more.
-pub const LEAST: [f32; 2] = [0.06, 0.14];
-const OVER_NOISE: [f32; 2] = [1.75, 2.5];
+pub const MIN_LIKELIHOODS: [f32; 2] = [0.06, 0.14];
+const MIN_NOISE_RATIOS: [f32; 2] = [1.75, 2.5];
 
 /// Thresholds for the ridges of [`likelihood`]: semblance is a share, so they are the same for all
 /// images, unless there is much noise.
-pub fn thresholds(statistics: &Statistics) -> (f32, f32) {
-    let least = |i: usize| LEAST[i].max(OVER_NOISE[i] * statistics.noise);
+pub fn thresholds(statistics: &RidgeStatistics) -> (f32, f32) {
+    let least = |i: usize| MIN_LIKELIHOODS[i].max(MIN_NOISE_RATIOS[i] * statistics.noise);
     (least(0), least(1))
 }
 
 /// A sample of a disc: its offset, on which side of the fault it is, and its weight.
-type Tap<const D: usize> = ([i32; D], usize, f32);
+type DiscTap<const D: usize> = ([i32; D], usize, f32);
 
 /// Samples of a disc in the plane of the axes other than `axis`, but for those on a fault that runs square
 /// to `across`.
-fn halves<const D: usize>(axis: usize, across: [f64; D]) -> Vec<Tap<D>> {
-    let line: Vec<i32> = (-RADIUS..=RADIUS).collect();
+fn half_disc_taps<const D: usize>(axis: usize, across: [f64; D]) -> Vec<DiscTap<D>> {
+    let line: Vec<i32> = (-DISC_RADIUS..=DISC_RADIUS).collect();
     let length = dot(across, across).sqrt();
     let tap = |number: usize| {
         let mut rest = number;
@@ -140,9 +140,9 @@ fn halves<const D: usize>(axis: usize, across: [f64; D]) -> Vec<Tap<D>> {
         }
         let square: i32 = offset.iter().map(|o| o * o).sum();
         let off = dot(offset.map(f64::from), across) / length;
-        let weight = (-0.5 * square as f32 / (WIDTH * WIDTH)).exp();
+        let weight = (-0.5 * square as f32 / (DISC_SIGMA * DISC_SIGMA)).exp();
         // Round, but with the ends of the axes.
-        let counts = square <= RADIUS * RADIUS + 1 && off.abs() > ON_FAULT;
+        let counts = square <= DISC_RADIUS * DISC_RADIUS + 1 && off.abs() > FAULT_HALF_WIDTH;
         counts.then_some((offset, usize::from(off > 0.0), weight))
     };
     (0..line.len().pow(D as u32 - 1)).filter_map(tap).collect()
@@ -150,21 +150,21 @@ fn halves<const D: usize>(axis: usize, across: [f64; D]) -> Vec<Tap<D>> {
 
 /// Energy of the mean and mean energy of what the layers show on either side of faults square to the
 /// horizontal direction `across`, one through each sample of every `every`-th plane along `vertical`.
-fn both_sides<const D: usize>(
-    (balanced, weights): (Stack<'_, D>, Option<&[f32]>),
-    layers: &Normals<D>,
+fn side_energies<const D: usize>(
+    (balanced, weights): (LayerStack<'_, D>, Option<&[f32]>),
+    layers: &NormalField<D>,
     across: [f64; D],
     (vertical, every): (usize, usize),
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> [Vec<f32>; 2] {
     let amplitude = balanced.volume;
-    let sides = Sides {
-        balanced,
+    let sides = FaultSides {
+        balanced_amplitude: balanced,
         amplitude,
         weights,
         strides: amplitude.strides(),
-        layers,
-        taps: std::array::from_fn(|axis| halves(axis, across)),
+        normals: layers,
+        taps: std::array::from_fn(|axis| half_disc_taps(axis, across)),
     };
     let mut thin = amplitude.dims;
     thin[vertical] = thin[vertical].div_ceil(every);
@@ -177,31 +177,31 @@ fn both_sides<const D: usize>(
     let count = thin.iter().product();
     let mut parts = [vec![0.0f32; count], vec![0.0f32; count]];
     let [of_mean, mean_of] = &mut parts;
-    let chunk = ROWS * thin[0];
+    let chunk = ROWS_PER_TASK * thin[0];
     let chunks = of_mean
         .par_chunks_mut(chunk)
         .zip(mean_of.par_chunks_mut(chunk));
     chunks.enumerate().for_each(|(number, (of_mean, mean_of))| {
         let rows = of_mean.chunks_mut(thin[0]).zip(mean_of.chunks_mut(thin[0]));
         for (row, (of_mean, mean_of)) in rows.enumerate() {
-            if patience.over() {
+            if patience.is_cancelled() {
                 return;
             }
             let at = space.coordinates(number * chunk + row * thin[0]);
             let mut at: [usize; D] = std::array::from_fn(|k| at[k] * step[k]);
             for x in (0..amplitude.dims[0]).step_by(LANES) {
                 at[0] = x;
-                let (means, shares) = sides.means(at);
+                let (means, shares) = sides.side_means(at);
                 for lane in (0..LANES.min(amplitude.dims[0] - x)).step_by(step[0]) {
                     let [a, b] = means.map(|side| side[lane]);
                     let to = (x + lane) / step[0];
-                    of_mean[to] = 0.25 * (a + b) * (a + b) + QUIET;
-                    mean_of[to] = 0.5 * (a * a + b * b) + QUIET;
+                    of_mean[to] = 0.25 * (a + b) * (a + b) + QUIET_ENERGY;
+                    mean_of[to] = 0.5 * (a * a + b * b) + QUIET_ENERGY;
                     if let Some(shares) = shares {
                         // Where little is seen of a side nothing is known: that is quiet.
                         let weight = shares[0][lane] * shares[1][lane];
-                        of_mean[to] = weight * (of_mean[to] - QUIET) + QUIET;
-                        mean_of[to] = weight * (mean_of[to] - QUIET) + QUIET;
+                        of_mean[to] = weight * (of_mean[to] - QUIET_ENERGY) + QUIET_ENERGY;
+                        mean_of[to] = weight * (mean_of[to] - QUIET_ENERGY) + QUIET_ENERGY;
                     }
                 }
             }
@@ -211,29 +211,31 @@ fn both_sides<const D: usize>(
 }
 
 /// Something of each lane on both sides.
-type BothSides = [[f32; LANES]; 2];
+type SideValues = [[f32; LANES]; 2];
 
 /// What the layers show on both sides of faults of one strike.
-struct Sides<'a, const D: usize> {
-    balanced: Stack<'a, D>,
+struct FaultSides<'a, const D: usize> {
+    balanced_amplitude: LayerStack<'a, D>,
     /// The same as a volume of its own.
     amplitude: Volume<'a, D>,
     /// Weights of its samples, by which they are multiplied; 1 if there are none.
     weights: Option<&'a [f32]>,
     strides: [usize; D],
-    layers: &'a Normals<D>,
+    normals: &'a NormalField<D>,
     /// For each axis that the layers may lie across.
-    taps: [Vec<Tap<D>>; D],
+    taps: [Vec<DiscTap<D>>; D],
 }
 
-impl<const D: usize> Sides<'_, D> {
+impl<const D: usize> FaultSides<'_, D> {
     /// Weighted means over both half discs of the layer through each of [`LANES`] samples of a row; the
     /// same twice where a side is outside of the image. Where samples have weights, also the share of each
     /// side's weights.
-    fn means(&self, at: [usize; D]) -> (BothSides, Option<BothSides>) {
+    fn side_means(&self, at: [usize; D]) -> (SideValues, Option<SideValues>) {
         let mut middle = at;
         middle[0] = (at[0] + LANES / 2).min(self.amplitude.dims[0] - 1);
-        let normal = self.layers.coarse(self.balanced.in_volume(middle));
+        let normal = self
+            .normals
+            .cell_normal(self.balanced_amplitude.to_volume(middle));
         let axis = (1..D).fold(0, |a, k| {
             if normal[k].abs() > normal[a].abs() {
                 k
@@ -242,27 +244,27 @@ impl<const D: usize> Sides<'_, D> {
             }
         });
         let slope = normal.map(|c| -c / normal[axis]);
-        let lead = slope.iter().map(|s| s.abs()).sum::<f32>() * RADIUS as f32;
+        let lead = slope.iter().map(|s| s.abs()).sum::<f32>() * DISC_RADIUS as f32;
         let margin = |k: usize| {
             if k == axis {
                 lead as usize + 2
             } else {
-                RADIUS as usize
+                DISC_RADIUS as usize
             }
         };
         let inside = (0..D).all(|k| {
             let last = if k == 0 { at[0] + LANES } else { at[k] };
             at[k] >= margin(k) && last + margin(k) < self.amplitude.dims[k]
         });
-        let (mut sums, mut totals) = self.added(self.amplitude.samples, at, axis, slope, inside);
+        let (mut sums, mut totals) = self.sum_taps(self.amplitude.samples, at, axis, slope, inside);
         let shares = self.weights.map(|weights| {
-            let (seen, _) = self.added(weights, at, axis, slope, inside);
+            let (seen, _) = self.sum_taps(weights, at, axis, slope, inside);
             let mut shares = [[1.0f32; LANES]; 2];
             for side in 0..2 {
                 for lane in 0..LANES {
                     if totals[side][lane] > 0.0 {
                         let share = seen[side][lane] / totals[side][lane];
-                        let enough = share > LEAST_SEEN;
+                        let enough = share > MIN_WEIGHT_SHARE;
                         shares[side][lane] = if enough { share } else { 0.0 };
                         totals[side][lane] = if enough {
                             seen[side][lane]
@@ -289,24 +291,24 @@ impl<const D: usize> Sides<'_, D> {
 
     /// Returns weighted sums of samples over both half discs, and the sums of the weights.
     #[inline(always)]
-    fn added(
+    fn sum_taps(
         &self,
         samples: &[f32],
         at: [usize; D],
         axis: usize,
         slope: [f32; D],
         inside: bool,
-    ) -> (BothSides, BothSides) {
+    ) -> (SideValues, SideValues) {
         let mut sums = [[0.0f32; LANES]; 2];
         let mut totals = [[0.0f32; LANES]; 2];
         if inside {
-            wide(
+            dispatch_simd(
                 #[inline(always)]
-                || self.add_inside(samples, at, axis, slope, &mut sums, &mut totals),
+                || self.add_interior(samples, at, axis, slope, &mut sums, &mut totals),
             );
         } else {
             for lane in 0..LANES.min(self.amplitude.dims[0] - at[0]) {
-                self.add_one(samples, at, lane, axis, slope, &mut sums, &mut totals);
+                self.add_lane(samples, at, lane, axis, slope, &mut sums, &mut totals);
             }
         }
         (sums, totals)
@@ -314,7 +316,7 @@ impl<const D: usize> Sides<'_, D> {
 
     /// Adds up the samples of all lanes; none of them is outside.
     #[inline(always)]
-    fn add_inside(
+    fn add_interior(
         &self,
         samples: &[f32],
         at: [usize; D],
@@ -350,7 +352,7 @@ impl<const D: usize> Sides<'_, D> {
 
     /// Adds up the samples of one lane that are inside the image.
     #[allow(clippy::too_many_arguments)]
-    fn add_one(
+    fn add_lane(
         &self,
         samples: &[f32],
         mut at: [usize; D],

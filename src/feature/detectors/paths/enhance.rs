@@ -14,18 +14,18 @@
 //!   low where few sinks lie behind a piece of the boundary, lets the path cut through the object.
 
 use super::PathSeeds;
-use super::marching::{Queue, marching};
+use super::marching::{Queue, fast_marching};
 use crate::error::{Error, Result, cause};
-use crate::feature::steepness::steepness;
+use crate::feature::gradient_magnitude::gradient_magnitude;
 use crate::feature::volume::Volume;
 use crate::geometry::random::uniform;
 use crate::image::Geometry;
-use crate::observer::Patience;
 use crate::parallel::prelude::*;
+use crate::progress::CancelToken;
 
 /// What paths tell of an image.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Enhanced {
+pub struct EnhancedEdges {
     /// For every sample, the share of the paths that pass it.
     pub confidence: Vec<f32>,
     /// The samples of the closed path round the object, in order; none if confident samples do not
@@ -34,13 +34,13 @@ pub struct Enhanced {
 }
 
 /// How much the gradient of a grey scale of 0 to 255 matters.
-const STEEP: f32 = 0.1;
+const GRADIENT_WEIGHT: f32 = 0.1;
 
 /// Draws in vain, for each point wanted, until too few are taken for none.
-const DRAWS: usize = 10_000;
+const MAX_REJECTED_DRAWS: usize = 10_000;
 
 /// No sample.
-const NONE: u32 = u32::MAX;
+const NO_SAMPLE: u32 = u32::MAX;
 
 /// Enhances the edges of an object in an image of which `smoothed` holds the samples.
 ///
@@ -51,8 +51,8 @@ pub fn enhance<const D: usize>(
     smoothed: Volume<'_, D>,
     geometry: &Geometry<D>,
     seeds: &PathSeeds<D>,
-    patience: &Patience<'_>,
-) -> Result<Enhanced> {
+    patience: &CancelToken<'_>,
+) -> Result<EnhancedEdges> {
     let fail = |problem: &str, remedy: &str| {
         Err(Error::Feature(cause("feature 'paths'", problem, remedy)))
     };
@@ -69,7 +69,7 @@ pub fn enhance<const D: usize>(
                 "does not know where the object is",
                 "give a point inside it",
             )
-            .about("object"),
+            .with_parameter("object"),
         ));
     }
     let dims = smoothed.dims;
@@ -77,15 +77,15 @@ pub fn enhance<const D: usize>(
     let object: Vec<usize> = seeds.object.iter().map(sample).collect::<Result<_>>()?;
     let mut background: Vec<usize> = seeds.background.iter().map(sample).collect::<Result<_>>()?;
     if background.is_empty() {
-        background = outermost(smoothed).collect();
+        background = border_samples(smoothed).collect();
     }
-    let gentle = gentle(smoothed, patience);
+    let gentle = edge_slowness(smoothed, patience);
     let slowness: Vec<f32> = gentle.iter().map(|g| 1.0 / g).collect();
     let drawn = |starts: &[usize], others: &[usize], count: usize, key: u64| {
-        let distance = marching(dims, [1.0; D], &slowness, starts, patience);
+        let distance = fast_marching(dims, [1.0; D], &slowness, starts, patience);
         let until = others.iter().map(|&i| distance[i]);
         let until = until.fold(f32::INFINITY, f32::min);
-        draw(&distance, until, count, seeds.seed.wrapping_add(key))
+        draw_samples(&distance, until, count, seeds.seed.wrapping_add(key))
     };
     let sources = drawn(&object, &background, seeds.sources, 0);
     let sinks = drawn(&background, &object, seeds.sinks, 1 << 32);
@@ -95,9 +95,9 @@ pub fn enhance<const D: usize>(
             "give points of the object inside it, and points of the background around it",
         );
     }
-    let counts = passed(smoothed, &gentle, &sources, &sinks, patience);
+    let counts = path_counts(smoothed, &gentle, &sources, &sinks, patience);
     let per_path = 1.0 / (sources.len() * sinks.len()).max(1) as f32;
-    Ok(Enhanced {
+    Ok(EnhancedEdges {
         boundary: closed_path(smoothed, &gentle, &counts, object[0]),
         confidence: counts.iter().map(|&c| c as f32 * per_path).collect(),
     })
@@ -122,7 +122,7 @@ fn sample_at<const D: usize>(
 }
 
 /// The samples on the sides of the image.
-fn outermost<const D: usize>(volume: Volume<'_, D>) -> impl Iterator<Item = usize> {
+fn border_samples<const D: usize>(volume: Volume<'_, D>) -> impl Iterator<Item = usize> {
     (0..volume.dims.iter().product()).filter(move |&i| {
         let at = volume.coordinates(i);
         (0..D).any(|k| at[k] == 0 || at[k] + 1 == volume.dims[k])
@@ -130,24 +130,24 @@ fn outermost<const D: usize>(volume: Volume<'_, D>) -> impl Iterator<Item = usiz
 }
 
 /// Formula 25 for every sample: 1 on even ground, near 0 on edges.
-fn gentle<const D: usize>(smoothed: Volume<'_, D>, patience: &Patience<'_>) -> Vec<f32> {
+fn edge_slowness<const D: usize>(smoothed: Volume<'_, D>, patience: &CancelToken<'_>) -> Vec<f32> {
     let extremes = |(low, high): (f32, f32), &s: &f32| (low.min(s), high.max(s));
     let (low, high) = smoothed
         .samples
         .iter()
         .fold((f32::INFINITY, f32::NEG_INFINITY), extremes);
     let grey = 255.0 / (high - low).max(f32::MIN_POSITIVE);
-    let mut gentle = steepness(smoothed, patience);
+    let mut gentle = gradient_magnitude(smoothed, patience);
     gentle
         .iter_mut()
-        .for_each(|g| *g = (-STEEP * grey * *g).exp());
+        .for_each(|g| *g = (-GRADIENT_WEIGHT * grey * *g).exp());
     gentle
 }
 
 /// Samples drawn at random, kept with probability 1 - distance / until.
-fn draw(distance: &[f32], until: f32, count: usize, key: u64) -> Vec<usize> {
+fn draw_samples(distance: &[f32], until: f32, count: usize, key: u64) -> Vec<usize> {
     let mut drawn = Vec::with_capacity(count);
-    for n in 0..(DRAWS * count) as u64 {
+    for n in 0..(MAX_REJECTED_DRAWS * count) as u64 {
         if drawn.len() == count {
             break;
         }
@@ -161,21 +161,21 @@ fn draw(distance: &[f32], until: f32, count: usize, key: u64) -> Vec<usize> {
 
 /// How many of the shortest paths from all sources to all sinks pass each sample. A step between two
 /// neighbours costs the mean of how gentle they are (formula 26).
-fn passed<const D: usize>(
+fn path_counts<const D: usize>(
     grid: Volume<'_, D>,
     gentle: &[f32],
     sources: &[usize],
     sinks: &[usize],
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> Vec<u32> {
     let parts: Vec<Vec<u32>> = sources
         .par_iter()
         .map(|&source| {
-            let before = shortest(grid, gentle, source, sinks, patience);
+            let before = shortest_path_tree(grid, gentle, source, sinks, patience);
             let mut passed = Vec::new();
             for &sink in sinks {
                 let mut at = sink as u32;
-                while at != NONE {
+                while at != NO_SAMPLE {
                     passed.push(at);
                     at = before[at as usize];
                 }
@@ -191,15 +191,15 @@ fn passed<const D: usize>(
 }
 
 /// The sample before each on the shortest path from the source, until all sinks are reached.
-fn shortest<const D: usize>(
+fn shortest_path_tree<const D: usize>(
     grid: Volume<'_, D>,
     gentle: &[f32],
     source: usize,
     sinks: &[usize],
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> Vec<u32> {
     let mut cost = vec![f32::INFINITY; gentle.len()];
-    let mut before = vec![NONE; gentle.len()];
+    let mut before = vec![NO_SAMPLE; gentle.len()];
     let mut wanted: Vec<usize> = sinks.to_vec();
     wanted.sort_unstable();
     wanted.dedup();
@@ -211,7 +211,7 @@ fn shortest<const D: usize>(
         if so_far > cost[i] {
             continue;
         }
-        if patience.over() {
+        if patience.is_cancelled() {
             break;
         }
         if wanted.binary_search(&i).is_ok() {
@@ -220,7 +220,7 @@ fn shortest<const D: usize>(
                 break;
             }
         }
-        each_neighbour(grid, i, |j| {
+        for_each_neighbour(grid, i, |j| {
             let then = so_far + 0.5 * (gentle[i] + gentle[j]);
             if then < cost[j] {
                 cost[j] = then;
@@ -234,8 +234,8 @@ fn shortest<const D: usize>(
 
 /// Calls `visit` for the neighbours of a sample along the axes.
 #[inline]
-fn each_neighbour<const D: usize>(grid: Volume<'_, D>, i: usize, mut visit: impl FnMut(usize)) {
-    let (before, after) = grid.neighbours(grid.coordinates(i));
+fn for_each_neighbour<const D: usize>(grid: Volume<'_, D>, i: usize, mut visit: impl FnMut(usize)) {
+    let (before, after) = grid.neighbour_offsets(grid.coordinates(i));
     for k in 0..D {
         if before[k] > 0 {
             visit(i - before[k]);
@@ -280,7 +280,7 @@ fn closed_path_through<const D: usize>(
     };
     // Sample i of the second copy is number samples + i.
     let mut cost = vec![f32::INFINITY; 2 * samples];
-    let mut before = vec![NONE; 2 * samples];
+    let mut before = vec![NO_SAMPLE; 2 * samples];
     let mut queue = Queue::default();
     cost[first] = 0.0;
     queue.push(0.0, first);
@@ -292,7 +292,7 @@ fn closed_path_through<const D: usize>(
             continue;
         }
         let (i, copy) = (here % samples, here / samples);
-        each_neighbour(grid, i, |j| {
+        for_each_neighbour(grid, i, |j| {
             if counts[j] == 0 || j == inside {
                 return;
             }
@@ -307,12 +307,12 @@ fn closed_path_through<const D: usize>(
     }
     // Back to where it began. Where a sample is met in both copies, the path has been once round in
     // between; what lies before is a way to the boundary and back.
-    let mut place = vec![NONE; samples];
+    let mut place = vec![NO_SAMPLE; samples];
     let mut path: Vec<usize> = Vec::new();
     let mut here = (samples + first) as u32;
-    while here != NONE {
+    while here != NO_SAMPLE {
         let i = here as usize % samples;
-        if place[i] != NONE {
+        if place[i] != NO_SAMPLE {
             return Some(path.split_off(place[i] as usize));
         }
         place[i] = path.len() as u32;
@@ -323,15 +323,15 @@ fn closed_path_through<const D: usize>(
 }
 
 /// 1 at the samples that a closed path surrounds, a half on the path, 0 outside.
-pub fn surrounded<const D: usize>(grid: Volume<'_, D>, path: &[usize]) -> Vec<f32> {
+pub fn inside_mask<const D: usize>(grid: Volume<'_, D>, path: &[usize]) -> Vec<f32> {
     let mut values = vec![1.0; grid.dims.iter().product()];
     for &i in path {
         values[i] = 0.5;
     }
-    let mut open: Vec<usize> = outermost(grid).filter(|&i| values[i] == 1.0).collect();
+    let mut open: Vec<usize> = border_samples(grid).filter(|&i| values[i] == 1.0).collect();
     open.iter().for_each(|&i| values[i] = 0.0);
     while let Some(i) = open.pop() {
-        each_neighbour(grid, i, |j| {
+        for_each_neighbour(grid, i, |j| {
             if values[j] == 1.0 {
                 values[j] = 0.0;
                 open.push(j);

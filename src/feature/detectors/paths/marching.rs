@@ -11,10 +11,10 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use crate::feature::volume::Volume;
-use crate::observer::Patience;
+use crate::progress::CancelToken;
 
 /// Round a start the straight way is taken this far, in samples.
-const STRAIGHT: i32 = 3;
+const EXACT_RADIUS: i32 = 3;
 
 /// A queue of samples, the least value first; values are at least zero.
 #[derive(Default)]
@@ -35,12 +35,12 @@ impl Queue {
 /// The time at every sample of a grid of `dims` samples, `step` apart, through a medium of `slowness`
 /// (time per lattice unit, above zero) at every sample, from the nearest of the `starts` (indices of
 /// samples). Infinite everywhere without a start.
-pub fn marching<const D: usize>(
+pub fn fast_marching<const D: usize>(
     dims: [usize; D],
     step: [f64; D],
     slowness: &[f32],
     starts: &[usize],
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> Vec<f32> {
     let grid = Volume {
         dims,
@@ -51,27 +51,27 @@ pub fn marching<const D: usize>(
         step,
         strides: grid.strides(),
         time: vec![f32::INFINITY; slowness.len()],
-        known: vec![false; slowness.len()],
+        is_known: vec![false; slowness.len()],
         queue: Queue::default(),
     };
     for &start in starts {
-        front.begin(start);
+        front.add_start(start);
     }
     while let Some((time, sample)) = front.queue.pop() {
-        if front.known[sample] || time > front.time[sample] {
+        if front.is_known[sample] || time > front.time[sample] {
             continue;
         }
-        if patience.over() {
+        if patience.is_cancelled() {
             break;
         }
-        front.known[sample] = true;
+        front.is_known[sample] = true;
         let at = grid.coordinates(sample);
         for k in 0..D {
             if at[k] > 0 {
-                front.reach(sample - front.strides[k]);
+                front.update_time(sample - front.strides[k]);
             }
             if at[k] + 1 < dims[k] {
-                front.reach(sample + front.strides[k]);
+                front.update_time(sample + front.strides[k]);
             }
         }
     }
@@ -83,25 +83,25 @@ struct MarchingFront<'a, const D: usize> {
     step: [f64; D],
     strides: [usize; D],
     time: Vec<f32>,
-    known: Vec<bool>,
+    is_known: Vec<bool>,
     queue: Queue,
 }
 
 impl<const D: usize> MarchingFront<'_, D> {
     /// The straight way from a start to the samples around it.
-    fn begin(&mut self, start: usize) {
+    fn add_start(&mut self, start: usize) {
         let at = self.grid.coordinates(start);
-        let side = 2 * STRAIGHT + 1;
+        let side = 2 * EXACT_RADIUS + 1;
         for number in 0..side.pow(D as u32) {
             let mut rest = number;
             let offset: [i32; D] = std::array::from_fn(|_| {
-                let o = rest % side - STRAIGHT;
+                let o = rest % side - EXACT_RADIUS;
                 rest /= side;
                 o
             });
             let to: [i32; D] = std::array::from_fn(|k| at[k] as i32 + offset[k]);
             let inside = (0..D).all(|k| to[k] >= 0 && to[k] < self.grid.dims[k] as i32);
-            if !inside || offset.iter().map(|o| o * o).sum::<i32>() > STRAIGHT * STRAIGHT {
+            if !inside || offset.iter().map(|o| o * o).sum::<i32>() > EXACT_RADIUS * EXACT_RADIUS {
                 continue;
             }
             let sample = self.grid.index(to.map(|i| i as usize));
@@ -110,11 +110,11 @@ impl<const D: usize> MarchingFront<'_, D> {
                 .sum::<f64>()
                 .sqrt();
             let slowness = 0.5 * (self.grid.samples[start] + self.grid.samples[sample]);
-            self.lower(sample, way as f32 * slowness);
+            self.lower_time(sample, way as f32 * slowness);
         }
     }
 
-    fn lower(&mut self, sample: usize, time: f32) {
+    fn lower_time(&mut self, sample: usize, time: f32) {
         if time < self.time[sample] {
             self.time[sample] = time;
             self.queue.push(time, sample);
@@ -122,8 +122,8 @@ impl<const D: usize> MarchingFront<'_, D> {
     }
 
     /// Computes the time at a sample from its known neighbours.
-    fn reach(&mut self, sample: usize) {
-        if self.known[sample] {
+    fn update_time(&mut self, sample: usize) {
+        if self.is_known[sample] {
             return;
         }
         let at = self.grid.coordinates(sample);
@@ -134,7 +134,7 @@ impl<const D: usize> MarchingFront<'_, D> {
             let before = |n: usize| (at[k] >= n).then(|| sample - n * stride);
             let after = |n: usize| (at[k] + n < self.grid.dims[k]).then(|| sample + n * stride);
             let value = |i: Option<usize>| {
-                i.filter(|&i| self.known[i])
+                i.filter(|&i| self.is_known[i])
                     .map_or(f64::INFINITY, |i| f64::from(self.time[i]))
             };
             let (near, far) = match (value(before(1)), value(after(1))) {
@@ -162,7 +162,7 @@ impl<const D: usize> MarchingFront<'_, D> {
             c += weight * value * value;
             time = (b + (b * b - a * c).max(0.0).sqrt()) / a;
         }
-        self.lower(sample, time as f32);
+        self.lower_time(sample, time as f32);
     }
 }
 
@@ -177,12 +177,12 @@ mod tests {
             dims,
             samples: &slowness,
         };
-        let got = marching(
+        let got = fast_marching(
             dims,
             step,
             &slowness,
             &[grid.index(at)],
-            &Patience::endless(),
+            &CancelToken::never(),
         );
         let mut worst = 0.0f64;
         for (i, &time) in got.iter().enumerate() {
@@ -206,18 +206,18 @@ mod tests {
     }
 
     /// How the error falls when the step is halved, twice.
-    fn orders(error: impl Fn(usize) -> f64) -> [f64; 2] {
+    fn convergence_orders(error: impl Fn(usize) -> f64) -> [f64; 2] {
         let [coarse, half, quarter] = [1, 2, 4].map(error);
         [(coarse / half).log2(), (half / quarter).log2()]
     }
 
     #[test]
     fn from_a_point_the_error_falls_with_the_step() {
-        let plane = orders(|n| {
+        let plane = convergence_orders(|n| {
             let step = [1.0 / n as f64; 2];
             error_of_distance([40 * n + 1, 30 * n + 1], step, [12 * n, 9 * n])
         });
-        let space = orders(|n| {
+        let space = convergence_orders(|n| {
             let step = [1.0 / n as f64; 3];
             error_of_distance(
                 [20 * n + 1, 16 * n + 1, 16 * n + 1],
@@ -234,19 +234,19 @@ mod tests {
     #[test]
     fn of_a_straight_front_the_error_falls_with_the_square_of_the_step() {
         // Slowness 1 + 0.8 sin 3y, the front at y = 0: T = y + 0.8 (1 - cos 3y) / 3.
-        let orders = orders(|n| {
+        let orders = convergence_orders(|n| {
             let (nx, ny, step) = (10 * n + 1, 20 * n + 1, 0.05 / n as f64);
             let y = |i: usize| (i / nx) as f64 * step;
             let slowness: Vec<f32> = (0..nx * ny)
                 .map(|i| (1.0 + 0.8 * (3.0 * y(i)).sin()) as f32)
                 .collect();
             let starts: Vec<usize> = (0..nx).collect();
-            let got = marching(
+            let got = fast_marching(
                 [nx, ny],
                 [step; 2],
                 &slowness,
                 &starts,
-                &Patience::endless(),
+                &CancelToken::never(),
             );
             let truth = |i: usize| y(i) + 0.8 / 3.0 * (1.0 - (3.0 * y(i)).cos());
             let errors = got
@@ -266,13 +266,14 @@ mod tests {
     fn the_nearest_start_counts() {
         let (dims, slowness) = ([50, 40], vec![1.0; 2000]);
         let starts = [5 * 50 + 7, 30 * 50 + 41];
-        let both = marching(dims, [1.0; 2], &slowness, &starts, &Patience::endless());
-        let one = starts.map(|s| marching(dims, [1.0; 2], &slowness, &[s], &Patience::endless()));
+        let both = fast_marching(dims, [1.0; 2], &slowness, &starts, &CancelToken::never());
+        let one =
+            starts.map(|s| fast_marching(dims, [1.0; 2], &slowness, &[s], &CancelToken::never()));
         for (i, &time) in both.iter().enumerate() {
             let nearest = one[0][i].min(one[1][i]);
             assert!((time - nearest).abs() < 0.5, "{time} {nearest}");
         }
-        let none = marching(dims, [1.0; 2], &slowness, &[], &Patience::endless());
+        let none = fast_marching(dims, [1.0; 2], &slowness, &[], &CancelToken::never());
         assert!(none.iter().all(|t| *t == f32::INFINITY));
     }
 
@@ -283,7 +284,7 @@ mod tests {
         let (nx, ny, g) = (80, 60, 0.05);
         let speed = |y: usize| 1.0 + g * y as f64;
         let slowness: Vec<f32> = (0..nx * ny).map(|i| (1.0 / speed(i / nx)) as f32).collect();
-        let got = marching([nx, ny], [1.0; 2], &slowness, &[20], &Patience::endless());
+        let got = fast_marching([nx, ny], [1.0; 2], &slowness, &[20], &CancelToken::never());
         for (i, &time) in got.iter().enumerate() {
             let (x, y) = (i % nx, i / nx);
             let squares = (x as f64 - 20.0).powi(2) + (y as f64).powi(2);

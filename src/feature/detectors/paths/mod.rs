@@ -16,10 +16,10 @@
 pub(crate) mod enhance;
 pub(crate) mod marching;
 
-use super::{Detector, Found, Scene, Thresholds};
+use super::{Detector, DetectorInput, DetectorOutput, Thresholds};
 use crate::error::Result;
-use crate::feature::steepest::steepest;
-use crate::feature::steepness::steepness;
+use crate::feature::gradient_magnitude::gradient_magnitude;
+use crate::feature::non_max_suppression::gradient_maxima;
 use crate::feature::volume::Volume;
 use crate::feature::{FeatureKind, gaussian};
 
@@ -58,7 +58,7 @@ pub struct Paths;
 const PATH_SCALE: f64 = 1.5;
 
 /// A step from 0 to 1, smoothed over [`PATH_SCALE`], is 0.26 steep.
-const LEAST_STEP: Thresholds = Thresholds {
+const MIN_STEP: Thresholds = Thresholds {
     low: 0.1,
     high: 0.1,
     origin: "of a step",
@@ -69,38 +69,42 @@ impl<const D: usize> Detector<D> for Paths {
         FeatureKind::Paths
     }
 
-    fn find(&self, scene: &Scene<'_, D>, notes: &mut Vec<String>) -> Result<Found<D>> {
-        let (dims, scale, seeds) = (scene.dims(), scene.scale(), &scene.asked.seeds);
+    fn find(
+        &self,
+        scene: &DetectorInput<'_, D>,
+        notes: &mut Vec<String>,
+    ) -> Result<DetectorOutput<D>> {
+        let (dims, scale, seeds) = (scene.dims(), scene.scale(), &scene.options.seeds);
         let samples = scene.smoothed()?;
         let smoothed = Volume::new(dims, &samples);
-        let found = enhance::enhance(smoothed, scene.source.geometry(), seeds, scene.patience)?;
+        let found = enhance::enhance(smoothed, scene.source.geometry(), seeds, scene.cancel)?;
         let drawn = format!(
             "shortest paths at scale {scale} from {} sources in the object to {} sinks around it",
             seeds.sources, seeds.sinks
         );
         let mut candidates = Vec::new();
         if let Some(path) = &found.boundary {
-            let mut values = enhance::surrounded(smoothed, path);
+            let mut values = enhance::inside_mask(smoothed, path);
             let inside = values.iter().filter(|v| **v == 1.0).count();
             let length = path.len();
             notes.push(format!(
                 "{drawn}: a boundary of {length} samples around {inside}"
             ));
-            gaussian::smooth(dims, &mut values, [PATH_SCALE; D], scene.patience);
+            gaussian::smooth(dims, &mut values, [PATH_SCALE; D], scene.cancel);
             let closed = Volume::new(dims, &values);
-            let steepness = steepness(closed, scene.patience);
-            candidates = steepest(
+            let steepness = gradient_magnitude(closed, scene.cancel);
+            candidates = gradient_maxima(
                 closed,
                 Volume::new(dims, &steepness),
-                LEAST_STEP.low,
-                scene.patience,
+                MIN_STEP.low,
+                scene.cancel,
             );
         } else {
             notes.push(format!("{drawn}: no path goes around the object"));
         }
-        Ok(Found {
+        Ok(DetectorOutput {
             confidence: Some(found.confidence),
-            ..Found::new(candidates, scale, LEAST_STEP)
+            ..DetectorOutput::new(candidates, scale, MIN_STEP)
         })
     }
 }

@@ -1,6 +1,6 @@
 use super::*;
 use crate::feature::scenes::Noise;
-use crate::feature::{Detection, FeatureKind, detect};
+use crate::feature::{DetectionOptions, FeatureKind, detect};
 use crate::image::Image;
 
 const DIMS: [usize; 2] = [90, 80];
@@ -24,13 +24,13 @@ fn disc(noise: f64, gap: bool) -> Image<2> {
     Image::new(DIMS, samples, Geometry::default())
 }
 
-fn asked(object: &[[f64; 2]]) -> Detection<2> {
-    Detection {
+fn path_options(object: &[[f64; 2]]) -> DetectionOptions<2> {
+    DetectionOptions {
         seeds: PathSeeds {
             object: object.to_vec(),
             ..PathSeeds::default()
         },
-        ..Detection::of(FeatureKind::Paths, 5.0)
+        ..DetectionOptions::with_kind(FeatureKind::Paths, 5.0)
     }
 }
 
@@ -38,7 +38,7 @@ fn asked(object: &[[f64; 2]]) -> Detection<2> {
 fn the_boundary_of_a_disc_is_closed_and_where_it_is() {
     for (noise, gap) in [(0.0, false), (15.0, false), (10.0, true)] {
         let image = disc(noise, gap);
-        let found = detect(&image, &asked(&[[45.0, 35.0], [38.0, 45.0]])).unwrap();
+        let found = detect(&image, &path_options(&[[45.0, 35.0], [38.0, 45.0]])).unwrap();
         let (mut squares, mut worst) = (0.0, 0.0f64);
         let mut sectors = [false; 36];
         for point in &found.points {
@@ -97,12 +97,12 @@ fn shortest_paths_are_the_shortest() {
     least[source] = 0.0;
     for _ in 0..63 {
         for i in 0..63 {
-            each_neighbour(grid, i, |j| {
+            for_each_neighbour(grid, i, |j| {
                 least[j] = least[j].min(least[i] + 0.5 * (costs[i] + costs[j]));
             });
         }
     }
-    let before = shortest(grid, &costs, source, &sinks, &Patience::endless());
+    let before = shortest_path_tree(grid, &costs, source, &sinks, &CancelToken::never());
     for sink in sinks {
         let (mut at, mut cost) = (sink, 0.0);
         while at != source {
@@ -113,7 +113,7 @@ fn shortest_paths_are_the_shortest() {
         assert!((cost - least[sink]).abs() < 1e-5);
     }
     // Every path passes its ends.
-    let counts = passed(grid, &costs, &[source], &sinks, &Patience::endless());
+    let counts = path_counts(grid, &costs, &[source], &sinks, &CancelToken::never());
     assert_eq!((counts[source], counts[62], counts[0]), (5, 2, 1));
 }
 
@@ -138,7 +138,7 @@ fn a_closed_path_goes_round_and_leaves_out_ways_to_and_fro() {
     let path = closed_path(grid, &even, &counts, 4 * 12 + 4).unwrap();
     assert_eq!(path.len(), 20);
     assert!(path.iter().all(|i| counts[*i] == 5));
-    let values = surrounded(grid, &path);
+    let values = inside_mask(grid, &path);
     assert_eq!(values.iter().filter(|v| **v == 1.0).count(), 16);
     assert_eq!(values.iter().filter(|v| **v == 0.5).count(), 20);
     // An open ring has none.
@@ -149,19 +149,23 @@ fn a_closed_path_goes_round_and_leaves_out_ways_to_and_fro() {
 #[test]
 fn points_are_drawn_near_their_start() {
     let distance: Vec<f32> = (0..1000).map(|i| i as f32).collect();
-    let drawn = draw(&distance, 500.0, 4000, 1);
+    let drawn = draw_samples(&distance, 500.0, 4000, 1);
     assert_eq!(drawn.len(), 4000);
     // The probability falls linearly to zero at 500: the mean is a third of that.
     let mean = drawn.iter().sum::<usize>() as f64 / 4000.0;
     assert!((mean - 500.0 / 3.0).abs() < 6.0, "{mean}");
     assert!(drawn.iter().all(|i| *i < 500));
-    assert!(draw(&distance, 0.0, 3, 1).is_empty());
+    assert!(draw_samples(&distance, 0.0, 3, 1).is_empty());
 }
 
 #[test]
 fn what_is_missing_is_named() {
     let image = disc(0.0, false);
-    let says = |object: &[[f64; 2]]| detect(&image, &asked(object)).unwrap_err().to_string();
+    let says = |object: &[[f64; 2]]| {
+        detect(&image, &path_options(object))
+            .unwrap_err()
+            .to_string()
+    };
     assert!(says(&[]).contains("give a point inside it"));
     assert!(says(&[[45.0, 90.0]]).contains("outside the image"));
     assert!(says(&[[45.0, 0.0]]).contains("cannot tell"));
@@ -171,9 +175,12 @@ fn what_is_missing_is_named() {
         Geometry::default(),
     );
     assert!(
-        detect(&space, &Detection::of(FeatureKind::Paths, 2.0))
-            .unwrap_err()
-            .to_string()
-            .contains("2-D")
+        detect(
+            &space,
+            &DetectionOptions::with_kind(FeatureKind::Paths, 2.0)
+        )
+        .unwrap_err()
+        .to_string()
+        .contains("2-D")
     );
 }

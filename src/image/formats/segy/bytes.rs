@@ -5,7 +5,7 @@ use std::str::FromStr;
 use crate::error::{Error, Result, cause};
 
 /// Bytes of a standard trace header.
-pub const TRACE_HEADER: usize = 240;
+pub const TRACE_HEADER_BYTES: usize = 240;
 
 /// First byte (counted from 1, as the standard does) of the trace header fields that place a trace.
 /// An optional field set to 0 is not read.
@@ -60,7 +60,7 @@ impl FromStr for SegyBytes {
                 "delay" => &mut bytes.delay,
                 "dt" => &mut bytes.dt,
                 other => {
-                    return Err(refuse(
+                    return Err(option_error(
                         format!("unknown header field '{other}'"),
                         "use inline, crossline, x, y, scalar, delay or dt, e.g. inline=9,crossline=21",
                     ));
@@ -68,7 +68,7 @@ impl FromStr for SegyBytes {
             };
             *field = byte.trim().parse().map_err(|e| {
                 let problem = format!("'{entry}' names no byte");
-                refuse(problem, "write e.g. inline=9").because(e)
+                option_error(problem, "write e.g. inline=9").with_source(e)
             })?;
         }
         bytes.check()?;
@@ -76,7 +76,7 @@ impl FromStr for SegyBytes {
     }
 }
 
-fn refuse(problem: String, remedy: &str) -> Error {
+fn option_error(problem: String, remedy: &str) -> Error {
     Error::Io(cause("SEG-Y header bytes", problem, remedy))
 }
 
@@ -97,16 +97,16 @@ impl SegyBytes {
             ("dt", self.dt, 2, true),
         ];
         for (name, byte, width, optional) in fields {
-            let last = TRACE_HEADER + 1 - width;
+            let last = TRACE_HEADER_BYTES + 1 - width;
             if byte > last || (byte == 0 && !optional) {
-                return Err(refuse(
+                return Err(option_error(
                     format!("{name}={byte} is outside the trace header"),
                     &format!("use a byte from 1 to {last}"),
                 ));
             }
         }
         if (self.x == 0) != (self.y == 0) {
-            return Err(refuse(
+            return Err(option_error(
                 "only one of x and y is 0".into(),
                 "give both bytes or set both to 0",
             ));

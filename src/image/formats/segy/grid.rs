@@ -4,7 +4,7 @@ use serde::Serialize;
 
 /// Line numbers along one axis of a survey: `first`, `first + step`, ...
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-pub struct Lines {
+pub struct LineNumbers {
     /// Smallest line number.
     pub first: i64,
     /// Difference of neighbouring line numbers.
@@ -13,9 +13,9 @@ pub struct Lines {
     pub count: u64,
 }
 
-impl Lines {
+impl LineNumbers {
     /// The coarsest regular numbering that contains all `numbers`.
-    pub fn of(numbers: &[i32]) -> Self {
+    pub fn from_numbers(numbers: &[i32]) -> Self {
         let first = numbers.iter().copied().min().unwrap_or(0);
         let last = numbers.iter().copied().max().unwrap_or(0);
         let step = numbers
@@ -41,7 +41,7 @@ impl Lines {
     }
 }
 
-impl std::fmt::Display for Lines {
+impl std::fmt::Display for LineNumbers {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { first, step, count } = self;
         match count {
@@ -56,35 +56,39 @@ fn gcd(a: u32, b: u32) -> u32 {
 }
 
 /// No trace in this cell.
-pub const MISSING: usize = usize::MAX;
+pub const NO_TRACE: usize = usize::MAX;
 
 /// Which trace lies in which cell of the survey.
-pub struct Grid {
+pub struct TraceGrid {
     /// Inline numbers.
-    pub inline: Lines,
+    pub inline: LineNumbers,
     /// Crossline numbers.
-    pub crossline: Lines,
+    pub crossline: LineNumbers,
     /// Trace of each cell, crossline fastest; [`MISSING`] where there is none.
-    pub trace: Vec<usize>,
+    pub traces: Vec<usize>,
     /// Number of cells without a trace.
-    pub missing: usize,
+    pub missing_count: usize,
     /// Number of traces left out because their cell has an earlier one.
-    pub duplicates: usize,
+    pub duplicate_count: usize,
     /// How many of the duplicates have another offset than the trace they duplicate.
-    pub other_offset: usize,
+    pub other_offset_count: usize,
 }
 
 /// The most cells for each trace: a survey emptier than this has wrong line numbers.
-const MOST_CELLS: u64 = 10;
+const MAX_CELLS_PER_TRACE: u64 = 10;
 
-impl Grid {
+impl TraceGrid {
     /// Puts traces into cells; the first one in each cell stays.
     ///
     /// # Errors
     /// What is wrong with the line numbers if they cannot be those of a survey.
-    pub fn of(inlines: &[i32], crosslines: &[i32], offsets: &[i32]) -> Result<Self, String> {
-        let inline = Lines::of(inlines);
-        let crossline = Lines::of(crosslines);
+    pub fn from_line_numbers(
+        inlines: &[i32],
+        crosslines: &[i32],
+        offsets: &[i32],
+    ) -> Result<Self, String> {
+        let inline = LineNumbers::from_numbers(inlines);
+        let crossline = LineNumbers::from_numbers(crosslines);
         let cells = inline.count.saturating_mul(crossline.count);
         if inlines.len() > 1 && cells == 1 {
             return Err(format!(
@@ -94,7 +98,7 @@ impl Grid {
                 crossline.first
             ));
         }
-        if cells > MOST_CELLS * inlines.len() as u64 {
+        if cells > MAX_CELLS_PER_TRACE * inlines.len() as u64 {
             return Err(format!(
                 "inlines {inline} and crosslines {crossline} make {cells} cells for only {} traces",
                 inlines.len()
@@ -104,36 +108,37 @@ impl Grid {
         let mut grid = Self {
             inline,
             crossline,
-            trace: vec![MISSING; cells as usize],
-            missing: 0,
-            duplicates: 0,
-            other_offset: 0,
+            traces: vec![NO_TRACE; cells as usize],
+            missing_count: 0,
+            duplicate_count: 0,
+            other_offset_count: 0,
         };
         for (trace, (&i, &c)) in inlines.iter().zip(crosslines).enumerate() {
             let cell = inline.index(i) * crossline.count as usize + crossline.index(c);
-            match grid.trace[cell] {
-                MISSING => grid.trace[cell] = trace,
+            match grid.traces[cell] {
+                NO_TRACE => grid.traces[cell] = trace,
                 earlier => {
-                    grid.duplicates += 1;
-                    grid.other_offset += usize::from(offsets[trace] != offsets[earlier]);
+                    grid.duplicate_count += 1;
+                    grid.other_offset_count += usize::from(offsets[trace] != offsets[earlier]);
                 }
             }
         }
-        grid.missing = grid.trace.iter().filter(|&&t| t == MISSING).count();
+        grid.missing_count = grid.traces.iter().filter(|&&t| t == NO_TRACE).count();
         Ok(grid)
     }
 
     /// Whether cells hold gathers instead of single traces.
     pub fn is_prestack(&self) -> bool {
-        let filled = self.trace.len() - self.missing;
-        self.duplicates > 0
-            && (2 * self.other_offset > self.duplicates || self.duplicates >= filled)
+        let filled = self.traces.len() - self.missing_count;
+        self.duplicate_count > 0
+            && (2 * self.other_offset_count > self.duplicate_count
+                || self.duplicate_count >= filled)
     }
 
     /// Whether the traces fill an area, rather than lie along a path, however crooked: a path of
     /// neighbours through n x m cells has at most n + m - 1 of them.
     pub fn is_volume(&self) -> bool {
-        let filled = (self.trace.len() - self.missing) as u64;
+        let filled = (self.traces.len() - self.missing_count) as u64;
         filled >= self.inline.count + self.crossline.count
     }
 }
@@ -144,30 +149,40 @@ mod tests {
 
     #[test]
     fn increments_and_extremes() {
-        let lines = Lines::of(&[2121, 1971, 1975, 1973]);
+        let lines = LineNumbers::from_numbers(&[2121, 1971, 1975, 1973]);
         assert_eq!((lines.first, lines.step, lines.count), (1971, 2, 76));
         assert_eq!((lines.index(1975), lines.last()), (2, 2121));
-        let lines = Lines::of(&[i32::MIN, i32::MAX]);
+        let lines = LineNumbers::from_numbers(&[i32::MIN, i32::MAX]);
         assert_eq!((lines.count, lines.index(i32::MAX)), (2, 1));
     }
 
     #[test]
     fn missing_and_duplicate_traces_are_counted() {
         // 2 x 3 cells, one empty, one twice.
-        let grid = Grid::of(&[1, 1, 5, 5, 5, 1], &[10, 20, 10, 30, 20, 10], &[0; 6]).unwrap();
+        let grid =
+            TraceGrid::from_line_numbers(&[1, 1, 5, 5, 5, 1], &[10, 20, 10, 30, 20, 10], &[0; 6])
+                .unwrap();
         assert_eq!((grid.inline.count, grid.crossline.count), (2, 3));
-        assert_eq!((grid.missing, grid.duplicates), (1, 1));
-        assert_eq!(grid.trace, [0, 1, MISSING, 2, 4, 3]);
+        assert_eq!((grid.missing_count, grid.duplicate_count), (1, 1));
+        assert_eq!(grid.traces, [0, 1, NO_TRACE, 2, 4, 3]);
         assert!(grid.is_volume() && !grid.is_prestack());
     }
 
     #[test]
     fn gathers_and_nonsense() {
-        let grid = Grid::of(&[1, 1, 2, 2], &[1, 1, 1, 1], &[100, 200, 100, 200]).unwrap();
+        let grid =
+            TraceGrid::from_line_numbers(&[1, 1, 2, 2], &[1, 1, 1, 1], &[100, 200, 100, 200])
+                .unwrap();
         assert!(grid.is_prestack() && !grid.is_volume());
         let diagonal = [1, 2, 3, 4, 5];
-        assert!(!Grid::of(&diagonal, &diagonal, &[0; 5]).unwrap().is_volume());
-        assert!(Grid::of(&[0; 4], &[0; 4], &[0; 4]).is_err());
-        assert!(Grid::of(&[0, 1 << 30, 3], &[7, 9, -(1 << 30)], &[0; 3]).is_err());
+        assert!(
+            !TraceGrid::from_line_numbers(&diagonal, &diagonal, &[0; 5])
+                .unwrap()
+                .is_volume()
+        );
+        assert!(TraceGrid::from_line_numbers(&[0; 4], &[0; 4], &[0; 4]).is_err());
+        assert!(
+            TraceGrid::from_line_numbers(&[0, 1 << 30, 3], &[7, 9, -(1 << 30)], &[0; 3]).is_err()
+        );
     }
 }

@@ -6,32 +6,32 @@ use std::path::{Path, PathBuf};
 
 use crate::parallel::prelude::*;
 
-use super::grid::{Grid, MISSING};
-use super::header::Layout;
-use super::survey::Survey;
-use crate::error::{Error, Result, cause, os};
+use super::file_header::SegyFile;
+use super::grid::{NO_TRACE, TraceGrid};
+use super::survey::SegySurvey;
+use crate::error::{Error, Result, cause, io_error};
 use crate::files::read_exact_at;
-use crate::image::formats::Format;
+use crate::image::formats::ImageFormat;
 use crate::image::formats::samples::{Endian, SampleType};
-use crate::image::formats::stream::{Head, Planes, Stream};
+use crate::image::formats::stream::{ImageHeader, ImageStream, PlaneReader};
 
-impl Survey {
+impl SegySurvey {
     /// How many samples there are along each axis, and which rows of them have no trace.
-    fn extent(&self) -> ([usize; 3], Vec<bool>) {
+    fn dims_and_missing(&self) -> ([usize; 3], Vec<bool>) {
         let Some(grid) = &self.grid else {
             return ([0; 3], Vec::new());
         };
         let lines = [grid.crossline.count, grid.inline.count].map(|count| count as usize);
-        let missing = grid.trace.iter().map(|&trace| trace == MISSING).collect();
-        ([self.layout.samples, lines[0], lines[1]], missing)
+        let missing = grid.traces.iter().map(|&trace| trace == NO_TRACE).collect();
+        ([self.file.samples_per_trace, lines[0], lines[1]], missing)
     }
 
     /// The image whose samples are still in the file; cells without a trace are zero.
     ///
     /// # Errors
     /// [`Error::Io`] if the traces make no grid, or some of them cannot be read.
-    pub(in crate::image::formats) fn stream(mut self, path: &Path) -> Result<Stream> {
-        let (dims, missing) = self.extent();
+    pub(in crate::image::formats) fn into_stream(mut self, path: &Path) -> Result<ImageStream> {
+        let (dims, missing) = self.dims_and_missing();
         let nothing = || {
             Error::Io(cause(
                 path.display(),
@@ -40,37 +40,38 @@ impl Survey {
             ))
         };
         let grid = self.grid.take().ok_or_else(nothing)?;
-        let doubts = self.doubtful_floats();
-        self.notes.extend(doubts.map_err(|e| os(path, "read", e))?);
+        let doubts = self.float_format_warning();
+        self.notes
+            .extend(doubts.map_err(|e| io_error(path, "read", e))?);
         let lines = self.info.inlines.zip(self.info.crosslines);
-        Ok(Stream {
-            head: Head {
+        Ok(ImageStream {
+            header: ImageHeader {
                 dims,
                 geometry: self.geometry,
                 missing,
-                format: Format::Segy,
+                format: ImageFormat::Segy,
                 encoding: self.info.encoding.clone(),
                 notes: self.notes,
-                lines: lines.map(|(inlines, crosslines)| [inlines, crosslines]),
+                line_numbers: lines.map(|(inlines, crosslines)| [inlines, crosslines]),
                 survey: Some(self.info),
             },
-            coded: self.layout.encoding,
-            planes: Box::new(Traces {
+            encoding: self.file.encoding,
+            reader: Box::new(TracePlanes {
                 path: path.to_path_buf(),
-                layout: self.layout,
+                file: self.file,
                 grid,
             }),
-            largest: Default::default(),
+            max_magnitude_bits: Default::default(),
         })
     }
 
     /// A warning if a file that claims IBM floats seems to hold IEEE ones, a frequent mistake. An
     /// IBM fraction starts with a digit other than zero, an IEEE float has a zero in that place once
     /// in 16 times.
-    fn doubtful_floats(&self) -> io::Result<Option<String>> {
-        const TRACES: usize = 200;
-        let layout = &self.layout;
-        if layout.encoding.sample != SampleType::Ibm32 {
+    fn float_format_warning(&self) -> io::Result<Option<String>> {
+        const TRACES_CHECKED: usize = 200;
+        let layout = &self.file;
+        if layout.encoding.sample_type != SampleType::Ibm32 {
             return Ok(None);
         }
         let top_byte = match layout.encoding.endian {
@@ -79,10 +80,10 @@ impl Survey {
         };
         let (mut unnormal, mut nonzero) = (0, 0);
         let mut trace = vec![0; layout.trace_bytes() as usize];
-        for i in (0..layout.traces).step_by(layout.traces / TRACES + 1) {
-            let offset = layout.start + i as u64 * layout.trace_bytes();
+        for i in (0..layout.trace_count).step_by(layout.trace_count / TRACES_CHECKED + 1) {
+            let offset = layout.traces_offset + i as u64 * layout.trace_bytes();
             read_exact_at(&layout.file, &mut trace, offset)?;
-            for sample in trace[layout.trace_header..].as_chunks::<4>().0 {
+            for sample in trace[layout.trace_header_bytes..].as_chunks::<4>().0 {
                 let is_zero = *sample == [0; 4];
                 nonzero += usize::from(!is_zero);
                 unnormal += usize::from(!is_zero && sample[top_byte] < 0x10);
@@ -98,27 +99,27 @@ impl Survey {
 }
 
 /// The traces of a survey, as samples.
-struct Traces {
+struct TracePlanes {
     path: PathBuf,
-    layout: Layout,
-    grid: Grid,
+    file: SegyFile,
+    grid: TraceGrid,
 }
 
-impl Planes for Traces {
-    fn read(&self, first: usize, rows: Range<usize>, out: &mut [f32]) -> Result<()> {
-        let layout = &self.layout;
-        let samples = layout.samples;
+impl PlaneReader for TracePlanes {
+    fn read_rows(&self, first: usize, rows: Range<usize>, out: &mut [f32]) -> Result<()> {
+        let layout = &self.file;
+        let samples = layout.samples_per_trace;
         let crosslines = self.grid.crossline.count as usize;
         let trace_bytes = layout.trace_bytes() as usize;
         // Neighbouring cells whose traces follow one another in the file are read together.
         let longest = (1 << 18) / trace_bytes + 1;
         out.par_chunks_mut(rows.len() * samples)
-            .zip(self.grid.trace[first * crosslines..].par_chunks(crosslines))
+            .zip(self.grid.traces[first * crosslines..].par_chunks(crosslines))
             .try_for_each_init(Vec::new, |buffer, (mut out, traces)| {
                 let mut traces = &traces[rows.clone()];
                 while let Some(&first) = traces.first() {
                     let follows = |(i, &trace): (usize, &usize)| {
-                        first != MISSING && i < longest && trace == first + i
+                        first != NO_TRACE && i < longest && trace == first + i
                     };
                     let run = traces
                         .iter()
@@ -131,11 +132,13 @@ impl Planes for Traces {
                         here.fill(0.0);
                     } else {
                         buffer.resize(run * trace_bytes, 0);
-                        let offset = layout.start + (first * trace_bytes) as u64;
+                        let offset = layout.traces_offset + (first * trace_bytes) as u64;
                         read_exact_at(&layout.file, buffer, offset)?;
                         let traces = buffer.chunks(trace_bytes);
                         for (trace, out) in traces.zip(here.chunks_mut(samples)) {
-                            layout.encoding.decode(&trace[layout.trace_header..], out);
+                            layout
+                                .encoding
+                                .decode(&trace[layout.trace_header_bytes..], out);
                         }
                     }
                     traces = &traces[done..];
@@ -143,6 +146,6 @@ impl Planes for Traces {
                 }
                 Ok::<_, io::Error>(())
             })
-            .map_err(|e| os(&self.path, "read", e))
+            .map_err(|e| io_error(&self.path, "read", e))
     }
 }

@@ -14,14 +14,14 @@
 //! - `load`: its samples, read as an image's
 
 pub(crate) mod bytes;
+mod file_header;
 pub(crate) mod grid;
-mod header;
-mod headers;
 mod line;
 mod load;
-pub(crate) mod place;
 mod survey;
+pub(crate) mod survey_fit;
 mod text;
+mod trace_headers;
 
 #[cfg(test)]
 mod tests;
@@ -30,15 +30,15 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::Loaded;
-use super::stream::Stream;
+use super::LoadedImage;
+use super::stream::ImageStream;
 use crate::error::{Error, Result};
 
 pub use bytes::SegyBytes;
-pub use grid::Lines;
-pub use header::{FILE_HEADER, looks_like};
-pub use place::Fit;
-pub use survey::Survey;
+pub use file_header::{FILE_HEADER_BYTES, looks_like};
+pub use grid::LineNumbers;
+pub use survey::SegySurvey;
+pub use survey_fit::SurveyFit;
 
 /// What a SEG-Y file holds.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -58,9 +58,9 @@ pub struct SegyInfo {
     /// First bytes of the inline and the crossline number.
     pub line_bytes: [usize; 2],
     /// Inline numbers.
-    pub inlines: Option<Lines>,
+    pub inlines: Option<LineNumbers>,
     /// Crossline numbers.
-    pub crosslines: Option<Lines>,
+    pub crosslines: Option<LineNumbers>,
     /// Cells without a trace; they are filled with zeros.
     pub missing: usize,
     /// Traces left out because an earlier one has their inline and crossline.
@@ -68,7 +68,7 @@ pub struct SegyInfo {
     /// Where the coordinates come from, e.g. `bytes 181 and 185`.
     pub placed_by: String,
     /// How well the coordinates follow a regular grid.
-    pub fit: Option<Fit>,
+    pub fit: Option<SurveyFit>,
     /// Why the file cannot be read as a volume or a line.
     pub problem: Option<String>,
     /// The textual header.
@@ -81,7 +81,7 @@ pub struct SegyInfo {
 /// # Errors
 /// [`Error::Io`] if the file cannot be read or its file header makes no sense.
 pub fn scan(path: &Path, bytes: &SegyBytes) -> Result<(SegyInfo, Vec<String>)> {
-    let survey = Survey::open(path, bytes)?;
+    let survey = SegySurvey::open(path, bytes)?;
     Ok((survey.info, survey.notes))
 }
 
@@ -89,18 +89,18 @@ pub fn scan(path: &Path, bytes: &SegyBytes) -> Result<(SegyInfo, Vec<String>)> {
 ///
 /// # Errors
 /// [`Error::Io`] if the file cannot be read or holds neither a post-stack volume nor a line.
-pub(super) fn open(path: &Path, bytes: &SegyBytes) -> Result<Stream> {
-    let survey = Survey::open(path, bytes)?;
+pub(super) fn open(path: &Path, bytes: &SegyBytes) -> Result<ImageStream> {
+    let survey = SegySurvey::open(path, bytes)?;
     if let Some(problem) = survey.problem {
         return Err(Error::Io(problem));
     }
-    survey.stream(path)
+    survey.into_stream(path)
 }
 
 /// Reads a post-stack volume; of a line, one that is a single trace thick.
 ///
 /// # Errors
 /// As [`Survey::open`]; [`Error::Io`] if the file holds neither a post-stack volume nor a line.
-pub fn read(path: &Path, bytes: &SegyBytes) -> Result<Loaded> {
-    open(path, bytes)?.loaded(path)
+pub fn read(path: &Path, bytes: &SegyBytes) -> Result<LoadedImage> {
+    open(path, bytes)?.into_loaded(path)
 }

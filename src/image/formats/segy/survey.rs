@@ -4,12 +4,12 @@ use std::path::Path;
 
 use super::SegyInfo;
 use super::bytes::SegyBytes;
-use super::grid::Grid;
-use super::header::Layout;
-use super::headers::{Field, Headers};
+use super::file_header::SegyFile;
+use super::grid::TraceGrid;
 use super::line::is_line;
-use super::place::Fit;
-use crate::error::{Cause, Result, cause, os};
+use super::survey_fit::SurveyFit;
+use super::trace_headers::{HeaderField, TraceHeaders};
+use crate::error::{Cause, Result, cause, io_error};
 use crate::image::Geometry;
 
 /// Where line numbers are when they are not at the standard's bytes: field record, trace number,
@@ -17,18 +17,18 @@ use crate::image::Geometry;
 const OTHER_LINE_BYTES: [[usize; 2]; 3] = [[9, 21], [5, 21], [17, 21]];
 
 /// Remedies that are settings of the reader.
-const NO_LINES: &str =
+const LINE_BYTES_REMEDY: &str =
     "say at which bytes of the trace headers the inline and crossline numbers are";
-const PRESTACK: &str = "stack it first, or say at which bytes of the trace headers the inline and \
+const PRESTACK_REMEDY: &str = "stack it first, or say at which bytes of the trace headers the inline and \
 crossline numbers are";
-const STARTS: &str =
+const START_TIMES_REMEDY: &str =
     "write it with one start time, or give 0 as the byte of the start time to ignore these";
 
 /// The image axes, the fastest in memory first.
-const AXES: [&str; 3] = ["sample", "crossline", "inline"];
+const AXIS_NAMES: [&str; 3] = ["sample", "crossline", "inline"];
 
 /// The fields of all trace headers that are looked at.
-fn fields(bytes: &SegyBytes) -> Vec<Field> {
+fn header_fields(bytes: &SegyBytes) -> Vec<HeaderField> {
     let given = [bytes.inline, bytes.crossline, bytes.x, bytes.y];
     let others = OTHER_LINE_BYTES.concat();
     // Offset, source coordinates.
@@ -42,19 +42,19 @@ fn fields(bytes: &SegyBytes) -> Vec<Field> {
 }
 
 /// An open SEG-Y file whose headers have been understood.
-pub struct Survey {
+pub struct SegySurvey {
     /// What the file holds.
     pub info: SegyInfo,
     /// What a user should know about how the file was understood.
     pub notes: Vec<String>,
     /// Why the file cannot be read as a volume or a line.
     pub problem: Option<Cause>,
-    pub(super) layout: Layout,
-    pub(super) grid: Option<Grid>,
+    pub(super) file: SegyFile,
+    pub(super) grid: Option<TraceGrid>,
     pub(super) geometry: Geometry<3>,
 }
 
-impl Survey {
+impl SegySurvey {
     /// Reads and interprets all headers.
     ///
     /// # Errors
@@ -62,14 +62,15 @@ impl Survey {
     /// wrong with its traces is put into [`Survey::problem`].
     pub fn open(path: &Path, bytes: &SegyBytes) -> Result<Self> {
         bytes.check()?;
-        let layout = Layout::open(path)?;
-        let headers = Headers::read(&layout, &fields(bytes)).map_err(|e| os(path, "read", e))?;
+        let layout = SegyFile::open(path)?;
+        let headers = TraceHeaders::read(&layout, &header_fields(bytes))
+            .map_err(|e| io_error(path, "read", e))?;
         let (major, minor) = layout.revision;
         let info = SegyInfo {
             encoding: layout.encoding.to_string(),
             revision: format!("{major}.{minor}"),
-            traces: layout.traces,
-            samples: layout.samples,
+            traces: layout.trace_count,
+            samples: layout.samples_per_trace,
             dt_ms: None,
             t0_ms: 0.0,
             line_bytes: [bytes.inline, bytes.crossline],
@@ -80,16 +81,16 @@ impl Survey {
             placed_by: String::new(),
             fit: None,
             problem: None,
-            text: layout.text.clone(),
+            text: layout.text_lines.clone(),
         };
         let mut survey = Self {
             info,
             notes: layout.notes.clone(),
             problem: None,
-            layout,
+            file: layout,
             grid: None,
             geometry: Geometry {
-                names: AXES.map(String::from),
+                names: AXIS_NAMES.map(String::from),
                 ..Geometry::default()
             },
         };
@@ -97,8 +98,8 @@ impl Survey {
             survey.info.problem = Some(problem.clone());
             let cause = cause(path.display(), problem, remedy);
             survey.problem = Some(match remedy {
-                NO_LINES | PRESTACK => cause.about("inline-byte"),
-                STARTS => cause.about("delay-byte"),
+                LINE_BYTES_REMEDY | PRESTACK_REMEDY => cause.with_parameter("inline-byte"),
+                START_TIMES_REMEDY => cause.with_parameter("delay-byte"),
                 _ => cause,
             });
         }
@@ -115,22 +116,22 @@ impl Survey {
     fn interpret(
         &mut self,
         bytes: &SegyBytes,
-        headers: &Headers,
+        headers: &TraceHeaders,
     ) -> std::result::Result<(), (String, &'static str)> {
-        if self.layout.traces > 0 {
+        if self.file.trace_count > 0 {
             self.find_times(bytes, headers);
         }
-        if self.layout.left_over > 0 {
+        if self.file.trailing_bytes > 0 {
             let problem = format!(
                 "is cut off, or its traces differ in length: {} bytes are left over after {} traces of {} samples",
-                self.layout.left_over, self.layout.traces, self.layout.samples
+                self.file.trailing_bytes, self.file.trace_count, self.file.samples_per_trace
             );
             return Err((
                 problem,
                 "copy it again, or write it with traces of one length",
             ));
         }
-        match self.layout.traces {
+        match self.file.trace_count {
             0 => {
                 return Err((
                     "has no traces".into(),
@@ -148,11 +149,11 @@ impl Survey {
 
         let grid = match self.find_grid(bytes, headers) {
             Ok(grid) => grid,
-            Err(problem) if !is_line(bytes, headers) => return Err((problem, NO_LINES)),
+            Err(problem) if !is_line(bytes, headers) => return Err((problem, LINE_BYTES_REMEDY)),
             Err(problem) => {
                 self.notes.push(problem);
-                self.take_line(None, bytes, headers);
-                return self.different_starts(bytes, headers).map_or(Ok(()), Err);
+                self.set_line(None, bytes, headers);
+                return self.start_times_problem(bytes, headers).map_or(Ok(()), Err);
             }
         };
         self.info.inlines = Some(grid.inline);
@@ -160,45 +161,45 @@ impl Survey {
         if grid.is_prestack() {
             let problem = format!(
                 "has several traces in a cell ({} traces in {} cells): it is pre-stack, or the line numbers are not at bytes {} and {}",
-                self.layout.traces,
-                grid.trace.len() - grid.missing,
+                self.file.trace_count,
+                grid.traces.len() - grid.missing_count,
                 self.info.line_bytes[0],
                 self.info.line_bytes[1]
             );
-            return Err((problem, PRESTACK));
+            return Err((problem, PRESTACK_REMEDY));
         }
-        self.info.missing = grid.missing;
-        self.info.duplicates = grid.duplicates;
-        if grid.missing > 0 {
+        self.info.missing = grid.missing_count;
+        self.info.duplicates = grid.duplicate_count;
+        if grid.missing_count > 0 {
             self.notes.push(format!(
                 "{} of {} cells have no trace: filled with zeros",
-                grid.missing,
-                grid.trace.len()
+                grid.missing_count,
+                grid.traces.len()
             ));
         }
-        if grid.duplicates > 0 {
+        if grid.duplicate_count > 0 {
             self.notes.push(format!(
                 "{} traces repeat the inline and crossline of an earlier one: the first is kept",
-                grid.duplicates
+                grid.duplicate_count
             ));
         }
         if grid.is_volume() {
             self.place(bytes, headers, &grid);
             self.grid = Some(grid);
         } else {
-            self.take_line(Some(grid), bytes, headers);
+            self.set_line(Some(grid), bytes, headers);
         }
-        self.different_starts(bytes, headers).map_or(Ok(()), Err)
+        self.start_times_problem(bytes, headers).map_or(Ok(()), Err)
     }
 
     /// Sample interval and time of the first sample.
-    fn find_times(&mut self, bytes: &SegyBytes, headers: &Headers) {
+    fn find_times(&mut self, bytes: &SegyBytes, headers: &TraceHeaders) {
         let first = |byte: usize| match byte {
             0 => 0,
             byte => headers.first_i16(byte),
         };
         let of_trace = Some(f64::from(first(bytes.dt))).filter(|&dt| dt > 0.0);
-        let dt = match (self.layout.dt, of_trace) {
+        let dt = match (self.file.interval_us, of_trace) {
             (Some(file), Some(trace)) if file != trace => {
                 self.notes.push(format!(
                     "the file header's sample interval is {file} us, the first trace's {trace} us: the former is used"
@@ -218,7 +219,7 @@ impl Survey {
         // Revision 1 added a scalar for times at 215: it divides if negative.
         let delay = f64::from(first(bytes.delay));
         self.info.t0_ms = match first(215) {
-            _ if self.layout.revision.0 == 0 => delay,
+            _ if self.file.revision.0 == 0 => delay,
             s @ (1 | 10 | 100 | 1000 | 10000) => delay * f64::from(s),
             s @ (-1 | -10 | -100 | -1000 | -10000) => delay / -f64::from(s),
             _ => delay,
@@ -226,10 +227,10 @@ impl Survey {
     }
 
     /// Traces that start at different times are not aligned, and the image would be wrong.
-    fn different_starts(
+    fn start_times_problem(
         &self,
         bytes: &SegyBytes,
-        headers: &Headers,
+        headers: &TraceHeaders,
     ) -> Option<(String, &'static str)> {
         if bytes.delay == 0 {
             return None;
@@ -245,7 +246,7 @@ impl Survey {
                     "its traces start at different times: from {least} to {most} ms (byte {})",
                     bytes.delay
                 ),
-                STARTS,
+                START_TIMES_REMEDY,
             )
         })
     }
@@ -255,11 +256,11 @@ impl Survey {
     fn find_grid(
         &mut self,
         bytes: &SegyBytes,
-        headers: &Headers,
-    ) -> std::result::Result<Grid, String> {
+        headers: &TraceHeaders,
+    ) -> std::result::Result<TraceGrid, String> {
         let offsets = headers.i32s(37);
         let grid = |[inline, crossline]: [usize; 2]| {
-            Grid::of(&headers.i32s(inline), &headers.i32s(crossline), &offsets)
+            TraceGrid::from_line_numbers(&headers.i32s(inline), &headers.i32s(crossline), &offsets)
         };
         let given = [bytes.inline, bytes.crossline];
         let standard = SegyBytes::default();
@@ -277,8 +278,10 @@ impl Survey {
             return Err(problem);
         }
         for other in OTHER_LINE_BYTES {
-            let convincing = |grid: &Grid| {
-                grid.is_volume() && grid.duplicates == 0 && 2 * grid.missing <= grid.trace.len()
+            let convincing = |grid: &TraceGrid| {
+                grid.is_volume()
+                    && grid.duplicate_count == 0
+                    && 2 * grid.missing_count <= grid.traces.len()
             };
             if let Some(grid) = grid(other).ok().filter(convincing) {
                 self.notes.push(format!(
@@ -293,7 +296,7 @@ impl Survey {
     }
 
     /// Places the survey by the best coordinates there are, the line numbers as the last resort.
-    fn place(&mut self, bytes: &SegyBytes, headers: &Headers, grid: &Grid) {
+    fn place(&mut self, bytes: &SegyBytes, headers: &TraceHeaders, grid: &TraceGrid) {
         let inlines = headers.i32s(self.info.line_bytes[0]);
         let crosslines = headers.i32s(self.info.line_bytes[1]);
         let cells: Vec<[usize; 2]> = inlines
@@ -306,16 +309,16 @@ impl Survey {
             if (x == inlines && y == crosslines) || (x == crosslines && y == inlines) {
                 return Err("only repeat the line numbers".to_string());
             }
-            Fit::of(&cells, &scaled(&x, &y, headers, bytes.scalar))
+            SurveyFit::from_positions(&cells, &scale_coordinates(&x, &y, headers, bytes.scalar))
         };
 
         let standard = SegyBytes::default();
-        let mut tried: Vec<(String, std::result::Result<Fit, String>)> = Vec::new();
+        let mut tried: Vec<(String, std::result::Result<SurveyFit, String>)> = Vec::new();
         // Where revision 2's floating-point coordinates are given, they supersede the integers.
         if let (Some(x), Some(y)) = (headers.extension_f64s(0), headers.extension_f64s(1)) {
             let positions: Vec<[f64; 2]> = x.into_iter().zip(y).map(|(x, y)| [x, y]).collect();
             if positions.iter().any(|p| *p != [0.0, 0.0]) {
-                let fit = Fit::of(&cells, &positions);
+                let fit = SurveyFit::from_positions(&cells, &positions);
                 tried.push(("bytes 161 and 169 of trace header extension 1".into(), fit));
             }
         }
@@ -336,7 +339,7 @@ impl Survey {
                 Ok(fit) => {
                     self.notes.push(format!(
                         "placed by X, Y at {name}: they miss a regular grid by {:.3} rms, {:.3} at most (pitch: inlines {:.3}, crosslines {:.3})",
-                        fit.rms, fit.max, fit.pitch()[0], fit.pitch()[1]
+                        fit.rms, fit.max, fit.line_spacing()[0], fit.line_spacing()[1]
                     ));
                     self.info.placed_by = name;
                     self.info.fit = Some(fit);
@@ -347,15 +350,15 @@ impl Survey {
                 }
             }
         }
-        self.geometry = self.geometry_of(grid, headers);
+        self.geometry = self.survey_geometry(grid, headers);
     }
 
-    fn geometry_of(&mut self, grid: &Grid, headers: &Headers) -> Geometry<3> {
-        let (vertical, top, time) = self.times();
+    fn survey_geometry(&mut self, grid: &TraceGrid, headers: &TraceHeaders) -> Geometry<3> {
+        let (vertical, top, time) = self.vertical_sampling();
         let (origin, crossline, inline, unit) = match &self.info.fit {
             Some(fit) => {
                 let placed = (fit.origin, fit.crossline, fit.inline);
-                let unit = self.unit_of_length(headers);
+                let unit = self.length_unit(headers);
                 (placed.0, placed.1, placed.2, unit)
             }
             None => {
@@ -379,15 +382,15 @@ impl Survey {
                 [crossline[0], crossline[1], 0.0],
                 [inline[0], inline[1], 0.0],
             ],
-            names: AXES.map(String::from),
+            names: AXIS_NAMES.map(String::from),
             units: [unit, unit, time].map(String::from),
         }
     }
 }
 
-impl Survey {
+impl SegySurvey {
     /// Step and start along the vertical, which goes down, and its unit.
-    pub(super) fn times(&self) -> (f64, f64, &'static str) {
+    pub(super) fn vertical_sampling(&self) -> (f64, f64, &'static str) {
         match self.info.dt_ms {
             Some(dt) => (dt, 0.0 - self.info.t0_ms, "ms"), // not -t0, which may be -0
             // Without an interval the start time has no place on an axis that counts samples.
@@ -396,8 +399,8 @@ impl Survey {
     }
 
     /// The unit of X and Y; empty, with a note, where the file does not say.
-    pub(super) fn unit_of_length(&mut self, headers: &Headers) -> &'static str {
-        let unit = match (headers.first_i16(89), self.layout.feet) {
+    pub(super) fn length_unit(&mut self, headers: &TraceHeaders) -> &'static str {
+        let unit = match (headers.first_i16(89), self.file.lengths_in_feet) {
             (2, _) => "arcsec",
             (3, _) => "deg",
             (_, Some(true)) => "ft",
@@ -413,7 +416,12 @@ impl Survey {
 }
 
 /// Coordinates with each trace's own scalar: divided if it is negative, multiplied if positive.
-pub(super) fn scaled(x: &[i32], y: &[i32], headers: &Headers, scalar: usize) -> Vec<[f64; 2]> {
+pub(super) fn scale_coordinates(
+    x: &[i32],
+    y: &[i32],
+    headers: &TraceHeaders,
+    scalar: usize,
+) -> Vec<[f64; 2]> {
     let scalars = match scalar {
         0 => vec![1; x.len()],
         byte => headers.i16s(byte),

@@ -1,10 +1,10 @@
 //! Textual headers, in EBCDIC or ASCII.
 
 /// Bytes of a textual header: 40 lines of 80.
-pub const TEXT_HEADER: usize = 3200;
+pub const TEXT_HEADER_BYTES: usize = 3200;
 
 /// The characters of EBCDIC (code page 037) that ASCII has too; the others become blanks.
-fn ebcdic(byte: u8) -> char {
+fn ebcdic_to_char(byte: u8) -> char {
     let found = |first: u8, letters: &[u8]| char::from(letters[usize::from(byte - first)]);
     match byte {
         0x4b..=0x50 => found(0x4b, b".<(+|&"),
@@ -27,7 +27,7 @@ fn ebcdic(byte: u8) -> char {
 }
 
 /// How many bytes are letters, digits or blanks in EBCDIC and in ASCII.
-fn likeness(bytes: &[u8]) -> (usize, usize) {
+fn text_byte_counts(bytes: &[u8]) -> (usize, usize) {
     let ebcdic = |b: &&u8| matches!(**b, 0x40 | 0x81..=0xa9 | 0xc1..=0xf9);
     let ascii = |b: &&u8| b.is_ascii_alphanumeric() || **b == b' ';
     (
@@ -38,16 +38,16 @@ fn likeness(bytes: &[u8]) -> (usize, usize) {
 
 /// Whether this is text in one of the two codes rather than numbers.
 pub fn is_text(bytes: &[u8]) -> bool {
-    let (ebcdic, ascii) = likeness(bytes);
+    let (ebcdic, ascii) = text_byte_counts(bytes);
     let blank = bytes.iter().filter(|&&b| b == 0).count();
     2 * ebcdic.max(ascii) > bytes.len() && 10 * (ebcdic.max(ascii) + blank) > 6 * bytes.len()
 }
 
 /// The text, in whichever code it is more likely to be.
 pub fn decode(bytes: &[u8]) -> String {
-    let (likely_ebcdic, likely_ascii) = likeness(bytes);
+    let (likely_ebcdic, likely_ascii) = text_byte_counts(bytes);
     let character = |&b: &u8| match likely_ebcdic > likely_ascii {
-        true => ebcdic(b),
+        true => ebcdic_to_char(b),
         false if b.is_ascii_graphic() => char::from(b),
         false => ' ',
     };

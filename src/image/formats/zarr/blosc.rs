@@ -8,33 +8,33 @@ use std::io::Read;
 
 use flate2::bufread::ZlibDecoder;
 
-use super::codecs::{Problem, unzstd};
+use super::codecs::{CodecError, decode_zstd};
 
-const HEADER: usize = 16;
+const HEADER_BYTES: usize = 16;
 
 // Bits of the flags.
-const SHUFFLED: u8 = 1;
-const COPIED: u8 = 2;
-const BITS_SHUFFLED: u8 = 4;
-const WHOLE: u8 = 16;
+const FLAG_SHUFFLE: u8 = 1;
+const FLAG_MEMCPY: u8 = 2;
+const FLAG_BITSHUFFLE: u8 = 4;
+const FLAG_UNSPLIT: u8 = 16;
 
 /// The compressor's number stands in the upper bits of the flags.
-const COMPRESSOR: u32 = 5;
-const LZ4: u8 = 1;
+const COMPRESSOR_SHIFT: u32 = 5;
+const COMPRESSOR_LZ4: u8 = 1;
 
 /// Elements of more bytes than this are not split into streams, nor are streams that would be shorter.
-const MOST_STREAMS: usize = 16;
-const SHORTEST_STREAM: usize = 128;
+const MAX_STREAMS: usize = 16;
+const MIN_STREAM_BYTES: usize = 128;
 
 /// Bytes of a block that is written.
-const BLOCK: usize = 1 << 18;
+const BLOCK_BYTES: usize = 1 << 18;
 
 /// What a container holds: `most` bytes at most.
 ///
 /// # Errors
 /// What is wrong with it.
-pub fn unpacked(bytes: &[u8], most: usize) -> Result<Vec<u8>, Problem> {
-    let header = bytes.first_chunk::<HEADER>().ok_or("is cut off")?;
+pub fn decompress(bytes: &[u8], most: usize) -> Result<Vec<u8>, CodecError> {
+    let header = bytes.first_chunk::<HEADER_BYTES>().ok_or("is cut off")?;
     let [version, _, flags, size, ..] = *header;
     let number = |at: usize| {
         let raw = [header[at], header[at + 1], header[at + 2], header[at + 3]];
@@ -53,8 +53,8 @@ pub fn unpacked(bytes: &[u8], most: usize) -> Result<Vec<u8>, Problem> {
             bytes.len()
         ));
     }
-    if flags & COPIED != 0 {
-        let copied = bytes.get(HEADER..HEADER + length);
+    if flags & FLAG_MEMCPY != 0 {
+        let copied = bytes.get(HEADER_BYTES..HEADER_BYTES + length);
         return Ok(copied.ok_or("is cut off")?.to_vec());
     }
     if length == 0 {
@@ -67,10 +67,10 @@ pub fn unpacked(bytes: &[u8], most: usize) -> Result<Vec<u8>, Problem> {
     let mut out = vec![0; length];
     let mut streams = Vec::new();
     for (i, out) in out.chunks_mut(block).enumerate() {
-        let start = at(bytes, HEADER + 4 * i)?;
-        let split = flags & WHOLE == 0
-            && size <= MOST_STREAMS
-            && block / size >= SHORTEST_STREAM
+        let start = read_number(bytes, HEADER_BYTES + 4 * i)?;
+        let split = flags & FLAG_UNSPLIT == 0
+            && size <= MAX_STREAMS
+            && block / size >= MIN_STREAM_BYTES
             && out.len() == block;
         let count = if split { size } else { 1 };
         let each = out.len() / count;
@@ -80,19 +80,19 @@ pub fn unpacked(bytes: &[u8], most: usize) -> Result<Vec<u8>, Problem> {
         streams.resize(out.len(), 0);
         let mut from = start;
         for stream in streams.chunks_mut(each) {
-            let length = at(bytes, from)?;
+            let length = read_number(bytes, from)?;
             let packed = bytes.get(from + 4..).and_then(|rest| rest.get(..length));
             let packed = packed.ok_or("is cut off within a block")?;
             match length == stream.len() {
                 true => stream.copy_from_slice(packed),
-                false => unpack(flags >> COMPRESSOR, packed, stream)?,
+                false => unpack_stream(flags >> COMPRESSOR_SHIFT, packed, stream)?,
             }
             from += 4 + length;
         }
-        if flags & SHUFFLED != 0 && size > 1 {
-            bytes_back(&streams, size, out);
-        } else if flags & BITS_SHUFFLED != 0 {
-            bits_back(&streams, size, version, out);
+        if flags & FLAG_SHUFFLE != 0 && size > 1 {
+            unshuffle_bytes(&streams, size, out);
+        } else if flags & FLAG_BITSHUFFLE != 0 {
+            unshuffle_bits(&streams, size, version, out);
         } else {
             out.copy_from_slice(&streams);
         }
@@ -101,16 +101,16 @@ pub fn unpacked(bytes: &[u8], most: usize) -> Result<Vec<u8>, Problem> {
 }
 
 /// The number at a byte.
-fn at(bytes: &[u8], at: usize) -> Result<usize, Problem> {
+fn read_number(bytes: &[u8], at: usize) -> Result<usize, CodecError> {
     let raw = bytes.get(at..).and_then(|rest| rest.first_chunk::<4>());
     Ok(u32::from_le_bytes(*raw.ok_or("is cut off")?) as usize)
 }
 
 /// Unpacks one stream, which fills `out`.
-fn unpack(compressor: u8, packed: &[u8], out: &mut [u8]) -> Result<(), Problem> {
+fn unpack_stream(compressor: u8, packed: &[u8], out: &mut [u8]) -> Result<(), CodecError> {
     let filled = match compressor {
-        0 => blosclz(packed, out).ok_or("is damaged (blosclz)")?,
-        LZ4 => lz4_flex::block::decompress_into(packed, out)
+        0 => unpack_blosclz(packed, out).ok_or("is damaged (blosclz)")?,
+        COMPRESSOR_LZ4 => lz4_flex::block::decompress_into(packed, out)
             .map_err(|e| format!("is damaged (lz4): {e}"))?,
         3 => {
             let mut reader = ZlibDecoder::new(packed);
@@ -120,7 +120,7 @@ fn unpack(compressor: u8, packed: &[u8], out: &mut [u8]) -> Result<(), Problem> 
             out.len()
         }
         4 => {
-            let found = unzstd(packed, out.len())?;
+            let found = decode_zstd(packed, out.len())?;
             out[..found.len()].copy_from_slice(&found);
             found.len()
         }
@@ -142,9 +142,9 @@ fn unpack(compressor: u8, packed: &[u8], out: &mut [u8]) -> Result<(), Problem> 
 
 /// Unpacks a stream of BloscLZ, a kin of FastLZ: runs of literals, and copies of what was there `distance`
 /// bytes before. `None` where it makes no sense.
-fn blosclz(packed: &[u8], out: &mut [u8]) -> Option<usize> {
+fn unpack_blosclz(packed: &[u8], out: &mut [u8]) -> Option<usize> {
     /// Larger distances are written in two bytes more.
-    const FAR: usize = 8191;
+    const MAX_SHORT_DISTANCE: usize = 8191;
     let mut from = packed.iter().map(|&b| usize::from(b));
     let mut done = 0;
     let mut control = from.next()? & 31;
@@ -169,7 +169,7 @@ fn blosclz(packed: &[u8], out: &mut [u8]) -> Option<usize> {
             let low = from.next()?;
             let mut distance = high + low;
             if low == 255 && high == 31 << 8 {
-                distance = FAR + (from.next()? << 8);
+                distance = MAX_SHORT_DISTANCE + (from.next()? << 8);
                 distance += from.next()?;
             }
             let start = done.checked_sub(distance + 1)?;
@@ -186,7 +186,7 @@ fn blosclz(packed: &[u8], out: &mut [u8]) -> Option<usize> {
 }
 
 /// Elements whose first bytes stand together, then their second ones, and so on.
-fn bytes_back(shuffled: &[u8], size: usize, out: &mut [u8]) {
+fn unshuffle_bytes(shuffled: &[u8], size: usize, out: &mut [u8]) {
     let count = out.len() / size;
     for (byte, plane) in shuffled[..count * size].chunks(count.max(1)).enumerate() {
         for (element, value) in out.chunks_exact_mut(size).zip(plane) {
@@ -197,7 +197,7 @@ fn bytes_back(shuffled: &[u8], size: usize, out: &mut [u8]) {
 }
 
 /// Elements whose first bits stand together, then their second ones, and so on; eight elements a byte.
-fn bits_back(shuffled: &[u8], size: usize, version: u8, out: &mut [u8]) {
+fn unshuffle_bits(shuffled: &[u8], size: usize, version: u8, out: &mut [u8]) {
     let count = out.len() / size;
     // Blosc's second format left alone what is no multiple of eight.
     let whole = match version {
@@ -218,11 +218,11 @@ fn bits_back(shuffled: &[u8], size: usize, version: u8, out: &mut [u8]) {
 }
 
 /// Elements of `size` bytes in a container: shuffled, by LZ4.
-pub fn packed(bytes: &[u8], size: usize) -> Vec<u8> {
+pub fn compress(bytes: &[u8], size: usize) -> Vec<u8> {
     // Whole elements in each block.
-    let block = (BLOCK / size * size).min(bytes.len()).max(1);
+    let block = (BLOCK_BYTES / size * size).min(bytes.len()).max(1);
     let count = bytes.len().div_ceil(block);
-    let mut out = vec![0; HEADER + 4 * count];
+    let mut out = vec![0; HEADER_BYTES + 4 * count];
     let mut shuffled = Vec::new();
     for (i, part) in bytes.chunks(block).enumerate() {
         shuffled.clear();
@@ -231,7 +231,7 @@ pub fn packed(bytes: &[u8], size: usize) -> Vec<u8> {
         }
         shuffled.extend_from_slice(&part[part.len() / size * size..]);
         let start = out.len() as u32;
-        out[HEADER + 4 * i..][..4].copy_from_slice(&start.to_le_bytes());
+        out[HEADER_BYTES + 4 * i..][..4].copy_from_slice(&start.to_le_bytes());
         let stream = lz4_flex::block::compress(&shuffled);
         let stream = if stream.len() < part.len() {
             &stream
@@ -241,10 +241,10 @@ pub fn packed(bytes: &[u8], size: usize) -> Vec<u8> {
         out.extend((stream.len() as u32).to_le_bytes());
         out.extend_from_slice(stream);
     }
-    let mut flags = SHUFFLED | WHOLE | LZ4 << COMPRESSOR;
-    if out.len() >= HEADER + bytes.len() {
-        flags |= COPIED;
-        out.truncate(HEADER);
+    let mut flags = FLAG_SHUFFLE | FLAG_UNSPLIT | COMPRESSOR_LZ4 << COMPRESSOR_SHIFT;
+    if out.len() >= HEADER_BYTES + bytes.len() {
+        flags |= FLAG_MEMCPY;
+        out.truncate(HEADER_BYTES);
         out.extend_from_slice(bytes);
     }
     out[..4].copy_from_slice(&[2, 1, flags, size as u8]);
@@ -262,12 +262,12 @@ mod tests {
     fn what_is_packed_is_unpacked() {
         for count in [0, 1, 31, 1000, 70_000, 300_001] {
             let bytes: Vec<u8> = (0..count).map(|i| (i / 7 % 61) as u8).collect();
-            let packed = packed(&bytes, 4);
-            assert_eq!(unpacked(&packed, count).unwrap(), bytes, "{count}");
+            let packed = compress(&bytes, 4);
+            assert_eq!(decompress(&packed, count).unwrap(), bytes, "{count}");
             assert!(packed.len() < 1000 + count / 2, "{count}: {}", packed.len());
             if count > 0 {
-                assert!(unpacked(&packed, count - 1).is_err());
-                assert!(unpacked(&packed[..packed.len() - 1], count).is_err());
+                assert!(decompress(&packed, count - 1).is_err());
+                assert!(decompress(&packed[..packed.len() - 1], count).is_err());
             }
         }
         // What cannot be compressed is copied.
@@ -278,9 +278,9 @@ mod tests {
                 (state >> 24) as u8
             })
             .collect();
-        let packed = packed(&noise, 4);
-        assert_eq!(packed.len(), noise.len() + HEADER);
-        assert_eq!(unpacked(&packed, 5000).unwrap(), noise);
+        let packed = compress(&noise, 4);
+        assert_eq!(packed.len(), noise.len() + HEADER_BYTES);
+        assert_eq!(decompress(&packed, 5000).unwrap(), noise);
     }
 
     #[test]
@@ -289,9 +289,9 @@ mod tests {
         let mut out = [0; 13];
         let packed = [2, b'a', b'b', b'c', 7 << 5, 0, 2, 0, b'd'];
         // Length 6 + 0 + 3 = 9 at distance 2 + 1.
-        assert_eq!(blosclz(&packed, &mut out), Some(13));
+        assert_eq!(unpack_blosclz(&packed, &mut out), Some(13));
         assert_eq!(&out, b"abcabcabcabcd");
-        assert_eq!(blosclz(&packed[..6], &mut out), None);
-        assert_eq!(blosclz(&[0, b'a', 32, 1], &mut out), None);
+        assert_eq!(unpack_blosclz(&packed[..6], &mut out), None);
+        assert_eq!(unpack_blosclz(&[0, b'a', 32, 1], &mut out), None);
     }
 }

@@ -9,18 +9,18 @@ use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
 use serde_json::Value;
 
 use super::blosc;
-use super::metadata::{counts, product};
+use super::metadata::{checked_product, parse_counts};
 use crate::image::formats::samples::{Encoding, Endian, SampleType};
 
 /// What is wrong with a chunk, or with what is said of chunks.
-pub type Problem = String;
+pub type CodecError = String;
 
 /// How chunks are coded.
 pub struct Codecs {
     /// How the cells are coded that are read one by one: the chunks, or those within shards.
-    pub cell: Chain,
+    pub cell_codecs: CodecChain,
     /// Elements of a cell along each axis.
-    pub shape: Vec<usize>,
+    pub cell_shape: Vec<usize>,
     /// How cells lie in the files of chunks, unless each has its own.
     pub shard: Option<Shard>,
 }
@@ -28,36 +28,36 @@ pub struct Codecs {
 /// Cells in one file, and where.
 pub struct Shard {
     /// Cells along each axis.
-    pub cells: Vec<usize>,
+    pub cell_counts: Vec<usize>,
     /// Whether the index stands at the end of the file rather than at its beginning.
-    pub at_end: bool,
+    pub is_index_at_end: bool,
     /// How the index is coded: only by codecs that keep its length known.
-    pub index: Chain,
+    pub index_codecs: CodecChain,
 }
 
 impl Shard {
     /// Bytes of the index as the file has it.
     pub fn index_bytes(&self) -> usize {
-        let sums = self.index.packings.len();
-        16 * self.cells.iter().product::<usize>() + SUM * sums
+        let sums = self.index_codecs.byte_codecs.len();
+        16 * self.cell_counts.iter().product::<usize>() + CHECKSUM_BYTES * sums
     }
 }
 
 /// Bytes of a check sum.
-const SUM: usize = 4;
+const CHECKSUM_BYTES: usize = 4;
 
 /// What becomes of the elements of a cell.
-pub struct Chain {
+pub struct CodecChain {
     /// Which axis of the cell each axis of what is stored is; empty where they are the same.
-    order: Vec<usize>,
+    axis_order: Vec<usize>,
     /// How an element is coded.
     pub encoding: Encoding,
     /// What is done to the bytes, the last first.
-    packings: Vec<Packing>,
+    byte_codecs: Vec<ByteCodec>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Packing {
+enum ByteCodec {
     Gzip,
     Zlib,
     Zstd,
@@ -70,26 +70,26 @@ impl Codecs {
     ///
     /// # Errors
     /// What is not read here.
-    pub fn of(value: &Value, chunk: &[usize], sample: SampleType) -> Result<Self, Problem> {
+    pub fn parse(value: &Value, chunk: &[usize], sample: SampleType) -> Result<Self, CodecError> {
         let list = value.as_array().ok_or("has no codecs")?;
         let Some(at) = list
             .iter()
-            .position(|codec| name(codec) == "sharding_indexed")
+            .position(|codec| codec_name(codec) == "sharding_indexed")
         else {
             return Ok(Self {
-                cell: Chain::of(list, chunk.len(), sample)?,
-                shape: chunk.to_vec(),
+                cell_codecs: CodecChain::parse(list, chunk.len(), sample)?,
+                cell_shape: chunk.to_vec(),
                 shard: None,
             });
         };
         if list.len() != 1 {
             return Err(format!(
                 "has shards within other codecs ({}), which are not read",
-                name(&list[usize::from(at == 0)])
+                codec_name(&list[usize::from(at == 0)])
             ));
         }
         let within = &list[at]["configuration"];
-        let shape = counts(&within["chunk_shape"])
+        let shape = parse_counts(&within["chunk_shape"])
             .filter(|shape| {
                 shape.len() == chunk.len()
                     && shape
@@ -99,42 +99,43 @@ impl Codecs {
             })
             .ok_or_else(|| format!("has shards of {chunk:?} elements that no chunks fill"))?;
         let cells: Vec<usize> = chunk.iter().zip(&shape).map(|(all, n)| all / n).collect();
-        product(&cells)
+        checked_product(&cells)
             .and_then(|count| count.checked_mul(16))
             .ok_or("has shards of too many chunks")?;
         let empty = Vec::new();
         let inner = within["codecs"].as_array().unwrap_or(&empty);
         let of_index = within["index_codecs"].as_array().unwrap_or(&empty);
-        let index = Chain::of(of_index, cells.len() + 1, SampleType::U64)?;
-        if !index.order.is_empty() || index.packings.iter().any(|p| *p != Packing::Crc32c) {
+        let index = CodecChain::parse(of_index, cells.len() + 1, SampleType::U64)?;
+        if !index.axis_order.is_empty() || index.byte_codecs.iter().any(|p| *p != ByteCodec::Crc32c)
+        {
             return Err("has a compressed index of its shards, which is not read".into());
         }
         Ok(Self {
-            cell: Chain::of(inner, shape.len(), sample)?,
-            shape,
+            cell_codecs: CodecChain::parse(inner, shape.len(), sample)?,
+            cell_shape: shape,
             shard: Some(Shard {
-                cells,
-                at_end: within["index_location"] != "start",
-                index,
+                cell_counts: cells,
+                is_index_at_end: within["index_location"] != "start",
+                index_codecs: index,
             }),
         })
     }
 }
 
 /// A codec's name.
-fn name(codec: &Value) -> &str {
+fn codec_name(codec: &Value) -> &str {
     codec["name"].as_str().or(codec.as_str()).unwrap_or("")
 }
 
-impl Chain {
-    fn of(list: &[Value], axes: usize, sample: SampleType) -> Result<Self, Problem> {
+impl CodecChain {
+    fn parse(list: &[Value], axes: usize, sample: SampleType) -> Result<Self, CodecError> {
         let mut order: Vec<usize> = Vec::new();
         let mut encoding = None;
         let mut packings = Vec::new();
         for codec in list {
-            let packing = match (name(codec), encoding.is_some()) {
+            let packing = match (codec_name(codec), encoding.is_some()) {
                 ("transpose", false) => {
-                    let next = permutation(&codec["configuration"]["order"], axes)?;
+                    let next = parse_permutation(&codec["configuration"]["order"], axes)?;
                     order = match order.is_empty() {
                         true => next,
                         false => next.iter().map(|&k| order[k]).collect(),
@@ -146,14 +147,17 @@ impl Chain {
                         Some("big") => Endian::Big,
                         _ => Endian::Little,
                     };
-                    encoding = Some(Encoding { sample, endian });
+                    encoding = Some(Encoding {
+                        sample_type: sample,
+                        endian,
+                    });
                     continue;
                 }
-                ("gzip", true) => Packing::Gzip,
-                ("zlib" | "numcodecs.zlib", true) => Packing::Zlib,
-                ("zstd" | "numcodecs.zstd", true) => Packing::Zstd,
-                ("blosc" | "numcodecs.blosc", true) => Packing::Blosc,
-                ("crc32c", true) => Packing::Crc32c,
+                ("gzip", true) => ByteCodec::Gzip,
+                ("zlib" | "numcodecs.zlib", true) => ByteCodec::Zlib,
+                ("zstd" | "numcodecs.zstd", true) => ByteCodec::Zstd,
+                ("blosc" | "numcodecs.blosc", true) => ByteCodec::Blosc,
+                ("crc32c", true) => ByteCodec::Crc32c,
                 ("sharding_indexed", _) => return Err("has shards within shards".into()),
                 (name, _) => {
                     return Err(format!(
@@ -167,19 +171,19 @@ impl Chain {
         packings.reverse();
         let encoding = encoding.ok_or("has no codec 'bytes'")?;
         Ok(Self {
-            order,
+            axis_order: order,
             encoding,
-            packings,
+            byte_codecs: packings,
         })
     }
 
     /// How bytes are compressed, to be said after how elements are coded.
-    pub fn packing(&self) -> &'static str {
-        match self.packings.iter().find(|p| **p != Packing::Crc32c) {
+    pub fn compression_label(&self) -> &'static str {
+        match self.byte_codecs.iter().find(|p| **p != ByteCodec::Crc32c) {
             None => "",
-            Some(Packing::Gzip) => ", gzip",
-            Some(Packing::Zlib) => ", zlib",
-            Some(Packing::Zstd) => ", zstd",
+            Some(ByteCodec::Gzip) => ", gzip",
+            Some(ByteCodec::Zlib) => ", zlib",
+            Some(ByteCodec::Zstd) => ", zstd",
             Some(_) => ", blosc",
         }
     }
@@ -188,34 +192,34 @@ impl Chain {
     ///
     /// # Errors
     /// What is wrong with `packed`.
-    pub fn unpacked(&self, packed: Vec<u8>, shape: &[usize]) -> Result<Vec<u8>, Problem> {
+    pub fn decode_cell(&self, packed: Vec<u8>, shape: &[usize]) -> Result<Vec<u8>, CodecError> {
         let size = self.encoding.size();
         let needed = size * shape.iter().product::<usize>();
         let mut bytes = packed;
-        for (i, packing) in self.packings.iter().enumerate() {
+        for (i, packing) in self.byte_codecs.iter().enumerate() {
             // What check sums stand after is known only where nothing else follows.
-            let after = self.packings[i + 1..].iter();
-            let sums = after.clone().filter(|p| **p == Packing::Crc32c).count();
+            let after = self.byte_codecs[i + 1..].iter();
+            let sums = after.clone().filter(|p| **p == ByteCodec::Crc32c).count();
             let last = after.count() == sums;
             let most = match last {
-                true => needed + SUM * sums,
+                true => needed + CHECKSUM_BYTES * sums,
                 false => 2 * needed + (1 << 16),
             };
-            bytes = packing.undone(&bytes, most)?;
+            bytes = packing.decode(&bytes, most)?;
         }
         if bytes.len() != needed {
             return Err(format!("holds {} bytes instead of {needed}", bytes.len()));
         }
-        if self.order.is_empty() {
+        if self.axis_order.is_empty() {
             return Ok(bytes);
         }
-        Ok(turned_back(&bytes, size, shape, &self.order))
+        Ok(restore_axis_order(&bytes, size, shape, &self.axis_order))
     }
 }
 
-impl Packing {
+impl ByteCodec {
     /// The bytes before this was done to them: `most` at most.
-    fn undone(self, bytes: &[u8], most: usize) -> Result<Vec<u8>, Problem> {
+    fn decode(self, bytes: &[u8], most: usize) -> Result<Vec<u8>, CodecError> {
         let read = |reader: &mut dyn Read| {
             let mut out = Vec::new();
             let done = reader.take(most as u64 + 1).read_to_end(&mut out);
@@ -225,10 +229,12 @@ impl Packing {
         match self {
             Self::Gzip => read(&mut MultiGzDecoder::new(bytes)),
             Self::Zlib => read(&mut ZlibDecoder::new(bytes)),
-            Self::Zstd => unzstd(bytes, most),
-            Self::Blosc => blosc::unpacked(bytes, most),
+            Self::Zstd => decode_zstd(bytes, most),
+            Self::Blosc => blosc::decompress(bytes, most),
             Self::Crc32c => {
-                let (rest, sum) = bytes.split_last_chunk::<SUM>().ok_or("is cut off")?;
+                let (rest, sum) = bytes
+                    .split_last_chunk::<CHECKSUM_BYTES>()
+                    .ok_or("is cut off")?;
                 match crc32c(rest) == u32::from_le_bytes(*sum) {
                     true => Ok(rest.to_vec()),
                     false => Err("has another check sum than is written in it".into()),
@@ -239,7 +245,7 @@ impl Packing {
 }
 
 /// What zstd's frames hold, `most` bytes at most.
-pub fn unzstd(bytes: &[u8], most: usize) -> Result<Vec<u8>, Problem> {
+pub fn decode_zstd(bytes: &[u8], most: usize) -> Result<Vec<u8>, CodecError> {
     let mut out = Vec::new();
     let mut rest = bytes;
     while !rest.is_empty() {
@@ -256,8 +262,8 @@ pub fn unzstd(bytes: &[u8], most: usize) -> Result<Vec<u8>, Problem> {
 }
 
 /// A permutation of the axes.
-fn permutation(value: &Value, axes: usize) -> Result<Vec<usize>, Problem> {
-    let order = counts(value).unwrap_or_default();
+fn parse_permutation(value: &Value, axes: usize) -> Result<Vec<usize>, CodecError> {
+    let order = parse_counts(value).unwrap_or_default();
     let mut sorted = order.clone();
     sorted.sort_unstable();
     match sorted.into_iter().eq(0..axes) {
@@ -270,7 +276,7 @@ fn permutation(value: &Value, axes: usize) -> Result<Vec<usize>, Problem> {
 
 /// Elements of `size` bytes that are stored with axis `order[k]` of the cell as axis `k`, in the order of
 /// the cell.
-fn turned_back(bytes: &[u8], size: usize, shape: &[usize], order: &[usize]) -> Vec<u8> {
+fn restore_axis_order(bytes: &[u8], size: usize, shape: &[usize], order: &[usize]) -> Vec<u8> {
     // How far apart neighbours along each axis of the cell are stored.
     let mut apart = vec![0; shape.len()];
     let mut stride = size;
@@ -342,6 +348,6 @@ mod tests {
             }
         }
         let expected: Vec<u8> = (0..24u16).flat_map(u16::to_le_bytes).collect();
-        assert_eq!(turned_back(&stored, 2, &shape, &order), expected);
+        assert_eq!(restore_axis_order(&stored, 2, &shape, &order), expected);
     }
 }

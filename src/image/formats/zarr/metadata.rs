@@ -5,81 +5,81 @@ use std::path::{Path, PathBuf};
 use serde_json::{Map, Value};
 
 use super::codecs::Codecs;
-use crate::error::{Result, os};
-use crate::image::formats::packed::refuse;
+use crate::error::{Result, io_error};
+use crate::image::formats::packed::file_error;
 use crate::image::formats::samples::SampleType;
 
 /// The file that makes a folder a node of Zarr version 3.
-pub const NODE: &str = "zarr.json";
+pub const NODE_FILE: &str = "zarr.json";
 
 /// No chunk holds more bytes than this: Blosc's limit too.
-const LARGEST_CHUNK: usize = i32::MAX as usize;
+const MAX_CHUNK_BYTES: usize = i32::MAX as usize;
 
 /// No array has more elements: what no chunk holds takes time to be passed over, though no room.
-const MOST_ELEMENTS: usize = 1 << 40;
+const MAX_ELEMENTS: usize = 1 << 40;
 
 /// No metadata are longer: what is longer describes no array.
-const LONGEST: u64 = 1 << 26;
+const MAX_METADATA_BYTES: u64 = 1 << 26;
 
 /// A node of the hierarchy.
-pub enum Node {
+pub enum ZarrNode {
     /// A folder of nodes, with its attributes.
     Group(Map<String, Value>),
     /// An array.
-    Array(Box<Metadata>),
+    Array(Box<ArrayMetadata>),
 }
 
 /// What an array is.
-pub struct Metadata {
+pub struct ArrayMetadata {
     /// The folder of the array.
     pub folder: PathBuf,
     /// Elements along each axis, the slowest first.
     pub shape: Vec<usize>,
     /// The value of elements that no chunk holds.
-    pub fill: f64,
+    pub fill_value: f64,
     /// How chunks are coded.
     pub codecs: Codecs,
     /// Names of its axes; empty where an axis has none.
-    pub names: Vec<String>,
+    pub axis_names: Vec<String>,
     /// What else is said of it.
     pub attributes: Map<String, Value>,
     /// How chunks' files are named.
-    keys: Keys,
+    chunk_keys: ChunkKeys,
 }
 
 /// How chunks' files are named.
-struct Keys {
+struct ChunkKeys {
     /// `c/1/2/3`, rather than `1/2/3`.
-    prefixed: bool,
+    has_prefix: bool,
     /// Between the numbers.
     separator: char,
 }
 
-impl Node {
+impl ZarrNode {
     /// Reads the metadata of the node in a folder.
     ///
     /// # Errors
     /// [`crate::Error::Io`] if there are none, or they describe nothing that is read here.
     pub fn open(folder: &Path) -> Result<Self> {
-        let path = folder.join(NODE);
-        let length = std::fs::metadata(&path).map_err(|e| os(&path, "open", e))?;
-        if length.len() > LONGEST {
+        let path = folder.join(NODE_FILE);
+        let length = std::fs::metadata(&path).map_err(|e| io_error(&path, "open", e))?;
+        if length.len() > MAX_METADATA_BYTES {
             let problem = format!("has {} bytes, which are no metadata", length.len());
-            return Err(refuse(&path, problem, AGAIN));
+            return Err(file_error(&path, problem, REWRITE_REMEDY));
         }
-        let text = std::fs::read(&path).map_err(|e| os(&path, "read", e))?;
-        let bad = |problem: String| refuse(&path, problem, AGAIN);
+        let text = std::fs::read(&path).map_err(|e| io_error(&path, "read", e))?;
+        let bad = |problem: String| file_error(&path, problem, REWRITE_REMEDY);
         let value: Value = serde_json::from_slice(&text)
-            .map_err(|e| bad(format!("is no JSON of Zarr: {e}")).because(e))?;
+            .map_err(|e| bad(format!("is no JSON of Zarr: {e}")).with_source(e))?;
         if value["zarr_format"] != 3 {
             let problem = format!("is of Zarr version {}, not 3", value["zarr_format"]);
-            return Err(refuse(&path, problem, VERSION_2));
+            return Err(file_error(&path, problem, VERSION_2_REMEDY));
         }
         let attributes = value["attributes"].as_object().cloned().unwrap_or_default();
         match value["node_type"].as_str() {
             Some("group") => Ok(Self::Group(attributes)),
             Some("array") => {
-                let array = Metadata::of(folder, &value, attributes);
+                let array = ArrayMetadata::parse(folder, &value, attributes);
                 array.map(|array| Self::Array(Box::new(array))).map_err(bad)
             }
             _ => Err(bad(format!(
@@ -91,33 +91,33 @@ impl Node {
 }
 
 /// What to do about metadata that make no sense.
-pub const AGAIN: &str = "write the array again, e.g. with zarr-python's defaults";
+pub const REWRITE_REMEDY: &str = "write the array again, e.g. with zarr-python's defaults";
 
 /// What to do about an older store.
-pub const VERSION_2: &str = "convert it to version 3, e.g. with zarr-python: zarr.create_array(new, data=zarr.open(old)[:]), \
+pub const VERSION_2_REMEDY: &str = "convert it to version 3, e.g. with zarr-python: zarr.create_array(new, data=zarr.open(old)[:]), \
 or with multidimio of version 1 from the SEG-Y file";
 
-impl Metadata {
-    fn of(
+impl ArrayMetadata {
+    fn parse(
         folder: &Path,
         value: &Value,
         attributes: Map<String, Value>,
     ) -> std::result::Result<Self, String> {
-        let shape = counts(&value["shape"]).ok_or("has no shape")?;
+        let shape = parse_counts(&value["shape"]).ok_or("has no shape")?;
         let grid = &value["chunk_grid"];
         if grid["name"] != "regular" {
             return Err(format!("has the chunk grid {}, not regular", grid["name"]));
         }
-        let chunk = counts(&grid["configuration"]["chunk_shape"])
+        let chunk = parse_counts(&grid["configuration"]["chunk_shape"])
             .filter(|chunk| chunk.len() == shape.len() && !chunk.contains(&0))
             .ok_or_else(|| format!("has no chunk_shape of {} numbers", shape.len()))?;
         let sample = sample_type(&value["data_type"])?;
-        product(&chunk)
-            .and_then(|count| count.checked_mul(size_of(sample)))
-            .filter(|&bytes| bytes <= LARGEST_CHUNK)
+        checked_product(&chunk)
+            .and_then(|count| count.checked_mul(sample_bytes(sample)))
+            .filter(|&bytes| bytes <= MAX_CHUNK_BYTES)
             .ok_or_else(|| format!("has chunks of {chunk:?} elements, more than 2 GB"))?;
-        product(&shape)
-            .filter(|&count| count <= MOST_ELEMENTS)
+        checked_product(&shape)
+            .filter(|&count| count <= MAX_ELEMENTS)
             .ok_or_else(|| format!("has the shape {shape:?}, more than any survey"))?;
         let encoding = &value["chunk_key_encoding"];
         let prefixed = match encoding["name"].as_str().or(encoding.as_str()) {
@@ -149,25 +149,25 @@ impl Metadata {
         };
         Ok(Self {
             folder: folder.to_path_buf(),
-            codecs: Codecs::of(&value["codecs"], &chunk, sample)?,
-            fill: fill(&value["fill_value"], sample)?,
-            keys: Keys {
-                prefixed,
+            codecs: Codecs::parse(&value["codecs"], &chunk, sample)?,
+            fill_value: parse_fill_value(&value["fill_value"], sample)?,
+            chunk_keys: ChunkKeys {
+                has_prefix: prefixed,
                 separator,
             },
             shape,
-            names,
+            axis_names: names,
             attributes,
         })
     }
 
     /// The file of a chunk.
-    pub fn file(&self, chunk: &[usize]) -> PathBuf {
+    pub fn chunk_file(&self, chunk: &[usize]) -> PathBuf {
         let numbers: Vec<String> = chunk.iter().map(usize::to_string).collect();
-        let Keys {
-            prefixed,
+        let ChunkKeys {
+            has_prefix: prefixed,
             separator,
-        } = self.keys;
+        } = self.chunk_keys;
         let joined = numbers.join(&separator.to_string());
         let key = match (prefixed, joined.is_empty()) {
             (true, true) => "c".to_string(),
@@ -180,12 +180,12 @@ impl Metadata {
 }
 
 /// A product, if it is a number of this machine.
-pub fn product(counts: &[usize]) -> Option<usize> {
+pub fn checked_product(counts: &[usize]) -> Option<usize> {
     counts.iter().try_fold(1usize, |all, &n| all.checked_mul(n))
 }
 
 /// A list of whole numbers.
-pub fn counts(value: &Value) -> Option<Vec<usize>> {
+pub fn parse_counts(value: &Value) -> Option<Vec<usize>> {
     let all = value.as_array()?.iter();
     all.map(|n| n.as_u64().and_then(|n| usize::try_from(n).ok()))
         .collect()
@@ -211,14 +211,18 @@ fn sample_type(value: &Value) -> std::result::Result<SampleType, String> {
     })
 }
 
-fn size_of(sample: SampleType) -> usize {
+fn sample_bytes(sample: SampleType) -> usize {
     use crate::image::formats::samples::{Encoding, Endian};
     let endian = Endian::Little;
-    Encoding { sample, endian }.size()
+    Encoding {
+        sample_type: sample,
+        endian,
+    }
+    .size()
 }
 
 /// The value of what no chunk holds, as its type has it.
-fn fill(value: &Value, sample: SampleType) -> std::result::Result<f64, String> {
+fn parse_fill_value(value: &Value, sample: SampleType) -> std::result::Result<f64, String> {
     let bad = || format!("has the fill_value {value}, which is no {sample:?}");
     match value {
         Value::Bool(on) => Ok(f64::from(u8::from(*on))),

@@ -14,7 +14,7 @@ mod array;
 mod blosc;
 mod codecs;
 mod metadata;
-mod place;
+mod placement;
 mod write;
 
 use std::ops::Range;
@@ -22,11 +22,11 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use super::packed::refuse;
-use super::stream::{Head, Planes, Stream};
-use super::{Format, samples};
-use crate::error::{Error, Result, os};
-use metadata::{Metadata, NODE, Node, VERSION_2};
+use super::packed::file_error;
+use super::stream::{ImageHeader, ImageStream, PlaneReader};
+use super::{ImageFormat, samples};
+use crate::error::{Error, Result, io_error};
+use metadata::{ArrayMetadata, NODE_FILE, VERSION_2_REMEDY, ZarrNode};
 
 pub use write::write;
 
@@ -38,14 +38,14 @@ pub fn is_node(path: &Path) -> Result<bool> {
     if !path.is_dir() {
         return Ok(false);
     }
-    if path.join(NODE).is_file() {
+    if path.join(NODE_FILE).is_file() {
         return Ok(true);
     }
     let old = [".zarray", ".zgroup", ".zmetadata"];
     match old.iter().any(|name| path.join(name).is_file()) {
         true => {
             let problem = "is of Zarr version 2 (or MDIO version 0), which is not read";
-            Err(refuse(path, problem, VERSION_2))
+            Err(file_error(path, problem, VERSION_2_REMEDY))
         }
         false => Ok(false),
     }
@@ -55,77 +55,82 @@ pub fn is_node(path: &Path) -> Result<bool> {
 ///
 /// # Errors
 /// [`Error::Io`] for metadata that cannot be read, and where there is no such array or more than one.
-pub fn open(path: &Path) -> Result<Stream> {
-    let (array, group) = match Node::open(path)? {
-        Node::Group(attributes) => (chosen(path, &attributes)?, Some(path.to_path_buf())),
-        Node::Array(array) => {
-            let folder = path.canonicalize().map_err(|e| os(path, "open", e))?;
-            let around = folder.parent().filter(|folder| folder.join(NODE).is_file());
+pub fn open(path: &Path) -> Result<ImageStream> {
+    let (array, group) = match ZarrNode::open(path)? {
+        ZarrNode::Group(attributes) => (select_array(path, &attributes)?, Some(path.to_path_buf())),
+        ZarrNode::Array(array) => {
+            let folder = path.canonicalize().map_err(|e| io_error(path, "open", e))?;
+            let around = folder
+                .parent()
+                .filter(|folder| folder.join(NODE_FILE).is_file());
             (*array, around.map(Path::to_path_buf))
         }
     };
-    let shown = by(&array.shape);
+    let shown = format_shape(&array.shape);
     let [nz, ny, nx] = array
-        .volume()
+        .volume_shape()
         .filter(|dims| !dims.contains(&0))
         .ok_or_else(|| {
             let problem = format!("holds {shown} elements, where 2 or 3 axes are needed");
-            refuse(
+            file_error(
                 &array.folder,
                 problem,
                 "give another array, or a part of this one",
             )
         })?;
-    let coded = array.codecs.cell.encoding;
-    let mut head = Head {
-        encoding: format!("{coded}{}", array.codecs.cell.packing()),
+    let coded = array.codecs.cell_codecs.encoding;
+    let mut head = ImageHeader {
+        encoding: format!("{coded}{}", array.codecs.cell_codecs.compression_label()),
         notes: Vec::new(),
-        ..Head::bare(Format::Zarr, [nx, ny, nz], coded, "Zarr")
+        ..ImageHeader::without_geometry(ImageFormat::Zarr, [nx, ny, nz], coded, "Zarr")
     };
     if group.as_deref() == Some(path) {
         let name = array.folder.file_name().unwrap_or_default();
         head.notes
             .push(format!("the array {}", name.to_string_lossy()));
     }
-    place::place(&mut head, &array, group.as_deref())?;
-    let planes: Box<dyn Planes> = match head.missing.is_empty() {
+    placement::place(&mut head, &array, group.as_deref())?;
+    let planes: Box<dyn PlaneReader> = match head.missing.is_empty() {
         true => Box::new(array),
-        false => Box::new(Live {
+        false => Box::new(MaskedArray {
             array,
             missing: head.missing.clone(),
-            plane: [nx, ny],
+            plane_dims: [nx, ny],
         }),
     };
-    Ok(Stream {
-        head,
-        coded,
-        planes,
-        largest: Default::default(),
+    Ok(ImageStream {
+        header: head,
+        encoding: coded,
+        reader: planes,
+        max_magnitude_bits: Default::default(),
     })
 }
 
 /// The array of a group that is an image: the one that the group names, or else the only one.
-fn chosen(group: &Path, attributes: &serde_json::Map<String, Value>) -> Result<Metadata> {
-    let entries = std::fs::read_dir(group).map_err(|e| os(group, "read", e))?;
+fn select_array(
+    group: &Path,
+    attributes: &serde_json::Map<String, Value>,
+) -> Result<ArrayMetadata> {
+    let entries = std::fs::read_dir(group).map_err(|e| io_error(group, "read", e))?;
     let mut folders: Vec<_> = entries
         .flatten()
         .map(|entry| entry.path())
-        .filter(|path| path.join(NODE).is_file())
+        .filter(|path| path.join(NODE_FILE).is_file())
         .collect();
     folders.sort();
     let named = attributes.get("attributes").unwrap_or(&Value::Null);
     if let Some(name) = named["defaultVariableName"].as_str()
         && let Some(folder) = folders.iter().find(|path| path.ends_with(name))
-        && let Node::Array(array) = Node::open(folder)?
+        && let ZarrNode::Array(array) = ZarrNode::open(folder)?
     {
         return Ok(*array);
     }
     let mut failed: Option<Error> = None;
-    let mut arrays: Vec<Metadata> = Vec::new();
+    let mut arrays: Vec<ArrayMetadata> = Vec::new();
     for folder in &folders {
-        match Node::open(folder) {
-            Ok(Node::Array(array)) => arrays.push(*array),
-            Ok(Node::Group(_)) => (),
+        match ZarrNode::open(folder) {
+            Ok(ZarrNode::Array(array)) => arrays.push(*array),
+            Ok(ZarrNode::Group(_)) => (),
             Err(error) => failed = failed.or(Some(error)),
         }
     }
@@ -134,16 +139,18 @@ fn chosen(group: &Path, attributes: &serde_json::Map<String, Value>) -> Result<M
         .iter()
         .filter_map(|array| array.attributes.get("coordinates")?.as_str())
         .flat_map(|names| names.split_whitespace().map(String::from))
-        .chain([place::MASK.to_string()])
+        .chain([placement::TRACE_MASK.to_string()])
         .collect();
-    let name = |array: &Metadata| {
+    let name = |array: &ArrayMetadata| {
         let name = array.folder.file_name().unwrap_or_default();
         name.to_string_lossy().into_owned()
     };
     for axes in [3, 2] {
-        let mut fit: Vec<Metadata> = Vec::new();
+        let mut fit: Vec<ArrayMetadata> = Vec::new();
         let (taken, left): (Vec<_>, Vec<_>) = arrays.into_iter().partition(|array| {
-            array.volume().is_some() && array.shape.len() >= axes && !beside.contains(&name(array))
+            array.volume_shape().is_some()
+                && array.shape.len() >= axes
+                && !beside.contains(&name(array))
         });
         arrays = left;
         fit.extend(taken);
@@ -154,9 +161,9 @@ fn chosen(group: &Path, attributes: &serde_json::Map<String, Value>) -> Result<M
         fit.push(first);
         let named: Vec<String> = fit
             .iter()
-            .map(|array| format!("{} ({})", name(array), by(&array.shape)))
+            .map(|array| format!("{} ({})", name(array), format_shape(&array.shape)))
             .collect();
-        return Err(refuse(
+        return Err(file_error(
             group,
             format!("holds several arrays: {}", named.join(", ")),
             &format!("give one of them, as in {}", fit[0].folder.display()),
@@ -164,28 +171,28 @@ fn chosen(group: &Path, attributes: &serde_json::Map<String, Value>) -> Result<M
     }
     Err(failed.unwrap_or_else(|| {
         let problem = "is a group of Zarr without an array of two or three axes";
-        refuse(group, problem, "give the folder of an array")
+        file_error(group, problem, "give the folder of an array")
     }))
 }
 
 /// 3 x 4 x 5.
-fn by(counts: &[usize]) -> String {
+fn format_shape(counts: &[usize]) -> String {
     let words: Vec<String> = counts.iter().map(usize::to_string).collect();
     words.join(" x ")
 }
 
 /// An array some of whose rows hold no data: zeros, whatever is written there.
-struct Live {
-    array: Metadata,
+struct MaskedArray {
+    array: ArrayMetadata,
     missing: Vec<bool>,
     /// Samples of a plane along its axes.
-    plane: [usize; 2],
+    plane_dims: [usize; 2],
 }
 
-impl Planes for Live {
-    fn read(&self, first: usize, rows: Range<usize>, out: &mut [f32]) -> Result<()> {
-        self.array.read(first, rows.clone(), out)?;
-        let [nx, ny] = self.plane;
+impl PlaneReader for MaskedArray {
+    fn read_rows(&self, first: usize, rows: Range<usize>, out: &mut [f32]) -> Result<()> {
+        self.array.read_rows(first, rows.clone(), out)?;
+        let [nx, ny] = self.plane_dims;
         let missing = self.missing.chunks(ny).skip(first);
         let missing = missing.flat_map(|plane| &plane[rows.clone()]);
         for (row, _) in out.chunks_mut(nx).zip(missing).filter(|(_, m)| **m) {
@@ -194,14 +201,14 @@ impl Planes for Live {
         Ok(())
     }
 
-    fn together(&self) -> usize {
-        self.array.together()
+    fn batch_planes(&self) -> usize {
+        self.array.batch_planes()
     }
 }
 
 /// How elements are coded that hold all samples of this type without loss: as these are, if 32-bit floats hold
 /// them.
-fn exact(sample: samples::SampleType) -> samples::SampleType {
+fn lossless_type(sample: samples::SampleType) -> samples::SampleType {
     use samples::SampleType::*;
     match sample {
         Bool | I8 | U8 | I16 | U16 | F16 => sample,

@@ -8,13 +8,13 @@ use std::path::Path;
 use crate::parallel::prelude::*;
 use serde_json::{Map, Value, json};
 
-use super::metadata::NODE;
-use super::place::{MASK, OURS, POSITIONS};
-use super::{blosc, exact};
-use crate::error::{Result, os};
+use super::metadata::NODE_FILE;
+use super::placement::{GEOMETRY_ATTRIBUTE, POSITION_NAMES, TRACE_MASK};
+use super::{blosc, lossless_type};
+use crate::error::{Result, io_error};
 use crate::files::Batch;
 use crate::image::Geometry;
-use crate::image::formats::Parts;
+use crate::image::formats::StreamedImage;
 use crate::image::formats::samples::SampleType;
 
 /// Samples of a chunk along each axis.
@@ -24,16 +24,20 @@ const CHUNK: usize = 64;
 ///
 /// # Errors
 /// [`crate::Error::Io`] if it cannot be written.
-pub fn write<const D: usize>(path: &Path, image: &Parts<'_, D>) -> Result<()> {
+pub fn write<const D: usize>(path: &Path, image: &StreamedImage<'_, D>) -> Result<()> {
     let mut batch = Batch::default();
-    batch.tree(path, NODE, |folder| fill(path, folder, image))?;
+    batch.write_tree(path, NODE_FILE, |folder| write_arrays(path, folder, image))?;
     batch.commit()
 }
 
-fn fill<const D: usize>(path: &Path, folder: &Path, image: &Parts<'_, D>) -> Result<()> {
-    let failed = |error| os(path, "write", error);
+fn write_arrays<const D: usize>(
+    path: &Path,
+    folder: &Path,
+    image: &StreamedImage<'_, D>,
+) -> Result<()> {
+    let failed = |error| io_error(path, "write", error);
     let names = axis_names(image.geometry);
-    let name = match image.lines {
+    let name = match image.line_numbers {
         Some(_) => "amplitude",
         None => "samples",
     };
@@ -42,37 +46,39 @@ fn fill<const D: usize>(path: &Path, folder: &Path, image: &Parts<'_, D>) -> Res
         "node_type": "group",
         "attributes": { "attributes": { "defaultVariableName": name } },
     });
-    put(folder, &group).map_err(failed)?;
+    write_metadata(folder, &group).map_err(failed)?;
 
     let shape: Vec<usize> = image.dims.iter().rev().copied().collect();
-    let array = Written {
+    let array = ArrayWriter {
         folder: folder.join(name),
-        names: names.iter().rev().cloned().collect(),
-        chunk: shape.iter().map(|&n| n.clamp(1, CHUNK)).collect(),
+        axis_names: names.iter().rev().cloned().collect(),
+        chunk_shape: shape.iter().map(|&n| n.clamp(1, CHUNK)).collect(),
         shape,
-        sample: exact(image.sample),
+        sample_type: lossless_type(image.sample_type),
     };
-    let space = image.geometry.in_space();
+    let space = image.geometry.to_3d();
     let mut attributes = Map::new();
     attributes.insert(
-        OURS.into(),
+        GEOMETRY_ATTRIBUTE.into(),
         json!({
             "about": "position = origin + sum of index[k] * axes[k], index of the fastest axis first",
             "origin": space.origin, "axes": space.axes, "names": space.names, "units": space.units,
         }),
     );
-    let beside = coordinates(folder, image, &names).map_err(failed)?;
+    let beside = write_coordinates(folder, image, &names).map_err(failed)?;
     if !beside.is_empty() {
         attributes.insert("coordinates".into(), beside.join(" ").into());
     }
-    array.begin(Value::Object(attributes)).map_err(failed)?;
+    array.create(Value::Object(attributes)).map_err(failed)?;
     let mut first = 0;
-    let done = image.slabs.each(array.chunk[0], &mut |slab| {
-        let planes = slab.len() / array.plane().max(1);
-        array.put_planes(first, planes, slab)?;
-        first += planes;
-        Ok(())
-    });
+    let done = image
+        .slabs
+        .for_each_slab(array.chunk_shape[0], &mut |slab| {
+            let planes = slab.len() / array.plane_len().max(1);
+            array.write_planes(first, planes, slab)?;
+            first += planes;
+            Ok(())
+        });
     done.map_err(failed)
 }
 
@@ -92,7 +98,13 @@ fn axis_names<const D: usize>(geometry: &Geometry<D>) -> Vec<String> {
         };
         let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-');
         let clean: String = name.chars().filter(|c| plain(*c)).collect();
-        let taken = [MASK, POSITIONS[0], POSITIONS[1], "amplitude", "samples"];
+        let taken = [
+            TRACE_MASK,
+            POSITION_NAMES[0],
+            POSITION_NAMES[1],
+            "amplitude",
+            "samples",
+        ];
         match clean.is_empty() || names.contains(&clean) || taken.contains(&&*clean) {
             true => names.push(format!("axis_{k}")),
             false => names.push(clean),
@@ -102,15 +114,15 @@ fn axis_names<const D: usize>(geometry: &Geometry<D>) -> Vec<String> {
 }
 
 /// Writes the arrays that say where the image lies; names those of them that are of no axis.
-fn coordinates<const D: usize>(
+fn write_coordinates<const D: usize>(
     folder: &Path,
-    image: &Parts<'_, D>,
+    image: &StreamedImage<'_, D>,
     names: &[String],
 ) -> std::io::Result<Vec<String>> {
     let geometry = image.geometry;
     for k in 0..D {
         let count = image.dims[k];
-        let lines = match (&*names[k], image.lines) {
+        let lines = match (&*names[k], image.line_numbers) {
             ("inline", Some([inlines, _])) => Some(inlines),
             ("crossline", Some([_, crosslines])) => Some(crosslines),
             _ => None,
@@ -118,14 +130,14 @@ fn coordinates<const D: usize>(
         if let Some(lines) = lines {
             let numbers = (0..count as i64).map(|i| (lines.first + i * lines.step) as i32);
             let bytes: Vec<u8> = numbers.flat_map(i32::to_le_bytes).collect();
-            let one = small(
+            let one = single_chunk_array(
                 folder,
                 &names[k],
                 &names[k..=k],
                 vec![count],
                 SampleType::I32,
             );
-            one.whole(&bytes, "")?;
+            one.write_single_chunk(&bytes, "")?;
             continue;
         }
         // Along one coordinate of the world, downwards as positive numbers.
@@ -140,22 +152,22 @@ fn coordinates<const D: usize>(
         let bytes: Vec<u8> = (0..count)
             .flat_map(|i| f64::to_le_bytes(value(i)))
             .collect();
-        let one = small(
+        let one = single_chunk_array(
             folder,
             &names[k],
             &names[k..=k],
             vec![count],
             SampleType::F64,
         );
-        one.whole(&bytes, &geometry.units[c])?;
+        one.write_single_chunk(&bytes, &geometry.units[c])?;
     }
-    if image.lines.is_none() || D < 3 {
+    if image.line_numbers.is_none() || D < 3 {
         return Ok(Vec::new());
     }
     let [ny, nz] = [image.dims[1], image.dims[2]];
     let across = [names[2].clone(), names[1].clone()];
     let mut beside = Vec::new();
-    for (c, name) in POSITIONS.into_iter().enumerate() {
+    for (c, name) in POSITION_NAMES.into_iter().enumerate() {
         let position = |row: usize| {
             let [inline, crossline] = [row / ny, row % ny].map(|i| i as f64);
             let along = inline * geometry.axes[2][c] + crossline * geometry.axes[1][c];
@@ -164,47 +176,48 @@ fn coordinates<const D: usize>(
         let bytes: Vec<u8> = (0..ny * nz)
             .flat_map(|row| f64::to_le_bytes(position(row)))
             .collect();
-        let one = small(folder, name, &across, vec![nz, ny], SampleType::F64);
-        one.whole(&bytes, &geometry.units[c])?;
+        let one = single_chunk_array(folder, name, &across, vec![nz, ny], SampleType::F64);
+        one.write_single_chunk(&bytes, &geometry.units[c])?;
         beside.push(name.to_string());
     }
     let live = |row: usize| u8::from(!image.missing.get(row).unwrap_or(&false));
     let bytes: Vec<u8> = (0..ny * nz).map(live).collect();
-    small(folder, MASK, &across, vec![nz, ny], SampleType::Bool).whole(&bytes, "")?;
+    single_chunk_array(folder, TRACE_MASK, &across, vec![nz, ny], SampleType::Bool)
+        .write_single_chunk(&bytes, "")?;
     Ok(beside)
 }
 
 /// An array that is one chunk.
-fn small(
+fn single_chunk_array(
     folder: &Path,
     name: &str,
     axes: &[String],
     shape: Vec<usize>,
     sample: SampleType,
-) -> Written {
-    Written {
+) -> ArrayWriter {
+    ArrayWriter {
         folder: folder.join(name),
-        names: axes.to_vec(),
-        chunk: shape.iter().map(|&n| n.max(1)).collect(),
+        axis_names: axes.to_vec(),
+        chunk_shape: shape.iter().map(|&n| n.max(1)).collect(),
         shape,
-        sample,
+        sample_type: sample,
     }
 }
 
 /// An array that is being written.
-struct Written {
+struct ArrayWriter {
     folder: std::path::PathBuf,
-    names: Vec<String>,
+    axis_names: Vec<String>,
     shape: Vec<usize>,
-    chunk: Vec<usize>,
-    sample: SampleType,
+    chunk_shape: Vec<usize>,
+    sample_type: SampleType,
 }
 
-impl Written {
+impl ArrayWriter {
     /// Makes its folder and metadata.
-    fn begin(&self, attributes: Value) -> std::io::Result<()> {
+    fn create(&self, attributes: Value) -> std::io::Result<()> {
         use SampleType::*;
-        let (name, endian) = match self.sample {
+        let (name, endian) = match self.sample_type {
             Bool => ("bool", None),
             I8 => ("int8", None),
             U8 => ("uint8", None),
@@ -219,7 +232,7 @@ impl Written {
             Some(endian) => json!({ "name": "bytes", "configuration": { "endian": endian } }),
             None => json!({ "name": "bytes" }),
         };
-        let fill = match self.sample {
+        let fill = match self.sample_type {
             Bool => json!(false),
             F16 | F32 | F64 => json!(0.0),
             _ => json!(0),
@@ -230,22 +243,22 @@ impl Written {
             "node_type": "array",
             "shape": self.shape,
             "data_type": name,
-            "chunk_grid": { "name": "regular", "configuration": { "chunk_shape": self.chunk } },
+            "chunk_grid": { "name": "regular", "configuration": { "chunk_shape": self.chunk_shape } },
             "chunk_key_encoding": { "name": "default", "configuration": { "separator": "/" } },
             "fill_value": fill,
             "codecs": [bytes, { "name": "blosc", "configuration": {
-                "typesize": self.size(), "cname": "lz4", "clevel": 5, "shuffle": "shuffle", "blocksize": 0,
+                "typesize": self.element_bytes(), "cname": "lz4", "clevel": 5, "shuffle": "shuffle", "blocksize": 0,
             } }],
             "attributes": attributes,
-            "dimension_names": self.names,
+            "dimension_names": self.axis_names,
         });
-        put(&self.folder, &array)
+        write_metadata(&self.folder, &array)
     }
 
     /// Bytes of an element.
-    fn size(&self) -> usize {
+    fn element_bytes(&self) -> usize {
         use SampleType::*;
-        match self.sample {
+        match self.sample_type {
             Bool | I8 | U8 => 1,
             I16 | U16 | F16 => 2,
             F64 => 8,
@@ -254,7 +267,7 @@ impl Written {
     }
 
     /// Writes the only chunk, and all there is to say.
-    fn whole(&self, bytes: &[u8], unit: &str) -> std::io::Result<()> {
+    fn write_single_chunk(&self, bytes: &[u8], unit: &str) -> std::io::Result<()> {
         let kind = match unit {
             "ms" | "s" | "us" => "time",
             _ => "length",
@@ -263,23 +276,28 @@ impl Written {
             "" => json!({}),
             unit => json!({ "units": unit, "unitsV1": { kind: unit } }),
         };
-        self.begin(units)?;
-        self.put_chunk(&vec![0; self.shape.len()], bytes)
+        self.create(units)?;
+        self.write_chunk(&vec![0; self.shape.len()], bytes)
     }
 
     /// Elements of a plane across the slowest axis.
-    fn plane(&self) -> usize {
+    fn plane_len(&self) -> usize {
         self.shape[1..].iter().product()
     }
 
     /// Writes the chunks of some planes, which begin where a chunk begins.
-    fn put_planes(&self, first: usize, planes: usize, samples: &[f32]) -> std::io::Result<()> {
+    fn write_planes(&self, first: usize, planes: usize, samples: &[f32]) -> std::io::Result<()> {
         // In the plane the slowest axis is y, and there is a single column of chunks in the third.
         let (ny, nx, cy, cx) = match self.shape[..] {
-            [_, ny, nx] => (ny, nx, self.chunk[1], self.chunk[2]),
-            _ => (1, self.plane(), 1, self.chunk[self.chunk.len() - 1]),
+            [_, ny, nx] => (ny, nx, self.chunk_shape[1], self.chunk_shape[2]),
+            _ => (
+                1,
+                self.plane_len(),
+                1,
+                self.chunk_shape[self.chunk_shape.len() - 1],
+            ),
         };
-        let cz = self.chunk[0];
+        let cz = self.chunk_shape[0];
         let [rows, columns] = [ny.div_ceil(cy), nx.div_ceil(cx)];
         let count = planes.div_ceil(cz) * rows * columns;
         (0..count).into_par_iter().try_for_each(|number| {
@@ -299,18 +317,18 @@ impl Written {
             if values.iter().all(|v| v.to_bits() == 0) {
                 return Ok(());
             }
-            let bytes = self.coded(&values);
+            let bytes = self.encode(&values);
             match self.shape.len() {
-                3 => self.put_chunk(&[first / cz + z, y, x], &bytes),
-                _ => self.put_chunk(&[first / cz + z, x], &bytes),
+                3 => self.write_chunk(&[first / cz + z, y, x], &bytes),
+                _ => self.write_chunk(&[first / cz + z, x], &bytes),
             }
         })
     }
 
     /// The bytes of samples.
-    fn coded(&self, samples: &[f32]) -> Vec<u8> {
+    fn encode(&self, samples: &[f32]) -> Vec<u8> {
         use SampleType::*;
-        match self.sample {
+        match self.sample_type {
             Bool => samples.iter().map(|v| u8::from(*v != 0.0)).collect(),
             I8 => samples.iter().map(|v| *v as i8 as u8).collect(),
             U8 => samples.iter().map(|v| *v as u8).collect(),
@@ -330,23 +348,23 @@ impl Written {
         }
     }
 
-    fn put_chunk(&self, chunk: &[usize], bytes: &[u8]) -> std::io::Result<()> {
+    fn write_chunk(&self, chunk: &[usize], bytes: &[u8]) -> std::io::Result<()> {
         let mut path = self.folder.join("c");
         path.extend(chunk.iter().map(usize::to_string));
         if let Some(folder) = path.parent() {
             fs::create_dir_all(folder)?;
         }
-        written(&path, &blosc::packed(bytes, self.size()))
+        write_synced(&path, &blosc::compress(bytes, self.element_bytes()))
     }
 }
 
 /// Writes the metadata of a node.
-fn put(folder: &Path, value: &Value) -> std::io::Result<()> {
-    written(&folder.join(NODE), format!("{value:#}\n").as_bytes())
+fn write_metadata(folder: &Path, value: &Value) -> std::io::Result<()> {
+    write_synced(&folder.join(NODE_FILE), format!("{value:#}\n").as_bytes())
 }
 
 /// Writes a file and brings it to the disk.
-fn written(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+fn write_synced(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     let mut file = File::create(path)?;
     file.write_all(bytes)?;
     file.sync_all()

@@ -1,18 +1,18 @@
 //! A mesh that is sealed in pieces is as if it had been sealed as a whole.
 
 use super::*;
-use crate::geometry::spread;
-use crate::lattice::distance::Shared;
+use crate::comm::run_threads;
+use crate::geometry::bounding_box;
+use crate::lattice::distance::DistributedDistance;
 use crate::mesh::Mesh;
 use crate::mesh::boxes::kuhn_box;
-use crate::mesh::piece::Piece;
-use crate::ranks::shared;
+use crate::mesh::partition::MeshPartition;
 
 /// From how far features are seen.
-const NEAR: f64 = RADII[1] + 2.0;
+const FEATURE_REACH: f64 = PATCH_RADIUS_RANGE[1] + 2.0;
 
 /// A mesh whose surfaces have holes.
-struct Scene {
+struct MarkedMesh {
     mesh: TetMesh,
     marks: Vec<u8>,
     points: Vec<FeaturePoint<3>>,
@@ -20,14 +20,14 @@ struct Scene {
     distance: Distance<3>,
 }
 
-impl Scene {
+impl MarkedMesh {
     fn neighbors(&self) -> Vec<[u32; 4]> {
         self.mesh.neighbors().unwrap().as_chunks().0.to_vec()
     }
 
     /// What is closed as a whole, and the marks then.
-    fn whole(&self) -> (Sealed, Vec<u8>) {
-        let (mut marks, patience) = (self.marks.clone(), Patience::endless());
+    fn seal_whole(&self) -> (SealReport, Vec<u8>) {
+        let (mut marks, patience) = (self.marks.clone(), CancelToken::never());
         let neighbors = self.neighbors();
         let done = seal(
             &self.mesh,
@@ -42,34 +42,34 @@ impl Scene {
     }
 
     /// What each of so many says is closed, and the marks of all.
-    fn in_pieces(&self, count: usize) -> (Vec<Sealed>, Vec<u8>) {
-        self.in_pieces_until(count, |_| || true)
+    fn seal_partitioned(&self, count: usize) -> (Vec<SealReport>, Vec<u8>) {
+        self.seal_partitioned_until(count, |_| || true)
     }
 
     /// The same as long as each has patience.
-    fn in_pieces_until<P: FnMut() -> bool + Send>(
+    fn seal_partitioned_until<P: FnMut() -> bool + Send>(
         &self,
         count: usize,
         keep_going: impl Fn(usize) -> P + Sync,
-    ) -> (Vec<Sealed>, Vec<u8>) {
-        let pieces = Piece::cut(&self.mesh, &self.neighbors(), count);
-        let told = shared(count, |group| {
+    ) -> (Vec<SealReport>, Vec<u8>) {
+        let pieces = MeshPartition::split(&self.mesh, &self.neighbors(), count);
+        let told = run_threads(count, |group| {
             let piece = &pieces[group.rank()];
-            let mut marks = self.marks[piece.first..][..piece.mesh.tets.len()].to_vec();
+            let mut marks = self.marks[piece.first_cell..][..piece.mesh.tets.len()].to_vec();
             // No more is known of features than what is near.
-            let [low, high] = spread(&piece.mesh.nodes);
+            let [low, high] = bounding_box(&piece.mesh.nodes);
             let is_near = |point: &&FeaturePoint<3>| {
                 let x = point.position.map(f64::from);
-                (0..3).all(|k| (low[k] - NEAR..=high[k] + NEAR).contains(&x[k]))
+                (0..3).all(|k| (low[k] - FEATURE_REACH..=high[k] + FEATURE_REACH).contains(&x[k]))
             };
             let points: Vec<FeaturePoint<3>> =
                 self.points.iter().filter(is_near).copied().collect();
-            let done = Patience::of(&mut keep_going(group.rank()), |patience| {
-                seal_pieces(
+            let done = CancelToken::run(&mut keep_going(group.rank()), |patience| {
+                seal_distributed(
                     piece,
                     &points,
                     self.extent,
-                    &Shared::All(self.distance.clone()),
+                    &DistributedDistance::Global(self.distance.clone()),
                     &mut marks,
                     group,
                     patience,
@@ -77,7 +77,7 @@ impl Scene {
             });
             (done.unwrap(), marks)
         });
-        let (done, marks): (Vec<Sealed>, Vec<Vec<u8>>) = told.into_iter().unzip();
+        let (done, marks): (Vec<SealReport>, Vec<Vec<u8>>) = told.into_iter().unzip();
         (done, marks.concat())
     }
 
@@ -95,7 +95,7 @@ impl Scene {
     }
 
     /// The same with its cells in the order of what `key` has for their centroids.
-    fn in_order(mut self, key: impl Fn([f64; 3]) -> f64) -> Self {
+    fn sorted_by(mut self, key: impl Fn([f64; 3]) -> f64) -> Self {
         let centre = self.mesh.centres();
         let keys: Vec<f64> = (0..self.mesh.len()).map(|c| key(centre(c))).collect();
         drop(centre);
@@ -108,14 +108,14 @@ impl Scene {
 }
 
 /// The points of three planes that cross in the middle of the box, one a sample.
-fn points_of_planes() -> Vec<FeaturePoint<3>> {
-    let mut random = Random::of(3, 4);
-    let side = D as usize * N;
+fn plane_points() -> Vec<FeaturePoint<3>> {
+    let mut random = Random::for_purpose(3, 4);
+    let side = SPACING as usize * CELLS_PER_SIDE;
     let mut points = Vec::new();
     for axis in 0..3 {
         for i in 0..=side {
             for j in 0..=side {
-                let mut at = [AT; 3];
+                let mut at = [PLANE_X; 3];
                 (at[(axis + 1) % 3], at[(axis + 2) % 3]) = (i as f64, j as f64);
                 points.push(point(axis, at, &mut random));
             }
@@ -126,17 +126,19 @@ fn points_of_planes() -> Vec<FeaturePoint<3>> {
 
 /// Three planes that cross: surfaces have bumps round some cells beside them, and holes; of many faces only
 /// one side is marked.
-fn bumps_and_holes(seed: u64) -> Scene {
-    let mut random = Random::of(seed, 5);
-    let extent = [D * N as f64; 3];
-    let mesh: TetMesh = jittered_box([N; 3], extent, 0.2, |x| !x.contains(&AT));
+fn bumps_and_holes(seed: u64) -> MarkedMesh {
+    let mut random = Random::for_purpose(seed, 5);
+    let extent = [SPACING * CELLS_PER_SIDE as f64; 3];
+    let mesh: TetMesh = jittered_box([CELLS_PER_SIDE; 3], extent, 0.2, |x| !x.contains(&PLANE_X));
     let neighbors = mesh.neighbors().unwrap();
     let centre = mesh.centres();
     // On which sides of the planes each cell is; some beside a plane are counted with the other side.
     let sides = |c: usize| -> usize {
-        let mut sides = (0..3).map(|k| usize::from(centre(c)[k] > AT) << k).sum();
+        let mut sides = (0..3)
+            .map(|k| usize::from(centre(c)[k] > PLANE_X) << k)
+            .sum();
         for axis in 0..3 {
-            let on = |n: &&u32| mesh.nodes[**n as usize][axis] == AT;
+            let on = |n: &&u32| mesh.nodes[**n as usize][axis] == PLANE_X;
             if mesh.tets[c].iter().filter(on).count() == 3 && random.draw() < 0.06 {
                 sides ^= 1 << axis;
             }
@@ -147,8 +149,8 @@ fn bumps_and_holes(seed: u64) -> Scene {
     let holes: Vec<([f64; 3], f64)> = (0..8)
         .map(|i| {
             let mut at: [f64; 3] = std::array::from_fn(|_| random.range(4.0, 36.0));
-            at[i % 3] = AT;
-            (at, random.range(0.6, 3.0) * D)
+            at[i % 3] = PLANE_X;
+            (at, random.range(0.6, 3.0) * SPACING)
         })
         .collect();
     let mut marks = vec![0; mesh.len()];
@@ -168,21 +170,21 @@ fn bumps_and_holes(seed: u64) -> Scene {
         }
     }
     drop(centre);
-    Scene {
+    MarkedMesh {
         mesh,
         marks,
-        points: points_of_planes(),
+        points: plane_points(),
         extent,
-        distance: Distance::Constant(D),
+        distance: Distance::Constant(SPACING),
     }
 }
 
 /// What improvement makes of an image of a network of faults.
 #[cfg(feature = "tetgen")]
-fn network(seed: u64) -> Scene {
-    use crate::feature::{Detection, FeatureKind, detect};
-    use crate::image::synth::{self, Kind};
-    use crate::improve::{Target, settle, tets};
+fn network(seed: u64) -> MarkedMesh {
+    use crate::feature::{DetectionOptions, FeatureKind, detect};
+    use crate::image::synth::{self, SyntheticKind};
+    use crate::improve::{Target, snap_to_features, tets};
     use crate::lattice::seeding::{self, Alignment};
     use crate::mesh::delaunay::delaunay_with_neighbors;
 
@@ -193,18 +195,22 @@ fn network(seed: u64) -> Scene {
         count: Some(3),
         ..synth::Options::default()
     };
-    let image = synth::make(Kind::Network, &options).unwrap().image;
-    let points = detect(&image, &Detection::of(FeatureKind::Ridges, D)).unwrap();
+    let image = synth::make(SyntheticKind::Network, &options).unwrap().image;
+    let points = detect(
+        &image,
+        &DetectionOptions::with_kind(FeatureKind::Ridges, SPACING),
+    )
+    .unwrap();
     let points = points.points;
-    let (extent, distance) = (dims.map(|n| (n - 1) as f64), Distance::Constant(D));
-    let sheets = Sheets::new(&points, extent, 0.8 * D, 0.85 * D + 1.5);
-    let mut atoms = seeding::fcc(extent, &distance, &[], Alignment::On).unwrap();
-    settle(
+    let (extent, distance) = (dims.map(|n| (n - 1) as f64), Distance::Constant(SPACING));
+    let sheets = FeaturePlanes::new(&points, extent, 0.8 * SPACING, 0.85 * SPACING + 1.5);
+    let mut atoms = seeding::fcc(extent, &distance, &[], Alignment::OnFeatures).unwrap();
+    snap_to_features(
         &mut atoms.positions,
         &atoms.kinds,
         extent,
         &sheets,
-        0.35 * D,
+        0.35 * SPACING,
     );
     let mut joined = delaunay_with_neighbors(&atoms.positions).unwrap();
     let (_, marks) = tets::improve(
@@ -215,10 +221,10 @@ fn network(seed: u64) -> Scene {
         &sheets,
         &distance,
         &Target::default(),
-        &Patience::endless(),
+        &CancelToken::never(),
     )
     .unwrap();
-    Scene {
+    MarkedMesh {
         mesh: joined.mesh,
         marks,
         points,
@@ -228,12 +234,12 @@ fn network(seed: u64) -> Scene {
 }
 
 /// Seals it as a whole and in pieces; gives what was closed, and how much of that at a cut.
-fn same(scene: &Scene, name: &str) -> (Sealed, usize) {
-    let (whole, marks) = scene.whole();
+fn assert_same(scene: &MarkedMesh, name: &str) -> (SealReport, usize) {
+    let (whole, marks) = scene.seal_whole();
     for count in [1, 2, 3, 7] {
-        let (told, there) = scene.in_pieces(count);
+        let (told, there) = scene.seal_partitioned(count);
         for done in &told {
-            let numbers = |sealed: &Sealed| (sealed.faces, sealed.pockets, sealed.rooms);
+            let numbers = |sealed: &SealReport| (sealed.faces, sealed.pockets, sealed.compartments);
             assert_eq!(numbers(done), numbers(&whole), "{name}, {count} pieces");
             assert!((done.area - whole.area).abs() <= 1e-12 * whole.area);
             assert_eq!(done, &told[0]);
@@ -250,13 +256,13 @@ fn pieces_are_sealed_as_the_whole() {
         let scattered = |x: [f64; 3]| (1e4 * (x[0] + 7.0 * x[1] + 13.0 * x[2])).sin();
         let scenes = [
             ("layers", bumps_and_holes(seed)),
-            ("sideways", bumps_and_holes(seed).in_order(sideways)),
-            ("scattered", bumps_and_holes(seed).in_order(scattered)),
+            ("sideways", bumps_and_holes(seed).sorted_by(sideways)),
+            ("scattered", bumps_and_holes(seed).sorted_by(scattered)),
         ];
         for (name, scene) in scenes {
-            let (done, at_cut) = same(&scene, &format!("{name} {seed}"));
+            let (done, at_cut) = assert_same(&scene, &format!("{name} {seed}"));
             assert!(
-                done.faces > 100 && done.pockets > 0 && done.rooms >= 8,
+                done.faces > 100 && done.pockets > 0 && done.compartments >= 8,
                 "{name} {seed}: {done:?}"
             );
             assert!(at_cut > 0, "{name} {seed}");
@@ -268,28 +274,33 @@ fn pieces_are_sealed_as_the_whole() {
 fn holes_that_lie_in_one_piece_and_none_at_all_are_as_in_the_whole() {
     let mut scene = bumps_and_holes(1);
     scene.points.retain(|point| point.normal[0] == 1.0);
-    scene.marks = faces_on(&scene.mesh, |x: [f64; 3]| x[0] == AT);
-    let (none, _) = same(&scene, "without holes");
-    assert_eq!((none.faces, none.rooms), (0, 2));
-    let torn = |x: [f64; 3]| x[0] == AT && (x[2] < 6.0 || x[2] > 14.0 || (x[1] - AT).abs() > D);
+    scene.marks = faces_on(&scene.mesh, |x: [f64; 3]| x[0] == PLANE_X);
+    let (none, _) = assert_same(&scene, "without holes");
+    assert_eq!((none.faces, none.compartments), (0, 2));
+    let torn = |x: [f64; 3]| {
+        x[0] == PLANE_X && (x[2] < 6.0 || x[2] > 14.0 || (x[1] - PLANE_X).abs() > SPACING)
+    };
     scene.marks = faces_on(&scene.mesh, torn);
-    let (one, at_cut) = same(&scene, "one hole");
-    assert!(one.faces > 0 && one.rooms == 2 && at_cut == 0, "{one:?}");
+    let (one, at_cut) = assert_same(&scene, "one hole");
+    assert!(
+        one.faces > 0 && one.compartments == 2 && at_cut == 0,
+        "{one:?}"
+    );
     scene.marks.fill(0);
-    let (open, _) = same(&scene, "without surfaces");
-    assert_eq!((open.faces, open.rooms), (0, 1));
+    let (open, _) = assert_same(&scene, "without surfaces");
+    assert_eq!((open.faces, open.compartments), (0, 1));
     // Fewer cells than there are pieces.
-    scene.mesh = kuhn_box([1; 3], D);
+    scene.mesh = kuhn_box([1; 3], SPACING);
     scene.marks = vec![1; scene.mesh.len()];
-    same(&scene, "one cube");
+    assert_same(&scene, "one cube");
 }
 
 #[test]
 fn one_without_patience_stops_all() {
     let scene = bumps_and_holes(2);
-    let (whole, _) = scene.whole();
+    let (whole, _) = scene.seal_whole();
     let stopped = |asked_before: usize| {
-        let (told, _) = scene.in_pieces_until(3, |rank| {
+        let (told, _) = scene.seal_partitioned_until(3, |rank| {
             let mut asked = 0;
             move || {
                 asked += 1;
@@ -307,10 +318,10 @@ fn one_without_patience_stops_all() {
 #[test]
 #[cfg(feature = "tetgen")]
 fn pieces_of_improved_meshes_are_sealed_as_the_whole() {
-    let mut most = Sealed::default();
+    let mut most = SealReport::default();
     for seed in 1..5 {
         let scene = network(seed);
-        let (done, at_cut) = same(&scene, &format!("network {seed}"));
+        let (done, at_cut) = assert_same(&scene, &format!("network {seed}"));
         assert!(done.faces == 0 || at_cut > 0, "network {seed}: {done:?}");
         most.faces = most.faces.max(done.faces);
         most.pockets = most.pockets.max(done.pockets);

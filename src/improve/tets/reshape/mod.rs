@@ -2,18 +2,18 @@
 //! by a change that leaves a valid mesh, so that the part always fits the rest. Then all that
 //! [`improve`](super::improve) does.
 
-use super::{Improver, smooth};
+use super::{TetImprover, smooth};
 use crate::error::{Error, cause};
 use crate::geometry::{norm, sub, volume6};
-use crate::improve::hold::Hold;
-use crate::improve::sheets::Sheets;
-use crate::improve::{Refusal, Reshaped, Target, Wanted};
+use crate::improve::constraint::NodeConstraint;
+use crate::improve::feature_planes::FeaturePlanes;
+use crate::improve::{ReshapeError, ReshapeRequest, ReshapeResult, Target};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::mesh::complex::{self, NONE};
 use crate::mesh::quality::min_sine;
 use crate::mesh::{FACES, TetMesh};
-use crate::observer::Patience;
+use crate::progress::CancelToken;
 
 /// Reshapes a part of a mesh: new nodes are put in, others collapsed into a neighbour, and all moved
 /// towards their targets as far as the mesh allows.
@@ -22,20 +22,20 @@ use crate::observer::Patience;
 /// The node that cannot be put where it must be, or cannot go; or that the part is no mesh.
 pub fn reshape(
     part: TetMesh,
-    wanted: &Wanted<3>,
+    wanted: &ReshapeRequest<3>,
     extent: [f64; 3],
-    sheets: &Sheets,
+    sheets: &FeaturePlanes,
     distance: &Distance<3>,
     target: &Target,
-) -> Result<Reshaped<TetMesh>, Refusal> {
-    let Wanted {
+) -> Result<ReshapeResult<TetMesh>, ReshapeError> {
+    let ReshapeRequest {
         targets,
         kinds,
-        gone,
+        is_removed: gone,
     } = wanted;
     let count = part.nodes.len();
     let neighbors = complex::neighbors(count, &part.tets).map_err(|face| {
-        Refusal::Part(Error::Mesh(cause(
+        ReshapeError::Mesh(Error::Mesh(cause(
             format!("face {face:?}"),
             "belongs to more than two tetrahedra",
             "mesh the image again",
@@ -43,7 +43,7 @@ pub fn reshape(
     })?;
     let target = target.min_dihedral.to_radians().sin();
     let own = &kinds[..count];
-    let mut improver = Improver::new(
+    let mut improver = TetImprover::new(
         part,
         neighbors,
         own,
@@ -51,45 +51,45 @@ pub fn reshape(
         sheets,
         distance,
         target,
-        &Patience::endless(),
+        &CancelToken::never(),
     );
     // Nodes move before edges are searched.
-    improver.beside = Vec::new();
+    improver.proximities = Vec::new();
     for node in count..targets.len() {
-        let (hold, _) = Hold::new(targets[node], kinds[node], extent, sheets);
-        if !improver.insert(targets[node], hold) {
-            return Err(Refusal::Node(node as u32));
+        let (hold, _) = NodeConstraint::new(targets[node], kinds[node], extent, sheets);
+        if !improver.insert_node(targets[node], hold) {
+            return Err(ReshapeError::Node(node as u32));
         }
     }
     for node in (0..gone.len()).filter(|&n| gone[n]) {
-        if !improver.remove(node as u32) {
-            return Err(Refusal::Node(node as u32));
+        if !improver.remove_node(node as u32) {
+            return Err(ReshapeError::Node(node as u32));
         }
     }
-    improver.steer(wanted);
+    improver.move_to_targets(wanted);
     let astray = |&n: &usize| {
         !gone[n] && kinds[n] == AtomKind::Fixed && improver.complex.nodes[n] != targets[n]
     };
     if let Some(node) = (0..targets.len()).find(astray) {
-        return Err(Refusal::Node(node as u32));
+        return Err(ReshapeError::Node(node as u32));
     }
     let outcome = improver
-        .improve(&Patience::endless())
-        .map_err(Refusal::Part)?;
+        .improve(&CancelToken::never())
+        .map_err(ReshapeError::Mesh)?;
     let finished = improver.finish(kinds);
-    Ok(Reshaped {
+    Ok(ReshapeResult {
         mesh: finished.mesh,
         kinds: finished.kinds,
-        kept: finished.kept,
+        request_nodes: finished.old_ids,
         feature_faces: finished.feature_faces,
-        outcome,
+        report: outcome,
     })
 }
 
 /// How to look for a cavity that a new node can see: whether it begins with all tetrahedra whose
 /// circumsphere holds the node, or only with the one that holds it; and the least sine of what
 /// fills it.
-const CAVITIES: [(bool, f64); 6] = [
+const CAVITY_RULES: [(bool, f64); 6] = [
     (true, 0.1),
     (false, 0.1),
     (true, 0.03),
@@ -99,55 +99,57 @@ const CAVITIES: [(bool, f64); 6] = [
 ];
 
 /// Sines above which collapsing a node is welcome, less welcome and so on.
-const COLLAPSES: [f64; 5] = [0.25, 0.1, 0.03, 0.01, 0.003];
+const COLLAPSE_SINES: [f64; 5] = [0.25, 0.1, 0.03, 0.01, 0.003];
 
 /// How often a node is dragged towards neighbours to have it collapse into one, and how far at most.
-const EASINGS: usize = 12;
-const DRAGS: [f64; 3] = [0.8, 0.6, 0.4];
+const MAX_DRAGS: usize = 12;
+const DRAG_FRACTIONS: [f64; 3] = [0.8, 0.6, 0.4];
 
 /// A step towards a target may leave tetrahedra as flat as this.
-const FLAT: f64 = 0.03;
+const MIN_STEP_SINE: f64 = 0.03;
 
 /// Rounds of steps, with flips in between.
-const STEPS: usize = 24;
+const MAX_ROUNDS: usize = 24;
 
 /// A position whose least share of a tetrahedron is no more than this may be on a face of it.
-const ON_FACE: f64 = 1e-6;
+const ON_FACE_TOLERANCE: f64 = 1e-6;
 
 /// A cavity is given up when it has been changed so often.
-const PATIENCE: usize = 200;
+const MAX_CAVITY_CHANGES: usize = 200;
 
-impl Improver<'_> {
+impl TetImprover<'_> {
     /// Puts a new node at `x`. False if there is no tetrahedron for it, or none can be made.
-    fn insert(&mut self, x: [f64; 3], hold: Hold) -> bool {
+    fn insert_node(&mut self, x: [f64; 3], hold: NodeConstraint) -> bool {
         let new = self.complex.nodes.len() as u32;
         self.complex.add_node(x);
-        self.holds.push(hold);
-        let home = self.home(x);
-        for (delaunay, floor) in CAVITIES {
+        self.constraints.push(hold);
+        let home = self.containing_tet(x);
+        for (delaunay, floor) in CAVITY_RULES {
             if let Some(cavity) = home.and_then(|home| self.cavity(home, new, delaunay, floor)) {
                 self.commit(&cavity);
                 return true;
             }
         }
-        self.complex.forget_nodes(new as usize);
-        self.holds.pop();
+        self.complex.truncate_nodes(new as usize);
+        self.constraints.pop();
         false
     }
 
     /// The tetrahedron that holds a position, if one does to rounding: of several the one that it lies
     /// deepest in.
-    fn home(&self, x: [f64; 3]) -> Option<u32> {
+    fn containing_tet(&self, x: [f64; 3]) -> Option<u32> {
         let near = match self.walk(x) {
-            Some(found) if self.least_share(found, x) > ON_FACE => return Some(found),
-            Some(found) => self.all_round(found, x),
+            Some(found) if self.min_barycentric(found, x) > ON_FACE_TOLERANCE => {
+                return Some(found);
+            }
+            Some(found) => self.all_containing_tets(found, x),
             // The part may have dents that no straight way leads through.
             None => (0..self.complex.tets.len() as u32)
-                .filter(|&t| self.complex.alive(t))
+                .filter(|&t| self.complex.is_alive(t))
                 .collect(),
         };
         near.into_iter()
-            .map(|t| (self.least_share(t, x), t))
+            .map(|t| (self.min_barycentric(t, x), t))
             .fold((-1e-9, None), |best, (value, t)| {
                 if value > best.0 {
                     (value, Some(t))
@@ -160,13 +162,13 @@ impl Improver<'_> {
 
     /// The least of the shares by which the corners of a tetrahedron make a position: not negative
     /// inside.
-    fn least_share(&self, t: u32, x: [f64; 3]) -> f64 {
-        let shares = self.shares(t, x).into_iter();
+    fn min_barycentric(&self, t: u32, x: [f64; 3]) -> f64 {
+        let shares = self.scaled_barycentric(t, x).into_iter();
         shares.fold(f64::INFINITY, f64::min) / volume6(&self.complex.corners(t))
     }
 
     /// The shares, times six times the volume.
-    fn shares(&self, t: u32, x: [f64; 3]) -> [f64; 4] {
+    fn scaled_barycentric(&self, t: u32, x: [f64; 3]) -> [f64; 4] {
         let p = self.complex.corners(t);
         std::array::from_fn(|k| {
             let mut p = p;
@@ -180,10 +182,10 @@ impl Improver<'_> {
     /// other. `None` if that leads out of the part, or nowhere.
     fn walk(&self, x: [f64; 3]) -> Option<u32> {
         let count = self.complex.tets.len() as u32;
-        let alive = |&t: &u32| t < count && self.complex.alive(t);
+        let alive = |&t: &u32| t < count && self.complex.is_alive(t);
         let mut at = self.slots.iter().copied().chain(0..count).find(alive)?;
         for _ in 0..count {
-            let shares = self.shares(at, x);
+            let shares = self.scaled_barycentric(at, x);
             let beyond = (0..4)
                 .filter(|&k| shares[k] < 0.0)
                 .map(|k| (shares[k], self.complex.neighbors[at as usize][k]))
@@ -192,7 +194,7 @@ impl Improver<'_> {
             match beyond {
                 Some((_, next)) => at = next,
                 None => {
-                    let inside = self.least_share(at, x) > -ON_FACE;
+                    let inside = self.min_barycentric(at, x) > -ON_FACE_TOLERANCE;
                     return inside.then_some(at);
                 }
             }
@@ -201,12 +203,15 @@ impl Improver<'_> {
     }
 
     /// The tetrahedra that hold a position to rounding, as `first` does, in rising order.
-    fn all_round(&self, first: u32, x: [f64; 3]) -> Vec<u32> {
+    fn all_containing_tets(&self, first: u32, x: [f64; 3]) -> Vec<u32> {
         let mut found = vec![first];
         let mut next = 0;
         while next < found.len() {
             for n in self.complex.neighbors[found[next] as usize] {
-                if n != NONE && !found.contains(&n) && self.least_share(n, x) > -ON_FACE {
+                if n != NONE
+                    && !found.contains(&n)
+                    && self.min_barycentric(n, x) > -ON_FACE_TOLERANCE
+                {
                     found.push(n);
                 }
             }
@@ -230,9 +235,9 @@ impl Improver<'_> {
         let mut next = 0;
         while delaunay && next < cavity.len() {
             for k in 0..4 {
-                if let Some(n) = self.complex.across(cavity[next], k)
+                if let Some(n) = self.complex.neighbor(cavity[next], k)
                     && !cavity.contains(&n)
-                    && in_circumsphere(&self.complex.corners(n), x)
+                    && is_in_circumsphere(&self.complex.corners(n), x)
                 {
                     cavity.push(n);
                 }
@@ -241,11 +246,11 @@ impl Improver<'_> {
         }
         // Tetrahedra that x lies in, or on the rim of, must be in the cavity.
         let mut needed = vec![home];
-        for _ in 0..PATIENCE {
-            match self.unseen(&cavity, new, floor) {
-                None => return self.fills(&cavity).then_some(cavity),
+        for _ in 0..MAX_CAVITY_CHANGES {
+            match self.first_invisible_face(&cavity, new, floor) {
+                None => return self.fills_cavity(&cavity).then_some(cavity),
                 Some((t, k)) if needed.contains(&t) => {
-                    let beyond = self.complex.across(t, k)?;
+                    let beyond = self.complex.neighbor(t, k)?;
                     needed.push(beyond);
                     if !cavity.contains(&beyond) {
                         cavity.push(beyond);
@@ -259,8 +264,13 @@ impl Improver<'_> {
 
     /// Spans tetrahedra from the node to the cavity's outer faces, into `fresh`. Gives the first face
     /// that it does not see well enough: its tetrahedron, and its number there.
-    fn unseen(&mut self, cavity: &[u32], new: u32, floor: f64) -> Option<(u32, usize)> {
-        self.fresh.clear();
+    fn first_invisible_face(
+        &mut self,
+        cavity: &[u32],
+        new: u32,
+        floor: f64,
+    ) -> Option<(u32, usize)> {
+        self.new_tets.clear();
         for &t in cavity {
             for k in 0..4 {
                 let beyond = self.complex.neighbors[t as usize][k];
@@ -270,7 +280,7 @@ impl Improver<'_> {
                 let tet = self.complex.tets[t as usize];
                 let [a, b, c] = FACES[k].map(|i| tet[i]);
                 // In a side of the box the node lies among the others.
-                if beyond == NONE && self.in_side(&[a, b, c, new]) {
+                if beyond == NONE && self.is_in_side(&[a, b, c, new]) {
                     continue;
                 }
                 let mut spanned = tet;
@@ -278,29 +288,29 @@ impl Improver<'_> {
                 if min_sine(&spanned.map(|n| self.complex.nodes[n as usize])) <= floor {
                     return Some((t, k));
                 }
-                self.fresh.push(spanned);
+                self.new_tets.push(spanned);
             }
         }
         None
     }
 
     /// Whether `fresh` fills the cavity and has all of its nodes.
-    fn fills(&self, cavity: &[u32]) -> bool {
+    fn fills_cavity(&self, cavity: &[u32]) -> bool {
         let volume = |tet: [u32; 4]| volume6(&tet.map(|n| self.complex.nodes[n as usize]));
         let old: f64 = cavity
             .iter()
             .map(|&t| volume(self.complex.tets[t as usize]))
             .sum();
-        let new: f64 = self.fresh.iter().map(|&tet| volume(tet)).sum();
-        let has = |n: u32| self.fresh.iter().any(|tet| tet.contains(&n));
+        let new: f64 = self.new_tets.iter().map(|&tet| volume(tet)).sum();
+        let has = |n: u32| self.new_tets.iter().any(|tet| tet.contains(&n));
         let mut nodes = cavity.iter().flat_map(|&t| self.complex.tets[t as usize]);
         (old - new).abs() <= 1e-9 * old && nodes.all(has)
     }
 
     /// Collapses a node into the neighbour that leaves the best tetrahedra.
-    fn remove(&mut self, node: u32) -> bool {
-        self.holds[node as usize].clear_sheets();
-        for easing in 0..EASINGS {
+    fn remove_node(&mut self, node: u32) -> bool {
+        self.constraints[node as usize].clear_surfaces();
+        for easing in 0..MAX_DRAGS {
             let x = self.complex.nodes[node as usize];
             self.complex.star(node, &mut self.star);
             let mut around: Vec<u32> = (self.star.iter())
@@ -313,15 +323,15 @@ impl Improver<'_> {
                 let gap = |n: u32| norm(sub(self.complex.nodes[n as usize], x));
                 gap(a).total_cmp(&gap(b))
             });
-            for floor in COLLAPSES {
+            for floor in COLLAPSE_SINES {
                 for features_first in [true, false] {
                     if (around.iter()).any(|&n| self.collapse_if(node, n, floor, features_first)) {
-                        self.flip_queue(&Patience::endless());
+                        self.flip_queue(&CancelToken::never());
                         return true;
                     }
                 }
             }
-            self.drag(node, &around, easing);
+            self.drag_node(node, &around, easing);
         }
         false
     }
@@ -329,22 +339,23 @@ impl Improver<'_> {
     /// Moves a node most of the way to the nearest neighbour (or the `nth` next) into which it may
     /// collapse, with flips of what that makes flat: in a regular lattice no collapse is possible at
     /// once, for the faces round an atom lie in one plane with its neighbours.
-    fn drag(&mut self, node: u32, around: &[u32], nth: usize) {
-        let hold = self.holds[node as usize];
+    fn drag_node(&mut self, node: u32, around: &[u32], nth: usize) {
+        let hold = self.constraints[node as usize];
         let from = self.complex.nodes[node as usize];
-        self.gather(node);
+        self.gather_star(node);
         let mut left = nth;
         for &n in around {
             let to = self.complex.nodes[n as usize];
-            let off_side = (0..3).any(|k| hold.axes >> k & 1 == 1 && from[k] != to[k]);
-            if off_side || !hold.within(&self.holds[n as usize]) {
+            let off_side = (0..3).any(|k| hold.fixed_axes >> k & 1 == 1 && from[k] != to[k]);
+            if off_side || !hold.is_subset_of(&self.constraints[n as usize]) {
                 continue;
             }
             let on_the_way = |share: &f64| -> [f64; 3] {
                 std::array::from_fn(|k| from[k] + share * (to[k] - from[k]))
             };
-            let sound = |x: &[f64; 3]| smooth::worst(*x, &self.spokes, FLAT) > FLAT;
-            let Some(x) = DRAGS.iter().map(on_the_way).find(sound) else {
+            let sound =
+                |x: &[f64; 3]| smooth::worst_sine(*x, &self.link, MIN_STEP_SINE) > MIN_STEP_SINE;
+            let Some(x) = DRAG_FRACTIONS.iter().map(on_the_way).find(sound) else {
                 continue;
             };
             if left > 0 {
@@ -354,18 +365,18 @@ impl Improver<'_> {
             // Coordinates in a side stay what they are, to the bit.
             let x = std::array::from_fn(|k| if from[k] == to[k] { from[k] } else { x[k] });
             self.move_to(node, x, hold);
-            self.flip_queue(&Patience::endless());
+            self.flip_queue(&CancelToken::never());
             return;
         }
     }
 
     /// Moves nodes towards their targets, with flips of what that makes poor in between.
-    fn steer(&mut self, wanted: &Wanted<3>) {
+    fn move_to_targets(&mut self, wanted: &ReshapeRequest<3>) {
         let mut pending: Vec<u32> = (0..wanted.targets.len())
-            .filter(|&n| !wanted.gone[n] && self.complex.nodes[n] != wanted.targets[n])
+            .filter(|&n| !wanted.is_removed[n] && self.complex.nodes[n] != wanted.targets[n])
             .map(|n| n as u32)
             .collect();
-        for _ in 0..STEPS {
+        for _ in 0..MAX_ROUNDS {
             let before = pending.len();
             let mut moved = false;
             pending.retain(|&node| {
@@ -373,7 +384,7 @@ impl Improver<'_> {
                 moved |= went;
                 !arrived
             });
-            self.flip_queue(&Patience::endless());
+            self.flip_queue(&CancelToken::never());
             if pending.is_empty() || (!moved && pending.len() == before) {
                 return;
             }
@@ -382,20 +393,20 @@ impl Improver<'_> {
 
     /// Goes to the target, or as far towards it as leaves no tetrahedron flat. Whether the node has
     /// moved, and whether it is there.
-    fn step_towards(&mut self, node: u32, wanted: &Wanted<3>) -> (bool, bool) {
+    fn step_towards(&mut self, node: u32, wanted: &ReshapeRequest<3>) -> (bool, bool) {
         let n = node as usize;
         let (from, to) = (self.complex.nodes[n], wanted.targets[n]);
-        self.gather(node);
-        let here = smooth::worst(from, &self.spokes, f64::NEG_INFINITY);
+        self.gather_star(node);
+        let here = smooth::worst_sine(from, &self.link, f64::NEG_INFINITY);
         for share in [1.0, 0.5, 0.25] {
             let x = match share {
                 1.0 => to,
                 _ => std::array::from_fn(|k| from[k] + share * (to[k] - from[k])),
             };
             // What is flat already may at least not become flatter.
-            let floor = FLAT.min(here);
-            if smooth::worst(x, &self.spokes, floor) > floor {
-                let (hold, _) = Hold::new(x, wanted.kinds[n], self.extent, self.sheets);
+            let floor = MIN_STEP_SINE.min(here);
+            if smooth::worst_sine(x, &self.link, floor) > floor {
+                let (hold, _) = NodeConstraint::new(x, wanted.kinds[n], self.extent, self.planes);
                 self.move_to(node, x, hold);
                 return (true, share == 1.0);
             }
@@ -405,7 +416,7 @@ impl Improver<'_> {
 }
 
 /// Whether a position lies inside the sphere through the corners of a positive tetrahedron.
-fn in_circumsphere(p: &[[f64; 3]; 4], x: [f64; 3]) -> bool {
+fn is_in_circumsphere(p: &[[f64; 3]; 4], x: [f64; 3]) -> bool {
     let rows = p.map(|q| sub(q, x));
     let square = rows.map(|[a, b, c]| a * a + b * b + c * c);
     // The determinant of (position, square) by its last column.

@@ -14,19 +14,19 @@ fn circumsphere_of_a_corner() {
     let radius = 3f64.sqrt();
     for (share, inside) in [(0.0, true), (0.99, true), (1.01, false)] {
         let x = [1.0 + share * radius, 1.0, 1.0];
-        assert_eq!(in_circumsphere(&p, x), inside, "{share}");
+        assert_eq!(is_in_circumsphere(&p, x), inside, "{share}");
     }
 }
 
 /// A box of atoms, four units apart.
-fn part() -> (TetMesh, Vec<AtomKind>) {
-    let atoms = fcc(EXTENT, &Distance::Constant(4.0), &[], Alignment::On).unwrap();
+fn box_part() -> (TetMesh, Vec<AtomKind>) {
+    let atoms = fcc(EXTENT, &Distance::Constant(4.0), &[], Alignment::OnFeatures).unwrap();
     let mesh = delaunay::delaunay(&atoms.positions).unwrap();
     (mesh, atoms.kinds)
 }
 
-fn reshaped(mesh: TetMesh, wanted: &Wanted<3>) -> Reshaped<TetMesh> {
-    let sheets = Sheets::new(&[], EXTENT, 3.0, 4.0);
+fn reshape_checked(mesh: TetMesh, wanted: &ReshapeRequest<3>) -> ReshapeResult<TetMesh> {
+    let sheets = FeaturePlanes::new(&[], EXTENT, 3.0, 4.0);
     let distance = Distance::Constant(4.0);
     let target = Target::default();
     let done = reshape(mesh, wanted, EXTENT, &sheets, &distance, &target)
@@ -39,28 +39,32 @@ fn reshaped(mesh: TetMesh, wanted: &Wanted<3>) -> Reshaped<TetMesh> {
 #[test]
 #[cfg(feature = "tetgen")]
 fn every_atom_but_corners_can_go() {
-    let (mesh, kinds) = part();
+    let (mesh, kinds) = box_part();
     for node in (0..kinds.len())
         .filter(|&n| kinds[n] != AtomKind::Corner)
         .step_by(3)
     {
         let mut gone = vec![false; kinds.len()];
         gone[node] = true;
-        let wanted = Wanted {
+        let wanted = ReshapeRequest {
             targets: mesh.nodes.clone(),
             kinds: kinds.clone(),
-            gone,
+            is_removed: gone,
         };
-        let done = reshaped(mesh.clone(), &wanted);
-        assert!(!done.kept.contains(&(node as u32)));
-        assert!(done.outcome.poor_after < 6, "{node}: {:?}", done.outcome);
+        let done = reshape_checked(mesh.clone(), &wanted);
+        assert!(!done.request_nodes.contains(&(node as u32)));
+        assert!(
+            done.report.below_target_after < 6,
+            "{node}: {:?}",
+            done.report
+        );
     }
 }
 
 #[test]
 #[cfg(feature = "tetgen")]
 fn atoms_come_anywhere_also_onto_faces_edges_and_sides() {
-    let (mesh, kinds) = part();
+    let (mesh, kinds) = box_part();
     let middle = |nodes: &[u32]| -> [f64; 3] {
         let sum = |k: usize| {
             nodes
@@ -73,16 +77,16 @@ fn atoms_come_anywhere_also_onto_faces_edges_and_sides() {
     for t in (0..mesh.tets.len()).step_by(11) {
         for count in [2, 3, 4] {
             let x = middle(&mesh.tets[t][..count]);
-            let mut wanted = Wanted {
+            let mut wanted = ReshapeRequest {
                 targets: mesh.nodes.clone(),
                 kinds: kinds.clone(),
-                gone: vec![false; kinds.len() + 1],
+                is_removed: vec![false; kinds.len() + 1],
             };
             wanted.targets.push(x);
             wanted.kinds.push(AtomKind::Fixed);
-            let done = reshaped(mesh.clone(), &wanted);
+            let done = reshape_checked(mesh.clone(), &wanted);
             let at = done
-                .kept
+                .request_nodes
                 .iter()
                 .position(|&n| n as usize == kinds.len())
                 .unwrap();
@@ -94,7 +98,7 @@ fn atoms_come_anywhere_also_onto_faces_edges_and_sides() {
 #[test]
 #[cfg(feature = "tetgen")]
 fn nodes_reach_their_targets() {
-    let (mesh, kinds) = part();
+    let (mesh, kinds) = box_part();
     // A wave through the box, which the sides keep to.
     let targets: Vec<[f64; 3]> = (mesh.nodes.iter())
         .map(|x| {
@@ -109,13 +113,13 @@ fn nodes_reach_their_targets() {
         .collect();
     let gone = vec![false; kinds.len()];
     let fixed = vec![AtomKind::Fixed; kinds.len()];
-    let wanted = Wanted {
+    let wanted = ReshapeRequest {
         targets: targets.clone(),
         kinds: fixed,
-        gone,
+        is_removed: gone,
     };
-    let done = reshaped(mesh, &wanted);
-    for (x, &n) in done.mesh.nodes.iter().zip(&done.kept) {
+    let done = reshape_checked(mesh, &wanted);
+    for (x, &n) in done.mesh.nodes.iter().zip(&done.request_nodes) {
         if let Some(target) = targets.get(n as usize) {
             assert_eq!(x, target);
         }
@@ -126,7 +130,7 @@ fn nodes_reach_their_targets() {
 #[cfg(feature = "tetgen")]
 fn the_home_of_a_position_is_that_of_all_tetrahedra_that_holds_it_best() {
     // A box with a dent: what no straight way leads through is there, too.
-    let (mut mesh, kinds) = part();
+    let (mut mesh, kinds) = box_part();
     let middle =
         |t: &[u32; 4], k: usize| t.iter().map(|&n| mesh.nodes[n as usize][k]).sum::<f64>() / 4.0;
     let kept: Vec<[u32; 4]> = mesh
@@ -138,11 +142,11 @@ fn the_home_of_a_position_is_that_of_all_tetrahedra_that_holds_it_best() {
     assert!(kept.len() < mesh.tets.len() - 10);
     mesh.tets = kept;
     let neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
-    let sheets = Sheets::new(&[], EXTENT, 3.0, 4.0);
+    let sheets = FeaturePlanes::new(&[], EXTENT, 3.0, 4.0);
     let distance = Distance::Constant(4.0);
     let tets = mesh.tets.clone();
     let nodes = mesh.nodes.clone();
-    let mut improver = Improver::new(
+    let mut improver = TetImprover::new(
         mesh,
         neighbors,
         &kinds,
@@ -150,7 +154,7 @@ fn the_home_of_a_position_is_that_of_all_tetrahedra_that_holds_it_best() {
         &sheets,
         &distance,
         0.2,
-        &Patience::endless(),
+        &CancelToken::never(),
     );
     let mut state = 9u32;
     let mut random = || {
@@ -174,7 +178,7 @@ fn the_home_of_a_position_is_that_of_all_tetrahedra_that_holds_it_best() {
     for (i, x) in positions.into_iter().enumerate() {
         improver.slots = vec![(i * 37 % tets.len()) as u32];
         let best = (0..tets.len() as u32)
-            .map(|t| (improver.least_share(t, x), t))
+            .map(|t| (improver.min_barycentric(t, x), t))
             .fold((-1e-9, None), |best, (value, t)| {
                 if value > best.0 {
                     (value, Some(t))
@@ -182,7 +186,7 @@ fn the_home_of_a_position_is_that_of_all_tetrahedra_that_holds_it_best() {
                     best
                 }
             });
-        assert_eq!(improver.home(x), best.1, "{x:?}");
+        assert_eq!(improver.containing_tet(x), best.1, "{x:?}");
         outside += usize::from(best.1.is_none());
     }
     assert!((20..200).contains(&outside), "{outside}");
@@ -202,12 +206,12 @@ fn a_part_in_which_three_tetrahedra_share_a_face_is_refused() {
         tets: vec![[0, 1, 2, 3], [0, 1, 2, 4], [0, 2, 1, 5]],
         nodes,
     };
-    let wanted = Wanted {
+    let wanted = ReshapeRequest {
         targets: mesh.nodes.clone(),
         kinds: vec![AtomKind::Interior; 6],
-        gone: vec![false; 6],
+        is_removed: vec![false; 6],
     };
-    let sheets = Sheets::new(&[], EXTENT, 3.0, 4.0);
+    let sheets = FeaturePlanes::new(&[], EXTENT, 3.0, 4.0);
     let distance = Distance::Constant(4.0);
     let refusal = reshape(
         mesh,
@@ -217,7 +221,7 @@ fn a_part_in_which_three_tetrahedra_share_a_face_is_refused() {
         &distance,
         &Target::default(),
     );
-    let Err(Refusal::Part(error)) = refusal else {
+    let Err(ReshapeError::Mesh(error)) = refusal else {
         panic!("{refusal:?}");
     };
     assert!(error.to_string().contains("more than two"), "{error}");

@@ -2,14 +2,14 @@
 
 use super::super::tests::box_mesh;
 use super::*;
+use crate::comm::{SelfComm, run_threads};
 use crate::feature::FeaturePoint;
 use crate::geometry::{norm, normal};
-use crate::mesh::check::{Known, check_known};
+use crate::mesh::check::{CheckHints, check_with_hints};
 use crate::mesh::complex;
-use crate::ranks::{Alone, shared};
 
 /// The plane x + y / 2 = `at` as points of a feature.
-fn plane(at: f32, extent: [f64; 3]) -> Vec<FeaturePoint<3>> {
+fn plane_points(at: f32, extent: [f64; 3]) -> Vec<FeaturePoint<3>> {
     let [_, y, z] = extent.map(|e| e as usize);
     let length = 1.25f32.sqrt();
     let points = (0..=z).flat_map(|k| {
@@ -27,49 +27,62 @@ fn slabs_are_the_same_mesh_for_any_number_of_members() {
     let (mesh, kinds, extent) = box_mesh([45, 7, 6], 4.0, 0.28, |_| true);
     let neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
     // One in the middle of a slab, and two that cross a cut.
-    let points = [40.0, 72.0, 123.0].map(|at| plane(at, extent)).concat();
-    let sheets = Sheets::new(&points, extent, 3.6, 5.0);
+    let points = [40.0, 72.0, 123.0]
+        .map(|at| plane_points(at, extent))
+        .concat();
+    let sheets = FeaturePlanes::new(&points, extent, 3.6, 5.0);
     let distance = Distance::Constant(4.5);
     let target = Target::default();
-    let aim = Aim {
+    let aim = SlabContext {
         extent,
-        sheets: &sheets,
+        planes: &sheets,
         distance: &distance,
         target: &target,
     };
-    let cuts = Cuts {
+    let cuts = SlabCuts {
         axis: 0,
-        at: vec![61.0, 118.0],
-        half: 18.0,
+        positions: vec![61.0, 118.0],
+        half_width: 18.0,
     };
     let atoms = || KnownAtoms {
         atoms: Atoms {
             positions: mesh.nodes.clone(),
             kinds: kinds.clone(),
         },
-        numbers: None,
-        whole: mesh.nodes.len(),
+        global_ids: None,
+        global_count: mesh.nodes.len(),
     };
-    let improved = |group: &dyn Group| {
+    let improved = |group: &dyn Comm| {
         let atoms = atoms();
         let joined = (mesh.tets.clone(), neighbors.clone());
-        let patience = &Patience::endless();
+        let patience = &CancelToken::never();
         improve_in_slabs(atoms, joined, &cuts, aim, group, patience).unwrap()
     };
-    let alone = improved(&Alone);
-    let InSlabs {
-        piece, improved, ..
-    } = &improved(&Alone);
-    assert_eq!((piece.first, piece.numbers.len()), (0, piece.whole[0]));
-    assert!(piece.numbers.iter().copied().eq(0..piece.whole[0] as u32));
-    let known = Known {
+    let alone = improved(&SelfComm);
+    let SlabResult {
+        partition: piece,
+        report: improved,
+        ..
+    } = &improved(&SelfComm);
+    assert_eq!(
+        (piece.first_cell, piece.global_ids.len()),
+        (0, piece.global_counts[0])
+    );
+    assert!(
+        piece
+            .global_ids
+            .iter()
+            .copied()
+            .eq(0..piece.global_counts[0] as u32)
+    );
+    let known = CheckHints {
         neighbors: Some(piece.neighbors.as_flattened()),
-        ..Known::default()
+        ..CheckHints::default()
     };
-    let check = check_known(&piece.mesh, known, [0.0; 3], extent, 1e-12);
+    let check = check_with_hints(&piece.mesh, known, [0.0; 3], extent, 1e-12);
     assert!(check.passed(), "{:?}", check.problems);
-    assert!(improved.poor_before > 100 && improved.counts.pierced_before > 50);
-    assert_eq!(improved.poor_after, 0);
+    assert!(improved.below_target_before > 100 && improved.counts.intersecting_before > 50);
+    assert_eq!(improved.below_target_after, 0);
     // Of the planes as much is faces as in a mesh that is not cut.
     let on_planes = |mesh: &TetMesh, marks: &[u8]| -> f64 {
         let faces = mesh.tets.iter().zip(marks).flat_map(|(tet, marks)| {
@@ -87,7 +100,7 @@ fn slabs_are_the_same_mesh_for_any_number_of_members() {
         &sheets,
         &distance,
         &target,
-        &Patience::endless(),
+        &CancelToken::never(),
     )
     .unwrap();
     let areas = [(&piece.mesh, &alone.feature_faces), (&whole, &marks)];
@@ -95,26 +108,30 @@ fn slabs_are_the_same_mesh_for_any_number_of_members() {
     assert!(cut > 0.98 * uncut && uncut > 3000.0, "{cut} of {uncut}");
 
     for count in [2, 3, 5] {
-        let all = shared(count, |group| {
+        let all = run_threads(count, |group| {
             let own = improve_in_slabs(
                 atoms(),
                 (mesh.tets.clone(), neighbors.clone()),
                 &cuts,
                 aim,
                 group,
-                &Patience::endless(),
+                &CancelToken::never(),
             );
             let own = own.unwrap();
-            let piece = own.piece.clone();
-            (piece, own.whole(group).unwrap())
+            let piece = own.partition.clone();
+            (piece, own.all_gather(group).unwrap())
         });
         let mut first = 0;
         for (own, whole) in &all {
-            assert_eq!((own.first, own.whole), (first, piece.whole), "{count}");
+            assert_eq!(
+                (own.first_cell, own.global_counts),
+                (first, piece.global_counts),
+                "{count}"
+            );
             first += own.mesh.tets.len();
-            assert!(whole.piece == alone.piece, "{count}");
+            assert!(whole.partition == alone.partition, "{count}");
             assert!(whole.kinds == alone.kinds && whole.feature_faces == alone.feature_faces);
-            assert_eq!(whole.improved, alone.improved);
+            assert_eq!(whole.report, alone.report);
         }
     }
 }
@@ -131,11 +148,11 @@ fn a_mesh_is_cut_where_slabs_are_thick_and_have_atoms() {
     let cut = |n: [usize; 3], d: f64| {
         let extent = n.map(|n| (n - 1) as f64 * d);
         let (atoms, distance) = (atoms(n, d), Distance::Constant(d));
-        let alone = Cuts::new(&atoms, extent, &distance, &Alone).unwrap();
+        let alone = SlabCuts::new(&atoms, extent, &distance, &SelfComm).unwrap();
         // The same by several, each of which has some.
-        for cuts in shared(3, |group| {
-            let own = share_of(atoms.len(), group.rank(), 3);
-            Cuts::new(&atoms[own], extent, &distance, group).unwrap()
+        for cuts in run_threads(3, |group| {
+            let own = partition_range(atoms.len(), group.rank(), 3);
+            SlabCuts::new(&atoms[own], extent, &distance, group).unwrap()
         }) {
             assert_eq!(cuts, alone);
         }
@@ -145,16 +162,19 @@ fn a_mesh_is_cut_where_slabs_are_thick_and_have_atoms() {
     assert_eq!(cut([150, 10, 10], 3.0), None, "too few atoms");
     let cuts = cut([30, 25, 150], 3.0).unwrap();
     assert_eq!((cuts.axis, cuts.count()), (2, 3));
-    assert_eq!(cuts.ends(), [50.0 * 3.0 + 18.0, 100.0 * 3.0 + 18.0]);
+    assert_eq!(
+        cuts.first_atom_cuts(),
+        [50.0 * 3.0 + 18.0, 100.0 * 3.0 + 18.0]
+    );
     let regions = [0.0, 131.0, 132.0, 167.9, 168.0, 281.9, 282.0, 317.9, 318.0]
-        .map(|z| cuts.region([0.0, 0.0, z]));
+        .map(|z| cuts.region_index([0.0, 0.0, z]));
     assert_eq!(regions, [0, 0, 1, 1, 2, 2, 3, 3, 4]);
 }
 
 #[test]
 fn every_slab_has_one_owner() {
     for (slabs, count) in [(1, 1), (3, 2), (4, 4), (2, 7), (5, 3)] {
-        let ranges = shared(count, |group| own_slabs(slabs, group));
+        let ranges = run_threads(count, |group| slabs_of_rank(slabs, group));
         let all: Vec<usize> = ranges.iter().cloned().flatten().collect();
         assert!(all.into_iter().eq(0..slabs));
         for slab in 0..slabs {

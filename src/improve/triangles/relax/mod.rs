@@ -13,12 +13,12 @@
 use serde::{Deserialize, Serialize};
 
 use crate::Result;
-use crate::geometry::groups::grouped;
-use crate::image::Field;
+use crate::geometry::counting_sort::sort_by_group;
+use crate::image::ScalarField;
 use crate::mesh::TriMesh;
 use crate::mesh::delaunay::{constrained_plane, delaunay_plane};
-use crate::mesh::tri::{SIDES, area2, squared_sides};
-use crate::observer::Patience;
+use crate::mesh::tri::{SIDES, double_area, squared_sides};
+use crate::progress::CancelToken;
 
 /// Where a node goes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -38,23 +38,23 @@ pub struct Relaxation<const D: usize> {
     /// Where nodes go.
     pub scheme: Scheme,
     /// How much each place counts, above zero: see [`weight`].
-    pub weight: Field<D>,
+    pub weight: ScalarField<D>,
     /// Times that all nodes are moved, and edges flipped after them.
     pub rounds: usize,
 }
 
 /// Rounds after which little changes, as published.
-pub const ROUNDS: usize = 5;
+pub const DEFAULT_ROUNDS: usize = 5;
 
 /// Even ground counts for this share of the mean steepness: formula 10 alone leaves a node on it
 /// undecided.
-const EVEN_GROUND: f64 = 0.1;
+const UNIFORM_WEIGHT_SHARE: f64 = 0.1;
 
 /// The weight of an image's places from their `steepness` (the gradient's magnitude).
-pub fn weight<const D: usize>(mut steepness: Field<D>) -> Field<D> {
+pub fn weight<const D: usize>(mut steepness: ScalarField<D>) -> ScalarField<D> {
     let samples = &mut steepness.samples;
     let sum: f64 = samples.iter().map(|&s| f64::from(s)).sum();
-    let floor = match EVEN_GROUND * sum / samples.len().max(1) as f64 {
+    let floor = match UNIFORM_WEIGHT_SHARE * sum / samples.len().max(1) as f64 {
         floor if floor > 0.0 => floor as f32,
         _ => 1.0,
     };
@@ -64,17 +64,17 @@ pub fn weight<const D: usize>(mut steepness: Field<D>) -> Field<D> {
 
 /// What a round did to the energy.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Round {
+pub struct RelaxationRound {
     /// Before nodes were moved.
-    pub before: f64,
+    pub energy_before: f64,
     /// After.
-    pub after: f64,
+    pub energy_after: f64,
     /// Nodes that moved.
-    pub moved: usize,
+    pub moved_count: usize,
 }
 
 /// Halvings of a step that does not lower the energy; then the node stays.
-const HALVINGS: usize = 4;
+const MAX_HALVINGS: usize = 4;
 
 /// The Delaunay triangulation of points, once smoothed, with the edges `kept` (of one triangulation of
 /// them) among its own: without, nodes that come near a curve would take edges on it away. `mobility`
@@ -88,8 +88,8 @@ pub fn relax(
     kept: &[[u32; 2]],
     mobility: &[[f64; 2]],
     relaxation: &Relaxation<2>,
-    patience: &Patience<'_>,
-) -> Result<(TriMesh, Vec<Round>)> {
+    patience: &CancelToken<'_>,
+) -> Result<(TriMesh, Vec<RelaxationRound>)> {
     let join = |points: &[[f64; 2]]| match kept {
         [] => delaunay_plane(points),
         kept => constrained_plane(points, kept),
@@ -97,23 +97,24 @@ pub fn relax(
     let mut mesh = join(&points)?;
     let mut rounds = Vec::with_capacity(relaxation.rounds);
     for _ in 0..relaxation.rounds {
-        let mut round = Round {
-            before: energy(&mesh, relaxation),
-            after: 0.0,
-            moved: 0,
+        let mut round = RelaxationRound {
+            energy_before: energy(&mesh, relaxation),
+            energy_after: 0.0,
+            moved_count: 0,
         };
-        let stars = Stars::new(&mesh);
+        let stars = NodeTriangles::new(&mesh);
         for node in 0..points.len() {
-            if !patience.over() && mobility[node] != [0.0; 2] {
-                let star = stars.of(node);
-                round.moved += usize::from(relaxation.step(&mut mesh, node, star, mobility[node]));
+            if !patience.is_cancelled() && mobility[node] != [0.0; 2] {
+                let star = stars.get(node);
+                round.moved_count +=
+                    usize::from(relaxation.move_node(&mut mesh, node, star, mobility[node]));
             }
         }
-        round.after = energy(&mesh, relaxation);
+        round.energy_after = energy(&mesh, relaxation);
         rounds.push(round);
         points = mesh.nodes;
         mesh = join(&points)?;
-        if round.moved == 0 {
+        if round.moved_count == 0 {
             break;
         }
     }
@@ -129,7 +130,7 @@ pub fn energy(mesh: &TriMesh, relaxation: &Relaxation<2>) -> f64 {
 impl Relaxation<2> {
     /// The weight of a triangle: its mean at the centroid and at those of the three triangles which the
     /// centroid makes with the edges (the thesis's figure 2.3).
-    fn weight_of(&self, p: &[[f64; 2]; 3]) -> f64 {
+    fn triangle_weight(&self, p: &[[f64; 2]; 3]) -> f64 {
         let centroid = |p: [[f64; 2]; 3]| [0, 1].map(|k| (p[0][k] + p[1][k] + p[2][k]) / 3.0);
         let middle = centroid(*p);
         let parts = SIDES.map(|[i, j]| centroid([p[i], p[j], middle]));
@@ -140,20 +141,20 @@ impl Relaxation<2> {
 
     /// Weight times area times the sum of squared edges; infinite for a triangle that is not positive.
     fn cost(&self, p: &[[f64; 2]; 3]) -> f64 {
-        let area2 = area2(p);
+        let area2 = double_area(p);
         if area2 <= 0.0 {
             return f64::INFINITY;
         }
-        0.5 * area2 * self.weight_of(p) * squared_sides(p).iter().sum::<f64>()
+        0.5 * area2 * self.triangle_weight(p) * squared_sides(p).iter().sum::<f64>()
     }
 
     /// Moves one node; whether it moved.
-    fn step(&self, mesh: &mut TriMesh, node: usize, star: &[u32], mobility: [f64; 2]) -> bool {
+    fn move_node(&self, mesh: &mut TriMesh, node: usize, star: &[u32], mobility: [f64; 2]) -> bool {
         let start = mesh.nodes[node];
         let (mut mass, mut moment, mut cost) = (0.0, [0.0; 2], 0.0);
         for &t in star {
             let p = mesh.corners(t as usize);
-            let m = area2(&p) * self.weight_of(&p);
+            let m = double_area(&p) * self.triangle_weight(&p);
             let opposite = |k: usize| 0.5 * (p[0][k] + p[1][k] + p[2][k] - start[k]);
             mass += m;
             moment[0] += m * opposite(0);
@@ -167,7 +168,7 @@ impl Relaxation<2> {
         };
         let way = [0, 1].map(|k| mobility[k] * share * (moment[k] / mass - start[k]));
         let mut length = 1.0;
-        for _ in 0..=HALVINGS {
+        for _ in 0..=MAX_HALVINGS {
             mesh.nodes[node] = [0, 1].map(|k| start[k] + length * way[k]);
             let corners = star.iter().map(|&t| mesh.corners(t as usize));
             let then: f64 = corners.map(|p| self.cost(&p)).sum();
@@ -182,21 +183,21 @@ impl Relaxation<2> {
 }
 
 /// The triangles around each node.
-struct Stars {
-    start: Vec<u32>,
+struct NodeTriangles {
+    offsets: Vec<u32>,
     triangles: Vec<u32>,
 }
 
-impl Stars {
+impl NodeTriangles {
     fn new(mesh: &TriMesh) -> Self {
         let corners = mesh.triangles.as_flattened().iter().map(|&n| n as usize);
-        let (start, corners) = grouped(mesh.nodes.len(), corners);
+        let (offsets, corners) = sort_by_group(mesh.nodes.len(), corners);
         let triangles = corners.into_iter().map(|corner| corner / 3).collect();
-        Self { start, triangles }
+        Self { offsets, triangles }
     }
 
-    fn of(&self, node: usize) -> &[u32] {
-        &self.triangles[self.start[node] as usize..self.start[node + 1] as usize]
+    fn get(&self, node: usize) -> &[u32] {
+        &self.triangles[self.offsets[node] as usize..self.offsets[node + 1] as usize]
     }
 }
 

@@ -1,10 +1,10 @@
 use super::*;
-use crate::feature::steepness::steepness;
+use crate::feature::gradient_magnitude::gradient_magnitude;
 use crate::feature::volume::Volume;
 use crate::lattice::AtomKind;
 use crate::lattice::seeding::Atoms;
 use crate::mesh::check::check;
-use crate::mesh::tri::shape;
+use crate::mesh::tri::shape_quality;
 
 const EXTENT: [f64; 2] = [60.0, 54.0];
 
@@ -27,22 +27,22 @@ fn random_points(count: usize) -> Atoms<2> {
             [0.0, EXTENT[1] - y],
         ]);
     }
-    Atoms::in_box(points, EXTENT)
+    Atoms::from_positions(points, EXTENT)
 }
 
-fn field(f: impl FnMut([f64; 2]) -> f64) -> Field<2> {
-    Field::from_fn([61, 55], [1.0; 2], f)
+fn field(f: impl FnMut([f64; 2]) -> f64) -> ScalarField<2> {
+    ScalarField::from_fn([61, 55], [1.0; 2], f)
 }
 
 /// A disc of 100 on 0, as steep as it is.
-fn weight_of_a_disc() -> Field<2> {
+fn weight_of_a_disc() -> ScalarField<2> {
     let image = field(|[x, y]| 100.0 * (0.5 - (x - 28.3).hypot(y - 26.1) + 15.0).clamp(0.0, 1.0));
     let volume = Volume {
         dims: image.dims,
         samples: &image.samples,
     };
-    weight(Field {
-        samples: steepness(volume, &Patience::endless()),
+    weight(ScalarField {
+        samples: gradient_magnitude(volume, &CancelToken::never()),
         ..image
     })
 }
@@ -71,8 +71,8 @@ fn steps_are_those_of_the_formulas() {
             weight: field(|[x, y]| 3.0 + 0.01 * x + 0.02 * y),
             rounds: 1,
         };
-        let areas = |t: usize| 0.5 * area2(&mesh.corners(t));
-        let g = |t: usize| relaxation.weight_of(&mesh.corners(t));
+        let areas = |t: usize| 0.5 * double_area(&mesh.corners(t));
+        let g = |t: usize| relaxation.triangle_weight(&mesh.corners(t));
         let want: [f64; 2] = [0, 1].map(|k| match scheme {
             Scheme::Cvt => {
                 let centroid = |t: usize| mesh.corners(t).iter().map(|p| p[k]).sum::<f64>() / 3.0;
@@ -92,7 +92,7 @@ fn steps_are_those_of_the_formulas() {
             }
         });
         let mut moved = mesh.clone();
-        assert!(relaxation.step(&mut moved, 0, &star, [1.0; 2]));
+        assert!(relaxation.move_node(&mut moved, 0, &star, [1.0; 2]));
         for k in 0..2 {
             assert!((moved.nodes[0][k] - want[k]).abs() < 1e-9, "{scheme:?}");
         }
@@ -114,30 +114,30 @@ fn random_points_become_centroids_of_their_triangles() {
             &[],
             &mobility,
             &relaxation,
-            &Patience::endless(),
+            &CancelToken::never(),
         )
         .unwrap();
         // Moves lower the energy, and so do the flips between them.
         for round in &rounds {
-            assert!(round.after < round.before || round.moved == 0);
+            assert!(round.energy_after < round.energy_before || round.moved_count == 0);
         }
         for pair in rounds.windows(2) {
-            assert!(pair[1].before <= pair[0].after * (1.0 + 1e-12));
+            assert!(pair[1].energy_before <= pair[0].energy_after * (1.0 + 1e-12));
         }
-        let stars = Stars::new(&mesh);
+        let stars = NodeTriangles::new(&mesh);
         let mut squares = 0.0;
         let (mut regular, mut inside) = (0, 0);
         for (n, kind) in atoms.kinds.iter().enumerate() {
             if *kind != AtomKind::Interior {
                 continue;
             }
-            let star = stars.of(n);
+            let star = stars.get(n);
             let (mut area, mut moment) = (0.0, [0.0; 2]);
             for &t in star {
                 let p = mesh.corners(t as usize);
-                area += area2(&p);
+                area += double_area(&p);
                 for k in 0..2 {
-                    moment[k] += area2(&p) * (p[0][k] + p[1][k] + p[2][k]) / 3.0;
+                    moment[k] += double_area(&p) * (p[0][k] + p[1][k] + p[2][k]) / 3.0;
                 }
             }
             let x = mesh.nodes[n];
@@ -153,7 +153,7 @@ fn random_points_become_centroids_of_their_triangles() {
             "{regular} of {inside} have five to seven neighbours"
         );
         let q = |mesh: &TriMesh| {
-            let all = (0..mesh.triangles.len()).map(|t| shape(&mesh.corners(t)));
+            let all = (0..mesh.triangles.len()).map(|t| shape_quality(&mesh.corners(t)));
             all.sum::<f64>() / mesh.triangles.len() as f64
         };
         let before = delaunay_plane(&atoms.positions).unwrap();
@@ -178,22 +178,25 @@ fn with_an_image_the_energy_falls_and_the_mesh_stays_valid() {
         let relaxation = Relaxation {
             scheme,
             weight: weight_of_a_disc(),
-            rounds: ROUNDS,
+            rounds: DEFAULT_ROUNDS,
         };
         let (mesh, rounds) = relax(
             atoms.positions.clone(),
             &[],
             &mobility,
             &relaxation,
-            &Patience::endless(),
+            &CancelToken::never(),
         )
         .unwrap();
-        assert_eq!(rounds.len(), ROUNDS);
+        assert_eq!(rounds.len(), DEFAULT_ROUNDS);
         for round in &rounds {
-            assert!(round.after < round.before && round.moved > 100, "{round:?}");
+            assert!(
+                round.energy_after < round.energy_before && round.moved_count > 100,
+                "{round:?}"
+            );
         }
-        let last = rounds[ROUNDS - 1].after;
-        assert!(last < 0.8 * rounds[0].before, "{rounds:?}");
+        let last = rounds[DEFAULT_ROUNDS - 1].energy_after;
+        assert!(last < 0.8 * rounds[0].energy_before, "{rounds:?}");
         let found = check(&mesh, [0.0; 2], EXTENT, 1e-12);
         assert!(found.passed(), "{:?}", found.problems);
         for (n, kind) in atoms.kinds.iter().enumerate() {
@@ -229,13 +232,17 @@ fn edges_that_shall_stay_do() {
     let relaxation = Relaxation {
         scheme: Scheme::Odt,
         weight: weight_of_a_disc(),
-        rounds: ROUNDS,
+        rounds: DEFAULT_ROUNDS,
     };
     let left = |constrained: &[[u32; 2]]| {
         let points = atoms.positions.clone();
-        let endless = Patience::endless();
+        let endless = CancelToken::never();
         let (mesh, rounds) = relax(points, constrained, &mobility, &relaxation, &endless).unwrap();
-        assert!(rounds.iter().all(|round| round.after < round.before));
+        assert!(
+            rounds
+                .iter()
+                .all(|round| round.energy_after < round.energy_before)
+        );
         assert!(check(&mesh, [0.0; 2], EXTENT, 1e-12).passed());
         let found = edges(&mesh);
         let there = |e: &&[u32; 2]| found.binary_search(e).is_ok();

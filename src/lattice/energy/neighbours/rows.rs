@@ -6,7 +6,7 @@ use super::{FILLER, LANES};
 
 /// The neighbours of up to [`CHUNK`](super::CHUNK) successive atoms.
 #[derive(Clone, Default)]
-pub struct Rows {
+pub struct NeighbourRows {
     /// Index of each member among all points: first the chunk's own atoms, then their neighbours.
     pub members: Vec<u32>,
     /// Where each atom's row starts and ends in `list`.
@@ -14,10 +14,10 @@ pub struct Rows {
     /// Members, in rows filled up to whole groups.
     pub(super) list: Vec<[u16; LANES]>,
     /// Whether there are more members than can be numbered.
-    pub overflowed: bool,
+    pub has_overflowed: bool,
 }
 
-impl Rows {
+impl NeighbourRows {
     /// Number of the chunk's own atoms.
     pub fn len(&self) -> usize {
         self.spans.len()
@@ -44,7 +44,7 @@ impl Rows {
         self.list.clear();
         self.spans.clear();
         self.spans.resize(atoms.len(), [0; 2]);
-        self.overflowed = false;
+        self.has_overflowed = false;
     }
 
     /// Replaces the row of the chunk's `n`th atom: in its place if it fits.
@@ -105,7 +105,7 @@ impl Rows {
     }
 
     /// Number of groups that are in use.
-    pub(super) fn live(&self) -> usize {
+    pub(super) fn live_group_count(&self) -> usize {
         let spans = self.spans.iter();
         spans.map(|[start, end]| (end - start) as usize).sum()
     }

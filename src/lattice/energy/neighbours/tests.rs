@@ -4,16 +4,16 @@ use super::*;
 
 #[test]
 fn fixed_point_rounds_to_the_nearest() {
-    let fixed = FixedPoint { scale: 1024.0 };
+    let fixed = FixedPointMap { scale: 1024.0 };
     for (x, truth) in [(0.0, 0), (1.0, 1024), (-2.5, -2560), (0.75 / 1024.0, 1)] {
         assert_eq!(fixed.coordinate(x), truth);
     }
-    assert!(FixedPoint::new(&[255.0, 3.0]).coordinate(255.0) <= 1 << 29);
+    assert!(FixedPointMap::new(&[255.0, 3.0]).coordinate(255.0) <= 1 << 29);
 }
 
 #[test]
 fn lists_exactly_the_pairs_in_reach() {
-    let fixed = FixedPoint::new(&[20.0, 13.0, 9.0]);
+    let fixed = FixedPointMap::new(&[20.0, 13.0, 9.0]);
     let mut seed = 7u64;
     let mut random = || {
         seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
@@ -22,7 +22,7 @@ fn lists_exactly_the_pairs_in_reach() {
     let positions: Vec<[f64; 3]> = (0..1500)
         .map(|_| [20.0 * random(), 13.0 * random(), 9.0 * random()])
         .collect();
-    let points: Vec<Point> = positions.iter().map(|x| fixed.of(x)).collect();
+    let points: Vec<IntPoint> = positions.iter().map(|x| fixed.to_point(x)).collect();
     // The last 200 are points, but no atoms.
     let atoms = 1300;
     for slope in [0.0, 0.15] {
@@ -31,11 +31,11 @@ fn lists_exactly_the_pairs_in_reach() {
             .map(|x| ((1.5 + slope * x[0]) * fixed.scale) as f32)
             .collect();
         let mut neighbours = Neighbours::default();
-        let images = Images::new([0; 4], 3);
-        let held = Held::all(atoms);
-        let among = Among {
+        let images = MirrorImages::new([0; 4], 3);
+        let held = OwnedAndGhosts::all(atoms);
+        let among = PointSet {
             points: &points,
-            held: &held,
+            halo: &held,
             images: &images,
             reach: &reach,
             slope: slope as f32,
@@ -43,7 +43,7 @@ fn lists_exactly_the_pairs_in_reach() {
         neighbours.build(among).unwrap();
         let mut listed = 0;
         for rows in &neighbours.chunks {
-            assert!(!rows.overflowed);
+            assert!(!rows.has_overflowed);
             for n in 0..rows.len() {
                 let i = rows.members[n] as usize;
                 assert_eq!(i, listed);

@@ -4,59 +4,61 @@ use std::cell::RefCell;
 
 use pulp::{Simd, WithSimd};
 
-use crate::lattice::energy::neighbours::{LANES, MEMBERS, NOWHERE, Point, Rows};
-use crate::lattice::energy::pair::{CUTOFF, force, potential};
+use crate::lattice::energy::neighbours::{
+    IntPoint, LANES, MAX_CHUNK_MEMBERS, NeighbourRows, UNREACHABLE_POINT,
+};
+use crate::lattice::energy::pair::{CUTOFF_RATIO, force, potential};
 
 /// What the general kernel must know of each atom besides its position.
 #[derive(Clone, Copy, Default)]
-pub struct Site {
+pub struct AtomParams {
     /// 1 / d(x_i) per fixed-point unit.
-    pub inverse: f32,
+    pub inverse_d: f32,
     /// kappa (1 - beta(x_i)).
     pub weight: f32,
 }
 
 /// What fills up groups of neighbours.
-pub const NO_SITE: Site = Site {
-    inverse: 1.0,
+pub const FILLER_PARAMS: AtomParams = AtomParams {
+    inverse_d: 1.0,
     weight: 0.0,
 };
 
 /// Sums over the neighbours of one atom.
 #[derive(Clone, Copy, Default)]
-pub struct Sums {
+pub struct NeighbourSums {
     /// Sum of phi(r / d_j).
     pub potential: f32,
     /// Derivative of the energy with respect to the atom's position at fixed d, per unit length.
-    pub pull: [f32; 3],
+    pub position_derivative: [f32; 3],
     /// Derivative with respect to ln d_i.
-    pub swell: f32,
+    pub log_d_derivative: f32,
 }
 
 /// Working memory of a thread: what the kernels must know of the members of a chunk.
-pub struct Local {
-    pub points: Vec<Point>,
-    pub sites: Vec<Site>,
-    pub sums: Vec<Sums>,
+pub struct ChunkScratch {
+    pub points: Vec<IntPoint>,
+    pub params: Vec<AtomParams>,
+    pub sums: Vec<NeighbourSums>,
 }
 
 thread_local! {
-    pub static LOCAL: RefCell<Local> = RefCell::new(Local {
-        points: vec![NOWHERE; MEMBERS],
-        sites: Vec::new(),
+    pub static CHUNK_SCRATCH: RefCell<ChunkScratch> = RefCell::new(ChunkScratch {
+        points: vec![UNREACHABLE_POINT; MAX_CHUNK_MEMBERS],
+        params: Vec::new(),
         sums: Vec::new(),
     });
 }
 
-impl Local {
+impl ChunkScratch {
     /// Copies together what belongs to a chunk.
-    pub fn take(&mut self, rows: &Rows, points: &[Point], sites: &[Site]) {
+    pub fn load_chunk(&mut self, rows: &NeighbourRows, points: &[IntPoint], sites: &[AtomParams]) {
         for (local, &member) in self.points.iter_mut().zip(&rows.members) {
             *local = points[member as usize];
         }
         if !sites.is_empty() {
-            self.sites.resize(MEMBERS, NO_SITE);
-            for (local, &member) in self.sites.iter_mut().zip(&rows.members) {
+            self.params.resize(MAX_CHUNK_MEMBERS, FILLER_PARAMS);
+            for (local, &member) in self.params.iter_mut().zip(&rows.members) {
                 *local = sites[member as usize];
             }
         }
@@ -65,45 +67,45 @@ impl Local {
 
 /// `x` within `[low, high]`: what [`f32::clamp`] gives, in two instructions.
 #[inline(always)]
-fn clamp(x: f32, low: f32, high: f32) -> f32 {
+fn fast_clamp(x: f32, low: f32, high: f32) -> f32 {
     let x = if x > low { x } else { low };
     if x < high { x } else { high }
 }
 
 /// The sum of a group.
 #[inline(always)]
-fn sum(lanes: &[f32; LANES]) -> f32 {
+fn sum_lanes(lanes: &[f32; LANES]) -> f32 {
     let four: [f32; 4] = std::array::from_fn(|l| lanes[l] + lanes[l + 4]);
     (four[0] + four[2]) + (four[1] + four[3])
 }
 
 /// The differences x_j - x_i of a group of neighbours, one array an axis.
 #[inline(always)]
-fn differences(points: &[Point], centre: &Point, group: &[u16; LANES]) -> [[f32; LANES]; 3] {
+fn differences(points: &[IntPoint], centre: &IntPoint, group: &[u16; LANES]) -> [[f32; LANES]; 3] {
     let p = group.map(|j| points[j as usize]);
     std::array::from_fn(|k| std::array::from_fn(|l| p[l][k].wrapping_sub(centre[k]) as f32))
 }
 
 /// The pairs of a chunk where every atom has the same d; the result is A.
-pub struct SameDistance<'a, const D: usize> {
-    pub points: &'a [Point],
-    pub rows: &'a Rows,
+pub struct ConstantDistanceKernel<'a, const D: usize> {
+    pub points: &'a [IntPoint],
+    pub rows: &'a NeighbourRows,
     /// 1 / d per fixed-point unit.
-    pub inverse: f32,
+    pub inverse_d: f32,
     pub stiffness: f32,
     /// kappa (1 - beta) / d.
     pub weight: f64,
     pub gradient: &'a mut [[f64; D]],
 }
 
-impl<const D: usize> WithSimd for SameDistance<'_, D> {
+impl<const D: usize> WithSimd for ConstantDistanceKernel<'_, D> {
     type Output = f64;
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> f64 {
         // A length that the compiler knows, so that no index needs a check.
-        let points = &self.points[..MEMBERS];
-        let (inverse, stiffness) = (self.inverse, self.stiffness);
+        let points = &self.points[..MAX_CHUNK_MEMBERS];
+        let (inverse, stiffness) = (self.inverse_d, self.stiffness);
         let mut total = 0.0;
         for ((row, gradient), centre) in self.rows.iter().zip(self.gradient).zip(points) {
             let mut energy = [0.0f32; LANES];
@@ -114,7 +116,7 @@ impl<const D: usize> WithSimd for SameDistance<'_, D> {
                     let v: [f32; 3] = std::array::from_fn(|k| step[k][l] * inverse);
                     let u2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
                     // Atoms at one place push each other nowhere rather than to infinity.
-                    let u = clamp(u2, 1e-12, CUTOFF * CUTOFF).sqrt();
+                    let u = fast_clamp(u2, 1e-12, CUTOFF_RATIO * CUTOFF_RATIO).sqrt();
                     energy[l] += potential(u, stiffness);
                     let f = force(u, stiffness) / u;
                     for k in 0..3 {
@@ -122,28 +124,31 @@ impl<const D: usize> WithSimd for SameDistance<'_, D> {
                     }
                 }
             }
-            total += f64::from(sum(&energy));
-            *gradient = std::array::from_fn(|k| self.weight * f64::from(sum(&pull[k])));
+            total += f64::from(sum_lanes(&energy));
+            *gradient = std::array::from_fn(|k| self.weight * f64::from(sum_lanes(&pull[k])));
         }
         0.5 * total
     }
 }
 
 /// The pairs of a chunk where d and beta may differ from atom to atom.
-pub struct AnyDistance<'a> {
-    pub points: &'a [Point],
-    pub sites: &'a [Site],
-    pub rows: &'a Rows,
+pub struct VariableDistanceKernel<'a> {
+    pub points: &'a [IntPoint],
+    pub params: &'a [AtomParams],
+    pub rows: &'a NeighbourRows,
     pub stiffness: f32,
-    pub sums: &'a mut [Sums],
+    pub sums: &'a mut [NeighbourSums],
 }
 
-impl WithSimd for AnyDistance<'_> {
+impl WithSimd for VariableDistanceKernel<'_> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let (points, sites) = (&self.points[..MEMBERS], &self.sites[..MEMBERS]);
+        let (points, sites) = (
+            &self.points[..MAX_CHUNK_MEMBERS],
+            &self.params[..MAX_CHUNK_MEMBERS],
+        );
         let stiffness = self.stiffness;
         let atoms = self
             .rows
@@ -158,25 +163,25 @@ impl WithSimd for AnyDistance<'_> {
                 let step = differences(points, centre, group);
                 let other = group.map(|j| sites[j as usize]);
                 for l in 0..LANES {
-                    let v: [f32; 3] = std::array::from_fn(|k| step[k][l] * own.inverse);
+                    let v: [f32; 3] = std::array::from_fn(|k| step[k][l] * own.inverse_d);
                     let r2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
-                    let r = clamp(r2, 1e-12, f32::MAX).sqrt();
+                    let r = fast_clamp(r2, 1e-12, f32::MAX).sqrt();
                     // r is in units of the own d; the other's units differ.
-                    let ratio = other[l].inverse / own.inverse;
+                    let ratio = other[l].inverse_d / own.inverse_d;
                     energy[l] += potential(r * ratio, stiffness);
                     let own_force = other[l].weight * force(r, stiffness);
                     let other_force = own.weight * force(r * ratio, stiffness) * ratio;
-                    swell[l] += own_force * clamp(r, 0.0, CUTOFF);
-                    let f = (own_force + other_force) / r * own.inverse;
+                    swell[l] += own_force * fast_clamp(r, 0.0, CUTOFF_RATIO);
+                    let f = (own_force + other_force) / r * own.inverse_d;
                     for k in 0..3 {
                         pull[k][l] += f * v[k];
                     }
                 }
             }
-            *sums = Sums {
-                potential: sum(&energy),
-                pull: pull.map(|lanes| sum(&lanes)),
-                swell: sum(&swell),
+            *sums = NeighbourSums {
+                potential: sum_lanes(&energy),
+                position_derivative: pull.map(|lanes| sum_lanes(&lanes)),
+                log_d_derivative: sum_lanes(&swell),
             };
         }
     }

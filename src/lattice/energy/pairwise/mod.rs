@@ -22,54 +22,59 @@ use pulp::Arch;
 
 mod kernels;
 
-use kernels::{AnyDistance, LOCAL, Local, NO_SITE, SameDistance, Site, Sums};
+use kernels::{
+    AtomParams, CHUNK_SCRATCH, ChunkScratch, ConstantDistanceKernel, FILLER_PARAMS, NeighbourSums,
+    VariableDistanceKernel,
+};
 
-use super::images::Images;
-use super::neighbours::{Among, CHUNK, FixedPoint, NOWHERE, Neighbours, Point, Rows};
-use super::pair::CUTOFF;
-use super::{Beta, Energy, Parts, Terms};
+use super::mirror_images::MirrorImages;
+use super::neighbours::{
+    CHUNK_ATOMS, FixedPointMap, IntPoint, NeighbourRows, Neighbours, PointSet, UNREACHABLE_POINT,
+};
+use super::pair::CUTOFF_RATIO;
+use super::{Beta, Energy, EnergyParts, EnergyTerms};
 use crate::error::{Error, Result, cause};
-use crate::image::Sparse;
+use crate::image::SparseField;
 use crate::lattice::distance::Distance;
-use crate::lattice::held::Held;
+use crate::lattice::halo::OwnedAndGhosts;
 use crate::lattice::seeding::Alignment;
 
 /// Width of the Verlet list beyond the cut-off, in units of d. The third shell of an FCC lattice is
 /// at 1.73 d, so a regular lattice gets no more pairs from it.
-const SKIN: f32 = 0.2;
+const SKIN_RATIO: f32 = 0.2;
 
 /// The neighbour list is repaired if at most one atom in this many has moved far, else built anew.
-const FEW: usize = 4;
+const REPAIR_DIVISOR: usize = 4;
 
 /// The exact evaluator of the lattice energy.
 #[derive(Clone)]
-pub struct Pairwise<'a, const D: usize> {
+pub struct PairwiseEnergy<'a, const D: usize> {
     distance: &'a Distance<D>,
-    image: Option<&'a Sparse<D>>,
+    image: Option<&'a SparseField<D>>,
     beta: Beta<D>,
     alignment: Alignment,
-    fixed: FixedPoint,
+    fixed_point: FixedPointMap,
     /// Largest |grad d|.
-    slope: f64,
+    max_slope: f64,
     neighbours: Neighbours,
-    images: Images,
+    images: MirrorImages,
     /// Positions at the last evaluation: of atoms, then of images.
-    points: Vec<Point>,
+    points: Vec<IntPoint>,
     /// Positions and reaches for which the neighbours are listed.
-    listed: Vec<Point>,
-    reach: Vec<f32>,
+    listed_points: Vec<IntPoint>,
+    listed_reach: Vec<f32>,
     /// Whether none are listed yet.
-    unlisted: bool,
+    needs_listing: bool,
     /// For the general kernel only.
-    sites: Vec<Site>,
-    parts: Parts,
-    relisted: usize,
+    params: Vec<AtomParams>,
+    parts: EnergyParts,
+    relisted_count: usize,
     stiffness: f32,
     /// What A counts for.
     kappa: f64,
 }
 
-impl<'a, const D: usize> Pairwise<'a, D> {
+impl<'a, const D: usize> PairwiseEnergy<'a, D> {
     /// An evaluator for atoms in the box `[0, extent]`, for `D` of 2 or 3. Without a `potential` the
     /// image has no part in the energy (b = 0).
     ///
@@ -78,7 +83,7 @@ impl<'a, const D: usize> Pairwise<'a, D> {
     pub fn new(
         extent: [f64; D],
         distance: &'a Distance<D>,
-        potential: Option<&'a Sparse<D>>,
+        potential: Option<&'a SparseField<D>>,
         beta: Beta<D>,
     ) -> Result<Self> {
         let range = match &beta {
@@ -98,23 +103,23 @@ impl<'a, const D: usize> Pairwise<'a, D> {
                 "give a weight between 0 (lattice only) and 1 (image only)",
             )));
         }
-        let fixed = FixedPoint::new(&extent);
+        let fixed = FixedPointMap::new(&extent);
         Ok(Self {
             distance,
             image: potential,
             beta,
-            alignment: Alignment::On,
-            fixed,
-            slope: distance.largest_slope(),
+            alignment: Alignment::OnFeatures,
+            fixed_point: fixed,
+            max_slope: distance.max_slope(),
             neighbours: Neighbours::default(),
-            images: Images::new(fixed.of(&extent), D),
+            images: MirrorImages::new(fixed.to_point(&extent), D),
             points: Vec::new(),
-            listed: Vec::new(),
-            reach: Vec::new(),
-            unlisted: true,
-            sites: Vec::new(),
-            parts: Parts::default(),
-            relisted: 0,
+            listed_points: Vec::new(),
+            listed_reach: Vec::new(),
+            needs_listing: true,
+            params: Vec::new(),
+            parts: EnergyParts::default(),
+            relisted_count: 0,
             stiffness: 0.0,
             kappa: 1.0,
         })
@@ -122,7 +127,7 @@ impl<'a, const D: usize> Pairwise<'a, D> {
 
     /// Where atoms shall end up, [`Alignment::On`] at first. [`Alignment::Alongside`], -b takes the
     /// place of b, and mirror images of the atoms beyond the sides act on those inside.
-    pub fn aligned(mut self, alignment: Alignment) -> Self {
+    pub fn with_alignment(mut self, alignment: Alignment) -> Self {
         self.alignment = alignment;
         self
     }
@@ -130,46 +135,46 @@ impl<'a, const D: usize> Pairwise<'a, D> {
     /// Keeps atoms from crowding on features, by the stiffening that suits beta (its largest value
     /// where it is a field); see [`pair`](super::pair). Recommended for any but the shortest
     /// minimisation.
-    pub fn uncrowded(self) -> Self {
+    pub fn with_auto_stiffness(self) -> Self {
         let stiffness = self.beta.stiffness();
-        self.stiffened(stiffness)
+        self.with_stiffness(stiffness)
     }
 
     /// Makes atoms nearer than d push each other apart harder than the potential as published does;
     /// 0, as at first, for the potential as published.
-    pub fn stiffened(mut self, stiffness: f32) -> Self {
+    pub fn with_stiffness(mut self, stiffness: f32) -> Self {
         self.stiffness = stiffness.max(0.0);
         self
     }
 
     /// Makes A count for `kappa` of what it is, so that P = (1 - beta) kappa A + beta B.
-    pub(super) fn counting(mut self, kappa: f64) -> Self {
+    pub(super) fn with_kappa(mut self, kappa: f64) -> Self {
         self.kappa = kappa;
         self
     }
 
     /// How many points' neighbours have been listed anew because the point had moved, in all.
-    pub fn relisted(&self) -> usize {
-        self.relisted
+    pub fn relisted_count(&self) -> usize {
+        self.relisted_count
     }
 
     /// d in fixed-point units, if it is the same everywhere.
-    fn constant(&self) -> Option<f32> {
+    fn constant_d(&self) -> Option<f32> {
         match self.distance {
-            Distance::Constant(d) => Some((*d * self.fixed.scale) as f32),
-            Distance::Field(_) | Distance::Near(_) => None,
+            Distance::Constant(d) => Some((*d * self.fixed_point.scale) as f32),
+            Distance::Field(_) | Distance::Bricks(_) => None,
         }
     }
 
     /// d of a point in fixed-point units.
-    fn d(&self, point: usize) -> f32 {
-        let constant = self.constant();
-        constant.unwrap_or_else(|| 1.0 / self.sites[point].inverse)
+    fn point_d(&self, point: usize) -> f32 {
+        let constant = self.constant_d();
+        constant.unwrap_or_else(|| 1.0 / self.params[point].inverse_d)
     }
 
     /// How far a pair may be apart so that one of the two, of reach `reach`, is listed.
-    fn widest(&self, reach: f32) -> f32 {
-        let slope = f64::from(CUTOFF + SKIN) * self.slope;
+    fn max_listed_distance(&self, reach: f32) -> f32 {
+        let slope = f64::from(CUTOFF_RATIO + SKIN_RATIO) * self.max_slope;
         reach / (1.0 - slope as f32).max(1e-3)
     }
 
@@ -182,84 +187,86 @@ impl<'a, const D: usize> Pairwise<'a, D> {
     ///
     /// # Errors
     /// Those of other ranks.
-    fn update(&mut self, x: &[[f64; D]], held: &Held<'_>) -> Result<()> {
+    fn update(&mut self, x: &[[f64; D]], held: &OwnedAndGhosts<'_>) -> Result<()> {
         let count = x.len();
         if self.points.len() != count + self.images.len() {
             // Other atoms than before, or more of the same.
             self.images.rebuild(&[], |_| 0.0);
-            self.points = vec![NOWHERE; count];
-            self.unlisted = true;
+            self.points = vec![UNREACHABLE_POINT; count];
+            self.needs_listing = true;
         }
-        let fixed = self.fixed;
+        let fixed = self.fixed_point;
         let (atoms, images) = self.points.split_at_mut(count);
-        let chunks = atoms.par_chunks_mut(CHUNK).zip(x.par_chunks(CHUNK));
+        let chunks = atoms
+            .par_chunks_mut(CHUNK_ATOMS)
+            .zip(x.par_chunks(CHUNK_ATOMS));
         chunks.for_each(|(points, x)| {
             for (point, x) in points.iter_mut().zip(x) {
-                *point = fixed.of(x);
+                *point = fixed.to_point(x);
             }
         });
-        self.images.place(atoms, images);
-        if self.constant().is_none() || matches!(self.beta, Beta::Field(_)) {
-            self.update_sites(x);
+        self.images.update_positions(atoms, images);
+        if self.constant_d().is_none() || matches!(self.beta, Beta::Field(_)) {
+            self.update_params(x);
         }
-        if self.unlisted {
+        if self.needs_listing {
             return self.list_all(held);
         }
         let far = |&n: &u32| {
             let n = n as usize;
-            let old_d = self.reach[n] / (CUTOFF + SKIN);
-            let step = |k: usize| (self.points[n][k] - self.listed[n][k]) as f32;
+            let old_d = self.listed_reach[n] / (CUTOFF_RATIO + SKIN_RATIO);
+            let step = |k: usize| (self.points[n][k] - self.listed_points[n][k]) as f32;
             let distance = (step(0) * step(0) + step(1) * step(1) + step(2) * step(2)).sqrt();
-            distance + CUTOFF * (self.d(n) - old_d).max(0.0) > 0.5 * SKIN * old_d
+            distance + CUTOFF_RATIO * (self.point_d(n) - old_d).max(0.0) > 0.5 * SKIN_RATIO * old_d
         };
         let moved: Vec<u32> = (0..self.points.len() as u32)
             .into_par_iter()
-            .with_min_len(CHUNK)
+            .with_min_len(CHUNK_ATOMS)
             .filter(far)
             .collect();
-        let own = held.own();
+        let own = held.owned();
         let own_moved = moved.iter().map(|&n| n as usize).filter(|&n| {
             let image = n.checked_sub(count);
-            own.contains(&image.map_or(n, |image| self.images.of_image(image).0 as usize))
+            own.contains(&image.map_or(n, |image| self.images.source(image).0 as usize))
         });
-        let alongside = self.alignment == Alignment::Alongside;
+        let alongside = self.alignment == Alignment::AlongsideFeatures;
         let lacks_images = |n: usize| {
-            let reach = self.widest((CUTOFF + SKIN) * self.d(n));
-            n < count && !self.images.suffice(n, &self.points[n], reach)
+            let reach = self.max_listed_distance((CUTOFF_RATIO + SKIN_RATIO) * self.point_d(n));
+            n < count && !self.images.are_sufficient(n, &self.points[n], reach)
         };
         // Of own atoms and their images; so that all ranks do the same.
         let counts = [
             own_moved.clone().count(),
-            self.images.own_points(held),
+            self.images.owned_point_count(held),
             usize::from(alongside && own_moved.clone().any(lacks_images)),
         ];
-        let all = held.told("atoms that have moved", counts)?;
+        let all = held.all_gather("atoms that have moved", counts)?;
         let sum = |k: usize| all.iter().map(|counts| counts[k]).sum::<usize>();
         if sum(0) == 0 {
             return Ok(());
         }
-        if sum(0) > sum(1) / FEW || sum(2) > 0 {
+        if sum(0) > sum(1) / REPAIR_DIVISOR || sum(2) > 0 {
             return self.list_all(held);
         }
-        self.relisted += moved.len();
+        self.relisted_count += moved.len();
         for &n in &moved {
-            self.listed[n as usize] = self.points[n as usize];
-            self.reach[n as usize] = (CUTOFF + SKIN) * self.d(n as usize);
+            self.listed_points[n as usize] = self.points[n as usize];
+            self.listed_reach[n as usize] = (CUTOFF_RATIO + SKIN_RATIO) * self.point_d(n as usize);
         }
         let mut neighbours = std::mem::take(&mut self.neighbours);
-        let repaired = neighbours.repair(self.among(held), &moved);
+        let repaired = neighbours.repair(self.point_set(held), &moved);
         self.neighbours = neighbours;
         repaired
     }
 
     /// The points among which neighbours are listed.
-    fn among<'s>(&'s self, held: &'s Held<'s>) -> Among<'s> {
-        Among {
-            points: &self.listed,
-            held,
+    fn point_set<'s>(&'s self, held: &'s OwnedAndGhosts<'s>) -> PointSet<'s> {
+        PointSet {
+            points: &self.listed_points,
+            halo: held,
             images: &self.images,
-            reach: &self.reach,
-            slope: (f64::from(CUTOFF + SKIN) * self.slope) as f32,
+            reach: &self.listed_reach,
+            slope: (f64::from(CUTOFF_RATIO + SKIN_RATIO) * self.max_slope) as f32,
         }
     }
 
@@ -267,56 +274,57 @@ impl<'a, const D: usize> Pairwise<'a, D> {
     ///
     /// # Errors
     /// Those of other ranks.
-    fn list_all(&mut self, held: &Held<'_>) -> Result<()> {
+    fn list_all(&mut self, held: &OwnedAndGhosts<'_>) -> Result<()> {
         let count = self.points.len() - self.images.len();
-        if self.alignment == Alignment::Alongside {
+        if self.alignment == Alignment::AlongsideFeatures {
             let mut images = std::mem::take(&mut self.images);
-            let reach = |n: usize| self.widest((CUTOFF + SKIN) * self.d(n));
+            let reach =
+                |n: usize| self.max_listed_distance((CUTOFF_RATIO + SKIN_RATIO) * self.point_d(n));
             images.rebuild(&self.points[..count], reach);
-            self.points.resize(count + images.len(), NOWHERE);
+            self.points.resize(count + images.len(), UNREACHABLE_POINT);
             let (atoms, mirrored) = self.points.split_at_mut(count);
-            images.place(atoms, mirrored);
+            images.update_positions(atoms, mirrored);
             self.images = images;
-            self.copy_sites(count);
+            self.copy_image_params(count);
         }
-        self.listed.clone_from(&self.points);
-        let reach = |n| (CUTOFF + SKIN) * self.d(n);
-        self.reach = (0..self.points.len()).map(reach).collect();
+        self.listed_points.clone_from(&self.points);
+        let reach = |n| (CUTOFF_RATIO + SKIN_RATIO) * self.point_d(n);
+        self.listed_reach = (0..self.points.len()).map(reach).collect();
         let mut neighbours = std::mem::take(&mut self.neighbours);
-        let built = neighbours.build(self.among(held));
+        let built = neighbours.build(self.point_set(held));
         self.neighbours = neighbours;
         built?;
-        self.unlisted = false;
-        self.relisted += self.points.len();
+        self.needs_listing = false;
+        self.relisted_count += self.points.len();
         Ok(())
     }
 
     /// d and beta of every atom, for the general kernel.
-    fn update_sites(&mut self, x: &[[f64; D]]) {
-        let (distance, beta, scale) = (self.distance, &self.beta, self.fixed.scale);
+    fn update_params(&mut self, x: &[[f64; D]]) {
+        let (distance, beta, scale) = (self.distance, &self.beta, self.fixed_point.scale);
         let kappa = self.kappa;
-        self.sites.resize(x.len(), NO_SITE);
-        let sites = self.sites.par_iter_mut().zip(x).with_min_len(CHUNK);
+        self.params.resize(x.len(), FILLER_PARAMS);
+        let sites = self.params.par_iter_mut().zip(x).with_min_len(CHUNK_ATOMS);
         sites.for_each(|(site, x)| {
             let beta = match beta {
                 Beta::Constant(beta) => *beta,
                 Beta::Field(field) => field.value(*x),
             };
-            let inverse = 1.0 / (distance.at(*x) * scale);
-            *site = Site {
-                inverse: inverse as f32,
+            let inverse = 1.0 / (distance.value_at(*x) * scale);
+            *site = AtomParams {
+                inverse_d: inverse as f32,
                 weight: (kappa * (1.0 - beta)) as f32,
             };
         });
-        self.copy_sites(x.len());
+        self.copy_image_params(x.len());
     }
 
     /// Images have the d and beta of their atoms.
-    fn copy_sites(&mut self, count: usize) {
-        if !self.sites.is_empty() {
-            self.sites.truncate(count);
+    fn copy_image_params(&mut self, count: usize) {
+        if !self.params.is_empty() {
+            self.params.truncate(count);
             for atom in self.images.atoms() {
-                self.sites.push(self.sites[atom]);
+                self.params.push(self.params[atom]);
             }
         }
     }
@@ -324,28 +332,32 @@ impl<'a, const D: usize> Pairwise<'a, D> {
     /// A, B and P of a chunk of atoms at `x`, and their gradient.
     fn evaluate_chunk(
         &self,
-        rows: &Rows,
+        rows: &NeighbourRows,
         x: &[[f64; D]],
         gradient: &mut [[f64; D]],
-        local: &mut Local,
+        local: &mut ChunkScratch,
     ) -> [f64; 3] {
         // Only where d varies without any measure: some pairs are missing.
-        if rows.overflowed {
+        if rows.has_overflowed {
             return [f64::NAN; 3];
         }
-        local.take(rows, &self.points, &self.sites);
+        local.load_chunk(rows, &self.points, &self.params);
         let sign = match self.alignment {
-            Alignment::On => 1.0,
-            Alignment::Alongside => -1.0,
+            Alignment::OnFeatures => 1.0,
+            Alignment::AlongsideFeatures => -1.0,
         };
-        let image_at = |x: &[f64; D]| self.image.as_ref().and_then(|image| image.at(*x));
-        let (scale, stiffness, kappa) = (self.fixed.scale, self.stiffness, self.kappa);
+        let image_at = |x: &[f64; D]| {
+            self.image
+                .as_ref()
+                .and_then(|image| image.nonzero_value_and_gradient(*x))
+        };
+        let (scale, stiffness, kappa) = (self.fixed_point.scale, self.stiffness, self.kappa);
         let mut total = [0.0f64; 3];
         if let (Distance::Constant(d), Beta::Constant(beta)) = (self.distance, &self.beta) {
-            total[0] = Arch::new().dispatch(SameDistance {
+            total[0] = Arch::new().dispatch(ConstantDistanceKernel {
                 points: &local.points,
                 rows,
-                inverse: (1.0 / (d * scale)) as f32,
+                inverse_d: (1.0 / (d * scale)) as f32,
                 stiffness,
                 weight: kappa * (1.0 - beta) / d,
                 gradient: &mut *gradient,
@@ -361,16 +373,16 @@ impl<'a, const D: usize> Pairwise<'a, D> {
             total[2] = kappa * (1.0 - beta) * total[0] + beta * total[1];
             return total;
         }
-        local.sums.resize(x.len(), Sums::default());
-        Arch::new().dispatch(AnyDistance {
+        local.sums.resize(x.len(), NeighbourSums::default());
+        Arch::new().dispatch(VariableDistanceKernel {
             points: &local.points,
-            sites: &local.sites,
+            params: &local.params,
             rows,
             stiffness,
             sums: &mut local.sums,
         });
         for ((sums, x), gradient) in local.sums.iter().zip(x).zip(gradient) {
-            let (d, d_slope) = self.distance.at_with_gradient(*x);
+            let (d, d_slope) = self.distance.value_and_gradient_at(*x);
             let (beta, beta_slope) = match &self.beta {
                 Beta::Constant(beta) => (*beta, [0.0; D]),
                 Beta::Field(field) => field.value_and_gradient(*x),
@@ -381,8 +393,8 @@ impl<'a, const D: usize> Pairwise<'a, D> {
             total[1] += b;
             total[2] += kappa * (1.0 - beta) * a + beta * b;
             *gradient = std::array::from_fn(|k| {
-                0.5 * f64::from(sums.pull[k]) * scale
-                    + 0.5 * f64::from(sums.swell) / d * d_slope[k]
+                0.5 * f64::from(sums.position_derivative[k]) * scale
+                    + 0.5 * f64::from(sums.log_d_derivative) / d * d_slope[k]
                     + (b - kappa * a) * beta_slope[k]
                     + sign * beta * b_slope[k]
             });
@@ -391,35 +403,35 @@ impl<'a, const D: usize> Pairwise<'a, D> {
     }
 }
 
-impl<const D: usize> Energy<D> for Pairwise<'_, D> {
+impl<const D: usize> Energy<D> for PairwiseEnergy<'_, D> {
     fn evaluate(&mut self, x: &[[f64; D]], gradient: &mut [[f64; D]]) -> Result<f64> {
-        self.evaluate_held(x, &Held::all(x.len()), gradient)
+        self.evaluate_partition(x, &OwnedAndGhosts::all(x.len()), gradient)
     }
 
-    fn takes_parts(&self) -> bool {
+    fn supports_partition(&self) -> bool {
         true
     }
 
-    fn evaluate_held(
+    fn evaluate_partition(
         &mut self,
         x: &[[f64; D]],
-        held: &Held<'_>,
+        held: &OwnedAndGhosts<'_>,
         gradient: &mut [[f64; D]],
     ) -> Result<f64> {
         self.update(x, held)?;
         let chunks = &self.neighbours.chunks;
-        let own = held.own();
+        let own = held.owned();
         let mut sums = vec![[0.0; 3]; chunks.len()];
         sums.par_iter_mut()
             .zip(chunks)
-            .zip(gradient[own.clone()].par_chunks_mut(CHUNK))
-            .zip(x[own].par_chunks(CHUNK))
+            .zip(gradient[own.clone()].par_chunks_mut(CHUNK_ATOMS))
+            .zip(x[own].par_chunks(CHUNK_ATOMS))
             .for_each(|(((sums, rows), gradient), x)| {
-                *sums =
-                    LOCAL.with_borrow_mut(|local| self.evaluate_chunk(rows, x, gradient, local));
+                *sums = CHUNK_SCRATCH
+                    .with_borrow_mut(|local| self.evaluate_chunk(rows, x, gradient, local));
             });
-        let total = held.total(sums)?;
-        self.parts = Parts {
+        let total = held.all_reduce_sum(sums)?;
+        self.parts = EnergyParts {
             lattice: total[0],
             image: total[1],
         };
@@ -429,16 +441,16 @@ impl<const D: usize> Energy<D> for Pairwise<'_, D> {
     fn terms(
         &mut self,
         x: &[[f64; D]],
-        held: &Held<'_>,
+        held: &OwnedAndGhosts<'_>,
         minimised: f64,
         gradient: &mut [[f64; D]],
-    ) -> Result<Terms> {
+    ) -> Result<EnergyTerms> {
         let (parts, kappa, stiffness) = (self.parts, self.kappa, self.stiffness);
         (self.kappa, self.stiffness) = (1.0, 0.0);
-        let energy = self.evaluate_held(x, held, gradient);
+        let energy = self.evaluate_partition(x, held, gradient);
         let found = std::mem::replace(&mut self.parts, parts);
         (self.kappa, self.stiffness) = (kappa, stiffness);
-        Ok(Terms::of_pairs(found, energy?, minimised))
+        Ok(EnergyTerms::from_pairs(found, energy?, minimised))
     }
 
     fn stiffness(&self, x: &[[f64; D]]) -> Vec<f32> {
@@ -452,17 +464,19 @@ impl<const D: usize> Energy<D> for Pairwise<'_, D> {
                 Beta::Constant(beta) => *beta,
                 Beta::Field(field) => field.value(*x),
             };
-            let depth = image.at(*x).map_or(0.0, |(b, _)| b.abs());
+            let depth = image
+                .nonzero_value_and_gradient(*x)
+                .map_or(0.0, |(b, _)| b.abs());
             (1.0 + 4.0 * beta / (1.0 - beta).max(0.05) * depth) as f32
         };
-        x.par_iter().with_min_len(CHUNK).map(at).collect()
+        x.par_iter().with_min_len(CHUNK_ATOMS).map(at).collect()
     }
 
-    fn twin(&self) -> Box<dyn Energy<D> + Send + '_> {
+    fn duplicate(&self) -> Box<dyn Energy<D> + Send + '_> {
         Box::new(self.clone())
     }
 
-    fn parts(&self) -> Parts {
+    fn parts(&self) -> EnergyParts {
         self.parts
     }
 }

@@ -1,10 +1,10 @@
 //! The exact evaluator against the energy's definition.
 
 use super::*;
-use crate::image::Field;
+use crate::image::ScalarField;
 
 /// Cubic convolution from its definition, in `f64` and one axis after the other.
-fn interpolate<const D: usize>(field: &Field<D>, x: &[f64; D]) -> f64 {
+fn interpolate<const D: usize>(field: &ScalarField<D>, x: &[f64; D]) -> f64 {
     let keys = |s: f64| match s.abs() {
         s if s < 1.0 => 1.5 * s.powi(3) - 2.5 * s * s + 1.0,
         s if s < 2.0 => -0.5 * s.powi(3) + 2.5 * s * s - 4.0 * s + 2.0,
@@ -27,16 +27,16 @@ fn interpolate<const D: usize>(field: &Field<D>, x: &[f64; D]) -> f64 {
 }
 
 /// What the tests evaluate.
-struct Case<'a, const D: usize> {
+struct EnergyCase<'a, const D: usize> {
     extent: [f64; D],
     distance: &'a Distance<D>,
-    potential: &'a Field<D>,
+    potential: &'a ScalarField<D>,
     beta: Beta<D>,
     stiffness: f32,
     alignment: Alignment,
 }
 
-impl<const D: usize> Case<'_, D> {
+impl<const D: usize> EnergyCase<'_, D> {
     /// The terms of the energy that atom `n` has a part in, straight from the definition: those
     /// it shares with other atoms, and its own.
     fn terms(&self, x: &[[f64; D]], n: usize) -> (f64, f64) {
@@ -49,10 +49,10 @@ impl<const D: usize> Case<'_, D> {
             Beta::Constant(beta) => *beta,
             Beta::Field(field) => interpolate(field, x),
         };
-        let (own_d, own_beta) = (self.distance.at(x[n]), beta(&x[n]));
+        let (own_d, own_beta) = (self.distance.value_at(x[n]), beta(&x[n]));
         let (images, sign) = match self.alignment {
-            Alignment::On => (1, 1.0),
-            Alignment::Alongside => (3usize.pow(D as u32), -1.0),
+            Alignment::OnFeatures => (1, 1.0),
+            Alignment::AlongsideFeatures => (3usize.pow(D as u32), -1.0),
         };
         let (mut shared, mut own) = (0.0, sign * own_beta * interpolate(self.potential, &x[n]));
         let reach = 1.6 * self.distance.max();
@@ -69,7 +69,7 @@ impl<const D: usize> Case<'_, D> {
                 if r > reach {
                     continue;
                 }
-                let with_other = 0.5 * (1.0 - own_beta) * phi(r / self.distance.at(*other));
+                let with_other = 0.5 * (1.0 - own_beta) * phi(r / self.distance.value_at(*other));
                 if j != n {
                     shared += with_other + 0.5 * (1.0 - beta(other)) * phi(r / own_d);
                 } else if image > 0 {
@@ -83,15 +83,17 @@ impl<const D: usize> Case<'_, D> {
     /// Relative errors of the evaluator: of its gradient against differences of the definition
     /// (of some atoms, in the Euclidean norm), and of its energy.
     fn errors(&self, x: &[[f64; D]]) -> (f64, f64) {
-        let potential = Sparse::of(self.potential);
-        let mut evaluator = Pairwise::new(
+        let potential = SparseField::from_field(self.potential);
+        let mut evaluator = PairwiseEnergy::new(
             self.extent,
             self.distance,
             Some(&potential),
             self.beta.clone(),
         )
         .unwrap();
-        evaluator = evaluator.stiffened(self.stiffness).aligned(self.alignment);
+        evaluator = evaluator
+            .with_stiffness(self.stiffness)
+            .with_alignment(self.alignment);
         let mut gradient = vec![[0.0; D]; x.len()];
         let energy = evaluator.evaluate(x, &mut gradient).unwrap();
         let mut truth = 0.0;
@@ -147,9 +149,9 @@ fn lattice<const D: usize>(extent: [f64; D], apart: f64, seed: u64) -> Vec<[f64;
 }
 
 /// A slowly waving field between two values.
-fn smooth<const D: usize>(extent: [f64; D], low: f64, high: f64) -> Field<D> {
+fn smooth<const D: usize>(extent: [f64; D], low: f64, high: f64) -> ScalarField<D> {
     let dims = extent.map(|l| l as usize + 1);
-    Field::from_fn(dims, [1.0; D], |x| {
+    ScalarField::from_fn(dims, [1.0; D], |x| {
         let wave: f64 = (0..D).map(|k| (0.11 * x[k] + k as f64).sin()).sum::<f64>() / D as f64;
         low + (high - low) * 0.5 * (1.0 + wave)
     })
@@ -159,19 +161,19 @@ fn smooth<const D: usize>(extent: [f64; D], low: f64, high: f64) -> Field<D> {
 fn lattice_gradient_is_exact_for_constant_distance() {
     let extent = [21.0, 18.0, 24.0];
     let x = lattice(extent, 1.8, 3);
-    let nothing = Field {
+    let nothing = ScalarField {
         dims: [2; 3],
         step: [30.0; 3],
         samples: vec![0.0; 8],
     };
     let distance = Distance::Constant(3.0);
-    let (gradient, energy) = Case {
+    let (gradient, energy) = EnergyCase {
         extent,
         distance: &distance,
         potential: &nothing,
         beta: Beta::Constant(0.5),
         stiffness: 0.0,
-        alignment: Alignment::On,
+        alignment: Alignment::OnFeatures,
     }
     .errors(&x);
     println!("constant d: gradient {gradient:.1e}, energy {energy:.1e}");
@@ -185,19 +187,19 @@ fn lattice_gradient_is_exact_far_from_the_origin() {
     for atom in &mut x {
         *atom = atom.map(|c| c + 870.0);
     }
-    let nothing = Field {
+    let nothing = ScalarField {
         dims: [2; 3],
         step: [900.0; 3],
         samples: vec![0.0; 8],
     };
     let distance = Distance::Constant(3.0);
-    let (gradient, _) = Case {
+    let (gradient, _) = EnergyCase {
         extent,
         distance: &distance,
         potential: &nothing,
         beta: Beta::Constant(0.5),
         stiffness: 0.0,
-        alignment: Alignment::On,
+        alignment: Alignment::OnFeatures,
     }
     .errors(&x);
     // Positions are resolved to 2^-20 of a sample here, 3e-7 of d.
@@ -211,26 +213,26 @@ fn gradient_includes_the_derivatives_of_distance_image_and_beta() {
     let distance = Distance::Field(smooth(extent, 2.0, 4.5));
     let potential = smooth(extent, -1.0, 0.0);
     for beta in [Beta::Constant(0.4), Beta::Field(smooth(extent, 0.2, 0.8))] {
-        let (gradient, energy) = Case {
+        let (gradient, energy) = EnergyCase {
             extent,
             distance: &distance,
             potential: &potential,
             beta,
             stiffness: 40.0,
-            alignment: Alignment::On,
+            alignment: Alignment::OnFeatures,
         }
         .errors(&x);
         println!("variable d: gradient {gradient:.1e}, energy {energy:.1e}");
         assert!(gradient < 1e-6 && energy < 1e-6, "{gradient:e} {energy:e}");
     }
     let constant = Distance::Constant(3.0);
-    let (gradient, _) = Case {
+    let (gradient, _) = EnergyCase {
         extent,
         distance: &constant,
         potential: &potential,
         beta: Beta::Constant(0.4),
         stiffness: 40.0,
-        alignment: Alignment::On,
+        alignment: Alignment::OnFeatures,
     }
     .errors(&x);
     assert!(gradient < 1e-6, "{gradient:e}");
@@ -242,13 +244,13 @@ fn gradient_is_exact_in_two_dimensions() {
     let x = lattice(extent, 1.8, 6);
     let distance = Distance::Field(smooth(extent, 2.0, 4.0));
     let potential = smooth(extent, -1.0, 0.0);
-    let (gradient, energy) = Case {
+    let (gradient, energy) = EnergyCase {
         extent,
         distance: &distance,
         potential: &potential,
         beta: Beta::Constant(0.5),
         stiffness: 0.0,
-        alignment: Alignment::On,
+        alignment: Alignment::OnFeatures,
     }
     .errors(&x);
     assert!(gradient < 1e-6 && energy < 1e-6, "{gradient:e} {energy:e}");
@@ -264,13 +266,13 @@ fn gradient_is_exact_with_mirror_images() {
         let vary = Distance::Field(smooth(extent, 2.0, 4.0));
         for distance in [Distance::Constant(3.0), vary] {
             for beta in [Beta::Constant(0.4), Beta::Field(smooth(extent, 0.2, 0.8))] {
-                let (gradient, energy) = Case {
+                let (gradient, energy) = EnergyCase {
                     extent,
                     distance: &distance,
                     potential: &potential,
                     beta,
                     stiffness: 15.0,
-                    alignment: Alignment::Alongside,
+                    alignment: Alignment::AlongsideFeatures,
                 }
                 .errors(&x);
                 println!("{D}-D: gradient {gradient:.1e}, energy {energy:.1e}");
@@ -287,9 +289,9 @@ fn gradient_is_exact_with_mirror_images() {
 fn the_perfect_lattice_of_the_plane_is_a_minimum() {
     // Inside, where all six neighbours are there, no force; and any change costs energy.
     let (d, extent) = (2.0, [20.0, 16.0 * 0.75f64.sqrt()]);
-    let x = crate::lattice::seeding::lattice::fitted(extent, d, Alignment::On);
+    let x = crate::lattice::seeding::densest_lattice::fit_lattice(extent, d, Alignment::OnFeatures);
     let distance = Distance::Constant(d);
-    let mut energy = Pairwise::new(extent, &distance, None, Beta::Constant(0.0)).unwrap();
+    let mut energy = PairwiseEnergy::new(extent, &distance, None, Beta::Constant(0.0)).unwrap();
     let mut gradient = vec![[0.0; 2]; x.len()];
     let lowest = energy.evaluate(&x, &mut gradient).unwrap();
     let inner = |x: &[f64; 2]| (0..2).all(|k| x[k] > 1.6 * d && x[k] < extent[k] - 1.6 * d);
@@ -311,18 +313,18 @@ fn the_perfect_lattice_of_the_plane_is_a_minimum() {
 
 #[test]
 fn a_kept_list_gives_what_a_new_one_gives() {
-    kept_and_new(Alignment::On);
-    kept_and_new(Alignment::Alongside);
+    check_incremental_update(Alignment::OnFeatures);
+    check_incremental_update(Alignment::AlongsideFeatures);
 }
 
-fn kept_and_new(alignment: Alignment) {
+fn check_incremental_update(alignment: Alignment) {
     let extent = [24.0, 20.0, 22.0];
     let mut x = lattice(extent, 1.8, 8);
     let distance = Distance::Field(smooth(extent, 2.0, 4.5));
     let mut random = random(9);
     let new = || {
-        let new = Pairwise::new(extent, &distance, None, Beta::Constant(0.0));
-        new.unwrap().aligned(alignment)
+        let new = PairwiseEnergy::new(extent, &distance, None, Beta::Constant(0.0));
+        new.unwrap().with_alignment(alignment)
     };
     let mut kept = new();
     let mut gradient = vec![[0.0; 3]; x.len()];
@@ -348,7 +350,7 @@ fn kept_and_new(alignment: Alignment) {
             assert!((a - b).abs() < 1e-5, "{a} {b}");
         }
     }
-    let listings = kept.relisted() as f64 / x.len() as f64;
+    let listings = kept.relisted_count() as f64 / x.len() as f64;
     println!("{listings:.1} listings an atom");
     assert!(listings > 1.0 && listings < 50.0, "{listings}");
 }
@@ -357,8 +359,11 @@ fn kept_and_new(alignment: Alignment) {
 fn any_number_of_threads_gives_the_same_bytes() {
     let extent = [60.0; 3];
     let d = 3.0;
-    let x =
-        crate::lattice::seeding::lattice::fitted(extent, d, crate::lattice::seeding::Alignment::On);
+    let x = crate::lattice::seeding::densest_lattice::fit_lattice(
+        extent,
+        d,
+        crate::lattice::seeding::Alignment::OnFeatures,
+    );
     let distance = Distance::Constant(d);
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new()
@@ -367,7 +372,7 @@ fn any_number_of_threads_gives_the_same_bytes() {
             .unwrap();
         pool.install(|| {
             let mut evaluator =
-                Pairwise::new(extent, &distance, None, Beta::Constant(0.5)).unwrap();
+                PairwiseEnergy::new(extent, &distance, None, Beta::Constant(0.5)).unwrap();
             let mut gradient = vec![[0.0; 3]; x.len()];
             (
                 evaluator.evaluate(&x, &mut gradient).unwrap().to_bits(),
@@ -375,7 +380,7 @@ fn any_number_of_threads_gives_the_same_bytes() {
             )
         })
     };
-    assert!(x.len() > 3 * CHUNK);
+    assert!(x.len() > 3 * CHUNK_ATOMS);
     assert_eq!(run(1), run(3));
 }
 
@@ -383,6 +388,6 @@ fn any_number_of_threads_gives_the_same_bytes() {
 fn beta_outside_its_range_is_refused() {
     let distance = Distance::Constant(2.0);
     for beta in [-0.1, 1.1, f64::NAN] {
-        assert!(Pairwise::new([9.0; 3], &distance, None, Beta::Constant(beta)).is_err());
+        assert!(PairwiseEnergy::new([9.0; 3], &distance, None, Beta::Constant(beta)).is_err());
     }
 }

@@ -11,37 +11,37 @@
 //! A point of the second and third kind keeps three samples away from those before it. Nothing is
 //! optimised: the atoms' density decides d(x), not the other way round.
 
-use super::order::sort_by_curve;
-use super::{Alignment, Atoms, fixed, sides_held};
+use super::morton::sort_by_curve;
+use super::{Alignment, Atoms, fixed_atoms, side_count};
 use crate::error::{Error, Result, cause};
 use crate::feature::FeaturePoint;
-use crate::feature::by_sample::BySample;
-use crate::feature::crossing::Candidate;
-use crate::feature::symmetric::{Symmetric, eigenvalues};
+use crate::feature::candidate::Candidate;
+use crate::feature::eigen::{SymmetricMatrix, eigenvalues};
 use crate::feature::volume::Volume;
+use crate::feature::voxel_index::CandidateIndex;
 use crate::geometry::dot;
-use crate::image::Field;
+use crate::image::ScalarField;
 use crate::lattice::AtomKind;
-use crate::lattice::distance::{Distance, of_atoms};
-use crate::observer::Patience;
+use crate::lattice::distance::{Distance, from_atoms};
+use crate::progress::CancelToken;
 
 /// The least distance (samples) between points that are kept: one more than the least radius.
-pub const fn closest(dimensions: usize) -> f64 {
+pub const fn min_point_distance(dimensions: usize) -> f64 {
     if dimensions == 3 { 3.0 } else { 2.0 }
 }
 
 /// Uniform points are about this far apart (samples).
-pub const UNIFORM: f64 = 7.0;
+pub const UNIFORM_SPACING: f64 = 7.0;
 
 /// Halftoning and uniform points have no earlier point within this many samples along each axis
 /// (a window of seven by seven).
-const APART: i32 = 3;
+const WINDOW_HALF_WIDTH: i32 = 3;
 
 /// Half the smallest and the largest window (samples) in which points' spread is looked at. In space
 /// K = 5. In the plane the thesis says that K is found for each point, and not how: here that of 7 to
 /// 17 counts in which the points spread most evenly. A window of 7 alone takes a circle of radius 5 for
 /// a line.
-const fn windows(dimensions: usize) -> [i32; 2] {
+const fn window_half_widths(dimensions: usize) -> [i32; 2] {
     if dimensions == 3 { [2, 2] } else { [3, 8] }
 }
 
@@ -55,28 +55,28 @@ const fn radii(dimensions: usize) -> [i32; 3] {
 }
 
 /// Normals at one place that agree less than this (cosine) are of a corner.
-const TURNS: f32 = 0.97;
+const MIN_NORMAL_COSINE: f32 = 0.97;
 
 /// Feature points nearer than this (samples) to a side of the box are put onto it.
-const TO_SIDE: f64 = 0.75;
+const SIDE_SNAP_DISTANCE: f64 = 0.75;
 
 /// Share of the largest eigenvalue at which a sample becomes a dot.
-const DOT: f32 = 0.3;
+const DOT_THRESHOLD_RATIO: f32 = 0.3;
 
 /// How far apart (samples) smoothed noise is independent.
-const INDEPENDENT: usize = 8;
+const NOISE_CORRELATION_LENGTH: usize = 8;
 
 /// How many times the eigenvalue that a fifth of the image does not reach, or the difference of Laplacians
 /// that half of it does not, an eigenvalue must be to stand out: of white noise smoothed over one to three
 /// samples, one in 40 does, and one of these in ten becomes a dot.
-const ABOVE_NOISE: [f32; 2] = [3.5, 1.7];
+const NOISE_FACTORS: [f32; 2] = [3.5, 1.7];
 
 /// Share of the largest eigenvalue that stands out in any case, also where all of the image is textured,
 /// so that what differs is not noise.
-const STANDS_OUT: f32 = 0.5;
+const SALIENT_RATIO: f32 = 0.5;
 
 /// Bound on the slope of d(x).
-const GROWTH: f64 = 0.3;
+const MAX_DISTANCE_SLOPE: f64 = 0.3;
 
 /// Places atoms on and between features.
 ///
@@ -87,35 +87,38 @@ const GROWTH: f64 = 0.3;
 /// # Errors
 /// [`Error::Seeding`] for fixed atoms outside the box or at one place; [`Error::Distance`] for a box
 /// too small to have atoms in it.
-pub fn seeded<const D: usize>(
+pub fn place_atoms<const D: usize>(
     points: &[FeaturePoint<D>],
-    image: &Field<D>,
+    image: &ScalarField<D>,
     others: &[[f64; D]],
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> Result<(Atoms<D>, Distance<D>)> {
     let (dims, step, extent) = (image.dims, image.step, image.extent());
-    if let Some(k) = (0..D).find(|&k| (dims[k] as f64 - 1.0) < 2.0 * UNIFORM) {
+    if let Some(k) = (0..D).find(|&k| (dims[k] as f64 - 1.0) < 2.0 * UNIFORM_SPACING) {
         return Err(Error::Seeding(cause(
             "Canny's points",
             format!("the image has {} samples along axis {k}", dims[k]),
-            format!("give at least {}, or another seeding", 2.0 * UNIFORM + 1.0),
+            format!(
+                "give at least {}, or another seeding",
+                2.0 * UNIFORM_SPACING + 1.0
+            ),
         )));
     }
-    let mut held = Held::new(dims);
-    let on_features = thinned(points, dims, step, &mut held, patience);
+    let mut held = OccupiedSamples::new(dims);
+    let on_features = thin_points(points, dims, step, &mut held, patience);
     let mut rest = Vec::new();
     if D == 2 {
-        for i in dots(image) {
+        for i in halftone_dots(image) {
             let at = held.coordinates(i);
-            if held.free(at, APART) && held.inside(at, APART) {
+            if held.is_free(at, WINDOW_HALF_WIDTH) && held.is_inside(at, WINDOW_HALF_WIDTH) {
                 rest.push(at.map(|i| i as f64));
             }
         }
         for x in &rest {
-            held.hold(x.map(|c| c as i32));
+            held.occupy(x.map(|c| c as i32));
         }
     }
-    uniform(&held, &mut rest);
+    add_uniform_points(&held, &mut rest);
     let lattice = |x: &[f64; D]| -> [f64; D] {
         // Exactly on the sides.
         std::array::from_fn(|k| match x[k] {
@@ -125,36 +128,36 @@ pub fn seeded<const D: usize>(
     };
     let mut on_features: Vec<_> = on_features.iter().map(lattice).collect();
     let mut rest: Vec<_> = rest.iter().map(lattice).collect();
-    let cube = 2.0 * UNIFORM * step.iter().fold(0.0, |a: f64, &b| a.max(b));
+    let cube = 2.0 * UNIFORM_SPACING * step.iter().fold(0.0, |a: f64, &b| a.max(b));
     sort_by_curve(&mut on_features, extent, cube);
     sort_by_curve(&mut rest, extent, cube);
-    let mut atoms = Atoms::in_box(rest, extent);
+    let mut atoms = Atoms::from_positions(rest, extent);
     atoms.positions.extend_from_slice(&on_features);
     atoms.kinds.resize(atoms.positions.len(), AtomKind::Fixed);
-    let mut distance = of_atoms(&atoms.positions, extent, GROWTH, patience);
+    let mut distance = from_atoms(&atoms.positions, extent, MAX_DISTANCE_SLOPE, patience);
     distance.validate(extent)?;
     if !others.is_empty() {
-        let others = fixed::checked(others, extent, &distance, Alignment::On)?;
-        fixed::insert(&mut atoms, &others, extent, &distance);
-        distance = of_atoms(&atoms.positions, extent, GROWTH, patience);
+        let others = fixed_atoms::validate(others, extent, &distance, Alignment::OnFeatures)?;
+        fixed_atoms::insert(&mut atoms, &others, extent, &distance);
+        distance = from_atoms(&atoms.positions, extent, MAX_DISTANCE_SLOPE, patience);
     }
     Ok((atoms, distance))
 }
 
 /// The feature points that are kept, in samples; those next to a side of the box are put onto it.
-fn thinned<const D: usize>(
+fn thin_points<const D: usize>(
     points: &[FeaturePoint<D>],
     dims: [usize; D],
     step: [f64; D],
-    held: &mut Held<D>,
-    patience: &Patience<'_>,
+    held: &mut OccupiedSamples<D>,
+    patience: &CancelToken<'_>,
 ) -> Vec<[f64; D]> {
     let candidate = |point: &FeaturePoint<D>| {
         let at: [f64; D] = std::array::from_fn(|k| {
             let last = (dims[k] - 1) as f64;
             match f64::from(point.position[k]) / step[k] {
-                c if c < TO_SIDE => 0.0,
-                c if c > last - TO_SIDE => last,
+                c if c < SIDE_SNAP_DISTANCE => 0.0,
+                c if c > last - SIDE_SNAP_DISTANCE => last,
                 c => c,
             }
         });
@@ -168,71 +171,78 @@ fn thinned<const D: usize>(
     };
     let mut candidates: Vec<Candidate<D>> = points.iter().map(candidate).collect();
     candidates.sort_by_key(|c| c.voxel);
-    let grid = BySample::new(dims, &candidates);
+    let grid = CandidateIndex::new(dims, &candidates);
     // A corner has the normals of both its sides: it comes first, so that none beside it takes its place.
     let is_corner = |c: &&Candidate<D>| {
         let mut turns = false;
-        grid.each(grid.coordinates(c), |j| {
+        grid.for_each_at(grid.coordinates(c), |j| {
             let other = &grid.candidates[j];
-            turns |= other.position == c.position && dot(other.normal, c.normal).abs() < TURNS;
+            turns |= other.position == c.position
+                && dot(other.normal, c.normal).abs() < MIN_NORMAL_COSINE;
         });
         turns
     };
     let (corners, rest): (Vec<_>, Vec<_>) = candidates.iter().partition(is_corner);
-    let mut around = Around::default();
+    let mut around = PointNeighbourhood::default();
     let mut kept = Vec::new();
     for c in corners.into_iter().chain(rest) {
-        if patience.over() {
+        if patience.is_cancelled() {
             break;
         }
         let at = grid.coordinates(c);
-        if held.free(at, around.radius(&grid, c)) {
-            held.hold(at);
+        if held.is_free(at, around.radius(&grid, c)) {
+            held.occupy(at);
             kept.push(c.position.map(f64::from));
         }
     }
     // Where the corners of the box are, atoms are anyhow.
     let last = dims.map(|n| (n - 1) as f64);
-    kept.retain(|x| sides_held(*x, last) < D);
+    kept.retain(|x| side_count(*x, last) < D);
     kept
 }
 
 /// The feature points in the largest window around one of them.
 #[derive(Default)]
-struct Around<const D: usize> {
-    points: Vec<Offset<D>>,
+struct PointNeighbourhood<const D: usize> {
+    points: Vec<PointOffset<D>>,
     /// Those that have been reached and not yet been gone on from.
-    front: Vec<usize>,
+    frontier: Vec<usize>,
 }
 
 /// A feature point as seen from another.
 #[derive(Clone, Copy)]
-struct Offset<const D: usize> {
+struct PointOffset<const D: usize> {
     /// From sample to sample.
-    samples: [i32; D],
+    sample_offset: [i32; D],
     /// From position to position.
-    exact: [f64; D],
+    position_offset: [f64; D],
     /// Whether it is connected to the other within the window.
-    connected: bool,
+    is_connected: bool,
 }
 
-impl<const D: usize> Offset<D> {
+impl<const D: usize> PointOffset<D> {
     /// The half width of the smallest window that it is in.
-    fn half(&self) -> i32 {
-        self.samples.iter().fold(0, |most, s| most.max(s.abs()))
+    fn half_width(&self) -> i32 {
+        self.sample_offset
+            .iter()
+            .fold(0, |most, s| most.max(s.abs()))
     }
 }
 
-impl<const D: usize> Around<D> {
+impl<const D: usize> PointNeighbourhood<D> {
     /// How far from a feature point others are left out, in samples: formulas 1, 2, 22 and 23.
-    fn radius(&mut self, grid: &BySample<'_, D>, centre: &Candidate<D>) -> i32 {
-        let [least, most] = windows(D);
-        self.look(grid, centre, most);
+    fn radius(&mut self, grid: &CandidateIndex<'_, D>, centre: &Candidate<D>) -> i32 {
+        let [least, most] = window_half_widths(D);
+        self.scan_window(grid, centre, most);
         let mut anisotropy = f64::INFINITY;
         for half in least..=most {
-            let mut spread: Symmetric<D> = [[0.0; D]; D];
-            let within = |p: &&Offset<D>| p.connected && p.half() <= half;
-            for Offset { exact, .. } in self.points.iter().filter(within) {
+            let mut spread: SymmetricMatrix<D> = [[0.0; D]; D];
+            let within = |p: &&PointOffset<D>| p.is_connected && p.half_width() <= half;
+            for PointOffset {
+                position_offset: exact,
+                ..
+            } in self.points.iter().filter(within)
+            {
                 for k in 0..D {
                     for l in 0..D {
                         spread[k][l] += exact[k] * exact[l];
@@ -249,7 +259,7 @@ impl<const D: usize> Around<D> {
             anisotropy = anisotropy.min(here);
         }
         // So is what ends within a wide window.
-        let ends = |p: &Offset<D>| !p.connected || p.half() < most;
+        let ends = |p: &PointOffset<D>| !p.is_connected || p.half_width() < most;
         if most > least && self.points.iter().all(ends) {
             anisotropy = 0.0;
         }
@@ -263,30 +273,32 @@ impl<const D: usize> Around<D> {
 
     /// Finds the points in a window around one of them. Of a wide window only those count that are
     /// connected to it there, from sample to neighbouring sample: beside a line another one may run.
-    fn look(&mut self, grid: &BySample<'_, D>, centre: &Candidate<D>, half: i32) {
+    fn scan_window(&mut self, grid: &CandidateIndex<'_, D>, centre: &Candidate<D>, half: i32) {
         let at = grid.coordinates(centre);
-        let wide = half > windows(D)[0];
-        let (points, front) = (&mut self.points, &mut self.front);
+        let wide = half > window_half_widths(D)[0];
+        let (points, front) = (&mut self.points, &mut self.frontier);
         points.clear();
-        grid.each_around(at, half, |i| {
+        grid.for_each_around(at, half, |i| {
             let other = &grid.candidates[i];
             let sample = grid.coordinates(other);
             let samples = std::array::from_fn(|k| sample[k] - at[k]);
             if samples == [0; D] {
                 front.push(points.len());
             }
-            points.push(Offset {
-                samples,
-                exact: std::array::from_fn(|k| f64::from(other.position[k] - centre.position[k])),
-                connected: !wide || samples == [0; D],
+            points.push(PointOffset {
+                sample_offset: samples,
+                position_offset: std::array::from_fn(|k| {
+                    f64::from(other.position[k] - centre.position[k])
+                }),
+                is_connected: !wide || samples == [0; D],
             });
         });
         while let Some(from) = front.pop() {
-            let here = points[from].samples;
+            let here = points[from].sample_offset;
             for (i, point) in points.iter_mut().enumerate() {
-                let beside = |k: usize| (point.samples[k] - here[k]).abs() <= 1;
-                if !point.connected && (0..D).all(beside) {
-                    point.connected = true;
+                let beside = |k: usize| (point.sample_offset[k] - here[k]).abs() <= 1;
+                if !point.is_connected && (0..D).all(beside) {
+                    point.is_connected = true;
                     front.push(i);
                 }
             }
@@ -300,7 +312,7 @@ impl<const D: usize> Around<D> {
 /// after it. The Hessian is that of the image smoothed as for features, by second differences of
 /// neighbouring samples (the mixed one by the four diagonal ones). What does not stand out from noise
 /// counts for nothing, or error diffusion would gather it to dots all over the image.
-fn dots<const D: usize>(image: &Field<D>) -> Vec<usize> {
+fn halftone_dots<const D: usize>(image: &ScalarField<D>) -> Vec<usize> {
     let volume = Volume {
         dims: image.dims,
         samples: &image.samples,
@@ -319,15 +331,15 @@ fn dots<const D: usize>(image: &Field<D>) -> Vec<usize> {
     if largest == 0.0 {
         return Vec::new();
     }
-    let least = noise(volume, &map).min(STANDS_OUT * largest);
+    let least = noise_level(volume, &map).min(SALIENT_RATIO * largest);
     for s in &mut map {
         *s = if *s < least { 0.0 } else { *s / largest };
     }
     let nx = image.dims[0];
     let mut dots = Vec::new();
     for i in 0..map.len() {
-        let dot = map[i] >= DOT;
-        let error = map[i] - if dot { 2.0 * DOT } else { 0.0 };
+        let dot = map[i] >= DOT_THRESHOLD_RATIO;
+        let error = map[i] - if dot { 2.0 * DOT_THRESHOLD_RATIO } else { 0.0 };
         if dot {
             dots.push(i);
         }
@@ -352,21 +364,22 @@ fn dots<const D: usize>(image: &Field<D>) -> Vec<usize> {
 /// The eigenvalue (of those in `bends`) up to which noise may have made it. The quietest fifth of the image
 /// shows how strong that is, for the rest may be textured; but less where Laplacians so far apart that noise
 /// makes them independent are alike, for then the image bends evenly.
-fn noise<const D: usize>(image: Volume<'_, D>, bends: &[f32]) -> f32 {
+fn noise_level<const D: usize>(image: Volume<'_, D>, bends: &[f32]) -> f32 {
     let count = image.samples.len();
     let laplacian: Vec<f32> = (0..count)
         .map(|i| image.laplacian(image.coordinates(i)))
         .collect();
     let differing = |k: usize| {
-        let apart = INDEPENDENT * image.strides()[k];
-        let inside = |i: &usize| image.coordinates(*i)[k] + INDEPENDENT < image.dims[k];
+        let apart = NOISE_CORRELATION_LENGTH * image.strides()[k];
+        let inside =
+            |i: &usize| image.coordinates(*i)[k] + NOISE_CORRELATION_LENGTH < image.dims[k];
         let gaps = (0..count).filter(inside);
         let gaps = gaps.map(|i| (laplacian[i + apart] - laplacian[i]).abs());
         quantile(gaps.collect(), 0.5)
     };
     let differing = (0..D).map(differing).fold(f32::INFINITY, f32::min);
     let quiet = quantile(bends.to_vec(), 0.2);
-    (ABOVE_NOISE[0] * quiet).min(ABOVE_NOISE[1] * differing)
+    (NOISE_FACTORS[0] * quiet).min(NOISE_FACTORS[1] * differing)
 }
 
 /// The value that a share of all does not reach; 0 of none.
@@ -380,9 +393,9 @@ fn quantile(mut values: Vec<f32>, share: f64) -> f32 {
 
 /// Points of a regular grid fitted to the box: its corners, those on its sides, and in the plane
 /// those inside that are free. On a side, only atoms on that side make a point superfluous.
-fn uniform<const D: usize>(held: &Held<D>, rest: &mut Vec<[f64; D]>) {
+fn add_uniform_points<const D: usize>(held: &OccupiedSamples<D>, rest: &mut Vec<[f64; D]>) {
     let last = held.dims.map(|n| (n - 1) as f64);
-    let cells = last.map(|l| (l / UNIFORM).round().max(1.0) as usize);
+    let cells = last.map(|l| (l / UNIFORM_SPACING).round().max(1.0) as usize);
     for number in 0..cells.iter().map(|c| c + 1).product() {
         let mut left: usize = number;
         let x: [f64; D] = std::array::from_fn(|k| {
@@ -390,11 +403,11 @@ fn uniform<const D: usize>(held: &Held<D>, rest: &mut Vec<[f64; D]>) {
             left /= cells[k] + 1;
             last[k] * i as f64 / cells[k] as f64
         });
-        let sides = sides_held(x, last);
+        let sides = side_count(x, last);
         let at = x.map(|c| c.round() as i32);
         let wanted = match sides {
-            0 => D == 2 && held.free(at, APART),
-            _ => sides == D || held.free_on_sides(at, APART),
+            0 => D == 2 && held.is_free(at, WINDOW_HALF_WIDTH),
+            _ => sides == D || held.is_free_on_sides(at, WINDOW_HALF_WIDTH),
         };
         if wanted {
             rest.push(x);
@@ -403,15 +416,15 @@ fn uniform<const D: usize>(held: &Held<D>, rest: &mut Vec<[f64; D]>) {
 }
 
 /// The samples at which atoms are.
-struct Held<const D: usize> {
+struct OccupiedSamples<const D: usize> {
     dims: [usize; D],
-    by_sample: Vec<bool>,
+    is_occupied: Vec<bool>,
 }
 
-impl<const D: usize> Held<D> {
+impl<const D: usize> OccupiedSamples<D> {
     fn new(dims: [usize; D]) -> Self {
-        let by_sample = vec![false; dims.iter().product()];
-        Self { dims, by_sample }
+        let is_occupied = vec![false; dims.iter().product()];
+        Self { dims, is_occupied }
     }
 
     fn coordinates(&self, index: usize) -> [i32; D] {
@@ -422,33 +435,33 @@ impl<const D: usize> Held<D> {
         volume.coordinates(index).map(|i| i as i32)
     }
 
-    fn hold(&mut self, at: [i32; D]) {
+    fn occupy(&mut self, at: [i32; D]) {
         let index = (0..D)
             .rev()
             .fold(0, |i, k| i * self.dims[k] + at[k] as usize);
-        self.by_sample[index] = true;
+        self.is_occupied[index] = true;
     }
 
     /// Whether a sample is at least so far from the sides of the box.
-    fn inside(&self, at: [i32; D], reach: i32) -> bool {
+    fn is_inside(&self, at: [i32; D], reach: i32) -> bool {
         (0..D).all(|k| at[k] >= reach && at[k] + reach < self.dims[k] as i32)
     }
 
     /// Whether no atom is within `reach` samples along each axis.
-    fn free(&self, at: [i32; D], reach: i32) -> bool {
-        self.free_within(at, [reach; D])
+    fn is_free(&self, at: [i32; D], reach: i32) -> bool {
+        self.is_window_free(at, [reach; D])
     }
 
     /// The same among the atoms on the sides of the box on which the sample is.
-    fn free_on_sides(&self, at: [i32; D], reach: i32) -> bool {
+    fn is_free_on_sides(&self, at: [i32; D], reach: i32) -> bool {
         let along = |k: usize| at[k] > 0 && at[k] + 1 < self.dims[k] as i32;
-        self.free_within(
+        self.is_window_free(
             at,
             std::array::from_fn(|k| if along(k) { reach } else { 0 }),
         )
     }
 
-    fn free_within(&self, at: [i32; D], reach: [i32; D]) -> bool {
+    fn is_window_free(&self, at: [i32; D], reach: [i32; D]) -> bool {
         let low: [usize; D] = std::array::from_fn(|k| (at[k] - reach[k]).max(0) as usize);
         let span: [usize; D] = std::array::from_fn(|k| {
             ((at[k] + reach[k]) as usize).min(self.dims[k] - 1) + 1 - low[k]
@@ -460,7 +473,7 @@ impl<const D: usize> Held<D> {
                 left /= span[k];
                 stride *= self.dims[k];
             }
-            self.by_sample[start..start + span[0]].iter().all(|h| !h)
+            self.is_occupied[start..start + span[0]].iter().all(|h| !h)
         })
     }
 }

@@ -1,5 +1,5 @@
 use super::*;
-use crate::feature::{Detection, FeatureKind, Features, detect};
+use crate::feature::{DetectionOptions, FeatureKind, Features, detect};
 use crate::image::{Geometry, Image};
 use crate::mesh::check::check;
 use crate::mesh::delaunay::delaunay_plane;
@@ -17,19 +17,20 @@ fn ball<const D: usize>(dims: [usize; D], radius: f64) -> Image<D> {
     Image::new(dims, samples, Geometry::default())
 }
 
-fn seeds<const D: usize>(image: &Image<D>) -> (Features<D>, Atoms<D>, Distance<D>) {
-    let options = Detection {
+fn seed_image<const D: usize>(image: &Image<D>) -> (Features<D>, Atoms<D>, Distance<D>) {
+    let options = DetectionOptions {
         kind: FeatureKind::Canny,
-        d_min: closest(D),
-        ..Detection::default()
+        d_min: min_point_distance(D),
+        ..DetectionOptions::default()
     };
     let features = detect(image, &options).unwrap();
-    let field = Field {
+    let field = ScalarField {
         dims: image.dims(),
         step: [1.0; D],
         samples: image.as_slice().to_vec(),
     };
-    let (atoms, distance) = seeded(&features.points, &field, &[], &Patience::endless()).unwrap();
+    let (atoms, distance) =
+        place_atoms(&features.points, &field, &[], &CancelToken::never()).unwrap();
     (features, atoms, distance)
 }
 
@@ -40,7 +41,7 @@ fn distance2<const D: usize>(a: &[f64; D], b: &[f64; D]) -> f64 {
 /// Every feature point has an atom within reach of its radius, no two atoms on features are in one
 /// another's smallest window, and d(x) at every atom is its distance from the nearest.
 fn is_thinned<const D: usize>(image: &Image<D>) {
-    let (features, atoms, distance) = seeds(image);
+    let (features, atoms, distance) = seed_image(image);
     let on: Vec<[f64; D]> = atoms
         .positions
         .iter()
@@ -61,13 +62,13 @@ fn is_thinned<const D: usize>(image: &Image<D>) {
     }
     for (n, a) in on.iter().enumerate() {
         let apart = on[..n].iter().map(|b| distance2(a, b).sqrt());
-        assert!(apart.fold(f64::INFINITY, f64::min) > closest(D) - 1.1);
+        assert!(apart.fold(f64::INFINITY, f64::min) > min_point_distance(D) - 1.1);
     }
     for (n, x) in atoms.positions.iter().enumerate() {
         let others = (0..atoms.len()).filter(|&m| m != n);
         let nearest = others.map(|m| distance2(x, &atoms.positions[m]));
         let nearest = nearest.fold(f64::INFINITY, f64::min).sqrt();
-        assert!(distance.at(*x) <= nearest * 1.0001, "{x:?}");
+        assert!(distance.value_at(*x) <= nearest * 1.0001, "{x:?}");
     }
     distance
         .validate(image.dims().map(|n| (n - 1) as f64))
@@ -90,12 +91,12 @@ fn straight_features_keep_fewer_points_than_corners() {
             strength: 1.0,
         })
         .collect();
-    let kept = thinned(
+    let kept = thin_points(
         &line,
         dims,
         [1.0; 2],
-        &mut Held::new(dims),
-        &Patience::endless(),
+        &mut OccupiedSamples::new(dims),
+        &CancelToken::never(),
     );
     let gaps: Vec<f64> = kept.windows(2).map(|w| w[1][0] - w[0][0]).collect();
     assert!(gaps.iter().all(|g| *g == 6.0), "{gaps:?}");
@@ -106,12 +107,12 @@ fn straight_features_keep_fewer_points_than_corners() {
         normal: [1.0, 0.0],
         strength: 1.0,
     }));
-    let kept = thinned(
+    let kept = thin_points(
         &corner,
         dims,
         [1.0; 2],
-        &mut Held::new(dims),
-        &Patience::endless(),
+        &mut OccupiedSamples::new(dims),
+        &CancelToken::never(),
     );
     let near = |x: &&[f64; 2]| (x[0] - 30.2).hypot(x[1] - 20.2) < 3.5;
     assert!(kept.iter().filter(near).count() >= 2, "{kept:?}");
@@ -121,12 +122,12 @@ fn straight_features_keep_fewer_points_than_corners() {
         ..*p
     };
     let stretched: Vec<_> = corner.iter().map(stretch).collect();
-    let same = thinned(
+    let same = thin_points(
         &stretched,
         dims,
         [2.0, 0.5],
-        &mut Held::new(dims),
-        &Patience::endless(),
+        &mut OccupiedSamples::new(dims),
+        &CancelToken::never(),
     );
     assert_eq!(same.len(), kept.len());
 }
@@ -159,8 +160,8 @@ fn the_more_a_line_bends_the_more_of_its_points_are_kept() {
         let centres = [[60.3, 59.7], [60.0, 60.5], [59.9, 60.15], [60.45, 60.3]];
         let kept = centres.map(|centre| {
             let points = circle(dims, centre, radius);
-            let held = &mut Held::new(dims);
-            thinned(&points, dims, [1.0; 2], held, &Patience::endless()).len() as f64
+            let held = &mut OccupiedSamples::new(dims);
+            thin_points(&points, dims, [1.0; 2], held, &CancelToken::never()).len() as f64
         });
         2.0 * std::f64::consts::PI * radius * 4.0 / kept.iter().sum::<f64>()
     };
@@ -187,8 +188,8 @@ fn lines_side_by_side_are_no_detail() {
             })
         };
         let lines: Vec<_> = (0..5).flat_map(|n| line(20.2 + apart * n as f32)).collect();
-        let held = &mut Held::new(dims);
-        let kept = thinned(&lines, dims, [1.0; 2], held, &Patience::endless());
+        let held = &mut OccupiedSamples::new(dims);
+        let kept = thin_points(&lines, dims, [1.0; 2], held, &CancelToken::never());
         // Coarse, each leaves out a square of eleven samples.
         let most = 5.0 * 90.0 / 6.0 + 5.0;
         assert!((kept.len() as f64) < most, "{apart}: {}", kept.len());
@@ -196,7 +197,7 @@ fn lines_side_by_side_are_no_detail() {
 }
 
 /// Atoms where an image in noise is seeded, over atoms where it is without.
-fn in_noise<const D: usize>(dims: [usize; D], radius: f64, percent: f64) {
+fn noisy_atom_ratio<const D: usize>(dims: [usize; D], radius: f64, percent: f64) {
     let image = |noise: f64, seed: u64| {
         let mut random = crate::feature::scenes::Noise::new(seed);
         let clean = ball(dims, radius);
@@ -205,16 +206,16 @@ fn in_noise<const D: usize>(dims: [usize; D], radius: f64, percent: f64) {
         Image::new(dims, noisy.collect(), Geometry::default())
     };
     let atoms = |image: Image<D>| {
-        let (features, ..) = seeds(&image);
+        let (features, ..) = seed_image(&image);
         let mut samples = image.as_slice().to_vec();
-        crate::feature::gaussian::smooth(dims, &mut samples, [1.0; D], &Patience::endless());
+        crate::feature::gaussian::smooth(dims, &mut samples, [1.0; D], &CancelToken::never());
         let step = [1.0; D];
-        let field = Field {
+        let field = ScalarField {
             dims,
             step,
             samples,
         };
-        let seeded = seeded(&features.points, &field, &[], &Patience::endless());
+        let seeded = place_atoms(&features.points, &field, &[], &CancelToken::never());
         seeded.unwrap().0.len() as f64
     };
     let clean = atoms(image(0.0, 1));
@@ -227,30 +228,30 @@ fn in_noise<const D: usize>(dims: [usize; D], radius: f64, percent: f64) {
 
 #[test]
 fn noise_adds_few_atoms() {
-    in_noise([192, 180], 60.0, 5.0);
-    in_noise([256, 240], 90.0, 5.0);
-    in_noise([56, 52, 50], 17.0, 5.0);
+    noisy_atom_ratio([192, 180], 60.0, 5.0);
+    noisy_atom_ratio([256, 240], 90.0, 5.0);
+    noisy_atom_ratio([56, 52, 50], 17.0, 5.0);
 }
 
 #[test]
 fn dots_hold_as_much_as_the_map() {
     // A parabola bends alike everywhere, and by more than a dot takes away.
-    let image = Field::from_fn([40, 30], [1.0; 2], |[x, y]| 0.5 * x * x + 0.1 * y);
-    let inner = dots(&image).into_iter().filter(|i| {
+    let image = ScalarField::from_fn([40, 30], [1.0; 2], |[x, y]| 0.5 * x * x + 0.1 * y);
+    let inner = halftone_dots(&image).into_iter().filter(|i| {
         let (x, y) = (i % 40, i / 40);
         (2..38).contains(&x) && (2..28).contains(&y)
     });
     let share = inner.count() as f64 / (36.0 * 26.0);
     assert!(share > 0.99, "{share}");
     // A tenth of the largest bend gives a sixth as many dots.
-    let image = Field::from_fn([60, 60], [1.0; 2], |[x, _]| {
+    let image = ScalarField::from_fn([60, 60], [1.0; 2], |[x, _]| {
         if x < 10.0 {
             5.0 * x * x
         } else {
             5.0 * 100.0 + 100.0 * (x - 10.0) + 0.5 * (x - 10.0).powi(2)
         }
     });
-    let inner = dots(&image)
+    let inner = halftone_dots(&image)
         .into_iter()
         .filter(|i| (20..55).contains(&(i % 60)));
     let share = inner.count() as f64 / (35.0 * 60.0);
@@ -260,7 +261,7 @@ fn dots_hold_as_much_as_the_map() {
 #[test]
 fn seeds_of_a_plane_image_fill_the_box_with_triangles() {
     let image = ball([96, 80], 30.0);
-    let (_, atoms, _) = seeds(&image);
+    let (_, atoms, _) = seed_image(&image);
     let count = |kind| atoms.kinds.iter().filter(|k| **k == kind).count();
     assert_eq!(count(AtomKind::Corner), 4);
     let mesh = delaunay_plane(&atoms.positions).unwrap();
@@ -276,12 +277,12 @@ fn seeds_of_a_plane_image_fill_the_box_with_triangles() {
         })
         .fold(0.0, f64::max)
         .sqrt();
-    assert!(widest < 2.5 * UNIFORM, "{widest}");
+    assert!(widest < 2.5 * UNIFORM_SPACING, "{widest}");
 }
 
 #[test]
 fn in_space_only_the_sides_have_uniform_points() {
-    let (_, atoms, _) = seeds(&ball([48, 44, 40], 14.0));
+    let (_, atoms, _) = seed_image(&ball([48, 44, 40], 14.0));
     assert!(atoms.kinds.iter().all(|k| *k != AtomKind::Interior));
     let count = |kind| atoms.kinds.iter().filter(|k| **k == kind).count();
     assert_eq!(count(AtomKind::Corner), 8);
@@ -292,8 +293,8 @@ fn in_space_only_the_sides_have_uniform_points() {
 
 #[test]
 fn small_images_are_refused() {
-    let field = Field::from_fn([40, 12], [1.0; 2], |[x, _]| x);
-    let error = seeded(&[], &field, &[], &Patience::endless())
+    let field = ScalarField::from_fn([40, 12], [1.0; 2], |[x, _]| x);
+    let error = place_atoms(&[], &field, &[], &CancelToken::never())
         .unwrap_err()
         .to_string();
     assert!(error.contains("12 samples along axis 1"), "{error}");

@@ -20,20 +20,20 @@ mod table;
 
 pub use table::GuideTable;
 
-use super::refine::spread;
-use super::{Alignment, FREE, MARGIN, scatter, varies};
+use super::refine::graded_positions;
+use super::{Alignment, MIN_SITE_DISTANCE, SIDE_MARGIN, empty_grid, potential_range};
 use crate::error::Result;
-use crate::geometry::groups::grouped;
+use crate::geometry::counting_sort::sort_by_group;
+use crate::geometry::incremental_grid::IncrementalGrid;
 use crate::geometry::random::Random;
-use crate::geometry::scatter::Scatter;
-use crate::image::Field;
+use crate::image::ScalarField;
 use crate::lattice::distance::Distance;
-use crate::observer::Patience;
+use crate::progress::CancelToken;
 
 /// Failures in a row after which the next table is used (Fernandes & Gattass 2009, table 1).
-const FAILURES: usize = 1024;
+const MAX_FAILURES: usize = 1024;
 /// Grey levels.
-const LEVELS: usize = 256;
+const GREY_LEVEL_COUNT: usize = 256;
 
 /// The gamma corrections, rising: 1/i for i > 1 and |i| + 1 for i <= 1, i from -20 to 20 (Fernandes &
 /// Gattass 2009; as printed, 2 comes twice, from i = 1 and i = -1).
@@ -44,41 +44,48 @@ pub fn gammas() -> impl Iterator<Item = f64> {
 }
 
 /// Samples in the order of their grey levels.
-struct Levels {
+struct GreyLevels {
     samples: Vec<u32>,
     /// Where each level starts, and one more at the end.
-    starts: Vec<u32>,
+    level_starts: Vec<u32>,
 }
 
-impl Levels {
+impl GreyLevels {
     /// Sorts samples, given with their levels.
     fn new(levels: impl Iterator<Item = (u32, u8)> + Clone) -> Self {
-        let (starts, order) = grouped(LEVELS, levels.clone().map(|(_, level)| level.into()));
+        let (level_starts, order) = sort_by_group(
+            GREY_LEVEL_COUNT,
+            levels.clone().map(|(_, level)| level.into()),
+        );
         let given: Vec<u32> = levels.map(|(sample, _)| sample).collect();
         let samples = order.iter().map(|&n| given[n as usize]).collect();
-        Self { samples, starts }
+        Self {
+            samples,
+            level_starts,
+        }
     }
 
     /// The table of levels under a gamma correction; `None` if there are no samples.
     fn table(&self, gamma: f64) -> Option<GuideTable> {
         let weight = |level: usize| {
-            let signal = (level + 1) as f64 / LEVELS as f64;
-            f64::from(self.starts[level + 1] - self.starts[level]) * signal.powf(1.0 / gamma)
+            let signal = (level + 1) as f64 / GREY_LEVEL_COUNT as f64;
+            f64::from(self.level_starts[level + 1] - self.level_starts[level])
+                * signal.powf(1.0 / gamma)
         };
-        GuideTable::new(&(0..LEVELS).map(weight).collect::<Vec<_>>())
+        GuideTable::new(&(0..GREY_LEVEL_COUNT).map(weight).collect::<Vec<_>>())
     }
 
     /// A sample.
     fn draw(&self, table: &GuideTable, random: &mut Random) -> usize {
         let level = table.draw(random.draw());
-        let [start, end] = [0, 1].map(|k| self.starts[level + k] as usize);
+        let [start, end] = [0, 1].map(|k| self.level_starts[level + k] as usize);
         let place = (random.draw() * (end - start) as f64) as usize;
         self.samples[start + place] as usize
     }
 }
 
 /// The sequence of chance.
-fn chances(seed: u64) -> Random {
+fn random_sequence(seed: u64) -> Random {
     let mut random = Random::new(seed);
     // The first number is not used.
     random.draw();
@@ -94,32 +101,32 @@ fn chances(seed: u64) -> Random {
 /// # Errors
 /// [`Error::Seeding`](crate::Error::Seeding) if the potential is the same everywhere, does not span
 /// the box or has 2^32 samples or more.
-pub fn drawn<const D: usize>(
+pub fn draw_lattice<const D: usize>(
     extent: [f64; D],
     distance: &Distance<D>,
-    potential: &Field<D>,
+    potential: &ScalarField<D>,
     fixed: &[[f64; D]],
     alignment: Alignment,
     seed: u64,
     most: usize,
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) -> Result<Vec<[f64; D]>> {
-    let [low, high] = varies(potential, extent, "guide")?;
+    let [low, high] = potential_range(potential, extent, "guide")?;
     let level = |b: f32| {
         let share = match alignment {
-            Alignment::On => (high - b) / (high - low),
-            Alignment::Alongside => (b - low) / (high - low),
+            Alignment::OnFeatures => (high - b) / (high - low),
+            Alignment::AlongsideFeatures => (b - low) / (high - low),
         };
-        (share * (LEVELS - 1) as f32).round() as u8
+        (share * (GREY_LEVEL_COUNT - 1) as f32).round() as u8
     };
-    let mut placed = scatter([0.0; D], extent, FREE * distance.min());
+    let mut placed = empty_grid([0.0; D], extent, MIN_SITE_DISTANCE * distance.min());
     for &x in fixed {
         placed.add(x);
     }
-    let mut random = chances(seed);
+    let mut random = random_sequence(seed);
     let first = match alignment {
-        Alignment::On => D,
-        Alignment::Alongside => 0,
+        Alignment::OnFeatures => D,
+        Alignment::AlongsideFeatures => 0,
     };
     for rank in (0..=first).rev() {
         for sides in faces::<D>(rank) {
@@ -140,20 +147,22 @@ pub fn drawn<const D: usize>(
                     x[axis] = t;
                     x
                 };
-                for t in spread(extent[axis], distance.min(), |t| distance.at(at(t))) {
-                    if placed.is_free(&at(t), FREE * distance.at(at(t))) {
+                for t in
+                    graded_positions(extent[axis], distance.min(), |t| distance.value_at(at(t)))
+                {
+                    if placed.is_free(&at(t), MIN_SITE_DISTANCE * distance.value_at(at(t))) {
                         placed.add(at(t));
                     }
                 }
             } else {
-                let face = Face::new(potential, corner, &axes);
+                let face = FieldFace::new(potential, corner, &axes);
                 let levels = (0..face.len()).map(|n| {
                     let sample = face.sample(n);
                     (sample, level(potential.samples[sample as usize]))
                 });
-                fill(
+                draw_atoms(
                     &mut placed,
-                    &Levels::new(levels),
+                    &GreyLevels::new(levels),
                     |sample| face.position(sample),
                     &axes,
                     extent,
@@ -169,24 +178,27 @@ pub fn drawn<const D: usize>(
 }
 
 /// Draws until all tables have failed, or there are `most` atoms.
-fn fill<const D: usize>(
-    placed: &mut Scatter<D>,
-    levels: &Levels,
+fn draw_atoms<const D: usize>(
+    placed: &mut IncrementalGrid<D>,
+    levels: &GreyLevels,
     position: impl Fn(usize) -> [f64; D],
     axes: &[usize],
     extent: [f64; D],
     distance: &Distance<D>,
     random: &mut Random,
     most: usize,
-    patience: &Patience<'_>,
+    patience: &CancelToken<'_>,
 ) {
     for table in gammas().map_while(|gamma| levels.table(gamma)) {
         let mut failures = 0;
-        while failures <= FAILURES && placed.positions().len() < most && !patience.over() {
+        while failures <= MAX_FAILURES
+            && placed.positions().len() < most
+            && !patience.is_cancelled()
+        {
             let x = position(levels.draw(&table, random));
-            let d = distance.at(x);
-            let inside = |&k: &usize| x[k].min(extent[k] - x[k]) >= MARGIN * d;
-            if axes.iter().all(inside) && placed.is_free(&x, FREE * d) {
+            let d = distance.value_at(x);
+            let inside = |&k: &usize| x[k].min(extent[k] - x[k]) >= SIDE_MARGIN * d;
+            if axes.iter().all(inside) && placed.is_free(&x, MIN_SITE_DISTANCE * d) {
                 placed.add(x);
                 failures = 0;
             } else {
@@ -197,18 +209,18 @@ fn fill<const D: usize>(
 }
 
 /// The samples of a field inside one of its sides, or inside the whole of it.
-struct Face<'a, const D: usize> {
-    field: &'a Field<D>,
+struct FieldFace<'a, const D: usize> {
+    field: &'a ScalarField<D>,
     corner: [f64; D],
     /// Number of samples along each axis.
     dims: [usize; D],
     /// Index of the first along each axis.
-    first: [usize; D],
+    first_index: [usize; D],
 }
 
-impl<'a, const D: usize> Face<'a, D> {
+impl<'a, const D: usize> FieldFace<'a, D> {
     /// Along `axes`, through a corner of the field.
-    fn new(field: &'a Field<D>, corner: [f64; D], axes: &[usize]) -> Self {
+    fn new(field: &'a ScalarField<D>, corner: [f64; D], axes: &[usize]) -> Self {
         let along = |k: usize| axes.contains(&k);
         Self {
             field,
@@ -217,7 +229,7 @@ impl<'a, const D: usize> Face<'a, D> {
                 true => field.dims[k].saturating_sub(2),
                 false => 1,
             }),
-            first: std::array::from_fn(|k| match (along(k), corner[k] > 0.0) {
+            first_index: std::array::from_fn(|k| match (along(k), corner[k] > 0.0) {
                 (true, _) => 1,
                 (false, true) => field.dims[k] - 1,
                 (false, false) => 0,
@@ -233,7 +245,7 @@ impl<'a, const D: usize> Face<'a, D> {
     fn sample(&self, n: usize) -> u32 {
         let (mut rest, mut stride, mut sample) = (n, 1, 0);
         for k in 0..D {
-            sample += (rest % self.dims[k] + self.first[k]) * stride;
+            sample += (rest % self.dims[k] + self.first_index[k]) * stride;
             rest /= self.dims[k];
             stride *= self.field.dims[k];
         }

@@ -1,12 +1,12 @@
 //! Draws against their probabilities, and lattices that are drawn.
 
 use super::*;
-use crate::image::Sparse;
-use crate::lattice::seeding::grow::tests::{spacing, varying};
+use crate::image::SparseField;
+use crate::lattice::seeding::grow::tests::{spacing_quantiles, varying_distance};
 use crate::lattice::seeding::{Seeding, seed};
 
-fn many(seed: u64, count: usize) -> impl Iterator<Item = f64> {
-    let mut random = chances(seed);
+fn uniform_numbers(seed: u64, count: usize) -> impl Iterator<Item = f64> {
+    let mut random = random_sequence(seed);
     (0..count).map(move |_| random.draw())
 }
 
@@ -42,7 +42,7 @@ fn numbers_are_drawn_as_likely_as_they_shall_be() {
     for weights in [uneven, vec![1.0; 64], vec![0.0, 0.0, 3.0, 1.0, 0.0]] {
         let table = GuideTable::new(&weights).unwrap();
         let mut drawn = vec![0; weights.len()];
-        for chance in many(7, 400_000) {
+        for chance in uniform_numbers(7, 400_000) {
             drawn[table.draw(chance)] += 1;
         }
         let off = chi_square(&drawn, &weights);
@@ -76,7 +76,7 @@ fn a_draw_costs_the_same_however_many_numbers_there_are() {
         let weight = |n: usize| if n.is_multiple_of(50) { 1.0 } else { 1e-4 };
         let weights: Vec<f64> = (0..count).map(weight).collect();
         let table = GuideTable::new(&weights).unwrap();
-        let looked: usize = many(3, 100_000).map(|c| table.search(c).1).sum();
+        let looked: usize = uniform_numbers(3, 100_000).map(|c| table.search(c).1).sum();
         let mean = looked as f64 / 1e5;
         println!("{count} numbers: {mean:.3} inspected per draw");
         // Devroye: at most 1 + numbers / parts.
@@ -87,10 +87,10 @@ fn a_draw_costs_the_same_however_many_numbers_there_are() {
 #[test]
 fn samples_are_drawn_as_their_grey_levels_say() {
     let levels: Vec<u8> = (0..500u32).map(|n| (64 + n * n % 192) as u8).collect();
-    let sorted = Levels::new((0..500).map(|n| (n, levels[n as usize])));
+    let sorted = GreyLevels::new((0..500).map(|n| (n, levels[n as usize])));
     for gamma in [0.5, 1.0, 4.0] {
         let table = sorted.table(gamma).unwrap();
-        let mut random = chances(5);
+        let mut random = random_sequence(5);
         let mut drawn = vec![0; 500];
         for _ in 0..2_000_000 {
             drawn[sorted.draw(&table, &mut random)] += 1;
@@ -122,9 +122,9 @@ fn there_are_41_rising_gammas() {
 }
 
 /// A valley across the box, where x + y / 4 is half of it.
-pub fn valley<const D: usize>(extent: [f64; D]) -> Field<D> {
+pub fn valley<const D: usize>(extent: [f64; D]) -> ScalarField<D> {
     let dims = extent.map(|l| l as usize + 1);
-    Field::from_fn(dims, [1.0; D], |x| {
+    ScalarField::from_fn(dims, [1.0; D], |x| {
         let off = (x[0] + 0.25 * x[1] - 0.6 * extent[0]) / 1.5;
         if off.abs() < 4.0 {
             -(-0.5 * off * off).exp()
@@ -136,7 +136,10 @@ pub fn valley<const D: usize>(extent: [f64; D]) -> Field<D> {
 
 fn check<const D: usize>(extent: [f64; D], distance: &Distance<D>, densest: f64) {
     let potential = valley(extent);
-    let how = |seed, most| Seeding::Guide { seed, most };
+    let how = |seed, most| Seeding::Guide {
+        seed,
+        max_atoms: most,
+    };
     let place = |how, alignment| {
         seed(
             how,
@@ -144,13 +147,13 @@ fn check<const D: usize>(extent: [f64; D], distance: &Distance<D>, densest: f64)
             distance,
             &[],
             alignment,
-            Some(&Sparse::of(&potential)),
-            &Patience::endless(),
+            Some(&SparseField::from_field(&potential)),
+            &CancelToken::never(),
         )
         .unwrap()
     };
-    let atoms = place(how(1, usize::MAX), Alignment::On);
-    let spacing = spacing(&atoms, distance);
+    let atoms = place(how(1, usize::MAX), Alignment::OnFeatures);
+    let spacing = spacing_quantiles(&atoms, distance);
     let [least, _, median, _, widest] = spacing;
     let on = |x: &[f64; D]| (x[0] + 0.25 * x[1] - 0.6 * extent[0]).abs() < 1.0;
     let on = atoms.positions.iter().filter(|x| on(x)).count();
@@ -165,16 +168,16 @@ fn check<const D: usize>(extent: [f64; D], distance: &Distance<D>, densest: f64)
     let length = extent[1] * 17.0f64.sqrt() / 4.0;
     let area: f64 = (2..D).map(|k| extent[k]).product::<f64>() * length;
     assert!(
-        on as f64 > densest * area / (FREE * distance.max()).powi(D as i32 - 1),
+        on as f64 > densest * area / (MIN_SITE_DISTANCE * distance.max()).powi(D as i32 - 1),
         "{on}"
     );
-    assert_eq!(atoms, place(how(1, usize::MAX), Alignment::On));
-    assert_ne!(atoms, place(how(2, usize::MAX), Alignment::On));
-    let few = place(how(1, atoms.len() - 20), Alignment::On);
+    assert_eq!(atoms, place(how(1, usize::MAX), Alignment::OnFeatures));
+    assert_ne!(atoms, place(how(2, usize::MAX), Alignment::OnFeatures));
+    let few = place(how(1, atoms.len() - 20), Alignment::OnFeatures);
     assert_eq!(few.len(), atoms.len() - 20);
 
-    let beside = place(how(1, usize::MAX), Alignment::Alongside);
-    let margin = MARGIN * distance.min() - 1e-9;
+    let beside = place(how(1, usize::MAX), Alignment::AlongsideFeatures);
+    let margin = SIDE_MARGIN * distance.min() - 1e-9;
     let clear = |x: &[f64; D]| (0..D).all(|k| x[k] > margin && x[k] < extent[k] - margin);
     assert!(beside.positions.iter().all(clear));
 }
@@ -183,14 +186,14 @@ fn check<const D: usize>(extent: [f64; D], distance: &Distance<D>, densest: f64)
 fn a_rectangle_is_filled_features_first() {
     let extent = [120.0, 91.0];
     check(extent, &Distance::Constant(5.0), 0.6);
-    check(extent, &varying(extent), 0.6);
+    check(extent, &varying_distance(extent), 0.6);
 }
 
 #[test]
 fn a_box_is_filled_features_first() {
     let extent = [60.0, 53.0, 48.0];
     check(extent, &Distance::Constant(5.0), 0.5);
-    check(extent, &varying(extent), 0.5);
+    check(extent, &varying_distance(extent), 0.5);
 }
 
 #[test]
@@ -200,17 +203,17 @@ fn a_potential_without_features_is_refused() {
     let mut field = valley(extent);
     let how = Seeding::Guide {
         seed: 1,
-        most: usize::MAX,
+        max_atoms: usize::MAX,
     };
-    let message = |field: Option<&Field<2>>| {
+    let message = |field: Option<&ScalarField<2>>| {
         seed(
             how,
             extent,
             &distance,
             &[],
-            Alignment::On,
-            field.map(Sparse::of).as_ref(),
-            &Patience::endless(),
+            Alignment::OnFeatures,
+            field.map(SparseField::from_field).as_ref(),
+            &CancelToken::never(),
         )
         .unwrap_err()
         .to_string()

@@ -5,24 +5,24 @@
 //! What TetGen does badly on bad points is kept from it: everything it would assert on is checked
 //! before, and its errors come back as [`Error::Delaunay`](crate::Error::Delaunay).
 
+mod global_points;
 #[cfg(feature = "tetgen")]
 mod parts;
-mod whole;
 #[cfg(feature = "tetgen")]
 mod worker;
 
+#[cfg(feature = "tetgen")]
+use crate::comm;
 use crate::error::{Result, cause};
 #[cfg(feature = "tetgen")]
-use crate::files::kept::fields;
+use crate::files::codec::codec_fields;
 use crate::geometry::{cross, dot};
 use crate::mesh::TetMesh;
 use crate::parallel::prelude::*;
-#[cfg(feature = "tetgen")]
-use crate::ranks;
 use std::sync::atomic::AtomicBool;
 use std::sync::atomic::Ordering::Relaxed;
 
-pub use whole::Whole;
+pub use global_points::GlobalPoints;
 #[cfg(feature = "tetgen")]
 pub use worker::{peak_mb, run_in_worker, serve, share_with_workers};
 
@@ -32,13 +32,13 @@ pub const OUTSIDE: u32 = u32::MAX;
 /// So many points are triangulated in parts, if there are workers to do so, and come in an order that does
 /// not depend on it.
 #[cfg(feature = "tetgen")]
-const LARGE: usize = 40_000;
+const MIN_PARALLEL_POINTS: usize = 40_000;
 /// A part has at most so many points, for a run takes some 700 bytes for each; of smaller parts halos are a larger share.
 #[cfg(feature = "tetgen")]
-const LARGEST_PART: usize = 600_000;
+const MAX_PART_POINTS: usize = 600_000;
 /// A part has at least so many points.
 #[cfg(feature = "tetgen")]
-const SMALLEST_PART: usize = 20_000;
+const MIN_PART_POINTS: usize = 20_000;
 
 /// A Delaunay triangulation and its adjacency.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -74,7 +74,7 @@ pub fn delaunay_with_neighbors(points: &[[f64; 3]]) -> Result<Delaunay> {
 
 /// Some of the tetrahedra of a [`Delaunay`] triangulation.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Stretches {
+pub struct IntervalTets {
     /// By their nodes.
     pub tets: Vec<[u32; 4]>,
     /// What is beyond each face; [`OUTSIDE`] for tetrahedra that are not among these, too.
@@ -91,27 +91,29 @@ pub struct Stretches {
 /// # Errors
 /// As [`delaunay`].
 #[cfg(feature = "tetgen")]
-pub fn delaunay_of_stretches(
+pub fn delaunay_in_intervals(
     points: &[[f64; 3]],
-    whole: Whole,
+    whole: GlobalPoints,
     axis: usize,
     cuts: &[f64],
     stretches: std::ops::Range<usize>,
-) -> Result<Option<Stretches>> {
+) -> Result<Option<IntervalTets>> {
     if stretches.is_empty() {
-        return Ok(Some(Stretches::default()));
+        return Ok(Some(IntervalTets::default()));
     }
     check_points(points)?;
-    let Some(program) = worker::for_parts().filter(|_| whole.count >= LARGE) else {
+    let Some(program) = worker::program_for_parts().filter(|_| whole.count >= MIN_PARALLEL_POINTS)
+    else {
         return Ok(None);
     };
-    let run = |part: &[[f64; 3]]| worker::ask(program, part, true);
+    let run = |part: &[[f64; 3]]| worker::run_program(program, part, true);
     let at_once = rayon::current_num_threads();
-    let limits = [SMALLEST_PART, LARGEST_PART];
-    let some = parts::of_stretches(points, whole, axis, cuts, stretches, at_once, limits, &run)?;
+    let limits = [MIN_PART_POINTS, MAX_PART_POINTS];
+    let some =
+        parts::tets_in_intervals(points, whole, axis, cuts, stretches, at_once, limits, &run)?;
     Ok(some.map(|mut answer| {
-        parts::order(points.len(), &mut answer);
-        Stretches {
+        parts::sort_canonical(points.len(), &mut answer);
+        IntervalTets {
             tets: answer.tets,
             neighbors: answer.neighbors,
         }
@@ -125,17 +127,17 @@ pub fn delaunay_of_stretches(
 #[cfg(not(feature = "tetgen"))]
 pub fn delaunay_of_stretches(
     points: &[[f64; 3]],
-    _: Whole,
+    _: GlobalPoints,
     _: usize,
     _: &[f64],
     _: std::ops::Range<usize>,
-) -> Result<Option<Stretches>> {
-    tetrahedra(points, true).map(|_| None)
+) -> Result<Option<IntervalTets>> {
+    run_tetgen(points, true).map(|_| None)
 }
 
 fn run(points: &[[f64; 3]], with_neighbors: bool) -> Result<Delaunay> {
     check_points(points)?;
-    let answer = tetrahedra(points, with_neighbors)?;
+    let answer = run_tetgen(points, with_neighbors)?;
     check_all_used(points, &answer.tets)?;
     Ok(Delaunay {
         mesh: TetMesh {
@@ -146,7 +148,7 @@ fn run(points: &[[f64; 3]], with_neighbors: bool) -> Result<Delaunay> {
     })
 }
 
-fn fault(problem: impl std::fmt::Display, remedy: impl std::fmt::Display) -> crate::Error {
+fn delaunay_error(problem: impl std::fmt::Display, remedy: impl std::fmt::Display) -> crate::Error {
     crate::Error::Delaunay(cause("Delaunay triangulation", problem, remedy))
 }
 
@@ -154,13 +156,13 @@ fn fault(problem: impl std::fmt::Display, remedy: impl std::fmt::Display) -> cra
 /// standard output, which is not its to write on.
 fn check_points(points: &[[f64; 3]]) -> Result<()> {
     if points.len() < 4 {
-        return Err(fault(
+        return Err(delaunay_error(
             format!("{} points make no tetrahedron", points.len()),
             "give at least four points that are not in one plane",
         ));
     }
     if points.len() > i32::MAX as usize / 8 {
-        return Err(fault(
+        return Err(delaunay_error(
             format!("{} points are more than TetGen can number", points.len()),
             "use a larger nominal distance",
         ));
@@ -168,7 +170,7 @@ fn check_points(points: &[[f64; 3]]) -> Result<()> {
     let (mut low, mut high) = (points[0], points[0]);
     for (i, p) in points.iter().enumerate() {
         if !p.iter().all(|c| c.is_finite()) {
-            return Err(fault(
+            return Err(delaunay_error(
                 format!("point {i} is at [{}, {}, {}]", p[0], p[1], p[2]),
                 "give finite coordinates",
             ));
@@ -181,7 +183,7 @@ fn check_points(points: &[[f64; 3]]) -> Result<()> {
     for k in 0..3 {
         let extent = high[k] - low[k];
         if !(extent > 0.0 && extent.is_finite()) {
-            return Err(fault(
+            return Err(delaunay_error(
                 format!(
                     "the points extend over {extent} along {} (from {} to {})",
                     ["x", "y", "z"][k],
@@ -198,7 +200,7 @@ fn check_points(points: &[[f64; 3]]) -> Result<()> {
         .fold(0.0, |m: f64, c| m.max(c.abs()));
     let (thickness, length) = thickness_and_length(points);
     if thickness < 1e-13 * length + 8.0 * f64::EPSILON * largest {
-        return Err(fault(
+        return Err(delaunay_error(
             format!(
                 "the {} points lie in one plane or on one line, to within {thickness:.1e}",
                 points.len()
@@ -261,7 +263,7 @@ fn check_all_used(points: &[[f64; 3]], tets: &[[u32; 4]]) -> Result<()> {
         0 => String::new(),
         n => format!(" (and {n} more points like it)"),
     };
-    Err(fault(
+    Err(delaunay_error(
         format!(
             "points {first} and {nearest} are {distance:e} apart, at [{}, {}, {}]{others}",
             p[0], p[1], p[2]
@@ -272,7 +274,7 @@ fn check_all_used(points: &[[f64; 3]], tets: &[[u32; 4]]) -> Result<()> {
 
 /// What TetGen answers.
 #[cfg_attr(not(feature = "tetgen"), allow(dead_code))]
-struct Answer {
+struct TetgenOutput {
     /// `TETGEN_SHIM_OK`, or why there is nothing else.
     status: i64,
     tets: Vec<[u32; 4]>,
@@ -281,13 +283,13 @@ struct Answer {
 }
 
 #[cfg(feature = "tetgen")]
-fields! {
-    Answer as Answer { status, tets, neighbors }
+codec_fields! {
+    TetgenOutput as TetgenOutput { status, tets, neighbors }
 }
 
 #[cfg(not(feature = "tetgen"))]
-fn tetrahedra(_: &[[f64; 3]], _: bool) -> Result<Answer> {
-    Err(fault(
+fn tetrahedra(_: &[[f64; 3]], _: bool) -> Result<TetgenOutput> {
+    Err(delaunay_error(
         "this atomesh was built without TetGen",
         "install libtet1.5-dev and libclang-dev and build with the feature `tetgen` (on by default)",
     ))
@@ -295,25 +297,27 @@ fn tetrahedra(_: &[[f64; 3]], _: bool) -> Result<Answer> {
 
 /// Tetrahedra and, when asked for, neighbours; `points` have passed `check_points`.
 #[cfg(feature = "tetgen")]
-fn tetrahedra(points: &[[f64; 3]], with_neighbors: bool) -> Result<Answer> {
+fn run_tetgen(points: &[[f64; 3]], with_neighbors: bool) -> Result<TetgenOutput> {
     use tetgen_sys as sys;
-    let one_run = |points: &[[f64; 3]], with_neighbors| match worker::for_all() {
-        Some(program) => worker::ask(program, points, with_neighbors),
+    let one_run = |points: &[[f64; 3]], with_neighbors| match worker::program_for_all() {
+        Some(program) => worker::run_program(program, points, with_neighbors),
         None => Ok(ffi::run(points, with_neighbors)),
     };
-    let large = points.len() >= LARGE;
+    let large = points.len() >= MIN_PARALLEL_POINTS;
     let at_once = rayon::current_num_threads();
     let at_all = match large {
-        true => ranks::of_first("processors", || Ok(at_once * ranks::count()))?,
+        true => comm::broadcast_from_root("processors", || Ok(at_once * comm::size()))?,
         false => 1,
     };
-    let at_all = at_all.min(points.len() / SMALLEST_PART).max(1);
+    let at_all = at_all.min(points.len() / MIN_PART_POINTS).max(1);
     // In rounds, in each of which all are at work.
-    let count = (points.len().div_ceil(LARGEST_PART)).next_multiple_of(at_all);
-    let in_parts = match worker::for_parts() {
-        Some(program) if large && at_all > 1 => parts::joined(points, count, at_once, &|part| {
-            worker::ask(program, part, true)
-        })?,
+    let count = (points.len().div_ceil(MAX_PART_POINTS)).next_multiple_of(at_all);
+    let in_parts = match worker::program_for_parts() {
+        Some(program) if large && at_all > 1 => {
+            parts::triangulate_in_parts(points, count, at_once, &|part| {
+                worker::run_program(program, part, true)
+            })?
+        }
         _ => None,
     };
     let mut answer = match in_parts {
@@ -326,19 +330,19 @@ fn tetrahedra(points: &[[f64; 3]], with_neighbors: bool) -> Result<Answer> {
     match answer.status as sys::tetgen_shim_status {
         sys::TETGEN_SHIM_OK => {}
         sys::TETGEN_SHIM_BAD_INPUT => {
-            return Err(fault(
+            return Err(delaunay_error(
                 "TetGen finds all points in one plane or on one line, or nearly so",
                 "give points that span a volume",
             ));
         }
         sys::TETGEN_SHIM_OUT_OF_MEMORY => {
-            return Err(fault(
+            return Err(delaunay_error(
                 format!("{} points do not fit in memory", points.len()),
                 "use a larger nominal distance",
             ));
         }
         other => {
-            return Err(fault(
+            return Err(delaunay_error(
                 format!("TetGen stopped with its error {other}"),
                 "please report it with the image and the options",
             ));
@@ -347,13 +351,13 @@ fn tetrahedra(points: &[[f64; 3]], with_neighbors: bool) -> Result<Answer> {
     // TetGen's tetrahedra point to nodes; a stray index would be undefined behaviour later on.
     let stray = |tet: &[u32; 4]| tet.iter().any(|&node| node as usize >= points.len());
     if answer.tets.par_iter().any(stray) {
-        return Err(fault(
+        return Err(delaunay_error(
             "TetGen returned a node that was not given",
             "please report it",
         ));
     }
     if large {
-        parts::order(points.len(), &mut answer);
+        parts::sort_canonical(points.len(), &mut answer);
     }
     Ok(answer)
 }
@@ -365,27 +369,27 @@ mod ffi {
 
     use tetgen_sys as sys;
 
-    use super::Answer;
+    use super::TetgenOutput;
 
     /// TetGen is not re-entrant: `exactinit` writes the error bounds of its predicates, made for
     /// the extent of the points at hand, into globals. A second run at the same time would use
     /// the wrong bounds, and be wrong without notice. Hence one run at a time in a process.
-    static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+    static TETGEN_LOCK: Mutex<()> = Mutex::new(());
 
     /// Owns what the C++ side allocated and gives it back.
-    struct Owned(sys::tetgen_shim_mesh);
+    struct OwnedMesh(sys::tetgen_shim_mesh);
 
-    impl Drop for Owned {
+    impl Drop for OwnedMesh {
         fn drop(&mut self) {
             // SAFETY: the mesh was filled by tetgen_shim_run (or is empty) and is freed only here.
             unsafe { sys::tetgen_shim_free(&raw mut self.0) }
         }
     }
 
-    impl Owned {
+    impl OwnedMesh {
         /// A copy of one of the mesh's arrays, four numbers a tetrahedron. TetGen's tetrahedra turn
         /// as ours do and its neighbours are numbered as ours; its -1 becomes `OUTSIDE`.
-        fn copy(&self, array: *const i32) -> Vec<[u32; 4]> {
+        fn copy_array(&self, array: *const i32) -> Vec<[u32; 4]> {
             if array.is_null() {
                 return Vec::new();
             }
@@ -398,14 +402,14 @@ mod ffi {
     }
 
     /// TetGen in this process.
-    pub fn run(points: &[[f64; 3]], with_neighbors: bool) -> Answer {
-        let mut mesh = Owned(sys::tetgen_shim_mesh {
+    pub fn run(points: &[[f64; 3]], with_neighbors: bool) -> TetgenOutput {
+        let mut mesh = OwnedMesh(sys::tetgen_shim_mesh {
             tetrahedra: std::ptr::null_mut(),
             neighbors: std::ptr::null_mut(),
             count: 0,
         });
         // A panic elsewhere cannot leave TetGen half-way: a poisoned lock is as good as new.
-        let lock = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
+        let lock = TETGEN_LOCK.lock().unwrap_or_else(PoisonError::into_inner);
         // SAFETY: `points` is read only, 3 * len finite doubles of nonzero extent, len >= 4 and
         // below i32::MAX (`check_points`); the switches are a constant that ends with zero; the lock
         // is held. The shim catches every exception.
@@ -418,10 +422,10 @@ mod ffi {
             )
         };
         drop(lock);
-        Answer {
+        TetgenOutput {
             status: i64::from(status),
-            tets: mesh.copy(mesh.0.tetrahedra),
-            neighbors: mesh.copy(mesh.0.neighbors),
+            tets: mesh.copy_array(mesh.0.tetrahedra),
+            neighbors: mesh.copy_array(mesh.0.neighbors),
         }
     }
 }

@@ -17,48 +17,48 @@ use std::thread;
 
 use crate::parallel::prelude::*;
 
-use super::whole::{HALO, TRIES, Whole};
-use super::{Answer, OUTSIDE};
+use super::global_points::{GlobalPoints, INITIAL_HALO, MAX_HALO_TRIES};
+use super::{OUTSIDE, TetgenOutput};
+use crate::comm;
 use crate::error::Result;
-use crate::geometry::groups::group;
+use crate::geometry::counting_sort::sort_by_group_into;
 use crate::geometry::{cross, dot, sub};
-use crate::ranks;
 
 /// The neighbour is kept by another slab.
-const ELSEWHERE: u32 = OUTSIDE - 1;
+const IN_OTHER_SLAB: u32 = OUTSIDE - 1;
 /// The rounding of a circumcentre, in distances, where its sphere's radius is the distance: it grows with
 /// the square of the radius. (2e-16 times what a flat tetrahedron makes of it, and room.)
-const ROUNDING: f64 = 1e-9;
+const ROUNDING_TOLERANCE: f64 = 1e-9;
 /// Points whose tetrahedra are put in order together.
-const TOGETHER: usize = 4096;
+const SORT_CHUNK: usize = 4096;
 
 /// What `run` answers for all points, from its answers for `count` parts, so many of them `at_once`; with
 /// neighbours, in no order. None if this way does not lead there: points that do not fill a box, or are too uneven.
 ///
 /// # Errors
 /// Those of `run`.
-pub fn joined<R>(
+pub fn triangulate_in_parts<R>(
     points: &[[f64; 3]],
     count: usize,
     at_once: usize,
     run: &R,
-) -> Result<Option<Answer>>
+) -> Result<Option<TetgenOutput>>
 where
-    R: Fn(&[[f64; 3]]) -> Result<Answer> + Sync,
+    R: Fn(&[[f64; 3]]) -> Result<TetgenOutput> + Sync,
 {
-    let Some(slabs) = Slabs::new(points, count) else {
+    let Some(slabs) = PointSlabs::new(points, count) else {
         return Ok(None);
     };
-    let mut parts: Vec<Option<Answer>> = Vec::with_capacity(count);
-    let own = |own: Range<usize>, give: &mut dyn FnMut(Option<Answer>)| {
-        for part in slabs.parts(own, at_once, run) {
+    let mut parts: Vec<Option<TetgenOutput>> = Vec::with_capacity(count);
+    let own = |own: Range<usize>, give: &mut dyn FnMut(Option<TetgenOutput>)| {
+        for part in slabs.triangulate_slabs(own, at_once, run) {
             give(part?);
         }
         Ok(())
     };
-    ranks::share("slabs of points", count, own, &mut |part| parts.push(part))?;
-    let parts: Option<Vec<Answer>> = parts.into_iter().collect();
-    Ok(parts.and_then(|parts| match together(parts) {
+    comm::distribute("slabs of points", count, own, &mut |part| parts.push(part))?;
+    let parts: Option<Vec<TetgenOutput>> = parts.into_iter().collect();
+    Ok(parts.and_then(|parts| match concatenate(parts) {
         (all, 0) => Some(all),
         _ => None,
     }))
@@ -71,22 +71,22 @@ where
 ///
 /// # Errors
 /// Those of `run`.
-pub fn of_stretches<R>(
+pub fn tets_in_intervals<R>(
     points: &[[f64; 3]],
-    whole: Whole,
+    whole: GlobalPoints,
     axis: usize,
     cuts: &[f64],
     stretches: Range<usize>,
     at_once: usize,
     limits: [usize; 2],
     run: &R,
-) -> Result<Option<Answer>>
+) -> Result<Option<TetgenOutput>>
 where
-    R: Fn(&[[f64; 3]]) -> Result<Answer> + Sync,
+    R: Fn(&[[f64; 3]]) -> Result<TetgenOutput> + Sync,
 {
-    let mut slabs = Slabs {
+    let mut slabs = PointSlabs {
         axis,
-        ..Slabs::uncut(points, whole)
+        ..PointSlabs::single(points, whole)
     };
     // Stretches in parts, so that all are at work.
     let mut own = 0..0;
@@ -117,17 +117,19 @@ where
     if !slabs.cuts.windows(2).all(|two| two[0] < two[1]) {
         return Ok(None);
     }
-    let parts: Result<Option<Vec<Answer>>> =
-        (slabs.parts(own.clone(), at_once, run).into_iter()).collect();
+    let parts: Result<Option<Vec<TetgenOutput>>> = (slabs
+        .triangulate_slabs(own.clone(), at_once, run)
+        .into_iter())
+    .collect();
     let parts = parts?.filter(|parts| parts.len() == own.len());
-    Ok(parts.map(|parts| together(parts).0))
+    Ok(parts.map(|parts| concatenate(parts).0))
 }
 
 /// The parts' tetrahedra one after the other, with neighbours across; and how many faces have lead to none of them, where
 /// neighbours are outside.
-fn together(parts: Vec<Answer>) -> (Answer, usize) {
+fn concatenate(parts: Vec<TetgenOutput>) -> (TetgenOutput, usize) {
     let count = parts.iter().map(|part| part.tets.len()).sum();
-    let mut all = Answer {
+    let mut all = TetgenOutput {
         status: parts.first().map_or(0, |part| part.status),
         tets: Vec::with_capacity(count),
         neighbors: Vec::with_capacity(count),
@@ -139,7 +141,7 @@ fn together(parts: Vec<Answer>) -> (Answer, usize) {
         let first = all.tets.len() as u32;
         let open_of = |(t, (tet, around)): (usize, (&[u32; 4], &[u32; 4]))| {
             let (tet, around) = (*tet, *around);
-            let ends = (0..4).filter(move |&k| around[k] == ELSEWHERE);
+            let ends = (0..4).filter(move |&k| around[k] == IN_OTHER_SLAB);
             ends.map(move |k| {
                 let mut face = [1, 2, 3].map(|j| tet[(k + j) % 4]);
                 face.sort_unstable();
@@ -149,7 +151,7 @@ fn together(parts: Vec<Answer>) -> (Answer, usize) {
         let cells = part.tets.par_iter().zip(&part.neighbors).enumerate();
         open.par_extend(cells.flat_map_iter(open_of));
         let moved = |n: u32| match n {
-            ELSEWHERE | OUTSIDE => OUTSIDE,
+            IN_OTHER_SLAB | OUTSIDE => OUTSIDE,
             own => first + own,
         };
         all.tets.extend_from_slice(&part.tets);
@@ -175,32 +177,32 @@ fn together(parts: Vec<Answer>) -> (Answer, usize) {
 }
 
 /// Space, cut across its longest axis so that each slab has as many points.
-struct Slabs<'a> {
+struct PointSlabs<'a> {
     points: &'a [[f64; 3]],
-    whole: Whole,
+    global: GlobalPoints,
     axis: usize,
     /// Where one slab ends and the next begins.
     cuts: Vec<f64>,
     /// Of points, if they stood regularly.
-    distance: f64,
+    mean_distance: f64,
 }
 
-impl<'a> Slabs<'a> {
+impl<'a> PointSlabs<'a> {
     /// One.
-    fn uncut(points: &'a [[f64; 3]], whole: Whole) -> Self {
-        let size = sub(whole.high, whole.low);
+    fn single(points: &'a [[f64; 3]], global: GlobalPoints) -> Self {
+        let size = sub(global.high, global.low);
         Self {
             points,
             axis: (0..3).fold(0, |best, k| if size[k] >= size[best] { k } else { best }),
             cuts: Vec::new(),
-            distance: whole.distance(),
-            whole,
+            mean_distance: global.mean_distance(),
+            global,
         }
     }
 
     /// None if the points cannot be cut so often.
     fn new(points: &'a [[f64; 3]], count: usize) -> Option<Self> {
-        let uncut = Self::uncut(points, Whole::of(points));
+        let uncut = Self::single(points, GlobalPoints::from_points(points));
         let axis = uncut.axis;
         let mut along: Vec<f64> = points.iter().map(|p| p[axis]).collect();
         let cuts: Vec<f64> = (1..count)
@@ -211,14 +213,19 @@ impl<'a> Slabs<'a> {
             })
             .collect();
         let apart = cuts.windows(2).all(|two| two[0] < two[1])
-            && cuts.first().is_none_or(|&cut| uncut.whole.low[axis] < cut);
+            && cuts.first().is_none_or(|&cut| uncut.global.low[axis] < cut);
         apart.then_some(Self { cuts, ..uncut })
     }
 
     /// Those of some slabs, in their order, so many of them at once; fewer where one leads nowhere.
-    fn parts<R>(&self, slabs: Range<usize>, at_once: usize, run: &R) -> Vec<Result<Option<Answer>>>
+    fn triangulate_slabs<R>(
+        &self,
+        slabs: Range<usize>,
+        at_once: usize,
+        run: &R,
+    ) -> Vec<Result<Option<TetgenOutput>>>
     where
-        R: Fn(&[[f64; 3]]) -> Result<Answer> + Sync,
+        R: Fn(&[[f64; 3]]) -> Result<TetgenOutput> + Sync,
     {
         let (end, next) = (slabs.end, &AtomicUsize::new(slabs.start));
         // Each thread takes the next slab, until one leads nowhere.
@@ -229,14 +236,14 @@ impl<'a> Slabs<'a> {
                 if slab >= end {
                     return done;
                 }
-                let part = self.part(slab, run);
+                let part = self.triangulate_slab(slab, run);
                 if !matches!(part, Ok(Some(_))) {
                     next.store(end, Relaxed);
                 }
                 done.push((slab, part));
             }
         };
-        let mut parts: Vec<(usize, Result<Option<Answer>>)> = thread::scope(|scope| {
+        let mut parts: Vec<(usize, Result<Option<TetgenOutput>>)> = thread::scope(|scope| {
             let at_work: Vec<_> = (0..at_once.min(slabs.len()))
                 .map(|_| scope.spawn(work))
                 .collect();
@@ -250,15 +257,17 @@ impl<'a> Slabs<'a> {
     }
 
     /// The tetrahedra that a slab keeps, with neighbours among them.
-    fn part<R>(&self, slab: usize, run: &R) -> Result<Option<Answer>>
+    fn triangulate_slab<R>(&self, slab: usize, run: &R) -> Result<Option<TetgenOutput>>
     where
-        R: Fn(&[[f64; 3]]) -> Result<Answer>,
+        R: Fn(&[[f64; 3]]) -> Result<TetgenOutput>,
     {
         let from = slab
             .checked_sub(1)
             .map_or(f64::NEG_INFINITY, |i| self.cuts[i]);
         let to = self.cuts.get(slab).copied().unwrap_or(f64::INFINITY);
-        for halo in (0..TRIES).map(|i| HALO * self.distance * f64::from(1 << i)) {
+        for halo in
+            (0..MAX_HALO_TRIES).map(|i| INITIAL_HALO * self.mean_distance * f64::from(1 << i))
+        {
             let within = [from - halo, to + halo];
             let has = |&i: &u32| {
                 let x = self.points[i as usize][self.axis];
@@ -270,7 +279,7 @@ impl<'a> Slabs<'a> {
             if answer.status != 0 {
                 return Ok(None);
             }
-            if let Some(kept) = self.kept(&answer, &members, [from, to], within) {
+            if let Some(kept) = self.certified_tets(&answer, &members, [from, to], within) {
                 return Ok(Some(kept));
             }
         }
@@ -279,19 +288,19 @@ impl<'a> Slabs<'a> {
 
     /// What the slab from one place to another keeps of the triangulation of `members`, all `within` some
     /// bounds; None if a tetrahedron at one of its points is not certified.
-    fn kept(
+    fn certified_tets(
         &self,
-        answer: &Answer,
+        answer: &TetgenOutput,
         members: &[u32],
         [from, to]: [f64; 2],
         within: [f64; 2],
-    ) -> Option<Answer> {
+    ) -> Option<TetgenOutput> {
         let point = |local: u32| self.points[members[local as usize] as usize];
         let owns = |local: u32| {
             let x = point(local)[self.axis];
             from <= x && x < to
         };
-        let mut number = vec![ELSEWHERE; answer.tets.len()];
+        let mut number = vec![IN_OTHER_SLAB; answer.tets.len()];
         let mut used = vec![false; members.len()];
         let mut count = 0;
         for ((tet, neighbors), number) in answer.tets.iter().zip(&answer.neighbors).zip(&mut number)
@@ -306,9 +315,9 @@ impl<'a> Slabs<'a> {
                 let face = [1, 2, 3].map(|j| (k + j) % 4);
                 neighbors[k] != OUTSIDE
                     || !face.iter().any(|&j| own[j])
-                    || self.on_a_side(face.map(|j| corners[j]))
+                    || self.is_on_side(face.map(|j| corners[j]))
             });
-            if !(hull_is_real && self.certified(corners, within)) {
+            if !(hull_is_real && self.is_certified(corners, within)) {
                 return None;
             }
             if owns(*tet.iter().min()?) {
@@ -320,13 +329,13 @@ impl<'a> Slabs<'a> {
         if (0..members.len()).any(|i| !used[i] && owns(i as u32)) {
             return None;
         }
-        let mine = |t: &usize| number[*t] != ELSEWHERE;
+        let mine = |t: &usize| number[*t] != IN_OTHER_SLAB;
         let neighbor = |n: u32| match n {
             OUTSIDE => OUTSIDE,
             n => number[n as usize],
         };
         let all = 0..answer.tets.len();
-        Some(Answer {
+        Some(TetgenOutput {
             status: answer.status,
             tets: (all.clone().filter(mine))
                 .map(|t| answer.tets[t].map(|local| members[local as usize]))
@@ -338,16 +347,16 @@ impl<'a> Slabs<'a> {
     }
 
     /// Whether a face lies in one side of the box of all points, so that nothing is beyond.
-    fn on_a_side(&self, face: [[f64; 3]; 3]) -> bool {
+    fn is_on_side(&self, face: [[f64; 3]; 3]) -> bool {
         (0..3).any(|k| {
-            [self.whole.low[k], self.whole.high[k]]
+            [self.global.low[k], self.global.high[k]]
                 .iter()
                 .any(|&side| face.iter().all(|p| p[k] == side))
         })
     }
 
     /// Whether all that could be in the circumsphere is `within` the bounds.
-    fn certified(&self, [a, b, c, d]: [[f64; 3]; 4], within: [f64; 2]) -> bool {
+    fn is_certified(&self, [a, b, c, d]: [[f64; 3]; 4], within: [f64; 2]) -> bool {
         let [b, c, d] = [b, c, d].map(|p| sub(p, a));
         let [normal_b, normal_c, normal_d] = [cross(c, d), cross(d, b), cross(b, c)];
         let twice = 2.0 * dot(b, normal_b);
@@ -356,13 +365,13 @@ impl<'a> Slabs<'a> {
             (b2 * normal_b[k] + c2 * normal_c[k] + d2 * normal_d[k]) / twice
         });
         let radius2 = dot(middle, middle);
-        let rounding = ROUNDING * radius2 / self.distance;
+        let rounding = ROUNDING_TOLERANCE * radius2 / self.mean_distance;
         // In the box of all points the sphere is less wide where its middle is outside.
         let outside2: f64 = (0..3)
             .filter(|&k| k != self.axis)
             .map(|k| {
                 let x = a[k] + middle[k];
-                let [low, high] = [self.whole.low[k], self.whole.high[k]];
+                let [low, high] = [self.global.low[k], self.global.high[k]];
                 (low - x).max(x - high).max(0.0).powi(2)
             })
             .sum();
@@ -376,24 +385,24 @@ impl<'a> Slabs<'a> {
 
 /// Tetrahedra in an order that depends on nothing but themselves: each begins with its first point (by
 /// number) and goes on with the first of the others, its turn unchanged; and so they follow one another.
-pub fn order(points: usize, answer: &mut Answer) {
-    let Answer {
+pub fn sort_canonical(points: usize, answer: &mut TetgenOutput) {
+    let TetgenOutput {
         tets, neighbors, ..
     } = answer;
     let with_neighbors = !neighbors.is_empty();
-    let turns: Vec<[u8; 4]> = tets.par_iter().map(turn).collect();
+    let turns: Vec<[u8; 4]> = tets.par_iter().map(canonical_rotation).collect();
     let turned = |t: u32| turns[t as usize].map(|k| tets[t as usize][usize::from(k)]);
     // By the first point ...
     let first = |t: u32| turned(t)[0];
     let firsts: Vec<u32> = (0..tets.len() as u32).into_par_iter().map(first).collect();
     let (mut starts, mut sorted) = (Vec::new(), Vec::new());
-    group(points, &firsts, &mut starts, &mut sorted);
+    sort_by_group_into(points, &firsts, &mut starts, &mut sorted);
     drop(firsts);
     // ... and then by the others.
     let mut rest = sorted.as_mut_slice();
-    let mut groups = Vec::with_capacity(points / TOGETHER + 1);
-    for first in (0..points).step_by(TOGETHER) {
-        let last = (first + TOGETHER).min(points);
+    let mut groups = Vec::with_capacity(points / SORT_CHUNK + 1);
+    for first in (0..points).step_by(SORT_CHUNK) {
+        let last = (first + SORT_CHUNK).min(points);
         let (own, after) = rest.split_at_mut((starts[last] - starts[first]) as usize);
         rest = after;
         groups.push((first..last, own));
@@ -423,10 +432,10 @@ pub fn order(points: usize, answer: &mut Answer) {
 }
 
 /// The even permutation after which the least number is first and the least of the others second.
-fn turn(tet: &[u32; 4]) -> [u8; 4] {
-    const FIRST: [[u8; 4]; 4] = [[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]];
+fn canonical_rotation(tet: &[u32; 4]) -> [u8; 4] {
+    const ROTATIONS: [[u8; 4]; 4] = [[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]];
     let least = (0..4).min_by_key(|&k| tet[k]).unwrap_or(0);
-    let [a, b, c, d] = FIRST[least];
+    let [a, b, c, d] = ROTATIONS[least];
     let others = [[b, c, d], [c, d, b], [d, b, c]];
     let [b, c, d] = others
         .into_iter()
@@ -460,9 +469,9 @@ mod tests {
         points
     }
 
-    fn whole(points: &[[f64; 3]]) -> Answer {
+    fn triangulate_whole(points: &[[f64; 3]]) -> TetgenOutput {
         let mut answer = ffi::run(points, true);
-        order(points.len(), &mut answer);
+        sort_canonical(points.len(), &mut answer);
         answer
     }
 
@@ -476,10 +485,12 @@ mod tests {
             lattice([12, 11, 34], 0.5, |x| x + 0.02 * x * x),
         ];
         for (scene, points) in scenes.iter().enumerate() {
-            let single = whole(points);
+            let single = triangulate_whole(points);
             for count in [1, 2, 3, 5] {
-                let mut parts = joined(points, count, count.min(3), &run).unwrap().unwrap();
-                order(points.len(), &mut parts);
+                let mut parts = triangulate_in_parts(points, count, count.min(3), &run)
+                    .unwrap()
+                    .unwrap();
+                sort_canonical(points.len(), &mut parts);
                 assert!(parts.tets == single.tets, "scene {scene}, {count} parts");
                 assert!(
                     parts.neighbors == single.neighbors,
@@ -493,7 +504,10 @@ mod tests {
     fn stretches_have_the_tetrahedra_of_the_whole_in_its_order() {
         let run = |points: &[[f64; 3]]| Ok(ffi::run(points, true));
         let points = lattice([60, 14, 12], 0.9, |x| x);
-        let (single, whole) = (whole(&points), Whole::of(&points));
+        let (single, whole) = (
+            triangulate_whole(&points),
+            GlobalPoints::from_points(&points),
+        );
         let cuts = [15.0, 29.3, 45.0];
         let stretch =
             |tet: &[u32; 4]| cuts.partition_point(|cut| *cut <= points[tet[0] as usize][0]);
@@ -510,16 +524,16 @@ mod tests {
             ];
             let near = |&n: &usize| {
                 let x = points[n][0];
-                ends[0] - whole.halo() <= x && x <= ends[1] + whole.halo()
+                ends[0] - whole.max_halo() <= x && x <= ends[1] + whole.max_halo()
             };
             let numbers: Vec<usize> = (0..points.len()).filter(near).collect();
             let some: Vec<[f64; 3]> = numbers.iter().map(|&n| points[n]).collect();
-            let some = of_stretches(&some, whole, 0, &cuts, own.clone(), 3, limits, &run);
+            let some = tets_in_intervals(&some, whole, 0, &cuts, own.clone(), 3, limits, &run);
             let mut some = some.unwrap().unwrap();
             some.tets
                 .iter_mut()
                 .for_each(|tet| *tet = tet.map(|n| numbers[n as usize] as u32));
-            order(points.len(), &mut some);
+            sort_canonical(points.len(), &mut some);
             let chosen: Vec<usize> = (0..single.tets.len())
                 .filter(|&t| own.contains(&stretch(&single.tets[t])))
                 .collect();
@@ -541,8 +555,8 @@ mod tests {
         let mut twice = points.clone();
         twice.push(points[1000]);
         let at = points[1000][0];
-        let (cuts, whole) = ([at - 4.0, at + 4.0], Whole::of(&twice));
-        let some = of_stretches(&twice, whole, 0, &cuts, 1..2, 1, [500, 9999], &run);
+        let (cuts, whole) = ([at - 4.0, at + 4.0], GlobalPoints::from_points(&twice));
+        let some = tets_in_intervals(&twice, whole, 0, &cuts, 1..2, 1, [500, 9999], &run);
         assert!(some.unwrap().is_none());
     }
 
@@ -555,14 +569,14 @@ mod tests {
                 .filter(|p| dot(*p, *p) < 1.0)
                 .take(3000)
                 .collect();
-        assert!(joined(&ball, 2, 2, &run).unwrap().is_none());
+        assert!(triangulate_in_parts(&ball, 2, 2, &run).unwrap().is_none());
     }
 
     #[test]
     fn order_keeps_tetrahedra_and_neighbours() {
         let points = lattice([9, 8, 7], 0.7, |x| x);
         let before = ffi::run(&points, true);
-        let after = whole(&points);
+        let after = triangulate_whole(&points);
         let sorted = |tets: &[[u32; 4]]| {
             let mut all: Vec<[u32; 4]> = tets.to_vec();
             all.iter_mut().for_each(|t| t.sort_unstable());

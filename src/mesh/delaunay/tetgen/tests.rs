@@ -83,7 +83,7 @@ fn assert_fills_box(d: &Delaunay, extent: [f64; 3]) {
     }
 }
 
-fn message(points: &[[f64; 3]]) -> String {
+fn error_message(points: &[[f64; 3]]) -> String {
     match delaunay(points) {
         Err(Error::Delaunay(cause)) => cause.to_string(),
         other => panic!("expected Error::Delaunay, got {other:?}"),
@@ -188,17 +188,19 @@ fn same_points_same_tetrahedra_also_from_many_threads() {
 #[test]
 fn impossible_points_are_named() {
     let corners = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-    assert!(message(&[]).contains("0 points"));
-    assert!(message(&corners[..3]).contains("3 points"));
+    assert!(error_message(&[]).contains("0 points"));
+    assert!(error_message(&corners[..3]).contains("3 points"));
     for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
         let mut points = corners;
         points[2][1] = bad;
-        assert!(message(&points).contains("point 2 is at"));
+        assert!(error_message(&points).contains("point 2 is at"));
     }
     let flat: Vec<[f64; 3]> = fcc(4, 1.0).into_iter().map(|p| [p[0], 3.5, p[2]]).collect();
-    assert!(message(&flat).contains("extend over 0 along y"));
-    assert!(message(&[[1.0; 3]; 9]).contains("extend over 0 along x"));
-    assert!(message(&[[-f64::MAX; 3], [f64::MAX; 3], [0.0; 3], [1.0; 3]]).contains("inf along x"));
+    assert!(error_message(&flat).contains("extend over 0 along y"));
+    assert!(error_message(&[[1.0; 3]; 9]).contains("extend over 0 along x"));
+    assert!(
+        error_message(&[[-f64::MAX; 3], [f64::MAX; 3], [0.0; 3], [1.0; 3]]).contains("inf along x")
+    );
 }
 
 #[test]
@@ -210,13 +212,13 @@ fn oblique_planes_and_lines_are_named_and_thin_slabs_are_not() {
             plane.push([x, y, 0.1 * x + 2.3 * y]);
         }
     }
-    assert!(message(&plane).contains("one plane"));
+    assert!(error_message(&plane).contains("one plane"));
     let line: Vec<[f64; 3]> = (0..50)
         .map(|i| [0.1, 0.2, 0.7].map(|c| c * f64::from(i)))
         .collect();
-    assert!(message(&line).contains("one line"));
+    assert!(error_message(&line).contains("one line"));
     let far: Vec<[f64; 3]> = line.iter().map(|p| p.map(|c| c + 6e5)).collect();
-    assert!(message(&far).contains("one line"));
+    assert!(error_message(&far).contains("one line"));
 
     let slab: Vec<[f64; 3]> = plane
         .iter()
@@ -232,12 +234,12 @@ fn coinciding_points_are_named() {
     let mut points = fcc(6, 1.0);
     let twin = points.len();
     points.push(points[31]);
-    let text = message(&points);
+    let text = error_message(&points);
     assert!(
         text.contains(&format!("points {twin} and 31 are 0e0 apart"))
             || text.contains(&format!("points 31 and {twin} are 0e0 apart")),
         "{text}"
     );
     points.push(points[5]);
-    assert!(message(&points).contains("and 1 more"));
+    assert!(error_message(&points).contains("and 1 more"));
 }

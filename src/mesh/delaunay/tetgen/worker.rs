@@ -13,21 +13,21 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::thread;
 use std::time::Duration;
 
-use super::{Answer, fault};
+use super::{TetgenOutput, delaunay_error};
 use crate::error::Result;
 
 /// Hundredths of a second in which a worker that has hung up may end by itself.
-const GRACE: usize = 50;
+const GRACE_CENTISECONDS: usize = 50;
 
 /// A program that runs TetGen.
-pub(super) struct Program {
+pub(super) struct WorkerProgram {
     path: PathBuf,
     arguments: &'static [&'static str],
     /// For all, or only for parts of large ones.
-    for_all: bool,
+    runs_all: bool,
 }
 
-static PROGRAM: OnceLock<Program> = OnceLock::new();
+static PROGRAM: OnceLock<WorkerProgram> = OnceLock::new();
 
 /// The largest memory of this process and its workers together, in MB, where the system tells.
 static PEAK_MB: AtomicU64 = AtomicU64::new(0);
@@ -35,30 +35,30 @@ static PEAK_MB: AtomicU64 = AtomicU64::new(0);
 /// From now on TetGen runs in processes of this program, `atomesh-tetgen`, instead of in this process; large
 /// triangulations in several at once. The first call of this or [`share_with_workers`] counts.
 pub fn run_in_worker(program: impl Into<PathBuf>) {
-    PROGRAM.get_or_init(|| Program {
+    PROGRAM.get_or_init(|| WorkerProgram {
         path: program.into(),
         arguments: &[],
-        for_all: true,
+        runs_all: true,
     });
 }
 
 /// From now on large triangulations are made in parts, by as many processes of this program at once as there
 /// are threads; with these arguments it has to [`serve`].
 pub fn share_with_workers(program: impl Into<PathBuf>, arguments: &'static [&'static str]) {
-    PROGRAM.get_or_init(|| Program {
+    PROGRAM.get_or_init(|| WorkerProgram {
         path: program.into(),
         arguments,
-        for_all: false,
+        runs_all: false,
     });
 }
 
 /// The program to run, if it shall not be this one.
-pub(super) fn for_all() -> Option<&'static Program> {
-    PROGRAM.get().filter(|program| program.for_all)
+pub(super) fn program_for_all() -> Option<&'static WorkerProgram> {
+    PROGRAM.get().filter(|program| program.runs_all)
 }
 
 /// The program for parts.
-pub(super) fn for_parts() -> Option<&'static Program> {
+pub(super) fn program_for_parts() -> Option<&'static WorkerProgram> {
     PROGRAM.get()
 }
 
@@ -80,7 +80,11 @@ pub fn serve() -> u8 {
 /// # Errors
 /// [`Error::Delaunay`](crate::Error::Delaunay) if it cannot be run, or ends without an answer: crashes,
 /// is killed, hangs up. It never outlives the call.
-pub(super) fn ask(program: &Program, points: &[[f64; 3]], with_neighbors: bool) -> Result<Answer> {
+pub(super) fn run_program(
+    program: &WorkerProgram,
+    points: &[[f64; 3]],
+    with_neighbors: bool,
+) -> Result<TetgenOutput> {
     let remedy = "install atomesh again";
     let spawned = Command::new(&program.path)
         .args(program.arguments)
@@ -93,16 +97,16 @@ pub(super) fn ask(program: &Program, points: &[[f64; 3]], with_neighbors: bool) 
             "TetGen's program {} cannot be run: {e}",
             program.path.display()
         );
-        fault(problem, remedy)
+        delaunay_error(problem, remedy)
     })?;
     let mut worker = Worker(child);
     let (Some(input), Some(output)) = (worker.0.stdin.take(), worker.0.stdout.take()) else {
-        return Err(fault("TetGen's program has no pipes", remedy));
+        return Err(delaunay_error("TetGen's program has no pipes", remedy));
     };
     let pid = worker.0.id();
-    tell(input, points, with_neighbors)
-        .and_then(|()| hear(output, with_neighbors, || note_memory(pid)))
-        .map_err(|error| worker.lost(&error))
+    send_points(input, points, with_neighbors)
+        .and_then(|()| receive_tets(output, with_neighbors, || record_memory(pid)))
+        .map_err(|error| worker.failure(&error))
 }
 
 /// Ended, if it has not ended by itself, when dropped.
@@ -118,10 +122,10 @@ impl Drop for Worker {
 
 impl Worker {
     /// Why there is no answer.
-    fn lost(&mut self, error: &io::Error) -> crate::Error {
+    fn failure(&mut self, error: &io::Error) -> crate::Error {
         // Having lost its pipes it is about to end, if it has not.
         let mut ended = None;
-        for _ in 0..GRACE {
+        for _ in 0..GRACE_CENTISECONDS {
             ended = self.0.try_wait().ok().flatten();
             if ended.is_some() {
                 break;
@@ -132,7 +136,7 @@ impl Worker {
             Some(status) => status.to_string(),
             None => "it hung up".to_string(),
         };
-        fault(
+        delaunay_error(
             format!("TetGen's program ended without an answer ({ended}; {error})"),
             "look whether the machine is out of memory; use a larger nominal distance; \
              if it happens again, please report it with the image and the options",
@@ -141,7 +145,7 @@ impl Worker {
 }
 
 /// Hands over the points; who gives `input` away closes it.
-fn tell(input: ChildStdin, points: &[[f64; 3]], with_neighbors: bool) -> io::Result<()> {
+fn send_points(input: ChildStdin, points: &[[f64; 3]], with_neighbors: bool) -> io::Result<()> {
     let mut input = BufWriter::with_capacity(1 << 16, input);
     input.write_all(&(points.len() as u64).to_ne_bytes())?;
     input.write_all(&u64::from(with_neighbors).to_ne_bytes())?;
@@ -152,11 +156,11 @@ fn tell(input: ChildStdin, points: &[[f64; 3]], with_neighbors: bool) -> io::Res
 }
 
 /// What the worker answers; `at_work` while it still has all that it needed.
-fn hear(
+fn receive_tets(
     output: ChildStdout,
     with_neighbors: bool,
-    at_work: impl FnOnce() -> Memory,
-) -> io::Result<Answer> {
+    at_work: impl FnOnce() -> WorkerMemory,
+) -> io::Result<TetgenOutput> {
     let mut output = BufReader::with_capacity(1 << 16, output);
     let mut number = [0; 8];
     output.read_exact(&mut number)?;
@@ -164,12 +168,12 @@ fn hear(
     output.read_exact(&mut number)?;
     let count = u64::from_ne_bytes(number);
     let _until_it_is_read = at_work();
-    let tets = numbers(&mut output, count)?;
+    let tets = read_tets(&mut output, count)?;
     let neighbors = match with_neighbors {
-        true => numbers(&mut output, count)?,
+        true => read_tets(&mut output, count)?,
         false => Vec::new(),
     };
-    Ok(Answer {
+    Ok(TetgenOutput {
         status,
         tets,
         neighbors,
@@ -177,32 +181,32 @@ fn hear(
 }
 
 /// Memory of a worker that is at work, in MB.
-struct Memory(u64);
+struct WorkerMemory(u64);
 
 /// Of all workers at work.
 static WORKERS_MB: AtomicU64 = AtomicU64::new(0);
 
 /// Takes down what a worker and all others have at its end, with this process.
-fn note_memory(worker: u32) -> Memory {
+fn record_memory(worker: u32) -> WorkerMemory {
     let megabytes = |process: &str, row: &str| {
         let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
         let line = status.lines().find_map(|line| line.strip_prefix(row));
         let kilobytes = line.and_then(|rest| rest.split_whitespace().next()?.parse::<u64>().ok());
         kilobytes.unwrap_or(0) * 1024 / 1_000_000
     };
-    let memory = Memory(megabytes(&worker.to_string(), "VmHWM:"));
+    let memory = WorkerMemory(megabytes(&worker.to_string(), "VmHWM:"));
     let workers = WORKERS_MB.fetch_add(memory.0, Relaxed) + memory.0;
     PEAK_MB.fetch_max(workers + megabytes("self", "VmRSS:"), Relaxed);
     memory
 }
 
-impl Drop for Memory {
+impl Drop for WorkerMemory {
     fn drop(&mut self) {
         WORKERS_MB.fetch_sub(self.0, Relaxed);
     }
 }
 
-fn numbers(output: &mut impl Read, count: u64) -> io::Result<Vec<[u32; 4]>> {
+fn read_tets(output: &mut impl Read, count: u64) -> io::Result<Vec<[u32; 4]>> {
     let mut four = [0; 16];
     let read = |_| {
         output.read_exact(&mut four)?;
@@ -222,14 +226,14 @@ mod tests {
     use super::*;
     use crate::geometry::random::Random;
 
-    const REAL: &str = env!("ATOMESH_TETGEN_WORKER");
+    const WORKER_PATH: &str = env!("ATOMESH_TETGEN_WORKER");
 
-    fn program(path: impl Into<PathBuf>) -> Program {
+    fn program(path: impl Into<PathBuf>) -> WorkerProgram {
         let (path, arguments, for_all) = (path.into(), &[][..], true);
-        Program {
+        WorkerProgram {
             path,
             arguments,
-            for_all,
+            runs_all: for_all,
         }
     }
 
@@ -248,8 +252,8 @@ mod tests {
         path
     }
 
-    fn refusal(program: &Path, points: &[[f64; 3]]) -> String {
-        match ask(&self::program(program), points, true) {
+    fn error_message(program: &Path, points: &[[f64; 3]]) -> String {
+        match run_program(&self::program(program), points, true) {
             Ok(_) => panic!("{} answered", program.display()),
             Err(error) => error.to_string(),
         }
@@ -260,7 +264,7 @@ mod tests {
         let points = scattered(3000);
         for with_neighbors in [false, true] {
             let own = super::super::ffi::run(&points, with_neighbors);
-            let other = ask(&program(REAL), &points, with_neighbors).unwrap();
+            let other = run_program(&program(WORKER_PATH), &points, with_neighbors).unwrap();
             assert_eq!((own.status, own.tets), (other.status, other.tets));
             assert_eq!(own.neighbors, other.neighbors);
             assert_eq!(other.neighbors.is_empty(), !with_neighbors);
@@ -274,7 +278,7 @@ mod tests {
             .map(|i| (f64::from(i % 20), f64::from(i / 20)))
             .map(|(x, y)| [x, y, x + 2.0 * y])
             .collect();
-        let answer = ask(&program(REAL), &flat, true).unwrap();
+        let answer = run_program(&program(WORKER_PATH), &flat, true).unwrap();
         assert_eq!(answer.status, i64::from(tetgen_sys::TETGEN_SHIM_BAD_INPUT));
         assert!(answer.tets.is_empty());
     }
@@ -292,11 +296,11 @@ mod tests {
             ("cat >/dev/null; printf 12345678123", "failed to fill"),
         ];
         for (text, says) in ways {
-            let error = refusal(&script(folder.path(), text), &points);
+            let error = error_message(&script(folder.path(), text), &points);
             assert!(error.contains("without an answer"), "{text}: {error}");
             assert!(error.contains(says), "{text}: {error}");
         }
-        let error = refusal(&folder.path().join("absent"), &points);
+        let error = error_message(&folder.path().join("absent"), &points);
         assert!(error.contains("cannot be run"), "{error}");
     }
 
@@ -305,13 +309,13 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let pid = folder.path().join("pid");
         let text = format!(
-            "echo $$ >{0}.part; mv {0}.part {0}; exec {REAL}",
+            "echo $$ >{0}.part; mv {0}.part {0}; exec {WORKER_PATH}",
             pid.display()
         );
         let program = script(folder.path(), &text);
         let points = scattered(400_000);
         let number = thread::scope(|scope| {
-            let asking = scope.spawn(|| refusal(&program, &points));
+            let asking = scope.spawn(|| error_message(&program, &points));
             let begun = Instant::now();
             while !pid.exists() {
                 assert!(begun.elapsed() < Duration::from_secs(30), "no worker");

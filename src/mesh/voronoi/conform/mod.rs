@@ -22,65 +22,65 @@
 
 mod balls;
 mod faces;
-mod room;
+mod regularise;
+mod site_region;
 mod surface;
-mod tidy;
 
-use crate::geometry::buckets::Buckets;
-use crate::geometry::scatter::Scatter;
+use crate::geometry::cell_list::CellList;
+use crate::geometry::incremental_grid::IncrementalGrid;
 use crate::geometry::{distance2, norm, normal};
 use crate::mesh::complex::NONE;
 use balls::Balls;
-pub use faces::Facets;
-pub use room::Room;
-pub use surface::Surface;
+pub use faces::FacetGrid;
+pub use site_region::SiteRegion;
+pub use surface::FacetSurface;
 
 /// Sites nearer to one another than this, in units of the edges round them, are too near.
-const APART: f64 = 0.25;
+const MIN_SITE_DISTANCE: f64 = 0.25;
 
 /// Sites on either side of the facets of a surface, and the balls that other atoms keep out of.
 #[derive(Debug)]
-pub struct Conforming<const D: usize> {
+pub struct ConformingSites<const D: usize> {
     balls: Balls<D>,
-    room: Room<D>,
-    grid: Buckets<D>,
-    largest: f64,
+    site_region: SiteRegion<D>,
+    grid: CellList<D>,
+    max_radius: f64,
     /// The facets that have their two sites, ascending.
     facets: Vec<u32>,
     /// The facets, and of each the node opposite its rim, of the sites ahead of rims.
     rims: Vec<(u32, usize)>,
 }
 
-impl<const D: usize> Conforming<D> {
+impl<const D: usize> ConformingSites<D> {
     /// Sites for a surface in the box `[0, extent]`, none of them near the atoms that are `given`.
-    pub fn new(surface: Surface<D>, extent: [f64; D], given: &[[f64; D]]) -> Self {
-        Self::within(surface, extent, given, Room::default())
+    pub fn new(surface: FacetSurface<D>, extent: [f64; D], given: &[[f64; D]]) -> Self {
+        Self::with_region(surface, extent, given, SiteRegion::default())
     }
 
     /// The same where there is `room`; other atoms keep to it, too.
-    pub fn within(
-        surface: Surface<D>,
+    pub fn with_region(
+        surface: FacetSurface<D>,
         extent: [f64; D],
         given: &[[f64; D]],
-        room: Room<D>,
+        room: SiteRegion<D>,
     ) -> Self {
         let balls = Balls::new(surface, extent);
-        let largest = balls.largest();
+        let largest = balls.max_radius();
         let mut conforming = Self {
-            grid: Buckets::new(&balls.surface.nodes, largest.max(f64::MIN_POSITIVE)),
-            largest,
-            room,
+            grid: CellList::new(&balls.surface.nodes, largest.max(f64::MIN_POSITIVE)),
+            max_radius: largest,
+            site_region: room,
             facets: Vec::new(),
             rims: Vec::new(),
             balls,
         };
-        conforming.facets = conforming.apart(given);
-        conforming.rims = conforming.ahead();
+        conforming.facets = conforming.separated_facets(given);
+        conforming.rims = conforming.rims_with_sites();
         conforming
     }
 
     /// The surface, as the faces follow it.
-    pub fn surface(&self) -> &Surface<D> {
+    pub fn surface(&self) -> &FacetSurface<D> {
         &self.balls.surface
     }
 
@@ -95,21 +95,21 @@ impl<const D: usize> Conforming<D> {
         let points = self
             .facets
             .iter()
-            .filter_map(|&f| self.balls.points(f as usize));
-        let rims = self.rims.iter().filter_map(|&rim| self.ahead_of(rim));
+            .filter_map(|&f| self.balls.facet_points(f as usize));
+        let rims = self.rims.iter().filter_map(|&rim| self.site_ahead_of(rim));
         points.flatten().chain(rims).collect()
     }
 
     /// Where sites and other atoms may stand.
-    pub fn room(&self) -> &Room<D> {
-        &self.room
+    pub fn site_region(&self) -> &SiteRegion<D> {
+        &self.site_region
     }
 
     /// Whether there is room at a place outside of all balls.
     pub fn is_free(&self, x: [f64; D]) -> bool {
-        let mut free = self.room.holds(x);
+        let mut free = self.site_region.contains(x);
         if free && !self.surface().nodes.is_empty() {
-            self.grid.visit_within(x, self.largest, |n| {
+            self.grid.visit_within(x, self.max_radius, |n| {
                 free = free && !self.balls.covers(n, &x);
             });
         }
@@ -118,7 +118,7 @@ impl<const D: usize> Conforming<D> {
 
     /// Takes those of the [`sites`](Self::sites) away that are `unfit`, those of facets in pairs; whether there
     /// are any.
-    pub fn give_up(&mut self, unfit: impl Fn(usize) -> bool) -> bool {
+    pub fn remove_unfit(&mut self, unfit: impl Fn(usize) -> bool) -> bool {
         let (facets, rims) = (self.facets.len(), self.rims.len());
         let mut place = 0..facets;
         let pair = |i: usize| unfit(2 * i) || unfit(2 * i + 1);
@@ -131,37 +131,40 @@ impl<const D: usize> Conforming<D> {
 
     /// The facets whose points are fit for sites and apart from one another, the larger of two that are
     /// not.
-    fn apart(&self, given: &[[f64; D]]) -> Vec<u32> {
+    fn separated_facets(&self, given: &[[f64; D]]) -> Vec<u32> {
         let balls = &self.balls;
         let mut facets: Vec<u32> = Vec::new();
         let mut points: Vec<[f64; D]> = Vec::new();
         for f in 0..self.surface().facets.len() {
-            let fits = |pair: &[[f64; D]; 2]| pair.iter().all(|&x| self.room.holds(x));
-            if let Some(pair) = balls.points(f).filter(fits) {
+            let fits = |pair: &[[f64; D]; 2]| pair.iter().all(|&x| self.site_region.contains(x));
+            if let Some(pair) = balls.facet_points(f).filter(fits) {
                 facets.push(f as u32);
                 points.extend(pair);
             }
         }
-        let sizes: Vec<f64> = facets.iter().map(|&f| balls.size(f as usize)).collect();
-        let reach = APART * sizes.iter().copied().fold(0.0, f64::max);
+        let sizes: Vec<f64> = facets
+            .iter()
+            .map(|&f| balls.edge_length(f as usize))
+            .collect();
+        let reach = MIN_SITE_DISTANCE * sizes.iter().copied().fold(0.0, f64::max);
         let mut kept = vec![true; facets.len()];
         if facets.is_empty() {
             return facets;
         }
-        let grid = Buckets::new(&points, reach);
+        let grid = CellList::new(&points, reach);
         let mut near: Vec<(f64, usize, usize)> = Vec::new();
         for (i, x) in points.iter().enumerate() {
             grid.visit(*x, |j| {
                 let (f, g) = (i / 2, j / 2);
                 let apart = distance2(x, &points[j]).sqrt() / sizes[f].min(sizes[g]);
-                if f < g && apart < APART {
+                if f < g && apart < MIN_SITE_DISTANCE {
                     near.push((apart, f, g));
                 }
             });
         }
         for x in given {
             grid.visit_within(*x, reach, |i| {
-                kept[i / 2] &= distance2(x, &points[i]).sqrt() >= APART * sizes[i / 2];
+                kept[i / 2] &= distance2(x, &points[i]).sqrt() >= MIN_SITE_DISTANCE * sizes[i / 2];
             });
         }
         near.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
@@ -177,20 +180,22 @@ impl<const D: usize> Conforming<D> {
     }
 
     /// The site ahead of the rim of a facet opposite its k-th node, if there is room.
-    fn ahead_of(&self, (f, k): (u32, usize)) -> Option<[f64; D]> {
+    fn site_ahead_of(&self, (f, k): (u32, usize)) -> Option<[f64; D]> {
         self.balls
-            .beyond(f as usize, k)
+            .rim_point(f as usize, k)
             .filter(|&x| self.is_free(x))
     }
 
     /// The rims ahead of which sites stand: of facets that have sites.
-    fn ahead(&self) -> Vec<(u32, usize)> {
+    fn rims_with_sites(&self) -> Vec<(u32, usize)> {
         let surface = self.surface();
         let mut rims: Vec<((u32, usize), [f64; D], f64)> = Vec::new();
         for (ridge, facets) in surface.ridges() {
             let [f] = facets[..] else { continue };
             let nodes = ridge.iter().filter(|&&n| n != NONE);
-            let on_side = nodes.fold(u8::MAX, |s, &n| s & surface.sides(n, self.balls.extent()));
+            let on_side = nodes.fold(u8::MAX, |s, &n| {
+                s & surface.sides_of_node(n, self.balls.extent())
+            });
             let opposite = surface.facets[f as usize]
                 .iter()
                 .position(|n| !ridge.contains(n));
@@ -200,8 +205,12 @@ impl<const D: usize> Conforming<D> {
             let Some(rim) = opposite.map(|k| (f, k)) else {
                 continue;
             };
-            if let Some(x) = self.ahead_of(rim) {
-                rims.push((rim, x, APART * self.balls.size(f as usize)));
+            if let Some(x) = self.site_ahead_of(rim) {
+                rims.push((
+                    rim,
+                    x,
+                    MIN_SITE_DISTANCE * self.balls.edge_length(f as usize),
+                ));
             }
         }
         let mut ahead = Vec::new();
@@ -213,7 +222,7 @@ impl<const D: usize> Conforming<D> {
         // Never more than a million cells.
         let volume: f64 = extent.iter().product();
         let edge = reach.max((volume / 1e6).powf(1.0 / D as f64));
-        let mut placed = Scatter::new([0.0; D], extent, edge);
+        let mut placed = IncrementalGrid::new([0.0; D], extent, edge);
         self.sites().into_iter().for_each(|x| _ = placed.add(x));
         for (rim, x, room) in rims {
             if placed.is_free(&x, room) {

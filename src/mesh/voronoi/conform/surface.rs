@@ -9,7 +9,7 @@ use crate::mesh::poly::Lists;
 
 /// Triangles (edges in the plane) in a box `[0, extent]`, which meet in whole ridges.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Surface<const D: usize> {
+pub struct FacetSurface<const D: usize> {
     /// Where the nodes are; on a side of the box exactly.
     pub nodes: Vec<[f64; D]>,
     /// The nodes of each facet.
@@ -19,10 +19,10 @@ pub struct Surface<const D: usize> {
 /// The nodes of a ridge in rising order: where facets meet. The second is `NONE` in the plane.
 pub(super) type Ridge = [u32; 2];
 
-impl<const D: usize> Surface<D> {
+impl<const D: usize> FacetSurface<D> {
     /// The marked faces of a mesh (`marks`: bit k of a cell for its face k, on both of its sides).
     /// `neighbors` has for every cell and face, in order, the cell beyond.
-    pub fn of_marked<M: Simplices<D>>(mesh: &M, neighbors: &[u32], marks: &[u8]) -> Self {
+    pub fn from_marked<M: Simplices<D>>(mesh: &M, neighbors: &[u32], marks: &[u8]) -> Self {
         let mut surface = Self::default();
         let mut number = vec![NONE; mesh.nodes().len()];
         for (face, &beyond) in neighbors.iter().enumerate() {
@@ -44,7 +44,7 @@ impl<const D: usize> Surface<D> {
     }
 
     /// The facets that are `wanted`, as a surface.
-    pub fn part(&self, wanted: impl Fn(usize) -> bool) -> Self {
+    pub fn subset(&self, wanted: impl Fn(usize) -> bool) -> Self {
         let mut part = Self::default();
         let mut number = vec![NONE; self.nodes.len()];
         for (_, facet) in self.facets.iter().enumerate().filter(|&(f, _)| wanted(f)) {
@@ -66,12 +66,12 @@ impl<const D: usize> Surface<D> {
     }
 
     /// The unit normal of a facet.
-    pub(super) fn up(&self, facet: usize) -> [f64; D] {
+    pub(super) fn unit_normal(&self, facet: usize) -> [f64; D] {
         unit(normal(&self.corners(facet)))
     }
 
     /// The facets at each node.
-    pub(super) fn stars(&self) -> Lists {
+    pub(super) fn facets_of_nodes(&self) -> Lists {
         let mut stars = vec![Vec::new(); self.nodes.len()];
         for (f, facet) in self.facets.iter().enumerate() {
             facet.iter().for_each(|&n| stars[n as usize].push(f as u32));
@@ -82,7 +82,7 @@ impl<const D: usize> Surface<D> {
     }
 
     /// For each node the mean length of the edges of its facets.
-    pub(super) fn sizes(&self) -> Vec<f64> {
+    pub(super) fn edge_lengths(&self) -> Vec<f64> {
         let mut sums = vec![(0.0, 0usize); self.nodes.len()];
         for facet in &self.facets {
             for (i, &a) in facet.iter().enumerate() {
@@ -124,7 +124,7 @@ impl<const D: usize> Surface<D> {
     }
 
     /// The sides of the box on which a node lies, as bits.
-    pub(super) fn sides(&self, node: u32, extent: [f64; D]) -> u8 {
+    pub(super) fn sides_of_node(&self, node: u32, extent: [f64; D]) -> u8 {
         let x = &self.nodes[node as usize];
         (0..D).fold(0, |sides, k| {
             let (low, high) = (u8::from(x[k] <= 0.0), u8::from(x[k] >= extent[k]));

@@ -12,26 +12,26 @@
 //! - `anew`: cells made anew while others stay
 //! - `stitch`: the mesh with patches in place of what they are made for
 
-mod anew;
-mod grid;
-mod kept;
+mod editable_cells;
 mod patch;
-mod stitch;
+mod preserved;
+mod rebuilt;
+mod stitching;
 
-use super::{Change, Context, Edit, EditStages, Edited, Summary, history, resolve};
+use super::{AtomChange, Context, Edit, EditStages, EditedMesh, Summary, history, resolve};
 use crate::Result;
 use crate::image::Image;
-use crate::job::{Meshing, Params, Space, lattice_beta};
+use crate::job::{MeshSpace, Meshing, Params, lattice_beta};
 use crate::mesh::poly::PolyMesh;
-use crate::observer::{Observer, Stage};
+use crate::progress::{Progress, Stage};
 use crate::report::Clock;
 use crate::store::MeshFile;
-use crate::store::file::settled_of;
-use grid::Grid;
+use crate::store::output::resolved_options;
 #[cfg(feature = "cli")]
-pub(crate) use grid::KIND;
-pub use grid::dropped;
-use patch::{Patch, Scope};
+pub(crate) use editable_cells::ATOM_KIND;
+use editable_cells::EditableCells;
+pub use editable_cells::dropped_arrays;
+use patch::{CellNeighbourhood, CellPatch};
 
 /// Edits Voronoi cells that [`job::run`](crate::job::run) made of `image`, as [`edit`](super::edit()) edits
 /// simplices; the number of an atom is that of its cell.
@@ -49,15 +49,15 @@ pub fn edit_cells<const D: usize>(
     params: &Params<D>,
     edits: &[Edit<D>],
     free: bool,
-    observer: &mut dyn Observer,
-) -> Result<Edited<PolyMesh<D>>>
+    observer: &mut dyn Progress,
+) -> Result<EditedMesh<PolyMesh<D>>>
 where
-    Space<D>: Meshing<D>,
+    MeshSpace<D>: Meshing<D>,
 {
     let clock = Clock::new();
     let mut stages = EditStages { clock, observer };
-    let settled = settled_of(&file);
-    let mut grid = Grid::new(file, place, params)?;
+    let settled = resolved_options(&file);
+    let mut grid = EditableCells::new(file, place, params)?;
     grid.space.check_dims(image.dims(), "the image")?;
     let step = grid.space.step;
     // The file knows the units of its lattice space.
@@ -70,49 +70,51 @@ where
     };
     let settled = match settled {
         Some(settled) => settled,
-        None => stages.settle(image, params, step, &mut summary, &mut grid.fields)?,
+        None => stages.resolve_detection(image, params, step, &mut summary, &mut grid.fields)?,
     };
     let beta = lattice_beta(&params.beta, image.dims(), step)?;
     let context = Context {
         image,
         params,
-        settled: &settled,
+        resolved_options: &settled,
         beta: &beta,
         edits,
     };
-    let groups = stages.run(Stage::Neighbourhoods, |_| {
+    let groups = stages.run_stage(Stage::Neighbourhoods, |_| {
         resolve::resolve(&grid.lattice(), edits, free)
     })?;
-    let mut patches: Vec<Patch<D>> = Vec::new();
+    let mut patches: Vec<CellPatch<D>> = Vec::new();
     for group in groups {
-        let scope = stages.run(Stage::Neighbours, |_| {
-            Ok(Scope::new(&grid, group, &context))
+        let scope = stages.run_stage(Stage::Neighbours, |_| {
+            Ok(CellNeighbourhood::new(&grid, group, &context))
         })?;
-        let around = stages.run(Stage::Features, |patience| scope.look(&context, patience))?;
+        let around = stages.run_stage(Stage::Features, |patience| {
+            scope.local_fields(&context, patience)
+        })?;
         summary.samples += around.features.potential.dims.iter().product::<usize>();
-        let surface = stages.run(Stage::Conforming, |patience| {
+        let surface = stages.run_stage(Stage::Conforming, |patience| {
             scope.surface(&around, &context, patience)
         })?;
-        patches.push(stages.run(Stage::Cutting, |patience| {
+        patches.push(stages.run_stage(Stage::Cutting, |patience| {
             scope.patch(&around, &surface, &context, &mut summary, patience)
         })?);
     }
     let history = history(&grid.fields, edits);
     grid.fields.push(history);
-    let file = stages.run(Stage::Assembling, |_| {
-        stitch::stitched(grid, patches, &mut summary)
+    let file = stages.run_stage(Stage::Assembling, |_| {
+        stitching::stitch_patches(grid, patches, &mut summary)
     })?;
     let mut clock = stages.clock;
     clock.end();
     summary.stages = clock.costs().to_vec();
-    Ok(Edited { file, summary })
+    Ok(EditedMesh { file, summary })
 }
 
 /// Where the user has put an atom.
-fn put<const D: usize>(edit: &Edit<D>) -> Option<[f64; D]> {
+fn target_position<const D: usize>(edit: &Edit<D>) -> Option<[f64; D]> {
     match edit.change {
-        Change::Add(x) | Change::Move(_, x) => Some(x),
-        Change::Remove(_) => None,
+        AtomChange::Add(x) | AtomChange::Move(_, x) => Some(x),
+        AtomChange::Remove(_) => None,
     }
 }
 

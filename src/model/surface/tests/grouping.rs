@@ -5,20 +5,26 @@ use super::*;
 #[test]
 fn sheets_that_cross_stay_two_and_meet() {
     for degrees in [30.0, 45.0, 90.0, 140.0] {
-        let (nodes, facets) = crossing(degrees);
+        let (nodes, facets) = crossing_sheets(degrees);
         let surfaces = Surfaces::find(&nodes, facets, &[], &Options::default());
-        let found = measure(&surfaces, &nodes, &Up::along(2, true), &[]);
+        let found = measure(&surfaces, &nodes, &MapAxes::from_axis(2, true), &[]);
         assert_eq!(found.len(), 2, "{degrees}");
         assert!((found[0].area - 100.0).abs() < 1e-9 && (found[1].area - 80.0).abs() < 1e-9);
-        assert_eq!([&found[0].meets[..], &found[1].meets[..]], [[2], [1]]);
+        assert_eq!(
+            [
+                &found[0].adjacent_surfaces[..],
+                &found[1].adjacent_surfaces[..]
+            ],
+            [[2], [1]]
+        );
         assert_eq!([found[0].components, found[0].holes], [1, 0]);
-        assert!((found[0].rim - 40.0).abs() < 1e-9 && found[0].off_plane < 1e-9);
+        assert!((found[0].rim - 40.0).abs() < 1e-9 && found[0].rms_plane_distance < 1e-9);
     }
 }
 
 #[test]
 fn the_order_of_facets_changes_nothing() {
-    let (nodes, facets) = crossing(40.0);
+    let (nodes, facets) = crossing_sheets(40.0);
     let want = Surfaces::find(&nodes, facets.clone(), &[], &Options::default());
     let mut seed = 7;
     for _ in 0..5 {
@@ -36,7 +42,7 @@ fn the_order_of_facets_changes_nothing() {
 #[test]
 fn a_gap_at_the_crossing_does_not_part_a_surface() {
     // Of the second sheet, the strips on both sides of the crossing are missing.
-    let (nodes, mut facets) = crossing(60.0);
+    let (nodes, mut facets) = crossing_sheets(60.0);
     let first = facets.len() - 160;
     let off = |f: &[u32; 3]| {
         f.iter()
@@ -53,7 +59,7 @@ fn a_gap_at_the_crossing_does_not_part_a_surface() {
 
 /// Where two faults cross at a low angle, of the one a wide strip is missing: it stays one. A parallel
 /// fault that ends at the same crossing, but farther off than facets are wide, does not join it.
-fn a_wide_gap(off: f64) -> usize {
+fn wide_gap_surfaces(off: f64) -> usize {
     let (mut nodes, mut facets) = (Vec::new(), Vec::new());
     add_sheet(&mut nodes, &mut facets, [10, 10], |i, j| [i - 13.0, 0.0, j]);
     add_sheet(&mut nodes, &mut facets, [10, 10], |i, j| [i + 1.0, off, j]);
@@ -70,14 +76,14 @@ fn a_wide_gap(off: f64) -> usize {
 
 #[test]
 fn a_strip_missing_at_a_low_angle_crossing_does_not_part_a_surface() {
-    assert_eq!(a_wide_gap(0.0), 2);
-    assert_eq!(a_wide_gap(0.5), 2);
-    assert_eq!(a_wide_gap(2.5), 3);
+    assert_eq!(wide_gap_surfaces(0.0), 2);
+    assert_eq!(wide_gap_surfaces(0.5), 2);
+    assert_eq!(wide_gap_surfaces(2.5), 3);
 }
 
 /// A horizon and a fault across it, `cut` squares long of the ten that it would need; beyond the fault
 /// the horizon goes on after `gap` squares.
-fn horizons_at_a_fault(cut: usize, gap: f64) -> usize {
+fn fault_horizon_surfaces(cut: usize, gap: f64) -> usize {
     let (mut nodes, mut facets) = (Vec::new(), Vec::new());
     add_sheet(&mut nodes, &mut facets, [8, 10], |i, j| [i - 8.0, j, 0.0]);
     add_sheet(&mut nodes, &mut facets, [8, 10], |i, j| [i + gap, j, 0.0]);
@@ -86,17 +92,20 @@ fn horizons_at_a_fault(cut: usize, gap: f64) -> usize {
     horizons.sort_unstable();
     add_sheet(&mut nodes, &mut facets, [cut, 10], |i, j| [0.0, i, j - 5.0]);
     let surfaces = Surfaces::find(&nodes, facets, &horizons, &Options::default());
-    let kinds = kind::kinds(&surfaces, &nodes, &horizons);
-    assert_eq!(kinds.iter().filter(|k| **k == Kind::Fault).count(), 1);
-    assert_eq!(surfaces.dropped, 0);
+    let kinds = kind::surface_kinds(&surfaces, &nodes, &horizons);
+    assert_eq!(
+        kinds.iter().filter(|k| **k == SurfaceKind::Fault).count(),
+        1
+    );
+    assert_eq!(surfaces.dropped_count, 0);
     surfaces.len() - 1
 }
 
 #[test]
 fn horizons_end_on_faults_but_go_on_around_them() {
-    assert_eq!(horizons_at_a_fault(10, 0.0), 2);
-    assert_eq!(horizons_at_a_fault(10, 1.0), 2, "across a gap");
-    assert_eq!(horizons_at_a_fault(4, 0.0), 1, "around the fault's end");
+    assert_eq!(fault_horizon_surfaces(10, 0.0), 2);
+    assert_eq!(fault_horizon_surfaces(10, 1.0), 2, "across a gap");
+    assert_eq!(fault_horizon_surfaces(4, 0.0), 1, "around the fault's end");
 }
 
 #[test]
@@ -125,7 +134,7 @@ fn angles_between_different_units_are_not_given() {
     add_sheet(&mut nodes, &mut facets, [8, 8], |i, j| [i, j, 2.0 * i]);
     let surfaces = Surfaces::find(&nodes, facets, &[], &Options::default());
     let angles = |axis: usize, units: [&str; 3]| {
-        let up = Up::along(axis, true).in_units(&units.map(String::from));
+        let up = MapAxes::from_axis(axis, true).with_units(&units.map(String::from));
         let found = measure(&surfaces, &nodes, &up, &[]);
         let round = |angle: Option<f64>| angle.map(|a| a.round());
         (round(found[0].strike), round(found[0].dip))
@@ -162,9 +171,9 @@ fn steps_that_close_a_hole_are_of_the_surface_and_what_stands_on_it_is_not() {
     nodes.push([foot[0][0], foot[0][1], 1.0]);
     facets.push([facets[0][0], facets[0][1], top + 1]);
     let surfaces = Surfaces::find(&nodes, facets, &[], &Options::default());
-    assert_eq!((surfaces.len(), surfaces.dropped), (1, 1));
+    assert_eq!((surfaces.len(), surfaces.dropped_count), (1, 1));
     assert_eq!(surfaces.facets.len(), whole + 4);
-    let found = measure(&surfaces, &nodes, &Up::along(2, true), &[]);
+    let found = measure(&surfaces, &nodes, &MapAxes::from_axis(2, true), &[]);
     assert_eq!((found[0].components, found[0].holes), (1, 0));
 }
 
@@ -193,7 +202,7 @@ fn small_surfaces_are_dropped_and_counted() {
         Surfaces::find(&nodes, facets.clone(), &[], &options)
     };
     let surfaces = find(None);
-    assert_eq!((surfaces.len(), surfaces.dropped), (1, 1));
+    assert_eq!((surfaces.len(), surfaces.dropped_count), (1, 1));
     assert!((surfaces.dropped_area - 2.0).abs() < 1e-12);
     assert_eq!(find(Some(1.9)).len(), 2);
     assert!(Surfaces::<3>::find(&[], vec![], &[], &Options::default()).is_empty());
@@ -218,12 +227,12 @@ fn in_two_dimensions_lines_cross_too() {
     }
     let mut surfaces = Surfaces::find(&nodes, facets.clone(), &[], &Options::default());
     surfaces.orient(&nodes, [0.0, 1.0]);
-    let found = measure(&surfaces, &nodes, &Up::along(1, true), &[]);
+    let found = measure(&surfaces, &nodes, &MapAxes::from_axis(1, true), &[]);
     assert_eq!(found.len(), 2);
     for line in &found {
         assert_eq!((line.facets, line.components, line.rim), (24, 1, 2.0));
         assert!((line.area - 24.0).abs() < 0.2 && line.strike.is_none());
-        assert_eq!(line.meets.len(), 1);
+        assert_eq!(line.adjacent_surfaces.len(), 1);
     }
     let mut dips: Vec<f64> = found.iter().map(|m| m.dip.unwrap()).collect();
     dips.sort_by(f64::total_cmp);
@@ -235,7 +244,7 @@ fn in_two_dimensions_lines_cross_too() {
     );
     for s in 0..2 {
         // Consistent orientation: the segments follow each other.
-        let mut begin: Vec<u32> = surfaces.of(s).iter().map(|f| f[0]).collect();
+        let mut begin: Vec<u32> = surfaces.facets_of(s).iter().map(|f| f[0]).collect();
         begin.sort_unstable();
         begin.dedup();
         assert_eq!(begin.len(), 24);
@@ -270,7 +279,7 @@ fn strike_and_dip_of_known_planes() {
             }
         });
         let mut surfaces = Surfaces::find(&nodes, facets, &[], &Options::default());
-        let up = Up::along(2, true);
+        let up = MapAxes::from_axis(2, true);
         surfaces.orient(&nodes, up.up);
         let [found] = &measure(&surfaces, &nodes, &up, &[])[..] else {
             panic!("one")
@@ -310,7 +319,7 @@ fn rims_holes_and_closed_surfaces() {
         [r * a.cos(), r * a.sin(), 30.0 + 5.0 * b.sin()]
     });
     let mut surfaces = Surfaces::find(&nodes, facets, &[], &Options::default());
-    let up = Up::along(2, true);
+    let up = MapAxes::from_axis(2, true);
     surfaces.orient(&nodes, up.up);
     let found = measure(&surfaces, &nodes, &up, &[]);
     assert_eq!(found.len(), 2);
@@ -320,7 +329,7 @@ fn rims_holes_and_closed_surfaces() {
     let around = |r: f64| 24.0 * 2.0 * r * (std::f64::consts::PI / 24.0).sin();
     assert!((ring.rim - around(3.0) - around(6.0)).abs() < 1e-9);
     // All of a closed surface's facets show the same side: their normals sum to zero.
-    let sum = surfaces.of(0).iter().fold([0.0; 3], |sum, f| {
+    let sum = surfaces.facets_of(0).iter().fold([0.0; 3], |sum, f| {
         geometry::add_scaled(sum, 1.0, normal(&f.map(|n| nodes[n as usize])))
     });
     assert!(norm(sum) < 1e-9 * torus.area);
@@ -330,13 +339,13 @@ fn rims_holes_and_closed_surfaces() {
 #[test]
 fn labels_come_back_to_the_faces_they_were_given() {
     fn check<const D: usize, F: Mesh<D>>(mesh: &F, numbers: usize) {
-        let wall = plane(mesh, 0, 2.0, |_| false);
+        let wall = plane_facets(mesh, 0, 2.0, |_| false);
         let labelled: Vec<([u32; D], u32)> = wall.iter().map(|&f| (f, 7)).collect();
-        let labels = select::labels_of_faces(mesh, &labelled);
+        let labels = facet_selection::labels_of_faces(mesh, &labelled);
         assert_eq!(labels.len(), mesh.face_count());
         let marks: Vec<bool> = labels.iter().map(|&l| l == 7).collect();
         assert_eq!(marks.iter().filter(|on| **on).count(), numbers);
-        assert_eq!(select::marked(mesh, &marks), wall);
+        assert_eq!(facet_selection::marked_facets(mesh, &marks), wall);
     }
     // Both numbers of a face between two simplices.
     check::<3, TetMesh>(&cubes([4, 3, 2]), 2 * 2 * 6);
@@ -350,25 +359,25 @@ fn labels_come_back_to_the_faces_they_were_given() {
 fn surfaces_that_are_mostly_of_horizons_are_horizons() {
     let mesh: TetMesh = cubes([6, 6, 6]);
     let (layer, fault) = (
-        plane(&mesh, 2, 2.0, |_| false),
-        plane(&mesh, 0, 3.0, |_| false),
+        plane_facets(&mesh, 2, 2.0, |_| false),
+        plane_facets(&mesh, 0, 3.0, |_| false),
     );
     let facets = [layer.clone(), fault.clone()].concat();
     let surfaces = Surfaces::find(&mesh.nodes, facets, &[], &Options::default());
     // A few of the fault's facets are taken for a horizon's.
     let mut horizons = [layer, fault[..10].to_vec()].concat();
     horizons.sort_unstable();
-    let up = Up::along(2, true);
+    let up = MapAxes::from_axis(2, true);
     for m in measure(&surfaces, &mesh.nodes, &up, &horizons) {
         let want = if m.dip.unwrap() < 45.0 {
-            Kind::Horizon
+            SurfaceKind::Horizon
         } else {
-            Kind::Fault
+            SurfaceKind::Fault
         };
         assert_eq!(m.kind, want);
     }
-    let kinds = kind::kinds(&surfaces, &mesh.nodes, &[]);
-    assert_eq!(kinds, [Kind::Fault; 2]);
+    let kinds = kind::surface_kinds(&surfaces, &mesh.nodes, &[]);
+    assert_eq!(kinds, [SurfaceKind::Fault; 2]);
 }
 
 #[test]
@@ -400,7 +409,7 @@ fn strike_dip_and_area_of_rough_planes_on_flat_samples() {
         let to_world = |x: &[f64; 3]| std::array::from_fn(|k| origin[k] + x[k] * sides[k]);
         let world: Vec<[f64; 3]> = nodes.iter().map(to_world).collect();
         let geometry = crate::image::Geometry::with_spacing(origin, sides);
-        let up = Up::along(2, true).in_samples(&geometry);
+        let up = MapAxes::from_axis(2, true).with_geometry(&geometry);
         let found = measure(&surfaces, &world, &up, &[]);
         let largest = &found[0];
         let turned = (largest.strike.unwrap() - strike + 180.0).rem_euclid(360.0) - 180.0;
@@ -415,6 +424,8 @@ fn strike_dip_and_area_of_rough_planes_on_flat_samples() {
             "{sides:?} {} {area}",
             largest.area
         );
-        assert!(largest.off_plane > 0.1 && largest.off_plane < sides[0].max(sides[1]));
+        assert!(
+            largest.rms_plane_distance > 0.1 && largest.rms_plane_distance < sides[0].max(sides[1])
+        );
     }
 }

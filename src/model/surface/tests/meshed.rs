@@ -2,11 +2,11 @@
 
 use super::*;
 use crate::feature::{self, Features};
-use crate::image::synth::{self, Kind};
+use crate::image::synth::{self, SyntheticKind};
 use crate::image::{Geometry, Image};
 use crate::job::{self, Outcome, Params, Spacing};
-use crate::lattice::optimize::Unobserved;
-use crate::mesh::interface::marks_of_bits;
+use crate::lattice::optimize::NoProgress;
+use crate::mesh::interface::marks_from_bits;
 
 fn image(dims: [usize; 3], value: impl Fn([f64; 3]) -> f64) -> Image<3> {
     let [nx, ny, _] = dims;
@@ -21,17 +21,17 @@ fn mesh(image: &Image<3>, kind: feature::FeatureKind, d: f64) -> Outcome {
         feature: kind,
         ..Params::default()
     };
-    job::run(image, &params, &mut Unobserved).unwrap()
+    job::run(image, &params, &mut NoProgress).unwrap()
 }
 
-fn marked(outcome: &Outcome) -> Vec<[u32; 3]> {
+fn marked_facets(outcome: &Outcome) -> Vec<[u32; 3]> {
     let marks: Vec<bool> =
-        marks_of_bits::<3>(&outcome.simplices().unwrap().feature_faces).collect();
-    select::marked(&outcome.simplices().unwrap().mesh, &marks)
+        marks_from_bits::<3>(&outcome.simplices().unwrap().feature_faces).collect();
+    facet_selection::marked_facets(&outcome.simplices().unwrap().mesh, &marks)
 }
 
-fn group(outcome: &Outcome, min_area: Option<f64>) -> Surfaces<3> {
-    let faces = marked(outcome);
+fn group_facets(outcome: &Outcome, min_area: Option<f64>) -> Surfaces<3> {
+    let faces = marked_facets(outcome);
     let options = Options {
         min_area,
         ..Options::default()
@@ -62,7 +62,11 @@ fn plane_area(n: [f64; 3], c: f64, dims: [usize; 3]) -> f64 {
 #[test]
 #[ignore = "slow: make test-all"]
 fn as_many_faults_come_out_as_went_in() {
-    for (kind, seed) in [(Kind::Planes, 4), (Kind::Planes, 6), (Kind::Faults, 2)] {
+    for (kind, seed) in [
+        (SyntheticKind::Planes, 4),
+        (SyntheticKind::Planes, 6),
+        (SyntheticKind::Faults, 2),
+    ] {
         let options = synth::Options {
             dims: [110, 100, 96],
             seed,
@@ -71,11 +75,11 @@ fn as_many_faults_come_out_as_went_in() {
         };
         let made = synth::make(kind, &options).unwrap();
         let outcome = mesh(&made.image, feature::FeatureKind::Ridges, 6.0);
-        let surfaces = group(&outcome, None);
+        let surfaces = group_facets(&outcome, None);
         let found = measure(
             &surfaces,
             &outcome.simplices().unwrap().mesh.nodes,
-            &Up::along(0, true),
+            &MapAxes::from_axis(0, true),
             &[],
         );
         assert_eq!(found.len(), 3, "{kind:?} {seed}: {found:#?}");
@@ -95,7 +99,7 @@ fn as_many_faults_come_out_as_went_in() {
             let best = near.min_by(|i, j| fit(i).total_cmp(&fit(j))).unwrap();
             let at = [best % nx, best / nx % ny, best / (nx * ny)].map(|c| c as f64);
             let exact = truth.direction[best].map(f64::from);
-            if kind == Kind::Planes {
+            if kind == SyntheticKind::Planes {
                 let foot = geometry::add_scaled(at, f64::from(truth.distance[best]), exact);
                 let area = plane_area(exact, dot(foot, exact), truth.dims);
                 assert!(
@@ -107,7 +111,7 @@ fn as_many_faults_come_out_as_went_in() {
                     dot(exact, n).abs() > 0.5f64.to_radians().cos(),
                     "{exact:?} {n:?}"
                 );
-                assert!(m.off_plane < 0.3, "{m:?}");
+                assert!(m.rms_plane_distance < 0.3, "{m:?}");
             }
         }
         // In all: the volume of a layer about the faults tells their area (but for where they
@@ -123,14 +127,14 @@ fn as_many_faults_come_out_as_went_in() {
         let Features {
             potential, sigma, ..
         } = &outcome.features;
-        let by_image = select::in_valleys(
+        let by_image = facet_selection::valley_facets(
             &outcome.simplices().unwrap().mesh,
             potential,
             *sigma,
             0.6,
             0.82,
         );
-        let marked = marked(&outcome);
+        let marked = marked_facets(&outcome);
         let both = by_image
             .iter()
             .filter(|f| marked.binary_search(f).is_ok())
@@ -141,7 +145,7 @@ fn as_many_faults_come_out_as_went_in() {
 }
 
 /// Three layers, folded and thrown by a fault: six units.
-fn unit([x, y, z]: [f64; 3]) -> u32 {
+fn layer_unit([x, y, z]: [f64; 3]) -> u32 {
     let beyond = y - 30.0 + 0.35 * (x - 36.0) - 0.15 * (z - 26.0) > 0.0;
     let depth = x + 2.0 * (z * 0.1).sin() + if beyond { 9.0 } else { 0.0 };
     let layer = [22.0, 48.0].iter().filter(|&&top| depth > top).count() as u32;
@@ -151,16 +155,16 @@ fn unit([x, y, z]: [f64; 3]) -> u32 {
 #[test]
 fn painted_units_have_their_volume_and_do_not_leak() {
     let dims = [72, 60, 52];
-    let image = image(dims, |x| f64::from(unit(x)));
+    let image = image(dims, |x| f64::from(layer_unit(x)));
     let outcome = mesh(&image, feature::FeatureKind::Labels, 6.0);
-    let mut closed = group(&outcome, Some(0.0)).facets;
+    let mut closed = group_facets(&outcome, Some(0.0)).facets;
     closed.iter_mut().for_each(|f| f.sort_unstable());
     closed.sort_unstable();
     let cells = cells(&outcome.simplices().unwrap().mesh, &closed);
     let (block, count) = blocks(&cells, 0.3, 24);
     assert_eq!(count, 6);
     let of_image = &outcome.simplices().unwrap().mesh;
-    let ways = Ways::new(of_image, &of_image.cells_of_faces().unwrap(), &cells);
+    let ways = Geodesics::new(of_image, &of_image.cells_of_faces().unwrap(), &cells);
 
     // The truth: the volume of each unit, by points half a sample apart.
     let mut truth = [0.0; 6];
@@ -168,7 +172,7 @@ fn painted_units_have_their_volume_and_do_not_leak() {
     for z in 0..fine[2] {
         for y in 0..fine[1] {
             for x in 0..fine[0] {
-                truth[unit([x, y, z].map(|c| 0.5 * c as f64 + 0.25)) as usize] += 0.125;
+                truth[layer_unit([x, y, z].map(|c| 0.5 * c as f64 + 0.25)) as usize] += 0.125;
             }
         }
     }
@@ -183,10 +187,10 @@ fn painted_units_have_their_volume_and_do_not_leak() {
     ];
     for [x, y] in places {
         let seed = [x, y, 25.3];
-        let want = unit(seed);
-        let source = Source {
-            at: seed,
-            cell: at(of_image, seed),
+        let want = layer_unit(seed);
+        let source = GeodesicSource {
+            position: seed,
+            cell: cell_at(of_image, seed),
             label: want,
         };
         let painted = flow(&ways, &block, None, &[source], f64::INFINITY).label;
@@ -194,7 +198,7 @@ fn painted_units_have_their_volume_and_do_not_leak() {
         for t in 0..cells.len() {
             if painted[t].is_some() {
                 all += cells.volumes[t];
-                if unit(cells.centres[t]) != want {
+                if layer_unit(cells.centres[t]) != want {
                     wrong += cells.volumes[t];
                 }
             }
@@ -221,7 +225,7 @@ fn the_number_of_threads_changes_nothing() {
         6.0,
     );
     let run = || {
-        let surfaces = group(&outcome, None);
+        let surfaces = group_facets(&outcome, None);
         let cells = cells(&outcome.simplices().unwrap().mesh, &surfaces.facets);
         (surfaces, blocks(&cells, 0.3, 10))
     };

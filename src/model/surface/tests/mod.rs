@@ -9,8 +9,8 @@ mod grouping;
 mod meshed;
 mod painting;
 
-use super::adjacency::{Adjacency, holding, skin};
-use super::measure::Up;
+use super::adjacency::{CellAdjacency, enclosing_facets, find_cell};
+use super::measure::MapAxes;
 use super::*;
 use crate::geometry;
 use crate::geometry::{dot, norm, normal};
@@ -20,8 +20,8 @@ use crate::mesh::boxes::jittered_box;
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::voronoi::voronoi_plane;
 use crate::mesh::{TetMesh, TriMesh};
-use crate::model::paint::{blocks, clearance, contrast, paint as flow};
-use crate::model::ways::{Source, Ways};
+use crate::model::geodesics::{GeodesicSource, Geodesics};
+use crate::model::paint::{blocks, clearance, contrast_factors, paint as flow};
 
 /// Numbers in [0, 1) that look random.
 fn random(seed: &mut u64) -> f64 {
@@ -57,7 +57,7 @@ fn add_sheet(
 }
 
 /// Two sheets of 100 and 80 that cross along z at `degrees`.
-fn crossing(degrees: f64) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
+fn crossing_sheets(degrees: f64) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
     let (mut nodes, mut facets) = (Vec::new(), Vec::new());
     let (sin, cos) = degrees.to_radians().sin_cos();
     add_sheet(&mut nodes, &mut facets, [10, 10], |i, j| [i - 5.0, 0.0, j]);
@@ -68,7 +68,7 @@ fn crossing(degrees: f64) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
 }
 
 fn areas<const D: usize>(surfaces: &Surfaces<D>, nodes: &[[f64; D]]) -> Vec<f64> {
-    let up = Up::along(D - 1, true);
+    let up = MapAxes::from_axis(D - 1, true);
     measure(surfaces, nodes, &up, &[])
         .iter()
         .map(|m| m.area)
@@ -81,13 +81,13 @@ fn cubes<const D: usize, M: Simplices<D>>(dims: [usize; D]) -> M {
 }
 
 /// Facets in the plane where coordinate `axis` is `at`, unless `left_out`.
-fn plane<const D: usize, F: Mesh<D>>(
+fn plane_facets<const D: usize, F: Mesh<D>>(
     mesh: &F,
     axis: usize,
     at: f64,
     left_out: impl Fn([f64; D]) -> bool + Sync,
 ) -> Vec<[u32; D]> {
-    select::facets_where(mesh, |_, facet| {
+    facet_selection::facets_where(mesh, |_, facet| {
         let x = facet.map(|n| mesh.nodes()[n as usize]);
         let centroid = std::array::from_fn(|k| x.iter().map(|x| x[k]).sum::<f64>() / D as f64);
         x.iter().all(|p| p[axis] == at) && !left_out(centroid)
@@ -95,17 +95,17 @@ fn plane<const D: usize, F: Mesh<D>>(
 }
 
 /// The cells of a mesh parted by facets.
-fn cells<const D: usize, F: Mesh<D>>(mesh: &F, closed: &[[u32; D]]) -> Adjacency<D> {
-    Adjacency::new(mesh, &mesh.cells_of_faces().unwrap(), closed)
+fn cells<const D: usize, F: Mesh<D>>(mesh: &F, closed: &[[u32; D]]) -> CellAdjacency<D> {
+    CellAdjacency::new(mesh, &mesh.cells_of_faces().unwrap(), closed)
 }
 
 /// The cell that holds a point.
-fn at<const D: usize, F: Mesh<D>>(mesh: &F, x: [f64; D]) -> u32 {
-    holding(mesh, &mesh.cells_of_faces().unwrap(), x).unwrap()
+fn cell_at<const D: usize, F: Mesh<D>>(mesh: &F, x: [f64; D]) -> u32 {
+    find_cell(mesh, &mesh.cells_of_faces().unwrap(), x).unwrap()
 }
 
 /// Sites whose Voronoi cells are unit cubes (squares).
-fn middles<const D: usize>(dims: [usize; D]) -> Vec<[f64; D]> {
+fn cube_sites<const D: usize>(dims: [usize; D]) -> Vec<[f64; D]> {
     let middle = |i: usize| {
         let mut rest = i;
         dims.map(|n| {
@@ -118,10 +118,10 @@ fn middles<const D: usize>(dims: [usize; D]) -> Vec<[f64; D]> {
 }
 
 fn squares(dims: [usize; 2]) -> PolyMesh<2> {
-    voronoi_plane(&middles(dims), dims.map(|n| n as f64)).unwrap()
+    voronoi_plane(&cube_sites(dims), dims.map(|n| n as f64)).unwrap()
 }
 
 #[cfg(feature = "tetgen")]
 fn boxes(dims: [usize; 3]) -> PolyMesh<3> {
-    crate::mesh::voronoi::voronoi(&middles(dims), dims.map(|n| n as f64)).unwrap()
+    crate::mesh::voronoi::voronoi(&cube_sites(dims), dims.map(|n| n as f64)).unwrap()
 }

@@ -1,56 +1,62 @@
 //! Blocks of cells (`NFACED`) that are lists of faces (`NSIDED`).
 
-use super::{Groups, nodes, sides, stray};
+use super::{BlockGroups, missing_element_error, nodes, side_set_sides};
 use crate::mesh::poly::PolyMesh;
 use crate::store::MeshFile;
-use crate::store::foreign::netcdf::File;
-use crate::store::foreign::{Fault, Found, NamedFaces, labels_field};
-use crate::store::solids::Solids;
+use crate::store::foreign::netcdf::NetcdfReader;
+use crate::store::foreign::{FileProblem, NamedFaces, ReadResult, labels_field};
+use crate::store::mixed_elements::SolidAssembler;
 
 /// Reads them.
-pub fn read(file: &File, groups: Groups) -> Found<MeshFile<PolyMesh<3>>> {
+pub fn read(file: &NetcdfReader, groups: BlockGroups) -> ReadResult<MeshFile<PolyMesh<3>>> {
     let mut faces: Vec<Vec<u32>> = Vec::new();
     for block in 1.. {
         let connect = format!("fbconn{block}");
         if file.shape(&connect).is_none() {
             break;
         }
-        faces.extend(lists(file, &connect, &format!("fbepecnt{block}"))?);
+        faces.extend(read_lists(file, &connect, &format!("fbepecnt{block}"))?);
     }
     let (mut cells, mut region): (Vec<Vec<u32>>, Vec<i32>) = (Vec::new(), Vec::new());
-    for block in 0..groups.ids.len().max(1) {
+    for block in 0..groups.block_ids.len().max(1) {
         let [of_faces, of_nodes] =
             ["facconn", "connect"].map(|name| format!("{name}{}", block + 1));
         if file.shape(&of_faces).is_some() {
-            cells.extend(lists(file, &of_faces, &format!("ebepecnt{}", block + 1))?);
+            cells.extend(read_lists(
+                file,
+                &of_faces,
+                &format!("ebepecnt{}", block + 1),
+            )?);
             region.resize(cells.len(), groups.region(block));
         } else if file.shape(&of_nodes).is_some() {
             let kind = file.attribute(&of_nodes, "elem_type").unwrap_or_default();
-            return Err(Fault {
+            return Err(FileProblem {
                 problem: format!(
                     "block {} holds elements '{kind}' beside cells of faces",
-                    groups.number(block)
+                    groups.block_number(block)
                 ),
                 remedy: "write all blocks as cells of faces (NFACED)",
             });
         }
     }
     let ring = |&face: &u32| faces.get(face as usize).cloned();
-    let no_face = || Fault::damaged("has a cell of faces that it does not have");
-    let mut solids = Solids::default();
+    let no_face = || FileProblem::damaged("has a cell of faces that it does not have");
+    let mut solids = SolidAssembler::default();
     for cell in &cells {
         let rings: Option<Vec<Vec<u32>>> = cell.iter().map(ring).collect();
         solids.add(rings.ok_or_else(no_face)?);
     }
-    let (mut mesh, kept) = solids.assembled(&nodes(file)?).map_err(Fault::damaged)?;
+    let (mut mesh, kept) = solids
+        .into_mesh(&nodes(file)?)
+        .map_err(FileProblem::damaged)?;
     mesh.region = region;
     let mut named = Vec::new();
-    for (set, of, side) in sides(file)? {
+    for (set, of, side) in side_set_sides(file)? {
         let cell = of.checked_sub(1).and_then(|at| cells.get(at));
         let face = cell
             .zip(side.checked_sub(1))
             .and_then(|(cell, at)| cell.get(at));
-        let mut nodes = face.and_then(ring).ok_or_else(stray)?;
+        let mut nodes = face.and_then(ring).ok_or_else(missing_element_error)?;
         nodes.sort_unstable();
         named.push((nodes, -set));
     }
@@ -58,7 +64,7 @@ pub fn read(file: &File, groups: Groups) -> Found<MeshFile<PolyMesh<3>>> {
     let names = NamedFaces::new(&groups.face_names);
     let mut surfaces = Vec::new();
     let mut horizons = Vec::new();
-    for f in 0..mesh.inner_faces() {
+    for f in 0..mesh.inner_face_count() {
         let ring = mesh.faces.get(f).iter().map(|&n| kept[n as usize]);
         let mut ring: Vec<u32> = ring.collect();
         ring.sort_unstable();
@@ -68,14 +74,18 @@ pub fn read(file: &File, groups: Groups) -> Found<MeshFile<PolyMesh<3>>> {
             .take_while(|(nodes, _)| *nodes == ring);
         let own: Vec<i32> = own.map(|(_, group)| *group).collect();
         mesh.on_feature[f] = !own.is_empty();
-        surfaces.extend(names.place(&own).map(|place| (mesh.face_cells[f], place)));
-        if names.any_horizon(&own) {
+        surfaces.extend(
+            names
+                .name_index(&own)
+                .map(|place| (mesh.face_cells[f], place)),
+        );
+        if names.has_horizon(&own) {
             horizons.extend(mesh.face_cells[f].map(i64::from));
         }
     }
-    let mut field_data = names.surfaces(surfaces).into_fields();
-    field_data.extend(NamedFaces::horizons(horizons));
-    field_data.extend(labels_field(&mesh.region, &groups.names));
+    let mut field_data = names.named_surfaces(surfaces).into_fields();
+    field_data.extend(NamedFaces::horizons_field(horizons));
+    field_data.extend(labels_field(&mesh.region, &groups.region_names));
     Ok(MeshFile {
         mesh,
         point_data: Vec::new(),
@@ -85,13 +95,13 @@ pub fn read(file: &File, groups: Groups) -> Found<MeshFile<PolyMesh<3>>> {
 }
 
 /// Lists of numbers, which begin with 1 in the file; `counts` says how long each is, or they all have a row.
-fn lists(file: &File, name: &str, counts: &str) -> Found<Vec<Vec<u32>>> {
+fn read_lists(file: &NetcdfReader, name: &str, counts: &str) -> ReadResult<Vec<Vec<u32>>> {
     let numbers = file.numbers(name)?;
     let counts: Vec<f64> = match (file.shape(counts), file.shape(name)) {
         (None, Some(&[count, size])) => vec![size as f64; count],
         _ => file.numbers(counts)?,
     };
-    let damaged = || Fault::damaged(format!("'{name}' is not as long as its parts"));
+    let damaged = || FileProblem::damaged(format!("'{name}' is not as long as its parts"));
     let mut rest = numbers.as_slice();
     let mut lists = Vec::with_capacity(counts.len());
     for count in counts {

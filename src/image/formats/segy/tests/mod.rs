@@ -3,42 +3,42 @@
 //! - [`made`]: what is read from them
 //! - [`real`]: real files, where they are at hand
 
-mod made;
 mod real_data;
+mod synthetic;
 
 use std::path::Path;
 
-use super::header::FILE_HEADER;
+use super::file_header::FILE_HEADER_BYTES;
 use super::*;
 use crate::image::Image;
 use crate::image::formats::{self, ReadOptions, segy};
 
 /// One trace: its header fields as (first byte, width, value), and its samples.
 #[derive(Clone)]
-struct Trace {
+struct TestTrace {
     fields: Vec<(usize, usize, i64)>,
     samples: Vec<f64>,
 }
 
 #[derive(Clone)]
-struct Made {
-    little: bool,
+struct SegyBuilder {
+    is_little_endian: bool,
     format: i64,
     /// Binary header fields: (byte in the file, width, value).
     fields: Vec<(usize, usize, i64)>,
     extended_text: Vec<&'static str>,
-    traces: Vec<Trace>,
+    traces: Vec<TestTrace>,
 }
 
-const SAMPLES: usize = 6;
+const SAMPLES_PER_TRACE: usize = 6;
 
 /// The sample at an inline, crossline and sample index: exact in every format, 8-bit ones included.
-fn value(i: usize, c: usize, k: usize) -> f64 {
+fn sample_value(i: usize, c: usize, k: usize) -> f64 {
     ((i * 31 + c * 7 + k * 3) % 120) as f64 - 40.0
 }
 
 /// A survey of 4 inlines 10, 12 .. and 3 crosslines 100, 105 .., rotated by 30 degrees, far away.
-fn place(i: usize, c: usize) -> [f64; 2] {
+fn trace_position(i: usize, c: usize) -> [f64; 2] {
     let (sin, cos) = 30f64.to_radians().sin_cos();
     let (a, b) = (25.0 * i as f64, 12.5 * c as f64);
     [
@@ -47,9 +47,9 @@ fn place(i: usize, c: usize) -> [f64; 2] {
     ]
 }
 
-fn trace(i: usize, c: usize) -> Trace {
-    let [x, y] = place(i, c).map(|v| (v * 100.0).round() as i64);
-    Trace {
+fn trace(i: usize, c: usize) -> TestTrace {
+    let [x, y] = trace_position(i, c).map(|v| (v * 100.0).round() as i64);
+    TestTrace {
         fields: vec![
             (189, 4, 10 + 2 * i as i64),
             (193, 4, 100 + 5 * c as i64),
@@ -58,14 +58,16 @@ fn trace(i: usize, c: usize) -> Trace {
             (71, 2, -100),
             (109, 2, 48),
         ],
-        samples: (0..SAMPLES).map(|k| value(i, c, k)).collect(),
+        samples: (0..SAMPLES_PER_TRACE)
+            .map(|k| sample_value(i, c, k))
+            .collect(),
     }
 }
 
-fn survey() -> Made {
+fn survey() -> SegyBuilder {
     let cells = (0..4).flat_map(|i| (0..3).map(move |c| (i, c)));
-    Made {
-        little: false,
+    SegyBuilder {
+        is_little_endian: false,
         format: 5,
         fields: vec![(3217, 2, 4000), (3255, 2, 1)],
         extended_text: Vec::new(),
@@ -73,7 +75,7 @@ fn survey() -> Made {
     }
 }
 
-fn ibm(v: f64) -> u32 {
+fn to_ibm(v: f64) -> u32 {
     if v == 0.0 {
         return 0;
     }
@@ -90,24 +92,24 @@ fn ibm(v: f64) -> u32 {
     u32::from(v < 0.0) << 31 | exponent << 24 | (fraction * f64::from(1 << 24)) as u32
 }
 
-impl Made {
-    fn put(&self, out: &mut [u8], (byte, width, value): (usize, usize, i64)) {
+impl SegyBuilder {
+    fn write_field(&self, out: &mut [u8], (byte, width, value): (usize, usize, i64)) {
         let field = &mut out[byte - 1..byte - 1 + width];
         field.copy_from_slice(&value.to_be_bytes()[8 - width..]);
-        if self.little {
+        if self.is_little_endian {
             field.reverse();
         }
     }
 
-    fn bytes(&self) -> Vec<u8> {
+    fn to_bytes(&self) -> Vec<u8> {
         let mut out = vec![b' '; 3200];
         out[..11].copy_from_slice(b"C 1 MADE UP");
-        out.resize(FILE_HEADER, 0);
-        self.put(&mut out, (3221, 2, SAMPLES as i64));
-        self.put(&mut out, (3225, 2, self.format));
-        self.put(&mut out, (3505, 2, self.extended_text.len() as i64));
+        out.resize(FILE_HEADER_BYTES, 0);
+        self.write_field(&mut out, (3221, 2, SAMPLES_PER_TRACE as i64));
+        self.write_field(&mut out, (3225, 2, self.format));
+        self.write_field(&mut out, (3505, 2, self.extended_text.len() as i64));
         for &field in &self.fields {
-            self.put(&mut out, field);
+            self.write_field(&mut out, field);
         }
         for text in &self.extended_text {
             out.extend(text.bytes().chain(std::iter::repeat(b' ')).take(3200));
@@ -115,12 +117,12 @@ impl Made {
         for trace in &self.traces {
             let mut header = vec![0; 240];
             for &field in &trace.fields {
-                self.put(&mut header, field);
+                self.write_field(&mut header, field);
             }
             out.extend(header);
             for &v in &trace.samples {
                 let (bits, width) = match self.format {
-                    1 => (i64::from(ibm(v)), 4),
+                    1 => (i64::from(to_ibm(v)), 4),
                     5 => (i64::from((v as f32).to_bits()), 4),
                     6 => (v.to_bits() as i64, 8),
                     2 | 10 => (v as i64, 4),
@@ -130,7 +132,7 @@ impl Made {
                     _ => (v as i64, 8),
                 };
                 let mut sample = bits.to_be_bytes()[8 - width..].to_vec();
-                if self.little {
+                if self.is_little_endian {
                     sample.reverse();
                 }
                 out.extend(sample);
@@ -139,25 +141,25 @@ impl Made {
         out
     }
 
-    fn read(&self) -> Result<Loaded> {
+    fn read(&self) -> Result<LoadedImage> {
         self.read_with(&SegyBytes::default())
     }
 
-    fn read_with(&self, bytes: &SegyBytes) -> Result<Loaded> {
-        with_file(&self.bytes(), |path| segy::read(path, bytes))
+    fn read_with(&self, bytes: &SegyBytes) -> Result<LoadedImage> {
+        with_file(&self.to_bytes(), |path| segy::read(path, bytes))
     }
 
     fn scan(&self) -> SegyInfo {
-        with_file(&self.bytes(), |path| {
+        with_file(&self.to_bytes(), |path| {
             segy::scan(path, &SegyBytes::default()).unwrap().0
         })
     }
 
-    fn refusal(&self) -> String {
+    fn error_message(&self) -> String {
         self.read().unwrap_err().to_string()
     }
 
-    fn set(&mut self, trace: usize, byte: usize, width: usize, value: i64) {
+    fn set_field(&mut self, trace: usize, byte: usize, width: usize, value: i64) {
         self.traces[trace].fields.push((byte, width, value));
     }
 }
@@ -170,19 +172,19 @@ fn with_file<T>(bytes: &[u8], job: impl FnOnce(&Path) -> T) -> T {
 }
 
 fn assert_values(image: &Image<3>) {
-    assert_eq!(image.dims(), [SAMPLES, 3, 4]);
-    for ((i, c, k), v) in ndarray::indices((4, 3, SAMPLES))
+    assert_eq!(image.dims(), [SAMPLES_PER_TRACE, 3, 4]);
+    for ((i, c, k), v) in ndarray::indices((4, 3, SAMPLES_PER_TRACE))
         .into_iter()
         .zip(image.as_slice())
     {
         assert_eq!(
             f64::from(*v),
-            value(i, c, k),
+            sample_value(i, c, k),
             "inline {i} crossline {c} sample {k}"
         );
     }
 }
 
-fn has_note(loaded: &Loaded, text: &str) -> bool {
+fn has_note(loaded: &LoadedImage, text: &str) -> bool {
     loaded.notes.iter().any(|note| note.contains(text))
 }

@@ -6,7 +6,7 @@ use super::*;
 use crate::image::formats::{self, ReadOptions};
 
 /// A folder of images made by others, which are not kept here.
-fn data(folder: &str) -> PathBuf {
+fn data_folder(folder: &str) -> PathBuf {
     let root = std::env::var_os("ATOMESH_DATA").map_or_else(
         || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
         PathBuf::from,
@@ -14,14 +14,14 @@ fn data(folder: &str) -> PathBuf {
     root.join(folder)
 }
 
-fn read_real(path: &Path) -> Result<Loaded> {
+fn read_real(path: &Path) -> Result<LoadedImage> {
     formats::read(path, &ReadOptions::default())
 }
 
 #[test]
 #[ignore = "needs images made by others: make test-all DATA=folder"]
 fn seismic3d() {
-    let folder = data("seismic3d");
+    let folder = data_folder("seismic3d");
     let loaded = read_real(&folder.join("SEISMIC3D.sgy")).unwrap();
     assert_eq!(loaded.image.dims(), [268, 181, 76]);
     let info = loaded.survey.as_ref().unwrap();
@@ -33,7 +33,9 @@ fn seismic3d() {
     ));
     // Source X, Y hold local metres: a grid of 25 m x 12.5 m, to within rounding.
     let fit = info.fit.as_ref().unwrap();
-    assert!((fit.pitch()[0] - 25.0).abs() < 0.01 && (fit.pitch()[1] - 12.5).abs() < 0.01);
+    assert!(
+        (fit.line_spacing()[0] - 25.0).abs() < 0.01 && (fit.line_spacing()[1] - 12.5).abs() < 0.01
+    );
     assert!(fit.max < 1.0);
     let geometry = &loaded.image.geometry;
     assert_eq!(geometry.to_physical([267.0, 0.0, 0.0])[2], -1800.0);
@@ -54,7 +56,7 @@ fn seismic3d() {
 #[test]
 #[ignore = "needs images made by others: make test-all DATA=folder"]
 fn the_same_cube_in_every_format() {
-    let folder = data("formats_segy/segyio");
+    let folder = data_folder("formats_segy/segyio");
     let f3 = read_real(&folder.join("f3.sgy")).unwrap();
     assert_eq!(f3.image.dims(), [75, 18, 23]);
     assert_eq!(f3.image.as_slice()[5000..5003], [793.0, -1653.0, -3525.0]);
@@ -84,10 +86,10 @@ fn the_same_cube_in_every_format() {
 #[test]
 #[ignore = "needs images made by others: make test-all DATA=folder"]
 fn odd_and_broken_files() {
-    let folder = data("formats_segy");
-    const LINES: &str = "make no survey";
+    let folder = data_folder("formats_segy");
+    const EXPECTED_PROBLEM: &str = "make no survey";
     let refused: &[(&str, &str)] = &[
-        ("segyio/1x1.sgy", LINES),
+        ("segyio/1x1.sgy", EXPECTED_PROBLEM),
         ("segyio/1xN.sgy", "pre-stack"),
         ("segyio/Mx1.sgy", "pre-stack"),
         ("segyio/broken.sgy", "68 bytes are left over after 3 traces"),
@@ -95,14 +97,14 @@ fn odd_and_broken_files() {
         ("segyio/interval-neg-bin-neg-trace.sgy", "single trace"),
         ("segyio/interval-neg-bin-pos-trace.sgy", "single trace"),
         ("segyio/interval-pos-bin-neg-trace.sgy", "single trace"),
-        ("segyio/long.sgy", LINES),
+        ("segyio/long.sgy", EXPECTED_PROBLEM),
         ("segyio/multi-text.sgy", "single trace"),
-        ("segyio/shot-gather.sgy", LINES),
+        ("segyio/shot-gather.sgy", EXPECTED_PROBLEM),
         ("segyio/small.su", "not in a known image format"),
         ("segyio/small-lsb.su", "not in a known image format"),
         ("segyio/text.sgy", "no traces"),
-        ("segyio/mapping-minimal.sgy", LINES),
-        ("segyio/mapping-unsupported-type.sgy", LINES),
+        ("segyio/mapping-minimal.sgy", EXPECTED_PROBLEM),
+        ("segyio/mapping-unsupported-type.sgy", EXPECTED_PROBLEM),
         ("segyio/mapping-shifted.sgy", "several traces in a cell"),
         ("segyio/multiformats/Format4msb.sgy", "sample format 4"),
         // A line, which is an image of the plane.
@@ -155,7 +157,7 @@ fn odd_and_broken_files() {
 #[test]
 #[ignore = "needs images made by others: make test-all DATA=folder"]
 fn one_survey_turned_in_eight_directions() {
-    let folder = data("formats_segy/segyio");
+    let folder = data_folder("formats_segy/segyio");
     // Azimuths of the inline and crossline steps as the file names say, and the scalar as pitch.
     for (name, clockwise) in [
         ("normal", 0.0f64),
@@ -172,6 +174,6 @@ fn one_survey_turned_in_eight_directions() {
         let [x, y] = fit.crossline;
         let off = (x.atan2(y).to_degrees() - clockwise + 180.0).rem_euclid(360.0) - 180.0;
         assert!(off.abs() < 1e-6, "{name}: off by {off} degrees");
-        assert!(fit.max < 1e-6 * fit.pitch()[0], "{name}");
+        assert!(fit.max < 1e-6 * fit.line_spacing()[0], "{name}");
     }
 }

@@ -1,0 +1,107 @@
+//! Errors in the words of Python: options are keyword arguments.
+
+use pyo3::create_exception;
+use pyo3::exceptions::PyException;
+use pyo3::prelude::*;
+
+create_exception!(
+    atomesh,
+    Error,
+    PyException,
+    "What is wrong, where, and what to do about it.\n\n\
+     Attributes: `place`, `problem` and `remedy`, all text; `kind`, such as \"Io\", \"Image\", \"Mesh\"."
+);
+
+/// An error of the library.
+pub fn library_error(py: Python<'_>, error: &atomesh::Error) -> PyErr {
+    let cause = error.cause();
+    let remedy = match cause.parameter {
+        Some(parameter) => format!("{} ({}=)", cause.remedy, parameter.replace('-', "_")),
+        None => cause.remedy.clone(),
+    };
+    new_error(
+        py,
+        &cause.place,
+        &cause.problem,
+        &remedy,
+        &format!("{:?}", error.kind()),
+    )
+}
+
+/// Arguments that make no sense.
+pub fn usage_error(py: Python<'_>, error: &clap::Error) -> PyErr {
+    let text = error.render().to_string();
+    let lines = text
+        .lines()
+        .map(str::trim)
+        .take_while(|line| !line.starts_with("Usage:"));
+    let said: Vec<&str> = lines
+        .filter(|line| !line.is_empty() && !line.starts_with("For more information"))
+        .map(|line| line.trim_start_matches("error: "))
+        .collect();
+    new_error(
+        py,
+        "arguments",
+        &said.join(" "),
+        "atomesh.options(verb) lists them",
+        "Usage",
+    )
+}
+
+/// What the operating system refused.
+pub fn os_error(py: Python<'_>, place: &str, error: &dyn std::error::Error) -> PyErr {
+    new_error(py, place, &error.to_string(), "try again with less", "Job")
+}
+
+/// What should never happen.
+pub fn panic_error(py: Python<'_>) -> PyErr {
+    let remedy = "please report it with the image and the options";
+    new_error(
+        py,
+        "atomesh",
+        "stopped at a fault of its own",
+        remedy,
+        "Internal",
+    )
+}
+
+fn new_error(py: Python<'_>, place: &str, problem: &str, remedy: &str, kind: &str) -> PyErr {
+    let [place, problem, remedy] = [place, problem, remedy].map(options_to_keywords);
+    let error = Error::new_err(format!("{place}: {problem}; {remedy}"));
+    let value = error.value(py);
+    let attributes = [
+        ("place", &place),
+        ("problem", &problem),
+        ("remedy", &remedy),
+    ];
+    for (name, text) in attributes.into_iter().chain([("kind", &kind.to_string())]) {
+        if let Err(error) = value.setattr(name, text) {
+            return error;
+        }
+    }
+    error
+}
+
+/// A text in which options are keyword arguments: `--well-radius` is `well_radius=`.
+pub fn options_to_keywords(text: impl AsRef<str>) -> String {
+    let mut words = text.as_ref().split("--");
+    let mut all = words.next().unwrap_or_default().to_string();
+    for word in words {
+        let name: String = word
+            .chars()
+            .take_while(|c| c.is_ascii_lowercase() || *c == '-')
+            .collect();
+        let name = name.trim_end_matches('-');
+        let starts = all.is_empty() || all.ends_with([' ', '(', '\'', '`', '\n']);
+        if name.is_empty() || !starts {
+            all += "--";
+            all += word;
+            continue;
+        }
+        let rest = &word[name.len()..];
+        all += &name.replace('-', "_");
+        all += "=";
+        all += rest.strip_prefix([' ', '=']).unwrap_or(rest);
+    }
+    all
+}

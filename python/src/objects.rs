@@ -1,0 +1,458 @@
+//! Meshes, images and surfaces as Python sees them: their arrays are NumPy's, read-only and without copies.
+
+use std::path::PathBuf;
+use std::sync::{Arc, OnceLock};
+
+use atomesh::cli::host::MemoryOutput;
+use atomesh::export::SurfaceFile;
+use atomesh::files::vtk::{DataArray, Values};
+use atomesh::image::formats::{AnyImage, ImageFormat, LoadedImage};
+use atomesh::image::{ExactLabels, Geometry, Image as Samples};
+use atomesh::mesh::Mesh as _;
+use atomesh::model::surface::facet_selection::marked_facets;
+use atomesh::store::{AnyMesh, CellStreams, FieldValue, MeshFile, Storable, read_any_vtu};
+use atomesh::with_mesh;
+use numpy::ndarray::{ArrayViewD, IxDyn};
+use numpy::{Element, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use sha2::{Digest, Sha256};
+
+use crate::errors;
+
+/// A NumPy array of what `owner` holds.
+fn view<'py, T: Element>(
+    owner: Bound<'py, PyAny>,
+    data: &[T],
+    shape: &[usize],
+) -> PyResult<Bound<'py, PyAny>> {
+    let view = ArrayViewD::from_shape(IxDyn(shape), data)
+        .map_err(|error| PyValueError::new_err(error.to_string()))?;
+    // SAFETY: `data` is part of a frozen class's contents, which nothing changes or moves as long as the
+    // object lives, and the array keeps the object alive; it is made read-only before anybody sees it.
+    let array = unsafe { PyArrayDyn::borrow_from_array(&view, owner) };
+    let array = array.readwrite().make_nonwriteable();
+    Ok((*array).clone().into_any())
+}
+
+fn values<'py>(owner: &Bound<'py, PyAny>, array: &DataArray) -> PyResult<Bound<'py, PyAny>> {
+    let tuples = array.values.len() / array.components.max(1);
+    let shape = match array.components {
+        1 => vec![tuples],
+        components => vec![tuples, components],
+    };
+    macro_rules! of {
+        ($($kind:ident)*) => {
+            match &array.values {
+                $(Values::$kind(data) => view(owner.clone(), data, &shape),)*
+            }
+        };
+    }
+    of!(I8 U8 I16 U16 I32 U32 I64 U64 F32 F64)
+}
+
+fn all_values<'py>(
+    owner: &Bound<'py, PyAny>,
+    arrays: &[DataArray],
+) -> PyResult<Bound<'py, PyDict>> {
+    let all = PyDict::new(owner.py());
+    for array in arrays {
+        all.set_item(&array.name, values(owner, array)?)?;
+    }
+    Ok(all)
+}
+
+fn fields<'py>(py: Python<'py>, fields: &[(String, FieldValue)]) -> PyResult<Bound<'py, PyDict>> {
+    let all = PyDict::new(py);
+    for (name, value) in fields {
+        match value {
+            FieldValue::Text(text) => all.set_item(name, text)?,
+            FieldValue::F64s(numbers) => all.set_item(name, numbers)?,
+            FieldValue::Ints(numbers) => all.set_item(name, numbers)?,
+        }
+    }
+    Ok(all)
+}
+
+/// A mesh in physical coordinates with all that is known of its points and cells.
+#[pyclass(frozen, module = "atomesh._native")]
+pub struct Mesh(pub Arc<AnyMesh>, LazyArrays);
+
+/// What is found when it is asked for.
+#[derive(Default)]
+struct LazyArrays {
+    feature_faces: OnceLock<Vec<u32>>,
+    streams: OnceLock<(Vec<u32>, Vec<u64>)>,
+}
+
+impl Mesh {
+    fn new(mesh: AnyMesh) -> Self {
+        Self(Arc::new(mesh), LazyArrays::default())
+    }
+}
+
+#[pymethods]
+impl Mesh {
+    /// Reads a .vtu file.
+    #[staticmethod]
+    fn read(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
+        let read = py.detach(|| read_any_vtu(&path));
+        Ok(Self::new(
+            read.map_err(|error| errors::library_error(py, &error))?,
+        ))
+    }
+
+    /// Writes a .vtu file: wholly or not at all.
+    fn write(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        fn write_file<const D: usize, M: Storable<D>>(
+            path: &std::path::Path,
+            file: &MeshFile<M>,
+        ) -> atomesh::Result<()> {
+            M::write(path, file)
+        }
+        let written = py.detach(|| with_mesh!(&*self.0, file => write_file(&path, file)));
+        written.map_err(|error| errors::library_error(py, &error))
+    }
+
+    /// What the cells are: "tetra", "triangle", "polyhedron" or "polygon".
+    #[getter]
+    fn kind(&self) -> &'static str {
+        match *self.0 {
+            AnyMesh::Triangles(_) => "triangle",
+            AnyMesh::Tetrahedra(_) => "tetra",
+            AnyMesh::Polygons(_) => "polygon",
+            AnyMesh::Polyhedra(_) => "polyhedron",
+        }
+    }
+
+    #[getter]
+    fn n_cells(&self) -> usize {
+        with_mesh!(&*self.0, file => file.mesh.len())
+    }
+
+    #[getter]
+    fn points<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+        let any = slf.as_any().clone();
+        with_mesh!(&*slf.get().0, file => {
+            let nodes = file.mesh.nodes();
+            let width = nodes.first().map_or(3, |node| node.len());
+            view(any, nodes.as_flattened(), &[nodes.len(), width])
+        })
+    }
+
+    /// Of simplices the points of each cell.
+    #[getter]
+    fn simplices<'py>(slf: &Bound<'py, Self>) -> PyResult<Option<Bound<'py, PyAny>>> {
+        let any = slf.as_any().clone();
+        Ok(Some(match &*slf.get().0 {
+            AnyMesh::Triangles(file) => {
+                let cells = &file.mesh.triangles;
+                view(any, cells.as_flattened(), &[cells.len(), 3])?
+            }
+            AnyMesh::Tetrahedra(file) => {
+                let cells = &file.mesh.tets;
+                view(any, cells.as_flattened(), &[cells.len(), 4])?
+            }
+            _ => return Ok(None),
+        }))
+    }
+
+    /// Of Voronoi cells the points of all cells, one after the other, and where those of each end; in the
+    /// plane in order round the cell.
+    #[getter]
+    fn corners<'py>(slf: &Bound<'py, Self>) -> PyResult<Option<[Bound<'py, PyAny>; 2]>> {
+        let (mesh, derived) = (&slf.get().0, &slf.get().1);
+        let (corners, ends) = match &**mesh {
+            AnyMesh::Polygons(file) => derived.streams.get_or_init(|| face_streams(&file.mesh)),
+            AnyMesh::Polyhedra(file) => derived.streams.get_or_init(|| face_streams(&file.mesh)),
+            _ => return Ok(None),
+        };
+        let any = slf.as_any();
+        Ok(Some([
+            view(any.clone(), corners, &[corners.len()])?,
+            view(any.clone(), ends, &[ends.len()])?,
+        ]))
+    }
+
+    /// Of Voronoi cells their faces: the points of all, where those of each begin and the last one's end,
+    /// the cells on either side, and the sites of cells.
+    #[getter]
+    fn faces<'py>(slf: &Bound<'py, Self>) -> PyResult<Option<[Bound<'py, PyAny>; 4]>> {
+        let any = slf.as_any();
+        macro_rules! of {
+            ($mesh:expr, $axes:literal) => {{
+                let mesh = $mesh;
+                [
+                    view(any.clone(), &mesh.faces.items, &[mesh.faces.items.len()])?,
+                    view(
+                        any.clone(),
+                        &mesh.faces.offsets,
+                        &[mesh.faces.offsets.len()],
+                    )?,
+                    view(
+                        any.clone(),
+                        mesh.face_cells.as_flattened(),
+                        &[mesh.face_cells.len(), 2],
+                    )?,
+                    view(
+                        any.clone(),
+                        mesh.sites.as_flattened(),
+                        &[mesh.sites.len(), $axes],
+                    )?,
+                ]
+            }};
+        }
+        Ok(match &*slf.get().0 {
+            AnyMesh::Polygons(file) => Some(of!(&file.mesh, 2)),
+            AnyMesh::Polyhedra(file) => Some(of!(&file.mesh, 3)),
+            _ => None,
+        })
+    }
+
+    /// The faces on features: triangles, in the plane edges.
+    #[getter]
+    fn feature_faces<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+        fn feature_corners<const D: usize, M: Storable<D>>(
+            file: &MeshFile<M>,
+        ) -> (Vec<u32>, usize) {
+            let marks = file
+                .mesh
+                .feature_marks(M::feature_faces(file, false).as_deref());
+            let facets = marks.map(|marks| marked_facets(&file.mesh, &marks));
+            (facets.unwrap_or_default().into_flattened(), D)
+        }
+        let width = match *slf.get().0 {
+            AnyMesh::Triangles(_) | AnyMesh::Polygons(_) => 2,
+            _ => 3,
+        };
+        let found = &slf.get().1.feature_faces;
+        let facets =
+            found.get_or_init(|| with_mesh!(&*slf.get().0, file => feature_corners(file)).0);
+        view(slf.as_any().clone(), facets, &[facets.len() / width, width])
+    }
+
+    #[getter]
+    fn point_data<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
+        with_mesh!(&*slf.get().0, file => all_values(slf.as_any(), &file.point_data))
+    }
+
+    #[getter]
+    fn cell_data<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
+        let any = slf.as_any();
+        let all = with_mesh!(&*slf.get().0, file => all_values(any, &file.cell_data))?;
+        let region = match &*slf.get().0 {
+            AnyMesh::Polygons(file) => &file.mesh.region,
+            AnyMesh::Polyhedra(file) => &file.mesh.region,
+            _ => return Ok(all),
+        };
+        all.set_item("region", view(any.clone(), region, &[region.len()])?)?;
+        Ok(all)
+    }
+
+    /// What belongs to the whole mesh.
+    #[getter]
+    fn fields<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        with_mesh!(&*self.0, file => fields(py, &file.field_data))
+    }
+}
+
+fn face_streams<const D: usize>(mesh: &atomesh::mesh::poly::PolyMesh<D>) -> (Vec<u32>, Vec<u64>) {
+    let streams = CellStreams::new(mesh);
+    (streams.corners, streams.corner_ends)
+}
+
+/// An image: samples, and where they lie in the world.
+#[pyclass(frozen, module = "atomesh._native")]
+pub struct Image(pub Arc<AnyImage>);
+
+/// The origin, an axis a row and the units of an image.
+type GeometryArrays = (Vec<f64>, Vec<Vec<f64>>, Vec<String>);
+
+#[pymethods]
+impl Image {
+    /// Of samples of shape (nz, ny, nx) or (ny, nx), x the fastest; `axes[k]` leads from a sample to the
+    /// next one along axis k, x first.
+    #[new]
+    fn new(
+        py: Python<'_>,
+        samples: PyReadonlyArrayDyn<'_, f32>,
+        place: GeometryArrays,
+        names: Vec<String>,
+        encoding: String,
+        labels: Option<(Vec<i128>, PyReadonlyArrayDyn<'_, u32>)>,
+    ) -> PyResult<Self> {
+        let array = samples.as_array();
+        let shape: Vec<usize> = array.shape().iter().rev().copied().collect();
+        let data = array.iter().copied().collect();
+        let labels = labels.map(|(values, index)| {
+            let index = index.as_array().iter().copied().collect();
+            Arc::new(ExactLabels {
+                values,
+                indices: index,
+            })
+        });
+        let refuse = |what: &str| PyValueError::new_err(what.to_string());
+        fn to_loaded<const D: usize>(
+            shape: &[usize],
+            data: Vec<f32>,
+            (origin, axes, units): GeometryArrays,
+            names: Vec<String>,
+            encoding: String,
+            labels: Option<Arc<ExactLabels>>,
+        ) -> Option<LoadedImage<D>> {
+            let axes: Option<Vec<[f64; D]>> = axes.into_iter().map(|a| a.try_into().ok()).collect();
+            let geometry = Geometry {
+                origin: origin.try_into().ok()?,
+                axes: axes?.try_into().ok()?,
+                names: names.try_into().ok()?,
+                units: units.try_into().ok()?,
+            };
+            let mut image = Samples::new(shape.try_into().ok()?, data, geometry);
+            image.labels = labels.filter(|labels| labels.indices.len() == image.samples.len());
+            Some(LoadedImage {
+                image,
+                format: ImageFormat::Npy,
+                encoding,
+                notes: Vec::new(),
+                survey: None,
+                line_numbers: None,
+            })
+        }
+        let made = py.detach(|| match shape.len() {
+            2 => to_loaded(&shape, data, place, names, encoding, labels).map(AnyImage::Plane),
+            3 => to_loaded(&shape, data, place, names, encoding, labels).map(AnyImage::Space),
+            _ => None,
+        });
+        let what = "an image has two axes or three, and as many origins, axes, units and names";
+        Ok(Self(Arc::new(made.ok_or_else(|| refuse(what))?)))
+    }
+
+    /// Shape (nz, ny, nx), or (ny, nx).
+    #[getter]
+    fn samples<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+        let any = slf.as_any().clone();
+        match &*slf.get().0 {
+            AnyImage::Plane(l) => view(any, l.image.as_slice(), l.image.samples.shape()),
+            AnyImage::Space(l) => view(any, l.image.as_slice(), l.image.samples.shape()),
+        }
+    }
+
+    /// Origin, axes and units.
+    #[getter]
+    fn place(&self) -> GeometryArrays {
+        fn geometry_arrays<const D: usize>(geometry: &Geometry<D>) -> GeometryArrays {
+            let axes = geometry.axes.iter().map(|axis| axis.to_vec()).collect();
+            (geometry.origin.to_vec(), axes, geometry.units.to_vec())
+        }
+        match &*self.0 {
+            AnyImage::Plane(loaded) => geometry_arrays(&loaded.image.geometry),
+            AnyImage::Space(loaded) => geometry_arrays(&loaded.image.geometry),
+        }
+    }
+}
+
+/// The hash of an image's samples, x fastest, as little-endian 32-bit floats.
+pub fn hash(image: &AnyImage) -> String {
+    let samples = match image {
+        AnyImage::Plane(loaded) => loaded.image.as_slice(),
+        AnyImage::Space(loaded) => loaded.image.as_slice(),
+    };
+    let mut hasher = Sha256::new();
+    for some in samples.chunks(1 << 14) {
+        let bytes: Vec<u8> = some
+            .iter()
+            .flat_map(|sample| sample.to_le_bytes())
+            .collect();
+        hasher.update(&bytes);
+    }
+    let bytes = hasher.finalize();
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// Labelled surfaces; in the plane curves.
+#[pyclass(frozen, module = "atomesh._native")]
+pub struct Surfaces {
+    points: Vec<[f64; 3]>,
+    facets: Vec<u32>,
+    /// Points of a facet.
+    corners: usize,
+    start: Vec<usize>,
+    names: Vec<String>,
+    cell_data: Vec<DataArray>,
+}
+
+impl Surfaces {
+    fn new<const D: usize>(file: &SurfaceFile<D>) -> Self {
+        Self {
+            points: file.nodes.clone(),
+            facets: file.facets.as_flattened().to_vec(),
+            corners: D,
+            start: file.surface_starts.clone(),
+            names: file.names.clone(),
+            cell_data: file.cell_data.clone(),
+        }
+    }
+}
+
+#[pymethods]
+impl Surfaces {
+    #[getter]
+    fn points<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+        let points = &slf.get().points;
+        view(
+            slf.as_any().clone(),
+            points.as_flattened(),
+            &[points.len(), 3],
+        )
+    }
+
+    /// The points of each face, surface by surface.
+    #[getter]
+    fn faces<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+        let all = slf.get();
+        let shape = [all.facets.len() / all.corners, all.corners];
+        view(slf.as_any().clone(), &all.facets, &shape)
+    }
+
+    /// Where the faces of each surface begin, and where the last one's end.
+    #[getter]
+    fn start(&self) -> Vec<usize> {
+        self.start.clone()
+    }
+
+    #[getter]
+    fn names(&self) -> Vec<String> {
+        self.names.clone()
+    }
+
+    #[getter]
+    fn cell_data<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
+        all_values(slf.as_any(), &slf.get().cell_data)
+    }
+}
+
+/// A result that was kept.
+pub fn to_python<'py>(py: Python<'py>, kept: MemoryOutput) -> PyResult<Bound<'py, PyAny>> {
+    fn to_loaded<const D: usize>(image: Samples<D>) -> LoadedImage<D> {
+        LoadedImage {
+            image,
+            format: ImageFormat::Npy,
+            encoding: "float32".into(),
+            notes: Vec::new(),
+            survey: None,
+            line_numbers: None,
+        }
+    }
+    Ok(match kept {
+        MemoryOutput::Mesh(mesh) => Bound::new(py, Mesh::new(*mesh))?.into_any(),
+        MemoryOutput::Plane(image) => {
+            Bound::new(py, Image(Arc::new(AnyImage::Plane(to_loaded(image)))))?.into_any()
+        }
+        MemoryOutput::Space(image) => {
+            Bound::new(py, Image(Arc::new(AnyImage::Space(to_loaded(image)))))?.into_any()
+        }
+        MemoryOutput::Curves(file) => Bound::new(py, Surfaces::new(&file))?.into_any(),
+        MemoryOutput::Surfaces(file) => Bound::new(py, Surfaces::new(&file))?.into_any(),
+    })
+}

@@ -1,0 +1,290 @@
+//! Structure tensor: the normal of layers.
+//!
+//! The outer products of the gradient, averaged under a Gaussian window; the eigenvector of the
+//! largest eigenvalue is the direction in which the image varies most. The averaged tensor varies
+//! slowly, so it is kept on a grid coarser than the image: products are averaged over cells of
+//! `factor`^3 samples, smoothed there, and normals are interpolated between cell centres.
+
+use super::eigen::{eigenvalues, eigenvector};
+use super::gaussian::smooth;
+use super::windows::{LayerWindow, Samples, layer_len};
+use crate::error::Result;
+use crate::image::LiveMask;
+use crate::parallel::prelude::*;
+use crate::progress::CancelToken;
+
+/// Unit normals on a coarse grid.
+pub struct NormalField<const D: usize> {
+    dims: [usize; D],
+    cell_size: usize,
+    vectors: Vec<[f32; D]>,
+}
+
+impl<const D: usize> NormalField<D> {
+    /// Normals of an image (smoothed to the scale of its derivatives), averaged under a Gaussian window of width
+    /// `window` samples; and the root mean square of its samples. Samples that are not `live` count in neither.
+    ///
+    /// # Errors
+    /// Those of reading its layers.
+    pub fn new(
+        samples: &Samples<'_, D>,
+        window: f64,
+        live: Option<&LiveMask<D>>,
+        patience: &CancelToken<'_>,
+    ) -> Result<(Self, f32)> {
+        // Windows of layers begin with a cell.
+        let factor = match window {
+            8.0.. => 4,
+            4.0.. => 2,
+            _ => 1,
+        };
+        let dims = samples.dims().map(|n| n.div_ceil(factor));
+        let mut products = vec![Vec::new(); D * (D + 1) / 2];
+        let mut sum = 0.0;
+        let mut look = |window: &LayerWindow<'_, D>| {
+            let layers = window.smoothed.layers(&window.interior.layers);
+            let squares = layers.par_chunks(layer_len(window.dims).max(1)).enumerate();
+            let squares = squares.map(|(number, layer)| match live {
+                None => square_sum(layer),
+                Some(live) => live_square_sum(layer, window.interior.layers.start + number, live),
+            });
+            let squares: Vec<f64> = squares.collect();
+            (squares, interior_products(window, factor, live, patience))
+        };
+        let mut take = |(squares, own): (Vec<f64>, Vec<Vec<f32>>)| {
+            sum = squares.iter().fold(sum, |sum, square| sum + square);
+            for (all, own) in products.iter_mut().zip(own) {
+                all.extend(own);
+            }
+        };
+        samples.for_each_window(1, None, &|_| 1, patience, &mut look, &mut take)?;
+        // Fewer only once patience is over.
+        for component in &mut products {
+            component.resize(dims.iter().product(), 0.0);
+        }
+        let count: usize = samples.dims().iter().product();
+        let count = match live {
+            None => count.max(1) as f64,
+            Some(live) => (count as f64 * (1.0 - live.gap_shares().iter().sum::<f64>())).max(1.0),
+        };
+        let rms = (sum / count).sqrt() as f32;
+        Ok((
+            Self::from_products(dims, factor, products, window, patience),
+            rms,
+        ))
+    }
+
+    /// Normals where these are the products of the gradient's components, summed over cells.
+    fn from_products(
+        dims: [usize; D],
+        cell_size: usize,
+        products: Vec<Vec<f32>>,
+        window: f64,
+        patience: &CancelToken<'_>,
+    ) -> Self {
+        // Cells on the far sides hold fewer samples; their weight is less, the direction the same.
+        let products: Vec<Vec<f32>> = products
+            .into_iter()
+            .map(|mut component| {
+                smooth(
+                    dims,
+                    &mut component,
+                    [window / cell_size as f64; D],
+                    patience,
+                );
+                component
+            })
+            .collect();
+        let vectors = (0..dims.iter().product())
+            .into_par_iter()
+            .map(|i| {
+                let mut m = [[0.0; D]; D];
+                for (number, (k, l)) in upper_indices::<D>().enumerate() {
+                    m[k][l] = f64::from(products[number][i]);
+                    m[l][k] = m[k][l];
+                }
+                eigenvector(&m, eigenvalues(&m)[D - 1]).map(|c| c as f32)
+            })
+            .collect();
+        Self {
+            dims,
+            cell_size,
+            vectors,
+        }
+    }
+
+    /// The axis to which most normals are nearest.
+    pub fn main_axis(&self) -> usize {
+        let total = |k: usize| -> f64 { self.vectors.iter().map(|n| f64::from(n[k].abs())).sum() };
+        let totals: [f64; D] = std::array::from_fn(total);
+        (1..D).fold(0, |a, k| if totals[k] > totals[a] { k } else { a })
+    }
+
+    /// The normal of the cell that holds a sample.
+    #[inline]
+    pub fn cell_normal(&self, at: [usize; D]) -> [f32; D] {
+        self.vectors[index(self.dims, at.map(|i| i / self.cell_size))]
+    }
+
+    /// The normal at a position in samples, interpolated between cell centres.
+    pub fn normal_at(&self, position: [f32; D]) -> [f32; D] {
+        let f = self.cell_size as f32;
+        let (mut low, mut t) = ([0usize; D], [0.0f32; D]);
+        for k in 0..D {
+            let u = ((position[k] - 0.5 * (f - 1.0)) / f).clamp(0.0, (self.dims[k] - 1) as f32);
+            low[k] = (u as usize).min(self.dims[k].saturating_sub(2));
+            t[k] = u - low[k] as f32;
+        }
+        let mut sum = [0.0f32; D];
+        for corner in 0..1usize << D {
+            let mut weight = 1.0;
+            let at = std::array::from_fn(|k| {
+                let far = corner >> k & 1;
+                weight *= if far == 1 { t[k] } else { 1.0 - t[k] };
+                (low[k] + far).min(self.dims[k] - 1)
+            });
+            let v = self.vectors[index(self.dims, at)];
+            // A normal has no sign: add each on the side of the sum so far.
+            let side: f32 = (0..D).map(|k| v[k] * sum[k]).sum();
+            let weight = if side < 0.0 { -weight } else { weight };
+            for k in 0..D {
+                sum[k] += weight * v[k];
+            }
+        }
+        let length = sum.iter().map(|c| c * c).sum::<f32>().sqrt();
+        if length > 1e-6 {
+            sum.map(|c| c / length)
+        } else {
+            self.vectors[index(self.dims, low)]
+        }
+    }
+}
+
+/// The upper half of a symmetric matrix.
+fn upper_indices<const D: usize>() -> impl Iterator<Item = (usize, usize)> {
+    (0..D).flat_map(|k| (k..D).map(move |l| (k, l)))
+}
+
+fn index<const D: usize>(dims: [usize; D], at: [usize; D]) -> usize {
+    (0..D).rev().fold(0, |i, k| i * dims[k] + at[k])
+}
+
+/// The sum of the squares of samples.
+fn square_sum(samples: &[f32]) -> f64 {
+    samples.iter().map(|s| f64::from(s * s)).sum()
+}
+
+/// Returns the sum of the squares of the live samples of a layer.
+fn live_square_sum<const D: usize>(samples: &[f32], layer: usize, live: &LiveMask<D>) -> f64 {
+    let is_live = live.layer_mask(layer);
+    let squares = samples.iter().enumerate().filter(|(i, _)| is_live(*i));
+    squares.map(|(_, s)| f64::from(s * s)).sum()
+}
+
+/// Products of the gradient's components (upper half), summed over the cells of `factor`^D samples of a window's own
+/// layers; those that are not `live` are left out.
+fn interior_products<const D: usize>(
+    window: &LayerWindow<'_, D>,
+    factor: usize,
+    live: Option<&LiveMask<D>>,
+    patience: &CancelToken<'_>,
+) -> Vec<Vec<f32>> {
+    let stack = window.smoothed;
+    let volume = stack.volume;
+    let mut dims = window.dims.map(|n| n.div_ceil(factor));
+    dims[D - 1] = window.interior.layers.len().div_ceil(factor);
+    let count: usize = dims.iter().product();
+    let mut products = vec![vec![0.0f32; count]; D * (D + 1) / 2];
+    // One task per layer of cells along the last axis.
+    let cells = (count / dims[D - 1].max(1)).max(1);
+    let mut layers: Vec<Vec<&mut [f32]>> = (0..dims[D - 1]).map(|_| Vec::new()).collect();
+    for component in &mut products {
+        for (parts, part) in layers.iter_mut().zip(component.chunks_mut(cells)) {
+            parts.push(part);
+        }
+    }
+    layers
+        .par_iter_mut()
+        .enumerate()
+        .for_each(|(number, parts)| {
+            let first = window.interior.layers.start + number * factor;
+            let mut begin = [0; D];
+            begin[D - 1] = first;
+            let start = volume.index(stack.to_stack(begin));
+            let rows =
+                (window.interior.layers.end.min(first + factor) - first) * layer_len(window.dims);
+            for start in (start..start + rows).step_by(volume.dims[0]) {
+                if patience.is_cancelled() {
+                    return;
+                }
+                let mut at = volume.coordinates(start);
+                let mut cell = at.map(|i| i / factor);
+                cell[D - 1] = 0;
+                let row = index(dims, cell);
+                for x in 0..volume.dims[0] {
+                    at[0] = x;
+                    if live.is_some_and(|live| !live.is_live(stack.to_volume(at))) {
+                        continue;
+                    }
+                    let gradient = volume.gradient(at);
+                    for (part, (k, l)) in parts.iter_mut().zip(upper_indices::<D>()) {
+                        part[row + x / factor] += gradient[k] * gradient[l];
+                    }
+                }
+            }
+        });
+    products
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::feature::scenes::image_of;
+
+    #[test]
+    fn normals_of_plane_waves_over_all_dips() {
+        let dims = [40, 36, 44];
+        let mut worst = 0.0f64;
+        for dip in (0..=90).step_by(15) {
+            for azimuth in (0..360).step_by(45) {
+                let (dip, azimuth) = (f64::from(dip).to_radians(), f64::from(azimuth).to_radians());
+                let n = [
+                    dip.cos(),
+                    dip.sin() * azimuth.cos(),
+                    dip.sin() * azimuth.sin(),
+                ];
+                let image = image_of(dims, |p| {
+                    (0.5 * (n[0] * p[0] + n[1] * p[1] + n[2] * p[2])).sin()
+                });
+                let mut samples = Samples::in_memory(dims, image.as_slice());
+                samples.smooth(1.0, &CancelToken::never());
+                let (normals, rms) =
+                    NormalField::new(&samples, 4.0, None, &CancelToken::never()).unwrap();
+                assert!((0.55..0.75).contains(&rms), "{rms}");
+                for p in [[20.0, 18.0, 22.0], [19.3, 17.6, 21.2], [24.0, 15.0, 20.5]] {
+                    let w = normals.normal_at(p);
+                    let c: f64 = (0..3).map(|k| f64::from(w[k]) * n[k]).sum();
+                    worst = worst.max(c.abs().min(1.0).acos().to_degrees());
+                }
+            }
+        }
+        assert!(worst < 1.0, "{worst}");
+    }
+
+    #[test]
+    fn normals_of_plane_waves_in_a_plane_image() {
+        let dims = [44, 40];
+        for dip in (0..180).step_by(5) {
+            let (sin, cos) = f64::from(dip).to_radians().sin_cos();
+            let wave = |i: usize| (0.5 * (cos * (i % 44) as f64 + sin * (i / 44) as f64)).sin();
+            let mut samples: Vec<f32> = (0..44 * 40).map(|i| wave(i) as f32).collect();
+            smooth(dims, &mut samples, [1.0; 2], &CancelToken::never());
+            let samples = Samples::in_memory(dims, samples);
+            let (normals, _) =
+                NormalField::new(&samples, 4.0, None, &CancelToken::never()).unwrap();
+            let normal = normals.normal_at([21.3, 19.8]);
+            let c = (cos * f64::from(normal[0]) + sin * f64::from(normal[1])).abs();
+            assert!(c.min(1.0).acos().to_degrees() < 1.0, "{dip} {normal:?}");
+        }
+    }
+}

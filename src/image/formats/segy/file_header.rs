@@ -1,0 +1,348 @@
+//! The file header: byte order, sample format, and where the traces lie.
+//!
+//! Byte numbers in the comments count from 1 from the start of the file, as the standard does.
+
+use std::fs::File;
+use std::io;
+use std::path::Path;
+
+use super::bytes::TRACE_HEADER_BYTES;
+use super::text::{self, TEXT_HEADER_BYTES};
+use crate::error::{Error, Result, cause, io_error};
+use crate::files::read_exact_at;
+use crate::image::formats::samples::{Encoding, Endian, SampleType};
+
+/// Bytes of the textual and the binary header together: the least a SEG-Y file can have.
+pub const FILE_HEADER_BYTES: usize = TEXT_HEADER_BYTES + 400;
+
+/// Revision 2's constant at 3297-3300 that tells the byte order.
+const BYTE_ORDER_MARK: u32 = 0x0102_0304;
+
+/// An open SEG-Y file and how it is laid out.
+pub struct SegyFile {
+    pub file: File,
+    pub encoding: Encoding,
+    /// Major and minor revision.
+    pub revision: (u8, u8),
+    /// Lines of the textual header.
+    pub text_lines: Vec<String>,
+    /// Samples of every trace.
+    pub samples_per_trace: usize,
+    /// Sample interval of the file header in microseconds.
+    pub interval_us: Option<f64>,
+    /// Whether lengths are in feet; `None` if the file does not say.
+    pub lengths_in_feet: Option<bool>,
+    /// Offset of the first trace.
+    pub traces_offset: u64,
+    /// Bytes of each trace's header or headers.
+    pub trace_header_bytes: usize,
+    /// Number of whole traces.
+    pub trace_count: usize,
+    /// Bytes after the last whole trace: something is wrong if there are any.
+    pub trailing_bytes: u64,
+    pub notes: Vec<String>,
+}
+
+impl SegyFile {
+    /// Bytes of a trace, header and samples.
+    pub fn trace_bytes(&self) -> u64 {
+        (self.trace_header_bytes + self.samples_per_trace * self.encoding.size()) as u64
+    }
+
+    /// Opens a file and reads its headers.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file cannot be read or is no SEG-Y file that we know how to read.
+    pub fn open(path: &Path) -> Result<Self> {
+        let refuse =
+            |problem: String, remedy: &str| Error::Io(cause(path.display(), problem, remedy));
+        let file = File::open(path).map_err(|e| io_error(path, "open", e))?;
+        let length = file
+            .metadata()
+            .map_err(|e| io_error(path, "read", e))?
+            .len();
+        if length < FILE_HEADER_BYTES as u64 {
+            let problem = format!(
+                "is cut off: {length} bytes, where a SEG-Y header alone has {FILE_HEADER_BYTES}"
+            );
+            return Err(refuse(problem, "copy it again"));
+        }
+        let mut header = vec![0; FILE_HEADER_BYTES];
+        read_exact_at(&file, &mut header, 0).map_err(|e| io_error(path, "read", e))?;
+        let (fields, sample) = BinaryHeader::parse(&header).map_err(|problem| {
+            refuse(
+                problem,
+                "check that this is a SEG-Y file, or write it again as IBM or IEEE float (sample format 1 or 5)",
+            )
+        })?;
+        let encoding = Encoding {
+            sample_type: sample,
+            endian: fields.endian,
+        };
+        // 3501, 3502; some writers swap the two.
+        let revision = match (header[3500], header[3501]) {
+            (0, major @ 1..=2) => (major, 0),
+            revision => revision,
+        };
+        // Old writers leave garbage where revision 2 has fields, so believe them only if it is 2.
+        let revised = revision.0 == 2 || fields.has_byte_order_mark();
+        let mut notes = Vec::new();
+
+        let mut start = text_end(&file, length, fields.i16(3505), &mut notes)
+            .map_err(|e| io_error(path, "read", e))?
+            .ok_or_else(|| {
+                let problem = format!(
+                    "claims {} extended textual headers, which do not fit into its {length} bytes",
+                    fields.i16(3505)
+                );
+                refuse(problem, "it is cut off or damaged: copy or write it again")
+            })?;
+        let mut end = length;
+        if revised {
+            let offset = fields.u64(3521);
+            if offset >= FILE_HEADER_BYTES as u64 && offset <= length {
+                start = offset;
+            }
+            // Trailing stanzas, if their number is plausible.
+            let trailer = u64::from(fields.u32(3529)) * TEXT_HEADER_BYTES as u64;
+            if trailer <= length - start {
+                end -= trailer;
+            }
+        }
+        let body = end - start;
+
+        let fits = |samples: u32, header: usize| {
+            let bytes = header as u64 + u64::from(samples) * encoding.size() as u64;
+            samples > 0 && body >= bytes && body % bytes == 0
+        };
+        let declared = match fields.u32(3269) {
+            n if revised && n > 0 => n,
+            _ => u32::from(fields.u16(3221)),
+        };
+        // Revision 2.0 counts additional trace headers at 3507-3510, revision 2.1 at 3507-3508.
+        let headers = [fields.u16(3507), fields.u16(3509), 0]
+            .map(|n| TRACE_HEADER_BYTES * (1 + usize::from(n)));
+        let trace_header = match headers.into_iter().find(|&h| fits(declared, h)) {
+            Some(header) if revised => header,
+            None if revised => headers[0],
+            _ => TRACE_HEADER_BYTES,
+        };
+        let of_first_trace = first_trace_sample_count(&file, start, length, fields.endian)
+            .map_err(|e| io_error(path, "read", e))?;
+        let samples = choose_sample_count(
+            declared,
+            of_first_trace,
+            |n| fits(n, trace_header),
+            &mut notes,
+        );
+        if samples == 0 && body > 0 {
+            let problem =
+                "neither its file header nor its first trace gives the number of samples per trace";
+            return Err(refuse(
+                problem.into(),
+                "set the number of samples (bytes 3221-3222) with a SEG-Y editor",
+            ));
+        }
+
+        let bytes = trace_header as u64 + u64::from(samples) * encoding.size() as u64;
+        let extended = fields.f64(3273);
+        let dt = match f64::from(fields.i16(3217)) {
+            _ if revised && extended.is_finite() && extended > 0.0 => Some(extended),
+            dt if dt > 0.0 => Some(dt),
+            _ => None,
+        };
+        Ok(Self {
+            encoding,
+            revision,
+            text_lines: text::lines(&header[..TEXT_HEADER_BYTES]),
+            samples_per_trace: samples as usize,
+            interval_us: dt,
+            lengths_in_feet: match fields.i16(3255) {
+                1 => Some(false),
+                2 => Some(true),
+                _ => None,
+            },
+            traces_offset: start,
+            trace_header_bytes: trace_header,
+            trace_count: (body / bytes) as usize,
+            trailing_bytes: body % bytes,
+            notes,
+            file,
+        })
+    }
+}
+
+/// Whether the first bytes of a file look like a SEG-Y header: text, then a plausible sample format.
+pub fn looks_like(head: &[u8]) -> bool {
+    head.len() >= FILE_HEADER_BYTES
+        && text::is_text(&head[..TEXT_HEADER_BYTES])
+        && BinaryHeader::parse(head).is_ok()
+}
+
+/// The number of samples: the file header's, or the first trace's if only that fits the length.
+fn choose_sample_count(
+    declared: u32,
+    of_first_trace: u32,
+    fits: impl Fn(u32) -> bool,
+    notes: &mut Vec<String>,
+) -> u32 {
+    if !fits(declared) && (fits(of_first_trace) || declared == 0) {
+        if declared != of_first_trace && of_first_trace > 0 {
+            notes.push(format!(
+                "the file header gives {declared} samples per trace, the first trace {of_first_trace}: the latter is used, as it fits the file's length"
+            ));
+        }
+        return of_first_trace;
+    }
+    if of_first_trace > 0 && of_first_trace != declared {
+        notes.push(format!(
+            "the first trace gives {of_first_trace} samples, the file header {declared}: the latter is used"
+        ));
+    }
+    declared
+}
+
+/// Number of samples in the header of the first trace; 0 if there is none.
+fn first_trace_sample_count(
+    file: &File,
+    start: u64,
+    length: u64,
+    endian: Endian,
+) -> io::Result<u32> {
+    let mut bytes = [0; 2];
+    if start + TRACE_HEADER_BYTES as u64 <= length {
+        read_exact_at(file, &mut bytes, start + 114)?;
+    }
+    Ok(u32::from(match endian {
+        Endian::Little => u16::from_le_bytes(bytes),
+        Endian::Big => u16::from_be_bytes(bytes),
+    }))
+}
+
+/// Where the textual headers end: `declared` extended ones follow the binary header, or with -1 as
+/// many as it takes to reach an end stanza. Stanzas that were not declared are skipped too.
+fn text_end(
+    file: &File,
+    length: u64,
+    declared: i16,
+    notes: &mut Vec<String>,
+) -> io::Result<Option<u64>> {
+    let block = TEXT_HEADER_BYTES as u64;
+    let mut start = FILE_HEADER_BYTES as u64;
+    let mut record = vec![0; TEXT_HEADER_BYTES];
+    let mut next = |start: u64| -> io::Result<Option<String>> {
+        if start + block > length {
+            return Ok(None);
+        }
+        read_exact_at(file, &mut record, start)?;
+        Ok(Some(text::decode(&record)))
+    };
+    if declared < 0 {
+        while let Some(stanza) = next(start)? {
+            start += block;
+            let stanza: String = stanza.to_lowercase().split_whitespace().collect();
+            if stanza.contains("((seg:endtext))") {
+                return Ok(Some(start));
+            }
+        }
+        return Ok(None);
+    }
+    start += declared as u64 * block;
+    if start > length {
+        return Ok(None);
+    }
+    while next(start)?.is_some_and(|stanza| stanza.starts_with("((")) {
+        notes.push(
+            "an extended textual header that the file header does not count is skipped".into(),
+        );
+        start += block;
+    }
+    Ok(Some(start))
+}
+
+/// Numbers of the binary header.
+struct BinaryHeader<'a> {
+    bytes: &'a [u8],
+    endian: Endian,
+}
+
+impl<'a> BinaryHeader<'a> {
+    /// Finds the byte order and the sample type.
+    fn parse(header: &'a [u8]) -> std::result::Result<(Self, SampleType), String> {
+        let big = Self {
+            bytes: header,
+            endian: Endian::Big,
+        };
+        let little = Self {
+            bytes: header,
+            endian: Endian::Little,
+        };
+        // 3225: at most one of the two orders makes a known code.
+        let code = |fields: &Self| fields.u16(3225);
+        let fields = match big.u32(3297) {
+            BYTE_ORDER_MARK => big,
+            mark if mark == BYTE_ORDER_MARK.swap_bytes() => little,
+            0x0201_0403 => return Err("has its bytes swapped in pairs".into()),
+            _ if (1..=16).contains(&code(&little)) => little,
+            _ => big,
+        };
+        let sample =
+            match code(&fields) {
+                1 => SampleType::Ibm32,
+                2 => SampleType::I32,
+                3 => SampleType::I16,
+                5 => SampleType::F32,
+                6 => SampleType::F64,
+                7 => SampleType::I24,
+                8 => SampleType::I8,
+                9 => SampleType::I64,
+                10 => SampleType::U32,
+                11 => SampleType::U16,
+                12 => SampleType::U64,
+                15 => SampleType::U24,
+                16 => SampleType::U8,
+                4 => return Err(
+                    "has sample format 4 (fixed point with gain), which is obsolete and not read"
+                        .into(),
+                ),
+                other => {
+                    return Err(format!(
+                        "has sample format {other} (bytes 3225-3226), which SEG-Y does not define"
+                    ));
+                }
+            };
+        Ok((fields, sample))
+    }
+
+    fn has_byte_order_mark(&self) -> bool {
+        self.u32(3297) == BYTE_ORDER_MARK
+    }
+
+    fn raw<const N: usize>(&self, byte: usize) -> [u8; N] {
+        let mut raw: [u8; N] = std::array::from_fn(|i| self.bytes[byte - 1 + i]);
+        if self.endian == Endian::Little {
+            raw.reverse();
+        }
+        raw
+    }
+
+    fn u16(&self, byte: usize) -> u16 {
+        u16::from_be_bytes(self.raw(byte))
+    }
+
+    fn i16(&self, byte: usize) -> i16 {
+        i16::from_be_bytes(self.raw(byte))
+    }
+
+    fn u32(&self, byte: usize) -> u32 {
+        u32::from_be_bytes(self.raw(byte))
+    }
+
+    fn u64(&self, byte: usize) -> u64 {
+        u64::from_be_bytes(self.raw(byte))
+    }
+
+    fn f64(&self, byte: usize) -> f64 {
+        f64::from_be_bytes(self.raw(byte))
+    }
+}

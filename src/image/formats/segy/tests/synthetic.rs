@@ -1,0 +1,444 @@
+//! Files made here: every format, order and fault that a header can have.
+
+use proptest::prelude::*;
+
+use super::super::file_header::FILE_HEADER_BYTES;
+use super::*;
+use crate::image::formats::segy;
+
+#[test]
+fn every_sample_format_in_both_byte_orders() {
+    for little in [false, true] {
+        for format in [1, 2, 3, 5, 6, 7, 8, 9] {
+            let loaded = SegyBuilder {
+                is_little_endian: little,
+                format,
+                ..survey()
+            }
+            .read()
+            .unwrap();
+            assert_values(&loaded.image);
+        }
+        for (format, wrap) in [
+            (10, 2f64.powi(32)),
+            (11, 65536.0),
+            (15, 2f64.powi(24)),
+            (16, 256.0),
+        ] {
+            let image = SegyBuilder {
+                is_little_endian: little,
+                format,
+                ..survey()
+            }
+            .read()
+            .unwrap()
+            .image;
+            let v = sample_value(0, 0, 0);
+            assert_eq!(image.as_slice()[0], (v + wrap) as f32, "format {format}");
+            assert_eq!(f64::from(image.samples[[1, 2, 5]]), sample_value(1, 2, 5));
+        }
+    }
+    let refused = SegyBuilder {
+        format: 4,
+        ..survey()
+    }
+    .error_message();
+    assert!(refused.contains("sample format 4"), "{refused}");
+    let refused = SegyBuilder {
+        format: 0,
+        ..survey()
+    }
+    .error_message();
+    assert!(refused.contains("sample format 0"), "{refused}");
+}
+
+#[test]
+fn geometry_of_a_rotated_survey() {
+    let loaded = survey().read().unwrap();
+    let geometry = &loaded.image.geometry;
+    assert_eq!(geometry.names, ["sample", "crossline", "inline"]);
+    assert_eq!(geometry.units, ["m", "m", "ms"]);
+    for (i, c, k) in [(0, 0, 0), (3, 2, 5), (1, 2, 0)] {
+        let found = geometry.to_physical([k as f64, c as f64, i as f64]);
+        let [x, y] = trace_position(i, c);
+        // Coordinates are rounded to centimetres.
+        assert!(
+            (found[0] - x).abs() < 0.01 && (found[1] - y).abs() < 0.01,
+            "{found:?}"
+        );
+        assert_eq!(found[2], -(48.0 + 4.0 * k as f64));
+    }
+    let fit = loaded.survey.unwrap().fit.unwrap();
+    assert!(fit.max < 0.01 && fit.rms > 0.0);
+    // Down, then to the left of the inlines, then along them: right-handed.
+    assert!((geometry.determinant() - 4.0 * 12.5 * 25.0).abs() < 1.0);
+}
+
+#[test]
+fn any_order_of_traces() {
+    let mut made = survey();
+    let crossline_first: Vec<TestTrace> = (0..3)
+        .flat_map(|c| (0..4).map(move |i| trace(i, c)))
+        .collect();
+    made.traces = crossline_first;
+    assert_values(&made.read().unwrap().image);
+    made.traces.reverse();
+    assert_values(&made.read().unwrap().image);
+    made.traces.swap(2, 9);
+    assert_values(&made.read().unwrap().image);
+}
+
+#[test]
+fn missing_and_duplicate_traces_are_told() {
+    let mut made = survey();
+    made.traces.remove(4); // inline 1, crossline 1
+    let mut twice = trace(0, 2);
+    twice.samples.fill(99.0);
+    made.traces.push(twice);
+    let loaded = made.read().unwrap();
+    let info = loaded.survey.as_ref().unwrap();
+    assert_eq!((info.missing, info.duplicates), (1, 1));
+    assert!(has_note(&loaded, "1 of 12 cells have no trace"));
+    assert!(has_note(&loaded, "1 traces repeat"));
+    assert_eq!(loaded.image.samples[[1, 1, 3]], 0.0);
+    // The first of the duplicates stays.
+    assert_eq!(
+        f64::from(loaded.image.samples[[0, 2, 3]]),
+        sample_value(0, 2, 3)
+    );
+}
+
+#[test]
+fn coordinates_are_never_taken_on_trust() {
+    // Line numbers where X and Y should be, coordinates in source X, Y.
+    let mut made = survey();
+    for t in 0..12 {
+        let (i, c) = (t / 3, t % 3);
+        let [x, y] = trace_position(i, c).map(|v| (v * 100.0).round() as i64);
+        made.set_field(t, 181, 4, 10 + 2 * i as i64);
+        made.set_field(t, 185, 4, 100 + 5 * c as i64);
+        made.set_field(t, 73, 4, x);
+        made.set_field(t, 77, 4, y);
+    }
+    let loaded = made.read().unwrap();
+    assert!(has_note(
+        &loaded,
+        "bytes 181 and 185 only repeat the line numbers"
+    ));
+    assert!(has_note(&loaded, "placed by X, Y at bytes 73 and 77"));
+    assert!((loaded.image.geometry.origin[0] - 620_000.0).abs() < 0.01);
+
+    // Scattered coordinates: none can be used.
+    for t in 0..12 {
+        for byte in [73, 77, 181, 185] {
+            made.set_field(t, byte, 4, ((t * 7919 + byte * 31) % 1009) as i64);
+        }
+    }
+    let loaded = made.read().unwrap();
+    assert!(has_note(&loaded, "do not follow the line numbers"));
+    assert!(has_note(&loaded, "no usable X, Y"));
+    let geometry = &loaded.image.geometry;
+    assert_eq!(geometry.to_physical([0.0, 2.0, 3.0])[..2], [16.0, 110.0]);
+    assert_eq!(geometry.units, ["line", "line", "ms"]);
+}
+
+#[test]
+fn scalars_multiply_divide_or_do_nothing() {
+    for (scalar, factor) in [(-10, 0.1), (10, 10.0), (0, 1.0), (1, 1.0)] {
+        let mut made = survey();
+        for t in 0..12 {
+            made.set_field(t, 71, 2, scalar);
+        }
+        let found = made.read().unwrap().image.geometry.origin[0];
+        assert!(
+            (found - 62_000_000.0 * factor).abs() < factor,
+            "{scalar}: {found}"
+        );
+    }
+    // Byte 0: no scalar at all.
+    let ignored = survey()
+        .read_with(&"scalar=0,delay=0".parse().unwrap())
+        .unwrap();
+    let origin = ignored.image.geometry.origin;
+    assert!((origin[0] - 62_000_000.0).abs() < 1.0);
+    assert_eq!(origin[2], 0.0);
+}
+
+#[test]
+fn line_numbers_elsewhere() {
+    let mut made = survey();
+    for t in 0..12 {
+        for (from, to) in [(189, 9), (193, 21)] {
+            let number = made.traces[t]
+                .fields
+                .iter()
+                .find(|f| f.0 == from)
+                .unwrap()
+                .2;
+            made.set_field(t, to, 4, number);
+            made.set_field(t, from, 4, 0);
+        }
+    }
+    let loaded = made.read().unwrap();
+    assert_values(&loaded.image);
+    assert!(has_note(
+        &loaded,
+        "bytes 9 and 21 make one and are used instead"
+    ));
+    let told = made
+        .read_with(&"inline=9,crossline=21".parse().unwrap())
+        .unwrap();
+    assert_eq!(told.image, loaded.image);
+    assert!(!has_note(&told, "instead"));
+    // Wrong bytes by the user are not second-guessed.
+    let wrong = made
+        .read_with(&"inline=13,crossline=17".parse().unwrap())
+        .unwrap_err();
+    assert!(
+        wrong.to_string().contains("inline and crossline numbers"),
+        "{wrong}"
+    );
+    assert_eq!(wrong.cause().parameter, Some("inline-byte"));
+}
+
+#[test]
+fn what_is_no_image_is_refused_and_described() {
+    let cut = |traces: usize| {
+        let mut made = survey();
+        made.traces.truncate(traces);
+        made
+    };
+    for (made, says) in [(cut(0), "has no traces"), (cut(1), "has a single trace")] {
+        let refused = made.error_message();
+        assert!(refused.contains(says), "{refused}");
+        let info = made.scan();
+        assert_eq!(info.traces, made.traces.len());
+        assert!(info.problem.unwrap().contains(says));
+    }
+
+    let mut gathers = survey();
+    for c in 0..12 {
+        let mut far = gathers.traces[c].clone();
+        far.fields.push((37, 4, 500));
+        gathers.traces.push(far);
+    }
+    assert!(gathers.error_message().contains("pre-stack"));
+
+    let mut shifted = survey();
+    shifted.set_field(7, 109, 2, 52);
+    assert!(shifted.error_message().contains("from 48 to 52 ms"));
+    assert!(shifted.read_with(&"delay=0".parse().unwrap()).is_ok());
+    shifted.set_field(7, 29, 2, 2); // a dead trace
+    assert!(shifted.read().is_ok());
+}
+
+#[test]
+fn cut_off_files() {
+    let bytes = survey().to_bytes();
+    let read = |length: usize| {
+        with_file(&bytes[..length], |path| {
+            segy::read(path, &SegyBytes::default())
+        })
+        .unwrap_err()
+        .to_string()
+    };
+    assert!(read(0).contains("is cut off"));
+    assert!(read(FILE_HEADER_BYTES - 1).contains("a SEG-Y header alone has 3600"));
+    assert!(read(FILE_HEADER_BYTES).contains("has no traces"));
+    assert!(read(bytes.len() - 1).contains("left over after 11 traces"));
+    // A count of extended headers that the file does not have.
+    let mut made = survey();
+    made.fields.push((3505, 2, 3000));
+    assert!(
+        made.error_message()
+            .contains("3000 extended textual headers")
+    );
+}
+
+#[test]
+fn headers_of_later_revisions() {
+    let mut made = survey();
+    made.extended_text = vec!["((OTHER: STANZA))", "((SEG: EndText))"];
+    assert_values(&made.read().unwrap().image);
+    made.fields.push((3505, 2, -1));
+    assert_values(&made.read().unwrap().image);
+
+    // Revision 2: the sample count and interval in their new places, marked little-endian.
+    let mut made = survey();
+    made.is_little_endian = true;
+    made.fields.extend([
+        (3221, 2, 0),
+        (3269, 4, SAMPLES_PER_TRACE as i64),
+        (3273, 8, 2500f64.to_bits() as i64),
+        (3297, 4, 0x0102_0304),
+    ]);
+    let loaded = made.read().unwrap();
+    assert_values(&loaded.image);
+    assert_eq!(loaded.survey.unwrap().dt_ms, Some(2.5));
+    // Revision 1: delay in tenths of a millisecond.
+    let mut made = survey();
+    made.fields.push((3501, 1, 1));
+    for t in 0..12 {
+        made.set_field(t, 215, 2, -10);
+    }
+    assert_eq!(made.read().unwrap().image.geometry.origin[2], -4.8);
+}
+
+#[test]
+fn intervals_and_counts_that_disagree_are_told() {
+    let mut made = survey();
+    made.set_field(0, 117, 2, 2000);
+    made.set_field(0, 115, 2, 99);
+    let loaded = made.read().unwrap();
+    assert!(has_note(&loaded, "4000 us, the first trace's 2000 us"));
+    assert!(has_note(&loaded, "first trace gives 99 samples"));
+    // Where the file header's cannot be right, the trace's is used.
+    made.fields.extend([(3217, 2, -4000), (3221, 2, 17)]);
+    made.set_field(0, 115, 2, SAMPLES_PER_TRACE as i64);
+    let loaded = made.read().unwrap();
+    assert_values(&loaded.image);
+    assert_eq!(loaded.survey.unwrap().dt_ms, Some(2.0));
+    // None at all: the vertical axis counts samples.
+    made.set_field(0, 117, 2, 0);
+    let loaded = made.read().unwrap();
+    assert!(has_note(&loaded, "counts samples"));
+    assert_eq!(loaded.image.geometry.units[2], "sample");
+}
+
+#[test]
+fn ieee_floats_labelled_ibm_are_doubted() {
+    let mut made = survey();
+    made.format = 5;
+    for (t, trace) in made.traces.iter_mut().enumerate() {
+        trace.samples = (0..200)
+            .map(|k| ((t * 200 + k) as f64 * 0.7).sin() * 1000.0)
+            .collect();
+    }
+    made.fields.push((3221, 2, 200));
+    assert!(!has_note(&made.read().unwrap(), "odd for IBM"));
+    let mut bytes = made.to_bytes();
+    bytes[3225] = 1;
+    let loaded = with_file(&bytes, |path| segy::read(path, &SegyBytes::default())).unwrap();
+    assert!(has_note(&loaded, "odd for IBM"));
+    let mut ibm = made.clone();
+    ibm.format = 1;
+    assert!(!has_note(&ibm.read().unwrap(), "odd for IBM"));
+}
+
+#[test]
+fn segy_is_recognised_by_its_content() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("no-ending");
+    std::fs::write(&path, survey().to_bytes()).unwrap();
+    let loaded = formats::read(&path, &ReadOptions::default()).unwrap();
+    assert_eq!(loaded.format, formats::ImageFormat::Segy);
+    // A mask of zeros and ones has a plausible sample format, but no text.
+    std::fs::write(&path, [0u8, 1].repeat(5000)).unwrap();
+    let error = formats::read(&path, &ReadOptions::default()).unwrap_err();
+    assert!(
+        error.to_string().contains("not in a known image format"),
+        "{error}"
+    );
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 200, failure_persistence: None, ..Default::default() })]
+    /// Whatever is wrong with a file, the answer is an image that fits into it, or an error.
+    #[test]
+    fn damaged_files_never_panic(
+        changes in prop::collection::vec((3200usize..4000, any::<u8>()), 0..12),
+        cut in 0usize..7000,
+        little: bool,
+    ) {
+        let mut bytes = SegyBuilder { is_little_endian: little, ..survey() }.to_bytes();
+        for (at, byte) in changes {
+            bytes[at] = byte;
+        }
+        bytes.truncate(cut.max(1));
+        with_file(&bytes, |path| {
+            if let Ok(loaded) = segy::read(path, &SegyBytes::default()) {
+                assert!(loaded.image.samples.len() <= 10 * bytes.len());
+            }
+            let _ = formats::describe(path, &ReadOptions::default());
+        });
+    }
+}
+
+/// Traces along a path: `places` of each, and the numbers at bytes 189, 193 and 21.
+fn line(places: impl Fn(usize) -> [f64; 2], numbers: impl Fn(usize) -> [i64; 3]) -> SegyBuilder {
+    let mut made = survey();
+    made.traces = (0..5)
+        .map(|t| {
+            let [x, y] = places(t).map(|v| (100.0 * v).round() as i64);
+            let [inline, crossline, cdp] = numbers(t);
+            TestTrace {
+                fields: vec![
+                    (189, 4, inline),
+                    (193, 4, crossline),
+                    (21, 4, cdp),
+                    (181, 4, x),
+                    (185, 4, y),
+                    (71, 2, -100),
+                    (109, 2, 48),
+                ],
+                samples: (0..SAMPLES_PER_TRACE)
+                    .map(|k| sample_value(0, t, k))
+                    .collect(),
+            }
+        })
+        .collect();
+    made
+}
+
+#[test]
+fn a_line_is_an_image_of_the_plane_with_time_down() {
+    // 12.5 m from trace to trace, in a direction of its own; numbered by CDP alone, or by one inline.
+    let along = |t: usize| [600_000.0 + 7.5 * t as f64, 6_000_000.0 - 10.0 * t as f64];
+    for (numbers, name) in [
+        ([0, 0, 1], "trace"),
+        ([0, 1, 0], "crossline"),
+        ([2, 0, 0], "inline"),
+        ([1, 1, 1], "trace"),
+    ] {
+        let numbers: [i64; 3] = numbers;
+        let made = line(along, |t| numbers.map(|n| 100 + n * t as i64));
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("line.sgy");
+        std::fs::write(&path, made.to_bytes()).unwrap();
+        let loaded = match formats::read_any(&path, &ReadOptions::default()).unwrap() {
+            formats::AnyImage::Plane(loaded) => loaded,
+            formats::AnyImage::Space(_) => panic!("{name} is no plane"),
+        };
+        let geometry = &loaded.image.geometry;
+        assert_eq!(geometry.names, ["sample", name]);
+        assert_eq!(geometry.units, ["m", "ms"]);
+        assert_eq!(loaded.image.dims(), [SAMPLES_PER_TRACE, 5], "{name}");
+        let [x, t] = geometry.to_physical([2.0, 3.0]);
+        assert!((x - 37.5).abs() < 1e-6 && t == -56.0, "{name}: {x} {t}");
+        assert_eq!(
+            f64::from(loaded.image.samples[[3, 2]]),
+            sample_value(0, 3, 2)
+        );
+        let note = |part: &str| loaded.notes.iter().any(|note| note.contains(part));
+        assert!(note("a 2-D line: 5 traces over 50.0"), "{:?}", loaded.notes);
+    }
+}
+
+#[test]
+fn what_jumps_from_line_to_line_is_no_line() {
+    // Three lines one after the other, whose numbers are nowhere.
+    let rows = |t: usize| [1000.0 * (t / 2) as f64, 25.0 * (t % 2) as f64];
+    let said = line(rows, |t| [0, 0, 100 + t as i64]).error_message();
+    assert!(said.contains("make no survey"), "{said}");
+    // Without places, numbers must run evenly.
+    let said = line(|_| [0.0; 2], |t| [0, 0, [1, 5, 2, 8, 3][t]]).error_message();
+    assert!(said.contains("make no survey"), "{said}");
+    let made = line(|_| [0.0; 2], |t| [0, 0, 7 + t as i64]);
+    let notes = made.read().unwrap().notes;
+    assert!(
+        notes
+            .iter()
+            .any(|note| note.contains("without usable X, Y")),
+        "{notes:?}"
+    );
+}

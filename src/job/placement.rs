@@ -1,0 +1,487 @@
+//! Atoms at rest: placed on a lattice that then moves onto the features, or as Canny's points, which
+//! lie on them from the start.
+
+use super::frame::JobDomain;
+use super::optimise::{self, optimise};
+use super::{Evaluator, MeshSpace, Meshing, Params, Spacing, StageRunner, canny, estimate};
+use crate::comm::{self, Comm, WorldComm};
+use crate::error::cause;
+use crate::feature::components::for_each_sample;
+use crate::feature::{FeatureKind, Features};
+use crate::image::{Image, ImageSource, LabelValue, ScalarField};
+use crate::lattice::distance::{self, DenseRegion, Distance, DistanceLimits, DistributedDistance};
+use crate::lattice::optimize::{self, StopReason};
+use crate::lattice::partition::OwnedAtoms;
+use crate::lattice::seeding::{self, Alignment, Seeding, wells};
+use crate::progress::{CancelToken, Stage};
+use crate::{Error, Result};
+
+/// Growth of a variable distance: the bound on |grad d|.
+const MAX_DISTANCE_GROWTH: f64 = 0.1;
+
+/// How atoms come to rest.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum PlacementMethod {
+    /// Seeded at the distance asked for, then moved.
+    Lattice,
+    /// Canny's points: image and features decide the distance, and nothing moves.
+    Canny,
+}
+
+/// Atoms at rest.
+pub(super) struct PlacedAtoms<const D: usize> {
+    /// The atoms, or this rank's share of them.
+    pub atoms: OwnedAtoms<D>,
+    /// The nominal distance between them.
+    pub distance: DistributedDistance<D>,
+    /// What the optimiser did in its last pass, where there was one.
+    pub optimize_result: Option<optimize::OptimizeResult>,
+}
+
+impl PlacementMethod {
+    /// What the parameters ask for.
+    pub fn from_params<const D: usize>(params: &Params<D>) -> Self {
+        match params.seeding {
+            Seeding::Canny => Self::Canny,
+            _ => Self::Lattice,
+        }
+    }
+
+    /// Refuses what cannot be had.
+    pub fn check<const D: usize>(self, params: &Params<D>, alignment: Alignment) -> Result<()> {
+        let alongside = alignment == Alignment::AlongsideFeatures;
+        let sampled = params.evaluator == Evaluator::Sampled;
+        let (place, problem, remedy, parameter) = match self {
+            Self::Canny if alongside => (
+                "Canny's points",
+                "lie on features, but Voronoi cells need atoms alongside",
+                "choose simplices, or place atoms in another way",
+                "seeding",
+            ),
+            Self::Canny if !params.wells.is_empty() => (
+                "Canny's points",
+                "determine the distance between atoms, so wells cannot have their own",
+                "give wells as fixed atoms, or place atoms in another way",
+                "seeding",
+            ),
+            Self::Lattice if sampled && alongside => (
+                "the sampled energy",
+                "has no mirror images, which atoms alongside features need",
+                "use the pairwise one",
+                "evaluator",
+            ),
+            Self::Lattice if params.kappa != 1.0 && alongside => (
+                "kappa",
+                "applies to the neighbours of atoms in a Delaunay mesh, but the mesh has Voronoi cells",
+                "leave it at 1",
+                "kappa",
+            ),
+            Self::Lattice if params.kappa != 1.0 && sampled => (
+                "kappa",
+                "needs the exact energy, but the sampled one is chosen",
+                "use the pairwise one",
+                "evaluator",
+            ),
+            _ => return Ok(()),
+        };
+        Err(Error::Job(
+            cause(place, problem, remedy).with_parameter(parameter),
+        ))
+    }
+
+    /// Places atoms and brings them to rest.
+    ///
+    /// # Errors
+    /// Those of distances and seeding; [`Error::Interrupted`] before there is a lattice.
+    pub fn place<const D: usize>(
+        self,
+        source: ImageSource<'_, D>,
+        params: &Params<D>,
+        features: &Features<D>,
+        frame: &JobDomain<D>,
+        stages: &mut StageRunner<'_>,
+    ) -> Result<PlacedAtoms<D>>
+    where
+        MeshSpace<D>: Meshing<D>,
+    {
+        stages.begin_unless_stopped(Stage::Placing)?;
+        match self {
+            Self::Canny => {
+                let placed = stages.run_or_interrupt(Stage::Placing, |patience| {
+                    canny::canny_atoms(&*source.to_image()?, params, features, frame, patience)
+                })?;
+                let atoms = placed.atoms.global_count as f64;
+                let estimate = estimate::estimate_from_atom_count::<D>(atoms, params.cells);
+                stages.observer.estimate(&estimate);
+                estimate::afford(&estimate)?;
+                Ok(placed)
+            }
+            Self::Lattice => {
+                let distance = nominal_distance(source, params, features, frame, stages)?;
+                let fixed = fixed_atoms(&distance.outline(), Alignment::OnFeatures, frame)?;
+                optimised_lattice(params, distance, &fixed, features, frame, stages)
+            }
+        }
+    }
+}
+
+/// Whether placing atoms and moving them takes no more of the potential than what is near to each.
+pub(super) fn needs_only_local_potential<const D: usize>(params: &Params<D>) -> bool {
+    matches!(params.seeding, Seeding::Fcc | Seeding::Grown)
+        && !matches!(params.spacing, Spacing::FromLaplacian { .. })
+        && optimise::needs_only_local_potential(params)
+}
+
+/// The nominal distance between atoms, also at wells. Where it is shared, it is known everywhere if there are wells.
+pub(super) fn nominal_distance<const D: usize>(
+    source: ImageSource<'_, D>,
+    params: &Params<D>,
+    features: &Features<D>,
+    frame: &JobDomain<D>,
+    stages: &mut StageRunner<'_>,
+) -> Result<DistributedDistance<D>> {
+    let (extent, ways, group) = (frame.extent, &frame.well_paths, &WorldComm as &dyn Comm);
+    let distance = stages.run_or_interrupt(Stage::Placing, |patience| {
+        let mut distance = base_distance(source, params, features, frame.step, patience)?;
+        if features.labels.is_some() || !ways.is_empty() {
+            distance = DistributedDistance::Global(distance.into_global(group)?);
+        }
+        if let DistributedDistance::Global(whole) = distance {
+            distance = DistributedDistance::Global(distance_with_labels(
+                whole, params, features, patience,
+            ));
+        }
+        patience.check(Stage::Placing)?;
+        match (params.well_distance.filter(|_| !ways.is_empty()), distance) {
+            (Some(least), DistributedDistance::Global(distance)) => wells::refine_near_wells(
+                distance,
+                ways,
+                least,
+                MAX_DISTANCE_GROWTH,
+                extent,
+                patience,
+            )
+            .map(DistributedDistance::Global),
+            (_, distance) => Ok(distance),
+        }
+    })?;
+    let outline = distance.outline();
+    let mut estimate = estimate::estimate_from_distance(&outline, extent, params.cells);
+    if stages.may_partition {
+        estimate =
+            estimate::estimate_per_rank(estimate, extent, &outline, params.seeding, comm::size());
+    }
+    stages.observer.estimate(&estimate);
+    estimate::afford(&estimate)?;
+    drop(outline);
+    Ok(distance)
+}
+
+/// The atoms that never move: those given, and those of wells.
+pub(super) fn fixed_atoms<const D: usize>(
+    distance: &Distance<D>,
+    alignment: Alignment,
+    frame: &JobDomain<D>,
+) -> Result<Vec<[f64; D]>> {
+    let mut fixed = frame.fixed_atoms.clone();
+    fixed.extend(wells::place_atoms(
+        &frame.well_paths,
+        distance,
+        frame.extent,
+        alignment,
+    )?);
+    Ok(fixed)
+}
+
+/// Seeds a lattice with atoms on features, and moves it.
+pub(super) fn optimised_lattice<const D: usize>(
+    params: &Params<D>,
+    distance: DistributedDistance<D>,
+    fixed: &[[f64; D]],
+    features: &Features<D>,
+    frame: &JobDomain<D>,
+    stages: &mut StageRunner<'_>,
+) -> Result<PlacedAtoms<D>> {
+    let group = &WorldComm;
+    let (atoms, optimised) = stages.load_or_run_shares("3-moved", |stages| {
+        let (mut atoms, ()) = stages.load_or_run_shares("2-seeded", |stages| {
+            let atoms = stages.run_or_interrupt(Stage::Placing, |patience| {
+                let (how, potential) = (params.seeding, &features.potential);
+                let extent = frame.extent;
+                seeding::seed_partition(how, extent, &distance, fixed, potential, group, patience)
+            })?;
+            Ok((atoms, ()))
+        })?;
+        stages.begin(Stage::Optimising);
+        let optimised = optimise(
+            &mut atoms,
+            params,
+            features,
+            &distance,
+            frame,
+            stages.observer,
+        )?;
+        if optimised.stop == StopReason::Interrupted {
+            stages.mark_interrupted();
+        }
+        Ok((atoms, optimised))
+    })?;
+    Ok(PlacedAtoms {
+        atoms,
+        distance,
+        optimize_result: Some(optimised),
+    })
+}
+
+/// Where a distance from the image is least: where it looks as its features do; and why.
+fn densest_brightness<const D: usize>(
+    image: &Image<D>,
+    features: &Features<D>,
+) -> (DenseRegion, String) {
+    let mask = |value: f32| {
+        let samples = image.as_slice().iter();
+        let sum: f64 = samples.map(|&s| f64::from(s)).sum();
+        f64::from(value) * image.as_slice().len() as f64 > sum
+    };
+    let kinds = features.resolved.iter();
+    let mut of = kinds.filter_map(|of| match (of.kind, of.mask) {
+        (FeatureKind::Ridges, _) => Some((DenseRegion::Bright, "ridges, which are bright".into())),
+        (FeatureKind::Valleys, _) => Some((DenseRegion::Dark, "valleys, which are dark".into())),
+        (FeatureKind::Labels | FeatureKind::Mask, Some(value)) if mask(value) => {
+            Some((DenseRegion::Bright, format!("a thin mask of {value}")))
+        }
+        (FeatureKind::Labels | FeatureKind::Mask, Some(value)) => {
+            Some((DenseRegion::Dark, format!("a thin mask of {value}")))
+        }
+        _ => None,
+    });
+    let followed = of.next_back();
+    followed.unwrap_or_else(|| (DenseRegion::Dark, "features neither bright nor dark".into()))
+}
+
+/// What whoever reads the report should know of how the distance came about.
+pub(super) fn distance_note<const D: usize>(
+    source: ImageSource<'_, D>,
+    params: &Params<D>,
+    features: &Features<D>,
+) -> Result<Option<String>> {
+    let Spacing::FromImage { .. } = params.spacing else {
+        return Ok(None);
+    };
+    let (dense, why) = densest_brightness(&*source.to_image()?, features);
+    let end = match dense {
+        DenseRegion::Dark => "darkest",
+        DenseRegion::Bright => "brightest",
+    };
+    Ok(Some(format!(
+        "distance from image: least where it is {end}, for it has {why}"
+    )))
+}
+
+/// A distance with that of each label in its samples, if one has its own: where it is less than the
+/// largest elsewhere it limits it; where it is more, all grows with it.
+fn distance_with_labels<const D: usize>(
+    distance: Distance<D>,
+    params: &Params<D>,
+    features: &Features<D>,
+    patience: &CancelToken<'_>,
+) -> Distance<D> {
+    let Some(labelled) = &features.labels else {
+        return distance;
+    };
+    let wish = |label: &LabelValue| {
+        let wish = params.labels.iter().find(|wish| wish.label == *label);
+        wish.and_then(|wish| wish.distance)
+    };
+    let wishes: Vec<Option<f64>> = labelled.labels.iter().map(wish).collect();
+    if wishes.iter().all(Option::is_none) {
+        return distance;
+    }
+    let most = params.spacing.max();
+    let mut field = match &distance {
+        Distance::Bricks(_) => return distance,
+        Distance::Field(field) => field.clone(),
+        Distance::Constant(d) => {
+            let least = wishes.iter().flatten().copied().fold(*d, f64::min);
+            distance::coarse_field(features.potential.extent(), least, *d)
+        }
+    };
+    let (dims, step) = (field.dims, field.step);
+    for_each_sample(dims, |i, at| {
+        let x = std::array::from_fn(|k| at[k] as f64 * step[k]);
+        if let Some(wish) = wishes[labelled.label_at(x) as usize] {
+            let d = &mut field.samples[i];
+            *d = if wish <= most {
+                d.min(wish as f32)
+            } else {
+                *d * (wish / most) as f32
+            };
+        }
+    });
+    distance::limit_gradient(&mut field, MAX_DISTANCE_GROWTH, patience);
+    Distance::Field(field)
+}
+
+/// The nominal distance that the parameters ask for.
+fn base_distance<const D: usize>(
+    source: ImageSource<'_, D>,
+    params: &Params<D>,
+    features: &Features<D>,
+    step: [f64; D],
+    patience: &CancelToken<'_>,
+) -> Result<DistributedDistance<D>> {
+    let field = |image: &Image<D>| ScalarField {
+        dims: image.dims(),
+        step,
+        samples: image.as_slice().to_vec(),
+    };
+    let wishes = || params.labels.iter().filter_map(|wish| wish.distance);
+    let least = |d: f64| wishes().fold(d, f64::min);
+    let (growth, group) = (MAX_DISTANCE_GROWTH, &WorldComm as &dyn Comm);
+    let gaps = |min, max| {
+        distance::distributed_from_gaps(
+            features,
+            DistanceLimits { min, max, growth },
+            patience,
+            group,
+        )
+    };
+    let all = match params.spacing {
+        Spacing::Constant(d) if features.spacing.is_some() => {
+            return gaps(least(d), d.max(least(d)));
+        }
+        Spacing::FromFeatureGaps { min, max } => {
+            // Parts of labels may be thinner than the least distance.
+            let spacing = features.spacing.iter().flatten();
+            let min = match features.labels {
+                Some(_) => spacing.fold(min, |min, d| min.min(f64::from(*d))),
+                None => min,
+            };
+            return gaps(least(min), max);
+        }
+        Spacing::FromFeatures { min, max } => {
+            let limits = DistanceLimits { min, max, growth };
+            return distance::distributed_from_features(features, limits, patience, group);
+        }
+        Spacing::Constant(d) => Ok(Distance::Constant(d)),
+        Spacing::FromImage { min, max } => {
+            let image = source.to_image()?;
+            let dense = densest_brightness(&image, features).0;
+            distance::from_image(
+                &field(&image),
+                dense,
+                min,
+                max,
+                MAX_DISTANCE_GROWTH,
+                patience,
+            )
+        }
+        Spacing::FromLaplacian { min, max } => distance::from_laplacian(
+            &features.potential.to_dense(),
+            features.sigma,
+            min,
+            max,
+            MAX_DISTANCE_GROWTH,
+            patience,
+        ),
+        Spacing::FromCannyAtoms { .. } => Err(Error::Job(cause(
+            "distance",
+            "is to be that of Canny's points, but atoms are placed in another way",
+            "give a distance, or place Canny's points",
+        ))),
+        Spacing::FromDistanceMap { min, max } => match &params.distance_map {
+            Some(given) if given.dims() == source.dims() => {
+                distance::from_samples(field(given), min, max, MAX_DISTANCE_GROWTH, patience)
+            }
+            given => Err(Error::Job(cause(
+                "distances",
+                format!(
+                    "have dimensions {:?}, the image {:?}",
+                    given.as_ref().map(|image| image.dims()).unwrap_or([0; D]),
+                    source.dims()
+                ),
+                "give one distance per sample of the image",
+            ))),
+        },
+    };
+    all.map(DistributedDistance::Global)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::feature::{DetectionOptions, detect};
+    use crate::image::Geometry;
+
+    #[test]
+    fn a_distance_from_the_image_is_least_on_features_bright_or_dark() {
+        for (sign, kind, word) in [
+            (1.0, FeatureKind::Ridges, "brightest"),
+            (-1.0, FeatureKind::Valleys, "darkest"),
+        ] {
+            let line = |x: usize| (-0.5 * ((x as f64 - 40.0) / 1.5).powi(2)).exp();
+            let samples = (0..80 * 70).map(|i| (sign * line(i % 80)) as f32);
+            let image = Image::new([80, 70], samples.collect(), Geometry::default());
+            let features = detect(&image, &DetectionOptions::with_kind(kind, 4.0)).unwrap();
+            let params = Params {
+                spacing: Spacing::FromImage { min: 4.0, max: 7.0 },
+                ..Params::default()
+            };
+            let d = base_distance(
+                ImageSource::InMemory(&image),
+                &params,
+                &features,
+                [1.0; 2],
+                &CancelToken::never(),
+            );
+            let d = d.unwrap().into_global(&WorldComm).unwrap();
+            let d = |x: f64| d.value_at([x, 35.0]);
+            assert!(
+                d(40.0) < 4.1 && d(5.0) > 6.0,
+                "{kind}: {} {}",
+                d(40.0),
+                d(5.0)
+            );
+            let note = distance_note(ImageSource::InMemory(&image), &params, &features);
+            let note = note.unwrap().unwrap();
+            assert!(note.contains(word), "{note}");
+        }
+    }
+
+    #[test]
+    fn refusals_name_the_parameter_that_is_to_be_changed() {
+        let sampled = Params::<2> {
+            evaluator: Evaluator::Sampled,
+            ..Params::default()
+        };
+        let sampled_with_kappa = Params {
+            kappa: 0.7,
+            ..sampled.clone()
+        };
+        let kappa = Params {
+            evaluator: Evaluator::Pairwise,
+            ..sampled_with_kappa.clone()
+        };
+        let canny = Params {
+            seeding: Seeding::Canny,
+            ..Params::default()
+        };
+        let (on, alongside) = (Alignment::OnFeatures, Alignment::AlongsideFeatures);
+        for (params, alignment, parameter) in [
+            (&sampled, alongside, "evaluator"),
+            (&sampled_with_kappa, on, "evaluator"),
+            (&kappa, alongside, "kappa"),
+            (&canny, alongside, "seeding"),
+        ] {
+            let error = PlacementMethod::from_params(params)
+                .check(params, alignment)
+                .unwrap_err();
+            assert_eq!(error.cause().parameter, Some(parameter), "{error}");
+        }
+        assert!(
+            PlacementMethod::from_params(&sampled)
+                .check(&sampled, on)
+                .is_ok()
+        );
+    }
+}

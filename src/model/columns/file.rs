@@ -1,0 +1,45 @@
+//! A map and horizons to a file of columns.
+
+use crate::files::vtk::DataArray;
+use crate::image::Geometry;
+use crate::mesh::poly::PolyMesh;
+use crate::model::columns::{COLUMN, Columns, LAYER};
+use crate::store::output::{Provenance, common_fields};
+use crate::store::stored_mesh::bounding_box;
+use crate::store::{LatticeSpace, MeshFile};
+
+/// Columns on the cells of a map, which have `regions`, as a file. Its lattice space is the map's, with
+/// z as it is, from the lowest node up; `z_unit` is z's unit.
+pub fn columns_to_file(
+    columns: Columns,
+    regions: &[i32],
+    map: &LatticeSpace<2>,
+    z_unit: &str,
+    provenance: &Provenance,
+) -> MeshFile<PolyMesh<3>> {
+    let (low, high) = bounding_box(&columns.mesh.nodes);
+    let mut geometry: Geometry<3> = map.geometry.to_3d();
+    geometry.origin[2] = low[2];
+    geometry.units[2] = z_unit.into();
+    let step = [map.step[0], map.step[1], 1.0];
+    let extent = [map.extent[0], map.extent[1], high[2] - low[2]];
+    let volume: Vec<f64> = columns.mesh.cell_shapes().iter().map(|s| s.0).collect();
+    let mut cell_data = vec![
+        DataArray::scalars(COLUMN, columns.column.clone()),
+        DataArray::scalars(LAYER, columns.layer.clone()),
+        DataArray::scalars("volume", volume),
+    ];
+    if regions.iter().any(|r| *r != 0) {
+        let block = columns.column.iter().map(|&c| regions[c as usize]);
+        cell_data.push(DataArray::scalars(
+            "map_region",
+            block.collect::<Vec<i32>>(),
+        ));
+    }
+    MeshFile {
+        mesh: columns.mesh,
+        point_data: Vec::new(),
+        cell_data,
+        field_data: common_fields(&geometry, step, extent, provenance),
+    }
+}

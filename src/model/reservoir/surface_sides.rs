@@ -1,0 +1,145 @@
+//! The two sides of surfaces, and meshes torn along them.
+
+use super::Model;
+use crate::Result;
+use crate::error::{Error, cause};
+use crate::model::flow::driver::{BarrierSelection, FaultLaws};
+use crate::model::flow::{Barriers, FaultLaw, SplitMesh};
+use crate::model::surface::Surfaces;
+
+impl Model {
+    /// For each connection whether its second cell is on the upper side of its surface: on the side to
+    /// which the surface's normal points, the same one all over a surface, upwards on the whole. Of use
+    /// for connections on surfaces only.
+    pub fn second_cell_is_upper(&self) -> Vec<bool> {
+        let surfaces = &self.surfaces;
+        let mut on: Vec<u32> = (0..surfaces.connection_surfaces.len() as u32)
+            .filter(|&f| surfaces.connection_surfaces[f as usize] > 0)
+            .collect();
+        on.sort_by_key(|&f| surfaces.connection_surfaces[f as usize]);
+        // Faces are convex; the first triangle of each tells how it was turned.
+        let mut fans = Surfaces::<3>::default();
+        let mut first = Vec::with_capacity(on.len());
+        let mut surface = 0;
+        for &f in &on {
+            let own = surfaces.connection_surfaces[f as usize];
+            if own != surface {
+                fans.start.push(fans.facets.len());
+                surface = own;
+            }
+            first.push(fans.facets.len());
+            let ring = self.mesh.faces.get(f as usize);
+            fans.facets
+                .extend((2..ring.len()).map(|i| [ring[0], ring[i - 1], ring[i]]));
+        }
+        fans.start.push(fans.facets.len());
+        let before: Vec<u32> = first.iter().map(|&at| fans.facets[at][0]).collect();
+        fans.orient(&self.mesh.nodes, [0.0, 0.0, 1.0]);
+        let mut rises = vec![true; surfaces.connection_surfaces.len()];
+        for ((&f, at), node) in on.iter().zip(first).zip(before) {
+            rises[f as usize] = fans.facets[at][0] == node;
+        }
+        rises
+    }
+
+    /// Tears the tetrahedra along some of the surfaces, scraps never.
+    ///
+    /// # Errors
+    /// [`Error::Export`] if the cells are others, or no such surface is there; [`Error::Flow`] for the
+    /// number of a surface that does not exist.
+    pub fn split_along(&mut self, along: BarrierSelection) -> Result<()> {
+        let tets = self.need_tets("a split mesh")?;
+        let laws = FaultLaws {
+            selection: along,
+            law: FaultLaw::CLOSED,
+            overrides: Vec::new(),
+            must_apply: false,
+        };
+        let laws = laws.surface_laws(&self.surfaces.all_names(), "--split")?;
+        let mut label = vec![0; 4 * tets.tets.len()];
+        for (f, &surface) in self.surfaces.connection_surfaces.iter().enumerate() {
+            if surface == 0 || surface as usize > self.surfaces.kept_count {
+                continue;
+            }
+            let cell = self.mesh.face_cells[f][0] as usize;
+            let ring = self.mesh.faces.get(f);
+            let opposite = tets.tets[cell].iter().position(|n| !ring.contains(n));
+            label[4 * cell + opposite.unwrap_or(0)] = surface;
+        }
+        let torn = SplitMesh::new(tets, &Barriers::new(label, laws)?)?;
+        if torn.faces.is_empty() {
+            return Err(Error::Export(cause(
+                "a split mesh",
+                "needs a surface to be split along, and there is none of those",
+                "name others, or omit it",
+            )));
+        }
+        self.split_mesh = Some(torn);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::boxes::kuhn_box;
+    use crate::mesh::poly::PolyMesh;
+    use crate::model::surface::SurfaceKind;
+
+    /// A box of tetrahedra with a fault where x = 1, which ends at y = 2 of 3.
+    fn faulted_model() -> Model {
+        let tets = kuhn_box([3, 3, 2], 1.0);
+        let mut mesh = PolyMesh::from_simplices(&tets, &[], &[]).unwrap();
+        mesh.assign_sides([0.0; 3], [3.0, 3.0, 2.0]);
+        for f in 0..mesh.inner_face_count() {
+            let ring = mesh.faces.get(f).iter().map(|&n| mesh.nodes[n as usize]);
+            mesh.on_feature[f] =
+                ring.clone().all(|p| p[0] == 1.0) && ring.clone().all(|p| p[1] <= 2.0);
+        }
+        Model::new(mesh, Some(tets))
+    }
+
+    #[test]
+    fn a_surface_has_one_upper_side() {
+        let model = faulted_model();
+        let rises = model.second_cell_is_upper();
+        let mut upper = Vec::new();
+        for (f, c) in model.graph.connections.iter().enumerate() {
+            if c.on_feature {
+                let [below, above] = if rises[f] { [0, 1] } else { [1, 0] };
+                let x = |side: usize| model.graph.site[c.cells[side] as usize][0];
+                upper.push(x(above) > x(below));
+            }
+        }
+        assert_eq!(upper.len(), 8);
+        assert!(upper.iter().all(|u| *u == upper[0]), "{upper:?}");
+    }
+
+    #[test]
+    fn nodes_are_doubled_along_the_fault_but_not_at_its_tip() {
+        let mut model = faulted_model();
+        let before = model.mesh.nodes.len();
+        model.split_along(BarrierSelection::Faults).unwrap();
+        let torn = model.split_mesh.as_ref().unwrap();
+        // Nodes with y of 0 and 1 are doubled, at each of three heights; those at y = 2 are at the tip.
+        assert_eq!(torn.mesh.nodes.len() - before, 6);
+        assert_eq!(torn.faces.len(), 8);
+        assert!(torn.original_node[before..].iter().all(|&n| {
+            let [x, y, _] = torn.mesh.nodes[n as usize];
+            x == 1.0 && y < 2.0
+        }));
+        model.surfaces.kinds = vec![SurfaceKind::Horizon];
+        let error = model
+            .split_along(BarrierSelection::Faults)
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains("there is none"), "{error}");
+        model.surfaces.kept_count = 0;
+        assert!(model.split_along(BarrierSelection::All).is_err());
+        assert!(
+            model
+                .split_along(BarrierSelection::Selected(vec![2.into()]))
+                .is_err()
+        );
+    }
+}

@@ -1,0 +1,307 @@
+//! From a job's mesh of simplices to a file: physical coordinates, and what each node and cell is.
+
+use std::path::Path;
+
+use crate::parallel::prelude::*;
+
+use super::cell_output::cell_mesh_file;
+use super::labels::labels_field;
+use super::pvtu::{extract_partition, is_pvtu, with_global_nodes, write_partition};
+use super::{write_cells_vtu, write_lines, write_vtu};
+use crate::comm::WorldComm;
+use crate::error::cause;
+use crate::feature::ResolvedOptions;
+use crate::files::vtk::DataArray;
+use crate::image::{Geometry, ImageSource};
+pub use crate::job::Provenance;
+use crate::job::horizons::horizon_bits;
+use crate::job::{AnnotatedMesh, MeshResult, MeshSpace, Meshing, Outcome};
+use crate::mesh::view::MeshView;
+use crate::mesh::{Mesh, Simplices};
+use crate::progress::CancelToken;
+use crate::report::{Quality, quality, quality_of_partition, smallest_angles};
+use crate::store::{
+    AnyMesh, FieldValue, LatticeSpace, MeshFile, face_bits_to_physical, to_physical,
+};
+use crate::{Error, Result, comm};
+
+/// The outcome of a job where the image lies in the world, with all that is known of each node and
+/// cell.
+pub fn simplex_mesh_file<const D: usize, M: Simplices<D>>(
+    outcome: &Outcome<D>,
+    made: &AnnotatedMesh<M>,
+) -> MeshFile<M>
+where
+    MeshSpace<D>: Meshing<D, Mesh = M>,
+{
+    let geometry = &outcome.geometry;
+    let lattice = &made.mesh;
+    let nodes = lattice.nodes();
+    let mesh = to_physical(lattice, outcome.step, geometry);
+    let kinds: Vec<u8> = made.node_kinds.iter().map(|&kind| kind as u8).collect();
+    let potential = &outcome.features.potential;
+    let feature: Vec<f32> = nodes
+        .par_iter()
+        .map(|&x| potential.value(x) as f32)
+        .collect();
+    let distance: Vec<f32> = nodes
+        .par_iter()
+        .map(|&x| outcome.distance.value_at(x) as f32)
+        .collect();
+    let cells = || (0..lattice.len()).into_par_iter();
+    let smallest = smallest_angles(lattice);
+    let volume: Vec<f32> = cells().map(|c| mesh.volume(c) as f32).collect();
+    let horizons = horizon_bits(lattice, &made.feature_faces, &outcome.features);
+    let mirrored = geometry.determinant() < 0.0;
+    let mut file = MeshFile {
+        mesh,
+        point_data: vec![
+            DataArray::scalars("atom_kind", kinds),
+            DataArray::scalars("feature", feature),
+            DataArray::scalars(DISTANCE_ARRAY, distance),
+        ],
+        cell_data: vec![
+            DataArray::scalars(
+                "region",
+                match made.regions.is_empty() {
+                    true => vec![0i32; lattice.len()],
+                    false => made.regions.clone(),
+                },
+            ),
+            DataArray::scalars(M::MIN_ANGLE_ARRAY, smallest),
+            DataArray::scalars(M::VOLUME_NAME, volume),
+            DataArray::scalars(
+                M::FEATURE_FACES_ARRAY,
+                face_bits_to_physical::<D>(&made.feature_faces, mirrored),
+            ),
+            DataArray::scalars(ANGLES_ARRAY, made.angle_assessment.cell_classes.clone()),
+        ],
+        field_data: {
+            let mut fields =
+                common_fields(geometry, outcome.step, outcome.extent, &outcome.provenance);
+            fields.extend(resolved_options_field(&outcome.features.resolved));
+            fields.extend(outcome.features.labels.as_ref().and_then(labels_field));
+            fields
+        },
+    };
+    // A rank without cells has the arrays that others have.
+    if outcome.features.point_counts().on_horizon > 0 {
+        let bits = face_bits_to_physical::<D>(&horizons, mirrored);
+        file.cell_data
+            .push(DataArray::scalars(HORIZON_FACES_ARRAY, bits));
+    }
+    file
+}
+
+impl<const D: usize> Outcome<D>
+where
+    MeshSpace<D>: Meshing<D>,
+{
+    /// The mesh with all that is known of it, where the image lies in the world, as
+    /// [`Self::write_with_image`] writes it; `None` unless the image has two axes or three.
+    ///
+    /// # Errors
+    /// That of reading the image.
+    pub fn mesh_file(&self, image: ImageSource<'_, D>) -> Result<Option<AnyMesh>> {
+        Ok(AnyMesh::from_any(match &self.mesh {
+            MeshResult::Simplices(made) => {
+                Box::new(with_image(simplex_mesh_file(self, made), image)?)
+            }
+            MeshResult::Voronoi { mesh, weld } => {
+                Box::new(with_image(cell_mesh_file(self, mesh, *weld), image)?)
+            }
+        }))
+    }
+
+    /// Writes the mesh with all that is known of it, where the image lies in the world, as a VTU file:
+    /// wholly or not at all. To a `.pvtu` file each rank writes its share of the tetrahedra or triangles; where ranks
+    /// have but a part each, nothing else can be written.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if it cannot be written, [`Error::Job`] for Voronoi cells in parts.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        self.write_file(path, None)
+    }
+
+    /// The same with the image's value at each node and in the middle of each cell, as arrays `image`.
+    ///
+    /// # Errors
+    /// As [`write`](Self::write), and that of reading the image.
+    pub fn write_with_image(&self, path: &Path, image: ImageSource<'_, D>) -> Result<()> {
+        self.write_file(path, Some(image))
+    }
+
+    fn write_file(&self, path: &Path, image: Option<ImageSource<'_, D>>) -> Result<()> {
+        let in_parts = is_pvtu(path);
+        match &self.mesh {
+            MeshResult::Simplices(made) if in_parts => {
+                let (part, count) = (comm::rank(), comm::size());
+                let file = simplex_mesh_file(self, made);
+                let file = match &self.share {
+                    Some(share) => with_global_nodes(file, &share.nodes),
+                    None => extract_partition(file, part, count),
+                };
+                write_partition(path, &with_optional_image(file, image)?, part, count)
+            }
+            MeshResult::Simplices(made) => write_vtu(
+                path,
+                &with_optional_image(simplex_mesh_file(self, made), image)?,
+            ),
+            MeshResult::Voronoi { .. } if in_parts => Err(no_partitions_error(path)),
+            MeshResult::Voronoi { mesh, weld } => {
+                let file = cell_mesh_file(self, mesh, *weld);
+                write_cells_vtu(path, &with_optional_image(file, image)?)
+            }
+        }
+    }
+
+    /// The shapes of tetrahedra or triangles where the image lies in the world, if they are other ones there. Where ranks
+    /// have a part each, all must ask.
+    ///
+    /// # Errors
+    /// Those of other ranks.
+    pub fn quality_in_world(&self) -> Result<Option<Quality>> {
+        let Some(made) = self.simplices() else {
+            return Ok(None);
+        };
+        if self.geometry.preserves_shapes(self.step) || !self.geometry.has_uniform_units() {
+            return Ok(None);
+        }
+        let mesh = to_physical(&made.mesh, self.step, &self.geometry);
+        Ok(Some(match &self.share {
+            None => quality(&mesh),
+            Some(share) => quality_of_partition(
+                &MeshView::from_cells(&mesh, share.first_cell, share.global_counts, &WorldComm),
+                &CancelToken::never(),
+            )?,
+        }))
+    }
+
+    /// Writes the acute lines of tetrahedra or triangles, where the image lies in the world, as
+    /// [`write_lines`] does; Voronoi cells have none.
+    ///
+    /// # Errors
+    /// [`Error::Io`](crate::Error::Io) if the file cannot be written.
+    pub fn write_lines(&self, path: &Path) -> Result<()> {
+        let none = Vec::new();
+        let (lines, nodes) = match self.simplices() {
+            Some(made) => (&made.angle_assessment.angles.acute_lines, made.mesh.nodes()),
+            None => (&none, &[][..]),
+        };
+        write_lines(path, lines, |n| {
+            let x = nodes[n as usize];
+            let index = std::array::from_fn(|k| x[k] / self.step[k]);
+            self.geometry.to_physical(index)
+        })
+    }
+}
+
+/// Voronoi cells, of which no parts are written.
+pub(crate) fn no_partitions_error(path: &Path) -> Error {
+    let problem = "is for tetrahedra and triangles: Voronoi cells are not written in parts";
+    Error::Job(cause(
+        path.display(),
+        problem,
+        "give a name that ends in .vtu",
+    ))
+}
+
+/// The same, if there is an image.
+fn with_optional_image<const D: usize, M: Mesh<D>>(
+    file: MeshFile<M>,
+    image: Option<ImageSource<'_, D>>,
+) -> Result<MeshFile<M>> {
+    match image {
+        Some(image) => with_image(file, image),
+        None => Ok(file),
+    }
+}
+
+/// A mesh with the image's value at each node and in the middle of each cell, interpolated linearly, as
+/// arrays `image`.
+///
+/// # Errors
+/// That of reading the image.
+pub fn with_image<const D: usize, M: Mesh<D>>(
+    mut file: MeshFile<M>,
+    image: ImageSource<'_, D>,
+) -> Result<MeshFile<M>> {
+    let space = LatticeSpace::from_file(&file, file.mesh.nodes()).filter(|space| space.is_stored);
+    let geometry = space.map_or_else(|| image.geometry().clone(), |space| space.geometry);
+    let (nodes, centre) = (file.mesh.nodes(), file.mesh.centres());
+    let on_nodes = image.interpolate_linear(nodes.len(), |n| geometry.to_index(nodes[n]))?;
+    let in_cells = image.interpolate_linear(file.mesh.len(), |c| geometry.to_index(centre(c)))?;
+    drop(centre);
+    let arrays = &mut file.point_data;
+    arrays.push(DataArray::scalars(IMAGE_ARRAY, on_nodes));
+    let arrays = &mut file.cell_data;
+    arrays.push(DataArray::scalars(IMAGE_ARRAY, in_cells));
+    Ok(file)
+}
+
+/// The arrays of the image's values.
+pub(crate) const IMAGE_ARRAY: &str = "image";
+/// The array that says which cells have angles beyond [30, 150], and whether features explain them.
+pub(crate) const ANGLES_ARRAY: &str = "angles";
+/// The array that says which faces on features lie on horizons, which are no barriers to flow: bits
+/// of cells as in `feature_faces`, or for polyhedra and polygons pairs of cells.
+pub(crate) const HORIZON_FACES_ARRAY: &str = "horizon_faces";
+/// The array of d at each node.
+pub(crate) const DISTANCE_ARRAY: &str = "distance";
+/// Field data of welded Voronoi cells: the share of their size within which nodes are one.
+pub(crate) const WELD_FIELD: &str = "weld";
+/// The unit of the numbers of an array of ours, by its name and the units of the coordinates; empty for
+/// numbers without unit and where it is not known.
+pub(crate) fn array_unit<const D: usize>(array: &str, units: &[String; D]) -> String {
+    match array {
+        "min_dihedral" | "min_angle" => "degrees".to_string(),
+        DISTANCE_ARRAY => "samples".to_string(),
+        "volume" | "area" if units.iter().all(|unit| *unit == units[0]) => {
+            match units[0].as_str() {
+                "" => String::new(),
+                unit => format!("{unit}^{D}"),
+            }
+        }
+        "volume" | "area" => units.join(" "),
+        _ => String::new(),
+    }
+}
+/// The field of units of the coordinates, commas between them.
+pub(super) const UNITS_FIELD: &str = "units";
+/// The name under which a file keeps what feature detection settled on.
+const FEATURES_FIELD: &str = "features";
+
+/// What feature detection settled on, so that a part of the mesh can be made again alike.
+pub fn resolved_options_field(settled: &[ResolvedOptions]) -> Option<(String, FieldValue)> {
+    let text = serde_json::to_string(settled).ok()?;
+    Some((FEATURES_FIELD.into(), FieldValue::Text(text)))
+}
+
+/// The same, of a file; `None` if it does not say.
+pub fn resolved_options<M>(file: &MeshFile<M>) -> Option<Vec<ResolvedOptions>> {
+    let mut fields = file.field_data.iter();
+    fields.find_map(|(name, value)| match value {
+        FieldValue::Text(text) if name == FEATURES_FIELD => serde_json::from_str(text.trim()).ok(),
+        _ => None,
+    })
+}
+
+/// What every file says of itself: what made it, and where its lattice space is.
+pub(crate) fn common_fields<const D: usize>(
+    geometry: &Geometry<D>,
+    step: [f64; D],
+    extent: [f64; D],
+    provenance: &Provenance,
+) -> Vec<(String, FieldValue)> {
+    let text = |text: &str| FieldValue::Text(text.to_string());
+    vec![
+        (UNITS_FIELD.into(), text(&geometry.units.join(","))),
+        ("atomesh_version".into(), text(env!("CARGO_PKG_VERSION"))),
+        ("parameters".into(), text(&provenance.parameters)),
+        ("input_sha256".into(), text(&provenance.input_sha256)),
+        ("origin".into(), FieldValue::F64s(geometry.origin.to_vec())),
+        ("axes".into(), FieldValue::F64s(geometry.axes.concat())),
+        ("lattice_step".into(), FieldValue::F64s(step.to_vec())),
+        ("lattice_extent".into(), FieldValue::F64s(extent.to_vec())),
+    ]
+}

@@ -1,7 +1,7 @@
 //! Whether there is memory for what is asked: said before the work, not in the midst of it.
 //!
 //! What large things will take is estimated from measured figures; what is free the operating system
-//! says, or the user ([`allow`]).
+//! says, or the user ([`set_limit`]).
 
 use std::fmt;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};

@@ -150,15 +150,15 @@ pub struct SizeEstimate {
 /// | while the mesh is smoothed or improved | the mesh as far as it has come: valid, with more slivers or edges across features |
 /// | while it is measured | the mesh, with those figures that were found by then; whether it is valid may be missing, too |
 /// | in an edit | [`Error::Interrupted`]: the mesh stays as it was |
-/// | in a flow, by a [`Patience`] | [`Error::Interrupted`] |
+/// | in a flow, by a [`CancelToken`] | [`Error::Interrupted`] |
 ///
 /// Three things run to their end once they are begun: reading a file, one evaluation of the energy of all
-/// atoms, and what joins all atoms at once ([`Stage::Joining`] and [`Stage::Cutting`], where TetGen is at
+/// atoms, and what joins all atoms at once ([`SmoothingStage::Triangulating`] and [`Stage::Cutting`], where TetGen is at
 /// work, and refinement in space, where CGAL is): a stop takes effect after them. A program that must
 /// end sooner has to end its process, as the command line does.
 ///
 /// A mesh of a job that was stopped says so: its `stop` is
-/// [`Stop::Interrupted`](crate::lattice::optimize::Stop::Interrupted). Every stage asks afresh: an
+/// [`Stop::Interrupted`](crate::densest_lattice::optimize::StopPoint::Interrupted). Every stage asks afresh: an
 /// observer that goes on saying no from stage to stage leaves out all that can be left out.
 pub trait Progress: Send {
     /// A stage begins.
@@ -202,7 +202,7 @@ impl Progress for NoProgress {}
 /// it does not ask again.
 ///
 /// What takes long asks it once a row or a step, and where it is over leaves the rest undone: whoever
-/// gave it must look whether it is [`over`](Self::over) before trusting the result.
+/// gave it must look whether it is [`over`](Self::is_cancelled) before trusting the result.
 pub struct CancelToken<'a> {
     callback: Option<&'a (dyn Fn(Option<f64>) -> bool + Sync)>,
     start: Instant,
@@ -215,7 +215,7 @@ pub struct CancelToken<'a> {
     range_bits: [AtomicU64; 2],
 }
 
-/// What a [`Patience`] asks, given the share that is done where that is known.
+/// What a [`CancelToken`] asks, given the share that is done where that is known.
 type ProgressCallback<'a> = &'a mut (dyn FnMut(Option<f64>) -> bool + Send);
 
 /// Milliseconds between two questions; unit tests count them all.
@@ -291,7 +291,7 @@ impl<'a> CancelToken<'a> {
         self.is_cancelled.load(Relaxed)
     }
 
-    /// So much of the [part](Self::part) at work is done, in [0, 1]. A guess will do: it is for whoever
+    /// So much of the [part](Self::submesh) at work is done, in [0, 1]. A guess will do: it is for whoever
     /// waits.
     pub fn set_fraction(&self, share: f64) {
         let [from, to] = [0, 1].map(|k| f64::from_bits(self.range_bits[k].load(Relaxed)));

@@ -1,9 +1,9 @@
 //! Processes that share a job: the ranks of MPI, where the program is `atomesh-mpi`.
 //!
 //! Every rank runs the whole job. Where work is in parts (windows of an image's layers, slabs of points), each
-//! does its [`share`], and all have the results of all, in the order of the parts: so whatever is made of them
+//! does its [`partition`], and all have the results of all, in the order of the parts: so whatever is made of them
 //! is the same on every rank, and for any number of ranks the same as of a single process. Where no rank needs all,
-//! each holds its part, and tells others what they need of it ([`Group`]). What only one must do or say is the first
+//! each holds its part, and tells others what they need of it ([`Comm`]). What only one must do or say is the first
 //! one's.
 //!
 //! Before they pass on anything, ranks tell one another where they are and whether one has failed: then all end
@@ -161,7 +161,7 @@ pub fn distribute<T: Codec>(
 /// The same where parts are not alike: `much` says how much work each is.
 ///
 /// # Errors
-/// As [`share`].
+/// As [`partition`].
 pub fn distribute_weighted<T: Codec>(
     what: &str,
     much: &[usize],
@@ -203,7 +203,7 @@ fn distribute_range<T: Codec>(
 /// What the first rank has, on every rank; `make` is asked there alone.
 ///
 /// # Errors
-/// Those of `make`, and as [`share`].
+/// Those of `make`, and as [`partition`].
 pub fn broadcast_from_root<T: Codec>(what: &str, make: impl FnOnce() -> Result<T>) -> Result<T> {
     if size() == 1 {
         return make();

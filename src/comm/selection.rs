@@ -4,7 +4,7 @@ use crate::parallel::prelude::*;
 
 use super::LocalOrComm;
 
-/// Values with whole numbers, of so many digits of [`BITS`], that are ordered as they are by `total_cmp`.
+/// Values with whole numbers, of so many digits of [`DIGIT_BITS`], that are ordered as they are by `total_cmp`.
 pub trait RadixKey: Copy {
     /// Digits of the numbers.
     const DIGIT_COUNT: u32;

@@ -96,14 +96,14 @@ pub fn size() -> usize {
     RANK_AND_SIZE.get().map_or(1, |place| place[1])
 }
 
-/// [`World::gather_heads`].
+/// [`World::all_gather_headers`].
 pub fn all_gather_headers(own: [u64; 3]) -> Vec<[u64; 3]> {
     lock()
         .as_ref()
         .map_or_else(|| vec![own], |world| world.all_gather_headers(own))
 }
 
-/// [`World::gather`].
+/// [`World::all_gather`].
 pub fn all_gather(own: &[u8], lengths: &[usize]) -> Vec<u8> {
     lock()
         .as_ref()

@@ -5,7 +5,7 @@ use crate::model::reservoir::Model;
 
 /// Region, [rock] and other properties of each cell, as far as the model has them.
 ///
-/// [rock]: of_rock
+/// [rock]: rock_arrays
 pub fn cell_arrays(model: &Model) -> Vec<DataArray> {
     let mut arrays = vec![DataArray::scalars("region", model.mesh.region.clone())];
     arrays.extend(rock_arrays(model));
@@ -31,7 +31,7 @@ pub fn rock_arrays(model: &Model) -> Vec<DataArray> {
     arrays
 }
 
-/// [`of_cells`], each component by itself and named.
+/// [`cell_arrays`], each component by itself and named.
 pub fn scalar_columns(model: &Model) -> Vec<(String, Vec<f64>)> {
     let columns = cell_arrays(model).into_iter().flat_map(|array| {
         let (width, values) = (array.components, array.values.to_f64());

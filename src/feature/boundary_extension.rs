@@ -40,7 +40,7 @@ const MAX_POINTS_PER_SAMPLE: usize = 4;
 /// Doubtful candidates at most this many samples along each axis from a new point are dropped.
 const DROP_RADIUS: i32 = 2;
 
-/// The heights of a smoothed volume that [`repair`] asks for: near the sides of the box, of some layers.
+/// The heights of a smoothed volume that [`boundary_extension`] asks for: near the sides of the box, of some layers.
 pub struct BoundaryShell<const D: usize> {
     dims: [usize; D],
     /// Samples along each axis from either side that are kept: none or all of them, if they would meet.
@@ -165,7 +165,7 @@ fn side_margin(scale: f64) -> usize {
 }
 
 /// Continues sheets to the sides of the box; `slab` has ridge points of a volume smoothed over `scale` samples, those of
-/// at least `strong` sure, with a halo of [`SEES`] layers. Those of this rank's own layers, in the order of samples.
+/// at least `strong` sure, with a halo of [`HALO_LAYERS`] layers. Those of this rank's own layers, in the order of samples.
 ///
 /// # Errors
 /// Those of other ranks.

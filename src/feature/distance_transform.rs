@@ -7,7 +7,7 @@ use crate::progress::CancelToken;
 pub const MAX_DISTANCE: usize = 8;
 
 /// The signed Euclidean distance of each sample to the surface of a mask, half a sample from the
-/// nearest sample on its other side: positive inside, at most [`REACH`] less a half either way.
+/// nearest sample on its other side: positive inside, at most [`MAX_DISTANCE`] less a half either way.
 pub fn signed_distance<const D: usize>(
     dims: [usize; D],
     inside: &[bool],

@@ -84,7 +84,7 @@ pub struct Curvature {
 impl Curvature {
     /// Measures the row of x from `first`.
     ///
-    /// As [`symmetric::eigenvalues`], without branches and in single
+    /// As [`eigen::eigenvalues`], without branches and in single
     /// precision: errors about 1e-6 of the largest entry.
     pub fn measure<const D: usize>(&mut self, volume: Volume<'_, D>, first: [usize; D]) {
         let nx = volume.dims[0];

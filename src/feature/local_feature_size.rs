@@ -3,7 +3,7 @@
 //! From each point of a sheet another one is sought along the normal, both ways. Nearer than the
 //! largest distance between atoms, the gap is the distance that they may have there; at a shallow
 //! crossing it goes to zero, and the least distance decides. Sheets that cross at more than
-//! [`CLEAR`] degrees need no finer lattice: one row of atoms stands on both. Nor does a sheet whose
+//! [`MAX_PARALLEL_ANGLE`] degrees need no finer lattice: one row of atoms stands on both. Nor does a sheet whose
 //! normals scatter in noise, if it is known which points are of one sheet.
 
 use super::FeaturePoint;

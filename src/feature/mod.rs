@@ -169,7 +169,7 @@ impl<const D: usize> Features<D> {
     }
 }
 
-/// Finds the features of an image and their potential. Where samples hold no data (see [`Image::marked`]),
+/// Finds the features of an image and their potential. Where samples hold no data (see [`MirrorImage::changed_candidates`]),
 /// small gaps are bridged, and there are no features in larger ones.
 ///
 /// The edge of a disc:

@@ -8,7 +8,7 @@ use super::volume::Volume;
 use crate::progress::CancelToken;
 
 /// Points whose steepness is at least `low`, and above zero, in the order of samples, of a smoothed
-/// volume of which `steepness` is the [steepness](super::steepness::steepness).
+/// volume of which `steepness` is the [steepness](super::gradient_magnitude::gradient_magnitude).
 pub fn gradient_maxima<const D: usize>(
     smoothed: Volume<'_, D>,
     steepness: Volume<'_, D>,

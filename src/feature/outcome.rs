@@ -25,7 +25,7 @@ pub struct KindOutcome {
     pub dropped: DroppedPoints,
     /// The typical strength, over that of noise; `None` where noise is not measured.
     pub signal_to_noise: Option<f32>,
-    /// Of faults: the share of the points at which they dip by less than [`LEAST_DIP`]; two-way time is taken
+    /// Of faults: the share of the points at which they dip by less than [`MIN_FAULT_DIP`]; two-way time is taken
     /// at 2,000 m/s.
     pub gently_dipping: Option<f64>,
 }
@@ -55,7 +55,7 @@ pub struct MissingData {
     pub without_features: f64,
 }
 
-/// Returns the share of the points at which a surface dips by less than [`LEAST_DIP`] in the world; `None` of no
+/// Returns the share of the points at which a surface dips by less than [`MIN_FAULT_DIP`] in the world; `None` of no
 /// points. Normals are in lattice space, with samples `step` apart.
 ///
 /// # Errors

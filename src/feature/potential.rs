@@ -57,7 +57,7 @@ impl<const D: usize> PotentialValleys<'_, D> {
     }
 
     /// The same, of which each of a group makes, and has, a share; these are all points or those [of the
-    /// share](Self::of_share).
+    /// share](Self::gather_for_share).
     pub fn distributed_potential(
         &self,
         group: &dyn Comm,

@@ -12,7 +12,7 @@ const HEIGHT_COLUMN: usize = 6;
 
 /// A quadratic surface (in 2-D a parabola) through points, by weighted least squares.
 pub struct Quadric<const D: usize> {
-    /// The normal equations, their right-hand sides in column [`HEIGHT`]; as wide as vector registers like.
+    /// The normal equations, their right-hand sides in column [`HEIGHT_COLUMN`]; as wide as vector registers like.
     equations: [[f64; 8]; 6],
     /// The weight of a point falls with the square of its distance over this.
     width: f64,

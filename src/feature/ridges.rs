@@ -32,7 +32,7 @@ const MIN_SECOND_RATIO: f32 = 0.4;
 pub const DIFFERENCE_REACH: usize = 3;
 
 /// Ridge points whose strength is at least `low`, in the order of samples, of the own layers of a window
-/// with a halo of [`REACH`], smoothed with a Gaussian of width `sigma` samples.
+/// with a halo of [`DIFFERENCE_REACH`], smoothed with a Gaussian of width `sigma` samples.
 ///
 /// The strength is -sigma^2 times the second derivative across the ridge, scaled to be the ridge's
 /// height if the ridge was a Gaussian of width `sigma` before smoothing.
@@ -48,7 +48,7 @@ pub fn ridges<const D: usize>(
     })
 }
 
-/// Standard deviation of the Laplacian of smoothed white noise over the median of [`sideways`]: its
+/// Standard deviation of the Laplacian of smoothed white noise over the median of [`lateral_curvature`]: its
 /// Hessian's pure entries have variance 3, covariance 1, and its mixed entries variance 1.
 const fn noise_per_median(dimensions: usize) -> f64 {
     if dimensions == 3 { 4.061 } else { 3.941 }
@@ -89,7 +89,7 @@ impl RidgeStatistics {
     }
 }
 
-/// Measures [`Statistics`] for [`ridges`], where features may lie.
+/// Measures [`RidgeStatistics`] for [`ridges`], where features may lie.
 ///
 /// # Errors
 /// That of reading.

@@ -22,7 +22,7 @@ pub trait Codec: Sized {
     /// Writes some, one after the other.
     ///
     /// # Errors
-    /// As [`Kept::put`].
+    /// As [`Codec::encode`].
     fn encode_slice(all: &[Self], out: &mut dyn Write) -> io::Result<()> {
         all.iter().try_for_each(|value| value.encode(out))
     }

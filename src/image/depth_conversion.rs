@@ -2,7 +2,7 @@
 //!
 //! Samples in depth are evenly spaced, and as dense as samples in time are where these lie densest: no detail
 //! is lost. They reach from the shallowest to the deepest that every trace reaches. Values between samples in
-//! time are those of a cubic ([`Field`]), within the range of the image; labels are those of the nearest.
+//! time are those of a cubic ([`ScalarField`]), within the range of the image; labels are those of the nearest.
 
 use crate::parallel::prelude::*;
 use ndarray::{ArrayD, Axis, Dimension, IxDyn, Zip};

@@ -32,7 +32,7 @@ pub trait ImageLayers<const D: usize>: Sync {
     /// The same of whole layers.
     ///
     /// # Errors
-    /// Those of [`Layers::read_rows`].
+    /// Those of [`ImageLayers::read_rows`].
     fn read_layers(&self, first: usize, out: &mut [f32]) -> Result<()> {
         self.read_rows(first, 0..rows_per_layer(self.dims()), out)
     }
@@ -40,7 +40,7 @@ pub trait ImageLayers<const D: usize>: Sync {
     /// All of them.
     ///
     /// # Errors
-    /// Those of [`Layers::read`], and [`Error::Job`](crate::Error::Job) if there is no memory for them.
+    /// Those of [`ImageLayers::read_layers`], and [`Error::Job`](crate::Error::Job) if there is no memory for them.
     fn load(&self) -> Result<Image<D>>;
 }
 
@@ -106,7 +106,7 @@ impl<'a, const D: usize> ImageSource<'a, D> {
         }
     }
 
-    /// The values at `len` (fractional) sample indices, as [`Image::linear`] gives them; NaN where there is
+    /// The values at `len` (fractional) sample indices, as [`MirrorImage::interpolate_linear`] gives them; NaN where there is
     /// none. Index `i` is `at(i)`, asked for more than once, since there may be a hundred million.
     ///
     /// # Errors
@@ -161,7 +161,7 @@ impl<'a, const D: usize> ImageSource<'a, D> {
     /// The whole image in memory.
     ///
     /// # Errors
-    /// Those of [`Layers::load`].
+    /// Those of [`ImageLayers::load`].
     pub fn to_image(&self) -> Result<Cow<'a, Image<D>>> {
         match self {
             Self::InMemory(image) => Ok(Cow::Borrowed(image)),

@@ -74,7 +74,7 @@ pub(crate) struct LiveMask<const D: usize> {
     /// Samples along that axis.
     uniform_len: usize,
     states: Vec<SampleState>,
-    /// For each cell the nearest live one, [`NONE`] beyond [`DEEPEST`].
+    /// For each cell the nearest live one, [`NO_CELL`] beyond [`MAX_FILL_DISTANCE`].
     nearest_live: Vec<u32>,
 }
 

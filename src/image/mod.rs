@@ -179,7 +179,7 @@ impl Image<3> {
     }
 }
 
-/// [`Image::linear`] of samples.
+/// [`MirrorImage::interpolate_linear`] of samples.
 fn interpolate_linear<const D: usize>(dims: [usize; D], samples: &[f32], index: [f64; D]) -> f32 {
     let mut value = 0.0;
     for corner in 0..1usize << D {

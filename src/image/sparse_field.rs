@@ -2,7 +2,7 @@
 //! bricks, only where it is something.
 //!
 //! A brick holds the samples of its cells and the taps beyond them, so that interpolation, which is that of
-//! [`Field`] to the last bit, looks into one brick only. Which of a brick's small blocks have any tap that
+//! [`ScalarField`] to the last bit, looks into one brick only. Which of a brick's small blocks have any tap that
 //! is not zero is known, too: most atoms near a valley are not in it.
 
 use super::field::{ScalarField, Taps, interpolate};
@@ -241,7 +241,7 @@ impl<const D: usize> SparseField<D> {
     }
 
     /// Of a function of which each of a group has a share, what is no farther than `reach` from some positions along each
-    /// axis; what is [asked for](Self::missed) elsewhere is zero.
+    /// axis; what is [asked for](Self::miss_flag) elsewhere is zero.
     ///
     /// # Errors
     /// Those of the others.
@@ -400,7 +400,7 @@ impl<const D: usize> SparseField<D> {
     }
 
     /// The interpolated value and its exact gradient at a position in lattice space, as
-    /// [`Field::value_and_gradient`] has them.
+    /// [`ScalarField::value_and_gradient`] has them.
     pub fn value_and_gradient(&self, position: [f64; D]) -> (f64, [f64; D]) {
         self.nonzero_value_and_gradient(position)
             .unwrap_or((0.0, [0.0; D]))

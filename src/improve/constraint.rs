@@ -217,7 +217,7 @@ impl NodeConstraint {
         self.newton_steps(x, extent, [0.0, 0.01], |x| sheets.planes_near(x))
     }
 
-    /// The same by planes that are [remembered](Lookup), and no nearer to the sheets than `stray`.
+    /// The same by planes that are [remembered](PlaneCache), and no nearer to the sheets than `stray`.
     pub fn snap_within(
         &mut self,
         stray: f64,

@@ -76,7 +76,7 @@ pub const SAME_SURFACE_COSINE: f64 = 0.82;
 /// The middle of a face on a sheet is at most this far off it.
 pub(super) const MAX_FACE_OFFSET: f64 = 0.75;
 
-/// How many cells make up the reach of [`Sheets::far`].
+/// How many cells make up the reach of [`FeaturePlanes::is_far`].
 const DILATION_CELLS: u32 = 2;
 
 /// The cells of a grid in the box that feature points are in or near to: elsewhere there is nothing to be known.
@@ -149,7 +149,7 @@ pub struct FeaturePlanes {
     cells: CellWindow,
     cell_starts: Vec<u32>,
     points: Vec<([f32; 3], [f32; 3])>,
-    /// Cells of side `coarse` that have a point within [`DILATION`] cells.
+    /// Cells of side `coarse` that have a point within [`DILATION_CELLS`] cells.
     coarse_size: f64,
     coarse_cells: CellWindow,
     is_near: Vec<bool>,
@@ -160,7 +160,7 @@ pub struct FeaturePlanes {
 
 impl FeaturePlanes {
     /// From points in the box `[0, extent]`; planes are fitted within `radius`, and
-    /// [`Sheets::far`] means that no point is within `reach`, which is at least the radius.
+    /// [`FeaturePlanes::is_far`] means that no point is within `reach`, which is at least the radius.
     pub fn new(points: &[FeaturePoint<3>], extent: [f64; 3], radius: f64, reach: f64) -> Self {
         let cell_size = radius * 0.75;
         let coarse_size = reach.max(radius) / f64::from(DILATION_CELLS);
@@ -227,7 +227,7 @@ impl FeaturePlanes {
         self.radius
     }
 
-    /// A quick and safe test before [`Sheets::pierced`]: whether a feature point may be within about
+    /// A quick and safe test before [`FeaturePlanes::intersection`]: whether a feature point may be within about
     /// one unit of the edge, but for its part near ends that are `alone` on a sheet.
     pub fn may_intersect(&self, p: [f64; 3], q: [f64; 3], alone: [bool; 2]) -> bool {
         let edge = sub(q, p);
@@ -247,7 +247,7 @@ impl FeaturePlanes {
         place.is_none_or(|place| !self.is_near[place])
     }
 
-    /// Whether a feature point may be within about two units of `x`: quick, where [`Sheets::near`]
+    /// Whether a feature point may be within about two units of `x`: quick, where [`FeaturePlanes::planes_near`]
     /// would only find sheets that pass farther away.
     #[inline]
     pub fn is_close(&self, x: [f64; 3]) -> bool {

@@ -32,7 +32,7 @@ pub struct ReshapeResult<M> {
     pub mesh: M,
     /// What each node may do.
     pub kinds: Vec<AtomKind>,
-    /// The number that each node has in [`Wanted`], or one beyond if improvement has put it in.
+    /// The number that each node has in [`ReshapeRequest`], or one beyond if improvement has put it in.
     pub request_nodes: Vec<u32>,
     /// For each cell, bit k: its face k, opposite node k, lies on a feature.
     pub feature_faces: Vec<u8>,

@@ -121,7 +121,7 @@ where
 /// alike; for as long as it may go on.
 ///
 /// # Errors
-/// Those of [`Meshing::cells`].
+/// Those of [`Meshing::voronoi_cells`].
 pub(crate) fn cut_even_cells<const D: usize>(
     atoms: &mut Atoms<D>,
     sites: &mut ConformingSites<D>,

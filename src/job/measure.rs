@@ -67,7 +67,7 @@ impl<const D: usize, M: Simplices<D>> MeasuredMesh<'_, D, M> {
     /// time, and ranks measure some each.
     ///
     /// # Errors
-    /// Those of [`report::fidelity`] and of [`ranks::share`].
+    /// Those of [`report::fidelity`] and of [`comm::partition`].
     pub fn figures(&self, patience: &CancelToken<'_>) -> Result<MeshFigures> {
         type MeasureTask<'a> = &'a (dyn Fn() -> Result<MeshFigures> + Sync);
         let parts: [MeasureTask; 4] = [
@@ -144,7 +144,7 @@ impl<const D: usize, M: Simplices<D>> MeasuredMesh<'_, D, M> {
     }
 }
 
-/// The figures of a mesh that is in pieces, as [`Measured::figures`] has those of a whole one, on every member of the
+/// The figures of a mesh that is in pieces, as [`MeasuredMesh::mesh_figures`] has those of a whole one, on every member of the
 /// group; `judged.cells` are those of this piece. Of the piece, `claimed` and `feature_faces` have a byte for each
 /// tetrahedron; of the features, each has a share, and `near` are the points near the piece.
 ///

@@ -53,7 +53,7 @@ pub enum Spacing {
         /// The distance where nothing else is.
         max: f64,
     },
-    /// As [`Params::distances`] says, clipped.
+    /// As [`Params::distance_map`] says, clipped.
     FromDistanceMap {
         /// Least distance.
         min: f64,
@@ -230,7 +230,7 @@ pub struct Params<const D: usize = 3> {
     pub cells: CellKind,
     /// Distance between atoms.
     pub spacing: Spacing,
-    /// Distances, one per sample of the image, for [`Spacing::Given`].
+    /// Distances, one per sample of the image, for [`StackSpacing::FromDistanceMap`].
     pub distance_map: Option<Box<Image<D>>>,
     /// Features to follow.
     pub feature: feature::FeatureKind,
@@ -261,7 +261,7 @@ pub struct Params<const D: usize = 3> {
     /// Evaluator of the energy.
     pub evaluator: Evaluator,
     /// Weight in [0, 1] of the energy between atoms against their Laplacian coordinates
-    /// ([`Regularised`](crate::lattice::energy::Regularised)); 1 leaves those out.
+    /// ([`Regularised`](crate::densest_lattice::energy::RegularisedEnergy)); 1 leaves those out.
     pub kappa: f64,
     /// How atoms are moved.
     pub optimizer: optimize::Method,

@@ -45,7 +45,7 @@ where
     pub optimize_result: Option<optimize::OptimizeResult>,
     /// What it was made from, for whoever reads the file; for the caller to fill in.
     pub provenance: Provenance,
-    /// Why the job ended: [`Stop::Interrupted`] if any stage was stopped.
+    /// Why the job ended: [`StopPoint::Interrupted`] if any stage was stopped.
     pub stop: StopReason,
     /// Figures of the mesh and of what it cost; where it comes from is for the caller to add.
     pub report: Report,
@@ -124,7 +124,7 @@ where
 /// The error of the stage that failed: an image that is constant or has no samples with data, a distance that
 /// does not fit the box, fixed atoms outside of it or at one place; for Voronoi cells also fixed atoms
 /// on a side of the box. [`Error::Interrupted`](crate::Error::Interrupted) if the observer asked to
-/// stop before there was a lattice; what a later stop gives, [`Observer`] says.
+/// stop before there was a lattice; what a later stop gives, [`Progress`] says.
 pub fn run<const D: usize>(
     image: &Image<D>,
     params: &Params<D>,

@@ -124,7 +124,7 @@ impl<'a> StageRunner<'a> {
     /// A stage begins before there is a lattice.
     ///
     /// # Errors
-    /// As [`need_to_go_on`](Self::need_to_go_on).
+    /// As [`need_to_go_on`](Self::check_interrupted).
     pub fn begin_unless_stopped(&mut self, stage: Stage) -> Result<()> {
         self.begin(stage);
         self.check_interrupted(stage)

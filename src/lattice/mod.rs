@@ -5,7 +5,7 @@
 //! - [`energy`]: the energy of the lattice and its gradient
 //! - [`optimize`]: atoms move to lower it
 //! - `share`: the atoms that one of several processes has
-//! - [`held`]: these, and those of others near them, while they move
+//! - [`halo`]: these, and those of others near them, while they move
 
 pub mod distance;
 pub mod energy;

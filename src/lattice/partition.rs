@@ -8,7 +8,7 @@ use crate::files::codec::codec_fields;
 use crate::lattice::energy::CHUNK_ATOMS;
 use crate::lattice::seeding::Atoms;
 
-/// Some atoms that follow one another in a lattice, whole chunks of [`CHUNK`]: those of one of a group.
+/// Some atoms that follow one another in a lattice, whole chunks of [`CHUNK_ATOMS`]: those of one of a group.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct OwnedAtoms<const D: usize> {
     /// The atoms.

@@ -7,7 +7,7 @@ use crate::geometry::{cross, dot, sub, volume6};
 /// So many tetrahedra are measured side by side.
 pub const BLOCK_SIZE: usize = 64;
 
-/// The corners of up to [`BLOCK`] tetrahedra, side by side for vectors to measure: by node, axis and
+/// The corners of up to [`BLOCK_SIZE`] tetrahedra, side by side for vectors to measure: by node, axis and
 /// tetrahedron.
 pub struct CornerBlock([[[f64; BLOCK_SIZE]; 3]; 4]);
 
@@ -18,7 +18,7 @@ impl Default for CornerBlock {
 }
 
 impl CornerBlock {
-    /// Copies together the corners of at most [`BLOCK`] tetrahedra. Places without one keep what they
+    /// Copies together the corners of at most [`BLOCK_SIZE`] tetrahedra. Places without one keep what they
     /// had.
     pub fn gather(&mut self, nodes: &[[f64; 3]], tets: &[[u32; 4]]) {
         for (i, tet) in tets.iter().enumerate().take(BLOCK_SIZE) {
@@ -239,7 +239,7 @@ fn cube_root(x: f64) -> f64 {
     y
 }
 
-/// The figures of up to [`BLOCK`] tetrahedra, as those of [`Shape`] side by side.
+/// The figures of up to [`BLOCK_SIZE`] tetrahedra, as those of [`SimplexShape`] side by side.
 pub struct SimplexShapeBlock {
     cosines: [[f64; BLOCK_SIZE]; 6],
     mean_ratio: [f64; BLOCK_SIZE],

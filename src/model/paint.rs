@@ -156,7 +156,7 @@ fn sort_by_volume<const D: usize>(
 
 /// Paints from seeds: each cell gets the label of the seed from which paint arrives first. Paint flows
 /// the shortest way, as far as `level`; it stays in the block (see [`blocks`]) of its seed. What links
-/// say in `harder` (see [`contrast`]) lengthens ways through them.
+/// say in `harder` (see [`contrast_factors`]) lengthens ways through them.
 pub fn paint<const D: usize>(
     ways: &Geodesics<'_, D>,
     block: &[u32],

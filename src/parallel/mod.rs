@@ -9,7 +9,7 @@
 //!
 //! - Items are collected piece by piece and then joined, in their order, so a large array exists twice for a
 //!   moment. Where that matters, write into an array that is there: `out.par_chunks_mut(n)`.
-//! - `map_init` and its like make their state once for each piece, of which there are some [`PIECES_A_THREAD`] for
+//! - `map_init` and its like make their state once for each piece, of which there are some [`PIECES_PER_THREAD`] for
 //!   each thread.
 
 mod adaptors;

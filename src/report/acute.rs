@@ -249,7 +249,7 @@ pub(super) struct AcuteLines<const D: usize> {
 }
 
 /// The acute lines of a mesh in parts that fills the box `[0, extent]`, on all who hold one; the part has some
-/// [faces on features](on_features), each of which is one's, and `distance` is d at its nodes.
+/// [faces on features](sorted_feature_faces), each of which is one's, and `distance` is d at its nodes.
 ///
 /// # Errors
 /// Those of the other holders.

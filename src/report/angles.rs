@@ -2,9 +2,9 @@
 //!
 //! Where two sheets, or a sheet and a side of the box, meet at theta, no mesh that holds both has all
 //! dihedral angles above theta. So what is promised is: every angle is in [30, 150], except in cells
-//! that touch an acute line or lie in its wedge, whose angles are in [s, 180 - s] with s = [`SHARE`]
+//! that touch an acute line or lie in its wedge, whose angles are in [s, 180 - s] with s = [`MIN_ANGLE_RATIO`]
 //! theta. Every other cell is *unexplained*. A cell lies in the wedge if all its nodes are on features or
-//! sides of the box and one is within [`REACH`] d of the line: farther away the wedge is wide enough for
+//! sides of the box and one is within [`INFLUENCE_RADIUS`] d of the line: farther away the wedge is wide enough for
 //! nodes between the two. (Beside a line no more cells are bad than anywhere else at features, as was
 //! seen on sheets at 25 degrees to a side: there, all that were bad touched the line.)
 

@@ -103,7 +103,7 @@ impl<const D: usize> BoxedFaces<D> {
         Self::from_sent(faces.map(|f| (surface.corners(f), surface.sets[f])))
     }
 
-    /// Those of all holders that may be within [`ROUND`] of the box of some points.
+    /// Those of all holders that may be within [`EXCHANGE_RADIUS`] of the box of some points.
     fn gather_near<H: LocalOrComm + ?Sized>(
         surface: &MeshFaces<'_, D>,
         points: &[[f32; D]],
@@ -140,7 +140,7 @@ impl<const D: usize> BoxedFaces<D> {
         }
     }
 
-    /// For each set and point the square of the distance to the nearest face where that is within [`REACH`]; infinite
+    /// For each set and point the square of the distance to the nearest face where that is within [`INFLUENCE_RADIUS`]; infinite
     /// elsewhere.
     fn squared_distances_nearby(
         &self,

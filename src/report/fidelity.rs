@@ -45,7 +45,7 @@ pub struct FaceMatch {
     /// Share of the faces' area within one sample of a feature.
     pub precision: f64,
     /// Symmetric Hausdorff distance, in samples. From faces to features it is cut off at
-    /// [`REACH`](crate::image::synth::truth::REACH).
+    /// [`REACH`](crate::image::synth::truth::INFLUENCE_RADIUS).
     pub hausdorff: f64,
     /// The larger of the two directed 95 % points (by number of feature points, by area).
     pub hausdorff_95: f64,
@@ -176,7 +176,7 @@ impl<'a> TaggedFaces<'a> {
     }
 }
 
-/// [`fidelity_while`] of a mesh in parts, on all who hold one; the claims are those of the part.
+/// [`fidelity_with_cancel`] of a mesh in parts, on all who hold one; the claims are those of the part.
 ///
 /// # Errors
 /// Those of the other holders.

@@ -256,7 +256,7 @@ const ROUNDING_SLACK: f64 = 1.0 + 1e-9;
 struct TreeNode<const D: usize> {
     low: [f64; D],
     high: [f64; D],
-    /// Items `start..end` of the order; a leaf if there are at most [`LEAF`].
+    /// Items `start..end` of the order; a leaf if there are at most [`LEAF_SIZE`].
     start: u32,
     end: u32,
     /// The second child; the first follows its parent.

@@ -222,13 +222,13 @@ const ANGLE_LIMITS: [(ShapeMeasure, f64); 5] = [
 
 /// What is told of the cells of a part.
 struct LocalQuality {
-    /// Of [`LIMITS`], then the bins of the histogram.
+    /// Of [`ANGLE_LIMITS`], then the bins of the histogram.
     counts: Vec<u64>,
     /// Of mean ratios, and of volumes.
     sums: [f64; 2],
     /// The smallest volume and the largest.
     volume_range: [f64; 2],
-    /// The cells whose angles are farthest from 90 degrees, with their [`OfCell::worse`].
+    /// The cells whose angles are farthest from 90 degrees, with their [`CellShape::worst_versine`].
     worst: Vec<(f32, Worst)>,
 }
 
@@ -414,7 +414,7 @@ pub(super) fn centroid<const D: usize>(mesh: &impl Simplices<D>, c: usize) -> Ve
 }
 
 /// The few cells whose angles are farthest from 90 degrees, worst first, of all in the order of their numbers: each
-/// with its [`OfCell::worse`].
+/// with its [`CellShape::worst_versine`].
 fn worst_cells<T>(cells: impl IntoIterator<Item = (f32, T)>) -> Vec<(f32, T)> {
     let mut found: Vec<(f32, T)> = Vec::with_capacity(MAX_LISTED_CELLS + 1);
     for (worse, cell) in cells {

@@ -151,7 +151,7 @@ impl<'a, const D: usize> Reference<'a, D> {
         }
     }
 
-    /// Distance from a position to the features, at most [`REACH`].
+    /// Distance from a position to the features, at most [`INFLUENCE_RADIUS`].
     ///
     /// From truth it is third-order accurate: see `from_corners`. From detected points it is the
     /// distance to the plane of the nearest point, or to that point if it is more than one sample

@@ -432,7 +432,7 @@ fn format_samples(value: f64) -> String {
     }
 }
 
-/// Returns the text in lines of at most [`WIDTH`] characters, broken between words.
+/// Returns the text in lines of at most [`PROSE_WIDTH`] characters, broken between words.
 fn wrap_text(text: &str) -> Vec<String> {
     let mut lines = vec![String::new()];
     for word in text.split(' ') {

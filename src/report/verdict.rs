@@ -25,7 +25,7 @@ const MAX_GENTLE_FAULT_SHARE: f64 = 0.25;
 /// Angles within this distance, in degrees, of 0 or 180 are an issue, unless a smaller target was given.
 const DEFAULT_MIN_ANGLE: f64 = 20.0;
 
-/// A share of faces narrower than the least of [`TINY`](super::cells::TINY) that is worth a word.
+/// A share of faces narrower than the least of [`TINY`](super::cell_output::TINY_FACE_RATIOS) that is worth a word.
 const MAX_TINY_FACE_SHARE: f64 = 0.01;
 
 /// Parts of labels of fewer samples are no loss, unless nothing else has the label.

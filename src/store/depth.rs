@@ -22,11 +22,11 @@ const LATTICE_SPACE_FIELDS: [&str; 4] = ["origin", "axes", "lattice_step", "latt
 /// Cell arrays that are as large as cells in the world are.
 const SIZE_ARRAYS: [&str; 2] = ["volume", "area"];
 
-/// A mesh with depth in metres for two-way time, as [`Geometry::in_depth`] has it. In lattice space it
+/// A mesh with depth in metres for two-way time, as [`Geometry::to_depth`] has it. In lattice space it
 /// is the same as before.
 ///
 /// # Errors
-/// As [`Geometry::in_depth`].
+/// As [`Geometry::to_depth`].
 pub fn to_depth<const D: usize, M: Mesh<D>>(
     file: MeshFile<M>,
     velocity: f64,

@@ -5,7 +5,7 @@ use super::{FieldValue, MeshFile};
 /// The name under which a file keeps the names, and that of the faces: for each three numbers, that of its
 /// surface, from 1 on, and those of its two cells.
 pub const SURFACE_NAMES_FIELD: &str = "surface_names";
-/// See [`SURFACE_NAMES`].
+/// See [`SURFACE_NAMES_FIELD`].
 pub const SURFACE_FACES_FIELD: &str = "surface_faces";
 
 /// Surfaces by name.

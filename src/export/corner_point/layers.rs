@@ -21,7 +21,7 @@ pub struct GridLayers {
     /// Number of layers.
     pub count: usize,
     /// z of every corner: of column after column, its four corners (as
-    /// [`Pillars::of_column`]), each from the top down, `count + 1` numbers.
+    /// [`Pillars::column_pillars`]), each from the top down, `count + 1` numbers.
     pub z: Vec<f64>,
     /// Whether they follow regions.
     pub follows_regions: bool,

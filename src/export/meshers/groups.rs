@@ -24,7 +24,7 @@ pub struct FaceNames {
 /// Faces of one name.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FaceGroup {
-    /// As in [`Names::names`].
+    /// As in [`FaceNames::surface_names`].
     pub name: String,
     /// Number of the name, from 1 on.
     pub number: usize,
@@ -125,7 +125,7 @@ pub fn face_groups(model: &Model) -> Vec<FaceGroup> {
 
 /// Sides of cells that have a name.
 pub struct NamedSides {
-    /// As [`Names`] has it; the two sides of a surface along which the mesh is torn end in `_a` (the lower
+    /// As [`FaceNames`] has it; the two sides of a surface along which the mesh is torn end in `_a` (the lower
     /// one) and `_b`.
     pub name: String,
     /// Its number, from 1 on; no other name has it.
@@ -164,7 +164,7 @@ impl NamedSides {
 }
 
 /// A face as one of its cells has it, anticlockwise seen from outside that: of a surface the cell below it,
-/// else the first. `rises` are those of [`Model::rises`].
+/// else the first. `rises` are those of [`Model::second_cell_is_upper`].
 pub fn face_from_below(model: &Model, rises: &[bool], face: u32) -> (u32, Vec<u32>) {
     let mesh = &model.mesh;
     let mut ring = mesh.faces.get(face as usize).to_vec();

@@ -164,7 +164,7 @@ impl<'a> SimplexMesh<'a> {
     }
 
     /// Visits the nodes of a simplex, or of a side of one, with these corners: they, and if the mesh is
-    /// quadratic those in the middle of its edges, in the order of [`MIDDLES`].
+    /// quadratic those in the middle of its edges, in the order of [`MIDPOINT_EDGES`].
     pub fn visit_nodes(&self, corners: &[u32], mut visit: impl FnMut(u32)) {
         corners.iter().for_each(|&n| visit(n));
         if self.is_quadratic() {

@@ -76,7 +76,7 @@ pub(super) fn from_image<const D: usize>(image: &Image<D>) -> Texture {
 }
 
 /// As many bytes along each axis as there are samples, or fewer: no side is longer than `longest`, and
-/// all make [`LARGEST`] at most. The longest side gives way first.
+/// all make [`MAX_PAGE_BYTES`] at most. The longest side gives way first.
 fn fitted_dims(samples: [usize; 3], longest: usize) -> [usize; 3] {
     let mut dims = samples.map(|n| n.min(longest));
     while dims.iter().product::<usize>() > MAX_TEXTURE_BYTES {

@@ -138,7 +138,7 @@ pub(super) fn scalar_arrays<const D: usize, M: Storable<D>>(
     arrays
 }
 
-/// What the numbers of [`ANGLES`] mean.
+/// What the numbers of [`ANGLE_COUNT`] mean.
 const ANGLE_CLASS_NAMES: [&str; 3] = ["within bounds", "explained by features", "unexplained"];
 
 fn are_integers(values: &Values) -> bool {

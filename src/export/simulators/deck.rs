@@ -73,7 +73,7 @@ pub(crate) fn write_array(
     writeln!(out, "/\n")
 }
 
-/// RUNSPEC of a grid of these dimensions; `says` is a line for people, `open` as for [`schedule`].
+/// RUNSPEC of a grid of these dimensions; `says` is a line for people, `open` as for [`write_schedule`].
 pub(crate) fn write_runspec(
     out: FileWriter,
     case: &SimulationCase,

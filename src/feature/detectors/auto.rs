@@ -283,7 +283,7 @@ struct Percentiles {
     thin_share: f64,
     /// The mean of all, in standard deviations.
     mean: f64,
-    /// Correlation of values with those [`THIN`] samples beside them along the axis on which it is least.
+    /// Correlation of values with those [`THIN_DISTANCE`] samples beside them along the axis on which it is least.
     correlation: f64,
 }
 
@@ -298,7 +298,7 @@ impl Percentiles {
 #[derive(Default)]
 struct LocalMeans<const D: usize> {
     means: Vec<f32>,
-    /// Those of the places [`THIN`] samples to either side along each axis.
+    /// Those of the places [`THIN_DISTANCE`] samples to either side along each axis.
     adjacent: Vec<[[f32; 2]; D]>,
 }
 
@@ -311,7 +311,7 @@ codec_fields! {
 struct WindowSurvey<const D: usize> {
     /// The least and the largest value.
     range: [f32; 2],
-    /// Some different values, as bits, ascending: more than [`FEW_LABELS`] only if there are more.
+    /// Some different values, as bits, ascending: more than [`MAX_DETECTED_LABELS`] only if there are more.
     distinct_values: Vec<u32>,
     /// The first sample that is not finite, and its value.
     first_non_finite: Option<([usize; D], f32)>,

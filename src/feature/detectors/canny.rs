@@ -1,9 +1,9 @@
 //! Canny's edges, in the plane (1986) and, as Xu (2016) finds them, in space.
 //!
 //! The image is smoothed by a Gaussian; a sample is an edge's where the magnitude of the gradient is
-//! largest along the gradient ([`steepest`](mod@crate::feature::steepest)). Two thresholds then tell
+//! largest along the gradient ([`steepest`](mod@crate::feature::non_max_suppression)). Two thresholds then tell
 //! edges from noise: a weak edge is kept where it continues a strong one, which is what
-//! [`sheets`](mod@crate::feature::sheets) does for every kind of feature.
+//! [`sheets`](mod@crate::feature::surfaces) does for every kind of feature.
 //!
 //! Scale: one sample. Thresholds: of gradients of white noise, the magnitudes that one sample in 100 and
 //! one in 100 000 exceeds (quantiles of the chi distribution), the noise judged by the median.

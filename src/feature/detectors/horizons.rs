@@ -3,7 +3,7 @@
 //! Along a layer the amplitude hardly changes, so the crest of a layer is its extremum along any
 //! direction across it. Along the image axis nearest to the layer's normal each column of samples meets
 //! it once, at the top of the parabola through three samples. The normal is the eigenvector of the
-//! structure tensor's largest eigenvalue ([`Normals`]), as for the ridges of Hale (2002).
+//! structure tensor's largest eigenvalue ([`BlockNormals`]), as for the ridges of Hale (2002).
 //!
 //! Scale: one sample for derivatives, four for the tensor's window. Thresholds are shares of the rms
 //! amplitude. Assumptions: layers are some four samples thick or more and dip little within the window;

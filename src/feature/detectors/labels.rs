@@ -1,7 +1,7 @@
 //! Labels: the interfaces between them.
 //!
 //! The winner at a sample is the label that leads there once stairs are smoothed
-//! ([`contest`](mod@super::contest)), and its lead is how far it is ahead of the runner-up. Between two
+//! ([`contest`](mod@super::compete)), and its lead is how far it is ahead of the runner-up. Between two
 //! samples with different winners the interface lies where the lead changes hands. That is smooth where
 //! the labels are stairs, counts every interface once, and needs no special case where three labels
 //! meet.

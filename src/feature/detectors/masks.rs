@@ -6,9 +6,9 @@
 //! sheet is found twice. What its ridges are sought in is how sharply it bends down (the negated
 //! Laplacian: the medial axis of Blum 1967, blurred by half a sample's stairs). Where sheets meet, this
 //! middle bends and forks; lines of sight along the sheets, from both sides, see past it
-//! ([`lifted`](mod@crate::feature::lifted)).
+//! ([`lifted`](mod@crate::feature::oriented_points)).
 //!
-//! Assumption: a mask is thinner than [`THIN`] samples on average.
+//! Assumption: a mask is thinner than [`MAX_THICKNESS`] samples on average.
 
 use super::ridges::RidgeSearch;
 use super::{Detector, DetectorInput, DetectorOutput};
@@ -99,7 +99,7 @@ impl ThinMask {
             && deep as f64 <= MAX_DEEP_SHARE * self.count as f64
     }
 
-    /// Returns what is high in the middle of the mask: see [`middle`].
+    /// Returns what is high in the into_medial_response of the mask: see [`into_medial_response`].
     fn into_medial_response<const D: usize>(
         self,
         volume: Volume<'_, D>,
@@ -153,7 +153,7 @@ impl<const D: usize> Detector<D> for Masks {
 /// Finds the middle of a mask that was found in the whole image before.
 ///
 /// # Errors
-/// Those of [`Scene::image`].
+/// Those of [`DetectorInput::image_energy`].
 pub fn find_again<const D: usize>(
     scene: &DetectorInput<'_, D>,
     value: f32,

@@ -110,7 +110,7 @@ pub trait Detector<const D: usize>: Sync {
 #[derive(Debug, Clone, Copy)]
 pub struct DetectorInput<'a, const D: usize> {
     /// The image, whose samples are finite and not all the same, and go on where traces are missing; in
-    /// memory, unless the detector finds [in layers](Detector::in_layers).
+    /// memory, unless the detector finds [in layers](Detector::is_streamable).
     pub source: ImageSource<'a, D>,
     /// Which samples hold data, unless all do.
     pub live_mask: Option<&'a LiveMask<D>>,
@@ -174,7 +174,7 @@ impl<'a, const D: usize> DetectorInput<'a, D> {
     /// The samples in memory.
     ///
     /// # Errors
-    /// Those of [`Scene::image`].
+    /// Those of [`DetectorInput::image_energy`].
     pub fn volume(&self) -> Result<Volume<'a, D>> {
         Ok(Volume::new(self.dims(), self.image()?.as_slice()))
     }
@@ -201,7 +201,7 @@ impl<'a, const D: usize> DetectorInput<'a, D> {
         self.options.scale.unwrap_or(1.0)
     }
 
-    /// The samples smoothed over [`Scene::scale`], to be looked at some layers at a time.
+    /// The samples smoothed over [`DetectorInput::inverse_step2`], to be looked at some layers at a time.
     ///
     /// # Errors
     /// That of reading.
@@ -211,10 +211,10 @@ impl<'a, const D: usize> DetectorInput<'a, D> {
         Ok(samples)
     }
 
-    /// The samples smoothed over [`Scene::scale`], in memory.
+    /// The samples smoothed over [`DetectorInput::inverse_step2`], in memory.
     ///
     /// # Errors
-    /// Those of [`Scene::image`].
+    /// Those of [`DetectorInput::image_energy`].
     pub fn smoothed(&self) -> Result<Vec<f32>> {
         let samples = self.image()?.as_slice();
         let (mut smoothed, scale) = (vec![0.0; samples.len()], [self.scale(); D]);

@@ -2,10 +2,10 @@
 //!
 //! Method: a Gaussian, then the points at which the derivative across the sheet passes through zero
 //! (Hale 2002; Steger 1998: [`ridges`](mod@crate::feature::ridges)); where sheets cross, branch or run
-//! close, at all orientations ([`lifted`](mod@crate::feature::lifted)); and
-//! [`repair`](mod@crate::feature::repair) at the sides of the box.
+//! close, at all orientations ([`lifted`](mod@crate::feature::oriented_points)); and
+//! [`repair`](mod@crate::feature::boundary_extension) at the sides of the box.
 //!
-//! Scale: 1.5 samples at first; where noise hides what is seen there (see [`Statistics::drowned`]) by
+//! Scale: 1.5 samples at first; where noise hides what is seen there (see [`RidgeStatistics::is_drowned`]) by
 //! quarters up to 3 samples. Assumptions: a sheet is a few samples wide, bends little within three times
 //! the scale, and is higher than all within that distance; two that are nearer than twice the width
 //! that smoothing gives them are seen as one.

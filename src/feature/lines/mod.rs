@@ -93,7 +93,7 @@ pub struct FeatureLine<const D: usize> {
 }
 
 /// The lines at which the sheets of features meet and end: crossings and branches, then tips. Lines
-/// shorter than [`SHORTEST`] samples are left out.
+/// shorter than [`MIN_LENGTH`] samples are left out.
 ///
 /// # Errors
 /// [`Error::Interrupted`](crate::Error::Interrupted) once `patience` is over.

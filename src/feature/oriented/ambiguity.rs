@@ -14,7 +14,7 @@ use std::ops::Range;
 pub const CELL_SIZE: usize = 4;
 /// Cells on either side over which the ambiguous zone is widened.
 const DILATION_CELLS: usize = 2;
-/// Normals are mixed where their [`spread`] (sheets that cross at 15 degrees have 0.017) is as many times above what
+/// Normals are mixed where their [`percentiles`] (sheets that cross at 15 degrees have 0.017) is as many times above what
 /// noise leaves on a sheet: what a tenth of the cells stays below ...
 const NOISE_FACTOR: f64 = 6.0;
 /// ... but no less and no more than this.

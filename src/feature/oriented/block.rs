@@ -199,7 +199,7 @@ impl<const D: usize> BlockContext<'_, D> {
         }
     }
 
-    /// Up to [`MODES`] directions round which the normals of candidates in and beside a block gather.
+    /// Up to [`MAX_MODES`] directions round which the normals of candidates in and beside a block gather.
     fn dominant_directions(&self, first: [usize; D]) -> Vec<[f64; D]> {
         let blocks = &self.blocks;
         let mut normals: Vec<([f64; D], f64)> = Vec::new();
@@ -261,7 +261,7 @@ pub struct BlockMask {
     pub samples: Vec<bool>,
     /// Of each row of x.
     pub rows: Vec<bool>,
-    /// Of each row of x in the block and a margin of [`NEAR`] round it, those that derivatives at these need,
+    /// Of each row of x in the block and a margin of [`DERIVATIVE_MARGIN`] round it, those that derivatives at these need,
     /// counted from the margin's first.
     pub rows_around: RowRanges,
     pub has_any: bool,

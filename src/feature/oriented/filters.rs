@@ -117,7 +117,7 @@ impl<const D: usize> OrientedFilters<D> {
         filters
     }
 
-    /// Directions along and across a sheet at an angle (in steps of half a turn over [`ANGLES`]).
+    /// Directions along and across a sheet at an angle (in steps of half a turn over [`ANGLE_COUNT`]).
     fn directions(&self, angle: f64) -> ([f64; D], [f64; D]) {
         let (sin, cos) = (PI * angle / ANGLE_COUNT as f64).sin_cos();
         let [_, a, b] = &self.frame;

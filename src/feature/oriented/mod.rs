@@ -8,7 +8,7 @@
 //! over the angle is a point of a sheet, D / C samples off: one sample may hold several (orientation
 //! scores: Janssen and others 2018; surface voting: Wu & Fomel 2018).
 //!
-//! This is done only where it matters: see [`Ambiguous`]. Elsewhere ridges are as
+//! This is done only where it matters: see [`AmbiguityMask`]. Elsewhere ridges are as
 //! [`ridges`](mod@super::ridges) finds them, at a tenth of the cost.
 //!
 //! - `zone`: where
@@ -73,11 +73,11 @@ pub struct OrientedSearch<'a, const D: usize> {
     /// Where.
     pub ambiguity: &'a AmbiguityMask<D>,
     /// Ridge points from whose normals the lines are guessed: of this rank's layers, in which it searches, and of a
-    /// halo of [`BESIDE`] layers.
+    /// halo of [`SAME_PLACE_RADIUS`] layers.
     pub slab: &'a CandidateSlab<'a, D>,
     /// Directions are sought among candidates of at least this strength.
     pub min_clear_strength: f32,
-    /// Points are stronger than this share of the strong ones, of which there are [`STRONG`].
+    /// Points are stronger than this share of the strong ones, of which there are [`STRONG_SHARE`].
     pub min_strength_share: f32,
     /// Strength that the strong ones are given.
     pub typical_strength: f32,

@@ -41,7 +41,7 @@ pub struct SurfaceRules<const D: usize> {
     pub resolution: f64,
     /// A sheet covers at least this area (lattice units squared; in 2-D this length).
     pub min_area: f64,
-    /// At least this share of a sheet is as strong as `high`, if it is not [`ENOUGH`]: what noise makes has a
+    /// At least this share of a sheet is as strong as `high`, if it is not [`STRONG_AREA_RATIO`]: what noise makes has a
     /// few strong points, from which weak ones are followed.
     pub min_strong_share: f64,
     /// Parts of a sheet that are narrower than about this (samples) are left out; 0 if any width will do.

@@ -244,7 +244,7 @@ impl<'s, 'a, const D: usize> SeedQueue<'s, 'a, D> {
     }
 }
 
-/// The class of a candidate's strength, of [`CLASSES`] logarithmic ones: 0 is the strongest.
+/// The class of a candidate's strength, of [`CLASS_COUNT`] logarithmic ones: 0 is the strongest.
 fn strength_class<const D: usize>(c: &Candidate<D>) -> usize {
     // The bits of a positive float sort like the float; the upper ones are class enough.
     CLASS_COUNT - 1 - (c.strength.max(0.0).to_bits() >> 19) as usize

@@ -129,7 +129,7 @@ impl<'w, const D: usize> LayerStack<'w, D> {
 
 impl<const D: usize> LayerWindow<'_, D> {
     /// What `visit` finds in each of the own rows of x, given its first sample among the smoothed ones;
-    /// see [`Volume::by_rows`]. The window must not be in a strip.
+    /// see [`Volume::map_rows`]. The window must not be in a strip.
     pub fn map_rows<S: Default, T: Send>(
         &self,
         patience: &CancelToken<'_>,
@@ -270,7 +270,7 @@ impl<'a, const D: usize> Samples<'a, D> {
     /// many as that says. With a `blur` windows may be in strips, with as many rows to either side.
     ///
     /// # Errors
-    /// That of reading, and those of [`ranks::share`].
+    /// That of reading, and those of [`comm::min_strength_share`].
     pub fn for_each_window<T: Codec>(
         &self,
         halo: usize,
@@ -292,7 +292,7 @@ impl<'a, const D: usize> Samples<'a, D> {
         comm::distribute_weighted("layers", &work_in, these, take)
     }
 
-    /// Calls `work` for one window of these layers after the other, which are this rank's; else as [`Samples::each`].
+    /// Calls `work` for one window of these layers after the other, which are this rank's; else as [`Samples::for_each_window`].
     ///
     /// # Errors
     /// That of reading.
@@ -341,7 +341,7 @@ impl<'a, const D: usize> Samples<'a, D> {
     /// layers and rows to either side; each rank has a share of it.
     ///
     /// # Errors
-    /// As [`Samples::each`].
+    /// As [`Samples::for_each_window`].
     pub fn map_windows(
         &self,
         sees: usize,

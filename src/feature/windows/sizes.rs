@@ -68,7 +68,7 @@ pub fn strip_layer_samples<const D: usize>(dims: [usize; D], sees: usize) -> usi
     seen * dims[0]
 }
 
-/// The least number of samples that are [changed](Samples::changed) together where filters see so far.
+/// The least number of samples that are [changed](Samples::map_windows) together where filters see so far.
 pub fn min_mapped_samples<const D: usize>(dims: [usize; D], sees: usize) -> usize {
     let seen = 3 * sees.next_multiple_of(LAYER_MULTIPLE);
     seen.min(rows_per_layer(dims)) * seen.min(dims[D - 1]) * dims[0]

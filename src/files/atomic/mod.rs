@@ -50,7 +50,7 @@ pub fn transaction<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
     Ok(done)
 }
 
-/// What this writes appears when it is written, also within [`together`].
+/// What this writes appears when it is written, also within [`transaction`].
 pub fn commit_immediately<T>(work: impl FnOnce() -> T) -> T {
     let job = OPEN_BATCH.take();
     let done = work();

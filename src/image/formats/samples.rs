@@ -58,7 +58,7 @@ pub fn check_memory(path: &Path, count: usize) -> Result<()> {
 /// Room for so many samples of a file, all zero.
 ///
 /// # Errors
-/// As [`afford`].
+/// As [`check_memory`].
 pub fn allocate(path: &Path, count: usize) -> Result<Vec<f32>> {
     check_memory(path, count)?;
     Ok(vec![0.0; count])
@@ -176,7 +176,7 @@ impl Encoding {
         }
     }
 
-    /// Converts `bytes` to integers, exactly; nothing for other types than [wide](Self::is_wide) integers.
+    /// Converts `bytes` to integers, exactly; nothing for other types than [wide](Self::is_wide_integer) integers.
     pub fn integers(self, bytes: &[u8]) -> impl Iterator<Item = i128> {
         let wide = self.is_wide_integer();
         let number = move |raw: &[u8]| {

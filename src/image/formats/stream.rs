@@ -28,7 +28,7 @@ pub struct ImageHeader<const D: usize> {
     pub geometry: Geometry<D>,
     /// Which rows along x hold no data, as [`Image::missing`] has it.
     pub missing: Vec<bool>,
-    /// See [`Loaded::format`] and what follows there.
+    /// See [`LoadedImage::format`] and what follows there.
     pub format: ImageFormat,
     pub encoding: String,
     pub notes: Vec<String>,
@@ -118,7 +118,7 @@ pub trait PlaneReader: Send + Sync {
     /// they are not, or cannot be had so.
     ///
     /// # Errors
-    /// Those of [`Planes::read`].
+    /// Those of [`PlaneReader::read_rows`].
     fn read_integers(&self, _dims: [usize; 3]) -> Result<Option<Arc<ExactLabels>>> {
         Ok(None)
     }
@@ -148,7 +148,7 @@ pub trait SlabSource {
     /// `multiple` of these, or any number of times as many, but for the last.
     ///
     /// # Errors
-    /// Those of the work and of reading; [`os`] gives the latter back as they were.
+    /// Those of the work and of reading; [`io_error`] gives the latter back as they were.
     fn for_each_slab(
         &self,
         multiple: usize,
@@ -213,7 +213,7 @@ impl ImageStream {
     /// Reads whole planes, from the one numbered `first` on.
     ///
     /// # Errors
-    /// Those of [`Stream::rows`].
+    /// Those of [`ImageStream::read_plane_rows`].
     pub fn read_planes(&self, first: usize, out: &mut [f32]) -> Result<()> {
         self.read_plane_rows(first, 0..self.header.dims[1], out)
     }
@@ -352,7 +352,7 @@ impl OpenedImage {
     /// With all samples in memory.
     ///
     /// # Errors
-    /// Those of [`Stream::loaded`].
+    /// Those of [`ImageStream::into_loaded`].
     pub fn load(self, place: &Path) -> Result<AnyImage> {
         match self {
             Self::Stream(stream) => stream.into_loaded(place).map(into_any_image),

@@ -82,7 +82,7 @@ pub(crate) struct StreamedImage<'a, const D: usize> {
 }
 
 impl<const D: usize> StreamedImage<'_, D> {
-    /// Writes it, in one of the formats that [`is_written_in_parts`] knows.
+    /// Writes it, in one of the formats that [`can_stream`] knows.
     ///
     /// # Errors
     /// As [`write`].

@@ -128,8 +128,8 @@ pub(super) fn depths(sides: &[u32], faults: &[ImplicitSurface], options: &Option
     samples
 }
 
-/// Marks in `next` (see [`Truth::next`]) what nobody can see of the faults: where they throw the layers by less
-/// than [`UNSEEN`] samples, as throws of faults that meet may cancel each other.
+/// Marks in `next` (see [`Truth::draw_next`]) what nobody can see of the faults: where they throw the layers by less
+/// than [`MIN_VISIBLE_THROW`] samples, as throws of faults that meet may cancel each other.
 pub(super) fn mark_invisible_faults(
     next: &mut [[f32; 2]],
     truth: &Truth,

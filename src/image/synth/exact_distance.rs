@@ -60,8 +60,8 @@ pub(super) fn exists_at(surfaces: &[ImplicitSurface], k: usize, at: [f64; 3]) ->
 }
 
 /// For each sample within half a sample of a surface: how far the surface's closest point is from the
-/// next surface (at most [`REACH`]), and at what angle that one lies there (degrees); elsewhere
-/// ([`REACH`], 90). Where the surface tapers out to less than half its strength, (-1, 90).
+/// next surface (at most [`MAX_DISTANCE`]), and at what angle that one lies there (degrees); elsewhere
+/// ([`MAX_DISTANCE`], 90). Where the surface tapers out to less than half its strength, (-1, 90).
 pub(super) fn next_features(surfaces: &[ImplicitSurface], truth: &Truth) -> Vec<[f32; 2]> {
     let place = |i: usize| truth.index_of(i).map(|c| c as f64);
     let nearest = |p: [f64; 3], without: Option<usize>| {

@@ -84,7 +84,7 @@ impl SyntheticKind {
         )
     }
 
-    /// Whether its faults are those of [`Kind::Network`].
+    /// Whether its faults are those of [`SyntheticKind::Network`].
     fn is_network(self) -> bool {
         matches!(
             self,
@@ -115,12 +115,12 @@ impl FromStr for SyntheticKind {
 /// How a synthetic image is made.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
-    /// Number of samples along each axis, x first; 1 along z for a 2-D image ([`make_plane`]).
+    /// Number of samples along each axis, x first; 1 along z for a 2-D image ([`make_2d`]).
     pub dims: [usize; 3],
     /// Seed of all random numbers; the same seed gives the same bytes.
     pub seed: u64,
     /// Number of surfaces (faults or shells); if not given 4, and of a network as many as its seed
-    /// says. Ignored by [`Kind::Sphere`].
+    /// says. Ignored by [`SyntheticKind::Sphere`].
     pub count: Option<usize>,
     /// Signal over the rms of the noise: the signal is a ridge's height of 1, the ball's
     /// brightness of 1 or the rms amplitude. Infinity: no noise.
@@ -302,7 +302,7 @@ pub fn make(kind: SyntheticKind, options: &Options) -> Result<SyntheticImage> {
 /// all along a reflector. So it is known whether a horizon stays on its reflector beyond a fault.
 ///
 /// # Errors
-/// As [`make`], and [`Error::Job`] for an image [without layers](Kind::has_layers).
+/// As [`make`], and [`Error::Job`] for an image [without layers](SyntheticKind::has_layers).
 pub fn layer_depths(kind: SyntheticKind, options: &Options) -> Result<Image<3>> {
     options.check(kind)?;
     if !kind.has_layers() {

@@ -2,8 +2,8 @@
 //! another, run close and parallel, come in conjugate pairs, flatten with depth and taper out.
 //!
 //! The first fault is drawn freely; each later one is related to an earlier one (see [`Relation`]).
-//! What nobody could tell apart is drawn again: sheets that run nearer than [`APART`] samples at less
-//! than [`SHALLOWEST`] degrees.
+//! What nobody could tell apart is drawn again: sheets that run nearer than [`MIN_FAULT_DISTANCE`] samples at less
+//! than [`MIN_CROSSING_ANGLE`] degrees.
 
 use super::exact_distance::exists_at;
 use super::surface::{ImplicitSurface, Rim, SurfacePoint, Termination, Wave};
@@ -68,7 +68,7 @@ pub(super) fn faults(options: &Options) -> Result<Vec<ImplicitSurface>> {
     )))
 }
 
-/// A fault covers at least this area (in the plane: this length times [`STEP`]).
+/// A fault covers at least this area (in the plane: this length times [`POINT_SPACING`]).
 fn min_area(dims: [usize; 3]) -> f64 {
     let volume = dims.iter().product::<usize>() as f64;
     match dims[2] {

@@ -16,10 +16,10 @@ pub const MAX_DISTANCE: f32 = 10.0;
 /// As an array, and so in a `.npy` file: `f32` of shape `(4, nz, ny, nx)`. `[0]` is the unsigned
 /// distance; `[1], [2], [3]` are the x, y, z components of the unit vector from the sample to its
 /// closest feature point, which is normal to the feature (on the feature itself: either of its
-/// normals). In the plane the shape is `(3, ny, nx)`, with one component less. See [`REACH`].
+/// normals). In the plane the shape is `(3, ny, nx)`, with one component less. See [`MAX_DISTANCE`].
 ///
 /// Truth of networks and of layers has two more: how far the closest point is from the next feature, and the angle
-/// between the two ([`Truth::next`]).
+/// between the two ([`Truth::next_feature`]).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Truth<const D: usize = 3> {
     /// Number of samples along each axis, x first.
@@ -32,7 +32,7 @@ pub struct Truth<const D: usize = 3> {
     /// about each closest point. Not so for voxels.
     pub is_smooth: bool,
     /// Of networks and layers: for samples within half a sample of a feature, how far the closest point of it is
-    /// from the next feature (at most [`REACH`]), and the angle between the two there, in degrees. The
+    /// from the next feature (at most [`MAX_DISTANCE`]), and the angle between the two there, in degrees. The
     /// distance is -1 where the feature tapers out to less than half its strength, or throws layers by less
     /// than two samples: what lies on it there is right, but nobody asks for it.
     pub next_feature: Option<Vec<[f32; 2]>>,

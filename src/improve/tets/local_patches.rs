@@ -71,7 +71,7 @@ impl<'a> TetImprover<'a> {
     /// is.
     ///
     /// # Errors
-    /// Those of [`ranks::share`].
+    /// Those of [`comm::partition`].
     pub(super) fn repair_each(
         &mut self,
         poor: &[u32],

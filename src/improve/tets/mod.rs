@@ -233,7 +233,7 @@ impl<'a> TetImprover<'a> {
         self.find_intersection(a, b).is_some()
     }
 
-    /// A quick and safe test before [`piercing`](Self::piercing).
+    /// A quick and safe test before [`piercing`](Self::find_intersection).
     fn may_intersect(&self, a: u32, b: u32) -> bool {
         let (i, j) = (a as usize, b as usize);
         let (p, q) = (&self.constraints[i], &self.constraints[j]);

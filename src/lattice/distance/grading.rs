@@ -244,7 +244,7 @@ struct SlopeLimit<const D: usize> {
 }
 
 impl<const D: usize> SlopeLimit<D> {
-    /// Whether a sample must fall, its lower neighbours along axes being these: whether what [`upwind`](Self::upwind) gives
+    /// Whether a sample must fall, its lower neighbours along axes being these: whether what [`upwind`](Self::solve_upwind) gives
     /// is rounded to less.
     #[inline(always)]
     fn needs_lowering(self, sample: f32, low: impl Fn(usize) -> f32) -> bool {

@@ -54,7 +54,7 @@ impl<const D: usize> Distance<D> {
         }
     }
 
-    /// d and its gradient: the exact derivative of [`Distance::at`] inside each cell of the grid,
+    /// d and its gradient: the exact derivative of [`Distance::value_at`] inside each cell of the grid,
     /// zero along axes where the position lies outside the box.
     #[inline]
     pub fn value_and_gradient_at(&self, position: [f64; D]) -> (f64, [f64; D]) {

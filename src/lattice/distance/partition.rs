@@ -310,7 +310,7 @@ impl<const D: usize> DistributedDistance<D> {
     }
 
     /// d no farther than `reach` from some positions along each axis. Where more is asked for, that is
-    /// [noticed](Distance::missed).
+    /// [noticed](Distance::has_misses).
     ///
     /// # Errors
     /// Those of the others.

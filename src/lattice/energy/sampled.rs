@@ -10,7 +10,7 @@
 //!
 //! Atoms count as if they were at their nearest samples, and derivatives of d(x) and beta(x) are
 //! neglected, as in the paper; errors fall like 1 / d. The energy of each atom with itself, phi(0),
-//! is subtracted, so that the result is that of [`Pairwise`](super::Pairwise) up to sampling. The
+//! is subtracted, so that the result is that of [`Pairwise`](super::PairwiseEnergy) up to sampling. The
 //! cost grows with the samples of the image, about 20 additions a sample in 3-D; this is the
 //! reference and the thing to beat, not the tool of choice.
 
@@ -106,19 +106,19 @@ impl<'a, const D: usize> SampledEnergy<'a, D> {
         sampled
     }
 
-    /// Where atoms shall end up, as in [`Pairwise::aligned`](super::Pairwise::aligned).
+    /// Where atoms shall end up, as in [`Pairwise::aligned`](super::PairwiseEnergy::with_alignment).
     pub fn with_alignment(mut self, alignment: Alignment) -> Self {
         self.alignment = alignment;
         self
     }
 
-    /// The same stiffening as [`Pairwise::uncrowded`](super::Pairwise::uncrowded).
+    /// The same stiffening as [`Pairwise::uncrowded`](super::PairwiseEnergy::with_auto_stiffness).
     pub fn with_auto_stiffness(self) -> Self {
         let stiffness = self.beta.stiffness();
         self.with_stiffness(stiffness)
     }
 
-    /// The same stiffening as [`Pairwise::stiffened`](super::Pairwise::stiffened).
+    /// The same stiffening as [`Pairwise::stiffened`](super::PairwiseEnergy::with_stiffness).
     pub fn with_stiffness(mut self, stiffness: f32) -> Self {
         self.stiffness = stiffness.max(0.0);
         self.build_stamps();

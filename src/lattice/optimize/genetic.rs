@@ -8,7 +8,7 @@
 //!   part is mostly one region of the box.
 //! - *mutation*: each atom of the child moves or not. One that moves goes, as likely, in a direction by
 //!   chance or down the gradient of the energy; not farther than 0.1 d
-//!   ([`Effort::perturbation`]).
+//!   ([`OptimizeOptions::perturbation`]).
 //!
 //! How many atoms of a child move (up to all) and how far those by chance (up to all the way) is by
 //! chance itself, for each child: where the lattice is far from rest large changes pay, and later small

@@ -170,7 +170,7 @@ pub fn optimize<const D: usize>(
     lower_energy(atoms, held, energy, distance, extent, options, observer).map(|(rest, _)| rest)
 }
 
-/// The same by a group, each of which has a share of the lattice: if the energy [takes parts](Energy::takes_parts), each
+/// The same by a group, each of which has a share of the lattice: if the energy [takes parts](Energy::supports_partition), each
 /// moves its own atoms and holds those near them. The lattice comes to rest as one would bring it.
 ///
 /// # Errors

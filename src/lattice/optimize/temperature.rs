@@ -6,7 +6,7 @@ use crate::parallel::prelude::*;
 /// How far an edit is felt, in units of d (Hale 2002).
 pub const EDIT_RADIUS: f64 = 5.0;
 
-/// The temperature of each atom, for [`Effort::temperature`](super::Effort::temperature): 1 where
+/// The temperature of each atom, for [`Effort::temperature`](super::OptimizeOptions::temperature): 1 where
 /// an `edited` position is, falling linearly to 0 five d away from the nearest of them; each comes
 /// with the d that is there.
 pub fn temperatures<const D: usize>(

@@ -20,7 +20,7 @@
 //!
 //! # Alongside
 //!
-//! Where atoms keep off the sides ([`Alignment::Alongside`]), any number of layers will do. The
+//! Where atoms keep off the sides ([`Alignment::AlongsideFeatures`]), any number of layers will do. The
 //! first is half a d inside, so that it and its mirror image are d apart.
 
 use std::ops::Range;
@@ -28,7 +28,7 @@ use std::ops::Range;
 use super::Alignment;
 
 /// Positions of the densest lattice of nearest-neighbour distance about `d` that fills the box
-/// `[0, extent]`, for `D` of 2 or 3: those of all [`Sites`].
+/// `[0, extent]`, for `D` of 2 or 3: those of all [`LatticeSites`].
 pub fn fit_lattice<const D: usize>(
     extent: [f64; D],
     d: f64,

@@ -77,7 +77,7 @@ pub fn validate<const D: usize>(
     Ok(snapped)
 }
 
-/// Adds fixed atoms (already [`checked`]) to a lattice, of which those make [room](Room) that must.
+/// Adds fixed atoms (already [`validate`]) to a lattice, of which those make [room](Clearance) that must.
 pub fn insert<const D: usize>(
     atoms: &mut Atoms<D>,
     fixed: &[[f64; D]],

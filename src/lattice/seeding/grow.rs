@@ -483,7 +483,7 @@ pub(super) fn faces<const D: usize>(rank: usize) -> impl Iterator<Item = u8> {
 /// Positions of a pseudo-regular lattice of spacing d(x) that fills the box `[0, extent]`, for `D`
 /// of 2 or 3; atoms on its sides have coordinates of exactly `0.0` or `extent[k]`. Keeps its distance
 /// from `fixed` atoms (which are in the box, and not in the result) and grows from them. Each of a group, which knows
-/// d where it [looks](looked_at) and along the box's edges, gives those of its slab; with each how many came before it.
+/// d where it [looks](required_range) and along the box's edges, gives those of its slab; with each how many came before it.
 ///
 /// # Errors
 /// Those of the others of the group.

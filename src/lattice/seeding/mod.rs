@@ -1,6 +1,6 @@
 //! Initial lattices of atoms: image box and nominal distance d(x) -> [`Atoms`].
 //!
-//! - [`lattice`]: the densest regular lattice fitted to the box, for constant d
+//! - [`densest_lattice`]: the densest regular densest_lattice fitted to the box, for constant d
 //! - `regular`: its atoms, or some of them for each of a group
 //! - `grow`: a pseudo-regular lattice grown atom by atom, for variable d
 //! - `refine`: an isotropic lattice by Delaunay refinement
@@ -9,7 +9,7 @@
 //! - `canny`: on features, dense where these bend, and few elsewhere
 //! - `fixed`: atoms given by the user
 //! - `wells`: atoms along trajectories, and d(x) near them
-//! - [`order`]: memory order of atoms, for cache locality
+//! - [`morton`]: memory morton of atoms, for cache locality
 //! - `turns`: sites in that order, of which each of a group has a share
 
 pub(crate) mod canny;
@@ -136,7 +136,7 @@ fn empty_grid<const D: usize>(low: [f64; D], high: [f64; D], apart: f64) -> Incr
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Seeding {
     /// The densest regular lattice, face-centred cubic in 3-D and triangular in 2-D: for constant d
-    /// slightly stretched per axis to fit ([`lattice::fitted`]), else grown by Hale's Algorithm 2
+    /// slightly stretched per axis to fit ([`densest_lattice::fit_lattice`]), else grown by Hale's Algorithm 2
     /// (`grow::grown`).
     #[default]
     Fcc,
@@ -161,8 +161,8 @@ pub enum Seeding {
     Canny,
 }
 
-/// Seeds a lattice that fills the box `[0, extent]`. [`Alignment::On`], corners, edges and sides of
-/// the box carry atoms; [`Alignment::Alongside`], the outermost atoms are half a d inside.
+/// Seeds a lattice that fills the box `[0, extent]`. [`Alignment::OnFeatures`], corners, edges and sides of
+/// the box carry atoms; [`Alignment::AlongsideFeatures`], the outermost atoms are half a d inside.
 ///
 /// `potential` is the image as -1 on features and 0 elsewhere, over the box; only some ways need it.
 /// `fixed` atoms (lattice space) are kept exactly where they are; a lattice that is grown grows from

@@ -2,7 +2,7 @@
 
 use crate::parallel::prelude::*;
 
-/// Sorts positions in the box `[0, extent]` along a Morton (Z-order) [`Curve`] through cubes of edge
+/// Sorts positions in the box `[0, extent]` along a Morton (Z-order) [`MortonCurve`] through cubes of edge
 /// `cell`; inside a cube they keep their order. Deterministic.
 pub fn sort_by_curve<const D: usize>(positions: &mut Vec<[f64; D]>, extent: [f64; D], cell: f64) {
     let curve = MortonCurve::new(extent, cell);

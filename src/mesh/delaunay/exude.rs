@@ -13,13 +13,13 @@ pub fn unweighted_delaunay(points: &[[f64; 3]]) -> Result<Vec<[u32; 4]>> {
     bridge::unweighted_delaunay(points)
 }
 
-/// The tetrahedra of [`unweighted`] after points that belong to one with a dihedral angle below
+/// The tetrahedra of [`unweighted_delaunay`] after points that belong to one with a dihedral angle below
 /// `angle` degrees got the weight that makes the smallest angle about them largest. No point moves;
-/// the hull stays, and so do those of `faces` that are faces of [`unweighted`], except at the rim of a
+/// the hull stays, and so do those of `faces` that are faces of [`unweighted_delaunay`], except at the rim of a
 /// surface: a face with an edge that no other of `faces` shares may go.
 ///
 /// # Errors
-/// Those of [`unweighted`].
+/// Those of [`unweighted_delaunay`].
 pub fn exude(points: &[[f64; 3]], faces: &[[u32; 3]], angle: f64) -> Result<Vec<[u32; 4]>> {
     check_points(points)?;
     bridge::exude(points, faces, angle)

@@ -5,7 +5,7 @@
 //! the images of all atoms, in all sides, the Voronoi cells of the atoms are the Voronoi cells of
 //! the atoms alone, cut by the box; and the image of an atom whose cell does not touch the side may
 //! be left out. Should one be missing, a cell comes out larger than the box: that is checked, and
-//! [`Mirrored::add`] helps.
+//! [`MirroredAtoms::add_cells`] helps.
 
 /// Atoms and their images.
 #[derive(Debug, Clone)]
@@ -42,7 +42,7 @@ impl<const D: usize> MirroredAtoms<D> {
         }
     }
 
-    /// Atoms, already [`rounded`], with the images that they need and a few more.
+    /// Atoms, already [`round_coordinates`], with the images that they need and a few more.
     pub fn new(atoms: Vec<[f64; D]>, extent: [f64; D]) -> Self {
         let mut mirrored = Self {
             atom_count: atoms.len(),

@@ -48,7 +48,7 @@ pub struct EditableMesh<const D: usize, M> {
     pub feature: Vec<f32>,
     /// Whether there is a node in the slot.
     pub is_used: Vec<bool>,
-    /// Node numbers of cells, positively oriented in lattice space, [`NOTHING`] in an empty slot.
+    /// Node numbers of cells, positively oriented in lattice space, [`MIN_THICKNESS_RATIO`] in an empty slot.
     corners: Vec<u32>,
     /// Each cell's region.
     pub region: Vec<i32>,

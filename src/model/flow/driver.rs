@@ -159,7 +159,7 @@ impl FaultLaws {
     }
 }
 
-/// The barriers on the faces of a mesh where its file has it, its surfaces [`numbered`]; and whether
+/// The barriers on the faces of a mesh where its file has it, its surfaces [`numbered_surfaces`]; and whether
 /// surfaces are there but none that `laws` are for.
 ///
 /// # Errors

@@ -7,7 +7,7 @@
 //! shape of the cells, and linear pressure is exact for any mesh and tensor. (Two-point fluxes
 //! between tetrahedra are not even consistent.)
 //!
-//! Where faces lie on faults the nodes are doubled ([`Split`]). What crosses such a face is
+//! Where faces lie on faults the nodes are doubled ([`SplitMesh`]). What crosses such a face is
 //! its conductance times the jump of pressure, an equal share of the face at each of its D nodes:
 //! lumping keeps the couplings positive, so no fault makes pressures overshoot.
 //!

@@ -28,7 +28,7 @@ impl Tensor {
         (definite && tensor.0.iter().all(|v| v.is_finite())).then_some(tensor)
     }
 
-    /// [`in_plane`](Self::in_plane) or [`from_numbers`](Self::from_numbers), by the dimension.
+    /// [`in_plane`](Self::from_plane_numbers) or [`from_numbers`](Self::from_numbers), by the dimension.
     pub fn from_components<const D: usize>(numbers: &[f64]) -> Option<Self> {
         match D {
             2 => Self::from_plane_numbers(numbers),
@@ -120,7 +120,7 @@ impl Rock {
         })
     }
 
-    /// Permeability cell by cell: `components` numbers for each, as [`Tensor::of_dimension`] takes
+    /// Permeability cell by cell: `components` numbers for each, as [`Tensor::from_components`] takes
     /// them.
     ///
     /// # Errors

@@ -411,7 +411,7 @@ impl Model {
             .fold(f64::INFINITY, f64::min)
     }
 
-    /// The pressure in Pa at a depth at first; `top` is [`top`](Self::top).
+    /// The pressure in Pa at a depth at first; `top` is [`top`](Self::top_depth).
     pub fn initial_pressure(&self, depth: f64, top: f64) -> f64 {
         let case = &self.case;
         match case.has_gravity {

@@ -98,7 +98,7 @@ type ModelCells<const D: usize, M> = (PolyMesh<D>, Option<M>, Vec<u32>, MeshFile
 
 /// A kind of cells that models are made of.
 trait ToModelCells<const D: usize>: Storable<D> {
-    /// `facets` are those of [`Numbered`](crate::model::surface::stored::Numbered); each face of the cells gets the number of its first.
+    /// `facets` are those of [`Numbered`](crate::model::mesh_faces::stored_surfaces::NumberedSurfaces); each face of the cells gets the number of its first.
     fn model_cells(
         stored: StoredMesh<D, Self>,
         facets: &[([u32; D], u32)],

@@ -10,7 +10,7 @@ const EDGE_HALF_WIDTH: f64 = 0.75;
 /// A corner of a polygon: a point of the box, and the value there.
 pub(super) type ValuedPoint = ([f64; 3], f64);
 
-/// Colours and how near they are, [`FINER`] times as many as pixels along each axis.
+/// Colours and how near they are, [`SUPERSAMPLING`] times as many as pixels along each axis.
 pub(super) struct Raster {
     size: [usize; 2],
     colors: Vec<Option<[u8; 3]>>,

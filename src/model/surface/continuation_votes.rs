@@ -114,9 +114,9 @@ pub fn smooth_neighbour<const D: usize>(facets: &FacetComplex<D>, side: usize) -
 pub struct Vote {
     /// The pieces.
     pub pieces: [u32; 2],
-    /// [`FULL`] or less where one continues the other, the more the straighter; 0 otherwise.
+    /// [`FULL_WEIGHT`] or less where one continues the other, the more the straighter; 0 otherwise.
     pub weight_for: u32,
-    /// [`FULL`] where they meet and both go on otherwise, or end; 0 otherwise.
+    /// [`FULL_WEIGHT`] where they meet and both go on otherwise, or end; 0 otherwise.
     pub weight_against: u32,
 }
 

@@ -68,7 +68,7 @@ pub fn numbered_surfaces<const D: usize, M: Storable<D>>(
 }
 
 /// The same, but surfaces that part labels are told apart by how they bend, too, and no kind is
-/// [`Kind::Interface`].
+/// [`SurfaceKind::Interface`].
 pub fn surfaces_by_bend<const D: usize, M: Storable<D>>(
     stored: &StoredMesh<D, M>,
     marks: &[bool],

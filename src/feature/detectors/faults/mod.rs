@@ -1,6 +1,6 @@
 //! Faults: where layers of seismic amplitude do not continue.
 //!
-//! 1. Normals of layers by the structure tensor ([`Normals`]).
+//! 1. BlockNormals of layers by the structure tensor ([`BlockNormals`]).
 //! 2. Semblance of what the layers show on one side of a fault and on the other (after Marfurt et al. 1998),
 //!    its numerator and denominator each smoothed over the steep plane through a sample for which their ratio
 //!    is least (Hale 2013): `semblance` and `scan`. One less its square is the likelihood of a fault.

@@ -310,7 +310,7 @@ impl<const D: usize> PaddedRows<D> {
     }
 }
 
-/// Samples of all planes from those of every [`THIN_OUT`]-th: linear between them.
+/// Samples of all planes from those of every [`ROW_STRIDE`]-th: linear between them.
 fn interpolate_rows<const D: usize>(
     thin: [usize; D],
     samples: &[f32],

@@ -45,7 +45,7 @@ const ROWS_PER_TASK: usize = 64;
 /// Samples of a row that share one normal of the layers: its window is wider.
 const LANES: usize = 8;
 
-/// How many layers to either side are looked at: as far as planes are followed ([`scan::REACH`]), from there as far
+/// How many layers to either side are looked at: as far as planes are followed ([`scan::MAX_DISTANCE`]), from there as far
 /// as what is seen of a layer at most, and from there as far as amplitudes are balanced.
 pub const HALO_LAYERS: usize =
     (scan::SCAN_REACH + 3 * DISC_RADIUS as usize + 4 * BALANCE_SIGMA as usize).next_multiple_of(8);

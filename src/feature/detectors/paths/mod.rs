@@ -5,7 +5,7 @@
 //! run along edges, where a step is cheap. How often a sample is passed is the *confidence* that it is
 //! an edge, and the cheapest closed path over confident samples round the object is its boundary.
 //! The boundary is a path from sample to sample: what it surrounds is smoothed, and points are where
-//! that is steepest ([`steepest`](mod@crate::feature::steepest)).
+//! that is steepest ([`steepest`](mod@crate::feature::non_max_suppression)).
 //!
 //! - `enhance`: the paths, their confidence, and the closed path
 //! - `marching`: how long a front takes to reach every sample

@@ -64,7 +64,7 @@ pub struct TraceGrid {
     pub inline: LineNumbers,
     /// Crossline numbers.
     pub crossline: LineNumbers,
-    /// Trace of each cell, crossline fastest; [`MISSING`] where there is none.
+    /// Trace of each cell, crossline fastest; [`NO_TRACE`] where there is none.
     pub traces: Vec<usize>,
     /// Number of cells without a trace.
     pub missing_count: usize,

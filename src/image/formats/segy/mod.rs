@@ -9,7 +9,7 @@
 //! - `headers`: the headers of all traces, as columns
 //! - `grid`: from line numbers to cells
 //! - `place`: from coordinates to the affine map that places the survey
-//! - [`Survey`]: all of these together; [`scan`] and [`read`] show what it found
+//! - [`SegySurvey`]: all of these together; [`scan`] and [`read`] show what it found
 //! - `line`: 2-D lines
 //! - `load`: its samples, read as an image's
 
@@ -100,7 +100,7 @@ pub(super) fn open(path: &Path, bytes: &SegyBytes) -> Result<ImageStream> {
 /// Reads a post-stack volume; of a line, one that is a single trace thick.
 ///
 /// # Errors
-/// As [`Survey::open`]; [`Error::Io`] if the file holds neither a post-stack volume nor a line.
+/// As [`SegySurvey::open_sides`]; [`Error::Io`] if the file holds neither a post-stack volume nor a line.
 pub fn read(path: &Path, bytes: &SegyBytes) -> Result<LoadedImage> {
     open(path, bytes)?.into_loaded(path)
 }

@@ -59,7 +59,7 @@ impl SegySurvey {
     ///
     /// # Errors
     /// [`crate::Error::Io`] if the file cannot be read or its file header makes no sense. What is
-    /// wrong with its traces is put into [`Survey::problem`].
+    /// wrong with its traces is put into [`SegySurvey::problem`].
     pub fn open(path: &Path, bytes: &SegyBytes) -> Result<Self> {
         bytes.check()?;
         let layout = SegyFile::open(path)?;

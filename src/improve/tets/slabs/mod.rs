@@ -256,7 +256,7 @@ pub fn slabs_of_rank(slabs: usize, group: &dyn Comm) -> Range<usize> {
 /// Makes the slabs of each member of a group follow the features and frees them of slivers, as [`improve`] does a mesh
 /// as a whole.
 ///
-/// `tets` are Delaunay tetrahedra of the atoms that are known, at least those of the [own](own_slabs) slabs, with
+/// `tets` are Delaunay tetrahedra of the atoms that are known, at least those of the [own](slabs_of_rank) slabs, with
 /// neighbours among them; of each the first node is the least.
 ///
 /// # Errors

@@ -1,6 +1,6 @@
 //! The Verlet list: for every atom the atoms within reach, kept while atoms move a little.
 //!
-//! Positions are fixed-point numbers (see [`FixedPoint`]): differences of neighbours are exact and
+//! Positions are fixed-point numbers (see [`FixedPointMap`]): differences of neighbours are exact and
 //! become `f32` without loss, wherever in the box they are.
 //!
 //! Atoms are worked on in chunks of successive ones, which lie together in space. A chunk has a table

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use super::{FILLER, LANES};
 
-/// The neighbours of up to [`CHUNK`](super::CHUNK) successive atoms.
+/// The neighbours of up to [`CHUNK`](super::CHUNK_ATOMS) successive atoms.
 #[derive(Clone, Default)]
 pub struct NeighbourRows {
     /// Index of each member among all points: first the chunk's own atoms, then their neighbours.

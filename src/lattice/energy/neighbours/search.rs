@@ -12,7 +12,7 @@ use crate::geometry::counting_sort::sort_by_group_into;
 
 /// Points sorted into the cells of a regular grid.
 ///
-/// Not [`Buckets`](crate::geometry::buckets::Buckets): sorted anew at every repair of the list, so arrays
+/// Not [`Buckets`](crate::geometry::cell_list::CellList): sorted anew at every repair of the list, so arrays
 /// are kept, and rows of cells are looked at in whole groups of points whose positions lie together.
 #[derive(Clone, Default)]
 pub struct AtomCells {

@@ -125,7 +125,7 @@ impl<'a, const D: usize> PairwiseEnergy<'a, D> {
         })
     }
 
-    /// Where atoms shall end up, [`Alignment::On`] at first. [`Alignment::Alongside`], -b takes the
+    /// Where atoms shall end up, [`Alignment::OnFeatures`] at first. [`Alignment::AlongsideFeatures`], -b takes the
     /// place of b, and mirror images of the atoms beyond the sides act on those inside.
     pub fn with_alignment(mut self, alignment: Alignment) -> Self {
         self.alignment = alignment;

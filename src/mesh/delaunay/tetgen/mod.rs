@@ -86,7 +86,7 @@ pub struct IntervalTets {
 /// stretches than these are [`OUTSIDE`]. None if only the whole can tell.
 ///
 /// No more than these stretches and a little round them is triangulated: of all points, the `whole`, those farther from
-/// them than its [halo](Whole::halo) need not be there.
+/// them than its [halo](GlobalPoints::max_halo) need not be there.
 ///
 /// # Errors
 /// As [`delaunay`].

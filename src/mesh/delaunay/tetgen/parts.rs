@@ -7,7 +7,7 @@
 //! cospherical points TetGen breaks by the points' numbers, which come in the same order in each part.
 //!
 //! So the tetrahedra are those of a single run. So that they are in the same order, too, both are put into
-//! [`order`].
+//! [`sort_canonical`].
 
 use std::ops::Range;
 use std::panic::resume_unwind;
@@ -67,7 +67,7 @@ where
 /// The tetrahedra whose first point is in some of the stretches between `cuts` across an axis, as `run` answers for
 /// parts of these, so many of them `at_once`; with neighbours among them, in no order. None if this way does not lead
 /// there, or leaves out a point. Parts have about as many points as `limits` say, or are a stretch. Of the `whole` no
-/// points need be there but those in the stretches, or no farther from these than [`Whole::halo`].
+/// points need be there but those in the stretches, or no farther from these than [`GlobalPoints::max_halo`].
 ///
 /// # Errors
 /// Those of `run`.

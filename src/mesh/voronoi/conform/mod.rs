@@ -15,7 +15,7 @@
 //!
 //! A facet whose points are covered, beyond a side of the box or too near to those of another facet goes
 //! without sites. The cells around take its place, and as their sites are mirror images in nearly the same
-//! plane, their faces go on nearly in it; [`Conforming::share`] tells how much of the surface is followed so.
+//! plane, their faces go on nearly in it; [`ConformingSites::covered_share`] tells how much of the surface is followed so.
 //!
 //! Where a surface ends, a site stands ahead of its rim, as far from it as those above and below: the three cells meet
 //! at the rim, and the face ends there.

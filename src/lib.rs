@@ -24,15 +24,15 @@
 //!
 //! ```
 //! use atomesh::image::synth::{self, Kind};
-//! use atomesh::job::{self, Params, Spacing};
-//! use atomesh::observer::Unobserved;
+//! use atomesh::job::{self, MeshSpec, Params};
+//! use atomesh::progress::NoProgress;
 //!
 //! let options = synth::Options { dims: [40, 36, 32], ..Default::default() };
 //! let image = synth::make(Kind::Sphere, &options)?.image;
-//! let params = Params { spacing: Spacing::Constant(6.0), ..Params::default() };
+//! let params = Params::new(MeshSpec { distance: "6".parse().unwrap(), ..Default::default() })?;
 //! # if !cfg!(feature = "tetgen") { return Ok(()); }
-//! let outcome = job::run(&image, &params, &mut Unobserved)?;
-//! assert!(outcome.report.filling.as_ref().is_some_and(|check| check.passed()));
+//! let outcome = job::run(&image, &params, &mut NoProgress)?;
+//! assert!(outcome.report.box_check.as_ref().is_some_and(|check| check.passed()));
 //!
 //! let path = std::env::temp_dir().join("atomesh-front-page.vtu");
 //! outcome.write(&path)?;

@@ -4,8 +4,9 @@ use atomesh::ErrorKind;
 use atomesh::image::synth::{self, SyntheticKind};
 use atomesh::image::{Geometry, Image};
 use atomesh::improve::Scheme;
+use atomesh::job::spec::{MeshSpec, NominalDistance};
 use atomesh::job::{
-    self, BOX_TOLERANCE, CellKind, MeshResult, MeshSpace, Meshing, Params, Spacing,
+    self, BOX_TOLERANCE, CellKind, MeshResult, MeshSpace, Meshing, Params,
 };
 use atomesh::lattice::optimize::StopReason;
 use atomesh::mesh::check::{CheckHints, check, check_with_hints};
@@ -91,10 +92,11 @@ fn disc() -> Image<2> {
 }
 
 fn spaced<const D: usize>(d: f64) -> Params<D> {
-    Params {
-        spacing: Spacing::Constant(d),
-        ..Params::default()
-    }
+    Params::new(MeshSpec {
+        distance: NominalDistance::Constant(d),
+        ..MeshSpec::default()
+    })
+    .unwrap()
 }
 
 #[test]
@@ -115,10 +117,12 @@ fn tetrahedra_are_stopped_in_every_stage() {
 #[test]
 fn voronoi_cells_are_stopped_in_every_stage() {
     use Stage::*;
-    let params = Params {
-        cells: CellKind::Voronoi,
-        ..spaced(6.0)
-    };
+    let params = Params::new(MeshSpec {
+        cells: Some(CellKind::Voronoi),
+        align: None,
+        ..spaced::<3>(6.0).spec
+    })
+    .unwrap();
     let stages = [
         Features,
         Placing,
@@ -131,10 +135,12 @@ fn voronoi_cells_are_stopped_in_every_stage() {
     ];
     stopped_everywhere(&disc(), &params, &stages);
     if cfg!(feature = "tetgen") {
-        let params = Params {
-            cells: CellKind::Voronoi,
-            ..spaced(6.0)
-        };
+        let params = Params::new(MeshSpec {
+            cells: Some(CellKind::Voronoi),
+            align: None,
+            ..spaced::<3>(6.0).spec
+        })
+        .unwrap();
         stopped_everywhere(&sphere(), &params, &stages);
     }
 }
@@ -142,10 +148,11 @@ fn voronoi_cells_are_stopped_in_every_stage() {
 #[test]
 fn triangles_are_stopped_in_every_stage() {
     use Stage::*;
-    let params = Params {
-        smoothing: Some(Scheme::Odt),
-        ..spaced(6.0)
-    };
+    let params = Params::new(MeshSpec {
+        smooth: Some(Scheme::Odt),
+        ..spaced::<2>(6.0).spec
+    })
+    .unwrap();
     let stages = [
         Features,
         Placing,
@@ -209,7 +216,7 @@ mod signals {
     use std::thread::sleep;
     use std::time::{Duration, Instant};
 
-    use crate::common::{atomesh, files, succeed};
+    use crate::common::{atomesh, files_below, run_args};
 
     /// Two seconds, and as much again for a machine that has other work to do.
     const AT_MOST: Duration = Duration::from_secs(4);
@@ -242,7 +249,7 @@ mod signals {
     /// The names of all files but the image; none may be a temporary one.
     fn made(folder: &Path) -> Vec<String> {
         let name = |path: &Path| path.file_name().unwrap().to_string_lossy().into_owned();
-        let mut names: Vec<_> = files(folder).iter().map(|(path, _)| name(path)).collect();
+        let mut names: Vec<_> = files_below(folder).iter().map(|(path, _)| name(path)).collect();
         names.retain(|name| name != "faults.npy");
         names
     }
@@ -254,7 +261,7 @@ mod signals {
     fn a_mesh_is_whole_or_not_there() {
         let folder = tempfile::tempdir().unwrap();
         let here = folder.path();
-        succeed(
+        run_args(
             here,
             &["synth", "faults", "-o", "faults.npy", "--dims", "96,90,84"],
         );
@@ -270,7 +277,7 @@ mod signals {
                 [] => assert_eq!(code, Some(130), "after {moment} s"),
                 [name] if name == "mesh.vtu" => {
                     assert!(matches!(code, Some(0 | 130)), "{code:?} after {moment} s");
-                    succeed(here, &["quality", "mesh.vtu"]);
+                    run_args(here, &["quality", "mesh.vtu"]);
                     std::fs::remove_file(here.join("mesh.vtu")).unwrap();
                 }
                 other => panic!("{other:?} left after {moment} s"),
@@ -291,7 +298,7 @@ mod signals {
     fn many_atoms_that_move_end_as_soon() {
         let folder = tempfile::tempdir().unwrap();
         let here = folder.path();
-        succeed(
+        run_args(
             here,
             &["synth", "faults", "-o", "faults.npy", "--dims", "96,96,96"],
         );
@@ -345,7 +352,7 @@ mod signals {
         }
         let owner = std::fs::File::open(&alive).unwrap();
         owner.lock().unwrap();
-        succeed(
+        run_args(
             folder.path(),
             &["synth", "sphere", "-o", "a.npy", "--dims", "9,9,9"],
         );
@@ -353,7 +360,7 @@ mod signals {
             !dead.exists() && alive.exists() && at(".mine").exists() && at("dead.vtu").exists()
         );
         drop(owner);
-        succeed(
+        run_args(
             folder.path(),
             &["synth", "sphere", "-o", "a.npy", "--dims", "9,9,9"],
         );

@@ -1,13 +1,14 @@
 //! 2-D images through every verb, as a user would.
 
+use atomesh::job::spec::{MeshSpec, NominalDistance};
 use std::path::Path;
 
-use crate::common::{npy_2d, refused, succeed};
+use crate::common::{write_npy_2d, expect_refusal, run_args};
 use serde_json::Value;
 
 fn json(folder: &Path, arguments: &[&str]) -> Value {
     let arguments = [arguments, &["--json", "--quiet"]].concat();
-    serde_json::from_str(&succeed(folder, &arguments)).unwrap()
+    serde_json::from_str(&run_args(folder, &arguments)).unwrap()
 }
 
 /// A folder with a synthetic time slice of faults, `slice.png`, and its truth.
@@ -16,7 +17,7 @@ fn folder(dims: &str) -> tempfile::TempDir {
     let arguments = "synth faults -o slice.png --truth truth.npy --signal-to-noise 10 --dims";
     let mut arguments: Vec<&str> = arguments.split(' ').collect();
     arguments.push(dims);
-    succeed(folder.path(), &arguments);
+    run_args(folder.path(), &arguments);
     folder
 }
 
@@ -40,7 +41,7 @@ fn a_time_slice_from_image_to_picture() {
     assert!(report["box"]["volume_error"].as_f64().unwrap() < 1e-9);
 
     let quality = json(at, &["quality", "mesh.vtu", "--truth", "truth.npy"]);
-    let claimed = &quality["fidelity"]["claimed"];
+    let claimed = &quality["fidelity"]["tagged_faces"];
     assert!(
         claimed["coverage_one"].as_f64().unwrap() > 0.95,
         "{claimed}"
@@ -77,11 +78,11 @@ fn the_same_mesh_from_every_format_and_number_of_threads() {
     let folder = folder("96,80");
     let at = folder.path();
     for to in ["slice.npy", "slice.vti"] {
-        succeed(at, &["convert", "slice.png", to]);
+        run_args(at, &["convert", "slice.png", to]);
     }
     let mesh = |image: &str, more: &[&str]| {
         let arguments = [&["mesh", image, "-o", "mesh.vtu", "--quiet"], more].concat();
-        succeed(at, &arguments);
+        run_args(at, &arguments);
         std::fs::read(at.join("mesh.vtu")).unwrap()
     };
     let one = mesh("slice.npy", &["--threads", "1"]);
@@ -116,8 +117,8 @@ fn what_makes_no_sense_in_the_plane_is_refused() {
     std::fs::write(at.join("cut.png"), &png[..png.len() / 2]).unwrap();
     std::fs::write(at.join("dot.raw"), [7]).unwrap();
     std::fs::write(at.join("wells.csv"), "1,2,3\n").unwrap();
-    succeed(at, &["mesh", "slice.png", "-o", "mesh.vtu", "--quiet"]);
-    succeed(
+    run_args(at, &["mesh", "slice.png", "-o", "mesh.vtu", "--quiet"]);
+    run_args(
         at,
         &["synth", "sphere", "-o", "ball.npy", "--dims", "16,16,16"],
     );
@@ -145,7 +146,7 @@ fn what_makes_no_sense_in_the_plane_is_refused() {
         ("synth faults -o a.npy --dims 64", &["--dims"]),
     ];
     for (arguments, says) in cases {
-        let line = refused(at, &arguments.split(' ').collect::<Vec<_>>());
+        let line = expect_refusal(at, &arguments.split(' ').collect::<Vec<_>>());
         for word in *says {
             assert!(line.contains(word), "no '{word}' in: {line}");
         }
@@ -157,7 +158,7 @@ fn what_makes_no_sense_in_the_plane_is_refused() {
 fn on_valleys(width: f64, coarse_passes: usize) -> [f64; 2] {
     use atomesh::feature::FeatureKind;
     use atomesh::image::{Geometry, Image};
-    use atomesh::job::{self, Params, Spacing};
+    use atomesh::job::{self, Params};
     use atomesh::lattice::optimize::NoProgress;
 
     let dims = [200, 180];
@@ -172,12 +173,13 @@ fn on_valleys(width: f64, coarse_passes: usize) -> [f64; 2] {
         .map(|i| valley(at(i)) as f32)
         .collect();
     let image = Image::new(dims, samples, Geometry::default());
-    let params = Params {
-        spacing: Spacing::Constant(12.0),
+    let params = Params::new(MeshSpec {
+        distance: NominalDistance::Constant(12.0),
         feature: FeatureKind::Potential,
-        coarse_passes,
-        ..Params::default()
-    };
+        coarse_to_fine: coarse_passes,
+        ..MeshSpec::default()
+    })
+    .unwrap();
     let report = job::run(&image, &params, &mut NoProgress).unwrap().report;
     [
         report.fidelity.unwrap().on_feature.coverage_one,
@@ -218,7 +220,7 @@ fn of_twelve_pictures_with_dots_of_canny_two_triangles_are_outside_20_to_160_and
     let at = folder.path();
     let (mut cells, mut outside, mut unexplained) = (0, 0, 0);
     for (kind, seed) in (0..4).flat_map(|kind| (0..3).map(move |seed| (kind, seed))) {
-        npy_2d(
+        write_npy_2d(
             &at.join("sharp.npy"),
             [40 + seed, 36],
             sharp(kind, 5 * seed),

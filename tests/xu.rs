@@ -1,13 +1,13 @@
 //! Canny's points, image-based smoothing and random shortest paths, from image to mesh.
 
-use crate::common::{refused, succeed};
+use crate::common::{expect_refusal, run_args};
 use atomesh::feature::FeatureKind;
 use atomesh::image::{Geometry, Image};
 use atomesh::improve::Scheme;
-use atomesh::job::{self, MeshSpace, Meshing, Outcome, Params, Spacing};
+use atomesh::job::spec::{MeshSpec, NominalDistance, SeedingKind, Slivers};
+use atomesh::job::{self, MeshSpace, Meshing, Outcome, Params};
 use atomesh::lattice::AtomKind;
 use atomesh::lattice::optimize::NoProgress;
-use atomesh::lattice::seeding::Seeding;
 use atomesh::mesh::{Mesh, Simplices};
 use serde_json::Value;
 
@@ -34,13 +34,18 @@ fn by_canny<const D: usize>(
 where
     MeshSpace<D>: Meshing<D>,
 {
-    let params = Params {
-        spacing: Spacing::for_canny(D),
-        seeding: Seeding::Canny,
-        smoothing: smooth,
-        min_dihedral,
-        ..Params::default()
+    let (slivers, min_dihedral) = match min_dihedral {
+        Some(angle) => (Slivers::Joe, angle),
+        None => (Slivers::None, 30.0),
     };
+    let params = Params::new(MeshSpec {
+        seeding: SeedingKind::Canny,
+        smooth,
+        slivers,
+        min_dihedral,
+        ..MeshSpec::default()
+    })
+    .unwrap();
     job::run(image, &params, &mut NoProgress).unwrap()
 }
 
@@ -159,11 +164,12 @@ fn canny_points_in_space_make_a_valid_mesh() {
 #[test]
 fn the_boundary_that_paths_find_is_followed() {
     let image = ball([100, 90], 27.0);
-    let mut params = Params {
-        spacing: Spacing::Constant(6.0),
+    let mut params = Params::new(MeshSpec {
+        distance: NominalDistance::Constant(6.0),
         feature: FeatureKind::Paths,
-        ..Params::default()
-    };
+        ..MeshSpec::default()
+    })
+    .unwrap();
     params.path_seeds.object = vec![[50.0, 45.0]];
     let outcome = job::run(&image, &params, &mut NoProgress).unwrap();
     let made = outcome.simplices().unwrap();
@@ -187,7 +193,7 @@ fn the_boundary_that_paths_find_is_followed() {
 
 fn json(folder: &std::path::Path, arguments: &str) -> Value {
     let arguments: Vec<&str> = arguments.split(' ').chain(["--json", "--quiet"]).collect();
-    serde_json::from_str(&succeed(folder, &arguments)).unwrap()
+    serde_json::from_str(&run_args(folder, &arguments)).unwrap()
 }
 
 #[test]
@@ -233,11 +239,11 @@ fn the_command_line_has_it_all() {
 fn what_makes_no_sense_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    succeed(
+    run_args(
         at,
         &["synth", "sphere", "-o", "disc.png", "--dims", "64,48"],
     );
-    succeed(
+    run_args(
         at,
         &["synth", "sphere", "-o", "ball.npy", "--dims", "32,32,32"],
     );
@@ -259,7 +265,7 @@ fn what_makes_no_sense_is_refused() {
         ),
     ];
     for (arguments, says) in cases {
-        let line = refused(at, &arguments.split(' ').collect::<Vec<_>>());
+        let line = expect_refusal(at, &arguments.split(' ').collect::<Vec<_>>());
         for word in *says {
             assert!(line.contains(word), "no '{word}' in: {line}");
         }

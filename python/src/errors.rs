@@ -30,6 +30,9 @@ pub fn library_error(py: Python<'_>, error: &atomesh::Error) -> PyErr {
 
 /// Arguments that make no sense.
 pub fn usage_error(py: Python<'_>, error: &clap::Error) -> PyErr {
+    if let Some(error) = atomesh::cli::args::value_error(error) {
+        return library_error(py, &error);
+    }
     let text = error.render().to_string();
     let lines = text
         .lines()

@@ -1,6 +1,7 @@
 //! The command line as a whole; what each verb takes stands beside what it does, in
 //! [`verbs`](crate::cli::verbs).
 
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Parser, Subcommand};
 
 use crate::cli::common::global::CommonOptions;
@@ -21,6 +22,7 @@ use crate::cli::verbs::slice::SliceArgs;
 use crate::cli::verbs::surface::SurfaceArgs;
 use crate::cli::verbs::synth::SynthArgs;
 use crate::cli::verbs::validate::ValidateArgs;
+use crate::error::{Error, cause};
 
 /// `atomesh --version`: the licence of the binary depends on what is linked into it.
 fn version() -> &'static str {
@@ -144,6 +146,29 @@ pub enum Verb {
     /// Manual pages
     #[command(after_help = "Example:\n  atomesh man -o ~/.local/share/man/man1")]
     Man(ManArgs),
+}
+
+/// Returns an error about the value of an option as one line like any other; `None` if the command line
+/// is wrong in another way, which clap explains better.
+pub fn value_error(error: &clap::Error) -> Option<Error> {
+    let text = |kind| match error.get(kind) {
+        Some(ContextValue::String(text)) => Some(text.as_str()),
+        _ => None,
+    };
+    if error.kind() != ErrorKind::ValueValidation {
+        return None;
+    }
+    let option = text(ContextKind::InvalidArg)?.split(' ').next()?;
+    let value = text(ContextKind::InvalidValue)?;
+    let problem = std::error::Error::source(error)?.to_string();
+    let (problem, remedy) = problem
+        .split_once("; ")
+        .unwrap_or((&problem, "--help says what is expected"));
+    Some(Error::Job(cause(
+        format!("{option} {value}"),
+        problem,
+        remedy,
+    )))
 }
 
 #[cfg(test)]

@@ -7,8 +7,8 @@ use clap::{Args, ValueEnum};
 
 use super::console::Console;
 use super::parse::{number, option_error, point};
-use super::wells::{WellFile, is_well_file};
 use crate::error::cause;
+use crate::job::well_file::{WellFile, is_well_file};
 use crate::mesh::graph::Locator;
 use crate::model::reservoir::frame::metres_per_unit;
 use crate::model::reservoir::{

@@ -4,8 +4,9 @@ use std::path::Path;
 
 use clap::Args;
 
-use super::parse::{number, option_error, text_rows};
+use super::parse::{number, option_error};
 use crate::error::cause;
+use crate::files::csv::text_rows;
 use crate::model::flow::FaultLaw;
 use crate::model::flow::driver::{BarrierSelection, FaultLaws};
 use crate::model::surface::names::Selector;

@@ -10,7 +10,6 @@
 //! - [`provenance`]: the hash of the input
 //! - `time_left`: how far a mesh job is, and how much longer it takes at most
 //! - [`rock`]: porosity, permeability and the like from numbers, tables and images
-//! - [`wells`]: trajectories of wells
 //! - [`console`]: everything that is printed
 //! - [`desk`]: where a verb works, for other front ends
 //! - [`allocator`]: memory is given back, and how the process ends where there is none
@@ -29,7 +28,6 @@ pub mod provenance;
 pub mod rock;
 mod time_left;
 pub mod verbs;
-mod wells;
 
 #[doc(hidden)]
 pub use crate::comm::world;
@@ -42,7 +40,7 @@ use clap::Parser;
 use crate::error::cause;
 use crate::files::transaction;
 use crate::{Error, ErrorKind, Result, comm, memory};
-use args::{CommandLine, Verb};
+use args::{CommandLine, Verb, value_error};
 use common::global::VerbStatus;
 use console::{Console, print_stderr};
 use interrupts::{INTERRUPTED_EXIT_CODE, Interrupts};
@@ -54,7 +52,7 @@ const TETGEN_WORKER_ARG: &str = "--tetgen-worker";
 /// Bytes of the stack on which all runs that is not shared among threads.
 const MAIN_STACK_BYTES: usize = 8 << 20;
 
-/// Runs what was typed. Exit codes: 0 done, 1 bad input or failed job, 130 interrupted, 2 wrong usage.
+/// Runs what was typed. Exit codes: 0 done, 1 bad input or failed job, 130 interrupted, 2 an unknown option or verb.
 pub fn main() -> ExitCode {
     main_with_join(None)
 }
@@ -83,7 +81,7 @@ pub fn main_with_join(join: Option<world::JoinFn>) -> ExitCode {
     let stack = thread::Builder::new()
         .name("main".into())
         .stack_size(MAIN_STACK_BYTES);
-    match stack.spawn(|| run_process(&CommandLine::parse())) {
+    match stack.spawn(parse_and_run) {
         // A panic has been told by its thread; its code is that of any.
         Ok(thread) => thread.join().unwrap_or(ExitCode::from(101)),
         Err(error) => {
@@ -91,6 +89,20 @@ pub fn main_with_join(join: Option<world::JoinFn>) -> ExitCode {
             print_stderr(format_args!("error: {}", cause("memory", error, remedy)));
             ExitCode::FAILURE
         }
+    }
+}
+
+/// Runs the command line of this process.
+fn parse_and_run() -> ExitCode {
+    match CommandLine::try_parse() {
+        Ok(line) => run_process(&line),
+        Err(error) => match value_error(&error) {
+            Some(error) => {
+                print_stderr(format_args!("error: {error}"));
+                ExitCode::FAILURE
+            }
+            None => error.exit(),
+        },
     }
 }
 

@@ -6,8 +6,9 @@ use std::path::Path;
 use clap::Args;
 
 use super::console::Console;
-use super::parse::{option_error, values_by_region};
+use super::parse::option_error;
 use crate::error::cause;
+use crate::files::csv::values_by_region;
 use crate::files::vtk::DataArray;
 use crate::image::Image;
 use crate::image::formats::AnyImage;

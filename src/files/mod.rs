@@ -1,13 +1,15 @@
-//! What every file has in common, whatever it holds.
+//! File access that does not depend on a file's format, and the VTK container format.
 //!
-//! - [`atomic`]: files that appear whole or not at all
-//! - [`read_exact_at`]: parts of a file, read by many threads at once
-//! - [`open`](fn@open): no folder, no pipe
-//! - `kept`: values as bytes
-//! - [`vtk`]: VTK's XML container, read and written
+//! - [`atomic`]: files and folders that appear completely or not at all
+//! - [`codec`]: binary encoding of values
+//! - [`csv`]: tables in CSV files
+//! - [`open`](fn@open): opens regular files only, no folders and no pipes
+//! - [`read_exact_at`]: reads parts of one file from many threads at once
+//! - [`vtk`]: reads and writes VTK's XML container, and reads legacy VTK files
 
 pub mod atomic;
 pub mod codec;
+pub mod csv;
 mod open;
 mod read_at;
 pub mod vtk;

@@ -26,7 +26,12 @@ pub(super) fn canny_atoms<const D: usize>(
 where
     MeshSpace<D>: Meshing<D>,
 {
-    let image = smooth_image(image, frame.step, params.sigma.unwrap_or(1.0), patience);
+    let image = smooth_image(
+        image,
+        frame.step,
+        params.spec.sigma.unwrap_or(1.0),
+        patience,
+    );
     let (mut atoms, distance) =
         seeding::canny::place_atoms(&features.points, &image, &frame.fixed_atoms, patience)?;
     patience.check(Stage::Placing)?;

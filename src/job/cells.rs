@@ -60,7 +60,7 @@ pub(super) fn make_cells<const D: usize>(
 where
     MeshSpace<D>: Meshing<D>,
 {
-    let (extent, weld) = (frame.extent, params.weld_ratio);
+    let (extent, weld) = (frame.extent, params.spec.weld);
     stages.begin_unless_stopped(Stage::Placing)?;
     let distance = placement::nominal_distance(source, params, features, frame, stages)?
         .into_global(&WorldComm)?;
@@ -107,7 +107,7 @@ where
                 let (places, step) = (SamplePoints::from_cells(&mesh), features.potential.step);
                 let contacts = regions::contacts_of_cells(&mesh, numbers);
                 let held = (&places, &contacts);
-                regions::report(image, &params.labels, held, numbers, step, patience)
+                regions::report(image, &params.spec.label, held, numbers, step, patience)
             });
         if let Some(voronoi) = &mut report.voronoi {
             voronoi.conforming = Some(sites.covered_share(&mesh, atoms.len()));
@@ -223,7 +223,8 @@ where
         distance: &distance,
     };
     let target = Target {
-        min_dihedral: params.min_dihedral.unwrap_or(MIN_SURFACE_ANGLE),
+        min_dihedral: (params.spec.target())
+            .map_or(MIN_SURFACE_ANGLE, |target| target.min_dihedral),
         method: SliverMethod::Joe,
     };
     let atoms = placed.atoms.all_gather(&WorldComm)?;
@@ -261,7 +262,7 @@ fn relax_around_sites<const D: usize>(
     let fixed: Vec<[f64; D]> = given.iter().chain(&positions).copied().collect();
     // There is a lattice already, if only one for surfaces: a stop is for what comes after.
     let mut atoms = seeding::seed(
-        params.seeding,
+        params.seeding(),
         extent,
         distance,
         &fixed,
@@ -280,7 +281,7 @@ fn relax_around_sites<const D: usize>(
         &[],
         distance,
         extent,
-        params.seed,
+        params.spec.rng_seed,
         observer,
     )?;
     if rest.stop == StopReason::Interrupted {

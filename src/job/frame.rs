@@ -31,7 +31,7 @@ impl<const D: usize> JobDomain<D> {
     /// [`Error::Seeding`] for atoms and wells that do not lie in the image, [`Error::Job`] for weights
     /// of other dims.
     pub fn new(dims: [usize; D], geometry: &Geometry<D>, params: &Params<D>) -> Result<Self> {
-        let step = params.metric.step(geometry);
+        let step = params.spec.metric.step(geometry);
         let extent = lattice_extent(dims, step);
         Ok(Self {
             step,
@@ -79,7 +79,7 @@ pub(crate) fn lattice_well_paths<const D: usize>(
     step: [f64; D],
     extent: [f64; D],
 ) -> Result<Vec<WellTrajectory<D>>> {
-    let least = params.well_distance.unwrap_or(params.spacing.min());
+    let least = params.spec.well_distance.unwrap_or(params.spacing().min());
     let spacing = geometry.spacing();
     let sample = (0..D).fold(f64::INFINITY, |s, k| s.min(spacing[k] / step[k]));
     let mut ways = Vec::new();

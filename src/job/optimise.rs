@@ -28,11 +28,11 @@ fn job_energy<'a, const D: usize>(
     let pairs = |beta| -> Result<PairwiseEnergy<'a, D>> {
         Ok(PairwiseEnergy::new(extent, distance, Some(potential), beta)?.with_auto_stiffness())
     };
-    Ok(match params.evaluator {
-        Evaluator::Pairwise if params.kappa != 1.0 => {
+    Ok(match params.spec.evaluator {
+        Evaluator::Pairwise if params.spec.kappa != 1.0 => {
             let pairs = pairs(beta.clone())?;
             let mobility = atoms.clone().all_gather(&WorldComm)?.mobility(extent);
-            let energy = RegularisedEnergy::new(pairs, distance, beta, params.kappa, mobility);
+            let energy = RegularisedEnergy::new(pairs, distance, beta, params.spec.kappa, mobility);
             Box::new(energy?)
         }
         Evaluator::Pairwise => Box::new(pairs(beta)?),
@@ -90,7 +90,7 @@ pub(super) fn optimise<const D: usize>(
         |atoms: &mut OwnedAtoms<D>, potential: &SparseField<D>, observer: &mut dyn Progress| {
             moved(atoms, potential, distance, observer)
         };
-    for coarse in (1..=params.coarse_passes).rev() {
+    for coarse in (1..=params.spec.coarse_to_fine).rev() {
         let factor = f64::from(1 << coarse);
         // Stopped half way it is rough: the pass over it ends at its first question.
         let smoother = CancelToken::run(&mut || observer.keep_going(), |patience| {
@@ -107,17 +107,17 @@ pub(super) fn optimise<const D: usize>(
 /// Whether moving the atoms of a job takes no more of the potential than what is near to each.
 pub(super) fn needs_only_local_potential<const D: usize>(params: &Params<D>) -> bool {
     D == 3
-        && params.evaluator == Evaluator::Pairwise
-        && params.kappa == 1.0
-        && params.coarse_passes == 0
-        && params.optimizer != optimize::Method::Genetic
+        && params.spec.evaluator == Evaluator::Pairwise
+        && params.spec.kappa == 1.0
+        && params.spec.coarse_to_fine == 0
+        && params.spec.optimizer != optimize::Method::Genetic
 }
 
 /// How the atoms of a job are moved.
 pub(crate) fn optimize_options<const D: usize>(params: &Params<D>) -> optimize::OptimizeOptions {
-    let effort =
-        default_optimize_options(params.seed).with_method(params.optimizer, params.kappa != 1.0);
-    match params.rounds {
+    let effort = default_optimize_options(params.spec.rng_seed)
+        .with_method(params.spec.optimizer, params.spec.kappa != 1.0);
+    match params.spec.rounds {
         None => effort,
         Some(rounds) => optimize::OptimizeOptions {
             max_evaluations: effort.max_evaluations / effort.max_rounds * rounds,
@@ -192,6 +192,7 @@ mod tests {
     use crate::feature::DetectionOptions;
     use crate::geometry::distance2;
     use crate::image::ScalarField;
+    use crate::job::spec::MeshSpec;
     use crate::lattice::energy::Beta;
     use crate::lattice::seeding::{self, Alignment, Atoms};
     use crate::progress::NoProgress;
@@ -244,10 +245,11 @@ mod tests {
     fn without_an_image_the_lattice_stays_regular_whatever_beta() {
         for extent in [[63.0; 3], [89.0, 79.0, 69.0], [75.0, 61.0, 83.0]] {
             for (beta, seed) in [(0.0, 1), (0.0, 2), (0.0, 3), (0.3, 1), (0.5, 2), (0.8, 3)] {
-                let params = Params {
-                    seed,
-                    ..Params::default()
-                };
+                let params = Params::new(MeshSpec {
+                    rng_seed: seed,
+                    ..MeshSpec::default()
+                })
+                .unwrap();
                 let (atoms, _) = relaxed_lattice(extent, 6.0, beta, &params);
                 let share = regular_share(&atoms.positions, 6.0, extent, 12);
                 assert!(
@@ -284,11 +286,12 @@ mod tests {
             (Evaluator::Pairwise, 0.7, 1e-4),
             (Evaluator::Sampled, 1.0, 0.1),
         ] {
-            let params = Params {
+            let params = Params::new(MeshSpec {
                 evaluator,
                 kappa,
-                ..Params::default()
-            };
+                ..MeshSpec::default()
+            })
+            .unwrap();
             let atoms = seeding::fcc(extent, &distance, &[], Alignment::OnFeatures).unwrap();
             let mut atoms = OwnedAtoms::from_global(atoms, &WorldComm);
             let features = Features {
@@ -346,10 +349,11 @@ mod tests {
             well_paths: Vec::new(),
         };
         let [pairwise, sampled] = [Evaluator::Pairwise, Evaluator::Sampled].map(|evaluator| {
-            let params = Params {
+            let params = Params::new(MeshSpec {
                 evaluator,
-                ..Params::default()
-            };
+                ..MeshSpec::default()
+            })
+            .unwrap();
             let energy = job_energy(&params, &atoms, &potential, &distance, &frame);
             let mut gradient = vec![[0.0; 2]; atoms.global_count];
             let x = &atoms.atoms.positions;

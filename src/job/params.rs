@@ -1,16 +1,22 @@
-//! What a job asks for: how far atoms are apart, what they follow, how they move, what is done with the
-//! mesh.
+//! Parameters of a job: its options, and what the files that they name hold.
 
+use std::array;
 use std::borrow::Cow;
+use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use super::spec::{
+    DistanceSource, MeshSpec, Metric, NominalDistance, NumberOrFile, SeedingKind, Slivers,
+};
+use super::well_file::WellFile;
+use crate::error::cause;
 use crate::feature;
+use crate::files::csv;
+use crate::image::formats::{self, ReadOptions};
 use crate::image::{Geometry, Image, Modality};
-use crate::improve;
-use crate::improve::triangles::relax::Scheme;
-use crate::lattice::optimize;
 use crate::lattice::seeding::{self, Seeding};
+use crate::{Error, Result};
 
 /// How far atoms shall be apart, in the lengths of [`Params::metric`] (Canny's points: in samples).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -62,16 +68,6 @@ pub enum Spacing {
     },
 }
 
-/// 8 samples, and a third of that in gaps between features.
-pub(super) const DEFAULT_DISTANCES: [f64; 2] = [2.7, 8.0];
-
-impl Default for Spacing {
-    fn default() -> Self {
-        let [min, max] = DEFAULT_DISTANCES;
-        Self::FromFeatureGaps { min, max }
-    }
-}
-
 impl Spacing {
     /// The smallest distance asked for.
     pub fn min(self) -> f64 {
@@ -95,23 +91,6 @@ impl Spacing {
         }
     }
 
-    /// The same kind in a larger unit of length; Canny's points are samples apart anyhow.
-    fn scaled_by_unit(mut self, unit: f64) -> Self {
-        match &mut self {
-            Self::FromCannyAtoms { .. } => {}
-            Self::Constant(d) => *d /= unit,
-            Self::FromFeatures { min, max }
-            | Self::FromFeatureGaps { min, max }
-            | Self::FromImage { min, max }
-            | Self::FromLaplacian { min, max }
-            | Self::FromDistanceMap { min, max } => {
-                *min /= unit;
-                *max /= unit;
-            }
-        }
-        self
-    }
-
     /// That of [`Seeding::Canny`], in a space of `dimensions`.
     pub fn for_canny(dimensions: usize) -> Self {
         Self::FromCannyAtoms {
@@ -121,39 +100,24 @@ impl Spacing {
     }
 }
 
-/// The length of one sample along each axis, which says in which space cells shall be well shaped.
-///
-/// Lattice space has these lengths, but for a common factor: a unit cube of it holds one sample, so
-/// that windows and grids are as large as for [`Metric::Samples`] whatever the unit of length.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Metric<const D: usize = 3> {
-    /// 1: cells are as flat as the image's own samples.
-    Samples,
-    /// The image's physical spacing.
-    Physical,
-    /// The same times one factor, such that a cube of lattice space holds as many samples as ever.
-    Shape,
-    /// As given.
-    Scales([f64; D]),
-}
-
-impl<const D: usize> Metric<D> {
-    /// The step of lattice space along each axis.
-    pub fn step(self, geometry: &Geometry<D>) -> [f64; D] {
+impl Metric {
+    /// Returns the step of lattice space along each axis.
+    pub fn step<const D: usize>(&self, geometry: &Geometry<D>) -> [f64; D] {
         let unit = self.unit(geometry);
         self.lengths(geometry).map(|length| length / unit)
     }
 
-    /// The length of the unit of lattice space, a cube of which holds as many samples as ever.
-    pub fn unit(self, geometry: &Geometry<D>) -> f64 {
+    /// Returns the length of the unit of lattice space, a cube of which holds one sample.
+    pub fn unit<const D: usize>(&self, geometry: &Geometry<D>) -> f64 {
         match self {
             Self::Samples | Self::Shape => 1.0,
             Self::Physical | Self::Scales(_) => geometric_mean(self.lengths(geometry)),
         }
     }
 
-    /// The length of one sample along each axis.
-    pub fn lengths(self, geometry: &Geometry<D>) -> [f64; D] {
+    /// Returns the length of one sample along each axis. Scales that are missing are 1;
+    /// [`Params::new`] refuses them.
+    pub fn lengths<const D: usize>(&self, geometry: &Geometry<D>) -> [f64; D] {
         match self {
             Self::Samples => [1.0; D],
             Self::Physical => geometry.spacing(),
@@ -161,12 +125,12 @@ impl<const D: usize> Metric<D> {
                 let spacing = geometry.spacing();
                 spacing.map(|s| s / geometric_mean(spacing))
             }
-            Self::Scales(lengths) => lengths,
+            Self::Scales(scales) => array::from_fn(|axis| scales.get(axis).copied().unwrap_or(1.0)),
         }
     }
 }
 
-/// The geometric mean; exact where all are the same.
+/// Returns the geometric mean of some lengths; it is exact where all are the same.
 fn geometric_mean<const D: usize>(lengths: [f64; D]) -> f64 {
     let longest = lengths.into_iter().fold(0.0, f64::max);
     let shape: f64 = lengths.iter().map(|length| length / longest).product();
@@ -213,122 +177,164 @@ pub struct WellPath<const D: usize = 3> {
     pub radius: f64,
 }
 
-/// What the mesh is made of.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum CellKind {
-    /// Tetrahedra, or triangles in the plane, with atoms on the features.
-    #[default]
-    Simplices,
-    /// Voronoi cells of atoms alongside the features.
-    Voronoi,
-}
-
-/// What the whole job is told.
+/// Everything that decides a mesh, beside the image: the options, and what the files that they name hold.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Params<const D: usize = 3> {
-    /// What the mesh is made of.
-    pub cells: CellKind,
-    /// Distance between atoms.
-    pub spacing: Spacing,
-    /// Distances, one per sample of the image, for [`StackSpacing::FromDistanceMap`].
-    pub distance_map: Option<Box<Image<D>>>,
-    /// Features to follow.
-    pub feature: feature::FeatureKind,
+    /// The options, [resolved](MeshSpec::resolved).
+    pub spec: MeshSpec,
     /// Where the image comes from, if its geometry alone does not tell.
     pub modality: Modality,
-    /// Width in samples of the Gaussian under which features are sought; by kind if `None`.
-    pub sigma: Option<f64>,
-    /// Least strength of a feature, in units of the image; from the image itself if `None`.
-    pub threshold: Option<f32>,
-    /// Depths of the valleys of faults and of horizons where both are followed.
-    pub feature_weights: [f64; 2],
-    /// Points of an object and around it, for [`feature::FeatureKind::Paths`].
+    /// Points of an object and around it, for features by random shortest paths.
     pub path_seeds: feature::PathSeeds<D>,
-    /// What is wanted of labels, for [`feature::FeatureKind::Labels`].
-    pub labels: Vec<feature::LabelOptions>,
-    /// Whether no common null values are recognised, nor traces that are zero throughout.
-    pub keep_nulls: bool,
+    /// Distance between atoms, in samples, for each sample of the image; `None` unless the options take
+    /// it from a file.
+    pub distance_map: Option<Box<Image<D>>>,
     /// Weight of the image.
     pub beta: Weight<D>,
     /// Atoms that stay where they are (wells, sources).
     pub fixed_atoms: Vec<FixedAtom<D>>,
-    /// Wells: fixed atoms along their ways.
+    /// Wells: fixed atoms along their trajectories.
     pub wells: Vec<WellPath<D>>,
-    /// Distance between atoms at wells; as elsewhere if `None`.
-    pub well_distance: Option<f64>,
-    /// Initial positions of atoms.
-    pub seeding: Seeding,
-    /// Evaluator of the energy.
-    pub evaluator: Evaluator,
-    /// Weight in [0, 1] of the energy between atoms against their Laplacian coordinates
-    /// ([`Regularised`](crate::densest_lattice::energy::RegularisedEnergy)); 1 leaves those out.
-    pub kappa: f64,
-    /// How atoms are moved.
-    pub optimizer: optimize::Method,
-    /// Most rounds of perturbing and minimising (Hale 2001, Algorithm 3), which end when one gains nothing;
-    /// if `None`, one, or three with Laplacian coordinates.
-    pub rounds: Option<usize>,
-    /// Number of passes on smoother potentials before the last one: the first is 2^n times as wide.
-    pub coarse_passes: usize,
-    /// Smallest (dihedral) angle aimed at, in degrees; `None` leaves the slivers in.
-    pub min_dihedral: Option<f64>,
-    /// How they are removed.
-    pub sliver_method: improve::SliverMethod,
-    /// Nodes of Voronoi cells nearer to one another than this share of the cells' size are one.
-    pub weld_ratio: f64,
-    /// How a triangulation of the plane is smoothed under the weight of the image, if it shall be.
-    pub smoothing: Option<Scheme>,
-    /// Lattice space.
-    pub metric: Metric<D>,
-    /// Seed of the perturbations.
-    pub seed: u64,
 }
 
 impl<const D: usize> Default for Params<D> {
     fn default() -> Self {
-        Self {
-            cells: CellKind::default(),
-            spacing: Spacing::default(),
-            feature: feature::FeatureKind::Auto,
-            modality: Modality::Unknown,
-            sigma: None,
-            threshold: None,
-            feature_weights: [1.0; 2],
-            distance_map: None,
-            path_seeds: feature::PathSeeds::default(),
-            labels: Vec::new(),
-            keep_nulls: false,
-            beta: Weight::Constant(0.5),
-            fixed_atoms: Vec::new(),
-            wells: Vec::new(),
-            well_distance: None,
-            seeding: Seeding::Fcc,
-            evaluator: Evaluator::Pairwise,
-            kappa: 1.0,
-            optimizer: optimize::Method::Lbfgs,
-            rounds: None,
-            coarse_passes: 0,
-            min_dihedral: Some(30.0),
-            sliver_method: improve::SliverMethod::Joe,
-            weld_ratio: 0.0,
-            smoothing: None,
-            metric: Metric::Samples,
-            seed: 1,
-        }
+        Self::with_resolved(
+            MeshSpec::default().resolved(),
+            feature::PathSeeds::default(),
+        )
     }
 }
 
 impl<const D: usize> Params<D> {
-    /// The same with distances in units of lattice space, each of which is `unit` long.
+    /// Returns the parameters for images of `D` axes. No file is read: what files hold, the caller adds.
+    ///
+    /// # Errors
+    /// [`Error::Job`] for options that make no sense ([`MeshSpec::validate`]), or not in `D` dimensions.
+    pub fn new(spec: MeshSpec) -> Result<Self> {
+        spec.validate()?;
+        if let Metric::Scales(scales) = &spec.metric
+            && scales.len() != D
+        {
+            return Err(Error::Job(cause(
+                format!("metric {}", spec.metric),
+                format!("has {} scales, but the image {D} axes", scales.len()),
+                "give one scale per axis",
+            )));
+        }
+        if D != 2 && spec.smooth.is_some() {
+            return Err(Error::Job(cause(
+                "smooth",
+                "is for the triangles of 2-D images",
+                "omit it",
+            )));
+        }
+        if D == 2 && spec.slivers == Slivers::Exude {
+            return Err(Error::Job(cause(
+                "slivers exude",
+                "does nothing in 2-D, where the Delaunay triangulation has no slivers",
+                "omit it",
+            )));
+        }
+        let path_seeds = spec.path_seeds()?;
+        Ok(Self::with_resolved(spec.resolved(), path_seeds))
+    }
+
+    /// Returns the parameters for images of `D` axes, and reads the files that the options name.
+    ///
+    /// # Errors
+    /// Returns the errors of [`Params::new`] and those of reading these files.
+    pub fn read(spec: &MeshSpec) -> Result<Self> {
+        let mut params = Self::new(spec.clone())?;
+        if let Some(path) = &spec.atoms_from {
+            params.fixed_atoms = read_fixed_atoms(path)?;
+        }
+        if spec.seeding == SeedingKind::Canny {
+            return Ok(params);
+        }
+        if let DistanceSource::File(path) = &spec.distance_from {
+            let remedy = "give one distance per sample of the image";
+            params.distance_map = Some(Box::new(read_image("distance-from", path, remedy)?));
+        }
+        if let NumberOrFile::File(path) = &spec.beta {
+            params.beta = Weight::Image(Box::new(read_beta(path)?));
+        }
+        params.wells = (spec.well.iter())
+            .map(|path| read_well(path))
+            .collect::<Result<_>>()?;
+        Ok(params)
+    }
+
+    fn with_resolved(spec: MeshSpec, path_seeds: feature::PathSeeds<D>) -> Self {
+        let beta = match spec.beta {
+            NumberOrFile::Constant(beta) => beta,
+            NumberOrFile::File(_) => 0.5,
+        };
+        Self {
+            spec,
+            modality: Modality::Unknown,
+            path_seeds,
+            distance_map: None,
+            beta: Weight::Constant(beta),
+            fixed_atoms: Vec::new(),
+            wells: Vec::new(),
+        }
+    }
+
+    /// Returns the distance between atoms.
+    pub fn spacing(&self) -> Spacing {
+        if self.spec.seeding == SeedingKind::Canny {
+            return Spacing::for_canny(D);
+        }
+        let (min, max) = match self.spec.distance {
+            NominalDistance::Constant(d) => return Spacing::Constant(d),
+            NominalDistance::Range { min, max } => (min, max),
+        };
+        if self.distance_map.is_some() {
+            return Spacing::FromDistanceMap { min, max };
+        }
+        match self.spec.distance_from {
+            DistanceSource::Gaps => Spacing::FromFeatureGaps { min, max },
+            DistanceSource::Features => Spacing::FromFeatures { min, max },
+            DistanceSource::Image => Spacing::FromImage { min, max },
+            DistanceSource::Laplacian => Spacing::FromLaplacian { min, max },
+            DistanceSource::File(_) => Spacing::FromDistanceMap { min, max },
+        }
+    }
+
+    /// Returns how atoms are placed.
+    pub fn seeding(&self) -> Seeding {
+        let seed = self.spec.rng_seed;
+        match self.spec.seeding {
+            SeedingKind::Fcc => Seeding::Fcc,
+            SeedingKind::Grown => Seeding::Grown,
+            SeedingKind::Refine => Seeding::Refine { seed },
+            SeedingKind::Canny => Seeding::Canny,
+            SeedingKind::Guide => Seeding::Guide {
+                seed,
+                max_atoms: self.spec.max_atoms.unwrap_or(usize::MAX),
+            },
+            SeedingKind::Projection => Seeding::Projection,
+        }
+    }
+
+    /// Returns the same parameters with distances in units of lattice space, each of which is `unit`
+    /// long.
     pub(crate) fn in_lattice_units(&self, unit: f64) -> Cow<'_, Self> {
         if unit == 1.0 {
             return Cow::Borrowed(self);
         }
         let mut params = self.clone();
-        params.spacing = self.spacing.scaled_by_unit(unit);
-        params.well_distance = self.well_distance.map(|d| d / unit);
-        for wish in &mut params.labels {
-            wish.distance = wish.distance.map(|d| d / unit);
+        match &mut params.spec.distance {
+            NominalDistance::Constant(d) => *d /= unit,
+            NominalDistance::Range { min, max } => {
+                *min /= unit;
+                *max /= unit;
+            }
+        }
+        params.spec.well_distance = self.spec.well_distance.map(|d| d / unit);
+        for label in &mut params.spec.label {
+            label.distance = label.distance.map(|d| d / unit);
         }
         if let Some(distances) = &mut params.distance_map {
             let samples = distances.as_slice().iter();
@@ -338,29 +344,89 @@ impl<const D: usize> Params<D> {
         Cow::Owned(params)
     }
 
-    /// How features are sought.
+    /// Returns how features are detected where samples are `step` apart in lattice space.
     pub fn feature_options(&self, step: [f64; D]) -> feature::DetectionOptions<D> {
+        let spec = &self.spec;
         // Canny's points are, unless another feature is named, points of Canny's edges.
-        let kind = match (self.feature, self.seeding) {
-            (feature::FeatureKind::Auto, Seeding::Canny) => feature::FeatureKind::Canny,
+        let kind = match (spec.feature, spec.seeding) {
+            (feature::FeatureKind::Auto, SeedingKind::Canny) => feature::FeatureKind::Canny,
             (kind, _) => kind,
         };
+        let spacing = self.spacing();
         feature::DetectionOptions {
             kind,
             modality: self.modality,
-            scale: self.sigma,
-            threshold: self.threshold,
-            weights: self.feature_weights,
+            scale: spec.sigma,
+            threshold: spec.threshold,
+            weights: spec.feature_weights.0,
             seeds: self.path_seeds.clone(),
-            labels: self.labels.clone(),
-            d_min: self.spacing.min(),
-            gap_d_max: match self.spacing {
+            labels: spec.label.clone(),
+            d_min: spacing.min(),
+            gap_d_max: match spacing {
                 Spacing::FromFeatureGaps { max, .. } => Some(max),
                 _ => None,
             },
             step,
-            keep_nulls: self.keep_nulls,
+            keep_nulls: spec.input.keeps_nulls(),
             ..feature::DetectionOptions::default()
         }
+    }
+}
+
+/// Reads fixed atoms from a CSV file; each is named after its line.
+fn read_fixed_atoms<const D: usize>(path: &Path) -> Result<Vec<FixedAtom<D>>> {
+    let named = |(line, position)| FixedAtom {
+        name: format!("{}:{line}", path.display()),
+        position,
+    };
+    Ok(csv::points(path)?.into_iter().map(named).collect())
+}
+
+/// Reads a well from a CSV file.
+fn read_well<const D: usize>(path: &Path) -> Result<WellPath<D>> {
+    let file = WellFile::<D>::read(path, D - 1)?;
+    Ok(WellPath {
+        name: path.display().to_string(),
+        radius: file.points.iter().map(|p| p.2).fold(0.0, f64::max),
+        points: file.points.iter().map(|p| p.1).collect(),
+    })
+}
+
+/// Reads an image that an option names; `remedy` says what to give.
+fn read_image<const D: usize>(option: &str, path: &Path, remedy: &str) -> Result<Image<D>> {
+    let read = formats::read_any(path, &ReadOptions::default())?;
+    read.into_image().ok_or_else(|| {
+        Error::Job(cause(
+            format!("{option} {}", path.display()),
+            format!("is not a {D}-D image"),
+            remedy,
+        ))
+    })
+}
+
+/// Reads an image of weights.
+fn read_beta<const D: usize>(path: &Path) -> Result<Image<D>> {
+    let image = read_image("beta", path, "give one weight per sample of the image")?;
+    let stats = image.stats();
+    if stats.first_non_finite.is_some() || stats.min < 0.0 || stats.max >= 1.0 {
+        return Err(Error::Job(cause(
+            format!("beta {}", path.display()),
+            format!("holds weights from {} to {}, or none", stats.min, stats.max),
+            "give weights that are at least 0 and below 1",
+        )));
+    }
+    Ok(image)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn default_options_read_no_files() {
+        assert_eq!(
+            Params::<3>::read(&MeshSpec::default()).unwrap(),
+            Params::default()
+        );
     }
 }

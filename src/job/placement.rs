@@ -3,7 +3,8 @@
 
 use super::frame::JobDomain;
 use super::optimise::{self, optimise};
-use super::{Evaluator, MeshSpace, Meshing, Params, Spacing, StageRunner, canny, estimate};
+use super::spec::SeedingKind;
+use super::{MeshSpace, Meshing, Params, Spacing, StageRunner, canny, estimate};
 use crate::comm::{self, Comm, WorldComm};
 use crate::error::cause;
 use crate::feature::components::for_each_sample;
@@ -19,15 +20,6 @@ use crate::{Error, Result};
 /// Growth of a variable distance: the bound on |grad d|.
 const MAX_DISTANCE_GROWTH: f64 = 0.1;
 
-/// How atoms come to rest.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum PlacementMethod {
-    /// Seeded at the distance asked for, then moved.
-    Lattice,
-    /// Canny's points: image and features decide the distance, and nothing moves.
-    Canny,
-}
-
 /// Atoms at rest.
 pub(super) struct PlacedAtoms<const D: usize> {
     /// The atoms, or this rank's share of them.
@@ -38,97 +30,40 @@ pub(super) struct PlacedAtoms<const D: usize> {
     pub optimize_result: Option<optimize::OptimizeResult>,
 }
 
-impl PlacementMethod {
-    /// What the parameters ask for.
-    pub fn from_params<const D: usize>(params: &Params<D>) -> Self {
-        match params.seeding {
-            Seeding::Canny => Self::Canny,
-            _ => Self::Lattice,
-        }
+/// Places atoms and brings them to rest: on a lattice that moves, or on Canny's points, which do not.
+///
+/// # Errors
+/// Those of distances and seeding; [`Error::Interrupted`] before there is a lattice.
+pub(super) fn place_atoms<const D: usize>(
+    source: ImageSource<'_, D>,
+    params: &Params<D>,
+    features: &Features<D>,
+    frame: &JobDomain<D>,
+    stages: &mut StageRunner<'_>,
+) -> Result<PlacedAtoms<D>>
+where
+    MeshSpace<D>: Meshing<D>,
+{
+    stages.begin_unless_stopped(Stage::Placing)?;
+    if params.spec.seeding == SeedingKind::Canny {
+        let placed = stages.run_or_interrupt(Stage::Placing, |cancel| {
+            canny::canny_atoms(&*source.to_image()?, params, features, frame, cancel)
+        })?;
+        let atoms = placed.atoms.global_count as f64;
+        let estimate = estimate::estimate_from_atom_count::<D>(atoms, params.spec.cell_kind());
+        stages.observer.estimate(&estimate);
+        estimate::afford(&estimate)?;
+        return Ok(placed);
     }
-
-    /// Refuses what cannot be had.
-    pub fn check<const D: usize>(self, params: &Params<D>, alignment: Alignment) -> Result<()> {
-        let alongside = alignment == Alignment::AlongsideFeatures;
-        let sampled = params.evaluator == Evaluator::Sampled;
-        let (place, problem, remedy, parameter) = match self {
-            Self::Canny if alongside => (
-                "Canny's points",
-                "lie on features, but Voronoi cells need atoms alongside",
-                "choose simplices, or place atoms in another way",
-                "seeding",
-            ),
-            Self::Canny if !params.wells.is_empty() => (
-                "Canny's points",
-                "determine the distance between atoms, so wells cannot have their own",
-                "give wells as fixed atoms, or place atoms in another way",
-                "seeding",
-            ),
-            Self::Lattice if sampled && alongside => (
-                "the sampled energy",
-                "has no mirror images, which atoms alongside features need",
-                "use the pairwise one",
-                "evaluator",
-            ),
-            Self::Lattice if params.kappa != 1.0 && alongside => (
-                "kappa",
-                "applies to the neighbours of atoms in a Delaunay mesh, but the mesh has Voronoi cells",
-                "leave it at 1",
-                "kappa",
-            ),
-            Self::Lattice if params.kappa != 1.0 && sampled => (
-                "kappa",
-                "needs the exact energy, but the sampled one is chosen",
-                "use the pairwise one",
-                "evaluator",
-            ),
-            _ => return Ok(()),
-        };
-        Err(Error::Job(
-            cause(place, problem, remedy).with_parameter(parameter),
-        ))
-    }
-
-    /// Places atoms and brings them to rest.
-    ///
-    /// # Errors
-    /// Those of distances and seeding; [`Error::Interrupted`] before there is a lattice.
-    pub fn place<const D: usize>(
-        self,
-        source: ImageSource<'_, D>,
-        params: &Params<D>,
-        features: &Features<D>,
-        frame: &JobDomain<D>,
-        stages: &mut StageRunner<'_>,
-    ) -> Result<PlacedAtoms<D>>
-    where
-        MeshSpace<D>: Meshing<D>,
-    {
-        stages.begin_unless_stopped(Stage::Placing)?;
-        match self {
-            Self::Canny => {
-                let placed = stages.run_or_interrupt(Stage::Placing, |patience| {
-                    canny::canny_atoms(&*source.to_image()?, params, features, frame, patience)
-                })?;
-                let atoms = placed.atoms.global_count as f64;
-                let estimate = estimate::estimate_from_atom_count::<D>(atoms, params.cells);
-                stages.observer.estimate(&estimate);
-                estimate::afford(&estimate)?;
-                Ok(placed)
-            }
-            Self::Lattice => {
-                let distance = nominal_distance(source, params, features, frame, stages)?;
-                let fixed = fixed_atoms(&distance.outline(), Alignment::OnFeatures, frame)?;
-                optimised_lattice(params, distance, &fixed, features, frame, stages)
-            }
-        }
-    }
+    let distance = nominal_distance(source, params, features, frame, stages)?;
+    let fixed = fixed_atoms(&distance.outline(), Alignment::OnFeatures, frame)?;
+    optimised_lattice(params, distance, &fixed, features, frame, stages)
 }
 
 /// Whether placing atoms and moving them takes no more of the potential than what is near to each.
 pub(super) fn needs_only_local_potential<const D: usize>(params: &Params<D>) -> bool {
-    matches!(params.seeding, Seeding::Fcc | Seeding::Grown)
-        && !matches!(params.spacing, Spacing::FromLaplacian { .. })
+    matches!(params.seeding(), Seeding::Fcc | Seeding::Grown)
+        && !matches!(params.spacing(), Spacing::FromLaplacian { .. })
         && optimise::needs_only_local_potential(params)
 }
 
@@ -152,7 +87,10 @@ pub(super) fn nominal_distance<const D: usize>(
             ));
         }
         patience.check(Stage::Placing)?;
-        match (params.well_distance.filter(|_| !ways.is_empty()), distance) {
+        match (
+            params.spec.well_distance.filter(|_| !ways.is_empty()),
+            distance,
+        ) {
             (Some(least), DistributedDistance::Global(distance)) => wells::refine_near_wells(
                 distance,
                 ways,
@@ -166,10 +104,10 @@ pub(super) fn nominal_distance<const D: usize>(
         }
     })?;
     let outline = distance.outline();
-    let mut estimate = estimate::estimate_from_distance(&outline, extent, params.cells);
+    let mut estimate = estimate::estimate_from_distance(&outline, extent, params.spec.cell_kind());
     if stages.may_partition {
         estimate =
-            estimate::estimate_per_rank(estimate, extent, &outline, params.seeding, comm::size());
+            estimate::estimate_per_rank(estimate, extent, &outline, params.seeding(), comm::size());
     }
     stages.observer.estimate(&estimate);
     estimate::afford(&estimate)?;
@@ -206,7 +144,7 @@ pub(super) fn optimised_lattice<const D: usize>(
     let (atoms, optimised) = stages.load_or_run_shares("3-moved", |stages| {
         let (mut atoms, ()) = stages.load_or_run_shares("2-seeded", |stages| {
             let atoms = stages.run_or_interrupt(Stage::Placing, |patience| {
-                let (how, potential) = (params.seeding, &features.potential);
+                let (how, potential) = (params.seeding(), &features.potential);
                 let extent = frame.extent;
                 seeding::seed_partition(how, extent, &distance, fixed, potential, group, patience)
             })?;
@@ -265,7 +203,7 @@ pub(super) fn distance_note<const D: usize>(
     params: &Params<D>,
     features: &Features<D>,
 ) -> Result<Option<String>> {
-    let Spacing::FromImage { .. } = params.spacing else {
+    let Spacing::FromImage { .. } = params.spacing() else {
         return Ok(None);
     };
     let (dense, why) = densest_brightness(&*source.to_image()?, features);
@@ -290,14 +228,14 @@ fn distance_with_labels<const D: usize>(
         return distance;
     };
     let wish = |label: &LabelValue| {
-        let wish = params.labels.iter().find(|wish| wish.label == *label);
+        let wish = params.spec.label.iter().find(|wish| wish.label == *label);
         wish.and_then(|wish| wish.distance)
     };
     let wishes: Vec<Option<f64>> = labelled.labels.iter().map(wish).collect();
     if wishes.iter().all(Option::is_none) {
         return distance;
     }
-    let most = params.spacing.max();
+    let most = params.spacing().max();
     let mut field = match &distance {
         Distance::Bricks(_) => return distance,
         Distance::Field(field) => field.clone(),
@@ -335,7 +273,7 @@ fn base_distance<const D: usize>(
         step,
         samples: image.as_slice().to_vec(),
     };
-    let wishes = || params.labels.iter().filter_map(|wish| wish.distance);
+    let wishes = || params.spec.label.iter().filter_map(|wish| wish.distance);
     let least = |d: f64| wishes().fold(d, f64::min);
     let (growth, group) = (MAX_DISTANCE_GROWTH, &WorldComm as &dyn Comm);
     let gaps = |min, max| {
@@ -346,7 +284,7 @@ fn base_distance<const D: usize>(
             group,
         )
     };
-    let all = match params.spacing {
+    let all = match params.spacing() {
         Spacing::Constant(d) if features.spacing.is_some() => {
             return gaps(least(d), d.max(least(d)));
         }
@@ -412,6 +350,7 @@ mod tests {
     use super::*;
     use crate::feature::{DetectionOptions, detect};
     use crate::image::Geometry;
+    use crate::job::spec::{DistanceSource, MeshSpec, NominalDistance};
 
     #[test]
     fn a_distance_from_the_image_is_least_on_features_bright_or_dark() {
@@ -423,10 +362,12 @@ mod tests {
             let samples = (0..80 * 70).map(|i| (sign * line(i % 80)) as f32);
             let image = Image::new([80, 70], samples.collect(), Geometry::default());
             let features = detect(&image, &DetectionOptions::with_kind(kind, 4.0)).unwrap();
-            let params = Params {
-                spacing: Spacing::FromImage { min: 4.0, max: 7.0 },
-                ..Params::default()
-            };
+            let params = Params::new(MeshSpec {
+                distance: NominalDistance::Range { min: 4.0, max: 7.0 },
+                distance_from: DistanceSource::Image,
+                ..MeshSpec::default()
+            })
+            .unwrap();
             let d = base_distance(
                 ImageSource::InMemory(&image),
                 &params,
@@ -446,42 +387,5 @@ mod tests {
             let note = note.unwrap().unwrap();
             assert!(note.contains(word), "{note}");
         }
-    }
-
-    #[test]
-    fn refusals_name_the_parameter_that_is_to_be_changed() {
-        let sampled = Params::<2> {
-            evaluator: Evaluator::Sampled,
-            ..Params::default()
-        };
-        let sampled_with_kappa = Params {
-            kappa: 0.7,
-            ..sampled.clone()
-        };
-        let kappa = Params {
-            evaluator: Evaluator::Pairwise,
-            ..sampled_with_kappa.clone()
-        };
-        let canny = Params {
-            seeding: Seeding::Canny,
-            ..Params::default()
-        };
-        let (on, alongside) = (Alignment::OnFeatures, Alignment::AlongsideFeatures);
-        for (params, alignment, parameter) in [
-            (&sampled, alongside, "evaluator"),
-            (&sampled_with_kappa, on, "evaluator"),
-            (&kappa, alongside, "kappa"),
-            (&canny, alongside, "seeding"),
-        ] {
-            let error = PlacementMethod::from_params(params)
-                .check(params, alignment)
-                .unwrap_err();
-            assert_eq!(error.cause().parameter, Some(parameter), "{error}");
-        }
-        assert!(
-            PlacementMethod::from_params(&sampled)
-                .check(&sampled, on)
-                .is_ok()
-        );
     }
 }

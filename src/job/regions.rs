@@ -338,7 +338,8 @@ mod tests {
     use crate::feature::FeatureKind;
     use crate::feature::scenes::image_of;
     use crate::image::LabelValue;
-    use crate::job::{CellKind, Outcome, Params, Spacing, run};
+    use crate::job::spec::{MeshSpec, NominalDistance};
+    use crate::job::{CellKind, Outcome, Params, run};
     use crate::mesh::boxes::kuhn_box;
     use crate::progress::NoProgress;
 
@@ -460,10 +461,11 @@ mod tests {
 
     #[test]
     fn what_is_lost_is_named_and_kept_by_the_option_that_is_named() {
-        let params = Params {
-            spacing: Spacing::Constant(7.0),
-            ..Params::default()
-        };
+        let params = Params::new(MeshSpec {
+            distance: NominalDistance::Constant(7.0),
+            ..MeshSpec::default()
+        })
+        .unwrap();
         let image = test_image(1.0);
         let outcome = mesh_image(&image, &params);
         let lost = &outcome.report.regions.as_ref().unwrap().lost;
@@ -483,11 +485,12 @@ mod tests {
         assert!(one.message().contains("label 7") && one.message().contains("keeps it"));
         let wish = one.remedy().unwrap();
         let wish = LabelOptions::parse(wish.strip_prefix("--label ").unwrap()).unwrap();
-        let kept = Params {
-            labels: vec![wish],
+        let kept = Params::new(MeshSpec {
+            label: vec![wish],
             feature: FeatureKind::Labels,
-            ..params
-        };
+            ..params.spec
+        })
+        .unwrap();
         let outcome = mesh_image(&image, &kept);
         let regions = outcome.report.regions.as_ref().unwrap();
         assert!(
@@ -504,12 +507,13 @@ mod tests {
     fn a_label_has_its_own_distance_and_name_or_becomes_part_of_another() {
         let wishes = ["3:distance=2.5,name=core", "5:into=1", "9:distance=12"];
         let wishes = wishes.map(|text| LabelOptions::parse(text).unwrap());
-        let params = Params {
-            spacing: Spacing::Constant(7.0),
+        let params = Params::new(MeshSpec {
+            distance: NominalDistance::Constant(7.0),
             feature: FeatureKind::Labels,
-            labels: wishes.to_vec(),
-            ..Params::default()
-        };
+            label: wishes.to_vec(),
+            ..MeshSpec::default()
+        })
+        .unwrap();
         let outcome = mesh_image(&test_image(0.0), &params);
         let regions = &outcome.report.regions.as_ref().unwrap().regions;
         assert!(regions.iter().all(|region| region.label != 5.0));
@@ -528,11 +532,12 @@ mod tests {
 
     #[test]
     fn voronoi_cells_and_triangles_have_regions_too() {
-        let params = Params {
-            cells: CellKind::Voronoi,
-            spacing: Spacing::Constant(5.0),
-            ..Params::default()
-        };
+        let params = Params::new(MeshSpec {
+            cells: Some(CellKind::Voronoi),
+            distance: NominalDistance::Constant(5.0),
+            ..MeshSpec::default()
+        })
+        .unwrap();
         let outcome = mesh_image(&test_image(0.0), &params);
         let cells = outcome.voronoi().unwrap();
         assert!(cells.region.contains(&3) && cells.region.contains(&9));

@@ -2,8 +2,8 @@
 
 use super::frame::{JobDomain, lattice_extent};
 use super::optimise::optimisation_report;
-use super::params::DEFAULT_DISTANCES;
-use super::placement::{self, PlacedAtoms, PlacementMethod};
+use super::placement::{self, PlacedAtoms};
+use super::spec::{DEFAULT_DISTANCES, NominalDistance};
 use super::{
     AnnotatedMesh, CellKind, Checkpoint, MeshScene, MeshShare, MeshSpace, Meshing, Params, Spacing,
     StageRunner, cells, estimate, simplices,
@@ -14,7 +14,6 @@ use crate::feature::{self, Features, label_map};
 use crate::image::{Geometry, Image, ImageSource};
 use crate::lattice::distance::Distance;
 use crate::lattice::optimize::{self, StopReason};
-use crate::lattice::seeding::Alignment;
 use crate::mesh::Mesh;
 use crate::mesh::poly::PolyMesh;
 use crate::progress::{Progress, Stage};
@@ -104,18 +103,18 @@ where
 ///
 /// ```
 /// use atomesh::image::{Geometry, Image};
-/// use atomesh::job::{self, CellKind, Params, Spacing};
-/// use atomesh::observer::Unobserved;
+/// use atomesh::job::{self, CellKind, MeshSpec, Params};
+/// use atomesh::progress::NoProgress;
 ///
 /// let inside = |i: usize| (i % 40) as f64 - 20.0;
 /// let disc = (0..40 * 36).map(|i| f32::from(inside(i).hypot((i / 40) as f64 - 18.0) < 11.0));
 /// let image = Image::new([40, 36], disc.collect(), Geometry::default());
-/// let params = Params {
-///     cells: CellKind::Voronoi,
-///     spacing: Spacing::Constant(5.0),
-///     ..Params::default()
-/// };
-/// let outcome = job::run(&image, &params, &mut Unobserved)?;
+/// let params = Params::new(MeshSpec {
+///     cells: Some(CellKind::Voronoi),
+///     distance: "5".parse().unwrap(),
+///     ..MeshSpec::default()
+/// })?;
+/// let outcome = job::run(&image, &params, &mut NoProgress)?;
 /// assert!(outcome.report.voronoi.is_some_and(|cells| cells.on_feature > 5));
 /// # Ok::<(), atomesh::Error>(())
 /// ```
@@ -176,56 +175,52 @@ pub(super) fn run_precompiled<const D: usize>(
 where
     MeshSpace<D>: Meshing<D>,
 {
-    let in_pieces = way.may_partition && comm::size() > 1 && params.cells == CellKind::Simplices;
+    params.spec.validate()?;
+    let in_pieces =
+        way.may_partition && comm::size() > 1 && params.spec.cell_kind() == CellKind::Simplices;
     let checkpoint = way.checkpoint.map(|kept| kept.for_job(source, params));
     let checkpoint = checkpoint.transpose()?;
-    let merged = match params.labels.is_empty() {
+    let merged = match params.spec.label.is_empty() {
         true => None,
-        false => label_map::merge_labels(&*source.to_image()?, &params.labels)?,
+        false => label_map::merge_labels(&*source.to_image()?, &params.spec.label)?,
     };
     let source = merged.as_ref().map_or(source, ImageSource::InMemory);
     // What is computed of the image's values must not see what stands for missing samples.
     let marked = match source {
         ImageSource::InMemory(image)
-            if feature::fills_gaps(image, params.feature, params.modality) =>
+            if feature::fills_gaps(image, params.spec.feature, params.modality) =>
         {
-            image.mark_dead(!params.keep_nulls)?
+            image.mark_dead(!params.spec.input.keeps_nulls())?
         }
         _ => None,
     };
     let source = (marked.as_ref()).map_or(source, |marked| ImageSource::InMemory(&marked.image));
     let (dims, geometry) = (source.dims(), source.geometry());
-    let alignment = match params.cells {
-        CellKind::Simplices => Alignment::OnFeatures,
-        CellKind::Voronoi => Alignment::AlongsideFeatures,
-    };
-    let placing = PlacementMethod::from_params(params);
-    placing.check(params, alignment)?;
-    simplices::check_smoothing(params)?;
-    let step = params.metric.step(geometry);
+    let step = params.spec.metric.step(geometry);
     let extent = lattice_extent(dims, step);
     // Before the work: the largest distance must fit, whatever the features are.
-    let room = match params.spacing {
+    let room = match params.spacing() {
         Spacing::FromCannyAtoms { .. } => extent,
-        _ => lattice_extent(dims, params.metric.lengths(geometry)),
+        _ => lattice_extent(dims, params.spec.metric.lengths(geometry)),
     };
     let fitted = params_for_thin_image(params, room);
     let params = fitted.as_ref().unwrap_or(params);
-    let wishes = params.labels.iter().filter_map(|wish| wish.distance);
-    let largest = wishes.fold(params.spacing.max(), f64::max);
+    let wishes = params.spec.label.iter().filter_map(|wish| wish.distance);
+    let largest = wishes.fold(params.spacing().max(), f64::max);
     Distance::Constant(largest).validate(room)?;
-    estimate::afford_features(source, params.feature)?;
-    let params = &*params.in_lattice_units(params.metric.unit(geometry));
-    if !matches!(params.spacing, Spacing::FromCannyAtoms { .. }) {
+    estimate::afford_features(source, params.spec.feature)?;
+    let params = &*params.in_lattice_units(params.spec.metric.unit(geometry));
+    if !matches!(params.spacing(), Spacing::FromCannyAtoms { .. }) {
         // As many as if they were nowhere closer.
-        let sparsest = Distance::Constant(params.spacing.max());
-        let mut estimate = estimate::estimate_from_distance(&sparsest, extent, params.cells);
+        let sparsest = Distance::Constant(params.spacing().max());
+        let mut estimate =
+            estimate::estimate_from_distance(&sparsest, extent, params.spec.cell_kind());
         if in_pieces {
             estimate = estimate::estimate_per_rank(
                 estimate,
                 extent,
                 &sparsest,
-                params.seeding,
+                params.seeding(),
                 comm::size(),
             );
         }
@@ -246,13 +241,13 @@ where
             feature::detect_with_cancel(source, &options, patience)
         })
     })?;
-    let (made, mut report, share, distance, optimised) = match params.cells {
+    let (made, mut report, share, distance, optimised) = match params.spec.cell_kind() {
         CellKind::Simplices => {
             let PlacedAtoms {
                 mut atoms,
                 distance,
                 optimize_result: optimised,
-            } = placing.place(source, params, &features, &frame, &mut stages)?;
+            } = placement::place_atoms(source, params, &features, &frame, &mut stages)?;
             let pieces = match in_pieces {
                 true => {
                     features.keep_share(group);
@@ -262,7 +257,7 @@ where
                         features: &features,
                         distance: &outline,
                     };
-                    let target = simplices::angle_target(params);
+                    let target = params.spec.target();
                     let (target, stages) = (target.as_ref(), &mut stages);
                     MeshSpace::<D>::join_distributed(&mut atoms, &scene, &distance, target, stages)?
                 }
@@ -345,13 +340,12 @@ fn params_for_thin_image<const D: usize>(params: &Params<D>, room: [f64; D]) -> 
     let [min, max] = DEFAULT_DISTANCES;
     let most = 0.5 * room.iter().copied().fold(f64::INFINITY, f64::min);
     let fits = most >= max || most < min;
-    if fits || params.spacing != (Spacing::FromFeatureGaps { min, max }) {
+    if fits || params.spacing() != (Spacing::FromFeatureGaps { min, max }) {
         return None;
     }
-    Some(Params {
-        spacing: Spacing::FromFeatureGaps { min, max: most },
-        ..params.clone()
-    })
+    let mut params = params.clone();
+    params.spec.distance = NominalDistance::Range { min, max: most };
+    Some(params)
 }
 
 /// The last safety net: a mesh that was measured and found invalid is an error, not a result.
@@ -375,6 +369,7 @@ mod tests {
     use crate::feature::scenes::{ExactSurface, ridge_image};
     use crate::feature::windows::tests::LayeredImage;
     use crate::job::Metric;
+    use crate::job::spec::{DistanceSource, MeshSpec};
     use crate::mesh::check::Check;
     use crate::progress::NoProgress;
 
@@ -389,14 +384,15 @@ mod tests {
 
     #[test]
     fn a_mesh_is_the_same_whatever_the_unit_of_length() {
-        let made = |sample: f64, metric: Metric<2>, sizes: [f64; 2]| {
+        let made = |sample: f64, metric: Metric, sizes: [f64; 2]| {
             let [min, max] = sizes.map(|d| d * sample);
-            let spacing = Spacing::FromFeatures { min, max };
-            let params = Params {
+            let params = Params::new(MeshSpec {
                 metric,
-                spacing,
-                ..Params::default()
-            };
+                distance: NominalDistance::Range { min, max },
+                distance_from: DistanceSource::Features,
+                ..MeshSpec::default()
+            })
+            .unwrap();
             let outcome = run(&disc(sample), &params, &mut NoProgress).unwrap();
             let mesh = &outcome.simplices().unwrap().mesh;
             assert!(mesh.triangles.len() > 100, "{sample}");
@@ -409,17 +405,18 @@ mod tests {
             let sample = 2f64.powi(power);
             assert_eq!(made(sample, Metric::Physical, sizes), expected, "{sample}");
         }
-        let scales = Metric::Scales([512.0; 2]);
+        let scales = Metric::Scales(vec![512.0; 2]);
         assert_eq!(made(1.0, scales, sizes.map(|d| 512.0 * d)), expected);
     }
 
     #[test]
     fn what_does_not_fit_is_said_in_the_units_of_the_user() {
-        let params = Params::<2> {
+        let params = Params::<2>::new(MeshSpec {
             metric: Metric::Physical,
-            spacing: Spacing::Constant(16_000.0),
-            ..Params::default()
-        };
+            distance: NominalDistance::Constant(16_000.0),
+            ..MeshSpec::default()
+        })
+        .unwrap();
         let error = run(&disc(400.0), &params, &mut NoProgress).unwrap_err();
         let said = error.to_string();
         assert!(
@@ -439,10 +436,11 @@ mod tests {
             ImageSource::Layered(&by_layers),
         ]
         .map(|source| {
-            let params = Params {
-                spacing: Spacing::Constant(7.0),
-                ..Params::default()
-            };
+            let params = Params::new(MeshSpec {
+                distance: NominalDistance::Constant(7.0),
+                ..MeshSpec::default()
+            })
+            .unwrap();
             let kept = Checkpoint::new(&folder.path().join("kept")).unwrap();
             let way = RunOptions {
                 checkpoint: Some(&kept),

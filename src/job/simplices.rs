@@ -4,38 +4,18 @@ use super::canny::smooth_image;
 use super::join::{JoinedMesh, cell_neighbours, close_holes};
 use super::measure::MeasuredMesh;
 use super::regions;
-use super::{CellKind, MeshResult, MeshScene, MeshSpace, Meshing, Params, StageRunner};
+use super::{MeshResult, MeshScene, MeshSpace, Meshing, Params, StageRunner};
+use crate::Result;
 use crate::comm;
-use crate::error::cause;
 use crate::feature::gradient_magnitude::gradient_magnitude;
 use crate::feature::volume::Volume;
 use crate::image::{Image, ImageSource, ScalarField};
+use crate::improve::SliverMethod;
 use crate::improve::regions::SamplePoints;
 use crate::improve::triangles::relax::{self, Relaxation};
-use crate::improve::{SliverMethod, Target};
 use crate::lattice::seeding::Atoms;
 use crate::progress::{CancelToken, Stage};
 use crate::report::{Baseline, Report};
-use crate::{Error, Result};
-
-/// Refuses smoothing where there is nothing to be smoothed.
-pub(super) fn check_smoothing<const D: usize>(params: &Params<D>) -> Result<()> {
-    if params.smoothing.is_some() && (D != 2 || params.cells == CellKind::Voronoi) {
-        let (problem, remedy) = ("is for the triangles of 2-D images", "omit it");
-        return Err(Error::Job(
-            cause("smoothing by the image", problem, remedy).with_parameter("smooth"),
-        ));
-    }
-    Ok(())
-}
-
-/// What is asked of angles.
-pub(super) fn angle_target<const D: usize>(params: &Params<D>) -> Option<Target> {
-    params.min_dihedral.map(|min_dihedral| Target {
-        min_dihedral,
-        method: params.sliver_method,
-    })
-}
 
 /// Joins atoms, improves the mesh, and measures it.
 pub(super) fn make_simplices<const D: usize>(
@@ -49,7 +29,7 @@ where
     MeshSpace<D>: Meshing<D>,
 {
     let step = scene.features.potential.step;
-    let relaxation = match params.smoothing {
+    let relaxation = match params.spec.smooth {
         Some(scheme) => Some(relaxation_options(
             &*source.to_image()?,
             scheme,
@@ -58,7 +38,7 @@ where
         )),
         None => None,
     };
-    let options = angle_target(params);
+    let options = params.spec.target();
     comm::ensure_identical("atoms at rest", &atoms)?;
     let (joined, neighbors) = stages.load_or_run("5-improved", |stages| {
         let joined =
@@ -75,8 +55,9 @@ where
     let numbers = scene.features.labels.as_ref().map(|labelled| {
         let angle = improvement
             .is_some()
-            .then_some(params.min_dihedral)
-            .flatten();
+            .then_some(params.spec.target())
+            .flatten()
+            .map(|target| target.min_dihedral);
         stages.run_cancellable(|patience| {
             regions::assign_regions(&mut made, &neighbors, scene, labelled, angle, patience)
         })
@@ -104,7 +85,7 @@ where
                 let places = SamplePoints::from_simplices(&made.mesh);
                 let contacts = regions::contacts_of_simplices(&made.mesh, &neighbors, numbers);
                 let held = (&places, &contacts);
-                regions::report(image, &params.labels, held, numbers, step, patience)
+                regions::report(image, &params.spec.label, held, numbers, step, patience)
             });
         let mut report = Report {
             quality: figures.quality,
@@ -177,7 +158,7 @@ fn relaxation_options<const D: usize>(
 ) -> Relaxation<D> {
     // It is of the plane, and soon done.
     let patience = &CancelToken::never();
-    let image = smooth_image(image, step, params.sigma.unwrap_or(1.0), patience);
+    let image = smooth_image(image, step, params.spec.sigma.unwrap_or(1.0), patience);
     let steepness = gradient_magnitude(Volume::new(image.dims, &image.samples), patience);
     Relaxation {
         scheme,

@@ -190,6 +190,7 @@ impl<'a> StageRunner<'a> {
 
 #[cfg(test)]
 mod tests {
+    use crate::job::spec::{DistanceSource, MeshSpec, NominalDistance, SeedingKind};
     use std::collections::BTreeMap;
 
     use super::*;
@@ -198,10 +199,9 @@ mod tests {
     use crate::image::synth::{self, SyntheticKind};
     use crate::image::{Geometry, Image, ImageSource};
     use crate::job::{
-        self, BOX_TOLERANCE, CellKind, MeshResult, MeshSpace, Meshing, Outcome, Params, Spacing,
+        self, BOX_TOLERANCE, CellKind, MeshResult, MeshSpace, Meshing, Outcome, Params,
     };
     use crate::lattice::optimize::{Method, StopReason};
-    use crate::lattice::seeding::Seeding;
     use crate::mesh::check::{CheckHints, check, check_with_hints};
 
     /// Counts questions by stage; says no from some question of one stage on.
@@ -314,13 +314,15 @@ mod tests {
     }
 
     /// Of that kind, and as fine at features as the sizes of these images allow.
-    fn params<const D: usize>(feature: FeatureKind, seeding: Seeding) -> Params<D> {
-        Params {
+    fn params<const D: usize>(feature: FeatureKind, seeding: SeedingKind) -> Params<D> {
+        Params::new(MeshSpec {
             feature,
             seeding,
-            spacing: Spacing::FromFeatures { min: 5.0, max: 7.0 },
-            ..Params::default()
-        }
+            distance: NominalDistance::Range { min: 5.0, max: 7.0 },
+            distance_from: DistanceSource::Features,
+            ..MeshSpec::default()
+        })
+        .unwrap()
     }
 
     #[test]
@@ -338,7 +340,7 @@ mod tests {
             Faults,
             FaultsAndHorizons,
         ] {
-            let params = params::<3>(kind, Seeding::Fcc);
+            let params = params::<3>(kind, SeedingKind::Fcc);
             let options = params.feature_options([1.0; 3]);
             let seek = |stop: usize| {
                 let mut observer = CountingObserver {
@@ -373,7 +375,7 @@ mod tests {
     #[cfg(feature = "tetgen")]
     fn tetrahedra_are_stopped_at_any_question_of_every_stage() {
         use Stage::*;
-        let params = params(FeatureKind::Edges, Seeding::Fcc);
+        let params = params(FeatureKind::Edges, SeedingKind::Fcc);
         let stages = [
             (Features, 1000),
             (Placing, 100),
@@ -382,10 +384,11 @@ mod tests {
             (Measuring, 8),
         ];
         assert_stops(&ball(), &params, &stages);
-        let genetic = Params {
+        let genetic = Params::new(MeshSpec {
             optimizer: Method::Genetic,
-            ..params
-        };
+            ..params.spec
+        })
+        .unwrap();
         assert_stops(&ball(), &genetic, &[(Optimising, 20)]);
     }
 
@@ -393,13 +396,10 @@ mod tests {
     fn triangles_and_cells_are_stopped_at_any_question_of_every_stage() {
         use Stage::*;
         let seedings = [
-            Seeding::Grown,
-            Seeding::Guide {
-                seed: 1,
-                max_atoms: usize::MAX,
-            },
-            Seeding::Projection,
-            Seeding::Refine { seed: 1 },
+            SeedingKind::Grown,
+            SeedingKind::Guide,
+            SeedingKind::Projection,
+            SeedingKind::Refine,
         ];
         for seeding in seedings {
             let params = params(FeatureKind::Edges, seeding);
@@ -414,15 +414,19 @@ mod tests {
                 ],
             );
         }
-        let canny = Params {
-            spacing: Spacing::FromCannyAtoms { min: 2.0, max: 7.0 },
-            ..params(FeatureKind::Canny, Seeding::Canny)
-        };
+        let canny = Params::new(MeshSpec {
+            feature: FeatureKind::Canny,
+            seeding: SeedingKind::Canny,
+            ..MeshSpec::default()
+        })
+        .unwrap();
         assert_stops(&disc(), &canny, &[(Features, 100), (Placing, 50)]);
-        let cells = Params {
-            cells: CellKind::Voronoi,
-            ..params(FeatureKind::Edges, Seeding::Fcc)
-        };
+        let cells = Params::new(MeshSpec {
+            cells: Some(CellKind::Voronoi),
+            align: None,
+            ..params::<2>(FeatureKind::Edges, SeedingKind::Fcc).spec
+        })
+        .unwrap();
         let stages = [
             (Features, 100),
             (Placing, 100),

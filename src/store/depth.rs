@@ -1,4 +1,4 @@
-//! Meshes in depth that were made in two-way time, and images in time beside meshes in depth.
+//! Converts meshes in two-way time to depth, and relates images in time to meshes in depth.
 
 use crate::parallel::prelude::*;
 
@@ -8,25 +8,25 @@ use super::{FieldValue, MeshFile};
 use crate::error::cause;
 use crate::files::vtk::DataArray;
 use crate::image::{Geometry, VelocityModel};
-use crate::job::Job;
-use crate::job::asked::VelocityFrom;
+use crate::job::MeshSpec;
 use crate::mesh::Mesh;
 use crate::{Error, Result};
 
-/// What made depth of time: a velocity in m/s, or the name of a file of velocities.
+/// Field with the velocities of the conversion from time to depth: a velocity in m/s, or the name
+/// of a file of velocities.
 const VELOCITY_FIELD: &str = "depth_velocity";
 
-/// The fields that say where lattice space is.
+/// Fields that describe the position of lattice space.
 const LATTICE_SPACE_FIELDS: [&str; 4] = ["origin", "axes", "lattice_step", "lattice_extent"];
 
-/// Cell arrays that are as large as cells in the world are.
+/// Cell arrays with the size of cells in the world.
 const SIZE_ARRAYS: [&str; 2] = ["volume", "area"];
 
-/// A mesh with depth in metres for two-way time, as [`Geometry::to_depth`] has it. In lattice space it
-/// is the same as before.
+/// Converts a mesh in two-way time to depth in metres with a constant velocity, as
+/// [`Geometry::to_depth`] does. Positions in lattice space do not change.
 ///
 /// # Errors
-/// As [`Geometry::to_depth`].
+/// Returns the errors of [`Geometry::to_depth`].
 pub fn to_depth<const D: usize, M: Mesh<D>>(
     file: MeshFile<M>,
     velocity: f64,
@@ -36,15 +36,17 @@ pub fn to_depth<const D: usize, M: Mesh<D>>(
         None => Geometry::default(),
     };
     let (depth, factor) = geometry.to_depth(velocity)?;
-    let scaled = |x: &[f64; D]| Some(std::array::from_fn(|k| x[k] * factor[k]));
-    let positions = file.mesh.mapped_positions(scaled);
-    let (mut mesh, mut rest) = file.into_parts();
+    let scale = |x: &[f64; D]| Some(std::array::from_fn(|k| x[k] * factor[k]));
+    let positions = file.mesh.mapped_positions(scale);
+    let (mut mesh, mut arrays) = file.into_parts();
     if let Some(mut positions) = positions {
         mesh.swap_positions(&mut positions, false);
     }
-    let grown: f64 = factor.iter().product();
-    set_sizes(&mut rest.cell_data, |c, size| (size[c] * grown) as f32);
-    for (name, value) in &mut rest.field_data {
+    let volume_factor: f64 = factor.iter().product();
+    set_sizes(&mut arrays.cell_data, |c, size| {
+        (size[c] * volume_factor) as f32
+    });
+    for (name, value) in &mut arrays.field_data {
         match (name.as_str(), value) {
             ("origin", FieldValue::F64s(origin)) => *origin = depth.origin.to_vec(),
             ("axes", FieldValue::F64s(axes)) => *axes = depth.axes.as_flattened().to_vec(),
@@ -53,11 +55,11 @@ pub fn to_depth<const D: usize, M: Mesh<D>>(
         }
     }
     let velocity = FieldValue::F64s(vec![velocity]);
-    rest.field_data.push((VELOCITY_FIELD.into(), velocity));
-    Ok(rest.with_mesh(mesh))
+    arrays.field_data.push((VELOCITY_FIELD.into(), velocity));
+    Ok(arrays.with_mesh(mesh))
 }
 
-/// Gives sizes of cells other values: of each the number of the cell and the values so far.
+/// Replaces the sizes of cells. `size` gets the number of the cell and all old values.
 fn set_sizes(arrays: &mut [DataArray], size: impl Fn(usize, &[f64]) -> f32) {
     let sizes = arrays.iter_mut();
     for array in sizes.filter(|array| SIZE_ARRAYS.contains(&array.name.as_str())) {
@@ -68,31 +70,31 @@ fn set_sizes(arrays: &mut [DataArray], size: impl Fn(usize, &[f64]) -> f32) {
 }
 
 impl<const D: usize, M: Storable<D>> StoredMesh<D, M> {
-    /// Lets a mesh in two-way time sink to depth in metres by a volume of velocities, each node and site by
-    /// itself. Its lattice stays as it is, but the world is no affine image of it any more, and the file will
-    /// not say where it is. `place` names the mesh in errors. Gives what the user should know.
+    /// Converts a mesh in two-way time to depth in metres with a velocity volume; every node and
+    /// site is moved vertically on its own. Positions in lattice space do not change. Because the
+    /// world is no longer an affine image of lattice space, the file will not contain the position
+    /// of lattice space. `place` names the mesh in errors. Returns notes for the user.
     ///
     /// # Errors
-    /// [`Error::Image`] for a mesh that is not in two-way time or lies elsewhere, [`Error::Mesh`] if cells turn
-    /// inside out.
+    /// Returns [`Error::Image`] if the mesh is not in two-way time or not covered by the
+    /// velocities, and [`Error::Mesh`] if cells turn inside out.
     pub fn convert_to_depth(
         &mut self,
         velocities: &VelocityModel<D>,
         place: &str,
     ) -> Result<Vec<String>> {
         let geometry = &self.space.geometry;
-        let reach = velocities.check_coverage(self.world.nodes.iter().copied(), geometry)?;
-        let (c, seconds) = (reach.coordinate, reach.seconds_per_unit);
-        let sunk = |at: [f64; D]| {
-            seconds.signum() * velocities.time_depth_curve(at).depth(at[c] * seconds)
-        };
+        let coverage = velocities.check_coverage(self.world.nodes.iter().copied(), geometry)?;
+        let (c, seconds) = (coverage.coordinate, coverage.seconds_per_unit);
+        let depth_at =
+            |x: [f64; D]| seconds.signum() * velocities.time_depth_curve(x).depth(x[c] * seconds);
         for points in [&mut self.world.nodes, &mut self.world.sites] {
-            points.par_iter_mut().for_each(|p| p[c] = sunk(*p));
+            points.par_iter_mut().for_each(|p| p[c] = depth_at(*p));
         }
         let volumes = self.with_world_mesh(M::volumes);
-        let turned = |volume: &f64| volume.is_nan() || *volume <= 0.0;
-        let count = volumes.iter().filter(|volume| turned(volume)).count();
-        if let Some(cell) = volumes.iter().position(turned) {
+        let is_inverted = |volume: &f64| volume.is_nan() || *volume <= 0.0;
+        let count = volumes.iter().filter(|volume| is_inverted(volume)).count();
+        if let Some(cell) = volumes.iter().position(is_inverted) {
             let problem = format!(
                 "{count} of its {} cells turn inside out in depth by {}, the first is cell {cell}",
                 volumes.len(),
@@ -103,7 +105,7 @@ impl<const D: usize, M: Storable<D>> StoredMesh<D, M> {
             return Err(Error::Mesh(cause(place, problem, remedy)));
         }
         set_sizes(&mut self.arrays.cell_data, |cell, _| volumes[cell] as f32);
-        self.space.geometry = self.affine_geometry(c, sunk);
+        self.space.geometry = self.affine_geometry(c, depth_at);
         self.space.is_stored = false;
         let fields = &mut self.arrays.field_data;
         fields.retain(|(name, _)| {
@@ -115,10 +117,11 @@ impl<const D: usize, M: Storable<D>> StoredMesh<D, M> {
             (UNITS_FIELD.into(), units),
             (VELOCITY_FIELD.into(), velocity),
         ]);
-        Ok(reach.notes)
+        Ok(coverage.notes)
     }
 
-    /// An affine geometry in which depth, along coordinate `c`, is right at the ends of the trace at the origin.
+    /// Returns an affine geometry in which depth, along coordinate `c`, is exact at both ends of
+    /// the trace at the origin.
     fn affine_geometry(&self, c: usize, depth: impl Fn([f64; D]) -> f64) -> Geometry<D> {
         let (time, dims) = (&self.space.geometry, self.space.dims());
         let mut geometry = time.clone();
@@ -133,7 +136,7 @@ impl<const D: usize, M: Storable<D>> StoredMesh<D, M> {
     }
 }
 
-/// The file of velocities by which a mesh lies in depth, if it does by one.
+/// Returns the name of the velocity file that converted a mesh to depth, if there is one.
 pub(super) fn velocity_file<M>(file: &MeshFile<M>) -> Option<String> {
     if let Some(FieldValue::Text(name)) = file.field_value(VELOCITY_FIELD) {
         return Some(name.trim_end_matches('\0').to_string());
@@ -141,37 +144,35 @@ pub(super) fn velocity_file<M>(file: &MeshFile<M>) -> Option<String> {
     let Some(FieldValue::Text(record)) = file.field_value("parameters") else {
         return None;
     };
-    let job: Job = toml::from_str(record.trim_end_matches('\0')).ok()?;
-    match job.velocity? {
-        VelocityFrom::File(path) => Some(path.display().to_string()),
-        VelocityFrom::Constant(_) => None,
-    }
+    let spec: MeshSpec = toml::from_str(record.trim_end_matches('\0')).ok()?;
+    Some(spec.velocity?.file()?.display().to_string())
 }
 
 impl<const D: usize> LatticeSpace<D> {
-    /// Checks that an image fills the box, sample by sample; `place` names it in errors.
+    /// Checks that an image fills the box of the mesh, sample by sample. `place` names the image in
+    /// errors.
     ///
     /// # Errors
-    /// [`Error::Image`] if it is of other dims, or in two-way time where the mesh was made of one that
-    /// velocities had stretched to depth.
+    /// Returns [`Error::Image`] if the image has other dimensions, or if it is in two-way time and
+    /// the mesh was made of an image that velocities had converted to depth.
     pub fn check_image(&self, image: &Geometry<D>, dims: [usize; D], place: &str) -> Result<()> {
         self.check_time(image, dims, place)?;
         self.check_dims(dims, place)
     }
 
-    /// Refuses an image in two-way time beside a mesh in depth, unless one velocity may have made the
-    /// difference: then there are as many samples.
+    /// Returns an error for an image in two-way time with a mesh in depth. A mesh converted with a
+    /// constant velocity is accepted: then the numbers of samples agree.
     fn check_time(&self, image: &Geometry<D>, dims: [usize; D], place: &str) -> Result<()> {
-        let in_depth = |c: usize| self.velocities.is_some() || self.geometry.units[c] == "m";
-        if !image.time_coordinate().is_some_and(in_depth) {
+        let is_in_depth = |c: usize| self.velocities.is_some() || self.geometry.units[c] == "m";
+        if !image.time_coordinate().is_some_and(is_in_depth) {
             return Ok(());
         }
-        let (by, velocity) = match &self.velocities {
+        let (source, velocity) = match &self.velocities {
             None if self.fits_dims(dims) => return Ok(()),
             None => (String::new(), "V"),
             Some(name) => (format!(" by {name}"), name.as_str()),
         };
-        let problem = format!("is in two-way time, the mesh in depth{by}");
+        let problem = format!("is in two-way time, the mesh in depth{source}");
         let remedy = format!(
             "make the image in depth: atomesh convert --velocity {velocity} {place} depth.vti"
         );
@@ -179,11 +180,12 @@ impl<const D: usize> LatticeSpace<D> {
     }
 }
 
-/// Where an image in two-way time lies below a mesh that was made of it in depth; `None` if there is no such
-/// difference between them, or the mesh is not of an image of these dims. `place` names the image in errors.
+/// Returns the geometry in depth of an image in two-way time whose mesh was converted to depth.
+/// Returns `None` if image and mesh are in the same domain, or if the mesh was not made of an image
+/// with these dimensions. `place` names the image in errors.
 ///
 /// # Errors
-/// [`Error::Image`] if it would have to be stretched.
+/// Returns [`Error::Image`] if a constant velocity cannot map the image to the mesh.
 pub fn image_geometry_in_depth<const D: usize, M: Mesh<D>>(
     file: &MeshFile<M>,
     image: &Geometry<D>,
@@ -197,9 +199,9 @@ pub fn image_geometry_in_depth<const D: usize, M: Mesh<D>>(
         return Ok(None);
     }
     space.check_time(image, dims, place)?;
-    let in_depth =
+    let is_in_depth =
         space.is_stored && space.fits_dims(dims) && space.geometry.time_coordinate().is_none();
-    Ok(in_depth.then(|| Geometry {
+    Ok(is_in_depth.then(|| Geometry {
         names: image.names.clone(),
         ..space.geometry
     }))
@@ -213,7 +215,7 @@ mod tests {
     use crate::mesh::{Simplices, TetMesh};
     use crate::store::stored_mesh::tests::file;
 
-    /// Says that a file's third coordinate is time.
+    /// Makes the file's third coordinate time.
     fn set_time_axis<M>(file: &mut MeshFile<M>) {
         let units = FieldValue::Text("m,m,ms".into());
         file.field_data.push((UNITS_FIELD.into(), units));
@@ -237,79 +239,92 @@ mod tests {
             ..space.geometry.clone()
         };
         let dims = [5; 3];
-        let beside = |mesh: &MeshFile<_>, image: &Geometry<3>, dims: [usize; 3]| {
+        let geometry_below = |mesh: &MeshFile<_>, image: &Geometry<3>, dims: [usize; 3]| {
             image_geometry_in_depth(mesh, image, dims, "image.sgy")
         };
-        assert_eq!(beside(&time, &image, dims).unwrap(), None);
+        assert_eq!(geometry_below(&time, &image, dims).unwrap(), None);
         let mut depth = to_depth(time, 3000.0).unwrap();
-        let said = beside(&depth, &image, [5, 5, 6]).unwrap_err().to_string();
+        let message = geometry_below(&depth, &image, [5, 5, 6])
+            .unwrap_err()
+            .to_string();
         assert!(
-            said.contains("image.sgy: is in two-way time, the mesh in depth;"),
-            "{said}"
+            message.contains("image.sgy: is in two-way time, the mesh in depth;"),
+            "{message}"
         );
-        let there = beside(&depth, &image, dims).unwrap().unwrap();
-        assert_eq!((there.axes[2], there.names), ([0.0, 0.0, -6.0], names));
-        assert_eq!(there.origin, [10.0, 10.0, 15.0]);
+        let below = geometry_below(&depth, &image, dims).unwrap().unwrap();
+        assert_eq!((below.axes[2], below.names), ([0.0, 0.0, -6.0], names));
+        assert_eq!(below.origin, [10.0, 10.0, 15.0]);
         let metres = Geometry {
             units: ["m", "m", "m"].map(String::from),
             ..image.clone()
         };
-        assert_eq!(beside(&depth, &metres, dims).unwrap(), None);
-        // By a file of velocities it lies nowhere as it is.
+        assert_eq!(geometry_below(&depth, &metres, dims).unwrap(), None);
+        // With a velocity file, no affine geometry can map the image to the mesh.
         let record = FieldValue::Text("velocity = \"v.sgy\"\n[input]\n".into());
         depth.field_data.push(("parameters".into(), record));
-        let said = beside(&depth, &image, dims).unwrap_err().to_string();
-        assert!(said.contains("image.sgy: is in two-way time"), "{said}");
+        let message = geometry_below(&depth, &image, dims)
+            .unwrap_err()
+            .to_string();
         assert!(
-            said.contains("convert --velocity v.sgy image.sgy"),
-            "{said}"
+            message.contains("image.sgy: is in two-way time"),
+            "{message}"
         );
-        assert_eq!(beside(&depth, &metres, dims).unwrap(), None);
+        assert!(
+            message.contains("convert --velocity v.sgy image.sgy"),
+            "{message}"
+        );
+        assert_eq!(geometry_below(&depth, &metres, dims).unwrap(), None);
     }
 
-    /// A mesh of one cell on three of the corners of its box and `apex`, sunk by velocities of x and time.
+    /// Returns a mesh of one cell, with three nodes in corners of its box and one at `apex`,
+    /// converted to depth with velocities that depend on x and time.
     fn depth_converted_cell(
         apex: [f64; 3],
-        down: f64,
+        sample_interval: f64,
         v: impl Fn(f64, f64) -> f64,
     ) -> Result<StoredMesh<3, TetMesh>> {
-        let one = TetMesh {
+        let single = TetMesh {
             nodes: vec![[0.0; 3], [4.0, 0.0, 0.0], [0.0, 4.0, 0.0], apex],
             tets: vec![[0, 1, 2, 3]],
         };
-        let (mut file, _) = file(one, down);
+        let (mut file, _) = file(single, sample_interval);
         set_time_axis(&mut file);
         let volume = DataArray::scalars("volume", vec![1.0f32]);
         file.cell_data.push(volume);
         let mut stored = StoredMesh::new(file, "mesh.vtu")?;
-        let at = |i: usize| v(10.0 * (i % 4) as f64, 0.1 * (i / 8) as f64) as f32;
-        let place = geometry(["m", "m", "s"], [0.0; 3], [10.0, 40.0, 0.1]);
-        let image = Image::new([4, 2, 3], (0..24).map(at).collect(), place);
+        let velocity_at = |i: usize| v(10.0 * (i % 4) as f64, 0.1 * (i / 8) as f64) as f32;
+        let volume_geometry = geometry(["m", "m", "s"], [0.0; 3], [10.0, 40.0, 0.1]);
+        let image = Image::new(
+            [4, 2, 3],
+            (0..24).map(velocity_at).collect(),
+            volume_geometry,
+        );
         stored.convert_to_depth(&VelocityModel::new(image, "v.npy")?, "mesh.vtu")?;
         Ok(stored)
     }
 
     #[test]
     fn nodes_sink_each_by_its_own_column_and_cells_stay_upright() {
-        for down in [2.0, -2.0] {
-            let mut stored =
-                depth_converted_cell([0.0, 0.0, 2.0], down, |x, t| 2000.0 + 10.0 * x + 400.0 * t)
-                    .unwrap();
+        for sample_interval in [2.0, -2.0] {
+            let mut stored = depth_converted_cell([0.0, 0.0, 2.0], sample_interval, |x, t| {
+                2000.0 + 10.0 * x + 400.0 * t
+            })
+            .unwrap();
             for (lattice, world) in stored.lattice.nodes().iter().zip(&stored.world.nodes) {
-                // Lattice space has two units a sample, of 2 m.
+                // Lattice space has two units for each sample of 2 m.
                 let [x, t] = [
                     10.0 + 4.0 * lattice[0],
-                    0.001 * (10.0 + 2.0 * down * lattice[2]),
+                    0.001 * (10.0 + 2.0 * sample_interval * lattice[2]),
                 ];
                 let depth = (2000.0 + 10.0 * x) * t / 2.0 + 400.0 * t * t / 4.0;
                 assert!((world[0] - x).abs() < 1e-12);
                 assert!((world[2] - depth).abs() < 1e-9, "{world:?} {depth}");
             }
             let volume = stored.with_world_mesh(|mesh| mesh.volume(0));
-            let said = stored.arrays.cell_array("volume").unwrap().values.to_f64();
-            assert!(volume > 0.0 && (said[0] / volume - 1.0).abs() < 1e-6);
+            let volumes = stored.arrays.cell_array("volume").unwrap().values.to_f64();
+            assert!(volume > 0.0 && (volumes[0] / volume - 1.0).abs() < 1e-6);
             assert_eq!(stored.space.geometry.units, ["m", "m", "m"]);
-            // What is written says that no image in time lies below.
+            // The written file records that no image in time fits the mesh.
             let again = StoredMesh::new(stored.into_file(), "again.vtu").unwrap();
             assert!(!again.space.is_stored && again.space.velocities.as_deref() == Some("v.npy"));
         }
@@ -317,17 +332,17 @@ mod tests {
 
     #[test]
     fn cells_that_turn_inside_out_are_refused() {
-        // Slower in the middle, where the flat cell has its apex, than at its ends.
-        let sag = |least: f64| {
+        // Velocities are lower in the middle, where the flat cell has its apex, than at its ends.
+        let sag = |min_velocity: f64| {
             depth_converted_cell([1.0, 1.0, 0.1], 2.0, move |x, _| {
-                least + 100.0 * (x - 20.0).abs()
+                min_velocity + 100.0 * (x - 20.0).abs()
             })
         };
         assert!(sag(50_000.0).is_ok());
-        let said = sag(2000.0).unwrap_err().to_string();
+        let message = sag(2000.0).unwrap_err().to_string();
         assert!(
-            said.contains("mesh.vtu: 1 of its 1 cells turn inside out in depth by v.npy"),
-            "{said}"
+            message.contains("mesh.vtu: 1 of its 1 cells turn inside out in depth by v.npy"),
+            "{message}"
         );
     }
 }

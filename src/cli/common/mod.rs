@@ -4,10 +4,8 @@
 //! - [`options`]: settings in the words of the command line
 //! - [`output`]: what may be written where
 //! - [`depth`]: depth of two-way time
-//! - [`feature`]: how features are asked for
 
 pub mod depth;
-pub mod feature;
 pub mod global;
 pub mod options;
 pub mod output;

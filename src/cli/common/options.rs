@@ -1,13 +1,88 @@
-//! Errors of the library, which knows settings, in the words of the command line, which has options.
+//! Options of the command line, and errors of the library about them.
 
-use clap::{Args, Command};
+use std::collections::BTreeSet;
+use std::path::Path;
 
-use crate::job::settings::Settings;
+use clap::parser::ValueSource;
+use clap::{ArgMatches, Args, Command, FromArgMatches};
+
+use crate::image::formats::{InputOptions, ReadOptions};
+use crate::job::MeshSpec;
 use crate::{Error, Result};
 
-/// An error that begins with the name of a setting begins with the option's.
+/// Options, with the names of those that were typed.
+#[derive(Debug, Clone)]
+pub struct Typed<T> {
+    /// All options; those that were not typed have their defaults.
+    pub options: T,
+    /// Names of the options that were typed, without the hyphens before them.
+    pub names: BTreeSet<String>,
+}
+
+impl<T: Args> Args for Typed<T> {
+    fn augment_args(command: Command) -> Command {
+        T::augment_args(command)
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        T::augment_args_for_update(command)
+    }
+}
+
+impl<T: FromArgMatches> FromArgMatches for Typed<T> {
+    fn from_arg_matches(matches: &ArgMatches) -> std::result::Result<Self, clap::Error> {
+        Self::from_arg_matches_mut(&mut matches.clone())
+    }
+
+    fn from_arg_matches_mut(matches: &mut ArgMatches) -> std::result::Result<Self, clap::Error> {
+        let ids = matches.ids().map(clap::Id::as_str);
+        let is_typed = |id: &&str| matches.value_source(id) == Some(ValueSource::CommandLine);
+        let names = ids
+            .filter(is_typed)
+            .map(|id| id.replace('_', "-"))
+            .collect();
+        Ok(Self {
+            options: T::from_arg_matches_mut(matches)?,
+            names,
+        })
+    }
+
+    fn update_from_arg_matches(
+        &mut self,
+        matches: &ArgMatches,
+    ) -> std::result::Result<(), clap::Error> {
+        self.options.update_from_arg_matches(matches)
+    }
+}
+
+impl Typed<MeshSpec> {
+    /// Returns the options that were typed, and those of `below` for all others.
+    ///
+    /// # Errors
+    /// [`Error::Job`] if the name of a file is not valid UTF-8.
+    pub fn over(&self, below: &MeshSpec) -> Result<MeshSpec> {
+        let mut merged = below.to_table()?;
+        let is_typed = |name: &str| self.names.contains(name);
+        for (name, value) in self.options.to_table()? {
+            match (merged.get_mut(&name), value) {
+                (Some(toml::Value::Table(lower)), toml::Value::Table(upper)) => {
+                    lower.extend(upper.into_iter().filter(|(name, _)| is_typed(name)));
+                }
+                (_, value) if is_typed(&name) => {
+                    merged.insert(name, value);
+                }
+                _ => {}
+            }
+        }
+        // Both halves were written by the type that reads them.
+        Ok(merged.try_into().unwrap_or_else(|_| self.options.clone()))
+    }
+}
+
+/// Returns an error of the library in the words of the command line: a place that begins with the name
+/// of an option gets its two hyphens.
 pub fn with_option_name(error: Error) -> Error {
-    match setting_name(&error.cause().place) {
+    match option_name(&error.cause().place) {
         Some(_) => {
             let place = format!("--{}", error.cause().place);
             error.with_place(place)
@@ -16,24 +91,53 @@ pub fn with_option_name(error: Error) -> Error {
     }
 }
 
-/// The setting with whose name a place begins.
-pub fn setting_name(place: &str) -> Option<&str> {
+/// Returns the name of the option with which the place of an error begins.
+pub fn option_name(place: &str) -> Option<&str> {
     let name = place.split(' ').next()?;
-    let settings = Settings::augment_args(Command::new("settings"));
-    let known = settings
+    let options = MeshSpec::augment_args(Command::new("options"));
+    let is_known = options
         .get_arguments()
         .any(|option| option.get_long() == Some(name));
-    known.then_some(name)
+    is_known.then_some(name)
 }
 
-/// What a verb makes of an image's options and file.
+/// Returns how to read an image, from the options for it and its file's name.
 ///
 /// # Errors
-/// As [`InputOptions::for_file`](crate::image::formats::InputOptions::for_file), in the words of the
-/// command line.
-pub fn read_options(
-    input: &crate::image::formats::InputOptions,
-    path: &std::path::Path,
-) -> Result<crate::image::formats::ReadOptions> {
+/// Those of [`InputOptions::read_options_for`], in the words of the command line.
+pub fn read_options(input: &InputOptions, path: &Path) -> Result<ReadOptions> {
     input.read_options_for(path).map_err(with_option_name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::job::spec::NominalDistance;
+
+    fn typed(words: &[&str]) -> Typed<MeshSpec> {
+        let command = Typed::<MeshSpec>::augment_args(Command::new("mesh"));
+        let matches = command.get_matches_from([&["mesh"], words].concat());
+        Typed::from_arg_matches(&matches).unwrap()
+    }
+
+    #[test]
+    fn typed_options_win_over_those_of_a_file() {
+        let file =
+            "distance = 5\nsigma = 1.0\nbeta = 0.25\nkappa = 0.7\n[input]\nraw = \"2x3x4:u8\"";
+        let file: MeshSpec = toml::from_str(file).unwrap();
+        let merged = typed(&["--sigma", "2", "--kappa", "1", "--spacing", "3"])
+            .over(&file)
+            .unwrap();
+        assert_eq!(merged.sigma, Some(2.0));
+        assert_eq!(merged.distance, NominalDistance::Constant(5.0));
+        assert_eq!(merged.beta.to_string(), "0.25");
+        assert_eq!(merged.kappa, 1.0, "typed, though it is the default");
+        assert_eq!(merged.input.raw.as_deref(), Some("2x3x4:u8"));
+        assert_eq!(merged.input.spacing.as_deref(), Some("3"));
+    }
+
+    #[test]
+    fn without_options_the_spec_has_its_defaults() {
+        assert_eq!(typed(&[]).options, MeshSpec::default());
+    }
 }

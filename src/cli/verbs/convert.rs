@@ -16,7 +16,7 @@ use crate::export::{
 };
 use crate::image::formats::stream::{ImageStream, OpenedImage};
 use crate::image::formats::{AnyImage, InputOptions, LoadedImage, StreamedImage, can_stream};
-use crate::job::asked::VelocityFrom;
+use crate::job::spec::NumberOrFile;
 use crate::{Error, Result};
 
 /// `atomesh convert`.
@@ -32,7 +32,7 @@ pub struct ConvertArgs {
     /// Makes depth in metres of an image in two-way time: one velocity in m/s, or a file of interval velocities
     /// in m/s on a grid of its own in two-way time, by which the image is stretched
     #[arg(long, value_name = "V", allow_negative_numbers = true)]
-    pub velocity: Option<VelocityFrom>,
+    pub velocity: Option<NumberOrFile>,
     /// How to read the image.
     #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,
@@ -62,7 +62,7 @@ pub fn convert(args: &ConvertArgs, console: &mut Console) -> Result<()> {
     }
     let mut inputs = vec![args.input_file.as_path()];
     inputs.extend(args.input.geometry_from.as_deref());
-    if let Some(VelocityFrom::File(path)) = &args.velocity {
+    if let Some(NumberOrFile::File(path)) = &args.velocity {
         inputs.push(path);
     }
     check_output(&args.output, "OUT", &IMAGE_EXTENSIONS, &inputs)?;

@@ -5,20 +5,19 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
-use crate::cli::common::depth::{image_in_depth, params_in_depth};
+use crate::cli::common::depth::image_in_depth;
+use crate::cli::common::options::with_option_name;
 use crate::cli::common::output::{check_output, path_text};
 use crate::cli::console::Console;
 use crate::cli::interrupts::Interrupts;
-use crate::cli::job_files::read_params;
 use crate::cli::parse;
 use crate::error::{cause, io_error};
 use crate::feature::{self, FeatureKind};
 use crate::image::formats::InputOptions;
 use crate::image::formats::{AnyImage, LoadedImage};
 use crate::image::{Image, ImageSource};
-use crate::improve;
-use crate::job::asked::{Apart, Cells, DistanceFrom, PlacementJob, Slivers};
-use crate::job::{Job, Params};
+use crate::job::spec::{CellKind, DistanceSource, NominalDistance, Slivers};
+use crate::job::{MeshSpec, Params};
 use crate::mesh::Mesh;
 use crate::model::edit::cells::{self, edit_cells};
 use crate::model::edit::{
@@ -108,9 +107,9 @@ fn run<const D: usize, M: Storable<D>>(
     console: &mut Console,
 ) -> Result<()> {
     let edits = parse_edits(args)?;
-    let (job, mut notes) = recorded_job(args, &file)?;
+    let (spec, mut notes) = recorded_spec(args, &file)?;
     let Some(LoadedImage { image, .. }) =
-        image_of_dimension(console.read_image(&args.image, &job.input)?)
+        image_of_dimension(console.read_image(&args.image, &spec.input)?)
     else {
         return Err(Error::Job(cause(
             args.image.display(),
@@ -119,14 +118,19 @@ fn run<const D: usize, M: Storable<D>>(
         )));
     };
     image.check(&args.image.display().to_string())?;
-    let mut params = read_params::<D>(&job)?;
+    let mut params = Params::<D>::read(&spec).map_err(with_option_name)?;
     // An image in depth is taken as it is.
-    let velocity = (job.velocity.as_ref()).filter(|_| image.geometry.time_coordinate().is_some());
-    let labels = params.feature == FeatureKind::Labels;
+    let velocity = (spec.velocity.as_ref()).filter(|_| image.geometry.time_coordinate().is_some());
+    let labels = params.spec.feature == FeatureKind::Labels;
     let (image, stretch) = image_in_depth(image, velocity, labels, console)?;
-    params_in_depth(&mut params, stretch.as_ref())?;
-    let image = match feature::fills_gaps(&image, params.feature, params.modality) {
-        true => (image.mark_dead(!params.keep_nulls)?).map_or(image, |marked| marked.image),
+    if let Some(conversion) = &stretch {
+        params
+            .convert_to_depth(conversion)
+            .map_err(with_option_name)?;
+    }
+    let image = match feature::fills_gaps(&image, params.spec.feature, params.modality) {
+        true => (image.mark_dead(!params.spec.input.keeps_nulls())?)
+            .map_or(image, |marked| marked.image),
         false => image,
     };
     let hash = console.hash(&args.image)?;
@@ -208,9 +212,9 @@ fn text_field<'a, M>(file: &'a MeshFile<M>, name: &str) -> Option<&'a str> {
     })
 }
 
-/// The job that made the mesh, as its record says, as far as an edit needs it; with notes on what an
-/// edit does not do again.
-fn recorded_job<M>(args: &EditArgs, file: &MeshFile<M>) -> Result<(Job, Vec<String>)> {
+/// Returns the options that made the mesh, as its record says, as far as an edit needs them, and notes on
+/// what an edit does not do again.
+fn recorded_spec<M>(args: &EditArgs, file: &MeshFile<M>) -> Result<(MeshSpec, Vec<String>)> {
     let refuse = |problem: String, remedy| Error::Mesh(cause(args.mesh.display(), problem, remedy));
     let record = text_field(file, "parameters").ok_or_else(|| {
         refuse(
@@ -218,48 +222,43 @@ fn recorded_job<M>(args: &EditArgs, file: &MeshFile<M>) -> Result<(Job, Vec<Stri
             "give a mesh that atomesh mesh wrote",
         )
     })?;
-    // Earlier versions accepted settings that did nothing.
-    let mut job: Job = toml::from_str(record.trim()).map_err(|e| {
-        let problem = e.message().replace('\n', ", ");
+    // Earlier versions accepted options that had no effect.
+    let unknown = |problem: &str| {
         refuse(
             format!("has parameters that this version does not accept: {problem}"),
             "mesh the image again",
         )
-        .with_source(e)
-    })?;
+    };
+    let mut spec: MeshSpec = toml::from_str(record.trim())
+        .map_err(|e| unknown(&e.message().replace('\n', ", ")).with_source(e))?;
     let mut notes = Vec::new();
     let mut note = |line: &str| notes.push(line.to_string());
-    // The mesh knows its fixed atoms and its distances, which files may not do any more.
-    // Voronoi cells know the former once they have been edited.
-    let asks =
-        matches!(job.cells, Cells::Voronoi { .. }) && file.cell_array(cells::ATOM_KIND).is_none();
-    if !asks {
-        job.atoms_from = None;
+    // The mesh holds its fixed atoms and its distances, while the files may be gone. Voronoi cells hold
+    // their fixed atoms once they have been edited.
+    let needs_files =
+        spec.cell_kind() == CellKind::Voronoi && file.cell_array(cells::ATOM_KIND).is_none();
+    if !needs_files {
+        spec.atoms_from = None;
+        spec.well.clear();
+        spec.well_distance = None;
     }
-    if let PlacementJob::Lattice(lattice) = &mut job.placement {
-        if !asks {
-            lattice.wells = None;
-        }
-        if let Apart::Varying { by, .. } = &mut lattice.apart {
-            *by = DistanceFrom::Features;
-        }
-        if lattice.coarse_passes > 0 {
-            note("no passes on a smoother potential: atoms are near their places already");
-        }
+    if matches!(spec.distance, NominalDistance::Range { .. }) {
+        spec.distance_from = DistanceSource::Features;
     }
-    if let Cells::Simplices { slivers, smooth } = &job.cells {
-        if smooth.is_some() {
-            note("the mesh was smoothed; the edited part is not");
-        }
-        let exuded = |method| method == improve::SliverMethod::Exude;
-        if matches!(slivers, Slivers::Removed { method, .. } if exuded(*method)) {
-            note(
-                "slivers were removed by exudation; in the edited part they are removed by flips and smoothing",
-            );
-        }
+    if spec.coarse_to_fine > 0 {
+        note("no passes on a smoother potential: atoms are near their places already");
     }
-    job.input = args.input.with_fallback(&job.input);
-    Ok((job, notes))
+    if spec.smooth.is_some() {
+        note("the mesh was smoothed; the edited part is not");
+    }
+    if spec.slivers == Slivers::Exude {
+        note(
+            "slivers were removed by exudation; in the edited part they are removed by flips and smoothing",
+        );
+    }
+    spec.validate().map_err(|e| unknown(&e.to_string()))?;
+    spec.input = args.input.with_fallback(&spec.input);
+    Ok((spec, notes))
 }
 
 /// All edits, in the order of the options' names, then those of the file.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::{Value, json};
 
-use crate::cli::common::feature::{detection, feature_job};
+use crate::cli::common::options::with_option_name;
 use crate::cli::common::output::{
     IMAGE_EXTENSIONS, check_output, format_dims, path_text, potential_image,
 };
@@ -15,7 +15,8 @@ use crate::feature::{FeatureKind, Features, LineKind, MIN_LENGTH};
 use crate::image::formats::InputOptions;
 use crate::image::formats::{AnyImage, LoadedImage};
 use crate::image::{Geometry, Modality};
-use crate::job::Settings;
+use crate::job::MeshSpec;
+use crate::job::spec::{FeatureWeights, NominalDistance, PointValue};
 use crate::store::write_feature_lines;
 use crate::{Error, Result, feature};
 
@@ -45,15 +46,15 @@ pub struct FeatureArgs {
     /// Smallest strength of a feature, in units of the feature image [default: automatic, printed]
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     pub threshold: Option<f32>,
-    /// Weights F,H in (0, 1] of faults and horizons where both are followed [default: 1,1]
-    #[arg(long, value_name = "F,H")]
-    pub feature_weights: Option<String>,
+    /// Weights F,H in (0, 1] of faults and horizons where both are followed
+    #[arg(long, value_name = "F,H", default_value_t)]
+    pub feature_weights: FeatureWeights,
     /// Paths: a point of the object, in physical coordinates; may be repeated
     #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
-    pub object: Option<Vec<String>>,
+    pub object: Vec<PointValue>,
     /// Paths: a point of the background; may be repeated [default: the image's outermost samples]
     #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
-    pub background: Option<Vec<String>>,
+    pub background: Vec<PointValue>,
     /// Paths: write the fraction of them that passes through each sample: .vti, .npy, .nrrd, .mha,
     /// .nii or .png
     #[arg(long, value_name = "OUT.png")]
@@ -98,19 +99,20 @@ fn detect_features<const D: usize>(
     loaded: LoadedImage<D>,
     console: &mut Console,
 ) -> Result<()> {
-    let job = feature_job(Settings {
-        distance: Some(args.distance.to_string()),
-        feature: Some(args.feature),
+    let spec = MeshSpec {
+        distance: NominalDistance::Constant(args.distance),
+        feature: args.feature,
         sigma: args.sigma,
         threshold: args.threshold,
-        feature_weights: args.feature_weights.clone(),
+        feature_weights: args.feature_weights,
         object: args.object.clone(),
         background: args.background.clone(),
-        rng_seed: Some(args.rng_seed),
+        rng_seed: args.rng_seed,
         input: args.input.clone(),
-        ..Settings::default()
-    })?;
-    let mut options = detection(&job, args.distance, [1.0; D])?;
+        ..MeshSpec::default()
+    };
+    spec.validate().map_err(with_option_name)?;
+    let mut options = spec.detection_options([1.0; D]).map_err(with_option_name)?;
     options.modality = Modality::detect(loaded.format, &loaded.image.geometry);
     for note in &loaded.notes {
         console.note(note);

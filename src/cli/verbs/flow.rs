@@ -10,9 +10,10 @@ use crate::cli::common::output::check_output;
 use crate::cli::console::Console;
 use crate::cli::faults::FaultOptions;
 use crate::cli::interrupts::Interrupts;
-use crate::cli::parse::{number, option_error, values_by_region};
+use crate::cli::parse::{number, option_error};
 use crate::error::cause;
-use crate::job::asked::VelocityFrom;
+use crate::files::csv::values_by_region;
+use crate::job::spec::NumberOrFile;
 use crate::job::{MeshSpace, Meshing};
 use crate::mesh::Simplices;
 use crate::mesh::poly::PolyMesh;
@@ -60,7 +61,7 @@ pub struct FlowArgs {
     /// Makes depth in metres of two-way time: one velocity in m/s for the whole mesh, or a file of interval
     /// velocities in m/s on a grid of its own in two-way time; sources and sinks are given in depth then
     #[arg(long, value_name = "V", allow_negative_numbers = true)]
-    pub velocity: Option<VelocityFrom>,
+    pub velocity: Option<NumberOrFile>,
     /// Viscosity in Pa s
     #[arg(
         long,

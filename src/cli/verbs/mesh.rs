@@ -6,13 +6,13 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use crate::cli::allocator;
-use crate::cli::common::depth::{image_in_depth, params_in_depth, warn_if_time};
+use crate::cli::common::depth::{image_in_depth, warn_if_time};
 use crate::cli::common::global::VerbStatus;
-use crate::cli::common::options::{setting_name, with_option_name};
+use crate::cli::common::options::{Typed, option_name, with_option_name};
 use crate::cli::common::output::potential_image;
 use crate::cli::console::{Console, PendingHash, print};
 use crate::cli::interrupts::Interrupts;
-use crate::cli::job_files::{check_files, output_path, read_params};
+use crate::cli::job_files::{check_files, output_path};
 use crate::error::{cause, io_error};
 use crate::export::page::{self, MAX_PAGE_BYTES, PageInfo, PageStats};
 use crate::feature::FeatureKind;
@@ -20,10 +20,9 @@ use crate::files::vtk::DataArray;
 use crate::image::formats::stream::{ImageStream, OpenedImage};
 use crate::image::formats::{AnyImage, LoadedImage, into_any_image};
 use crate::image::{Geometry, Image, ImageSource, Modality};
-use crate::job::asked::VelocityFrom;
+use crate::job::spec::NumberOrFile;
 use crate::job::{
-    Checkpoint, Job, MeshResult, MeshSpace, Meshing, Outcome, Params, Provenance, RunOptions,
-    Settings,
+    Checkpoint, MeshResult, MeshSpace, MeshSpec, Meshing, Outcome, Params, Provenance, RunOptions,
 };
 use crate::lattice::optimize::StopReason;
 use crate::memory::Bytes;
@@ -44,9 +43,9 @@ pub struct MeshArgs {
     /// samples with --raw
     #[arg(value_name = "IMAGE", required_unless_present = "print_config")]
     pub image: Option<PathBuf>,
-    /// What is to be done.
+    /// Options of the job.
     #[command(flatten)]
-    pub settings: Settings,
+    pub spec: Typed<MeshSpec>,
     /// Options from a TOML file; those typed here win
     #[arg(long, value_name = "FILE.toml", help_heading = None)]
     pub config: Option<PathBuf>,
@@ -57,11 +56,11 @@ pub struct MeshArgs {
 
 /// Runs the verb.
 pub fn mesh(args: &MeshArgs, interrupts: &Interrupts, console: &mut Console) -> Result<VerbStatus> {
-    let job = read_job(args)?;
+    let spec = read_spec(args)?;
     let image = args.image.as_deref().unwrap_or(Path::new("image"));
-    check_files(image, &job, args.config.as_deref())?;
+    check_files(image, &spec, args.config.as_deref())?;
     if args.print_config {
-        print(job_to_toml(&job)?.trim_end());
+        print(spec.to_toml()?.trim_end());
         return Ok(VerbStatus::Done);
     }
 
@@ -69,8 +68,8 @@ pub fn mesh(args: &MeshArgs, interrupts: &Interrupts, console: &mut Console) -> 
     console.begin_stage(Stage::Reading);
     clock.begin(Stage::Reading);
     // Traces are stretched in memory.
-    let stretched = matches!(job.velocity, Some(VelocityFrom::File(_)));
-    let opened = match console.open_image(image, &job.input)? {
+    let stretched = matches!(spec.velocity, Some(NumberOrFile::File(_)));
+    let opened = match console.open_image(image, &spec.input)? {
         OpenedImage::Stream(stream) if stretched || !stream.stays_in_file() => stream
             .into_loaded(image)
             .map(into_any_image)
@@ -80,7 +79,7 @@ pub fn mesh(args: &MeshArgs, interrupts: &Interrupts, console: &mut Console) -> 
     clock.end();
     let run = MeshRun {
         path: image,
-        job: &job,
+        spec: &spec,
         interrupts,
         clock,
     };
@@ -91,14 +90,14 @@ pub fn mesh(args: &MeshArgs, interrupts: &Interrupts, console: &mut Console) -> 
             run.mesh_in_memory(loaded, console)
         }
         OpenedImage::Stream(mut stream) if able => {
-            if let Some(VelocityFrom::Constant(velocity)) = job.velocity {
+            if let Some(NumberOrFile::Constant(velocity)) = spec.velocity {
                 let geometry = &mut stream.header.geometry;
                 *geometry = geometry.to_depth(velocity).map_err(with_option_name)?.0;
             }
             let (image, dims) = (ImageSource::Layered(&stream), stream.header.dims);
             let params = Params {
                 modality: Modality::detect(stream.header.format, &stream.header.geometry),
-                ..read_params(&job)?
+                ..Params::read(&spec).map_err(with_option_name)?
             };
             run.mesh(image, dims, params, &|| stream_notes(&stream), console)
         }
@@ -118,17 +117,19 @@ fn stream_notes(stream: &ImageStream) -> Vec<String> {
     notes
 }
 
-/// The job: what was typed over the configuration file.
+/// Returns the options: those that were typed, over those of the configuration file.
 ///
 /// # Errors
-/// [`Error::Io`] if the configuration file cannot be read, [`Error::Job`] if it holds what is no
-/// option, or for an option that is impossible.
-fn read_job(args: &MeshArgs) -> Result<Job> {
+/// [`Error::Io`] if the configuration file cannot be read, [`Error::Job`] if it holds something else
+/// than options, or for an option that is impossible.
+fn read_spec(args: &MeshArgs) -> Result<MeshSpec> {
     let Some(path) = &args.config else {
-        return Job::try_from(args.settings.clone()).map_err(with_option_name);
+        let spec = args.spec.options.clone();
+        spec.validate().map_err(with_option_name)?;
+        return Ok(spec.resolved());
     };
     let text = std::fs::read_to_string(path).map_err(|e| io_error(path, "read", e))?;
-    let from_file: Settings = toml::from_str(&text).map_err(|e| {
+    let from_file: MeshSpec = toml::from_str(&text).map_err(|e| {
         let line = e
             .span()
             .map_or(1, |span| 1 + text[..span.start].matches('\n').count());
@@ -139,30 +140,24 @@ fn read_job(args: &MeshArgs) -> Result<Job> {
         ))
         .with_source(e)
     })?;
-    let typed = args.settings.table()?;
-    Job::try_from(args.settings.over(&from_file)?).map_err(|error| match error {
-        // What was not typed stands in the file.
-        error
-            if setting_name(&error.cause().place).is_some_and(|name| !typed.contains_key(name)) =>
-        {
-            let place = format!("{}: {}", path.display(), error.cause().place);
+    let spec = args.spec.over(&from_file)?;
+    spec.validate().map_err(|error| {
+        let place = &error.cause().place;
+        // An option that was not typed stands in the file.
+        if option_name(place).is_some_and(|name| !args.spec.names.contains(name)) {
+            let place = format!("{}: {place}", path.display());
             error.with_place(place)
+        } else {
+            with_option_name(error)
         }
-        error => with_option_name(error),
-    })
-}
-
-/// A job as a configuration file or a record holds it.
-fn job_to_toml(job: &Job) -> Result<String> {
-    toml::to_string(job).map_err(|e| {
-        Error::Job(cause("options", &e, "use file names that are valid UTF-8").with_source(e))
-    })
+    })?;
+    Ok(spec.resolved())
 }
 
 /// A job whose image is read.
 struct MeshRun<'a> {
     path: &'a Path,
-    job: &'a Job,
+    spec: &'a MeshSpec,
     interrupts: &'a Interrupts,
     clock: Clock,
 }
@@ -185,12 +180,16 @@ impl MeshRun<'_> {
         } = loaded;
         let dims = image.dims();
         image.check(&self.path.display().to_string())?;
-        let mut params = read_params::<D>(self.job)?;
+        let mut params = Params::<D>::read(self.spec).map_err(with_option_name)?;
         params.modality = Modality::detect(format, &image.geometry);
-        let velocity = self.job.velocity.as_ref();
-        let labels = params.feature == FeatureKind::Labels;
+        let velocity = self.spec.velocity.as_ref();
+        let labels = params.spec.feature == FeatureKind::Labels;
         let (image, stretch) = image_in_depth(image, velocity, labels, console)?;
-        params_in_depth(&mut params, stretch.as_ref())?;
+        if let Some(conversion) = &stretch {
+            params
+                .convert_to_depth(conversion)
+                .map_err(with_option_name)?;
+        }
         notes.extend(stretch.into_iter().flat_map(|stretch| stretch.notes));
         self.mesh(
             ImageSource::InMemory(&image),
@@ -215,21 +214,21 @@ impl MeshRun<'_> {
     {
         let Self {
             path,
-            job,
+            spec,
             interrupts,
             mut clock,
         } = self;
         let geometry = image.geometry();
         warn_if_time(geometry, console);
         let hashing = comm::is_root().then(|| console.start_hash(path));
-        let output = output_path(path, job);
+        let output = output_path(path, spec);
 
-        let step = params.metric.step(geometry);
+        let step = params.spec.metric.step(geometry);
         let mut watcher = MeshProgress {
             console,
             max_evaluations: crate::job::optimize_options(&params).max_evaluations,
             interrupts,
-            trace_path: job.lattice().and_then(|lattice| lattice.trace.as_deref()),
+            trace_path: spec.trace.as_deref(),
             trace: None,
             traced_lattices: Vec::new(),
             is_planar: D == 2,
@@ -239,16 +238,12 @@ impl MeshRun<'_> {
             stage: Stage::Reading,
             interrupted_stage: None,
         };
-        let checkpoint = (job.outputs.checkpoint.as_deref())
+        let checkpoint = spec
+            .checkpoint
+            .as_deref()
             .map(Checkpoint::new)
             .transpose()?;
-        let outputs = &job.outputs;
-        let whole = [
-            &outputs.lines,
-            &outputs.page,
-            &outputs.surfaces,
-            &outputs.potential,
-        ];
+        let whole = [&spec.lines, &spec.page, &spec.surfaces, &spec.potential_out];
         let way = RunOptions {
             checkpoint: checkpoint.as_ref(),
             may_partition: is_pvtu(&output) && whole.iter().all(|path| path.is_none()),
@@ -273,7 +268,7 @@ impl MeshRun<'_> {
         let found = || hashing.map_or_else(|| console.hash(path), PendingHash::wait);
         let input_sha256 = comm::broadcast_from_root("the image's hash", found)?;
         outcome.provenance = Provenance {
-            parameters: job_to_toml(&job.clone().reproducible())?,
+            parameters: spec.clone().reproducible().to_toml()?,
             input_sha256,
         };
         let ending = match outcome.stop == StopReason::Interrupted || interrupts.is_requested() {
@@ -290,13 +285,13 @@ impl MeshRun<'_> {
         if !comm::is_root() {
             return Ok(ending);
         }
-        if let Some(path) = &job.outputs.lines {
+        if let Some(path) = &spec.lines {
             outcome.write_lines(path)?;
         }
         outcome.report.quality_physical = in_world;
         let modality = params.modality.or_detect(geometry);
         outcome.report.used_in_physical_space = modality != Modality::Survey;
-        if let Some(path) = &job.outputs.potential {
+        if let Some(path) = &spec.potential_out {
             let potential = outcome.features.potential.to_dense();
             console.write_image(path, potential_image(potential, geometry))?;
         }
@@ -308,7 +303,7 @@ impl MeshRun<'_> {
             dims: dims.to_vec(),
             hash: format!("sha256:{}", outcome.provenance.input_sha256),
         });
-        report.parameters = serde_json::to_value(job).unwrap_or_default();
+        report.parameters = serde_json::to_value(spec).unwrap_or_default();
         report.trace = traced;
         report.notes.splice(0..0, notes());
         report
@@ -316,15 +311,15 @@ impl MeshRun<'_> {
             .splice(0..0, clock.costs()[..1].iter().cloned());
         report.stages.extend_from_slice(&clock.costs()[1..]);
         let json = report.to_json();
-        if let Some(path) = &job.outputs.report {
+        if let Some(path) = &spec.report {
             crate::files::atomic_write(path, |out| writeln!(out, "{json:#}"))?;
         }
         let mut said = format!("{}\nwrote {}", report.table().trim_end(), output.display());
-        if let Some(path) = &job.outputs.page {
+        if let Some(path) = &spec.page {
             let written = write_page(path, &output, &*image.to_image()?, &outcome, json.clone())?;
             said = format!("{said}\n{}", super::report::written_message(path, written));
         }
-        if let Some(path) = &job.outputs.surfaces {
+        if let Some(path) = &spec.surfaces {
             let surfaces = write_surfaces(path, &output, &outcome, console)?;
             said = format!("{said}\nwrote {}: {surfaces} surfaces", path.display());
         }

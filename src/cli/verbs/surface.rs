@@ -8,18 +8,19 @@ use serde_json::json;
 use super::interpretation::{GRID_EXTENSIONS, InterpretationOptions, STICK_EXTENSIONS};
 use super::region_interfaces::write_region_interfaces;
 use crate::cli::common::depth::mesh_in_depth;
-use crate::cli::common::feature::{detection, feature_job};
+use crate::cli::common::options::with_option_name;
 use crate::cli::common::output::{check_output, path_text};
 use crate::cli::console::Console;
 use crate::cli::parse;
 use crate::error::cause;
 use crate::export::{SurfaceFile, write_obj, write_tsurf, write_vtp};
+use crate::feature::{DetectionOptions, FeatureKind};
 use crate::files::vtk::DataArray;
 use crate::geometry::{normal, unit};
 use crate::image::formats::InputOptions;
 use crate::image::{Geometry, Image};
-use crate::job::Settings;
-use crate::job::asked::VelocityFrom;
+use crate::job::MeshSpec;
+use crate::job::spec::NumberOrFile;
 use crate::mesh::Mesh;
 use crate::model::surface::measure::MapAxes;
 use crate::model::surface::stored_surfaces::{group_facets, horizon_facets};
@@ -79,7 +80,7 @@ pub struct SurfaceArgs {
     /// Makes depth in metres of two-way time: one velocity in m/s for the whole mesh, or a file of interval
     /// velocities in m/s on a grid of its own in two-way time
     #[arg(long, value_name = "V", allow_negative_numbers = true)]
-    pub velocity: Option<VelocityFrom>,
+    pub velocity: Option<NumberOrFile>,
     /// How to read the image.
     #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,
@@ -212,14 +213,18 @@ fn facets_on_image<const D: usize, M: Mesh<D>>(
     console: &mut Console,
 ) -> Result<Vec<[u32; D]>> {
     let image = read_mesh_image(path, &args.input, &stored.space, console)?;
-    let job = feature_job(Settings {
-        feature: args.feature,
+    let d_min = distance.unwrap_or_else(|| mean_spacing(&stored.lattice));
+    let spec = MeshSpec {
+        feature: args.feature.unwrap_or(FeatureKind::Auto),
         sigma: args.sigma,
         threshold: args.threshold,
-        ..Settings::default()
-    })?;
-    let d_min = distance.unwrap_or_else(|| mean_spacing(&stored.lattice));
-    let options = detection(&job, d_min, stored.space.step)?;
+        ..MeshSpec::default()
+    };
+    spec.validate().map_err(with_option_name)?;
+    let options = DetectionOptions {
+        d_min,
+        ..spec.detection_options(stored.space.step)?
+    };
     let features = feature::detect(&image, &options)?;
     features.notes.iter().for_each(|note| console.note(note));
     let (b, sigma) = (&features.potential, features.sigma);

@@ -1,4 +1,5 @@
-//! A mesh that can be changed in places: what a file holds, in slots that may be empty.
+//! A mesh of simplices that can be changed in place: nodes and cells are stored in slots, some of
+//! which may be empty.
 
 use super::resolve::EditLattice;
 use super::unknown_arrays;
@@ -14,65 +15,68 @@ use crate::store::output::{ANGLES_ARRAY, HORIZON_FACES_ARRAY, IMAGE_ARRAY};
 use crate::store::{FieldValue, MeshFile, StoredMesh, face_bits_to_physical, replace_nodes};
 use crate::{Error, Result};
 
-/// Coordinates nearer to a side of the box than this, over its length, are on it: what is left of
-/// them after the way into the world and back.
+/// Largest distance, relative to the extent of the box, at which a coordinate counts as lying on a
+/// side. It covers the rounding errors of the conversion to physical coordinates and back.
 const SIDE_TOLERANCE: f64 = 1e-9;
 
-/// Names of what is stored for each node and cell.
+/// Names of the arrays of nodes and cells.
 const ATOM_KIND: &str = "atom_kind";
 const FEATURE: &str = "feature";
 const DISTANCE: &str = "distance";
 const REGION: &str = "region";
 
-/// A mesh in slots.
+/// A mesh whose nodes and cells are stored in slots.
 #[derive(Debug, Clone)]
 pub struct EditableMesh<const D: usize, M> {
     place: String,
-    /// The far corner of the box.
+    /// Far corner of the box in lattice space.
     pub extent: [f64; D],
-    /// Length of one sample along each axis of lattice space.
+    /// Length of one sample along each axis, in units of lattice space.
     pub step: [f64; D],
-    /// From samples to physical coordinates.
+    /// Map from sample indices to physical coordinates.
     pub geometry: Geometry<D>,
-    /// What belongs to the whole mesh.
+    /// Fields of the file that belong to the whole mesh.
     pub fields: Vec<(String, FieldValue)>,
-    /// Nodes in lattice space.
+    /// Node positions in lattice space.
     pub nodes: Vec<[f64; D]>,
-    /// The same in the world.
+    /// Node positions in physical coordinates.
     pub physical: Vec<[f64; D]>,
-    /// What each node may do.
+    /// Kind of each node: how it may move.
     pub kinds: Vec<AtomKind>,
-    /// d at each node.
+    /// Nominal distance d at each node.
     pub distance: Vec<f32>,
-    /// b at each node.
+    /// Potential b at each node.
     pub feature: Vec<f32>,
-    /// Whether there is a node in the slot.
+    /// `true` if the slot holds a node.
     pub is_used: Vec<bool>,
-    /// Node numbers of cells, positively oriented in lattice space, [`MIN_THICKNESS_RATIO`] in an empty slot.
+    /// Node numbers of the cells, positively oriented in lattice space; the first one is
+    /// [`EMPTY_SLOT`] in an empty slot.
     corners: Vec<u32>,
-    /// Each cell's region.
+    /// Region of each cell.
     pub region: Vec<i32>,
     angle: Vec<f32>,
     volume: Vec<f32>,
-    /// As in the file: of the cells in the world.
+    /// For each cell, the bits of its faces on features. As in the file, they follow the order of
+    /// the nodes in physical space.
     feature_bits: Vec<u8>,
-    /// The same of faces on horizons.
+    /// For each cell, the bits of its faces on horizons, in the same order.
     horizon_bits: Vec<u8>,
-    /// Numbers that nodes shall have in the end, with those they have.
+    /// Pairs of the present number of a node and the number that [`compact`](Self::compact) gives
+    /// it.
     pub renumberings: Vec<(u32, u32)>,
     marker: std::marker::PhantomData<M>,
 }
 
-/// In an empty slot.
+/// Node number that marks an empty cell slot.
 const EMPTY_SLOT: u32 = u32::MAX;
 
 impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
-    /// Of a file, which `place` names in errors. What is stored for each node or cell besides what
-    /// [`job::run`](crate::job::run) stores is dropped.
+    /// Creates an editable mesh from a file, which `place` names in errors. Node and cell arrays
+    /// that [`job::run`](crate::job::run) does not write are dropped.
     ///
     /// # Errors
-    /// [`Error::Mesh`] if the file does not record its lattice space, or what its nodes are, or if
-    /// the mesh is not valid.
+    /// Returns [`Error::Mesh`] if the file does not record its lattice space or the nominal
+    /// distances of its nodes, or if the mesh is not valid.
     pub fn new(file: MeshFile<M>, place: &str) -> Result<Self> {
         let nodes = file.mesh.nodes().len();
         let cells = file.mesh.len();
@@ -89,27 +93,27 @@ impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
             field_data,
             ..
         } = arrays;
-        let of_nodes = |name: &str| scalar_array(&point_data, name, nodes);
-        let of_cells = |name: &str| scalar_array(&cell_data, name, cells);
+        let node_array = |name: &str| scalar_array(&point_data, name, nodes);
+        let cell_array = |name: &str| scalar_array(&cell_data, name, cells);
         let refuse = |problem: String| {
             Error::Mesh(cause(place, problem, "give a mesh that atomesh mesh wrote"))
         };
         if !space.is_stored {
             return Err(refuse("does not record its lattice space".into()));
         }
-        let found = check(&lattice, [0.0; D], space.extent, space.tolerance());
-        if let Some(problem) = found.problems.first() {
+        let validity = check(&lattice, [0.0; D], space.extent, space.tolerance());
+        if let Some(problem) = validity.problems.first() {
             return Err(refuse(format!("is not valid: {problem}")));
         }
-        let lacks = |name: &str| refuse(format!("lacks the point data {name}"));
-        let distance = of_nodes(DISTANCE).ok_or_else(|| lacks(DISTANCE))?;
+        let missing_array = |name: &str| refuse(format!("lacks the point data {name}"));
+        let distance = node_array(DISTANCE).ok_or_else(|| missing_array(DISTANCE))?;
         if !distance.iter().all(|d| *d > 0.0) {
             return Err(refuse(format!(
                 "has point data {DISTANCE} that are not positive"
             )));
         }
         let extent = space.extent;
-        let on_sides = |x: &[f64; D]| -> [f64; D] {
+        let snap_to_sides = |x: &[f64; D]| -> [f64; D] {
             std::array::from_fn(|k| match x[k] {
                 c if c.abs() <= SIDE_TOLERANCE * extent[k] => 0.0,
                 c if (c - extent[k]).abs() <= SIDE_TOLERANCE * extent[k] => extent[k],
@@ -117,8 +121,8 @@ impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
             })
         };
         let corners = lattice.connectivity().to_vec();
-        let lattice: Vec<[f64; D]> = lattice.nodes().iter().map(on_sides).collect();
-        let kinds = of_nodes(ATOM_KIND).unwrap_or_default();
+        let lattice: Vec<[f64; D]> = lattice.nodes().iter().map(snap_to_sides).collect();
+        let kinds = node_array(ATOM_KIND).unwrap_or_default();
         let kind = |n: usize| match kinds.get(n) {
             Some(kind) if *kind == f64::from(AtomKind::Fixed as u8) => AtomKind::Fixed,
             _ => kind_at(lattice[n], extent),
@@ -127,9 +131,9 @@ impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
             let values = values.unwrap_or_else(|| vec![0.0; count]);
             values.into_iter().map(|v| v as f32).collect()
         };
-        let whole = |values: Option<Vec<f64>>| values.unwrap_or_else(|| vec![0.0; cells]);
+        let or_zeros = |values: Option<Vec<f64>>| values.unwrap_or_else(|| vec![0.0; cells]);
         let bits = |name: &str| {
-            let values = whole(of_cells(name)).into_iter();
+            let values = or_zeros(cell_array(name)).into_iter();
             values.map(|b| b as u8).collect()
         };
         Ok(Self {
@@ -142,14 +146,14 @@ impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
             nodes: lattice,
             physical: world.nodes,
             distance: distance.into_iter().map(|d| d as f32).collect(),
-            feature: floats(of_nodes(FEATURE), nodes),
+            feature: floats(node_array(FEATURE), nodes),
             is_used: vec![true; nodes],
             corners,
-            region: (whole(of_cells(REGION)).into_iter())
+            region: (or_zeros(cell_array(REGION)).into_iter())
                 .map(|r| r as i32)
                 .collect(),
-            angle: floats(of_cells(M::MIN_ANGLE_ARRAY), cells),
-            volume: floats(of_cells(M::VOLUME_NAME), cells),
+            angle: floats(cell_array(M::MIN_ANGLE_ARRAY), cells),
+            volume: floats(cell_array(M::VOLUME_NAME), cells),
             feature_bits: bits(M::FEATURE_FACES_ARRAY),
             horizon_bits: bits(HORIZON_FACES_ARRAY),
             renumberings: Vec::new(),
@@ -157,23 +161,23 @@ impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
         })
     }
 
-    /// Checks that an image of these dims fills the mesh's box.
+    /// Checks that an image of these dimensions fills the mesh's box.
     ///
     /// # Errors
-    /// [`Error::Image`] if it does not.
+    /// Returns [`Error::Image`] if it does not.
     pub fn check_dims(&self, dims: [usize; D]) -> Result<()> {
-        let own: [f64; D] = std::array::from_fn(|k| self.extent[k] / self.step[k] + 1.0);
-        if (0..D).any(|k| (dims[k] as f64 - own[k]).abs() > 1e-6) {
+        let mesh_dims: [f64; D] = std::array::from_fn(|k| self.extent[k] / self.step[k] + 1.0);
+        if (0..D).any(|k| (dims[k] as f64 - mesh_dims[k]).abs() > 1e-6) {
             return Err(Error::Image(cause(
                 &self.place,
-                format!("was made of an image of {own:?} samples, not of {dims:?}"),
+                format!("was made from an image of {mesh_dims:?} samples, not of {dims:?}"),
                 "give the image that was meshed",
             )));
         }
         Ok(())
     }
 
-    /// The atoms, as long as no slot is empty.
+    /// Returns the atoms of the mesh. No node slot may be empty.
     pub fn lattice(&self) -> EditLattice<'_, D> {
         EditLattice {
             place: &self.place,
@@ -187,18 +191,18 @@ impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
         }
     }
 
-    /// Slots of cells.
+    /// Returns the number of cell slots, empty ones included.
     pub fn cell_slot_count(&self) -> usize {
         self.corners.len() / (D + 1)
     }
 
-    /// The node numbers of a cell; `None` in an empty slot.
+    /// Returns the node numbers of a cell, or `None` if the slot is empty.
     pub fn cell(&self, c: usize) -> Option<&[u32]> {
         let cell = &self.corners[(D + 1) * c..(D + 1) * (c + 1)];
         (cell[0] != EMPTY_SLOT).then_some(cell)
     }
 
-    /// An empty slot for a node.
+    /// Appends a node slot and returns its number. The caller sets the node's position and values.
     pub fn add_node(&mut self) -> u32 {
         self.nodes.push([0.0; D]);
         self.physical.push([0.0; D]);
@@ -209,7 +213,7 @@ impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
         (self.nodes.len() - 1) as u32
     }
 
-    /// Puts a node elsewhere.
+    /// Moves a node to a position in lattice space, and sets its physical position accordingly.
     pub fn set_node_position(&mut self, n: usize, x: [f64; D]) {
         self.nodes[n] = x;
         self.physical[n] = self
@@ -217,34 +221,37 @@ impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
             .to_physical(std::array::from_fn(|k| x[k] / self.step[k]));
     }
 
-    /// Puts a node of known lattice position at `x` in the world, if that is the same place to
+    /// Sets the physical position of a node to `x`, if `x` is the node's lattice position but for
     /// rounding.
     pub fn set_exact_position(&mut self, n: usize, x: [f64; D]) {
         let Some(index) = self.geometry.to_index(x) else {
             return;
         };
-        let off = |k: usize| (index[k] * self.step[k] - self.nodes[n][k]).abs() / self.extent[k];
-        if (0..D).all(|k| off(k) <= SIDE_TOLERANCE) {
+        let deviation =
+            |k: usize| (index[k] * self.step[k] - self.nodes[n][k]).abs() / self.extent[k];
+        if (0..D).all(|k| deviation(k) <= SIDE_TOLERANCE) {
             self.physical[n] = x;
         }
     }
 
-    /// Exchanges the cells in `slots` for those of `part`, whose nodes have the given `numbers` here;
-    /// `bits` (of faces on features, and on horizons; those may be none) and `regions` are those of
-    /// the part's cells, all in lattice space.
+    /// Replaces the cells in `slots` by those of `part`.
+    ///
+    /// `node_numbers` holds the number in this mesh of each node of `part`. `bits` holds two arrays
+    /// of bits for the part's cells: those of faces on features and those of faces on horizons; the
+    /// latter may be empty. `bits` and `regions` belong to the part's cells in lattice space.
     pub fn replace_cells(
         &mut self,
         slots: &[usize],
         part: &M,
-        numbers: &[u32],
+        node_numbers: &[u32],
         bits: [&[u8]; 2],
         regions: &[i32],
     ) {
         let mirrored = self.geometry.determinant() < 0.0;
         let [bits, horizons] = bits.map(|bits| face_bits_to_physical::<D>(bits, mirrored));
-        let nodes = part.nodes().iter().zip(numbers);
-        let in_world: Vec<[f64; D]> = nodes.map(|(_, &n)| self.physical[n as usize]).collect();
-        let in_world = replace_nodes(part, in_world, &self.geometry);
+        let nodes = part.nodes().iter().zip(node_numbers);
+        let physical: Vec<[f64; D]> = nodes.map(|(_, &n)| self.physical[n as usize]).collect();
+        let physical = replace_nodes(part, physical, &self.geometry);
         let angles = smallest_angles(part);
         for c in 0..part.len().max(slots.len()) {
             let slot = slots.get(c).copied().unwrap_or_else(|| {
@@ -262,24 +269,24 @@ impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
                 continue;
             }
             for (corner, &local) in corners.iter_mut().zip(part.cell(c)) {
-                *corner = numbers[local as usize];
+                *corner = node_numbers[local as usize];
             }
             self.region[slot] = regions[c];
             self.feature_bits[slot] = bits[c];
             self.horizon_bits[slot] = horizons.get(c).copied().unwrap_or(0);
             self.angle[slot] = angles[c];
-            self.volume[slot] = in_world.volume(c) as f32;
+            self.volume[slot] = physical.volume(c) as f32;
         }
     }
 
-    /// Gives nodes the numbers that they shall have, and puts the last ones into slots that are
-    /// empty; `atoms` are numbers of nodes that follow. The same for cells.
+    /// Applies `renumberings`, then moves the last nodes and the last cells into empty slots, so
+    /// that no slot is empty. The node numbers in `atoms` are updated accordingly.
     pub fn compact(&mut self, atoms: &mut [Option<u32>]) {
-        // Where the node in each slot goes.
-        let mut place: Vec<u32> = (0..self.nodes.len() as u32).collect();
+        // Entry `n`: the new number of the node that was in slot `n`.
+        let mut new_index: Vec<u32> = (0..self.nodes.len() as u32).collect();
         for (old, new) in std::mem::take(&mut self.renumberings) {
             self.move_node_slot(old as usize, new as usize);
-            place[old as usize] = new;
+            new_index[old as usize] = new;
         }
         let mut end = self.nodes.len();
         for hole in 0..self.nodes.len() {
@@ -293,8 +300,8 @@ impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
                 break;
             }
             self.move_node_slot(end - 1, hole);
-            // The node may have come to the end by a new number.
-            for p in place.iter_mut().filter(|p| **p as usize == end - 1) {
+            // This node may be one that `renumberings` moved here, so search by its present number.
+            for p in new_index.iter_mut().filter(|p| **p as usize == end - 1) {
                 *p = hole as u32;
             }
             end -= 1;
@@ -307,21 +314,21 @@ impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
         self.feature.truncate(count);
         self.is_used.truncate(count);
         for corner in self.corners.iter_mut().filter(|c| **c != EMPTY_SLOT) {
-            *corner = place[*corner as usize];
+            *corner = new_index[*corner as usize];
         }
         for atom in atoms.iter_mut().flatten() {
-            *atom = place[*atom as usize];
+            *atom = new_index[*atom as usize];
         }
         self.compact_cells();
     }
 
-    fn move_node_slot(&mut self, from: usize, to: usize) {
-        self.nodes[to] = self.nodes[from];
-        self.physical[to] = self.physical[from];
-        self.kinds[to] = self.kinds[from];
-        self.distance[to] = self.distance[from];
-        self.feature[to] = self.feature[from];
-        (self.is_used[to], self.is_used[from]) = (true, false);
+    fn move_node_slot(&mut self, source: usize, target: usize) {
+        self.nodes[target] = self.nodes[source];
+        self.physical[target] = self.physical[source];
+        self.kinds[target] = self.kinds[source];
+        self.distance[target] = self.distance[source];
+        self.feature[target] = self.feature[source];
+        (self.is_used[target], self.is_used[source]) = (true, false);
     }
 
     fn compact_cells(&mut self) {
@@ -358,7 +365,7 @@ impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
         self.horizon_bits.truncate(count);
     }
 
-    /// As a file holds it; after [`compact`](Self::compact).
+    /// Converts the mesh into the contents of a file. Call [`compact`](Self::compact) first.
     pub fn into_file(self) -> MeshFile<M> {
         let kinds: Vec<u8> = self.kinds.iter().map(|&kind| kind as u8).collect();
         let lattice = M::from_parts(self.nodes, self.corners);
@@ -366,10 +373,10 @@ impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
         let bits = face_bits_to_physical::<D>(&self.feature_bits, mirrored);
         let distance = |n: u32| f64::from(self.distance[n as usize]);
         let angles = assess_angles(&lattice, &bits, self.extent, distance).cell_classes;
-        // A field of the same name further down is a newer one.
+        // If a name occurs twice, the later field is the newer one.
         let mut fields: Vec<(String, FieldValue)> = Vec::new();
         for (name, value) in self.fields {
-            match fields.iter_mut().find(|(known, _)| *known == name) {
+            match fields.iter_mut().find(|(existing, _)| *existing == name) {
                 Some(field) => field.1 = value,
                 None => fields.push((name, value)),
             }
@@ -398,7 +405,7 @@ impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
     }
 }
 
-/// Names of arrays that an edit cannot carry over.
+/// Returns the names of arrays that an edit cannot keep.
 pub fn dropped_arrays<const D: usize, M: Simplices<D>>(file: &MeshFile<M>) -> Vec<String> {
     let known = [
         ATOM_KIND,
@@ -415,9 +422,9 @@ pub fn dropped_arrays<const D: usize, M: Simplices<D>>(file: &MeshFile<M>) -> Ve
     unknown_arrays(file, &known)
 }
 
-/// A scalar array of the right length.
+/// Returns the array of this name, if it has one component and `count` values.
 fn scalar_array(arrays: &[DataArray], name: &str, count: usize) -> Option<Vec<f64>> {
     let array = arrays.iter().find(|array| array.name == name)?;
-    let right = array.components == 1 && array.values.len() == count;
-    right.then(|| Values::to_f64(&array.values))
+    let matches = array.components == 1 && array.values.len() == count;
+    matches.then(|| Values::to_f64(&array.values))
 }

@@ -1,4 +1,5 @@
-//! What an edit's neighbourhood lies in: features, distance, weight of the image.
+//! Fields that the neighbourhood of an edit needs: features, nominal distance, and weight of the
+//! image.
 
 use super::Edit;
 use super::window::EditWindow;
@@ -10,42 +11,42 @@ use crate::lattice::distance::Distance;
 use crate::lattice::energy::Beta;
 use crate::progress::CancelToken;
 
-/// What is the same for all neighbourhoods.
+/// Input that all neighbourhoods share.
 pub struct Context<'a, const D: usize> {
-    /// The image.
+    /// The whole image.
     pub image: &'a Image<D>,
-    /// What the mesh was made with.
+    /// Parameters with which the mesh was made.
     pub params: &'a Params<D>,
-    /// What detection settled on.
+    /// Detection options as they were resolved for the whole image.
     pub resolved_options: &'a [ResolvedOptions],
-    /// The weight of the image.
+    /// Weight of the image.
     pub beta: &'a Beta<D>,
     /// All edits.
     pub edits: &'a [Edit<D>],
 }
 
-/// What a neighbourhood lies in, in the lattice space of its window.
+/// The fields around an edit, in the lattice space of its window.
 pub struct LocalFields<const D: usize> {
-    /// The features there.
+    /// Features in the window.
     pub features: Features<D>,
-    /// d(x), as the mesh knows it.
+    /// Nominal distance d(x).
     pub distance: Distance<D>,
-    /// The weight of the image.
+    /// Weight of the image.
     pub beta: Beta<D>,
 }
 
 impl<const D: usize> LocalFields<D> {
-    /// Looks at what is in a window of a box whose samples are `step` apart; `varying` tells a distance
-    /// that is not the same everywhere.
+    /// Computes the fields in a window of an image whose samples are `step` apart.
+    /// `variable_distance` is called for d(x) if it is not constant.
     ///
     /// # Errors
-    /// Those of feature detection, and of `varying`.
+    /// Returns the errors of feature detection and of `variable_distance`.
     pub fn detect(
         window: &EditWindow<D>,
         step: [f64; D],
         context: &Context<'_, D>,
-        patience: &CancelToken<'_>,
-        varying: impl FnOnce() -> Result<Distance<D>>,
+        cancel: &CancelToken<'_>,
+        variable_distance: impl FnOnce() -> Result<Distance<D>>,
     ) -> Result<Self> {
         let params = context.params;
         let options = params.feature_options(step);
@@ -55,11 +56,11 @@ impl<const D: usize> LocalFields<D> {
             &options,
             context.resolved_options,
             &window.open_sides,
-            patience,
+            cancel,
         )?;
-        let distance = match params.spacing {
+        let distance = match params.spacing() {
             Spacing::Constant(d) => Distance::Constant(d),
-            _ => varying()?,
+            _ => variable_distance()?,
         };
         let beta = match context.beta {
             Beta::Constant(beta) => Beta::Constant(*beta),

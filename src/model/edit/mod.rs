@@ -1,17 +1,19 @@
-//! Local edits of a mesh: atoms are added, moved and removed, and only their neighbourhood changes.
+//! Edits a mesh locally: atoms are added, moved and removed, and only their neighbourhood changes.
 //!
-//! As Hale (2002) describes it: atoms near an edited one are warm, those five d away and beyond are
-//! frozen. Warm atoms move again to lower the lattice's energy in the image, and only the cells that
-//! have a warm atom are made anew. All work is done on the neighbourhood: its atoms, its cells, and
-//! the part of the image that filters see from there; only looking for it goes over the whole mesh.
+//! The method is that of Hale (2002). The temperature of an atom falls from 1 at an edited position
+//! to 0 at a distance of five d. Atoms with a temperature above 0 are called warm; the others are
+//! frozen. Warm atoms move again to lower the energy of the lattice in the image, and only cells
+//! with a warm atom are rebuilt. The work is limited to the neighbourhood: its atoms, its cells,
+//! and the part of the image that its filters need. Only the search for the neighbourhood visits
+//! the whole mesh.
 //!
-//! - `resolve`: what the user asks for -> changes, checked, in groups that do not meet
-//! - `window`: the part of an image round an edit
-//! - `around`: the features there
-//! - `spacing`: d(x) there, as the mesh knows it
-//! - `neighbourhood`: the atoms and cells round an edit, and what becomes of them
-//! - `body`: a mesh that can be changed in places
-//! - `cells`: the same of Voronoi cells
+//! - `resolve`: checks the edits and sorts them into groups whose neighbourhoods do not overlap
+//! - `window`: the part of an image around an edit
+//! - `local_fields`: the features, the nominal distance and the image weight in a window
+//! - `spacing`: the nominal distance d(x) around an edit, from the nodes of the mesh
+//! - `neighbourhood`: the atoms and cells around an edit, and how they change
+//! - `editable_mesh`: a mesh of simplices whose nodes and cells can be replaced
+//! - `cells`: local edits of Voronoi cells
 
 pub mod cells;
 pub mod editable_mesh;
@@ -37,72 +39,74 @@ use editable_mesh::EditableMesh;
 use local_fields::Context;
 use neighbourhood::Neighbourhood;
 
-/// What shall happen to one atom; positions are physical.
+/// A change of one atom; positions are physical coordinates.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum AtomChange<const D: usize> {
-    /// A new atom.
+    /// Adds an atom at this position.
     Add([f64; D]),
-    /// The atom goes elsewhere.
+    /// Moves the atom of this number to this position.
     Move(u32, [f64; D]),
-    /// The atom goes away.
+    /// Removes the atom of this number.
     Remove(u32),
 }
 
-/// One edit.
+/// One edit of a mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Edit<const D: usize> {
-    /// What to call it in an error, e.g. `--add 1,2,3`.
+    /// Name of the edit in error messages, e.g. `--add 1,2,3`.
     pub name: String,
-    /// What shall happen.
+    /// The change of the atom.
     pub change: AtomChange<D>,
 }
 
-/// What became of the neighbourhoods of all edits.
+/// Result of all edits, with figures on their neighbourhoods.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Summary {
-    /// For each edit, the number that its atom has in the new mesh.
+    /// For each edit, the number of its atom in the new mesh; `None` for an atom that was removed.
     pub atoms: Vec<Option<u32>>,
-    /// Atoms that could move.
+    /// Number of atoms that could move.
     pub movable_atoms: usize,
-    /// Atoms that made room for added and moved ones.
+    /// Number of atoms that were removed to make room for added and moved ones.
     pub removed_neighbours: usize,
-    /// Nodes of the mesh before and after.
+    /// Numbers of nodes of the mesh before and after the edits.
     pub nodes: [usize; 2],
-    /// Cells of the neighbourhoods before and after.
+    /// Numbers of cells of the neighbourhoods before and after the edits.
     pub cells: [usize; 2],
-    /// Samples of the image in which features were sought.
+    /// Number of image samples in which features were detected.
     pub samples: usize,
-    /// Evaluations of the energy.
+    /// Number of evaluations of the energy.
     pub evaluations: usize,
-    /// Shapes of the neighbourhoods' cells before and after, in lattice space.
+    /// Quality of the neighbourhoods' cells before and after the edits, in lattice space.
     pub quality: [Option<Quality>; 2],
-    /// Lines that the user should know.
+    /// Notes for the user, one line each.
     pub notes: Vec<String>,
-    /// What each stage cost.
+    /// Cost of each stage.
     pub stages: Vec<StageCost>,
 }
 
 /// An edited mesh.
 #[derive(Debug, Clone)]
 pub struct EditedMesh<M> {
-    /// The mesh, with all that was known of it.
+    /// The mesh, with its arrays and fields.
     pub file: MeshFile<M>,
-    /// What was done.
+    /// Summary of the edits.
     pub summary: Summary,
 }
 
-/// Edits a mesh that [`job::run`](crate::job::run) made of `image`, with the parameters
-/// it was made with. Added and moved atoms stay exactly where they are put, unless `free`: then they
-/// only begin there and move as others do.
+/// Edits a mesh that [`job::run`](crate::job::run) made of `image` with the parameters `params`.
 ///
-/// Nodes and cells farther than five d and a cell from every edited position are the same bits as
-/// before. Nodes keep their numbers, but that nodes that go leave theirs to new ones or else to the
-/// last ones.
+/// Added and moved atoms stay exactly where the edits put them, unless `free` is `true`: then they
+/// start there and move like other atoms. `place` names the mesh in error messages.
+///
+/// Nodes and cells that are farther than five d and one cell from every edited position keep
+/// exactly the same bits. Nodes keep their numbers, except that new nodes take the numbers of
+/// removed ones, and the last nodes of the mesh take the numbers that remain unused.
 ///
 /// # Errors
-/// [`Error::Mesh`] for a mesh that does not say what it is or an atom that does not exist or cannot
-/// go; [`Error::Seeding`] for a position outside the box or at the place of another atom;
-/// [`Error::Image`] for an image of other dims; [`Error::Interrupted`] if the observer asked to stop.
+/// Returns [`Error::Mesh`] if the mesh does not record what an edit needs, or if an atom does not
+/// exist or cannot be removed; [`Error::Seeding`] if a position is outside the box or at the place
+/// of another atom; [`Error::Image`] if the image has other dimensions than the mesh;
+/// [`Error::Interrupted`] if `progress` cancels the edit.
 pub fn edit<const D: usize, M: Simplices<D>>(
     file: MeshFile<M>,
     place: &str,
@@ -110,83 +114,89 @@ pub fn edit<const D: usize, M: Simplices<D>>(
     params: &Params<D>,
     edits: &[Edit<D>],
     free: bool,
-    observer: &mut dyn Progress,
+    progress: &mut dyn Progress,
 ) -> Result<EditedMesh<M>>
 where
     MeshSpace<D>: Meshing<D, Mesh = M>,
 {
     let clock = Clock::new();
-    let mut stages = EditStages { clock, observer };
-    let settled = resolved_options(&file);
-    let mut body = EditableMesh::new(file, place)?;
-    body.check_dims(image.dims())?;
-    // The file knows the units of its lattice space.
-    let lengths = params.metric.lengths(&image.geometry);
-    let params = &*params.in_lattice_units(lengths[0] / body.step[0]);
+    let mut stages = EditStages { clock, progress };
+    let resolved = resolved_options(&file);
+    let mut editable = EditableMesh::new(file, place)?;
+    editable.check_dims(image.dims())?;
+    // The file records the units of its lattice space.
+    let lengths = params.spec.metric.lengths(&image.geometry);
+    let params = &*params.in_lattice_units(lengths[0] / editable.step[0]);
     let mut summary = Summary {
-        nodes: [body.nodes.len(), 0],
+        nodes: [editable.nodes.len(), 0],
         atoms: vec![None; edits.len()],
         ..Summary::default()
     };
-    let settled = match settled {
-        Some(settled) => settled,
-        None => {
-            stages.resolve_detection(image, params, body.step, &mut summary, &mut body.fields)?
-        }
+    let resolved = match resolved {
+        Some(resolved) => resolved,
+        None => stages.resolve_detection(
+            image,
+            params,
+            editable.step,
+            &mut summary,
+            &mut editable.fields,
+        )?,
     };
-    let beta = lattice_beta(&params.beta, image.dims(), body.step)?;
+    let beta = lattice_beta(&params.beta, image.dims(), editable.step)?;
     let context = Context {
         image,
         params,
-        resolved_options: &settled,
+        resolved_options: &resolved,
         beta: &beta,
         edits,
     };
     let groups = stages.run_stage(Stage::Neighbourhoods, |_| {
-        resolve::resolve(&body.lattice(), edits, free)
+        resolve::resolve(&editable.lattice(), edits, free)
     })?;
-    let mut quality: [Option<M>; 2] = [None, None];
+    let mut merged: [Option<M>; 2] = [None, None];
     for group in groups {
-        let mut scope = stages.run_stage(Stage::Neighbours, |_| {
-            Ok(Neighbourhood::new(&body, group, &context))
+        let mut neighbourhood = stages.run_stage(Stage::Neighbours, |_| {
+            Ok(Neighbourhood::new(&editable, group, &context))
         })?;
-        let scene = stages.run_stage(Stage::Features, |patience| {
-            scope.local_fields(&body, &context, patience)
+        let fields = stages.run_stage(Stage::Features, |cancel| {
+            neighbourhood.local_fields(&editable, &context, cancel)
         })?;
-        stages.run_stage(Stage::Moving, |patience| {
-            scope.relax(&scene, &context, &mut summary, patience)
+        stages.run_stage(Stage::Moving, |cancel| {
+            neighbourhood.relax(&fields, &context, &mut summary, cancel)
         })?;
         let parts = stages.run_stage(Stage::Rebuilding, |_| {
-            scope.remesh(&mut body, &scene, &context, &mut summary)
+            neighbourhood.remesh(&mut editable, &fields, &context, &mut summary)
         })?;
         refuse_invalid(&parts)?;
-        for (all, part) in quality.iter_mut().zip(parts) {
-            append(all, part);
+        for (mesh, part) in merged.iter_mut().zip(parts) {
+            append(mesh, part);
         }
     }
     let mut clock = stages.clock;
     clock.begin(Stage::Assembling);
-    summary.quality = quality.map(|mesh| mesh.as_ref().map(crate::report::quality));
-    body.compact(&mut summary.atoms);
-    body.fields.push(history(&body.fields, edits));
-    summary.nodes[1] = body.nodes.len();
-    let file = body.into_file();
+    summary.quality = merged.map(|mesh| mesh.as_ref().map(crate::report::quality));
+    editable.compact(&mut summary.atoms);
+    editable.fields.push(history(&editable.fields, edits));
+    summary.nodes[1] = editable.nodes.len();
+    let file = editable.into_file();
     clock.end();
     summary.stages = clock.costs().to_vec();
     Ok(EditedMesh { file, summary })
 }
 
-/// Tells clock and observer of each stage.
+/// Runs the stages of an edit; reports each stage to the clock and to `progress`.
 struct EditStages<'a> {
     clock: Clock,
-    observer: &'a mut dyn Progress,
+    progress: &'a mut dyn Progress,
 }
 
 impl EditStages<'_> {
-    /// What detection settles on for the whole image, where a mesh does not record it: the new one does.
+    /// Detects the features of the whole image, for a mesh that does not record its resolved
+    /// detection options; returns these options and adds them to `fields`, so that the new mesh
+    /// records them.
     ///
     /// # Errors
-    /// Those of detection.
+    /// Returns an error if the detection fails.
     fn resolve_detection<const D: usize>(
         &mut self,
         image: &Image<D>,
@@ -196,53 +206,53 @@ impl EditStages<'_> {
         fields: &mut Vec<(String, FieldValue)>,
     ) -> Result<Vec<ResolvedOptions>> {
         let options = params.feature_options(step);
-        let look = |patience: &CancelToken<'_>| {
-            feature::detect_with_cancel(ImageSource::InMemory(image), &options, patience)
+        let detect = |cancel: &CancelToken<'_>| {
+            feature::detect_with_cancel(ImageSource::InMemory(image), &options, cancel)
         };
-        let settled = self.run_stage(Stage::FeaturesEverywhere, look)?.resolved;
+        let resolved = self.run_stage(Stage::FeaturesEverywhere, detect)?.resolved;
         summary.notes.push(
-            "the mesh does not record how its features were found, so they were sought in the \
-             whole image; the new mesh records how"
+            "the mesh does not record how its features were detected, so they were detected again \
+             in the whole image; the new mesh records it"
                 .into(),
         );
-        fields.extend(resolved_options_field(&settled));
-        Ok(settled)
+        fields.extend(resolved_options_field(&resolved));
+        Ok(resolved)
     }
 
-    /// What the work of a stage gives.
+    /// Runs `work` as a stage and returns its result.
     ///
     /// # Errors
-    /// Those of the work; [`Error::Interrupted`] if the observer says no.
+    /// Returns the errors of `work`, or [`Error::Interrupted`] if `progress` cancels the edit.
     fn run_stage<T>(
         &mut self,
         stage: Stage,
         work: impl FnOnce(&CancelToken<'_>) -> Result<T>,
     ) -> Result<T> {
         self.clock.begin(stage);
-        self.observer.stage(stage);
-        let ask = &mut |share: Option<f64>| {
-            if let Some(share) = share {
-                self.observer.fraction_done(share);
+        self.progress.stage(stage);
+        let poll = &mut |fraction: Option<f64>| {
+            if let Some(fraction) = fraction {
+                self.progress.fraction_done(fraction);
             }
-            self.observer.keep_going()
+            self.progress.keep_going()
         };
-        CancelToken::run_with_progress(ask, |patience| {
-            let stopped =
+        CancelToken::run_with_progress(poll, |cancel| {
+            let interrupted =
                 || Error::Interrupted(cause(stage, "interrupted", "start the edit again"));
-            if patience.is_cancelled() {
-                return Err(stopped());
+            if cancel.is_cancelled() {
+                return Err(interrupted());
             }
-            let done = work(patience);
-            if patience.is_cancelled() {
-                Err(stopped())
+            let outcome = work(cancel);
+            if cancel.is_cancelled() {
+                Err(interrupted())
             } else {
-                done
+                outcome
             }
         })
     }
 }
 
-/// Names of a mesh's arrays that are not among those that are `known`.
+/// Returns the names of a mesh's point and cell arrays that are not in `known`.
 fn unknown_arrays<M>(file: &MeshFile<M>, known: &[&str]) -> Vec<String> {
     let arrays = file.point_data.iter().chain(&file.cell_data);
     let names = arrays.map(|array| array.name.clone());
@@ -251,12 +261,13 @@ fn unknown_arrays<M>(file: &MeshFile<M>, known: &[&str]) -> Vec<String> {
         .collect()
 }
 
-/// The last safety net: the cells `[before, after]` of a neighbourhood must fill the same room.
+/// Checks that the cells `[before, after]` of a neighbourhood fill the same volume and that no new
+/// cell is inverted. This guards against errors that the other checks miss.
 fn refuse_invalid<const D: usize, M: Simplices<D>>(parts: &[M; 2]) -> Result<()> {
     let [before, after] = parts.each_ref().map(|part| {
         let volumes = part.volumes();
-        let least = volumes.iter().copied().fold(f64::INFINITY, f64::min);
-        (least, volumes.iter().sum::<f64>())
+        let min_volume = volumes.iter().copied().fold(f64::INFINITY, f64::min);
+        (min_volume, volumes.iter().sum::<f64>())
     });
     if after.0 > 0.0 && (after.1 - before.1).abs() <= MAX_VOLUME_CHANGE * before.1 {
         return Ok(());
@@ -264,37 +275,38 @@ fn refuse_invalid<const D: usize, M: Simplices<D>>(parts: &[M; 2]) -> Result<()>
     Err(Error::Mesh(cause(
         "the edited mesh",
         format!(
-            "came out invalid: around an edit its {} fill {} instead of {}, the smallest has {}",
+            "is not valid: around an edit its {} fill {} instead of {}, and the smallest has {}",
             M::CELLS_NAME,
             after.1,
             before.1,
             after.0
         ),
-        "give other positions, or mesh the image again; and please report it with the mesh, for this \
-         should never happen",
+        "give other positions, or mesh the image again; please also report this error, with the mesh",
     )))
 }
 
-/// Cells made anew may differ by this share in volume from those that they replace.
+/// Maximum relative difference between the volume of the rebuilt cells and that of the cells they
+/// replace.
 const MAX_VOLUME_CHANGE: f64 = 1e-9;
 
-/// Adds a part's cells to those of others.
-fn append<const D: usize, M: Simplices<D>>(all: &mut Option<M>, part: M) {
-    let Some(mesh) = all.take() else {
-        *all = Some(part);
+/// Appends the nodes and cells of `part` to those in `total`.
+fn append<const D: usize, M: Simplices<D>>(total: &mut Option<M>, part: M) {
+    let Some(mesh) = total.take() else {
+        *total = Some(part);
         return;
     };
-    let shift = mesh.nodes().len() as u32;
+    let offset = mesh.nodes().len() as u32;
     let nodes = [mesh.nodes(), part.nodes()].concat();
     let mut corners = mesh.connectivity().to_vec();
-    corners.extend(part.connectivity().iter().map(|n| n + shift));
-    *all = Some(M::from_parts(nodes, corners));
+    corners.extend(part.connectivity().iter().map(|n| n + offset));
+    *total = Some(M::from_parts(nodes, corners));
 }
 
-/// The name under which a file keeps its edits.
+/// Name of the field in which a file records its edits.
 const EDITS: &str = "edits";
 
-/// All edits since the mesh was made, one a line: parameters alone do not say any more what it is.
+/// Returns the field that lists all edits since the mesh was made, one per line. The file needs
+/// them, because after an edit its parameters alone no longer describe the mesh.
 fn history<const D: usize>(
     fields: &[(String, FieldValue)],
     edits: &[Edit<D>],

@@ -1,4 +1,4 @@
-//! The atoms and cells round some edits, and what becomes of them.
+//! The atoms and cells around a group of edits, and how the edits change them.
 
 use super::editable_mesh::EditableMesh;
 use super::local_fields::{Context, LocalFields};
@@ -21,36 +21,38 @@ use crate::mesh::Simplices;
 use crate::progress::{CancelToken, TokenProgress};
 use crate::{Error, Result};
 
-/// Movable atoms nearer than this to one that comes, in units of d, make room for it, as they do for
-/// fixed atoms in a new lattice ...
+/// Distance, in units of d, within which movable atoms are removed to make room for an inserted
+/// one. A new lattice uses the same value around fixed atoms.
 pub(super) const INSERT_CLEARANCE: f64 = 0.7;
-/// ... nearer than this to one that is shifted: their number shall stay the same ...
+/// Distance, in units of d, within which movable atoms are removed to make room for a shifted one.
+/// It is smaller, so that the number of atoms stays about the same.
 pub(super) const SHIFT_CLEARANCE: f64 = 0.5;
-/// ... and one nearer than this to one that comes becomes it.
+/// Distance, in units of d, within which an existing atom is moved to the position of an inserted
+/// one, instead of being removed.
 pub(super) const REUSE_RADIUS: f64 = 0.35;
 
-/// The smallest angle aimed at where the mesh was made without improvement.
+/// Target for the smallest angle, in degrees, where the mesh was made without improvement.
 const MIN_ANGLE: f64 = 30.0;
 
-/// A neighbourhood: a part of the mesh, the atoms near it, and what shall happen to them.
+/// A neighbourhood: a part of the mesh, the atoms around it, and the steps that change them.
 ///
-/// Its nodes are numbered on their own: first those of the part, then atoms that come. Their positions
-/// are those of the window's lattice space.
+/// Nodes have local numbers: first those of the part, then the inserted atoms. Positions are in the
+/// lattice space of the window.
 pub struct Neighbourhood<const D: usize, M> {
     group: EditGroup<D>,
-    /// The part of the image that it needs to know.
+    /// The part of the image that the neighbourhood needs.
     window: EditWindow<D>,
-    /// The part's cells, in slots of the whole mesh.
+    /// Slots of the part's cells in the whole mesh.
     cell_slots: Vec<usize>,
     local_mesh: M,
-    /// The numbers of the part's nodes in the whole mesh.
+    /// Numbers of the part's nodes in the whole mesh, ascending.
     node_numbers: Vec<u32>,
     /// Temperatures of the part's nodes.
     temperatures: Vec<f64>,
-    /// Atoms beyond the part that warm atoms feel.
+    /// Positions of atoms outside the part that interact with warm atoms.
     outer_atoms: Vec<[f64; D]>,
     target_state: ReshapeRequest<D>,
-    /// For each atom that comes, its step.
+    /// The step of each inserted atom.
     insertions: Vec<EditStep<D>>,
 }
 
@@ -59,29 +61,39 @@ where
     MeshSpace<D>: Meshing<D, Mesh = M>,
 {
     /// Finds the neighbourhood of a group of steps.
-    pub fn new(body: &EditableMesh<D, M>, group: EditGroup<D>, context: &Context<'_, D>) -> Self {
-        let heat = temperature::temperatures(&body.nodes, &group.edited_places);
-        let warm = |cell: &[u32]| cell.iter().any(|&n| heat[n as usize] > 0.0);
-        let cell_slots: Vec<usize> = (0..body.cell_slot_count())
-            .filter(|&c| body.cell(c).is_some_and(warm))
+    pub fn new(
+        editable: &EditableMesh<D, M>,
+        group: EditGroup<D>,
+        context: &Context<'_, D>,
+    ) -> Self {
+        let temperatures = temperature::temperatures(&editable.nodes, &group.edited_places);
+        let is_warm = |cell: &[u32]| cell.iter().any(|&n| temperatures[n as usize] > 0.0);
+        let cell_slots: Vec<usize> = (0..editable.cell_slot_count())
+            .filter(|&c| editable.cell(c).is_some_and(is_warm))
             .collect();
-        let corners = || cell_slots.iter().filter_map(|&c| body.cell(c)).flatten();
+        let corners = || {
+            cell_slots
+                .iter()
+                .filter_map(|&c| editable.cell(c))
+                .flatten()
+        };
         let mut node_numbers: Vec<u32> = corners().copied().collect();
         node_numbers.sort_unstable();
         node_numbers.dedup();
-        let local = |n: &u32| node_numbers.partition_point(|m| m < n) as u32;
-        let in_part = |n: usize| node_numbers.binary_search(&(n as u32)).is_ok();
-        let near = |n: usize| {
-            temperature::relative_distance(&body.nodes[n], &group.edited_places) < INFLUENCE_RADIUS
+        let local_number = |n: &u32| node_numbers.partition_point(|m| m < n) as u32;
+        let is_in_part = |n: usize| node_numbers.binary_search(&(n as u32)).is_ok();
+        let is_close = |n: usize| {
+            temperature::relative_distance(&editable.nodes[n], &group.edited_places)
+                < INFLUENCE_RADIUS
         };
-        let outer: Vec<[f64; D]> = (0..body.nodes.len())
-            .filter(|&n| body.is_used[n] && near(n) && !in_part(n))
-            .map(|n| body.nodes[n])
+        let outer_positions: Vec<[f64; D]> = (0..editable.nodes.len())
+            .filter(|&n| editable.is_used[n] && is_close(n) && !is_in_part(n))
+            .map(|n| editable.nodes[n])
             .collect();
 
-        let inner = || node_numbers.iter().map(|&n| body.nodes[n as usize]);
+        let part_positions = || node_numbers.iter().map(|&n| editable.nodes[n as usize]);
         let (mut low, mut high) = ([f64::INFINITY; D], [0.0f64; D]);
-        for x in inner() {
+        for x in part_positions() {
             for k in 0..D {
                 low[k] = low[k].min(x[k]);
                 high[k] = high[k].max(x[k]);
@@ -97,22 +109,32 @@ where
             detection_reach::<D>(context.resolved_options),
             context.image.dims(),
         );
-        let window = EditWindow::from_bounds(low, high, margin, dims, body.step, body.extent);
+        let window =
+            EditWindow::from_bounds(low, high, margin, dims, editable.step, editable.extent);
 
-        let targets: Vec<[f64; D]> = inner().map(|x| window.to_local(x)).collect();
-        let kind = |&n: &u32| match heat[n as usize] > 0.0 {
-            true => body.kinds[n as usize],
-            false => AtomKind::Fixed,
+        let targets: Vec<[f64; D]> = part_positions().map(|x| window.to_local(x)).collect();
+        let kind = |&n: &u32| {
+            if temperatures[n as usize] > 0.0 {
+                editable.kinds[n as usize]
+            } else {
+                AtomKind::Fixed
+            }
         };
         Self {
-            local_mesh: M::from_parts(targets.clone(), corners().map(local).collect()),
+            local_mesh: M::from_parts(targets.clone(), corners().map(local_number).collect()),
             target_state: ReshapeRequest {
                 is_removed: vec![false; targets.len()],
                 kinds: node_numbers.iter().map(kind).collect(),
                 targets,
             },
-            temperatures: node_numbers.iter().map(|&n| heat[n as usize]).collect(),
-            outer_atoms: outer.into_iter().map(|x| window.to_local(x)).collect(),
+            temperatures: node_numbers
+                .iter()
+                .map(|&n| temperatures[n as usize])
+                .collect(),
+            outer_atoms: outer_positions
+                .into_iter()
+                .map(|x| window.to_local(x))
+                .collect(),
             insertions: Vec::new(),
             window,
             cell_slots,
@@ -121,19 +143,19 @@ where
         }
     }
 
-    /// Looks at what is there: features, distance, weight of the image.
+    /// Computes the features, the nominal distance and the weight of the image in the window.
     ///
     /// # Errors
-    /// Those of feature detection.
+    /// Returns the errors of feature detection.
     pub fn local_fields(
         &self,
-        body: &EditableMesh<D, M>,
+        editable: &EditableMesh<D, M>,
         context: &Context<'_, D>,
-        patience: &CancelToken<'_>,
+        cancel: &CancelToken<'_>,
     ) -> Result<LocalFields<D>> {
-        LocalFields::detect(&self.window, body.step, context, patience, || {
-            let at_nodes = |&n: &u32| f64::from(body.distance[n as usize]);
-            let d: Vec<f64> = self.node_numbers.iter().map(at_nodes).collect();
+        LocalFields::detect(&self.window, editable.step, context, cancel, || {
+            let distance_at = |&n: &u32| f64::from(editable.distance[n as usize]);
+            let d: Vec<f64> = self.node_numbers.iter().map(distance_at).collect();
             Ok(spacing::distance_from_nodes(
                 &self.local_mesh,
                 &d,
@@ -142,62 +164,67 @@ where
         })
     }
 
-    /// Takes the steps, and lets warm atoms move until they are at rest again.
+    /// Applies the steps, then moves warm atoms to a minimum of the energy.
     ///
     /// # Errors
-    /// Those of the optimiser.
+    /// Returns the errors of the optimiser.
     pub fn relax(
         &mut self,
-        around: &LocalFields<D>,
+        fields: &LocalFields<D>,
         context: &Context<'_, D>,
         summary: &mut Summary,
-        patience: &CancelToken<'_>,
+        cancel: &CancelToken<'_>,
     ) -> Result<()> {
-        self.apply_steps(&around.distance, summary);
-        let stay = |&i: &usize| !self.target_state.is_removed[i];
-        let moving: Vec<usize> = (0..self.target_state.targets.len()).filter(stay).collect();
-        let frozen = self.outer_atoms.len();
+        self.apply_steps(&fields.distance, summary);
+        let is_kept = |&i: &usize| !self.target_state.is_removed[i];
+        let remaining: Vec<usize> = (0..self.target_state.targets.len())
+            .filter(is_kept)
+            .collect();
+        let frozen_count = self.outer_atoms.len();
         let mut atoms = Atoms {
-            positions: moving
+            positions: remaining
                 .iter()
                 .map(|&i| self.target_state.targets[i])
                 .collect(),
-            kinds: moving.iter().map(|&i| self.target_state.kinds[i]).collect(),
+            kinds: remaining
+                .iter()
+                .map(|&i| self.target_state.kinds[i])
+                .collect(),
         };
         atoms.positions.extend_from_slice(&self.outer_atoms);
-        atoms.kinds.extend(vec![AtomKind::Fixed; frozen]);
-        // Atoms that come are as warm as can be.
-        let heat = |&i: &usize| self.temperatures.get(i).copied().unwrap_or(1.0);
+        atoms.kinds.extend(vec![AtomKind::Fixed; frozen_count]);
+        // Inserted atoms have the highest temperature.
+        let temperature = |&i: &usize| self.temperatures.get(i).copied().unwrap_or(1.0);
         let params = context.params;
         let mut options = job::optimize_options(params);
-        options.temperature = moving.iter().map(heat).collect();
-        options.temperature.extend(vec![0.0; frozen]);
+        options.temperature = remaining.iter().map(temperature).collect();
+        options.temperature.extend(vec![0.0; frozen_count]);
         summary.movable_atoms += options.temperature.iter().filter(|t| **t > 0.0).count();
-        summary.samples += around.features.potential.dims.iter().product::<usize>();
+        summary.samples += fields.features.potential.dims.iter().product::<usize>();
 
         let extent = self.window.extent();
-        let potential = &around.features.potential;
-        let (distance, beta) = (&around.distance, around.beta.clone());
-        let pairs = || -> Result<PairwiseEnergy<D>> {
+        let potential = &fields.features.potential;
+        let (distance, beta) = (&fields.distance, fields.beta.clone());
+        let pairwise_energy = || -> Result<PairwiseEnergy<D>> {
             Ok(
                 PairwiseEnergy::new(extent, distance, Some(potential), beta.clone())?
                     .with_auto_stiffness(),
             )
         };
-        // The energy that made the mesh.
-        let mut energy: Box<dyn Energy<D>> = match params.evaluator {
-            Evaluator::Pairwise if params.kappa != 1.0 => {
+        // The energy with which the mesh was made.
+        let mut energy: Box<dyn Energy<D>> = match params.spec.evaluator {
+            Evaluator::Pairwise if params.spec.kappa != 1.0 => {
                 let mobility = atoms.mobility(extent);
-                let (beta, kappa) = (beta.clone(), params.kappa);
+                let (beta, kappa) = (beta.clone(), params.spec.kappa);
                 Box::new(RegularisedEnergy::new(
-                    pairs()?,
+                    pairwise_energy()?,
                     distance,
                     beta,
                     kappa,
                     mobility,
                 )?)
             }
-            Evaluator::Pairwise => Box::new(pairs()?),
+            Evaluator::Pairwise => Box::new(pairwise_energy()?),
             Evaluator::Sampled => Box::new(SampledEnergy::new(
                 distance,
                 potential.to_dense(),
@@ -207,23 +234,23 @@ where
         let outcome = optimize::optimize(
             &mut atoms,
             &mut *energy,
-            &around.distance,
+            &fields.distance,
             extent,
             &options,
-            &mut TokenProgress(patience),
+            &mut TokenProgress(cancel),
         )?;
         summary.evaluations += outcome.evaluations;
-        for (&i, x) in moving.iter().zip(atoms.positions) {
+        for (&i, x) in remaining.iter().zip(atoms.positions) {
             self.target_state.targets[i] = x;
         }
         Ok(())
     }
 
-    /// Atoms come, go and are shifted; others make room.
+    /// Inserts, removes and shifts atoms, and removes others that are too near to them.
     fn apply_steps(&mut self, distance: &Distance<D>, summary: &mut Summary) {
         let extent = self.window.extent();
         let steps = std::mem::take(&mut self.group.steps);
-        // Nothing that is edited makes room.
+        // Edited atoms are never removed to make room.
         let mut edited = vec![false; self.node_numbers.len()];
         for step in &steps {
             if let Action::Remove { node } | Action::Shift { node, .. } = step.action {
@@ -231,18 +258,23 @@ where
             }
         }
         for step in steps {
-            let (to, room) = match step.action {
+            let (position, clearance) = match step.action {
                 Action::Remove { node } => {
                     self.remove_atom(self.local_number(node));
                     continue;
                 }
-                Action::Insert { target: to, .. } => (self.window.to_local(to), INSERT_CLEARANCE),
-                Action::Shift { target: to, .. } => (self.window.to_local(to), SHIFT_CLEARANCE),
+                Action::Insert {
+                    target: position, ..
+                } => (self.window.to_local(position), INSERT_CLEARANCE),
+                Action::Shift {
+                    target: position, ..
+                } => (self.window.to_local(position), SHIFT_CLEARANCE),
             };
-            let gap = |i: usize| {
-                squared_distance(self.local_mesh.nodes()[i], to).sqrt() / distance.value_at(to)
+            let distance_ratio = |i: usize| {
+                squared_distance(self.local_mesh.nodes()[i], position).sqrt()
+                    / distance.value_at(position)
             };
-            let yields = |i: &usize| {
+            let is_removable = |i: &usize| {
                 let x = self.local_mesh.nodes()[*i];
                 !edited[*i]
                     && !self.target_state.is_removed[*i]
@@ -250,32 +282,32 @@ where
                         self.target_state.kinds[*i],
                         AtomKind::Fixed | AtomKind::Corner
                     )
-                    && side_count(x, extent) <= side_count(to, extent)
+                    && side_count(x, extent) <= side_count(position, extent)
             };
-            let crowd: Vec<usize> = (0..self.node_numbers.len())
-                .filter(|&i| gap(i) < room)
-                .filter(yields)
+            let crowding: Vec<usize> = (0..self.node_numbers.len())
+                .filter(|&i| distance_ratio(i) < clearance)
+                .filter(is_removable)
                 .collect();
-            let nearest = crowd
+            let nearest = crowding
                 .iter()
                 .copied()
-                .min_by(|&i, &j| gap(i).total_cmp(&gap(j)));
-            let taken = nearest.filter(|&i| {
-                gap(i) < REUSE_RADIUS
-                    && box_sides(self.local_mesh.nodes()[i], extent) == box_sides(to, extent)
+                .min_by(|&i, &j| distance_ratio(i).total_cmp(&distance_ratio(j)));
+            let reused = nearest.filter(|&i| {
+                distance_ratio(i) < REUSE_RADIUS
+                    && box_sides(self.local_mesh.nodes()[i], extent) == box_sides(position, extent)
             });
-            match (step.action, taken) {
+            match (step.action, reused) {
                 (Action::Shift { node, .. }, _) => {
-                    self.shift_atom(self.local_number(node), to, step)
+                    self.shift_atom(self.local_number(node), position, step)
                 }
                 (Action::Insert { number: None, .. }, Some(i)) => {
                     edited[i] = true;
-                    self.shift_atom(i, to, step);
+                    self.shift_atom(i, position, step);
                     summary.atoms[step.edit] = Some(self.node_numbers[i]);
                 }
-                _ => self.insert_atom(to, step),
+                _ => self.insert_atom(position, step),
             }
-            for i in crowd {
+            for i in crowding {
                 if !edited[i] {
                     self.remove_atom(i);
                     summary.removed_neighbours += 1;
@@ -284,7 +316,7 @@ where
         }
     }
 
-    /// The number of a node within the part.
+    /// Returns the local number of a node of the part.
     fn local_number(&self, node: u32) -> usize {
         self.node_numbers.partition_point(|&n| n < node)
     }
@@ -294,111 +326,119 @@ where
         self.target_state.kinds[i] = kind_at(self.local_mesh.nodes()[i], self.window.extent());
     }
 
-    fn insert_atom(&mut self, to: [f64; D], step: EditStep<D>) {
-        self.target_state.targets.push(to);
+    fn insert_atom(&mut self, position: [f64; D], step: EditStep<D>) {
+        self.target_state.targets.push(position);
         self.target_state.kinds.push(step.kind);
         self.target_state.is_removed.push(false);
         self.insertions.push(step);
     }
 
-    fn shift_atom(&mut self, i: usize, to: [f64; D], step: EditStep<D>) {
-        self.target_state.targets[i] = to;
+    fn shift_atom(&mut self, i: usize, position: [f64; D], step: EditStep<D>) {
+        self.target_state.targets[i] = position;
         self.target_state.kinds[i] = step.kind;
         self.group.steps.push(EditStep {
             action: Action::Shift {
                 node: self.node_numbers[i],
-                target: to,
+                target: position,
             },
             ..step
         });
     }
 
-    /// Makes the part's cells anew and puts them into the whole mesh. Gives the part as it was and as
-    /// it is, in lattice space.
+    /// Rebuilds the part's cells and puts them into the whole mesh. Returns the part before and
+    /// after, in lattice space.
     ///
     /// # Errors
-    /// [`Error::Mesh`] if an atom cannot be joined to its neighbours where it is, or cannot go; and
-    /// what else keeps the part from being joined.
+    /// Returns [`Error::Mesh`] if an atom cannot be joined to its neighbours where it is, or cannot
+    /// be removed, and other errors of the reconnection.
     pub fn remesh(
         mut self,
-        body: &mut EditableMesh<D, M>,
-        around: &LocalFields<D>,
+        editable: &mut EditableMesh<D, M>,
+        fields: &LocalFields<D>,
         context: &Context<'_, D>,
         summary: &mut Summary,
     ) -> Result<[M; 2]> {
-        let without;
-        let (features, min_angle) = match context.params.min_dihedral {
-            Some(angle) => (&around.features, angle),
+        let no_features;
+        let (features, min_angle) = match context.params.spec.target() {
+            Some(target) => (&fields.features, target.min_dihedral),
             None => {
-                without = Features::empty(self.window.dims, &feature::DetectionOptions::default());
-                (&without, MIN_ANGLE)
+                no_features =
+                    Features::empty(self.window.dims, &feature::DetectionOptions::default());
+                (&no_features, MIN_ANGLE)
             }
         };
         let scene = MeshScene {
             extent: self.window.extent(),
             features,
-            distance: &around.distance,
+            distance: &fields.distance,
         };
-        let done = loop {
-            let wanted = self.target_state.clone();
-            match MeshSpace::<D>::rejoin(self.local_mesh.clone(), wanted, &scene, min_angle) {
-                Ok(done) => break done,
+        let reshaped = loop {
+            let request = self.target_state.clone();
+            match MeshSpace::<D>::rejoin(self.local_mesh.clone(), request, &scene, min_angle) {
+                Ok(reshaped) => break reshaped,
                 Err(ReshapeError::Node(node)) => self.replace_shift(node as usize, context)?,
                 Err(ReshapeError::Mesh(error)) => return Err(error),
             }
         };
         let count = self.node_numbers.len();
-        let mut whole: Vec<u32> = Vec::with_capacity(done.request_nodes.len());
-        let mut kept = vec![false; count];
-        for (j, &k) in done.request_nodes.iter().enumerate() {
+        let mut global_numbers: Vec<u32> = Vec::with_capacity(reshaped.request_nodes.len());
+        let mut is_kept = vec![false; count];
+        for (j, &k) in reshaped.request_nodes.iter().enumerate() {
             let k = k as usize;
-            let (local, x) = (k < count, done.mesh.nodes()[j]);
-            let n = if local {
+            let (is_old, x) = (k < count, reshaped.mesh.nodes()[j]);
+            let n = if is_old {
                 self.node_numbers[k]
             } else {
-                body.add_node()
+                editable.add_node()
             };
-            whole.push(n);
+            global_numbers.push(n);
             let i = n as usize;
-            if local {
-                kept[k] = true;
+            if is_old {
+                is_kept[k] = true;
                 if self.target_state.kinds[k] == AtomKind::Fixed && self.temperatures[k] > 0.0 {
-                    body.kinds[i] = AtomKind::Fixed;
+                    editable.kinds[i] = AtomKind::Fixed;
                 }
             } else {
-                body.kinds[i] = done.kinds[j];
+                editable.kinds[i] = reshaped.kinds[j];
             }
-            if local && x == self.local_mesh.nodes()[k] {
+            if is_old && x == self.local_mesh.nodes()[k] {
                 continue;
             }
-            body.set_node_position(i, self.window.to_global(x));
-            body.distance[i] = around.distance.value_at(x) as f32;
-            body.feature[i] = around.features.potential.value(x) as f32;
+            editable.set_node_position(i, self.window.to_global(x));
+            editable.distance[i] = fields.distance.value_at(x) as f32;
+            editable.feature[i] = fields.features.potential.value(x) as f32;
         }
-        self.record_edited_atoms(body, &done.request_nodes, &whole, context, summary);
+        self.record_edited_atoms(
+            editable,
+            &reshaped.request_nodes,
+            &global_numbers,
+            context,
+            summary,
+        );
         for (k, &n) in self.node_numbers.iter().enumerate() {
-            body.is_used[n as usize] = kept[k];
+            editable.is_used[n as usize] = is_kept[k];
         }
-        let regions = self.cell_regions(body, &done.mesh);
-        let horizons = horizon_bits(&done.mesh, &done.feature_faces, &around.features);
+        let regions = self.cell_regions(editable, &reshaped.mesh);
+        let horizons = horizon_bits(&reshaped.mesh, &reshaped.feature_faces, &fields.features);
         summary.cells[0] += self.local_mesh.len();
-        summary.cells[1] += done.mesh.len();
-        body.replace_cells(
+        summary.cells[1] += reshaped.mesh.len();
+        editable.replace_cells(
             &self.cell_slots,
-            &done.mesh,
-            &whole,
-            [&done.feature_faces, &horizons],
+            &reshaped.mesh,
+            &global_numbers,
+            [&reshaped.feature_faces, &horizons],
             &regions,
         );
-        Ok([self.local_mesh, done.mesh])
+        Ok([self.local_mesh, reshaped.mesh])
     }
 
-    /// Tells where edited atoms are, and puts them exactly where the user has put them.
+    /// Records the numbers of the edited atoms in `summary` and `editable`, and sets the physical
+    /// positions of fixed ones exactly to those of the edits.
     fn record_edited_atoms(
         &self,
-        body: &mut EditableMesh<D, M>,
-        kept: &[u32],
-        whole: &[u32],
+        editable: &mut EditableMesh<D, M>,
+        request_nodes: &[u32],
+        global_numbers: &[u32],
         context: &Context<'_, D>,
         summary: &mut Summary,
     ) {
@@ -411,47 +451,50 @@ where
                 Action::Shift { node, .. } => Some((self.local_number(node), step)),
                 _ => None,
             });
-        let come = (count..).zip(&self.insertions);
-        for (k, step) in shifted.chain(come) {
-            let Some(j) = kept.iter().position(|&other| other as usize == k) else {
+        let inserted = (count..).zip(&self.insertions);
+        for (k, step) in shifted.chain(inserted) {
+            let Some(j) = request_nodes.iter().position(|&other| other as usize == k) else {
                 continue;
             };
-            let n = whole[j];
+            let n = global_numbers[j];
             summary.atoms[step.edit] = Some(n);
             if let Action::Insert {
                 number: Some(number),
                 ..
             } = step.action
             {
-                body.renumberings.push((n, number));
+                editable.renumberings.push((n, number));
             }
-            body.kinds[n as usize] = step.kind;
+            editable.kinds[n as usize] = step.kind;
             if let (AtomKind::Fixed, AtomChange::Add(x) | AtomChange::Move(_, x)) =
                 (step.kind, context.edits[step.edit].change)
             {
-                body.set_exact_position(n as usize, x);
+                editable.set_exact_position(n as usize, x);
             }
         }
     }
 
-    /// An atom that cannot be shifted goes, and comes anew where it shall be.
+    /// Replaces the shift of an atom that cannot be shifted by a removal and an insertion.
+    ///
+    /// # Errors
+    /// Returns [`Error::Mesh`] if node `i` is not a shifted one.
     fn replace_shift(&mut self, i: usize, context: &Context<'_, D>) -> Result<()> {
         let count = self.node_numbers.len();
         let is_shift = |step: &EditStep<D>| match step.action {
             Action::Shift { node, .. } => i < count && node == self.node_numbers[i],
             _ => false,
         };
-        if let Some(at) = self.group.steps.iter().position(is_shift) {
-            let step = self.group.steps.remove(at);
-            let to = self.target_state.targets[i];
+        if let Some(index) = self.group.steps.iter().position(is_shift) {
+            let step = self.group.steps.remove(index);
+            let target = self.target_state.targets[i];
             self.remove_atom(i);
             let number = Some(self.node_numbers[i]);
-            let action = Action::Insert { target: to, number };
-            self.insert_atom(to, EditStep { action, ..step });
+            let action = Action::Insert { target, number };
+            self.insert_atom(target, EditStep { action, ..step });
             return Ok(());
         }
-        let newcomer = self.insertions.get(i.wrapping_sub(count));
-        let name = newcomer.map_or_else(
+        let insertion = self.insertions.get(i.wrapping_sub(count));
+        let name = insertion.map_or_else(
             || format!("atom {}", self.node_numbers[i.min(count - 1)]),
             |step| context.edits[step.edit].name.clone(),
         );
@@ -462,16 +505,16 @@ where
         )))
     }
 
-    /// For each cell of the new part, the region of the old cell in which its centre lies.
-    fn cell_regions(&self, body: &EditableMesh<D, M>, new: &M) -> Vec<i32> {
-        let old: Vec<i32> = self
+    /// Returns, for each cell of the new part, the region of the old cell whose centre is nearest.
+    fn cell_regions(&self, editable: &EditableMesh<D, M>, new_mesh: &M) -> Vec<i32> {
+        let old_regions: Vec<i32> = self
             .cell_slots
             .iter()
-            .map(|&slot| body.region[slot])
+            .map(|&slot| editable.region[slot])
             .collect();
-        let first = old.first().copied().unwrap_or(0);
-        if old.iter().all(|&r| r == first) {
-            return vec![first; new.len()];
+        let first = old_regions.first().copied().unwrap_or(0);
+        if old_regions.iter().all(|&r| r == first) {
+            return vec![first; new_mesh.len()];
         }
         let centre = |mesh: &M, c: usize| -> [f64; D] {
             let corners = mesh.cell(c).iter().map(|&n| mesh.nodes()[n as usize]);
@@ -479,16 +522,20 @@ where
                 std::array::from_fn(|k| sum[k] + x[k] / (D + 1) as f64)
             })
         };
-        // The nearest centre is as good as the cell itself.
+        // The cell with the nearest centre is accurate enough; the containing cell need not be
+        // found.
         let centres: Vec<[f64; D]> = (0..self.local_mesh.len())
             .map(|c| centre(&self.local_mesh, c))
             .collect();
         let region = |c: usize| {
-            let x = centre(new, c);
-            let gaps = centres.iter().map(|&y| squared_distance(x, y)).zip(&old);
-            let nearest = gaps.min_by(|a, b| a.0.total_cmp(&b.0));
+            let x = centre(new_mesh, c);
+            let distances2 = centres
+                .iter()
+                .map(|&y| squared_distance(x, y))
+                .zip(&old_regions);
+            let nearest = distances2.min_by(|a, b| a.0.total_cmp(&b.0));
             nearest.map_or(first, |(_, &region)| region)
         };
-        (0..new.len()).map(region).collect()
+        (0..new_mesh.len()).map(region).collect()
     }
 }

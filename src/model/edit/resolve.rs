@@ -1,5 +1,5 @@
-//! What the user asks for -> changes of the lattice, checked, in groups whose neighbourhoods do not
-//! meet.
+//! Converts the user's edits into changes of the lattice: checks them, and sorts them into groups
+//! whose neighbourhoods do not overlap.
 
 use super::{AtomChange, Edit};
 use crate::error::cause;
@@ -10,96 +10,105 @@ use crate::lattice::distance::Distance;
 use crate::lattice::seeding::{Alignment, fixed_atoms, kind_at, side_count};
 use crate::{Error, Result};
 
-/// The atoms of a mesh, before any edit.
+/// The atoms of a mesh before any edit.
 #[derive(Debug, Clone, Copy)]
 pub struct EditLattice<'a, const D: usize> {
-    /// The name of the mesh in errors.
+    /// Name of the mesh in error messages.
     pub place: &'a str,
-    /// Where atoms are.
+    /// Positions of the atoms in lattice space.
     pub nodes: &'a [[f64; D]],
-    /// What each may do.
+    /// Kind of each atom: how it may move.
     pub kinds: &'a [AtomKind],
-    /// d at each.
+    /// Nominal distance d at each atom.
     pub distance: &'a [f32],
-    /// The far corner of the box.
+    /// Far corner of the box.
     pub extent: [f64; D],
     /// Length of one sample along each axis.
     pub step: [f64; D],
-    /// From samples to physical coordinates.
+    /// Map from sample indices to physical coordinates.
     pub geometry: &'a Geometry<D>,
-    /// On features atoms are nodes of a mesh, alongside they have cells.
+    /// Position of the atoms relative to features: with `OnFeatures` atoms are the nodes of the
+    /// mesh, with `AlongsideFeatures` they are the sites of cells.
     pub alignment: Alignment,
 }
 
 impl<const D: usize> EditLattice<'_, D> {
-    /// The nominal distance at the atom nearest to a position.
+    /// Returns the nominal distance at the atom nearest to `x`.
     pub fn nominal_distance_at(&self, x: [f64; D]) -> f64 {
-        let gaps = self.nodes.iter().map(|&y| squared_distance(x, y));
-        let nearest = gaps
-            .zip(self.distance)
-            .fold((f64::INFINITY, 0.0), |best, (gap, &d)| {
-                if gap < best.0 { (gap, d) } else { best }
-            });
+        let distances2 = self.nodes.iter().map(|&y| squared_distance(x, y));
+        let nearest =
+            distances2
+                .zip(self.distance)
+                .fold((f64::INFINITY, 0.0), |best, (distance2, &d)| {
+                    if distance2 < best.0 {
+                        (distance2, d)
+                    } else {
+                        best
+                    }
+                });
         f64::from(nearest.1)
     }
 }
 
-/// A change of the lattice; positions are of lattice space.
+/// A change of the lattice; positions are in lattice space.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Action<const D: usize> {
-    /// An atom goes.
+    /// Removes an atom.
     Remove {
-        /// Its number.
+        /// Number of the atom.
         node: u32,
     },
-    /// An atom comes.
+    /// Inserts an atom.
     Insert {
-        /// Where.
+        /// Position of the new atom.
         target: [f64; D],
-        /// The number that it shall have, if it comes from elsewhere.
+        /// Number that the atom shall have, if it is an existing atom that moves far.
         number: Option<u32>,
     },
-    /// An atom goes a little way.
+    /// Shifts an atom by less than [`MAX_SHIFT`].
     Shift {
-        /// Its number.
+        /// Number of the atom.
         node: u32,
-        /// Where to.
+        /// New position of the atom.
         target: [f64; D],
     },
 }
 
-/// An action, and where it comes from.
+/// An action, with the edit that it belongs to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EditStep<const D: usize> {
-    /// What shall happen.
+    /// The change of the lattice.
     pub action: Action<D>,
-    /// The number of the edit.
+    /// Index of the edit.
     pub edit: usize,
-    /// What the atom will be that comes or is shifted.
+    /// Kind of the inserted or shifted atom.
     pub kind: AtomKind,
 }
 
-/// Steps near one another.
+/// Steps whose neighbourhoods overlap.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct EditGroup<const D: usize> {
-    /// What shall happen.
+    /// The steps of the group.
     pub steps: Vec<EditStep<D>>,
-    /// Every position where an atom comes, goes or was, with the d that is there.
+    /// All positions where an atom is inserted, removed or moved from or to, each with d there.
     pub edited_places: Vec<([f64; D], f64)>,
 }
 
-/// Atoms that go farther than this, in units of d, leave their place and come anew.
+/// Largest distance, in units of d, over which an atom is shifted. Over larger distances it is
+/// removed and inserted again.
 const MAX_SHIFT: f64 = 0.7;
 
-/// Beyond this, in units of d, nothing is of interest to an edit: warm atoms are within five d, the
-/// cells that they have within 1.7 more, and the atoms that these feel are not farther.
+/// Radius, in units of d, within which an edit depends on the mesh and the image: warm atoms are
+/// within 5 d, their cells within 1.7 d more, and the atoms that interact with warm atoms are not
+/// farther.
 pub const INFLUENCE_RADIUS: f64 = 7.5;
 
-/// Checks edits and sorts them into groups; with `free`, atoms are not fixed where they are put.
+/// Checks the edits and sorts them into groups. With `free`, inserted and moved atoms are not
+/// fixed.
 ///
 /// # Errors
-/// [`Error::Mesh`] for an atom that does not exist, is edited twice or is a corner of the box;
-/// [`Error::Seeding`] for a place outside the box or that of another atom.
+/// Returns [`Error::Mesh`] if an atom does not exist, is edited twice or is a corner of the box;
+/// [`Error::Seeding`] if a position is outside the box or that of another atom.
 pub fn resolve<const D: usize>(
     lattice: &EditLattice<'_, D>,
     edits: &[Edit<D>],
@@ -107,62 +116,79 @@ pub fn resolve<const D: usize>(
 ) -> Result<Vec<EditGroup<D>>> {
     check_atoms(lattice, edits)?;
     let targets = target_positions(lattice, edits)?;
-    let mut all = Vec::new();
+    let mut groups = Vec::new();
     for (number, (edit, target)) in edits.iter().zip(targets).enumerate() {
         let step = |action| EditStep {
             action,
             edit: number,
             kind: match target {
-                Some(to) if free => kind_at(to, lattice.extent),
+                Some(position) if free => kind_at(position, lattice.extent),
                 _ => AtomKind::Fixed,
             },
         };
-        let at = |node: u32| lattice.nodes[node as usize];
-        let one = |action, places: &[[f64; D]]| EditGroup {
+        let node_position = |node: u32| lattice.nodes[node as usize];
+        let group = |action, places: &[[f64; D]]| EditGroup {
             steps: vec![step(action)],
             edited_places: (places.iter())
                 .map(|&x| (x, lattice.nominal_distance_at(x)))
                 .collect(),
         };
         match (edit.change, target) {
-            (AtomChange::Remove(node), _) => all.push(one(Action::Remove { node }, &[at(node)])),
-            (AtomChange::Move(node, _), Some(to)) => {
-                let from = at(node);
-                let far = squared_distance(from, to).sqrt()
-                    > MAX_SHIFT * lattice.nominal_distance_at(from);
-                if far || box_sides(from, lattice.extent) != box_sides(to, lattice.extent) {
+            (AtomChange::Remove(node), _) => {
+                groups.push(group(Action::Remove { node }, &[node_position(node)]))
+            }
+            (AtomChange::Move(node, _), Some(position)) => {
+                let old_position = node_position(node);
+                let is_far = squared_distance(old_position, position).sqrt()
+                    > MAX_SHIFT * lattice.nominal_distance_at(old_position);
+                if is_far
+                    || box_sides(old_position, lattice.extent)
+                        != box_sides(position, lattice.extent)
+                {
                     let number = Some(node);
-                    all.push(one(Action::Remove { node }, &[from]));
-                    all.push(one(Action::Insert { target: to, number }, &[to]));
+                    groups.push(group(Action::Remove { node }, &[old_position]));
+                    groups.push(group(
+                        Action::Insert {
+                            target: position,
+                            number,
+                        },
+                        &[position],
+                    ));
                 } else {
-                    all.push(one(Action::Shift { node, target: to }, &[from, to]));
+                    groups.push(group(
+                        Action::Shift {
+                            node,
+                            target: position,
+                        },
+                        &[old_position, position],
+                    ));
                 }
             }
-            (_, Some(to)) => all.push(one(
+            (_, Some(position)) => groups.push(group(
                 Action::Insert {
-                    target: to,
+                    target: position,
                     number: None,
                 },
-                &[to],
+                &[position],
             )),
             (_, None) => {}
         }
     }
-    Ok(merge_groups(all))
+    Ok(merge_groups(groups))
 }
 
-/// The square of the distance between two positions.
+/// Returns the square of the distance between two positions.
 pub fn squared_distance<const D: usize>(x: [f64; D], y: [f64; D]) -> f64 {
     (0..D).map(|k| (x[k] - y[k]).powi(2)).sum()
 }
 
-/// The sides of the box on which a position lies: two bits an axis.
+/// Returns the sides of the box on which a position lies, as two bits per axis (low and high side).
 pub fn box_sides<const D: usize>(x: [f64; D], extent: [f64; D]) -> u32 {
     let bits = |k: usize| u32::from(x[k] <= 0.0) | u32::from(x[k] >= extent[k]) << 1;
-    (0..D).fold(0, |all, k| all | bits(k) << (2 * k))
+    (0..D).fold(0, |sides, k| sides | bits(k) << (2 * k))
 }
 
-/// Atoms must exist, be no corners, and be edited once.
+/// Checks that the edited atoms exist, are not corners of the box, and are edited only once.
 fn check_atoms<const D: usize>(lattice: &EditLattice<'_, D>, edits: &[Edit<D>]) -> Result<()> {
     let mut seen: Vec<(u32, &str)> = Vec::new();
     for edit in edits {
@@ -175,7 +201,7 @@ fn check_atoms<const D: usize>(lattice: &EditLattice<'_, D>, edits: &[Edit<D>]) 
         if node as usize >= count {
             return refuse(
                 format!(
-                    "{} has no atom {node}: they are 0 to {}",
+                    "{} has no atom {node}: its atoms are numbered 0 to {}",
                     lattice.place,
                     count - 1
                 ),
@@ -206,45 +232,49 @@ fn check_atoms<const D: usize>(lattice: &EditLattice<'_, D>, edits: &[Edit<D>]) 
     Ok(())
 }
 
-/// Where atoms come or are moved to, in lattice space: in the box, on its sides exactly, and not at the
-/// place of another atom that stays.
+/// Returns, for each edit, the position in lattice space where its atom is put; `None` for
+/// removals. Checks that the positions are in the box and not at the place of an atom that stays,
+/// and moves those near a side exactly onto it.
 fn target_positions<const D: usize>(
     lattice: &EditLattice<'_, D>,
     edits: &[Edit<D>],
 ) -> Result<Vec<Option<[f64; D]>>> {
-    let target = |edit: &Edit<D>| match edit.change {
+    let requested_position = |edit: &Edit<D>| match edit.change {
         AtomChange::Add(position) | AtomChange::Move(_, position) => Some(position),
         AtomChange::Remove(_) => None,
     };
     let placed: Vec<(usize, FixedAtom<D>)> = (edits.iter().enumerate())
         .filter_map(|(n, edit)| {
             let name = edit.name.clone();
-            target(edit).map(|position| (n, FixedAtom { name, position }))
+            requested_position(edit).map(|position| (n, FixedAtom { name, position }))
         })
         .collect();
     let points: Vec<FixedAtom<D>> = placed.iter().map(|(_, point)| point.clone()).collect();
     let points = lattice_points(&points, lattice.geometry, lattice.step, lattice.extent)?;
-    let least = lattice
+    let min_distance = lattice
         .distance
         .iter()
         .copied()
         .fold(f32::INFINITY, f32::min);
-    let least = Distance::Constant(f64::from(least));
-    let points = fixed_atoms::validate(&points, lattice.extent, &least, lattice.alignment)?;
-    let leaves = |node: usize| {
-        let of = |edit: &Edit<D>| match edit.change {
+    let min_distance = Distance::Constant(f64::from(min_distance));
+    let points = fixed_atoms::validate(&points, lattice.extent, &min_distance, lattice.alignment)?;
+    let is_vacated = |node: usize| {
+        let concerns_node = |edit: &Edit<D>| match edit.change {
             AtomChange::Move(n, _) | AtomChange::Remove(n) => n as usize == node,
             AtomChange::Add(_) => false,
         };
-        edits.iter().any(of)
+        edits.iter().any(concerns_node)
     };
     let mut targets = vec![None; edits.len()];
-    for ((number, point), to) in placed.iter().zip(points) {
-        let same = 1e-6 * lattice.nominal_distance_at(to);
+    for ((number, point), position) in placed.iter().zip(points) {
+        let tolerance = 1e-6 * lattice.nominal_distance_at(position);
         for (node, &x) in lattice.nodes.iter().enumerate() {
-            let stays =
+            let is_immovable =
                 lattice.kinds[node] == AtomKind::Fixed || side_count(x, lattice.extent) == D;
-            if stays && squared_distance(x, to) <= same * same && !leaves(node) {
+            if is_immovable
+                && squared_distance(x, position) <= tolerance * tolerance
+                && !is_vacated(node)
+            {
                 return Err(Error::Seeding(cause(
                     &point.name,
                     format!("is at the place of atom {node}, which stays where it is"),
@@ -252,27 +282,27 @@ fn target_positions<const D: usize>(
                 )));
             }
         }
-        targets[*number] = Some(to);
+        targets[*number] = Some(position);
     }
     Ok(targets)
 }
 
-/// Unites groups whose neighbourhoods may meet.
-fn merge_groups<const D: usize>(mut all: Vec<EditGroup<D>>) -> Vec<EditGroup<D>> {
+/// Merges groups whose neighbourhoods may overlap.
+fn merge_groups<const D: usize>(mut pending: Vec<EditGroup<D>>) -> Vec<EditGroup<D>> {
     let meet = |a: &EditGroup<D>, b: &EditGroup<D>| {
-        let near = |(x, d): &([f64; D], f64)| {
+        let is_close = |(x, d): &([f64; D], f64)| {
             let reach = |e: f64| INFLUENCE_RADIUS * (d + e);
             b.edited_places
                 .iter()
                 .any(|&(y, e)| squared_distance(*x, y) < reach(e).powi(2))
         };
-        a.edited_places.iter().any(near)
+        a.edited_places.iter().any(is_close)
     };
     let mut groups: Vec<EditGroup<D>> = Vec::new();
-    while let Some(mut group) = (!all.is_empty()).then(|| all.remove(0)) {
-        // Whatever meets what has been united may meet another, too.
-        while let Some(other) = all.iter().position(|other| meet(&group, other)) {
-            let other = all.remove(other);
+    while let Some(mut group) = (!pending.is_empty()).then(|| pending.remove(0)) {
+        // The merged group may overlap groups that did not overlap the first one.
+        while let Some(other) = pending.iter().position(|other| meet(&group, other)) {
+            let other = pending.remove(other);
             group.steps.extend(other.steps);
             group.edited_places.extend(other.edited_places);
         }

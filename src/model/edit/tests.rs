@@ -1,8 +1,9 @@
+use crate::job::spec::{DistanceSource, MeshSpec, NominalDistance};
 use std::collections::BTreeSet;
 
 use super::*;
 use crate::image::Geometry;
-use crate::job::{self, BOX_TOLERANCE, FixedAtom, Spacing};
+use crate::job::{self, BOX_TOLERANCE, FixedAtom};
 use crate::lattice::AtomKind;
 use crate::lattice::optimize::NoProgress;
 use crate::mesh::TriMesh;
@@ -11,19 +12,19 @@ use crate::report::{Reference, fidelity, quality};
 use crate::store::StoredMesh;
 use crate::store::output::simplex_mesh_file;
 
-/// An image with a bright curved sheet across it, somewhere in the world.
+/// Returns an image of a bright curved surface, with a geometry that is not the identity.
 pub(super) fn image<const D: usize>(dims: [usize; D]) -> Image<D> {
     let value = |i: usize| {
-        let mut rest = i;
+        let mut remaining = i;
         let x: [f64; D] = std::array::from_fn(|k| {
-            let at = rest % dims[k];
-            rest /= dims[k];
-            at as f64
+            let index = remaining % dims[k];
+            remaining /= dims[k];
+            index as f64
         });
-        let off = x[0] - 20.0 - 0.2 * x[1] + 2.0 * (0.1 * x[D - 1]).sin();
-        (-0.5 * (off / 1.5).powi(2)).exp() as f32
+        let distance = x[0] - 20.0 - 0.2 * x[1] + 2.0 * (0.1 * x[D - 1]).sin();
+        (-0.5 * (distance / 1.5).powi(2)).exp() as f32
     };
-    // Left-handed, as depth downwards makes it.
+    // Left-handed, as is usual with depth downwards.
     let mut spacing = [2.0; D];
     spacing[D - 1] = -2.0;
     let geometry = Geometry::with_spacing([100.0; D], spacing);
@@ -39,11 +40,12 @@ pub(super) fn world_position<const D: usize>(sample: [f64; D]) -> [f64; D] {
 }
 
 pub(super) fn params<const D: usize>(d: f64) -> Params<D> {
-    Params {
-        spacing: Spacing::Constant(d),
+    Params::new(MeshSpec {
+        distance: NominalDistance::Constant(d),
         feature: feature::FeatureKind::Ridges,
-        ..Params::default()
-    }
+        ..MeshSpec::default()
+    })
+    .unwrap()
 }
 
 fn make_mesh<const D: usize, M: Simplices<D>>(image: &Image<D>, params: &Params<D>) -> MeshFile<M>
@@ -84,7 +86,7 @@ where
 }
 
 #[test]
-fn a_mesh_that_is_not_valid_is_refused() {
+fn an_invalid_mesh_is_refused() {
     let (image, params) = (image([40, 36]), params(6.0));
     let good: MeshFile<TriMesh> = make_mesh(&image, &params);
     let change = AtomChange::Remove(9);
@@ -100,30 +102,33 @@ fn a_mesh_that_is_not_valid_is_refused() {
     assert!(holed.starts_with("mesh: is not valid"), "{holed}");
 }
 
-/// The node nearest to a position in samples.
+/// Returns the node nearest to a position in samples.
 fn nearest_node<const D: usize, M: Simplices<D>>(file: &MeshFile<M>, sample: [f64; D]) -> u32 {
     let x = world_position(sample);
-    let gap = |n: usize| resolve::squared_distance(file.mesh.nodes()[n], x);
+    let distance2_to = |n: usize| resolve::squared_distance(file.mesh.nodes()[n], x);
     let nodes = 0..file.mesh.nodes().len();
-    nodes.min_by(|&a, &b| gap(a).total_cmp(&gap(b))).unwrap() as u32
+    nodes
+        .min_by(|&a, &b| distance2_to(a).total_cmp(&distance2_to(b)))
+        .unwrap() as u32
 }
 
 pub(super) fn coordinate_bits<const D: usize>(x: [f64; D]) -> [u64; D] {
     x.map(f64::to_bits)
 }
 
-/// Nodes farther than `radius` (world units) from all positions, and cells all of whose nodes are, as
-/// bits; with each cell what is stored for it.
+/// Nodes farther than a radius (physical units) from all positions, and cells that have only such
+/// nodes with the values of their arrays, as bits.
 type FarParts<const D: usize> = (BTreeSet<[u64; D]>, BTreeSet<(Vec<[u64; D]>, Vec<u64>)>);
 
 fn far_parts<const D: usize, M: Simplices<D>>(
     file: &MeshFile<M>,
-    from: &[[f64; D]],
+    positions: &[[f64; D]],
     radius: f64,
 ) -> FarParts<D> {
     let nodes = file.mesh.nodes();
     let is_far = |x: [f64; D]| {
-        from.iter()
+        positions
+            .iter()
             .all(|&y| resolve::squared_distance(x, y) > radius * radius)
     };
     let data: Vec<Vec<f64>> = file.cell_data.iter().map(|a| a.values.to_f64()).collect();
@@ -132,8 +137,8 @@ fn far_parts<const D: usize, M: Simplices<D>>(
             .map(|&n| nodes[n as usize])
             .collect();
         let stored = data.iter().map(|a| a[c].to_bits()).collect();
-        let all = corners.iter().all(|&x| is_far(x));
-        all.then(|| (corners.into_iter().map(coordinate_bits).collect(), stored))
+        let is_all_far = corners.iter().all(|&x| is_far(x));
+        is_all_far.then(|| (corners.into_iter().map(coordinate_bits).collect(), stored))
     });
     let cells = cells.collect();
     let nodes = nodes
@@ -144,7 +149,8 @@ fn far_parts<const D: usize, M: Simplices<D>>(
     (nodes.collect(), cells)
 }
 
-/// Adds, moves (a little and far) and removes atoms, near one another and apart.
+/// Adds, moves (by a small and by a large distance) and removes atoms, near each other and far
+/// apart.
 fn edits_stay_local<const D: usize, M: Simplices<D>>(dims: [usize; D], d: f64)
 where
     MeshSpace<D>: Meshing<D, Mesh = M>,
@@ -175,11 +181,11 @@ where
     let after = edit_mesh(&before, &image, &params, &changes).unwrap();
     let EditedMesh { file, summary } = &after;
 
-    // Atoms are where they were put, to the bit, and fixed.
-    let at = |n: usize| file.mesh.nodes()[summary.atoms[n].unwrap() as usize];
-    assert_eq!(at(0), world_position(added));
-    assert_eq!(at(1), world_position(far_to));
-    assert_eq!(at(2), nudge);
+    // Atoms are exactly where the edits put them, and fixed.
+    let position = |n: usize| file.mesh.nodes()[summary.atoms[n].unwrap() as usize];
+    assert_eq!(position(0), world_position(added));
+    assert_eq!(position(1), world_position(far_to));
+    assert_eq!(position(2), nudge);
     assert_eq!(summary.atoms[1..3], [Some(moved_far), Some(nudged)]);
     assert_eq!(summary.atoms[3..], [None, None]);
     let kinds = file.point_data[0].values.to_f64();
@@ -188,11 +194,12 @@ where
         assert_eq!(kinds[n], f64::from(AtomKind::Fixed as u8));
     }
     let old = |n: u32| before.mesh.nodes()[n as usize];
-    for gone in [removed, on_side, moved_far] {
-        assert!(!file.mesh.nodes().contains(&old(gone)));
+    for removed_atom in [removed, on_side, moved_far] {
+        assert!(!file.mesh.nodes().contains(&old(removed_atom)));
     }
 
-    // Far away nothing has changed by a bit; there is something far away; near by, much has changed.
+    // Far from the edits no bit has changed. Some cells are far away, and many nodes near the edits
+    // have changed.
     let places = [
         world_position(added),
         world_position(far_to),
@@ -211,54 +218,57 @@ where
         cells.len(),
         before.mesh.len()
     );
-    let near = |radius: f64| {
+    let unchanged_count = |radius: f64| {
         far_parts(&before, &places, radius)
             .0
             .intersection(&far_parts(file, &places, radius).0)
             .count()
     };
-    let kept = near(0.0) - near(2.0 * 4.0 * d);
-    assert!(kept * 10 < before.mesh.nodes().len(), "{kept}");
+    let unchanged_near = unchanged_count(0.0) - unchanged_count(2.0 * 4.0 * d);
+    assert!(
+        unchanged_near * 10 < before.mesh.nodes().len(),
+        "{unchanged_near}"
+    );
 
-    // Valid, every angle in range, and on the feature as before.
+    // The mesh is valid, all its angles are in range, and it covers the feature as before.
     let stored = [before.clone(), file.clone()].map(|file| StoredMesh::new(file, "mesh").unwrap());
-    let found = check(
+    let validity = check(
         &stored[1].lattice,
         [0.0; D],
         stored[1].space.extent,
         BOX_TOLERANCE,
     );
-    assert!(found.passed(), "{:?}", found.problems);
+    assert!(validity.passed(), "{:?}", validity.problems);
     let features = feature::detect(&image, &params.feature_options([1.0; D])).unwrap();
     let reference = Reference::from_features(&features);
-    let [was, is] = stored.map(|stored| {
-        let claimed = stored.feature_faces.as_deref();
-        let fidelity = fidelity(&stored.lattice, &reference, claimed).unwrap();
+    let [old, new] = stored.map(|stored| {
+        let tagged = stored.feature_faces.as_deref();
+        let fidelity = fidelity(&stored.lattice, &reference, tagged).unwrap();
         (quality(&stored.lattice), fidelity.tagged_faces.unwrap())
     });
     println!(
         "{D}-D angles {:.1} to {:.1}, before {:.1} to {:.1}; coverage {:.4}, {:.4}; precision {:.4}, {:.4}; {} of {} cells, {} made room",
-        is.0.smallest_angle.worst,
-        is.0.largest_angle.worst,
-        was.0.smallest_angle.worst,
-        was.0.largest_angle.worst,
-        is.1.coverage_one,
-        was.1.coverage_one,
-        is.1.precision,
-        was.1.precision,
+        new.0.smallest_angle.worst,
+        new.0.largest_angle.worst,
+        old.0.smallest_angle.worst,
+        old.0.largest_angle.worst,
+        new.1.coverage_one,
+        old.1.coverage_one,
+        new.1.precision,
+        old.1.precision,
         summary.cells[1],
         file.mesh.len(),
         summary.removed_neighbours,
     );
-    // Measured: 30.7 and 30.0 at least; at most 113.0 after 112.3, and 147.4 after 142.2: of tetrahedra all is well between
-    // 30 and 150 degrees.
-    let [smallest, largest] = [is.0.smallest_angle, is.0.largest_angle];
+    // Measured: smallest angles of 30.7 and 30.0 degrees; largest angles of 113.0 after 112.3, and
+    // 147.4 after 142.2. Dihedral angles of tetrahedra from 30 to 150 degrees are accepted.
+    let [smallest, largest] = [new.0.smallest_angle, new.0.largest_angle];
     assert!(smallest.worst > 29.5, "{smallest:?}");
-    let before = was.0.largest_angle.worst;
-    let most = if D == 3 { 150.5 } else { before + 2.0 };
-    assert!(largest.worst < most, "{largest:?} after {before}");
-    assert!(is.1.coverage_one > was.1.coverage_one - 0.01);
-    assert!(is.1.precision > was.1.precision - 0.01);
+    let before = old.0.largest_angle.worst;
+    let max_angle = if D == 3 { 150.5 } else { before + 2.0 };
+    assert!(largest.worst < max_angle, "{largest:?} after {before}");
+    assert!(new.1.coverage_one > old.1.coverage_one - 0.01);
+    assert!(new.1.precision > old.1.precision - 0.01);
 }
 
 #[test]
@@ -272,7 +282,7 @@ fn edits_in_the_plane_stay_local() {
     edits_stay_local([120, 110], 5.0);
 }
 
-/// The same atoms by edits and by meshing anew with them.
+/// Compares a mesh with edited atoms and a new mesh with the same atoms.
 fn compare_with_remeshing<const D: usize, M: Simplices<D>>(dims: [usize; D], d: f64)
 where
     MeshSpace<D>: Meshing<D, Mesh = M>,
@@ -298,13 +308,13 @@ where
         fixed_atoms: wells.iter().enumerate().map(fixed).collect(),
         ..plain
     };
-    let anew = make_mesh(&image, &with_wells);
+    let remeshed = make_mesh(&image, &with_wells);
     let features = feature::detect(&image, &with_wells.feature_options([1.0; D])).unwrap();
     let reference = Reference::from_features(&features);
-    let [(q, f), (r, g)] = [by_edit, anew].map(|file| {
+    let [(q, f), (r, g)] = [by_edit, remeshed].map(|file| {
         let stored = StoredMesh::new(file, "mesh").unwrap();
-        let claimed = stored.feature_faces.as_deref();
-        let fidelity = fidelity(&stored.lattice, &reference, claimed).unwrap();
+        let tagged = stored.feature_faces.as_deref();
+        let fidelity = fidelity(&stored.lattice, &reference, tagged).unwrap();
         (quality(&stored.lattice), fidelity.tagged_faces.unwrap())
     });
     let figures = format!(
@@ -319,15 +329,16 @@ where
         g.coverage_half,
     );
     println!("{figures}");
-    // Measured: means 0.0015 above those of meshing again, all features covered by both.
-    // Where every angle is in range improvement stops: how far inside is chance.
-    let (least, most): (f64, f64) = if D == 2 { (30.0, 120.0) } else { (30.0, 150.0) };
+    // Measured: mean ratios 0.0015 above those of the new mesh; both cover all features. The
+    // improvement stops as soon as every angle is in range, so margins inside the range are not
+    // compared.
+    let (min_angle, max_angle): (f64, f64) = if D == 2 { (30.0, 120.0) } else { (30.0, 150.0) };
     assert!(
-        q.smallest_angle.worst > least.min(r.smallest_angle.worst - 2.0),
+        q.smallest_angle.worst > min_angle.min(r.smallest_angle.worst - 2.0),
         "{figures}"
     );
     assert!(
-        q.largest_angle.worst < most.max(r.largest_angle.worst + 2.0),
+        q.largest_angle.worst < max_angle.max(r.largest_angle.worst + 2.0),
         "{figures}"
     );
     assert!(q.mean_ratio_mean > r.mean_ratio_mean - 0.002, "{figures}");
@@ -336,16 +347,17 @@ where
 
 #[test]
 #[cfg(feature = "tetgen")]
-fn in_space_edits_are_as_good_as_meshing_anew() {
+fn edits_in_space_are_as_good_as_remeshing() {
     compare_with_remeshing([56, 52, 60], 5.0);
 }
 
 #[test]
-fn in_the_plane_edits_are_as_good_as_meshing_anew() {
+fn edits_in_the_plane_are_as_good_as_remeshing() {
     compare_with_remeshing([90, 80], 5.0);
 }
 
-/// Work on an edit in a small and in a large image.
+/// Makes a mesh of an image of these dimensions, adds one atom, and returns the summary of the
+/// edit.
 fn edit_work<const D: usize, M: Simplices<D>>(dims: [usize; D], params: &Params<D>) -> Summary
 where
     MeshSpace<D>: Meshing<D, Mesh = M>,
@@ -361,9 +373,9 @@ fn work_does_not_grow_with_the_image() {
     let small = edit_work([100, 100], &params(5.0));
     let large = edit_work([300, 400], &params(5.0));
     assert_eq!(small.samples, large.samples);
-    let share = small.cells[1] as f64 / large.cells[1] as f64;
+    let ratio = small.cells[1] as f64 / large.cells[1] as f64;
     assert!(
-        (0.75..1.33).contains(&share),
+        (0.75..1.33).contains(&ratio),
         "{:?} {:?}",
         small.cells,
         large.cells
@@ -376,9 +388,9 @@ fn work_does_not_grow_with_the_volume() {
     let small = edit_work([60; 3], &params(5.0));
     let large = edit_work([80, 100, 90], &params(5.0));
     assert_eq!(small.samples, large.samples);
-    let share = small.cells[1] as f64 / large.cells[1] as f64;
+    let ratio = small.cells[1] as f64 / large.cells[1] as f64;
     assert!(
-        (0.75..1.33).contains(&share),
+        (0.75..1.33).contains(&ratio),
         "{:?} {:?}",
         small.cells,
         large.cells
@@ -388,12 +400,14 @@ fn work_does_not_grow_with_the_volume() {
 #[test]
 fn variable_distances_and_old_meshes() {
     let image = image([110, 100]);
-    let params = Params {
-        spacing: Spacing::FromFeatures { min: 3.0, max: 9.0 },
-        ..params(3.0)
-    };
+    let params = Params::new(MeshSpec {
+        distance: NominalDistance::Range { min: 3.0, max: 9.0 },
+        distance_from: DistanceSource::Features,
+        ..params::<2>(3.0).spec
+    })
+    .unwrap();
     let mut file = make_mesh(&image, &params);
-    // As if written before files kept how features were found.
+    // Files of earlier versions do not record how features were found.
     file.field_data.retain(|(name, _)| name != "features");
     let changes = [
         AtomChange::Add(world_position([80.3, 50.4])),
@@ -403,20 +417,20 @@ fn variable_distances_and_old_meshes() {
     assert_eq!(after.summary.notes.len(), 1);
     assert!(resolved_options(&after.file).is_some());
     let stored = StoredMesh::new(after.file.clone(), "mesh").unwrap();
-    let found = check(
+    let validity = check(
         &stored.lattice,
         [0.0; 2],
         stored.space.extent,
         BOX_TOLERANCE,
     );
-    assert!(found.passed(), "{:?}", found.problems);
+    assert!(validity.passed(), "{:?}", validity.problems);
     let quality = quality(&stored.lattice);
     assert!(
         quality.smallest_angle.worst > 25.0,
         "{:?}",
         quality.smallest_angle
     );
-    // Once more, with what the file now says; and both edits are remembered.
+    // The edited file records how features were found, and both edits.
     let again = edit_mesh(
         &after.file,
         &image,
@@ -462,7 +476,7 @@ fn regions_go_with_the_cells() {
     assert!(wrong < 20, "{wrong} of {}", regions.len());
 }
 
-/// Why something is refused: in one line, with a remedy.
+/// Returns the message of an error; checks that it is one line and has a remedy.
 pub(super) fn refusal<T>(outcome: crate::Result<T>) -> String {
     let error = outcome.err().unwrap().to_string();
     assert!(!error.contains('\n') && error.contains("; "), "{error}");

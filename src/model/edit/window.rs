@@ -1,28 +1,28 @@
-//! The part of an image round an edit.
+//! The part of an image around an edit.
 
 use crate::feature::surfaces::OpenSides;
 use crate::image::{Geometry, Image, ScalarField};
 
 /// A block of an image's samples, and the lattice space that it spans.
 ///
-/// Its own lattice space begins at its first sample; where it ends with the image, its side is the
-/// side of the box, exactly.
+/// The window's own lattice space begins at its first sample. Where the window ends at a side of
+/// the image, its side coincides exactly with the side of the box.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EditWindow<const D: usize> {
-    /// The first sample.
+    /// Index of the first sample along each axis.
     pub first: [usize; D],
-    /// The number of samples along each axis.
+    /// Number of samples along each axis.
     pub dims: [usize; D],
-    /// Along each axis, whether the image goes on beyond the low and the high side.
+    /// For each axis, `true` if the image continues beyond the low and the high side of the window.
     pub open_sides: OpenSides<D>,
     step: [f64; D],
-    /// The far corner of the whole box.
+    /// Far corner of the box of the whole image.
     global_extent: [f64; D],
 }
 
 impl<const D: usize> EditWindow<D> {
-    /// The block that holds the positions from `low` to `high` in a box of samples `step` apart, and
-    /// `margin` samples beyond.
+    /// Returns the block that contains the positions from `low` to `high`, and `margin` samples
+    /// beyond, in an image of `dims` samples that are `step` apart.
     pub fn from_bounds(
         low: [f64; D],
         high: [f64; D],
@@ -32,7 +32,7 @@ impl<const D: usize> EditWindow<D> {
         global_extent: [f64; D],
     ) -> Self {
         let first: [usize; D] = std::array::from_fn(|k| {
-            // Casts cut off at zero.
+            // The cast turns negative values into zero.
             ((low[k] / step[k]).floor() as usize)
                 .saturating_sub(margin)
                 .min(dims[k] - 1)
@@ -49,7 +49,7 @@ impl<const D: usize> EditWindow<D> {
         }
     }
 
-    /// The far corner.
+    /// Returns the far corner of the window in its own lattice space.
     pub fn extent(&self) -> [f64; D] {
         std::array::from_fn(|k| (self.dims[k] - 1) as f64 * self.step[k])
     }
@@ -58,7 +58,7 @@ impl<const D: usize> EditWindow<D> {
         self.first[k] as f64 * self.step[k]
     }
 
-    /// A position of the whole box in the window's own lattice space.
+    /// Converts a position in the whole box to the window's own lattice space.
     pub fn to_local(self, x: [f64; D]) -> [f64; D] {
         std::array::from_fn(|k| {
             if x[k] == self.global_extent[k] && !self.open_sides[k][1] {
@@ -69,7 +69,7 @@ impl<const D: usize> EditWindow<D> {
         })
     }
 
-    /// And back.
+    /// Converts a position in the window's lattice space to the whole box.
     pub fn to_global(self, x: [f64; D]) -> [f64; D] {
         std::array::from_fn(|k| {
             if x[k] == self.extent()[k] && !self.open_sides[k][1] {
@@ -80,23 +80,24 @@ impl<const D: usize> EditWindow<D> {
         })
     }
 
-    /// The block's samples of an image; where they lie in the world does not matter any more.
+    /// Returns the window's samples of an image, with the default geometry: physical positions are
+    /// not needed here.
     pub fn crop(&self, image: &Image<D>) -> Image<D> {
         let samples = self.crop_samples(image.dims(), image.as_slice());
         let rows = self
             .row_starts(image.dims())
             .map(|start| start / image.dims()[0]);
         let missing = rows.filter_map(|row| image.missing.get(row).copied());
-        let cut = Image::new(self.dims, samples, Geometry::default());
+        let cropped = Image::new(self.dims, samples, Geometry::default());
         if image.dead.is_empty() {
-            return cut.with_missing(missing.collect());
+            return cropped.with_missing(missing.collect());
         }
         let rows = self.row_starts(image.dims());
         let dead = rows.flat_map(|start| &image.dead[start..start + self.dims[0]]);
-        cut.with_dead(dead.copied().collect())
+        cropped.with_dead(dead.copied().collect())
     }
 
-    /// The same of a field.
+    /// Returns the window's samples of a field.
     pub fn crop_field(&self, field: &ScalarField<D>) -> ScalarField<D> {
         ScalarField {
             dims: self.dims,
@@ -113,14 +114,15 @@ impl<const D: usize> EditWindow<D> {
         block
     }
 
-    /// Where the block's rows along x begin in the memory of an image of these dims.
+    /// Returns the memory offsets at which the window's rows along x begin, in an image of these
+    /// dimensions.
     fn row_starts(&self, dims: [usize; D]) -> impl Iterator<Item = usize> {
         let rows: usize = self.dims[1..].iter().product();
-        (0..rows).map(move |mut rest| {
+        (0..rows).map(move |mut remaining| {
             let (mut start, mut stride) = (self.first[0], dims[0]);
             for k in 1..D {
-                start += (self.first[k] + rest % self.dims[k]) * stride;
-                rest /= self.dims[k];
+                start += (self.first[k] + remaining % self.dims[k]) * stride;
+                remaining /= self.dims[k];
                 stride *= dims[k];
             }
             start
@@ -133,13 +135,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_window_holds_its_samples_and_the_sides_of_the_box() {
+    fn a_window_contains_its_samples_and_keeps_the_sides_of_the_box() {
         let (dims, step) = ([7, 6, 5], [0.1, 1.0, 3.0]);
-        let whole: [f64; 3] = std::array::from_fn(|k| (dims[k] - 1) as f64 * step[k]);
+        let global_extent: [f64; 3] = std::array::from_fn(|k| (dims[k] - 1) as f64 * step[k]);
         let samples = (0..210).map(|i| i as f32).collect();
         let image = Image::new(dims, samples, Geometry::default());
-        let window =
-            EditWindow::from_bounds([0.31, 2.5, 0.0], [0.39, 2.6, 4.0], 1, dims, step, whole);
+        let window = EditWindow::from_bounds(
+            [0.31, 2.5, 0.0],
+            [0.39, 2.6, 4.0],
+            1,
+            dims,
+            step,
+            global_extent,
+        );
         assert_eq!((window.first, window.dims), ([2, 1, 0], [4, 4, 4]));
         assert_eq!(
             window.open_sides,
@@ -147,15 +155,19 @@ mod tests {
         );
         let part = window.crop(&image);
         assert_eq!(part.as_slice()[0], 9.0);
-        // Sample (1, 2, 3) of the part is sample (3, 3, 3) of the whole.
+        // Sample (1, 2, 3) of the cropped image is sample (3, 3, 3) of the whole image.
         assert_eq!(
             part.as_slice()[(3 * 4 + 2) * 4 + 1],
             ((3 * 6 + 3) * 7 + 3) as f32
         );
 
-        let to_the_end = EditWindow::from_bounds([0.4; 3], [0.6, 5.0, 12.0], 1, dims, step, whole);
-        let local = to_the_end.to_local([whole[0], 2.0, whole[2]]);
-        assert_eq!(local[0], to_the_end.extent()[0]);
-        assert_eq!(to_the_end.to_global(local), [whole[0], 2.0, whole[2]]);
+        let at_high_side =
+            EditWindow::from_bounds([0.4; 3], [0.6, 5.0, 12.0], 1, dims, step, global_extent);
+        let local = at_high_side.to_local([global_extent[0], 2.0, global_extent[2]]);
+        assert_eq!(local[0], at_high_side.extent()[0]);
+        assert_eq!(
+            at_high_side.to_global(local),
+            [global_extent[0], 2.0, global_extent[2]]
+        );
     }
 }

@@ -1,4 +1,4 @@
-//! Voronoi cells as a file holds them.
+//! Voronoi cells as a file stores them, prepared for edits.
 
 use crate::error::cause;
 use crate::geometry::{add_scaled, distance2, dot, sub};
@@ -14,50 +14,51 @@ use crate::store::output::{DISTANCE_ARRAY, HORIZON_FACES_ARRAY, IMAGE_ARRAY};
 use crate::store::{FieldValue, LatticeSpace, MeshFile, StoredMesh, read_labels};
 use crate::{Error, Result};
 
-/// The array that says of each cell what its atom may do, once cells have been edited.
+/// Name of the array with the kind of each cell's atom. Only edited files have it.
 pub(crate) const ATOM_KIND: &str = "atom_kind";
-/// The array that says which cells have a face on a feature.
+/// Name of the array that flags cells with a face on a feature.
 pub(super) const ON_FEATURE: &str = "on_feature";
 
-/// The name of the cells' volumes.
+/// Returns the name of the array of cell volumes.
 pub(super) fn volume_name<const D: usize>() -> &'static str {
     if D == 2 { "area" } else { "volume" }
 }
 
-/// An atom this near to a given place, in units of d, is the one given.
+/// Distance, in units of d, within which an atom counts as lying at a fixed position.
 const SITE_MATCH_RADIUS: f64 = 1e-6;
 
-/// Voronoi cells, and what is known of each.
+/// Voronoi cells and the data of each cell.
 #[derive(Debug, Clone)]
 pub struct EditableCells<const D: usize> {
     pub place: String,
-    /// In lattice space.
+    /// The cells in lattice space.
     pub mesh: PolyMesh<D>,
-    /// The same nodes and sites in the world.
+    /// Their nodes and sites in physical coordinates.
     pub world: Positions<D>,
     pub space: LatticeSpace<D>,
     pub weld: f64,
     pub fields: Vec<(String, FieldValue)>,
     pub volume: Vec<f64>,
-    /// d at each site.
+    /// Nominal distance d at each site.
     pub distance: Vec<f32>,
-    /// What each atom may do.
+    /// Kind of each atom: how it may move.
     pub kinds: Vec<AtomKind>,
-    /// Whether regions are labels: then features are where they meet.
+    /// `true` if regions are labels; features are then the faces between different regions.
     pub has_labels: bool,
-    /// Which faces lie on horizons.
+    /// For each face, `true` if it lies on a horizon.
     pub on_horizon: Vec<bool>,
-    /// The cells and sides of the box that meet in each node, ascending.
+    /// For each node, the cells and sides of the box that meet in it, ascending.
     pub cells_of_nodes: Lists,
 }
 
 impl<const D: usize> EditableCells<D> {
-    /// Of a file, which `place` names in errors. What is stored for each node or cell besides what
-    /// [`job::run`](crate::job::run) stores is dropped. Atoms that never move are those that the file says,
-    /// or else those that the parameters give.
+    /// Creates editable cells from a file, which `place` names in errors. Node and cell arrays that
+    /// [`job::run`](crate::job::run) does not write are dropped. Fixed atoms are those that the
+    /// file records, or else those that `params` gives.
     ///
     /// # Errors
-    /// [`Error::Mesh`] if the file does not record its lattice space, or the mesh is not valid.
+    /// Returns [`Error::Mesh`] if the file does not record its lattice space, or the mesh is not
+    /// valid.
     pub fn new(file: MeshFile<PolyMesh<D>>, place: &str, params: &Params<D>) -> Result<Self> {
         let StoredMesh {
             lattice: mesh,
@@ -74,35 +75,38 @@ impl<const D: usize> EditableCells<D> {
         if !space.is_stored {
             return Err(refuse("does not record its lattice space".into()));
         }
-        let known = CheckHints {
+        let hints = CheckHints {
             weld,
             ..CheckHints::default()
         };
-        let found = check_with_hints(&mesh, known, [0.0; D], space.extent, space.tolerance());
-        if let Some(problem) = found.problems.first() {
+        let validity = check_with_hints(&mesh, hints, [0.0; D], space.extent, space.tolerance());
+        if let Some(problem) = validity.problems.first() {
             return Err(refuse(format!("is not valid: {problem}")));
         }
         let cells = mesh.sites.len();
         let array = |name: &str| {
             let array = arrays.cell_array(name)?;
-            let right = array.components == 1 && array.values.len() == cells;
-            right.then(|| array.values.to_f64())
+            let matches = array.components == 1 && array.values.len() == cells;
+            matches.then(|| array.values.to_f64())
         };
         let distance = array(DISTANCE_ARRAY).filter(|d| d.iter().all(|d| *d > 0.0));
         let distance = distance.ok_or_else(|| {
             refuse(format!(
-                "lacks the cell data {DISTANCE_ARRAY}, or not all are positive"
+                "lacks the cell data {DISTANCE_ARRAY}, or has values in it that are not positive"
             ))
         })?;
         let distance: Vec<f32> = distance.into_iter().map(|d| d as f32).collect();
-        let is_given = fixed_site_test(params, &space)?;
+        let is_fixed_site = fixed_site_test(params, &space)?;
         let kinds: Vec<AtomKind> = match array(ATOM_KIND) {
             Some(kinds) => {
-                let fixed = |kind: f64| kind == f64::from(AtomKind::Fixed as u8);
-                kinds.into_iter().map(|kind| kind_of(fixed(kind))).collect()
+                let is_fixed = |kind: f64| kind == f64::from(AtomKind::Fixed as u8);
+                kinds
+                    .into_iter()
+                    .map(|kind| kind_of(is_fixed(kind)))
+                    .collect()
             }
             None => (mesh.sites.iter().zip(&distance))
-                .map(|(&x, &d)| kind_of(is_given(x, f64::from(d))))
+                .map(|(&x, &d)| kind_of(is_fixed_site(x, f64::from(d))))
                 .collect(),
         };
         Ok(Self {
@@ -110,9 +114,10 @@ impl<const D: usize> EditableCells<D> {
             volume: array(volume_name::<D>())
                 .unwrap_or_else(|| mesh.cell_shapes().into_iter().map(|s| s.0).collect()),
             cells_of_nodes: cells_of_nodes(&mesh),
-            on_horizon: match horizons.is_empty() {
-                true => vec![false; mesh.face_cells.len()],
-                false => horizons,
+            on_horizon: if horizons.is_empty() {
+                vec![false; mesh.face_cells.len()]
+            } else {
+                horizons
             },
             has_labels: !read_labels(&arrays).is_empty(),
             fields: arrays.field_data,
@@ -125,7 +130,7 @@ impl<const D: usize> EditableCells<D> {
         })
     }
 
-    /// The atoms as edits see them.
+    /// Returns the atoms in the form that [`resolve`](crate::model::edit::resolve) needs.
     pub fn lattice(&self) -> EditLattice<'_, D> {
         EditLattice {
             place: &self.place,
@@ -141,37 +146,41 @@ impl<const D: usize> EditableCells<D> {
 }
 
 fn kind_of(is_fixed: bool) -> AtomKind {
-    match is_fixed {
-        true => AtomKind::Fixed,
-        false => AtomKind::Interior,
+    if is_fixed {
+        AtomKind::Fixed
+    } else {
+        AtomKind::Interior
     }
 }
 
-/// Tells of a position, and d there, whether the parameters give an atom there: one of its own, or one on
-/// the way of a well.
+/// Returns a function that tests if `params` defines a fixed atom at a position, given d there: an
+/// atom of its own, or a point on the path of a well.
 fn fixed_site_test<const D: usize>(
     params: &Params<D>,
     space: &LatticeSpace<D>,
 ) -> Result<impl Fn([f64; D], f64) -> bool + use<D>> {
     let (geometry, step, extent) = (&space.geometry, space.step, space.extent);
     let points = lattice_points(&params.fixed_atoms, geometry, step, extent)?;
-    let ways = lattice_well_paths(params, geometry, step, extent)?;
+    let well_paths = lattice_well_paths(params, geometry, step, extent)?;
     Ok(move |x: [f64; D], d: f64| {
-        let near = |to: f64| to <= (SITE_MATCH_RADIUS * d).powi(2);
-        let on_leg = |leg: &[[f64; D]]| {
-            let (from, along) = (leg[0], sub(leg[leg.len() - 1], leg[0]));
-            let share = dot(sub(x, from), along) / dot(along, along).max(f64::MIN_POSITIVE);
-            near(distance2(
-                &add_scaled(from, share.clamp(0.0, 1.0), along),
+        let is_match = |squared_distance: f64| squared_distance <= (SITE_MATCH_RADIUS * d).powi(2);
+        let is_on_segment = |segment: &[[f64; D]]| {
+            let (start, direction) = (segment[0], sub(segment[segment.len() - 1], segment[0]));
+            let fraction =
+                dot(sub(x, start), direction) / dot(direction, direction).max(f64::MIN_POSITIVE);
+            is_match(distance2(
+                &add_scaled(start, fraction.clamp(0.0, 1.0), direction),
                 &x,
             ))
         };
-        points.iter().any(|y| near(distance2(y, &x)))
-            || ways.iter().any(|way| way.points.windows(2).any(on_leg))
+        points.iter().any(|y| is_match(distance2(y, &x)))
+            || well_paths
+                .iter()
+                .any(|path| path.points.windows(2).any(is_on_segment))
     })
 }
 
-/// The cells and sides of the box that meet in each node, ascending.
+/// Returns, for each node, the cells and sides of the box that meet in it, ascending.
 pub fn cells_of_nodes<const D: usize>(mesh: &PolyMesh<D>) -> Lists {
     let mut pairs: Vec<(u32, u32)> = Vec::with_capacity(2 * mesh.faces.items.len());
     for (f, cells) in mesh.face_cells.iter().enumerate() {
@@ -182,16 +191,17 @@ pub fn cells_of_nodes<const D: usize>(mesh: &PolyMesh<D>) -> Lists {
     pairs.sort_unstable();
     pairs.dedup();
     let mut lists = Lists::default();
-    let mut at = pairs.as_slice();
+    let mut pairs_left = pairs.as_slice();
     for n in 0..mesh.nodes.len() as u32 {
-        let (own, rest) = at.split_at(at.partition_point(|pair| pair.0 <= n));
-        lists.push(own.iter().map(|pair| pair.1));
-        at = rest;
+        let (node_pairs, later_pairs) =
+            pairs_left.split_at(pairs_left.partition_point(|pair| pair.0 <= n));
+        lists.push(node_pairs.iter().map(|pair| pair.1));
+        pairs_left = later_pairs;
     }
     lists
 }
 
-/// Names of arrays that an edit cannot carry over.
+/// Returns the names of arrays that an edit cannot keep.
 pub fn dropped_arrays<const D: usize>(file: &MeshFile<PolyMesh<D>>) -> Vec<String> {
     let known = [
         ATOM_KIND,

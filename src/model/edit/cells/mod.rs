@@ -1,16 +1,17 @@
-//! Local edits of Voronoi cells.
+//! Edits Voronoi cells locally.
 //!
-//! Cells follow from their sites: what stays are nodes, each as long as the sites on the sphere round it
-//! stay and none comes inside. So beyond five d of every edit all nodes are kept, and so are those of
-//! the faces on features that are as good as before; the sites at kept nodes do not move. All others near an
-//! edit are warm: where features or sites at them have changed, faces on features are made anew; atoms
-//! come to rest, and their cells are cut.
+//! Voronoi cells follow from their sites. A node stays unchanged as long as the sites on the sphere
+//! around it stay and no site enters the sphere. All nodes farther than five d from every edit are
+//! therefore kept, and so are the nodes of faces on features that still fit. The sites of cells at
+//! kept nodes do not move. All other sites near an edit are warm. Where features, or sites next to
+//! features, have changed, the faces on features are rebuilt. Then the warm atoms move to a minimum
+//! of the energy, and their cells are cut.
 //!
-//! - `grid`: the cells as they are
-//! - `kept`: what of them stays
-//! - `patch`: the cells round an edit, and what is new there
-//! - `anew`: cells made anew while others stay
-//! - `stitch`: the mesh with patches in place of what they are made for
+//! - `editable_cells`: the cells before the edit
+//! - `preserved`: the nodes and cells that stay
+//! - `patch`: the neighbourhood of an edit, and the patch that replaces its cells
+//! - `rebuilt`: the new cells of a neighbourhood
+//! - `stitching`: the mesh with patches in place of the cells that they replace
 
 mod editable_cells;
 mod patch;
@@ -33,15 +34,15 @@ use editable_cells::EditableCells;
 pub use editable_cells::dropped_arrays;
 use patch::{CellNeighbourhood, CellPatch};
 
-/// Edits Voronoi cells that [`job::run`](crate::job::run) made of `image`, as [`edit`](super::edit()) edits
-/// simplices; the number of an atom is that of its cell.
+/// Edits Voronoi cells that [`job::run`](crate::job::run) made of `image`. It works like
+/// [`edit`](super::edit()) for simplices; the number of an atom is that of its cell.
 ///
-/// Cells all of whose nodes are farther than five d from every edited position are the same bits as before,
-/// and so are those nodes.
+/// Nodes that are farther than five d from every edited position, and cells with only such nodes,
+/// keep exactly the same bits.
 ///
 /// # Errors
-/// As [`edit`](super::edit()); [`Error::Seeding`](crate::Error::Seeding) also for a position on a side of the
-/// box, where cells end.
+/// Returns the errors of [`edit`](super::edit()), and [`Error::Seeding`](crate::Error::Seeding)
+/// also if a position lies on a side of the box, where cells end.
 pub fn edit_cells<const D: usize>(
     file: MeshFile<PolyMesh<D>>,
     place: &str,
@@ -49,60 +50,62 @@ pub fn edit_cells<const D: usize>(
     params: &Params<D>,
     edits: &[Edit<D>],
     free: bool,
-    observer: &mut dyn Progress,
+    progress: &mut dyn Progress,
 ) -> Result<EditedMesh<PolyMesh<D>>>
 where
     MeshSpace<D>: Meshing<D>,
 {
     let clock = Clock::new();
-    let mut stages = EditStages { clock, observer };
-    let settled = resolved_options(&file);
-    let mut grid = EditableCells::new(file, place, params)?;
-    grid.space.check_dims(image.dims(), "the image")?;
-    let step = grid.space.step;
-    // The file knows the units of its lattice space.
-    let lengths = params.metric.lengths(&image.geometry);
+    let mut stages = EditStages { clock, progress };
+    let resolved = resolved_options(&file);
+    let mut editable = EditableCells::new(file, place, params)?;
+    editable.space.check_dims(image.dims(), "the image")?;
+    let step = editable.space.step;
+    // The file records the units of its lattice space.
+    let lengths = params.spec.metric.lengths(&image.geometry);
     let params = &*params.in_lattice_units(lengths[0] / step[0]);
     let mut summary = Summary {
-        nodes: [grid.mesh.nodes.len(), 0],
+        nodes: [editable.mesh.nodes.len(), 0],
         atoms: vec![None; edits.len()],
         ..Summary::default()
     };
-    let settled = match settled {
-        Some(settled) => settled,
-        None => stages.resolve_detection(image, params, step, &mut summary, &mut grid.fields)?,
+    let resolved = match resolved {
+        Some(resolved) => resolved,
+        None => {
+            stages.resolve_detection(image, params, step, &mut summary, &mut editable.fields)?
+        }
     };
     let beta = lattice_beta(&params.beta, image.dims(), step)?;
     let context = Context {
         image,
         params,
-        resolved_options: &settled,
+        resolved_options: &resolved,
         beta: &beta,
         edits,
     };
     let groups = stages.run_stage(Stage::Neighbourhoods, |_| {
-        resolve::resolve(&grid.lattice(), edits, free)
+        resolve::resolve(&editable.lattice(), edits, free)
     })?;
     let mut patches: Vec<CellPatch<D>> = Vec::new();
     for group in groups {
-        let scope = stages.run_stage(Stage::Neighbours, |_| {
-            Ok(CellNeighbourhood::new(&grid, group, &context))
+        let neighbourhood = stages.run_stage(Stage::Neighbours, |_| {
+            Ok(CellNeighbourhood::new(&editable, group, &context))
         })?;
-        let around = stages.run_stage(Stage::Features, |patience| {
-            scope.local_fields(&context, patience)
+        let fields = stages.run_stage(Stage::Features, |cancel| {
+            neighbourhood.local_fields(&context, cancel)
         })?;
-        summary.samples += around.features.potential.dims.iter().product::<usize>();
-        let surface = stages.run_stage(Stage::Conforming, |patience| {
-            scope.surface(&around, &context, patience)
+        summary.samples += fields.features.potential.dims.iter().product::<usize>();
+        let surface = stages.run_stage(Stage::Conforming, |cancel| {
+            neighbourhood.surface(&fields, &context, cancel)
         })?;
-        patches.push(stages.run_stage(Stage::Cutting, |patience| {
-            scope.patch(&around, &surface, &context, &mut summary, patience)
+        patches.push(stages.run_stage(Stage::Cutting, |cancel| {
+            neighbourhood.patch(&fields, &surface, &context, &mut summary, cancel)
         })?);
     }
-    let history = history(&grid.fields, edits);
-    grid.fields.push(history);
+    let history = history(&editable.fields, edits);
+    editable.fields.push(history);
     let file = stages.run_stage(Stage::Assembling, |_| {
-        stitching::stitch_patches(grid, patches, &mut summary)
+        stitching::stitch_patches(editable, patches, &mut summary)
     })?;
     let mut clock = stages.clock;
     clock.end();
@@ -110,7 +113,7 @@ where
     Ok(EditedMesh { file, summary })
 }
 
-/// Where the user has put an atom.
+/// Returns the position at which an edit puts its atom; `None` if it removes the atom.
 fn target_position<const D: usize>(edit: &Edit<D>) -> Option<[f64; D]> {
     match edit.change {
         AtomChange::Add(x) | AtomChange::Move(_, x) => Some(x),

@@ -1,4 +1,4 @@
-//! The cells round an edit made anew.
+//! The neighbourhood of an edit of Voronoi cells, and the patch that replaces its cells.
 
 use super::editable_cells::EditableCells;
 use super::preserved::{FeatureChanges, PreservedParts};
@@ -23,33 +23,35 @@ use crate::model::edit::{Summary, spacing};
 use crate::progress::{CancelToken, TokenProgress};
 use crate::{Error, Result};
 
-/// Nodes as far as this from every edit, in units of d, stay: new ones are then within five d. Should one be
-/// farther, less is made anew.
+/// Distances from every edit, in units of d, beyond which nodes stay, in the order in which they
+/// are tried. New nodes must be within five d; if one is farther, the next smaller distance is
+/// tried.
 const REBUILD_RANGES: [f64; 4] = [4.4, 4.0, 3.5, 3.0];
-/// Sites nearer to a side of the window than this share of it are not in it.
+/// Sites nearer than this to a side of the window, relative to its extent, do not belong to it.
 const WINDOW_MARGIN_RATIO: f64 = 1e-9;
 
-/// A neighbourhood: the part of the lattice and of the image round some edits.
+/// A neighbourhood: the part of the lattice and of the image around a group of edits.
 pub struct CellNeighbourhood<'a, const D: usize> {
     pub editable: &'a EditableCells<D>,
     group: EditGroup<D>,
     pub window: EditWindow<D>,
-    /// The edited places in the window.
+    /// Edited positions in the window, each with d there.
     pub edited_places: Vec<([f64; D], f64)>,
-    /// The cells whose sites are in the window and within reach, ascending, and these sites there.
+    /// Cells whose sites are in the window and within the influence radius, ascending; `sites`
+    /// holds their positions in the window.
     pub cells: Vec<u32>,
     pub sites: Vec<[f64; D]>,
 }
 
-/// An atom that is put somewhere.
+/// An atom that an edit puts at a position.
 #[derive(Debug, Clone, Copy)]
 pub struct PlacedAtom<const D: usize> {
-    /// In the window.
+    /// Position in the window.
     pub position: [f64; D],
     pub kind: AtomKind,
-    /// Where it is in the world to the last digit.
+    /// Exact physical position, if it must not be rounded.
     pub world: Option<[f64; D]>,
-    /// The number that it shall have.
+    /// Number that the atom shall have.
     pub number: Option<u32>,
     pub edit: Option<usize>,
 }
@@ -57,18 +59,19 @@ pub struct PlacedAtom<const D: usize> {
 /// A new cell.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewCell<const D: usize> {
-    /// In lattice space.
+    /// Site in lattice space.
     pub site: [f64; D],
-    /// In the world, if that is known to the last digit.
+    /// Exact physical position of the site, if it must not be rounded.
     pub world: Option<[f64; D]>,
     pub kind: AtomKind,
     pub region: i32,
     pub distance: f32,
-    /// The number that it shall have.
+    /// Number that the cell shall have.
     pub number: Option<u32>,
 }
 
-/// A new face. Nodes and cells are those of the mesh, and behind these those of the patch.
+/// A new face. Node and cell numbers are those of the mesh; nodes and cells of the patch are
+/// numbered after all of the mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PatchFace {
     pub ring: Vec<u32>,
@@ -77,20 +80,20 @@ pub struct PatchFace {
     pub on_horizon: bool,
 }
 
-/// What is new round an edit.
+/// The changes of a mesh around an edit.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct CellPatch<const D: usize> {
-    /// The nodes that go; faces that have one go, too.
+    /// Nodes to remove. Faces that have one of these nodes are removed, too.
     pub removed_nodes: Vec<u32>,
-    /// The cells that go.
+    /// Cells to remove.
     pub removed_cells: Vec<u32>,
-    /// The cells that stay, but have new faces.
+    /// Cells that stay but get new faces.
     pub border_cells: Vec<u32>,
     /// New nodes in lattice space.
     pub new_nodes: Vec<[f64; D]>,
     pub new_cells: Vec<NewCell<D>>,
     pub new_faces: Vec<PatchFace>,
-    /// For edits whose atom is among the new cells, its place there.
+    /// Pairs of an edit's index and the index of its atom in `new_cells`.
     pub edited_atoms: Vec<(usize, usize)>,
 }
 
@@ -117,17 +120,18 @@ where
         );
         let (step, extent) = (editable.space.step, editable.space.extent);
         let window = EditWindow::from_bounds(low, high, margin, dims, step, extent);
-        let local = |&(x, d): &([f64; D], f64)| (window.to_local(x), d);
-        let edited_places: Vec<([f64; D], f64)> = group.edited_places.iter().map(local).collect();
-        let inside = |x: [f64; D]| {
-            let is_in = |k: usize| {
-                let room = WINDOW_MARGIN_RATIO * window.extent()[k];
-                x[k] > room && x[k] < window.extent()[k] - room
+        let to_window = |&(x, d): &([f64; D], f64)| (window.to_local(x), d);
+        let edited_places: Vec<([f64; D], f64)> =
+            group.edited_places.iter().map(to_window).collect();
+        let is_inside = |x: [f64; D]| {
+            let is_within = |k: usize| {
+                let side_margin = WINDOW_MARGIN_RATIO * window.extent()[k];
+                x[k] > side_margin && x[k] < window.extent()[k] - side_margin
             };
-            relative_distance(&x, &edited_places) < INFLUENCE_RADIUS && (0..D).all(is_in)
+            relative_distance(&x, &edited_places) < INFLUENCE_RADIUS && (0..D).all(is_within)
         };
         let sites = editable.mesh.sites.iter().map(|&x| window.to_local(x));
-        let inner = sites.enumerate().filter(|&(_, x)| inside(x));
+        let inner = sites.enumerate().filter(|&(_, x)| is_inside(x));
         let (cells, sites) = inner.map(|(c, x)| (c as u32, x)).unzip();
         Self {
             editable,
@@ -139,20 +143,20 @@ where
         }
     }
 
-    /// Looks at what is there.
+    /// Computes the features, the nominal distance and the weight of the image in the window.
     ///
     /// # Errors
-    /// Those of feature detection, and of the triangulation of the atoms.
+    /// Returns the errors of feature detection and of the triangulation of the atoms.
     pub fn local_fields(
         &self,
         context: &Context<'_, D>,
-        patience: &CancelToken<'_>,
+        cancel: &CancelToken<'_>,
     ) -> Result<LocalFields<D>> {
         LocalFields::detect(
             &self.window,
             self.editable.space.step,
             context,
-            patience,
+            cancel,
             || {
                 let extent = self.window.extent();
                 let d = self
@@ -169,13 +173,13 @@ where
                     features: &Features::empty(self.window.dims, &DetectionOptions::default()),
                     distance: &Distance::Constant(d.iter().copied().fold(f64::INFINITY, f64::min)),
                 };
-                let observer = &mut TokenProgress(patience);
+                let progress = &mut TokenProgress(cancel);
                 let joined = MeshSpace::<D>::join(
                     atoms,
                     &scene,
                     None,
                     None,
-                    &mut StageRunner::new(observer),
+                    &mut StageRunner::new(progress),
                 )?;
                 Ok(spacing::distance_from_nodes(
                     &joined.annotated_mesh.mesh,
@@ -186,72 +190,79 @@ where
         )
     }
 
-    /// The surfaces of the features there.
+    /// Returns the surfaces of the features in the window.
     ///
     /// # Errors
-    /// Those of seeding and of the triangulation.
+    /// Returns the errors of seeding and of the triangulation.
     pub fn surface(
         &self,
-        around: &LocalFields<D>,
+        fields: &LocalFields<D>,
         context: &Context<'_, D>,
-        patience: &CancelToken<'_>,
+        cancel: &CancelToken<'_>,
     ) -> Result<FacetSurface<D>> {
         feature_surface_in_box(
             context.params,
-            &around.distance,
-            &around.features,
+            &fields.distance,
+            &fields.features,
             (self.editable.space.step, self.window.extent()),
-            around.beta.clone(),
-            &mut TokenProgress(patience),
+            fields.beta.clone(),
+            &mut TokenProgress(cancel),
         )
     }
 
-    /// Makes the cells anew.
+    /// Rebuilds the cells of the neighbourhood and returns the patch that replaces them.
     ///
     /// # Errors
-    /// [`Error::Mesh`] if they do not fit the others; those of optimiser and triangulation.
+    /// Returns [`Error::Mesh`] if the new cells do not fit the others, and the errors of optimiser
+    /// and triangulation.
     pub fn patch(
         &self,
-        around: &LocalFields<D>,
+        fields: &LocalFields<D>,
         surface: &FacetSurface<D>,
         context: &Context<'_, D>,
         summary: &mut Summary,
-        patience: &CancelToken<'_>,
+        cancel: &CancelToken<'_>,
     ) -> Result<CellPatch<D>> {
-        let mut gone = vec![false; self.editable.mesh.sites.len()];
-        let puts = self.apply_steps(around, context, &mut gone, summary);
+        let mut is_removed = vec![false; self.editable.mesh.sites.len()];
+        let placed_atoms = self.apply_steps(fields, context, &mut is_removed, summary);
         let step = self.editable.space.step;
         let sample = step.iter().copied().fold(0.0, f64::max);
         for range in REBUILD_RANGES {
             let reach = (self.edited_places.as_slice(), range);
-            let changed = FeatureChanges::new(
+            let changes = FeatureChanges::new(
                 self.editable,
                 &self.window,
                 surface,
-                &gone,
+                &is_removed,
                 reach,
-                (sample, |x| around.distance.value_at(x)),
+                (sample, |x| fields.distance.value_at(x)),
             );
-            let come: Vec<[f64; D]> = puts.iter().map(|put| put.position).collect();
-            let kept =
-                PreservedParts::new(self.editable, &self.window, &changed, &gone, &come, reach);
-            let seed = context.params.seed;
-            let (anew, evaluations) = RebuiltCells::new(
+            let new_sites: Vec<[f64; D]> = placed_atoms.iter().map(|atom| atom.position).collect();
+            let preserved = PreservedParts::new(
+                self.editable,
+                &self.window,
+                &changes,
+                &is_removed,
+                &new_sites,
+                reach,
+            );
+            let seed = context.params.spec.rng_seed;
+            let (rebuilt, evaluations) = RebuiltCells::new(
                 self,
-                around,
-                (surface, &changed),
-                (&kept, range),
-                &gone,
-                &puts,
+                fields,
+                (surface, &changes),
+                (&preserved, range),
+                &is_removed,
+                &placed_atoms,
                 seed,
-                patience,
+                cancel,
             )?;
             summary.evaluations += evaluations;
 
-            if patience.is_cancelled() {
+            if cancel.is_cancelled() {
                 return Ok(CellPatch::default());
             }
-            if let Some(patch) = anew.patch() {
+            if let Some(patch) = rebuilt.patch() {
                 summary.cells[0] += patch.removed_cells.len() + patch.border_cells.len();
                 summary.cells[1] += patch.new_cells.len() + patch.border_cells.len();
                 summary.movable_atoms += patch.removed_cells.len();
@@ -267,54 +278,63 @@ where
         )))
     }
 
-    /// Atoms go, and others are put; those too near to them make room.
+    /// Applies the steps: marks removed atoms, and those too near to inserted ones, in
+    /// `is_removed`, and returns the inserted and shifted atoms.
     fn apply_steps(
         &self,
-        around: &LocalFields<D>,
+        fields: &LocalFields<D>,
         context: &Context<'_, D>,
-        gone: &mut [bool],
+        is_removed: &mut [bool],
         summary: &mut Summary,
     ) -> Vec<PlacedAtom<D>> {
-        let (grid, steps) = (self.editable, &self.group.steps);
+        let (editable, steps) = (self.editable, &self.group.steps);
         for step in steps {
             if let Action::Remove { node } | Action::Shift { node, .. } = step.action {
-                gone[node as usize] = true;
+                is_removed[node as usize] = true;
             }
         }
-        let mut at_feature = vec![false; gone.len()];
-        for f in (0..grid.mesh.inner_face_count()).filter(|&f| grid.mesh.on_feature[f]) {
-            for c in grid.mesh.face_cells[f] {
+        let mut at_feature = vec![false; is_removed.len()];
+        for f in (0..editable.mesh.inner_face_count()).filter(|&f| editable.mesh.on_feature[f]) {
+            for c in editable.mesh.face_cells[f] {
                 at_feature[c as usize] = true;
             }
         }
-        let mut puts = Vec::new();
+        let mut placed_atoms = Vec::new();
         for step in steps {
-            let (to, mut number, room) = match step.action {
+            let (target, mut number, clearance) = match step.action {
                 Action::Remove { .. } => continue,
-                Action::Insert { target: to, number } => (to, number, INSERT_CLEARANCE),
-                Action::Shift { node, target: to } => (to, Some(node), SHIFT_CLEARANCE),
+                Action::Insert { target, number } => (target, number, INSERT_CLEARANCE),
+                Action::Shift { node, target } => (target, Some(node), SHIFT_CLEARANCE),
             };
-            let at = self.window.to_local(to);
+            let position = self.window.to_local(target);
             let mut nearest = REUSE_RADIUS;
             for (&c, x) in self.cells.iter().zip(&self.sites) {
                 let c = c as usize;
-                let gap = distance2(x, &at).sqrt() / around.distance.value_at(at);
-                // Sites on either side of features are near to one another.
-                let room = if at_feature[c] { REUSE_RADIUS } else { room };
-                if gap >= room || gone[c] || grid.kinds[c] == AtomKind::Fixed {
+                let distance_ratio =
+                    distance2(x, &position).sqrt() / fields.distance.value_at(position);
+                // Sites on either side of a feature are near to each other by construction.
+                let clearance = if at_feature[c] {
+                    REUSE_RADIUS
+                } else {
+                    clearance
+                };
+                if distance_ratio >= clearance
+                    || is_removed[c]
+                    || editable.kinds[c] == AtomKind::Fixed
+                {
                     continue;
                 }
-                gone[c] = true;
-                let takes_over = matches!(step.action, Action::Insert { number: None, .. });
-                if takes_over && gap < nearest {
-                    nearest = gap;
+                is_removed[c] = true;
+                let may_reuse = matches!(step.action, Action::Insert { number: None, .. });
+                if may_reuse && distance_ratio < nearest {
+                    nearest = distance_ratio;
                     number = Some(c as u32);
                 } else {
                     summary.removed_neighbours += 1;
                 }
             }
-            puts.push(PlacedAtom {
-                position: at,
+            placed_atoms.push(PlacedAtom {
+                position,
                 kind: step.kind,
                 world: target_position(&context.edits[step.edit])
                     .filter(|_| step.kind == AtomKind::Fixed),
@@ -322,6 +342,6 @@ where
                 edit: Some(step.edit),
             });
         }
-        puts
+        placed_atoms
     }
 }

@@ -1,4 +1,4 @@
-//! What of the cells round an edit stays.
+//! The faces, nodes and cells that stay unchanged around an edit.
 
 use super::editable_cells::EditableCells;
 use crate::geometry::{add_scaled, distance2};
@@ -8,12 +8,12 @@ use crate::mesh::voronoi::conform::FacetSurface;
 use crate::model::edit::window::EditWindow;
 use crate::report::squared_distance_to_face;
 
-/// Faces on features and surfaces this near to one another, in units of d and no less than a sample, are
-/// the same.
+/// Distance, in units of d but at least one sample, within which a face on a feature and a feature
+/// surface count as the same.
 const SAME_FACE_TOLERANCE: f64 = 0.125;
-/// Faces on features nearer than this, in units of d, to a place where they have changed are made anew.
+/// Distance, in units of d, from a changed place within which faces on features are rebuilt.
 const REBUILD_RADIUS: f64 = 1.5;
-/// A site on the sphere round a node is not inside.
+/// Relative tolerance for a site on the sphere around a node: it counts as not inside.
 const SPHERE_TOLERANCE: f64 = 1e-9;
 
 /// A face on a feature, in the lattice space of a window.
@@ -23,144 +23,158 @@ struct FeatureFace<const D: usize> {
     facets: Vec<[[f64; D]; D]>,
 }
 
-/// The faces on features round an edit, and the places where they do not fit any more.
+/// The faces on features around an edit, and the places where they no longer fit the features.
 pub struct FeatureChanges<const D: usize> {
     faces: Vec<FeatureFace<D>>,
-    /// With the distance to which that is felt.
+    /// Changed places, each with the radius within which faces are rebuilt.
     changed_places: Vec<([f64; D], f64)>,
 }
 
 impl<const D: usize> FeatureChanges<D> {
-    /// Compares the faces on features nearer than `range` d to the `edited` places with the surfaces that
-    /// features have there; those at cells that are `gone` do not fit, either. `sample` is the largest
-    /// distance between samples; `distance` tells d.
+    /// Compares the faces on features within `range` d of the edited places with the present
+    /// feature surfaces. Faces at removed cells count as changed, too. `sample` is the largest
+    /// distance between samples, and `distance` returns d.
     pub fn new(
-        grid: &EditableCells<D>,
+        editable: &EditableCells<D>,
         window: &EditWindow<D>,
         surface: &FacetSurface<D>,
-        gone: &[bool],
-        (edited, range): (&[([f64; D], f64)], f64),
+        is_removed: &[bool],
+        (edited_places, range): (&[([f64; D], f64)], f64),
         (sample, distance): (f64, impl Fn([f64; D]) -> f64),
     ) -> Self {
-        let mesh = &grid.mesh;
+        let mesh = &editable.mesh;
         let centre = |x: &[[f64; D]]| {
-            let share = 1.0 / x.len() as f64;
-            x.iter().fold([0.0; D], |sum, &x| add_scaled(sum, share, x))
+            let weight = 1.0 / x.len() as f64;
+            x.iter()
+                .fold([0.0; D], |sum, &x| add_scaled(sum, weight, x))
         };
-        let is_near = |x: &[f64; D]| relative_distance(x, edited) < range;
+        let is_near = |x: &[f64; D]| relative_distance(x, edited_places) < range;
         let mut faces = Vec::new();
         for face in (0..mesh.inner_face_count()).filter(|&f| mesh.on_feature[f]) {
             let nodes = mesh.faces.get(face).iter();
             let ring: Vec<[f64; D]> = nodes
                 .map(|&n| window.to_local(mesh.nodes[n as usize]))
                 .collect();
-            let middle = centre(&ring);
-            if relative_distance(&middle, edited) < range + 2.0 {
+            let centroid = centre(&ring);
+            if relative_distance(&centroid, edited_places) < range + 2.0 {
                 let mut facets = Vec::new();
                 mesh.facets(face, |facet| {
                     facets.push(facet.map(|n| window.to_local(mesh.nodes[n as usize])));
                 });
                 faces.push(FeatureFace {
                     face,
-                    centroid: middle,
+                    centroid,
                     facets,
                 });
             }
         }
-        let anew: Vec<[[f64; D]; D]> = (0..surface.facets.len())
+        let new_facets: Vec<[[f64; D]; D]> = (0..surface.facets.len())
             .map(|f| surface.corners(f))
-            .filter(|facet| relative_distance(&centre(facet), edited) < range + 2.0)
+            .filter(|facet| relative_distance(&centre(facet), edited_places) < range + 2.0)
             .collect();
-        let same = |x: [f64; D], facet: &[[f64; D]; D]| {
+        let coincides = |x: [f64; D], facet: &[[f64; D]; D]| {
             let tolerance = (SAME_FACE_TOLERANCE * distance(x)).max(sample);
             squared_distance_to_face(x, facet) <= tolerance * tolerance
         };
-        let mut places = Vec::new();
-        for facet in &anew {
+        let mut changed_places = Vec::new();
+        for facet in &new_facets {
             let x = centre(facet);
-            if is_near(&x) && !(faces.iter().flat_map(|face| &face.facets)).any(|old| same(x, old))
+            if is_near(&x)
+                && !(faces.iter().flat_map(|face| &face.facets)).any(|old| coincides(x, old))
             {
-                places.push(x);
+                changed_places.push(x);
             }
         }
         for face in faces.iter().filter(|face| is_near(&face.centroid)) {
-            let leaves = mesh.face_cells[face.face].iter().any(|&c| gone[c as usize]);
-            if leaves || !anew.iter().any(|facet| same(face.centroid, facet)) {
-                places.push(face.centroid);
+            let loses_cell = mesh.face_cells[face.face]
+                .iter()
+                .any(|&c| is_removed[c as usize]);
+            if loses_cell
+                || !new_facets
+                    .iter()
+                    .any(|facet| coincides(face.centroid, facet))
+            {
+                changed_places.push(face.centroid);
             }
         }
-        let felt = |x: [f64; D]| (x, REBUILD_RADIUS * distance(x));
+        let with_radius = |x: [f64; D]| (x, REBUILD_RADIUS * distance(x));
         Self {
             faces,
-            changed_places: places.into_iter().map(felt).collect(),
+            changed_places: changed_places.into_iter().map(with_radius).collect(),
         }
     }
 
-    /// Whether faces on features have to be made anew at a place.
+    /// Returns `true` if faces on features at `x` must be rebuilt.
     pub fn needs_rebuild(&self, x: &[f64; D]) -> bool {
         let mut places = self.changed_places.iter();
         places.any(|(place, radius)| distance2(place, x) < radius * radius)
     }
 }
 
-/// What stays.
+/// The nodes and atoms that stay unchanged.
 pub struct PreservedParts {
-    /// For each node of the mesh whether it does.
+    /// For each node of the mesh, `true` if it stays.
     pub keeps_node: Vec<bool>,
-    /// For each cell whether its atom stays where it is: it has a node that stays.
+    /// For each cell, `true` if its atom stays in place because at least one node of the cell
+    /// stays.
     pub keeps_atom: Vec<bool>,
-    /// For each cell whether it keeps its atom, but not all of its nodes.
+    /// For each cell, `true` if its atom stays, but not all of its nodes.
     pub is_border: Vec<bool>,
 }
 
 impl PreservedParts {
-    /// The nodes that are `range` d or farther from the `edited` places, and those of faces on features that
-    /// have not changed; but none of cells that are `gone`, and none nearer to an atom that has `come`
-    /// than to its own.
+    /// Determines which nodes stay: those at least `range` d away from the edited places, and those
+    /// of faces on features that have not changed. Nodes of removed cells do not stay, and neither
+    /// do nodes that are nearer to one of `new_sites` than to their own sites.
     pub fn new<const D: usize>(
-        grid: &EditableCells<D>,
+        editable: &EditableCells<D>,
         window: &EditWindow<D>,
-        changed: &FeatureChanges<D>,
-        gone: &[bool],
-        come: &[[f64; D]],
-        (edited, range): (&[([f64; D], f64)], f64),
+        changes: &FeatureChanges<D>,
+        is_removed: &[bool],
+        new_sites: &[[f64; D]],
+        (edited_places, range): (&[([f64; D], f64)], f64),
     ) -> Self {
-        let mesh = &grid.mesh;
+        let mesh = &editable.mesh;
         let count = mesh.sites.len();
-        let cells = |n: usize| {
-            let meeting = grid.cells_of_nodes.get(n).iter().map(|&c| c as usize);
-            meeting.filter(move |&c| c < count)
+        let cells_at = |n: usize| {
+            let incident = editable.cells_of_nodes.get(n).iter().map(|&c| c as usize);
+            incident.filter(move |&c| c < count)
         };
-        let mut on_feature = vec![false; mesh.nodes.len()];
-        for face in changed
+        let mut on_unchanged_feature = vec![false; mesh.nodes.len()];
+        for face in changes
             .faces
             .iter()
-            .filter(|f| !changed.needs_rebuild(&f.centroid))
+            .filter(|f| !changes.needs_rebuild(&f.centroid))
         {
             let nodes = mesh.faces.get(face.face).iter();
-            nodes.for_each(|&n| on_feature[n as usize] = true);
+            nodes.for_each(|&n| on_unchanged_feature[n as usize] = true);
         }
-        let stays = |n: usize| {
+        let is_preserved = |n: usize| {
             let x = window.to_local(mesh.nodes[n]);
-            if relative_distance(&x, edited) < range && !on_feature[n] || cells(n).any(|c| gone[c])
+            if relative_distance(&x, edited_places) < range && !on_unchanged_feature[n]
+                || cells_at(n).any(|c| is_removed[c])
             {
                 return false;
             }
-            come.iter().all(|y| {
-                let own = cells(n).map(|c| distance2(&window.to_local(mesh.sites[c]), &x));
-                let own = own.fold(f64::INFINITY, f64::min);
-                distance2(y, &x) >= own * (1.0 - SPHERE_TOLERANCE)
+            new_sites.iter().all(|y| {
+                let nearest = cells_at(n).map(|c| distance2(&window.to_local(mesh.sites[c]), &x));
+                let nearest = nearest.fold(f64::INFINITY, f64::min);
+                distance2(y, &x) >= nearest * (1.0 - SPHERE_TOLERANCE)
             })
         };
-        let keeps_node: Vec<bool> = (0..mesh.nodes.len()).map(stays).collect();
-        let (mut keeps_atom, mut loses) = (vec![false; count], vec![false; count]);
-        for (n, &stays) in keeps_node.iter().enumerate() {
-            for c in cells(n) {
-                keeps_atom[c] |= stays;
-                loses[c] |= !stays;
+        let keeps_node: Vec<bool> = (0..mesh.nodes.len()).map(is_preserved).collect();
+        let (mut keeps_atom, mut loses_node) = (vec![false; count], vec![false; count]);
+        for (n, &is_kept) in keeps_node.iter().enumerate() {
+            for c in cells_at(n) {
+                keeps_atom[c] |= is_kept;
+                loses_node[c] |= !is_kept;
             }
         }
-        let is_border = keeps_atom.iter().zip(loses).map(|(&f, l)| f && l).collect();
+        let is_border = keeps_atom
+            .iter()
+            .zip(loses_node)
+            .map(|(&f, l)| f && l)
+            .collect();
         Self {
             keeps_node,
             keeps_atom,

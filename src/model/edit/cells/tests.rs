@@ -1,9 +1,10 @@
+use crate::job::spec::{DistanceSource, MeshSpec, NominalDistance};
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::*;
 use crate::feature::FeatureKind;
 use crate::geometry::distance2;
-use crate::job::{self, BOX_TOLERANCE, CellKind, Spacing};
+use crate::job::{self, BOX_TOLERANCE, CellKind};
 use crate::mesh::Mesh;
 use crate::mesh::check::check;
 use crate::mesh::graph::Graph;
@@ -13,12 +14,13 @@ use crate::report::squared_distance_to_face;
 use crate::store::{StoredMesh, cell_output::cell_mesh_file};
 
 fn params<const D: usize>(d: f64) -> Params<D> {
-    Params {
-        spacing: Spacing::Constant(d),
+    Params::new(MeshSpec {
+        distance: NominalDistance::Constant(d),
         feature: FeatureKind::Ridges,
-        cells: CellKind::Voronoi,
-        ..Params::default()
-    }
+        cells: Some(CellKind::Voronoi),
+        ..MeshSpec::default()
+    })
+    .unwrap()
 }
 
 fn make_mesh<const D: usize>(image: &Image<D>, params: &Params<D>) -> MeshFile<PolyMesh<D>>
@@ -42,21 +44,23 @@ where
     MeshSpace<D>: Meshing<D>,
 {
     let edits = named_edits(changes);
-    let observer = &mut NoProgress;
-    edit_cells(file.clone(), "mesh", image, params, &edits, false, observer)
+    let progress = &mut NoProgress;
+    edit_cells(file.clone(), "mesh", image, params, &edits, false, progress)
 }
 
-/// The cell whose site is nearest to a position in samples.
+/// Returns the cell whose site is nearest to a position in samples.
 fn nearest_cell<const D: usize>(file: &MeshFile<PolyMesh<D>>, sample: [f64; D]) -> u32 {
     let x = world_position(sample);
-    let gap = |&c: &usize| distance2(&file.mesh.sites[c], &x);
+    let distance2_to = |&c: &usize| distance2(&file.mesh.sites[c], &x);
     let cells = 0..file.mesh.sites.len();
-    cells.min_by(|a, b| gap(a).total_cmp(&gap(b))).unwrap() as u32
+    cells
+        .min_by(|a, b| distance2_to(a).total_cmp(&distance2_to(b)))
+        .unwrap() as u32
 }
 
-/// Nodes farther than `radius` (world units) from all positions; and by their sites the cells all of whose
-/// nodes are, with their faces and whether these lie on features, and with what is stored for the cell. All
-/// as bits.
+/// The parts of a mesh that are far from some positions, as bits: nodes, and by their sites the
+/// cells that have only such nodes. Each cell has its faces, whether these lie on features, and the
+/// values of the cell arrays.
 type FarParts<const D: usize> = (
     BTreeSet<[u64; D]>,
     BTreeMap<[u64; D], (Vec<(Vec<[u64; D]>, bool)>, Vec<u64>)>,
@@ -64,13 +68,13 @@ type FarParts<const D: usize> = (
 
 fn far_parts<const D: usize>(
     file: &MeshFile<PolyMesh<D>>,
-    from: &[[f64; D]],
+    positions: &[[f64; D]],
     radius: f64,
 ) -> FarParts<D> {
     let mesh = &file.mesh;
-    let is_far = |x: &[f64; D]| from.iter().all(|y| distance2(x, y) > radius * radius);
+    let is_far = |x: &[f64; D]| positions.iter().all(|y| distance2(x, y) > radius * radius);
     let lists = mesh.faces_of_cells();
-    // `atom_kind` is what an edit adds.
+    // An edit adds the array `atom_kind`.
     let stored: Vec<Vec<f64>> = (file.cell_data.iter())
         .filter(|array| array.name != editable_cells::ATOM_KIND)
         .map(|array| array.values.to_f64())
@@ -106,29 +110,30 @@ fn far_parts<const D: usize>(
     (nodes.collect(), cells)
 }
 
-/// Cells closed and disjoint, their volumes that of the box, faces square to their connections.
+/// Checks that cells are closed and disjoint, that they fill the box, and that faces are
+/// perpendicular to the connections of their sites and halfway between them.
 fn check_cells<const D: usize>(file: &MeshFile<PolyMesh<D>>) {
     let stored = StoredMesh::new(file.clone(), "mesh").unwrap();
-    let found = check(
+    let validity = check(
         &stored.lattice,
         [0.0; D],
         stored.space.extent,
         BOX_TOLERANCE,
     );
-    assert!(found.passed(), "{:?}", found.problems);
-    assert!(found.volume_error < 1e-12, "{}", found.volume_error);
+    assert!(validity.passed(), "{:?}", validity.problems);
+    assert!(validity.volume_error < 1e-12, "{}", validity.volume_error);
     let graph = Graph::from_poly(&stored.lattice);
     let mean =
         graph.connections.iter().map(|c| c.area).sum::<f64>() / graph.connections.len() as f64;
     for connection in graph.connections.iter().filter(|c| c.area > 1e-6 * mean) {
-        let off = connection.angle_error(&graph.site);
-        assert!(off < 1e-6, "a face {off} degrees off");
+        let error = connection.angle_error(&graph.site);
+        assert!(error < 1e-6, "a face {error} degrees off");
         let [a, b] = connection.distance;
         assert!((a - b).abs() < 1e-9, "not halfway: {a}, {b}");
     }
 }
 
-/// Adds, moves (a little and far) and removes atoms, also at a feature.
+/// Adds, moves (by a small and by a large distance) and removes atoms, also next to a feature.
 fn edits_stay_local<const D: usize>(dims: [usize; D], d: f64)
 where
     MeshSpace<D>: Meshing<D>,
@@ -143,9 +148,9 @@ where
     let beside_feature = (0..before.mesh.inner_face_count()).filter(|&f| before.mesh.on_feature[f]);
     let beside_feature = beside_feature.map(|f| before.mesh.face_cells[f][0]);
     let x = world_position(sample([22.0, 14.0, 10.0]));
-    let gap = |c: &u32| distance2(&before.mesh.sites[*c as usize], &x);
+    let distance2_to = |c: &u32| distance2(&before.mesh.sites[*c as usize], &x);
     let removed = beside_feature
-        .min_by(|a, b| gap(a).total_cmp(&gap(b)))
+        .min_by(|a, b| distance2_to(a).total_cmp(&distance2_to(b)))
         .unwrap();
     let old = |c: u32| before.mesh.sites[c as usize];
     let mut nudge = old(nudged);
@@ -159,21 +164,22 @@ where
     ];
     let EditedMesh { file, summary } = edit_mesh(&before, &image, &params, &changes).unwrap();
     check_cells(&file);
-    // How features were found is on record.
+    // The file records how features were found.
     assert!(summary.notes.is_empty(), "{:?}", summary.notes);
 
-    // Atoms are where they were put, to the bit.
-    let at = |n: usize| file.mesh.sites[summary.atoms[n].unwrap() as usize];
+    // Atoms are exactly where the edits put them.
+    let position = |n: usize| file.mesh.sites[summary.atoms[n].unwrap() as usize];
     assert_eq!(
-        [at(0), at(1), at(2)],
+        [position(0), position(1), position(2)],
         [world_position(added), world_position(far_to), nudge]
     );
     assert_eq!(summary.atoms[1..], [Some(moved_far), Some(nudged), None]);
-    for gone in [moved_far, nudged, removed] {
-        assert!(!file.mesh.sites.contains(&old(gone)));
+    for removed_atom in [moved_far, nudged, removed] {
+        assert!(!file.mesh.sites.contains(&old(removed_atom)));
     }
 
-    // Far away nothing has changed by a bit; there is something far away; near by, much has changed.
+    // Far from the edits no bit has changed. Some cells are far away, and many cells near the edits
+    // have changed.
     let places = [
         world_position(added),
         world_position(far_to),
@@ -185,8 +191,8 @@ where
     let (nodes, cells) = far_parts(&before, &places, 2.0 * 5.0 * d);
     let (same_nodes, same_cells) = far_parts(&file, &places, 2.0 * 5.0 * d);
     assert!(nodes == same_nodes && cells == same_cells);
-    let all = before.mesh.sites.len();
-    assert!(5 * cells.len() > all, "{} of {all}", cells.len());
+    let total = before.mesh.sites.len();
+    assert!(5 * cells.len() > total, "{} of {total}", cells.len());
     let sites = |file: &MeshFile<PolyMesh<D>>| -> BTreeSet<[u64; D]> {
         file.mesh
             .sites
@@ -195,10 +201,10 @@ where
             .map(coordinate_bits)
             .collect()
     };
-    let (was, is) = (sites(&before), sites(&file));
-    assert!(was.difference(&is).count() > 20);
+    let (old_sites, new_sites) = (sites(&before), sites(&file));
+    assert!(old_sites.difference(&new_sites).count() > 20);
 
-    // What the atoms do is known to the next edit: the one that was added stays.
+    // The next edit knows which atoms are fixed: the added atom stays.
     let next = AtomChange::Remove(nearest_cell(&file, sample([26.0, 20.0, 22.0])));
     let again = edit_mesh(&file, &image, &params, &[next]).unwrap();
     check_cells(&again.file);
@@ -217,82 +223,84 @@ fn edits_of_polyhedra_stay_local() {
     edits_stay_local([56, 48, 60], 4.0);
 }
 
-/// The image of a curved sheet, and with a disc across x besides, if `at` is given.
-fn image_with_disc<const D: usize>(dims: [usize; D], at: Option<f64>, radius: f64) -> Image<D> {
+/// The image of a curved surface, and of a disc across x at `disc_x`, if given.
+fn image_with_disc<const D: usize>(dims: [usize; D], disc_x: Option<f64>, radius: f64) -> Image<D> {
     let mut image = image(dims);
-    let Some(at) = at else { return image };
+    let Some(disc_x) = disc_x else { return image };
     let samples: Vec<f32> = (image.as_slice().iter().enumerate())
         .map(|(i, &value)| {
-            let mut rest = i;
+            let mut remaining = i;
             let x: [f64; D] = std::array::from_fn(|k| {
-                let x = rest % dims[k];
-                rest /= dims[k];
+                let x = remaining % dims[k];
+                remaining /= dims[k];
                 x as f64
             });
-            let off = disc_distance(&x, dims, at, radius);
-            value.max((-0.5 * (off / 1.5).powi(2)).exp() as f32)
+            let distance = disc_distance(&x, dims, disc_x, radius);
+            value.max((-0.5 * (distance / 1.5).powi(2)).exp() as f32)
         })
         .collect();
     image = Image::new(dims, samples, image.geometry.clone());
     image
 }
 
-/// How far a sample is from the disc.
-fn disc_distance<const D: usize>(x: &[f64; D], dims: [usize; D], at: f64, radius: f64) -> f64 {
-    let rest: f64 = (1..D).map(|k| (x[k] - dims[k] as f64 / 2.0).powi(2)).sum();
-    let beyond = (rest.sqrt() - radius).max(0.0);
-    (x[0] - at).hypot(beyond)
+/// Returns the distance of a sample from the disc.
+fn disc_distance<const D: usize>(x: &[f64; D], dims: [usize; D], disc_x: f64, radius: f64) -> f64 {
+    let radial2: f64 = (1..D).map(|k| (x[k] - dims[k] as f64 / 2.0).powi(2)).sum();
+    let beyond = (radial2.sqrt() - radius).max(0.0);
+    (x[0] - disc_x).hypot(beyond)
 }
 
-/// The share of the disc but for its rim that faces on features cover within a sample, and the number of
-/// faces on features nearer to it than d.
+/// Returns the fraction of the disc, without its rim, that faces on features cover within one
+/// sample, and the number of faces on features nearer to it than d.
 fn disc_coverage<const D: usize>(
     file: &MeshFile<PolyMesh<D>>,
     dims: [usize; D],
-    (at, radius): (f64, f64),
+    (disc_x, radius): (f64, f64),
     d: f64,
 ) -> (f64, usize) {
     let stored = StoredMesh::new(file.clone(), "mesh").unwrap();
     let mesh = &stored.lattice;
-    let (mut facets, mut near) = (Vec::new(), 0);
+    let (mut facets, mut near_count) = (Vec::new(), 0);
     for f in (0..mesh.inner_face_count()).filter(|&f| mesh.on_feature[f]) {
         mesh.facets(f, |facet| {
             facets.push(facet.map(|n| mesh.nodes[n as usize]))
         });
-        near += usize::from(disc_distance(&mesh.face_shape(f).centroid, dims, at, radius) < d);
+        near_count +=
+            usize::from(disc_distance(&mesh.face_shape(f).centroid, dims, disc_x, radius) < d);
     }
-    let (mut all, mut within) = (0, 0);
+    let (mut total, mut covered) = (0, 0);
     let steps = 24;
     for i in 0..steps * steps {
-        let mut x = [at; D];
-        let share = |n: usize| (n as f64 + 0.5) / steps as f64 * 2.0 - 1.0;
-        x[1] = dims[1] as f64 / 2.0 + share(i % steps) * radius;
+        let mut x = [disc_x; D];
+        let offset = |n: usize| (n as f64 + 0.5) / steps as f64 * 2.0 - 1.0;
+        x[1] = dims[1] as f64 / 2.0 + offset(i % steps) * radius;
         if D == 3 {
-            x[2] = dims[2] as f64 / 2.0 + share(i / steps) * radius;
+            x[2] = dims[2] as f64 / 2.0 + offset(i / steps) * radius;
         }
-        if disc_distance(&x, dims, at, radius - 1.0) > 1e-9 {
+        if disc_distance(&x, dims, disc_x, radius - 1.0) > 1e-9 {
             continue;
         }
-        all += 1;
-        within += usize::from(
+        total += 1;
+        covered += usize::from(
             facets
                 .iter()
                 .any(|facet| squared_distance_to_face(x, facet) <= 1.0),
         );
     }
-    (f64::from(within as u32) / f64::from(all), near)
+    (f64::from(covered as u32) / f64::from(total), near_count)
 }
 
-/// A disc comes into the image, moves, and goes, and an edit near by follows it.
+/// Adds a disc to the image, moves it and removes it, and checks that a nearby edit follows each
+/// time.
 fn faults_come_and_go<const D: usize>(dims: [usize; D], d: f64, radius: f64)
 where
     MeshSpace<D>: Meshing<D>,
 {
     let params = params(d);
-    let at = dims[0] as f64 - 4.5 * d;
-    let [none, one, other] =
-        [None, Some(at), Some(at - 3.0)].map(|at| image_with_disc(dims, at, radius));
-    let without = make_mesh(&none, &params);
+    let disc_x = dims[0] as f64 - 4.5 * d;
+    let [no_disc, with_disc, moved_disc] = [None, Some(disc_x), Some(disc_x - 3.0)]
+        .map(|disc_x| image_with_disc(dims, disc_x, radius));
+    let file_without = make_mesh(&no_disc, &params);
     let centre = |x: f64| -> [f64; D] {
         std::array::from_fn(|k| {
             if k == 0 {
@@ -302,31 +310,32 @@ where
             }
         })
     };
-    let beside = AtomChange::Add(world_position(centre(at + 1.3 * d)));
-    let follow = |file: &MeshFile<PolyMesh<D>>, image: &Image<D>, change: AtomChange<D>| {
+    let addition = AtomChange::Add(world_position(centre(disc_x + 1.3 * d)));
+    let edit_and_check = |file: &MeshFile<PolyMesh<D>>, image: &Image<D>, change: AtomChange<D>| {
         let edited = edit_mesh(file, image, &params, &[change]).unwrap();
         check_cells(&edited.file);
         edited.file
     };
-    let before = disc_coverage(&without, dims, (at, radius), d);
-    let edited_in = follow(&without, &one, beside);
-    let [by_edit, anew] = [&edited_in, &make_mesh(&one, &params)]
-        .map(|file| disc_coverage(file, dims, (at, radius), d));
-    let remove =
-        |file: &MeshFile<PolyMesh<D>>| AtomChange::Remove(nearest_cell(file, centre(at + 2.0 * d)));
-    let moved = follow(&edited_in, &other, remove(&edited_in));
-    let there = disc_coverage(&moved, dims, (at - 3.0, radius), d);
-    let here = disc_coverage(&moved, dims, (at, radius), d);
-    let taken_out = follow(&edited_in, &none, remove(&edited_in));
-    let after = disc_coverage(&taken_out, dims, (at, radius), d);
+    let before = disc_coverage(&file_without, dims, (disc_x, radius), d);
+    let edited_in = edit_and_check(&file_without, &with_disc, addition);
+    let [by_edit, remeshed] = [&edited_in, &make_mesh(&with_disc, &params)]
+        .map(|file| disc_coverage(file, dims, (disc_x, radius), d));
+    let remove = |file: &MeshFile<PolyMesh<D>>| {
+        AtomChange::Remove(nearest_cell(file, centre(disc_x + 2.0 * d)))
+    };
+    let moved = edit_and_check(&edited_in, &moved_disc, remove(&edited_in));
+    let at_new = disc_coverage(&moved, dims, (disc_x - 3.0, radius), d);
+    let at_old = disc_coverage(&moved, dims, (disc_x, radius), d);
+    let taken_out = edit_and_check(&edited_in, &no_disc, remove(&edited_in));
+    let after = disc_coverage(&taken_out, dims, (disc_x, radius), d);
     let figures = format!(
-        "{D}-D before {before:?}, edited in {by_edit:?}, anew {anew:?}, moved: there {there:?}, here \
-         {here:?}, taken out {after:?}"
+        "{D}-D before {before:?}, edited in {by_edit:?}, anew {remeshed:?}, moved: there {at_new:?}, here \
+         {at_old:?}, taken out {after:?}"
     );
     println!("{figures}");
     assert!(before.1 == 0 && by_edit.1 > 0, "{figures}");
-    assert!(by_edit.0 > anew.0 - 0.01, "{figures}");
-    assert!(there.0 > anew.0 - 0.03 && here.0 < 0.1, "{figures}");
+    assert!(by_edit.0 > remeshed.0 - 0.01, "{figures}");
+    assert!(at_new.0 > remeshed.0 - 0.03 && at_old.0 < 0.1, "{figures}");
     assert!(after.1 == 0, "{figures}");
 }
 
@@ -350,10 +359,14 @@ fn variable_distances_wells_and_welded_cells_are_edited() {
         position: well,
     };
     let params = Params {
-        spacing: Spacing::FromFeatures { min: 3.0, max: 9.0 },
         fixed_atoms: vec![fixed],
-        weld_ratio: 0.01,
-        ..params(3.0)
+        ..Params::new(MeshSpec {
+            distance: NominalDistance::Range { min: 3.0, max: 9.0 },
+            distance_from: DistanceSource::Features,
+            weld: 0.01,
+            ..params::<2>(3.0).spec
+        })
+        .unwrap()
     };
     let file = make_mesh(&image, &params);
     let changes = [
@@ -363,18 +376,18 @@ fn variable_distances_wells_and_welded_cells_are_edited() {
     let after = edit_mesh(&file, &image, &params, &changes).unwrap();
     let stored = StoredMesh::new(after.file.clone(), "mesh").unwrap();
     assert_eq!(stored.weld, 0.01);
-    let known = crate::mesh::check::CheckHints {
+    let hints = crate::mesh::check::CheckHints {
         weld: 0.01,
         ..Default::default()
     };
     let (low, extent) = ([0.0; 2], stored.space.extent);
-    let found =
-        crate::mesh::check::check_with_hints(&stored.lattice, known, low, extent, BOX_TOLERANCE);
-    assert!(found.passed(), "{:?}", found.problems);
-    // The well has not moved by a bit, and neither has the new atom.
+    let validity =
+        crate::mesh::check::check_with_hints(&stored.lattice, hints, low, extent, BOX_TOLERANCE);
+    assert!(validity.passed(), "{:?}", validity.problems);
+    // Neither the well nor the new atom has moved.
     for x in [well, world_position([70.1, 60.2])] {
-        let gaps = after.file.mesh.sites.iter().map(|site| distance2(site, &x));
-        assert!(gaps.fold(f64::INFINITY, f64::min) < 1e-18, "{x:?}");
+        let distances2 = after.file.mesh.sites.iter().map(|site| distance2(site, &x));
+        assert!(distances2.fold(f64::INFINITY, f64::min) < 1e-18, "{x:?}");
     }
 }
 

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use super::parse::rows;
 use crate::error::cause;
+use crate::files::csv::rows;
 use crate::{Error, Result};
 
 /// A well's way as a file has it, in the mesh's coordinates.

@@ -1,0 +1,440 @@
+//! The options of `atomesh mesh`, as one value.
+//!
+//! A [`MeshSpec`] has a field for each option, with its unit, its default and its help text. The command
+//! line, configuration files, `--print-config`, the record in mesh files and Python's keywords are all
+//! made from this type. To add an option, add a field (and its default, and what
+//! [`validate`](MeshSpec::validate) refuses), and use it where it counts: `params.spec.FIELD`.
+//!
+//! - `values`: values of options that are more than one number or word
+//! - `validate`: combinations of options that make no sense
+
+mod validate;
+mod values;
+
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+
+use super::params::Evaluator;
+use crate::error::cause;
+use crate::feature::{DetectionOptions, FeatureKind, LabelOptions, PathSeeds};
+use crate::image::formats::InputOptions;
+use crate::improve::triangles::relax::Scheme;
+use crate::improve::{SliverMethod, Target};
+use crate::lattice::optimize::Method;
+use crate::{Error, Result};
+pub(crate) use values::DEFAULT_DISTANCES;
+pub use values::{
+    DistanceSource, FeatureWeights, InvalidValue, Metric, NominalDistance, NumberOrFile, PointValue,
+};
+
+/// Headings of the command line's help; options without one come first.
+#[cfg(feature = "cli")]
+const FEATURES: &str = "Features";
+#[cfg(feature = "cli")]
+const ATOMS: &str = "Atoms";
+#[cfg(feature = "cli")]
+const SHAPES: &str = "Shapes of cells";
+#[cfg(feature = "cli")]
+const FILES: &str = "More files to write";
+
+/// Options of `atomesh mesh`. Lengths are in samples unless an option says otherwise.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct MeshSpec {
+    /// The mesh to write [default: the image's name with .vtu, in this folder]
+    #[cfg_attr(feature = "cli", arg(short, long, value_name = "MESH.vtu"))]
+    pub output: Option<PathBuf>,
+    /// Nominal distance between atoms, in samples, or MIN:MAX
+    #[cfg_attr(feature = "cli", arg(long, value_name = "D", default_value_t = defaults().distance))]
+    pub distance: NominalDistance,
+    /// What a distance MIN:MAX follows: gaps (MAX, but down to MIN where features run close together or
+    /// cross at shallow angles; the default), features (MIN on them, increasing away from them), image (MIN
+    /// where it is darkest, MAX where it is brightest; the other way round where bright features are
+    /// followed), laplacian (of the potential), or a file with a distance per sample
+    #[cfg_attr(feature = "cli", arg(long, value_name = "WHAT", default_value_t = defaults().distance_from))]
+    pub distance_from: DistanceSource,
+    /// The features to follow
+    #[cfg_attr(feature = "cli", arg(long, value_name = "KIND", default_value_t = defaults().feature, value_enum))]
+    pub feature: FeatureKind,
+    /// Scale of the features in samples [default: by the kind of feature]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "S", help_heading = FEATURES))]
+    pub sigma: Option<f64>,
+    /// Smallest strength of a feature, in units of the feature image [default: automatic, printed]
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "T", allow_negative_numbers = true, help_heading = FEATURES)
+    )]
+    pub threshold: Option<f32>,
+    /// Weights F,H in (0, 1] of faults and horizons where both are followed
+    #[cfg_attr(feature = "cli", arg(long, value_name = "F,H", default_value_t = defaults().feature_weights, help_heading = FEATURES))]
+    pub feature_weights: FeatureWeights,
+    /// Options of one label: VALUE:distance=D,name=NAME (distance between atoms in it, in samples), or
+    /// VALUE:into=VALUE (merges it into another label); may be repeated
+    #[cfg_attr(feature = "cli", arg(long, value_name = "VALUE:OPTIONS", allow_hyphen_values = true, help_heading = FEATURES))]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub label: Vec<LabelOptions>,
+    /// Paths: a point of the object, in physical coordinates; may be repeated
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "X,Y", allow_hyphen_values = true, help_heading = FEATURES)
+    )]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub object: Vec<PointValue>,
+    /// Paths: a point of the background; may be repeated [default: the image's outermost samples]
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "X,Y", allow_hyphen_values = true, help_heading = FEATURES)
+    )]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub background: Vec<PointValue>,
+    /// Also write the potential b(x)
+    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.vti", help_heading = FILES))]
+    pub potential_out: Option<PathBuf>,
+    /// Also write the lines where features, or a feature and a side of the box, meet at less than 30
+    /// degrees, with their angles
+    #[cfg_attr(feature = "cli", arg(long, value_name = "LINES.vtp", help_heading = FILES))]
+    pub lines: Option<PathBuf>,
+    /// Also write a page to look at: mesh, image and figures in one HTML file for any browser
+    #[cfg_attr(feature = "cli", arg(long, value_name = "PAGE.html"))]
+    pub page: Option<PathBuf>,
+    /// Keep what each stage gives in a folder: the same command, started again after it was ended, goes on
+    /// from there and makes the same mesh
+    #[cfg_attr(feature = "cli", arg(long, value_name = "FOLDER", help_heading = FILES))]
+    pub checkpoint: Option<PathBuf>,
+    /// Also write the faces on features with the number of the surface of each, as `atomesh surface` does
+    #[cfg_attr(feature = "cli", arg(long, value_name = "SURFACES.vtp", help_heading = FILES))]
+    pub surfaces: Option<PathBuf>,
+    /// Atoms on features, or alongside [default: on; alongside with --cells voronoi]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "WHERE", help_heading = ATOMS))]
+    pub align: Option<AtomAlignment>,
+    /// Cells of the mesh [default: tets; voronoi with --align alongside]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "KIND"))]
+    pub cells: Option<CellKind>,
+    /// Weight of the image against the lattice in [0, 1): a number, or an image file
+    #[cfg_attr(feature = "cli", arg(long, value_name = "B", default_value_t = defaults().beta, help_heading = ATOMS))]
+    pub beta: NumberOrFile,
+    /// Initial positions of atoms
+    #[cfg_attr(feature = "cli", arg(long, value_name = "HOW", default_value_t = defaults().seeding, value_enum, help_heading = ATOMS))]
+    pub seeding: SeedingKind,
+    /// Largest number of atoms that --seeding guide places [default: as many as find room]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "N", help_heading = ATOMS))]
+    pub max_atoms: Option<usize>,
+    /// Fixed atoms (wells, sources): a CSV file of x,y,z (x,y in 2-D) in the image's physical
+    /// coordinates
+    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.csv", help_heading = ATOMS))]
+    pub atoms_from: Option<PathBuf>,
+    /// A well: fixed atoms along the trajectory in a CSV file of lines x,y,z,radius (x,y,radius in
+    /// 2-D), in the image's physical coordinates; may be repeated
+    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.csv", help_heading = ATOMS))]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub well: Vec<PathBuf>,
+    /// Distance between atoms at wells, in samples; it increases to --distance away from them
+    #[cfg_attr(feature = "cli", arg(long, value_name = "D", help_heading = ATOMS))]
+    pub well_distance: Option<f64>,
+    /// Evaluator of the lattice energy
+    #[cfg_attr(feature = "cli", arg(long, value_name = "HOW", default_value_t = defaults().evaluator, value_enum, alias = "potential", help_heading = ATOMS))]
+    #[serde(alias = "potential")]
+    pub evaluator: Evaluator,
+    /// Weight in [0, 1] of the energy between atoms against their Laplacian coordinates, which make the
+    /// lattice more regular; 0.7 is typical with them
+    #[cfg_attr(feature = "cli", arg(long, value_name = "K", default_value_t = defaults().kappa, help_heading = ATOMS))]
+    pub kappa: f64,
+    /// How atoms are moved
+    #[cfg_attr(feature = "cli", arg(long, value_name = "HOW", default_value_t = defaults().optimizer, value_enum, help_heading = ATOMS))]
+    pub optimizer: Method,
+    /// Most rounds of moving atoms a little by chance and minimising; they end when one gains nothing
+    /// [default: 1; 3 with --kappa]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "N", help_heading = ATOMS))]
+    pub rounds: Option<usize>,
+    /// Number of initial passes on a smoother potential
+    #[cfg_attr(feature = "cli", arg(long, value_name = "N", default_value_t = defaults().coarse_to_fine, help_heading = ATOMS))]
+    pub coarse_to_fine: usize,
+    /// Smallest dihedral angle aimed at, in degrees, the largest being 180 minus it; in 2-D the
+    /// smallest angle
+    #[cfg_attr(feature = "cli", arg(long, value_name = "DEGREES", default_value_t = defaults().min_dihedral, help_heading = SHAPES))]
+    pub min_dihedral: f64,
+    /// How slivers are removed
+    #[cfg_attr(feature = "cli", arg(long, value_name = "HOW", default_value_t = defaults().slivers, value_enum, help_heading = SHAPES))]
+    pub slivers: Slivers,
+    /// Voronoi cells without their smallest faces: nodes closer together than this fraction of the
+    /// cells' radius are merged
+    #[cfg_attr(feature = "cli", arg(long, value_name = "SHARE", default_value_t = defaults().weld, help_heading = SHAPES))]
+    pub weld: f64,
+    /// Smooth the triangles of a 2-D image where it is flat; nodes on features stay
+    #[cfg_attr(feature = "cli", arg(long, value_name = "HOW", help_heading = SHAPES))]
+    pub smooth: Option<Scheme>,
+    /// Lattice space: samples, physical, shape (physical, but as many samples to a cell as with samples),
+    /// or a scale per axis SX,SY,SZ (SX,SY in 2-D)
+    #[cfg_attr(feature = "cli", arg(long, value_name = "SPACE", default_value_t = defaults().metric, help_heading = ATOMS))]
+    pub metric: Metric,
+    /// Makes depth in metres of two-way time: one velocity in m/s for the whole image, or a file of interval
+    /// velocities in m/s on a grid of its own in two-way time, by which the image is stretched
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "V", allow_negative_numbers = true)
+    )]
+    pub velocity: Option<NumberOrFile>,
+    /// Seed of the random perturbations
+    #[cfg_attr(feature = "cli", arg(long, value_name = "N", default_value_t = defaults().rng_seed, help_heading = ATOMS))]
+    pub rng_seed: u64,
+    /// Write the report as JSON
+    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.json", help_heading = FILES))]
+    pub report: Option<PathBuf>,
+    /// Write the lattice before atoms move and after each round or generation, for ParaView; the report
+    /// then has the energy and the quality of each
+    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.pvd", help_heading = FILES))]
+    pub trace: Option<PathBuf>,
+    /// How to read the image.
+    #[cfg_attr(
+        feature = "cli",
+        command(flatten, next_help_heading = "Reading the image")
+    )]
+    pub input: InputOptions,
+}
+
+/// Default options, which the command line shows.
+#[cfg(feature = "cli")]
+fn defaults() -> MeshSpec {
+    MeshSpec::default()
+}
+
+impl Default for MeshSpec {
+    fn default() -> Self {
+        Self {
+            output: None,
+            distance: NominalDistance::default(),
+            distance_from: DistanceSource::default(),
+            feature: FeatureKind::Auto,
+            sigma: None,
+            threshold: None,
+            feature_weights: FeatureWeights::default(),
+            label: Vec::new(),
+            object: Vec::new(),
+            background: Vec::new(),
+            potential_out: None,
+            lines: None,
+            page: None,
+            checkpoint: None,
+            surfaces: None,
+            align: None,
+            cells: None,
+            beta: NumberOrFile::Constant(0.5),
+            seeding: SeedingKind::Fcc,
+            max_atoms: None,
+            atoms_from: None,
+            well: Vec::new(),
+            well_distance: None,
+            evaluator: Evaluator::Pairwise,
+            kappa: 1.0,
+            optimizer: Method::Lbfgs,
+            rounds: None,
+            coarse_to_fine: 0,
+            min_dihedral: 30.0,
+            slivers: Slivers::Joe,
+            weld: 0.0,
+            smooth: None,
+            metric: Metric::Samples,
+            velocity: None,
+            rng_seed: 1,
+            report: None,
+            trace: None,
+            input: InputOptions::default(),
+        }
+    }
+}
+
+/// How atoms are placed.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "kebab-case")]
+pub enum SeedingKind {
+    /// A regular lattice fitted to the box: face-centred cubic, triangular in 2-D; grown where the
+    /// distance varies
+    #[default]
+    Fcc,
+    /// A regular lattice grown from fixed atoms (wells), or from the middle of the box
+    Grown,
+    /// Delaunay refinement: isotropic
+    Refine,
+    /// On features, dense where they bend; few elsewhere. Image and features determine the distance
+    Canny,
+    /// Drawn at random, first where features are strong (guide tables)
+    Guide,
+    /// Sites of a fine lattice projected onto features
+    Projection,
+}
+
+/// How slivers are removed, if they are.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "kebab-case")]
+pub enum Slivers {
+    /// Flips and smoothing that keep faces on features
+    #[default]
+    Joe,
+    /// Weights (CGAL's exudation, slow); the report compares both; 3-D only
+    Exude,
+    /// The Delaunay triangulation without improvement
+    None,
+}
+
+impl Slivers {
+    /// Returns the method that removes slivers; `None` if they are left.
+    pub fn method(self) -> Option<SliverMethod> {
+        match self {
+            Self::Joe => Some(SliverMethod::Joe),
+            Self::Exude => Some(SliverMethod::Exude),
+            Self::None => None,
+        }
+    }
+}
+
+/// Where atoms end up, which depends on the kind of cells.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "kebab-case")]
+pub enum AtomAlignment {
+    /// On features, which the faces of tetrahedra then follow
+    On,
+    /// Beside features, which the faces of Voronoi cells then follow
+    Alongside,
+}
+
+/// Kinds of cells.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "kebab-case")]
+pub enum CellKind {
+    /// Tetrahedra; triangles in 2-D
+    #[default]
+    #[cfg_attr(feature = "cli", value(name = "tets", alias = "triangles"))]
+    #[serde(rename = "tets", alias = "triangles")]
+    Simplices,
+    /// Voronoi cells (PEBI): polyhedra; polygons in 2-D
+    #[cfg_attr(feature = "cli", value(alias = "pebi"))]
+    #[serde(alias = "pebi")]
+    Voronoi,
+}
+
+impl MeshSpec {
+    /// Returns the kind of cells, which `cells` or `align` names.
+    pub fn cell_kind(&self) -> CellKind {
+        self.cells.unwrap_or(match self.align {
+            Some(AtomAlignment::Alongside) => CellKind::Voronoi,
+            Some(AtomAlignment::On) | None => CellKind::Simplices,
+        })
+    }
+
+    /// Returns the angles that improvement aims at; `None` if the Delaunay triangulation is left as it is.
+    pub fn target(&self) -> Option<Target> {
+        self.slivers.method().map(|method| Target {
+            min_dihedral: self.min_dihedral,
+            method,
+        })
+    }
+
+    /// Returns the options with all that follows from others filled in: the kind of cells, where atoms
+    /// are, and labels as features where labels have options.
+    pub fn resolved(mut self) -> Self {
+        self.cells = Some(self.cell_kind());
+        self.align = Some(match self.cell_kind() {
+            CellKind::Simplices => AtomAlignment::On,
+            CellKind::Voronoi => AtomAlignment::Alongside,
+        });
+        if self.feature == FeatureKind::Auto && !self.label.is_empty() {
+            self.feature = FeatureKind::Labels;
+        }
+        self
+    }
+
+    /// Returns all options that decide the result, without those that say where it is written.
+    pub fn reproducible(mut self) -> Self {
+        for path in [
+            &mut self.output,
+            &mut self.report,
+            &mut self.potential_out,
+            &mut self.lines,
+            &mut self.page,
+            &mut self.surfaces,
+            &mut self.checkpoint,
+            &mut self.trace,
+        ] {
+            *path = None;
+        }
+        self.resolved()
+    }
+
+    /// Returns the options as TOML, as a configuration file or the record in a mesh holds them.
+    ///
+    /// # Errors
+    /// [`Error::Job`] if the name of a file is not valid UTF-8.
+    pub fn to_toml(&self) -> Result<String> {
+        toml::to_string(self).map_err(|error| not_utf8(&error))
+    }
+
+    /// Returns the options as a table of TOML; absent options are left out.
+    ///
+    /// # Errors
+    /// [`Error::Job`] if the name of a file is not valid UTF-8.
+    pub fn to_table(&self) -> Result<toml::Table> {
+        toml::Table::try_from(self).map_err(|error| not_utf8(&error))
+    }
+
+    /// Returns how features are detected in an image of `D` axes, for a lattice space in which samples
+    /// are `step` apart. Distances are those of the options.
+    ///
+    /// # Errors
+    /// [`Error::Job`] for a point that has not `D` coordinates.
+    pub fn detection_options<const D: usize>(&self, step: [f64; D]) -> Result<DetectionOptions<D>> {
+        Ok(DetectionOptions {
+            kind: self.feature,
+            scale: self.sigma,
+            threshold: self.threshold,
+            weights: self.feature_weights.0,
+            seeds: self.path_seeds()?,
+            labels: self.label.clone(),
+            d_min: self.distance.limits()[0],
+            step,
+            keep_nulls: self.input.keeps_nulls(),
+            ..DetectionOptions::default()
+        })
+    }
+
+    /// Returns the points near which random shortest paths begin and end.
+    ///
+    /// # Errors
+    /// [`Error::Job`] for a point that has not `D` coordinates.
+    pub fn path_seeds<const D: usize>(&self) -> Result<PathSeeds<D>> {
+        let points = |name: &str, points: &[PointValue]| {
+            let point = |point: &PointValue| {
+                <[f64; D]>::try_from(point.0.as_slice()).map_err(|_| {
+                    Error::Job(cause(
+                        format!("{name} {point}"),
+                        format!("has {} values, not {D}", point.0.len()),
+                        if D == 2 {
+                            "give a point X,Y"
+                        } else {
+                            "give a point X,Y,Z"
+                        },
+                    ))
+                })
+            };
+            points.iter().map(point).collect::<Result<Vec<_>>>()
+        };
+        Ok(PathSeeds {
+            object: points("object", &self.object)?,
+            background: points("background", &self.background)?,
+            seed: self.rng_seed,
+            ..PathSeeds::default()
+        })
+    }
+}
+
+/// An error about a path that TOML and JSON cannot hold.
+fn not_utf8(error: &toml::ser::Error) -> Error {
+    Error::Job(
+        cause("options", error, "use file names that are valid UTF-8").with_source(error.clone()),
+    )
+}

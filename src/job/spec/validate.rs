@@ -1,0 +1,502 @@
+//! Combinations of options that make no sense.
+//!
+//! An option that has no effect beside the others is refused, with the reason, unless it has its
+//! default value. Errors begin with the option's name.
+
+use std::fmt::Display;
+
+use super::{
+    AtomAlignment, CellKind, DistanceSource, MeshSpec, NominalDistance, NumberOrFile, SeedingKind,
+    Slivers,
+};
+use crate::Result;
+use crate::error::{Error, cause};
+use crate::feature::{FeatureKind, LabelOptions};
+use crate::image::LabelValue;
+use crate::job::params::Evaluator;
+
+/// Largest fraction of the cells' radius within which nodes may be merged: beyond it, cells lose faces
+/// that matter.
+const MAX_WELD_RATIO: f64 = 0.2;
+
+/// Largest number of passes on smoother potentials, each of which is twice as smooth as the next.
+const MAX_COARSE_PASSES: usize = 8;
+
+/// An error about an option.
+fn refused(name: &str, value: impl Display, problem: &str, remedy: &str) -> Error {
+    Error::Job(cause(format!("{name} {value}"), problem, remedy))
+}
+
+/// Options beside their defaults.
+struct Options<'a> {
+    spec: &'a MeshSpec,
+    table: toml::Table,
+    defaults: toml::Table,
+}
+
+impl Options<'_> {
+    /// Refuses options of these names where they differ from their defaults.
+    fn refuse(&self, names: &[&str], problem: &str, remedy: &str) -> Result<()> {
+        for name in names {
+            let value = self.table.get(*name);
+            if let Some(value) = value.filter(|value| self.defaults.get(*name) != Some(value)) {
+                let value = match value {
+                    toml::Value::String(text) => text.clone(),
+                    toml::Value::Array(values) => values
+                        .iter()
+                        .map(|v| v.as_str().map_or_else(|| v.to_string(), String::from))
+                        .collect::<Vec<_>>()
+                        .join(" "),
+                    other => other.to_string(),
+                };
+                return Err(refused(name, value, problem, remedy));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl MeshSpec {
+    /// Checks that the options make sense together.
+    ///
+    /// # Errors
+    /// [`Error::Job`] that begins with the name of the option that is impossible or that would have no
+    /// effect.
+    pub fn validate(&self) -> Result<()> {
+        let options = Options {
+            spec: self,
+            table: self.to_table()?,
+            defaults: Self::default().to_table()?,
+        };
+        options.check_alignment()?;
+        options.check_cells()?;
+        if self.seeding == SeedingKind::Canny {
+            options.check_canny()?;
+        } else {
+            options.check_lattice()?;
+        }
+        options.check_features()
+    }
+}
+
+impl Options<'_> {
+    /// Voronoi cells need atoms alongside features and strictly inside the box; tetrahedra need atoms on
+    /// both.
+    fn check_alignment(&self) -> Result<()> {
+        let kind = self.spec.cell_kind();
+        let (value, problem) = match (kind, self.spec.align) {
+            (CellKind::Voronoi, Some(AtomAlignment::On)) => (
+                "on",
+                "puts atoms on features and on the sides of the box, where no Voronoi cell can end",
+            ),
+            (CellKind::Simplices, Some(AtomAlignment::Alongside)) => (
+                "alongside",
+                "keeps atoms off features and off the sides of the box, which tetrahedra must reach",
+            ),
+            _ => return Ok(()),
+        };
+        let remedy = "place atoms on features for tets, alongside for Voronoi cells";
+        Err(refused("align", value, problem, remedy))
+    }
+
+    fn check_cells(&self) -> Result<()> {
+        let spec = self.spec;
+        if spec.cell_kind() == CellKind::Voronoi {
+            let problem = "applies to tetrahedra and triangles, but the mesh has Voronoi cells";
+            self.refuse(
+                &["slivers", "min-dihedral", "smooth", "lines"],
+                problem,
+                "omit it, or choose tets",
+            )?;
+            if !(0.0..=MAX_WELD_RATIO).contains(&spec.weld) {
+                let problem = format!("is not a fraction from 0 to {MAX_WELD_RATIO}");
+                return Err(refused("weld", spec.weld, &problem, "give 0.001, say"));
+            }
+            return Ok(());
+        }
+        let problem = "applies to Voronoi cells, but the mesh has tetrahedra or triangles";
+        self.refuse(&["weld"], problem, "choose Voronoi cells, or omit it")?;
+        if spec.slivers == Slivers::None {
+            let problem = "sets a target angle, but no slivers are to be removed";
+            return self.refuse(
+                &["min-dihedral"],
+                problem,
+                "omit it, or have slivers removed",
+            );
+        }
+        // A regular tetrahedron has 70.5 degrees, but no space is filled with those alone.
+        if !(spec.min_dihedral > 0.0 && spec.min_dihedral <= 60.0) {
+            let problem = "is not above 0 and at most 60 degrees";
+            return Err(refused(
+                "min-dihedral",
+                spec.min_dihedral,
+                problem,
+                "30 is the default",
+            ));
+        }
+        Ok(())
+    }
+
+    /// Atoms on Canny's points do not move, and the image determines their distance.
+    fn check_canny(&self) -> Result<()> {
+        if self.spec.cell_kind() == CellKind::Voronoi {
+            return Err(refused(
+                "seeding",
+                "canny",
+                "puts atoms on features, but Voronoi cells need them alongside",
+                "choose tets, or another seeding",
+            ));
+        }
+        let remedy = "omit it, or choose another seeding";
+        self.refuse(
+            &["distance", "distance-from"],
+            "has no effect with seeding canny: the image and its features determine the distance",
+            remedy,
+        )?;
+        self.refuse(
+            &["well", "well-distance"],
+            "has a distance of its own, but with seeding canny the image and its features determine it",
+            "give wells as fixed atoms, or choose another seeding",
+        )?;
+        self.refuse(
+            &[
+                "beta",
+                "kappa",
+                "optimizer",
+                "evaluator",
+                "rounds",
+                "coarse-to-fine",
+                "trace",
+            ],
+            "applies to a lattice whose energy is minimised, but with seeding canny no atom moves",
+            remedy,
+        )?;
+        if self.spec.feature != FeatureKind::Paths {
+            let problem = "sets the random numbers, but seeding canny uses none";
+            self.refuse(&["rng-seed"], problem, remedy)?;
+        }
+        self.check_max_atoms()
+    }
+
+    fn check_max_atoms(&self) -> Result<()> {
+        self.refuse(
+            &["max-atoms"],
+            "applies to atoms that are drawn one by one",
+            "use it with seeding guide, or choose a larger distance",
+        )
+    }
+
+    /// Atoms on a lattice that moves.
+    fn check_lattice(&self) -> Result<()> {
+        let spec = self.spec;
+        if spec.seeding != SeedingKind::Guide {
+            self.check_max_atoms()?;
+        }
+        if spec.cell_kind() == CellKind::Voronoi && spec.seeding == SeedingKind::Projection {
+            return Err(refused(
+                "seeding",
+                "projection",
+                "puts atoms onto features, which the faces of Voronoi cells follow",
+                "choose tets, or another seeding",
+            ));
+        }
+        if spec.coarse_to_fine > MAX_COARSE_PASSES {
+            let problem = format!(
+                "is more than {MAX_COARSE_PASSES} passes, each twice as smooth as the next"
+            );
+            return Err(refused(
+                "coarse-to-fine",
+                spec.coarse_to_fine,
+                &problem,
+                "1 or 2 are typical",
+            ));
+        }
+        if spec.rounds == Some(0) {
+            let problem = "would not move any atom";
+            return Err(refused("rounds", 0, problem, "give 1 or more, or omit it"));
+        }
+        self.check_distance()?;
+        self.check_wells()?;
+        self.check_beta()?;
+        self.check_energy()
+    }
+
+    fn check_distance(&self) -> Result<()> {
+        let spec = self.spec;
+        match (&spec.distance, &spec.distance_from) {
+            (NominalDistance::Constant(_), DistanceSource::Gaps) => Ok(()),
+            (NominalDistance::Constant(d), source) => Err(refused(
+                "distance-from",
+                source,
+                &format!("makes the distance vary, but it is {d} everywhere"),
+                "give a distance MIN:MAX such as 5:15, or omit it",
+            )),
+            (NominalDistance::Range { .. }, DistanceSource::File(path)) if !path.is_file() => {
+                Err(refused(
+                    "distance-from",
+                    path.display(),
+                    "is not gaps, features, image, laplacian or a file",
+                    "give one of these, or an image of distances in samples",
+                ))
+            }
+            (NominalDistance::Range { .. }, _) => Ok(()),
+        }
+    }
+
+    fn check_wells(&self) -> Result<()> {
+        if self.spec.well.is_empty() {
+            let problem = "is given without a well";
+            return self.refuse(&["well-distance"], problem, "add a well, or omit it");
+        }
+        match self.spec.well_distance {
+            Some(d) if !(d.is_finite() && d > 0.0) => Err(refused(
+                "well-distance",
+                d,
+                "is not a positive number of samples",
+                "give one above 0",
+            )),
+            _ => Ok(()),
+        }
+    }
+
+    fn check_beta(&self) -> Result<()> {
+        match &self.spec.beta {
+            // At 1 nothing would keep the atoms apart.
+            NumberOrFile::Constant(beta) if !(0.0..1.0).contains(beta) => Err(refused(
+                "beta",
+                beta,
+                "is not at least 0 and below 1",
+                "0 ignores the image, 0.5 is the default",
+            )),
+            NumberOrFile::File(path) if !path.is_file() => Err(refused(
+                "beta",
+                path.display(),
+                "is neither a number nor a file",
+                "give a number from 0 to 1, or an image of such numbers",
+            )),
+            _ => Ok(()),
+        }
+    }
+
+    fn check_energy(&self) -> Result<()> {
+        let spec = self.spec;
+        let has_voronoi_cells = spec.cell_kind() == CellKind::Voronoi;
+        if spec.evaluator == Evaluator::Sampled {
+            if has_voronoi_cells {
+                return Err(refused(
+                    "evaluator",
+                    "sampled",
+                    "has no mirror images, which atoms alongside features need",
+                    "use the pairwise evaluator",
+                ));
+            }
+            let problem = "needs the exact energy, but the sampled evaluator is chosen";
+            return self.refuse(&["kappa"], problem, "use the pairwise evaluator");
+        }
+        if has_voronoi_cells {
+            self.refuse(
+                &["kappa"],
+                "applies to the neighbours of atoms in a Delaunay mesh, but the mesh has Voronoi cells",
+                "omit it, or choose tets",
+            )?;
+        }
+        if !(0.0..=1.0).contains(&spec.kappa) {
+            let remedy = "1 omits Laplacian coordinates, 0.7 is typical with them";
+            return Err(refused("kappa", spec.kappa, "is not from 0 to 1", remedy));
+        }
+        Ok(())
+    }
+
+    fn check_features(&self) -> Result<()> {
+        let spec = self.spec;
+        if let Some(sigma) = spec.sigma.filter(|s| !(s.is_finite() && *s > 0.0)) {
+            let problem = "is not a positive number of samples";
+            let remedy = "omit it, or give about the features' thickness";
+            return Err(refused("sigma", sigma, problem, remedy));
+        }
+        if let Some(threshold) = spec.threshold.filter(|t| !t.is_finite()) {
+            let remedy = "omit it: the automatic threshold is printed";
+            return Err(refused(
+                "threshold",
+                threshold,
+                "is not a finite number",
+                remedy,
+            ));
+        }
+        check_labels(&spec.label)?;
+        let kind = spec.clone().resolved().feature;
+        let label_with_distance = spec.label.iter().find(|label| label.distance.is_some());
+        if let (Some(label), SeedingKind::Canny) = (label_with_distance, spec.seeding) {
+            let problem =
+                "has a distance of its own, but with seeding canny the image determines it";
+            return Err(refused("label", label, problem, "choose another seeding"));
+        }
+        if kind != FeatureKind::Labels {
+            let problem = format!("is about a label, but {kind} are followed");
+            self.refuse(&["label"], &problem, "follow labels, or omit it")?;
+        }
+        if kind != FeatureKind::Paths {
+            let problem = "applies to an object whose boundary is followed by paths";
+            self.refuse(
+                &["object", "background"],
+                problem,
+                "follow paths, or omit it",
+            )?;
+        }
+        if kind != FeatureKind::FaultsAndHorizons {
+            let problem = "weighs faults against horizons, but they are not followed together";
+            self.refuse(&["feature-weights"], problem, "follow both, or omit it")?;
+        }
+        if matches!(
+            kind,
+            FeatureKind::Labels | FeatureKind::Mask | FeatureKind::Paths
+        ) {
+            let problem = format!("applies to the strength of features, but {kind} have none");
+            self.refuse(
+                &["threshold"],
+                &problem,
+                "omit it, or follow other features",
+            )?;
+        }
+        Ok(())
+    }
+}
+
+/// Checks that each label has options once, and that none is merged into a label that is itself merged.
+fn check_labels(labels: &[LabelOptions]) -> Result<()> {
+    for (i, label) in labels.iter().enumerate() {
+        if labels[..i].iter().any(|known| known.label == label.label) {
+            return Err(refused(
+                "label",
+                label,
+                "is about a label that another one is about, too",
+                "give all options of a label at once, with commas between them",
+            ));
+        }
+    }
+    let is_merged = |value: LabelValue| {
+        labels
+            .iter()
+            .any(|label| label.label == value && label.merge_into.is_some())
+    };
+    if let Some(label) = (labels.iter()).find(|label| label.merge_into.is_some_and(is_merged)) {
+        let problem = "puts a label into one that is itself put into another";
+        return Err(refused("label", label, problem, "name the last of them"));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> std::result::Result<MeshSpec, toml::de::Error> {
+        toml::from_str(text)
+    }
+
+    #[test]
+    fn an_empty_file_gives_the_defaults() {
+        assert_eq!(read("").unwrap(), MeshSpec::default());
+        assert!(read("distanse = 5").is_err());
+    }
+
+    #[test]
+    fn options_survive_toml_and_json() {
+        for text in [
+            "",
+            "distance = \"4:9.5\"\ndistance-from = \"laplacian\"\nthreshold = 0.3\nkappa = 0.7",
+            "cells = \"voronoi\"\nweld = 0.01\nwell = [\"a.csv\", \"b.csv\"]\nwell-distance = 2",
+            "seeding = \"canny\"\nsmooth = \"odt\"\nfeature = \"labels\"\nslivers = \"none\"",
+            "feature = \"paths\"\nobject = [\"1,2\", \"-3,4.5\"]\nevaluator = \"sampled\"",
+            "feature = \"faults+horizons\"\nfeature-weights = \"1,0.5\"\nmetric = \"1,1,0.2\"",
+            "velocity = 2400.0",
+            "velocity = \"velocities.sgy\"",
+            "label = [\"3:distance=4,name=fault\", \"5:into=3\"]",
+            "rounds = 5\noptimizer = \"genetic\"",
+            "velocity = 2400.0\nmetric = \"samples\"",
+            "seeding = \"guide\"\nmax-atoms = 50\n[input]\ninline-byte = 9",
+        ] {
+            let spec = read(text).unwrap();
+            spec.validate().unwrap();
+            for spec in [spec.clone(), spec.resolved()] {
+                let written = spec.to_toml().unwrap();
+                assert_eq!(read(&written).unwrap(), spec, "{written}");
+                let json = serde_json::to_string(&spec).unwrap();
+                assert_eq!(
+                    serde_json::from_str::<MeshSpec>(&json).unwrap(),
+                    spec,
+                    "{json}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn options_without_effect_are_refused_by_name() {
+        for (text, name) in [
+            ("seeding = \"canny\"\nbeta = 0.2", "beta"),
+            ("seeding = \"canny\"\nkappa = 0.7", "kappa"),
+            ("seeding = \"canny\"\noptimizer = \"genetic\"", "optimizer"),
+            ("seeding = \"canny\"\nevaluator = \"sampled\"", "evaluator"),
+            ("seeding = \"canny\"\ncoarse-to-fine = 1", "coarse-to-fine"),
+            ("seeding = \"canny\"\nrounds = 2", "rounds"),
+            ("rounds = 0", "rounds"),
+            ("seeding = \"canny\"\ntrace = \"t.pvd\"", "trace"),
+            ("seeding = \"canny\"\ndistance = 5", "distance"),
+            ("seeding = \"canny\"\nrng-seed = 5", "rng-seed"),
+            ("feature = \"labels\"\nthreshold = 0.5", "threshold"),
+            ("feature = \"paths\"\nthreshold = 0.5", "threshold"),
+            ("object = [\"1,2\"]", "object"),
+            ("background = [\"1,2\"]", "background"),
+            ("feature-weights = \"1,0.5\"", "feature-weights"),
+            ("slivers = \"none\"\nmin-dihedral = 20", "min-dihedral"),
+            ("cells = \"voronoi\"\nmin-dihedral = 20", "min-dihedral"),
+            ("cells = \"voronoi\"\nkappa = 0.7", "kappa"),
+            ("weld = 0.01", "weld"),
+            ("cells = \"voronoi\"\nlines = \"l.vtp\"", "lines"),
+            ("seeding = \"canny\"\nlabel = [\"3:distance=2\"]", "label"),
+            ("label = [\"3:name=a\", \"3:distance=2\"]", "label"),
+            ("label = [\"3:into=4\", \"4:into=5\"]", "label"),
+            ("feature = \"edges\"\nlabel = [\"3:distance=2\"]", "label"),
+            ("max-atoms = 9", "max-atoms"),
+            ("well-distance = 3", "well-distance"),
+            ("evaluator = \"sampled\"\nkappa = 0.7", "kappa"),
+            ("distance = 8\ndistance-from = \"image\"", "distance-from"),
+            ("beta = 1", "beta"),
+        ] {
+            let error = read(text).unwrap().validate().unwrap_err().to_string();
+            assert!(error.starts_with(&format!("{name} ")), "{text}: {error}");
+            assert!(error.contains(": ") && error.contains("; "), "{error}");
+        }
+        // An option that has its default value is no offence.
+        let text = "seeding = \"canny\"\nbeta = 0.5\ndistance = \"2.7:8\"";
+        assert!(read(text).unwrap().validate().is_ok());
+    }
+
+    #[test]
+    fn values_that_are_none_are_refused() {
+        for text in [
+            "distance = \"0\"",
+            "distance = \"9:4\"",
+            "distance = \"a\"",
+            "metric = \"1,2,3,4\"",
+            "feature-weights = \"1,2\"",
+            "label = [\"3:distance=0\"]",
+            "object = [\"1\"]",
+        ] {
+            let error = read(text).unwrap_err().to_string();
+            assert!(error.contains("; "), "{text}: {error}");
+        }
+    }
+
+    #[test]
+    fn a_record_of_version_0_1_0_is_understood() {
+        let record = "distance = \"5\"\nfeature = \"ridges\"\ncells = \"voronoi\"\nbeta = \"0.5\"\n\
+                      seeding = \"fcc\"\npotential = \"pairwise\"\nkappa = 1.0\noptimizer = \"lbfgs\"\n\
+                      coarse-to-fine = 0\nmin-dihedral = 30.0\nslivers = \"joe\"\nweld = 0.0\n\
+                      metric = \"samples\"\nrng-seed = 1\n\n[input]\n";
+        let spec = read(record).unwrap();
+        spec.validate().unwrap();
+        assert_eq!(spec.cell_kind(), CellKind::Voronoi);
+    }
+}

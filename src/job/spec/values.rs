@@ -1,0 +1,367 @@
+//! Values of options that are more than one number or word.
+//!
+//! Each type is read from a text and written as one, on the command line as in TOML and JSON; where
+//! the text may be a number, TOML and JSON may also hold a number.
+
+use std::fmt::{self, Display, Formatter};
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+use crate::feature::LabelOptions;
+
+/// Default limits of the nominal distance, in samples: 8, and a third of that in gaps between
+/// features.
+pub(crate) const DEFAULT_DISTANCES: [f64; 2] = [2.7, 8.0];
+
+/// A text that is no value of an option.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct InvalidValue {
+    /// What is wrong, as the end of a sentence that begins with the text.
+    pub problem: String,
+    /// What to give instead.
+    pub remedy: String,
+}
+
+impl InvalidValue {
+    fn new(problem: impl Into<String>, remedy: impl Into<String>) -> Self {
+        Self {
+            problem: problem.into(),
+            remedy: remedy.into(),
+        }
+    }
+}
+
+impl Display for InvalidValue {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        write!(f, "{}; {}", self.problem, self.remedy)
+    }
+}
+
+impl std::error::Error for InvalidValue {}
+
+/// Nominal distance between atoms, in samples.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum NominalDistance {
+    /// The same distance everywhere.
+    Constant(f64),
+    /// A distance that varies, as [`DistanceSource`] says.
+    Range {
+        /// Smallest distance.
+        min: f64,
+        /// Largest distance.
+        max: f64,
+    },
+}
+
+impl NominalDistance {
+    /// Returns the smallest and the largest distance.
+    pub fn limits(self) -> [f64; 2] {
+        match self {
+            Self::Constant(d) => [d; 2],
+            Self::Range { min, max } => [min, max],
+        }
+    }
+}
+
+impl Default for NominalDistance {
+    fn default() -> Self {
+        let [min, max] = DEFAULT_DISTANCES;
+        Self::Range { min, max }
+    }
+}
+
+impl FromStr for NominalDistance {
+    type Err = InvalidValue;
+
+    fn from_str(text: &str) -> Result<Self, InvalidValue> {
+        let remedy = "give a positive number of samples such as 8, or MIN:MAX such as 5:15";
+        let distance = |word| match finite_number(word) {
+            Some(value) if value > 0.0 => Ok(value),
+            Some(_) => Err(InvalidValue::new("is not positive", remedy)),
+            None => Err(InvalidValue::new("is not a finite number", remedy)),
+        };
+        let Some((min, max)) = text.split_once(':') else {
+            return distance(text).map(Self::Constant);
+        };
+        let (min, max) = (distance(min)?, distance(max)?);
+        if min > max {
+            return Err(InvalidValue::new("has a minimum above its maximum", remedy));
+        }
+        Ok(Self::Range { min, max })
+    }
+}
+
+impl Display for NominalDistance {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Constant(d) => write!(f, "{d}"),
+            Self::Range { min, max } => write!(f, "{min}:{max}"),
+        }
+    }
+}
+
+/// What a distance that varies depends on.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub enum DistanceSource {
+    /// Gaps between features: the distance is smallest where features run close together or cross at
+    /// shallow angles.
+    #[default]
+    Gaps,
+    /// The distance to features: the nominal distance is smallest on them and increases away from
+    /// them.
+    Features,
+    /// The image: the distance is smallest where the image is darkest, or brightest where bright
+    /// features are followed.
+    Image,
+    /// The Laplacian of the potential: the distance is smallest in its valleys.
+    Laplacian,
+    /// An image with a distance in samples for each sample.
+    File(PathBuf),
+}
+
+impl FromStr for DistanceSource {
+    type Err = std::convert::Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Ok(match text {
+            "gaps" => Self::Gaps,
+            "features" => Self::Features,
+            "image" => Self::Image,
+            "laplacian" => Self::Laplacian,
+            file => Self::File(file.into()),
+        })
+    }
+}
+
+impl Display for DistanceSource {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Gaps => f.write_str("gaps"),
+            Self::Features => f.write_str("features"),
+            Self::Image => f.write_str("image"),
+            Self::Laplacian => f.write_str("laplacian"),
+            Self::File(path) => write!(f, "{}", path.display()),
+        }
+    }
+}
+
+/// A number that is the same everywhere, or a file with a number for each sample.
+#[derive(Debug, Clone, PartialEq)]
+pub enum NumberOrFile {
+    /// The same number everywhere.
+    Constant(f64),
+    /// An image of such numbers.
+    File(PathBuf),
+}
+
+impl NumberOrFile {
+    /// Returns the file, if it is one.
+    pub fn file(&self) -> Option<&std::path::Path> {
+        match self {
+            Self::Constant(_) => None,
+            Self::File(path) => Some(path),
+        }
+    }
+}
+
+impl FromStr for NumberOrFile {
+    type Err = std::convert::Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Ok(match text.trim().parse() {
+            Ok(number) => Self::Constant(number),
+            Err(_) => Self::File(text.into()),
+        })
+    }
+}
+
+impl Display for NumberOrFile {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Constant(number) => write!(f, "{number}"),
+            Self::File(path) => write!(f, "{}", path.display()),
+        }
+    }
+}
+
+/// Weights of faults and of horizons where both are followed, each in (0, 1].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FeatureWeights(pub [f64; 2]);
+
+impl Default for FeatureWeights {
+    fn default() -> Self {
+        Self([1.0; 2])
+    }
+}
+
+impl FromStr for FeatureWeights {
+    type Err = InvalidValue;
+
+    fn from_str(text: &str) -> Result<Self, InvalidValue> {
+        match finite_numbers(text).as_deref() {
+            Some(&[f, h]) if [f, h].iter().all(|w| *w > 0.0 && *w <= 1.0) => Ok(Self([f, h])),
+            _ => Err(InvalidValue::new(
+                "is not two numbers above 0 and at most 1",
+                "give the weights of faults and horizons, such as 1,0.5",
+            )),
+        }
+    }
+}
+
+impl Display for FeatureWeights {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        f.write_str(&joined(&self.0))
+    }
+}
+
+/// A point of two or three physical coordinates.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PointValue(pub Vec<f64>);
+
+impl FromStr for PointValue {
+    type Err = InvalidValue;
+
+    fn from_str(text: &str) -> Result<Self, InvalidValue> {
+        match finite_numbers(text) {
+            Some(point) if matches!(point.len(), 2 | 3) => Ok(Self(point)),
+            _ => Err(InvalidValue::new("is not a point", "give a point X,Y")),
+        }
+    }
+}
+
+impl Display for PointValue {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        f.write_str(&joined(&self.0))
+    }
+}
+
+/// The length of one sample along each axis of lattice space, in which cells are well shaped.
+///
+/// Lattice space has these lengths except for a common factor: a unit cube of it holds one sample, so
+/// that windows and grids are as large as for [`Metric::Samples`] whatever the unit of length.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub enum Metric {
+    /// 1 along each axis: cells are as flat as the image's own samples.
+    #[default]
+    Samples,
+    /// The image's physical spacing.
+    Physical,
+    /// The image's physical spacing times one factor, such that a unit cube of lattice space holds one
+    /// sample.
+    Shape,
+    /// A positive length for each axis, x first.
+    Scales(Vec<f64>),
+}
+
+impl FromStr for Metric {
+    type Err = InvalidValue;
+
+    fn from_str(text: &str) -> Result<Self, InvalidValue> {
+        let remedy = "give samples, physical, shape, or a positive number per axis such as 1,1,0.2";
+        match text {
+            "samples" => return Ok(Self::Samples),
+            "physical" => return Ok(Self::Physical),
+            "shape" => return Ok(Self::Shape),
+            _ => {}
+        }
+        let Some(scales) = finite_numbers(text) else {
+            return Err(InvalidValue::new("is not made of numbers", remedy));
+        };
+        if !matches!(scales.len(), 2 | 3) {
+            let problem = format!("has {} values, not 2 or 3", scales.len());
+            return Err(InvalidValue::new(problem, remedy));
+        }
+        if scales.iter().any(|scale| *scale <= 0.0) {
+            return Err(InvalidValue::new(
+                "has a scale that is not positive",
+                remedy,
+            ));
+        }
+        Ok(Self::Scales(scales))
+    }
+}
+
+impl Display for Metric {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Samples => f.write_str("samples"),
+            Self::Physical => f.write_str("physical"),
+            Self::Shape => f.write_str("shape"),
+            Self::Scales(scales) => f.write_str(&joined(scales)),
+        }
+    }
+}
+
+impl FromStr for LabelOptions {
+    type Err = InvalidValue;
+
+    fn from_str(text: &str) -> Result<Self, InvalidValue> {
+        Self::parse(text).map_err(|(problem, remedy)| InvalidValue::new(problem, remedy))
+    }
+}
+
+/// A number or a text, as TOML and JSON may hold the value of an option.
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "give a text or a number")]
+enum TextOrNumber {
+    Text(String),
+    Whole(i64),
+    Number(f64),
+}
+
+/// Reads a value from a text or a number.
+fn deserialize_text<'de, T, D>(deserializer: D) -> Result<T, D::Error>
+where
+    T: FromStr<Err: Display>,
+    D: Deserializer<'de>,
+{
+    let text = match TextOrNumber::deserialize(deserializer)? {
+        TextOrNumber::Text(text) => text,
+        TextOrNumber::Whole(number) => number.to_string(),
+        TextOrNumber::Number(number) => number.to_string(),
+    };
+    text.parse()
+        .map_err(|error| serde::de::Error::custom(format!("'{text}' {error}")))
+}
+
+macro_rules! serde_as_text {
+    ($($name:ty),+) => {$(
+        impl Serialize for $name {
+            fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+                serializer.collect_str(self)
+            }
+        }
+
+        impl<'de> Deserialize<'de> for $name {
+            fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+                deserialize_text(deserializer)
+            }
+        }
+    )+};
+}
+
+serde_as_text!(
+    NominalDistance,
+    DistanceSource,
+    NumberOrFile,
+    FeatureWeights,
+    PointValue,
+    Metric,
+    LabelOptions
+);
+
+/// Returns numbers with commas between them.
+pub(super) fn joined(numbers: &[f64]) -> String {
+    let words: Vec<String> = numbers.iter().map(f64::to_string).collect();
+    words.join(",")
+}
+
+fn finite_number(word: &str) -> Option<f64> {
+    word.trim().parse().ok().filter(|x: &f64| x.is_finite())
+}
+
+fn finite_numbers(text: &str) -> Option<Vec<f64>> {
+    text.split(',').map(finite_number).collect()
+}

@@ -1,8 +1,8 @@
-//! Builds the CGAL bridge when the `cgal` feature is on, and says where the TetGen worker is.
+//! Builds the CGAL bridge if the feature `cgal` is on, and sets the path of the TetGen worker program.
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
-    // For tests: the program that runs TetGen by itself.
+    // The tests use this path of the program that runs TetGen in its own process.
     if let Ok(worker) = std::env::var("DEP_TET_WORKER") {
         println!("cargo::rustc-env=ATOMESH_TETGEN_WORKER={worker}");
     }
@@ -22,8 +22,8 @@ fn cgal() {
     for file in [bridges, sources, headers].as_flattened() {
         println!("cargo::rerun-if-changed={file}");
     }
-    // The interval arithmetic of CGAL's predicates changes the rounding mode: the compiler must not
-    // move computations across that. NDEBUG: without it CGAL checks every step of its own.
+    // The interval arithmetic of CGAL's predicates changes the rounding mode, so the compiler must
+    // not move computations across such a change. NDEBUG switches CGAL's internal checks off.
     let mut build = cxx_build::bridges(bridges);
     build
         .files(sources)
@@ -45,7 +45,7 @@ fn cgal() {
     println!("cargo::rustc-link-lib=dylib=gmp");
 }
 
-/// What the bridge needs and the system lacks.
+/// Returns what the bridge needs but the system does not have, if anything.
 #[cfg(feature = "cgal")]
 fn missing(mut compiler: std::process::Command) -> Option<&'static str> {
     use std::process::Stdio;

@@ -16,17 +16,17 @@ type Figure = (&'static str, &'static str, bool);
 /// Those of Voronoi cells.
 const OF_CELLS: [Figure; 6] = [
     (
-        "/fidelity/claimed/coverage_half",
+        "/fidelity/tagged_faces/coverage_half",
         "coverage within half a sample",
         true,
     ),
     (
-        "/fidelity/claimed/coverage_one",
+        "/fidelity/tagged_faces/coverage_one",
         "coverage within one sample",
         true,
     ),
     (
-        "/fidelity/claimed/precision",
+        "/fidelity/tagged_faces/precision",
         "precision of faces on features",
         true,
     ),
@@ -60,12 +60,12 @@ const OF_TETRAHEDRA: [Figure; 7] = [
         true,
     ),
     (
-        "/fidelity/claimed/coverage_one",
+        "/fidelity/tagged_faces/coverage_one",
         "coverage by claimed faces, one sample",
         true,
     ),
     (
-        "/fidelity/claimed/precision",
+        "/fidelity/tagged_faces/precision",
         "precision of claimed faces",
         true,
     ),

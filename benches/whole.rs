@@ -138,16 +138,16 @@ fn slivers(folder: &Path) -> Outcome<()> {
     let report = atomesh(folder, &run)?.json;
     for (method, figures) in [
         ("exudation", &report),
-        ("flips and smoothing", &report["rival"]),
+        ("flips and smoothing", &report["baseline"]),
     ] {
         let figure = format!(
             "dihedral angles {:.1} to {:.1}, {} below 30; coverage {} and {}, precision {}",
             number(figures, "/quality/smallest_angle/worst"),
             number(figures, "/quality/largest_angle/worst"),
             number(figures, "/quality/below_30"),
-            percent(number(figures, "/fidelity/claimed/coverage_half")),
-            percent(number(figures, "/fidelity/claimed/coverage_one")),
-            percent(number(figures, "/fidelity/claimed/precision")),
+            percent(number(figures, "/fidelity/tagged_faces/coverage_half")),
+            percent(number(figures, "/fidelity/tagged_faces/coverage_one")),
+            percent(number(figures, "/fidelity/tagged_faces/precision")),
         );
         let on = format!("{name}, detected features");
         row(&format!("slivers: {method}"), &on, &figure, "compared");
@@ -175,7 +175,7 @@ fn validity(folder: &Path, on: &str, mesh: &str) -> Outcome<()> {
         .into_iter()
         .flatten()
         .filter(|check| check["problem"].is_null())
-        .filter_map(|check| check["by"].as_str())
+        .filter_map(|check| check["checker"].as_str())
         .collect();
     let figure = format!(
         "volume error {:.0e}, sides off by {:.0e}, {} unused nodes; valid to {}",

@@ -1,4 +1,4 @@
-// See cgal_bridge.h. Exact predicates, inexact constructions: signs are right, whatever the points.
+// See cgal_bridge.h. The kernel has exact predicates and inexact constructions: signs are always right.
 
 #include <algorithm>
 #include <array>
@@ -42,7 +42,7 @@ Delaunay delaunay_of(rust::Slice<const double> points, const std::vector<std::ui
   return Delaunay(numbered.begin(), numbered.end());
 }
 
-// Six times the signed volume, in extended precision.
+// Returns six times the signed volume, in extended precision.
 long double volume6(const Point &a, const Point &b, const Point &c, const Point &d) {
   long double m[3][3];
   const Point *const others[3] = {&b, &c, &d};
@@ -56,20 +56,20 @@ long double volume6(const Point &a, const Point &b, const Point &c, const Point 
          m[0][2] * (m[1][0] * m[2][1] - m[1][1] * m[2][0]);
 }
 
-// The cells with, for each face (k is opposite node k), the number 4 * cell + k of the face it is
-// joined to.
+// Cells and, for each face (face k is opposite node k), the number 4 * cell + k of the equal face of the
+// neighbouring cell.
 struct Adjacency {
   std::vector<Tet> cells;
   std::vector<Tet> joined;
   std::uint64_t hull_faces = 0;
-  std::uint64_t overfull_faces = 0; // of more than two cells, or of one infinite cell
-  bool closed = false;              // every face has two cells, none of them twice the same
+  std::uint64_t overfull_faces = 0; // faces of more than two cells, or of a single infinite cell
+  bool closed = false;              // every face has two different cells
 };
 
 constexpr std::uint32_t none = UINT32_MAX;
 
-// Finds equal faces by sorting. Faces of one cell get an infinite cell behind them, whose node k is
-// `infinite` where the finite cell has its node k, and which turns the other way.
+// Finds equal faces by sorting. For each face of only one cell an infinite cell is added beyond it: its
+// node k is `infinite`, the other nodes are those of the finite cell, and its orientation is opposite.
 Adjacency join(std::vector<Tet> tets, std::uint32_t infinite) {
   Adjacency result;
   result.cells = std::move(tets);
@@ -124,8 +124,8 @@ Adjacency join(std::vector<Tet> tets, std::uint32_t infinite) {
   return result;
 }
 
-// CGAL's own judgement on the topology, the infinite cells included: neighbours are mutual and turn
-// the same way, and Euler's relation holds, i.e. it is a 3-manifold without boundary.
+// Returns CGAL's own check of the topology, including the infinite cells: neighbours are mutual,
+// orientations agree, and Euler's relation holds, i.e. it is a 3-manifold without boundary.
 bool is_valid_topology(const Adjacency &adjacency, std::size_t vertex_count) {
   Topology topology;
   topology.set_dimension(3);
@@ -198,12 +198,12 @@ CgalVerdict cgal_validate(rust::Slice<const double> points, rust::Slice<const st
   const Adjacency adjacency = join(std::move(cells), infinite);
   verdict.hull_faces = adjacency.hull_faces;
   verdict.overfull_faces = adjacency.overfull_faces;
-  // CGAL walks from every node, the infinite one too, to a cell of it.
+  // CGAL's check needs a cell at every node, also at the infinite one.
   verdict.valid_topology = adjacency.closed && adjacency.hull_faces > 0 &&
                            verdict.unused_nodes == 0 &&
                            is_valid_topology(adjacency, infinite + std::size_t{1});
 
-  // The volume of the hull's nodes' convex hull, from a triangulation of them alone.
+  // The volume of the convex hull comes from a triangulation of the nodes on the hull only.
   std::vector<std::uint32_t> hull;
   for (const Tet &c : adjacency.cells) {
     if (std::find(c.begin(), c.end(), infinite) != c.end()) {

@@ -1,5 +1,5 @@
-// What Rust sees of CGAL: two functions on slices. CGAL's own headers stay in cgal_bridge.cpp.
-// The other side is src/mesh/delaunay/cgal.rs.
+// The interface of CGAL for Rust: two functions on slices. Only cgal_bridge.cpp includes CGAL's
+// headers. The Rust side is src/mesh/delaunay/cgal.rs.
 #pragma once
 
 #include <cstdint>
@@ -10,11 +10,11 @@ namespace atomesh {
 
 struct CgalVerdict; // shared with Rust
 
-// The finite cells of the Delaunay triangulation, four point numbers each, positively oriented.
-// Points are x, y, z each and finite. Throws if two coincide.
+// Returns the finite cells of the Delaunay triangulation, four point numbers each, positively
+// oriented. `points` has x, y, z of each point, all finite. Throws if two points coincide.
 rust::Vec<std::uint32_t> cgal_triangulate(rust::Slice<const double> points);
 
-// Judges tetrahedra (four point numbers each, all in range) as a triangulation.
+// Checks that tetrahedra (four point numbers each, all in range) are a triangulation.
 CgalVerdict cgal_validate(rust::Slice<const double> points, rust::Slice<const std::uint32_t> tets);
 
 } // namespace atomesh

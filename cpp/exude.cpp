@@ -21,7 +21,7 @@ namespace {
 
 using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
 
-// The names that CGAL asks of a domain. A vertex's index is its point's number.
+// The types that CGAL requires of a domain. The index of a vertex is the number of its point.
 struct Domain {
   using R = Kernel;
   using Index = int;
@@ -48,7 +48,7 @@ Triangulation triangulate(rust::Slice<const double> points) {
         Triangulation::Bare_point(points[3 * i], points[3 * i + 1], points[3 * i + 2]),
         static_cast<int>(i));
   }
-  // Along a curve that fills space each point is found near the one before it.
+  // Points are inserted along a space-filling curve, so that each one is located near its predecessor.
   using Map = CGAL::First_of_pair_property_map<std::pair<Triangulation::Bare_point, int>>;
   using Order = CGAL::Spatial_sort_traits_adapter_3<Kernel, Map>;
   CGAL::spatial_sort(numbered.begin(), numbered.end(), Order());

@@ -22,7 +22,7 @@ namespace {
 using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
 using Point = Kernel::Point_3;
 using Vertex = CGAL::Triangulation_vertex_base_3<Kernel>;
-// A cell knows the number of its entry in the queue, 0 for none.
+// A cell stores the number of its entry in the queue, or 0 for none.
 using Cell = CGAL::Triangulation_cell_base_with_info_3<std::uint64_t, Kernel,
                                                        CGAL::Delaunay_triangulation_cell_base_3<Kernel>>;
 using Delaunay =
@@ -74,7 +74,7 @@ struct Entry {
   Delaunay::Cell_handle cell;
   Point centre;
 
-  // The largest ratio first, of equal ones the oldest.
+  // The largest ratio comes first; of equal ratios the oldest entry.
   bool operator<(const Entry &other) const {
     return ratio != other.ratio ? ratio < other.ratio : number > other.number;
   }
@@ -97,7 +97,7 @@ rust::Vec<double> cgal_refine(rust::Slice<const double> points, rust::Slice<cons
   std::priority_queue<Entry> queue;
   std::uint64_t number = 0;
   const auto consider = [&](Delaunay::Cell_handle cell) {
-    // Cells are made anew at the places of old ones, with whatever number those had.
+    // A new cell may reuse the memory of an old one, and then still has its number.
     cell->info() = 0;
     if (delaunay.is_infinite(cell)) {
       return;
@@ -123,12 +123,12 @@ rust::Vec<double> cgal_refine(rust::Slice<const double> points, rust::Slice<cons
     const Entry worst = queue.top();
     queue.pop();
     if (!delaunay.tds().cells().is_used(worst.cell) || worst.cell->info() != worst.number) {
-      continue; // gone meanwhile
+      continue; // the cell no longer exists
     }
     const std::size_t before = delaunay.number_of_vertices();
     const auto vertex = delaunay.insert(worst.centre, worst.cell);
     if (delaunay.number_of_vertices() == before) {
-      worst.cell->info() = 0; // a point is there already
+      worst.cell->info() = 0; // a point already exists at this position
       continue;
     }
     for (int k = 0; k < 3; ++k) {

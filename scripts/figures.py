@@ -39,7 +39,7 @@ def plane_row(work, name, image, mesh):
     work.run(f"synth {image} --dims 256,256 -o slice.png --truth truth.npy")
     work.run(f"mesh slice.png -o mesh.vtu {mesh}")
     found = work.json("quality mesh.vtu --truth truth.npy")
-    quality, faces = found["quality"], found["fidelity"]["claimed"]
+    quality, faces = found["quality"], found["fidelity"]["tagged_faces"]
     angles = f"{quality['smallest_angle']['worst']:.1f} to {quality['largest_angle']['worst']:.1f}"
     ratio = f"{quality['mean_ratio']['worst']:.3f} | {quality['mean_ratio_mean']:.3f}"
     return f"| {name} | {quality['cells']} | {angles} | {ratio} | {faces['coverage_one']:.3f} | {faces['precision']:.3f} |"

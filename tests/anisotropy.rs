@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::common::{atomesh, npy, run};
+use crate::common::{atomesh, write_npy, run};
 
 const DIMS: [usize; 3] = [32, 24, 24];
 
@@ -27,7 +27,7 @@ fn flow(folder: &Path, mesh: &str, k: &str) -> (Option<String>, f64) {
 fn the_metric_that_a_note_proposes_makes_the_flow_right() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    npy(&folder.join("sheet.npy"), DIMS, |[x, ..]| {
+    write_npy(&folder.join("sheet.npy"), DIMS, |[x, ..]| {
         (-((x as f32 - 16.3) / 1.2).powi(2)).exp()
     });
     let mesh = "mesh sheet.npy --feature ridges --cells voronoi --distance 5 --quiet -o";

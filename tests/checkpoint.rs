@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use crate::common::{atomesh, npy, npy_2d, refused, sheet};
+use crate::common::{atomesh, write_npy, write_npy_2d, expect_refusal, planar_fault};
 
 /// The mesh that a line of words makes, and what is said on the way.
 fn made(folder: &Path, words: &str) -> (Vec<u8>, String) {
@@ -76,10 +76,10 @@ fn goes_on(folder: &Path, words: &str, stages: &[&str]) {
 #[cfg(feature = "tetgen")]
 fn tetrahedra_are_the_same_whatever_stage_a_job_went_on_from() {
     let folder = tempfile::tempdir().unwrap();
-    npy(
+    write_npy(
         &folder.path().join("a.npy"),
         [26, 24, 22],
-        sheet([26, 24, 22]),
+        planar_fault([26, 24, 22]),
     );
     let stages = [
         "1-features",
@@ -102,8 +102,8 @@ fn tetrahedra_are_the_same_whatever_stage_a_job_went_on_from() {
         "{said}"
     );
     assert!(!made(folder.path(), other).1.contains("other options"));
-    npy(&folder.path().join("a.npy"), [26, 24, 22], |x| {
-        sheet([26, 24, 22])(x) + 1.0
+    write_npy(&folder.path().join("a.npy"), [26, 24, 22], |x| {
+        planar_fault([26, 24, 22])(x) + 1.0
     });
     assert!(made(folder.path(), words).1.contains("is of another image"));
     // Where it is written does not matter.
@@ -114,7 +114,7 @@ fn tetrahedra_are_the_same_whatever_stage_a_job_went_on_from() {
 #[test]
 fn triangles_and_cells_are_the_same_whatever_stage_a_job_went_on_from() {
     let folder = tempfile::tempdir().unwrap();
-    npy_2d(&folder.path().join("a.npy"), [60, 50], |[x, y]| {
+    write_npy_2d(&folder.path().join("a.npy"), [60, 50], |[x, y]| {
         f32::from((x as f64 - 30.0).hypot(y as f64 - 25.0) < 15.0)
     });
     let stages = ["1-features", "2-seeded", "3-moved", "5-improved"];
@@ -131,14 +131,14 @@ fn triangles_and_cells_are_the_same_whatever_stage_a_job_went_on_from() {
 #[test]
 fn a_folder_is_needed_and_lattices_are_not_kept() {
     let folder = tempfile::tempdir().unwrap();
-    npy_2d(&folder.path().join("a.npy"), [40, 40], |[x, _]| {
+    write_npy_2d(&folder.path().join("a.npy"), [40, 40], |[x, _]| {
         f32::from(x > 20)
     });
     fs::write(folder.path().join("file"), "").unwrap();
-    let error = refused(folder.path(), &["mesh", "a.npy", "--checkpoint", "file"]);
+    let error = expect_refusal(folder.path(), &["mesh", "a.npy", "--checkpoint", "file"]);
     assert!(error.contains("is no folder"), "{error}");
     let traced = ["mesh", "a.npy", "--checkpoint", "kept", "--trace", "t.pvd"];
-    let error = refused(folder.path(), &traced);
+    let error = expect_refusal(folder.path(), &traced);
     assert!(error.contains("keeps no lattices for --trace"), "{error}");
     assert!(!folder.path().join("kept").exists());
 }

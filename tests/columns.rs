@@ -4,7 +4,7 @@ use std::ffi::OsStr;
 use std::path::Path;
 use std::process::Command;
 
-use crate::common::{Made, judged, npy, npy_2d, refused, run, simulator};
+use crate::common::{SharedFiles, run_validator, write_npy, write_npy_2d, expect_refusal, run, run_simulator};
 use atomesh::mesh::graph::Graph;
 use atomesh::mesh::poly::PolyMesh;
 use atomesh::store::{AnyMesh, MeshFile, read_any_vtu};
@@ -15,12 +15,12 @@ const ROCK: &str = "--porosity 0.2 --permeability 100 --permeability-unit mD --q
 /// A folder with `map.vtu`, the cells of a map of 60 x 50 samples with one fault across it, and the
 /// horizons `top.npy`, `mid.npy` (which touches the top in part) and `base.npy`: depths.
 fn folder() -> tempfile::TempDir {
-    static MADE: Made = Made::new();
+    static MADE: SharedFiles = SharedFiles::new();
     MADE.folder(map_and_horizons)
 }
 
 fn map_and_horizons(path: &Path) {
-    npy_2d(&path.join("fault.npy"), [60, 50], |[x, y]| {
+    write_npy_2d(&path.join("fault.npy"), [60, 50], |[x, y]| {
         (-0.5 * ((0.8 * x as f32 - 0.6 * y as f32 - 9.0) / 1.5).powi(2)).exp()
     });
     run(
@@ -28,11 +28,11 @@ fn map_and_horizons(path: &Path) {
         "mesh fault.npy --cells voronoi --distance 5 --quiet -o map.vtu",
     );
     let top = |x: usize, y: usize| 1000.0 + 0.1 * x as f32 - 0.05 * y as f32;
-    npy_2d(&path.join("top.npy"), [60, 50], |[x, y]| top(x, y));
-    npy_2d(&path.join("mid.npy"), [60, 50], |[x, y]| {
+    write_npy_2d(&path.join("top.npy"), [60, 50], |[x, y]| top(x, y));
+    write_npy_2d(&path.join("mid.npy"), [60, 50], |[x, y]| {
         top(x, y) + (0.3 * (x as f32 - 20.0)).max(0.0)
     });
-    npy_2d(&path.join("base.npy"), [60, 50], |[x, y]| {
+    write_npy_2d(&path.join("base.npy"), [60, 50], |[x, y]| {
         top(x, y) + 20.0 + (0.2 * x as f32).sin()
     });
 }
@@ -92,17 +92,17 @@ fn columns_between_horizons_pass_every_verb() {
     );
     let quality = run(folder, "quality cells.vtu --json --quiet");
     let quality: Value = serde_json::from_str(&quality).unwrap();
-    assert_eq!(quality["voronoi"]["not_positive"], 0);
+    assert_eq!(quality["voronoi"]["non_positive_connections"], 0);
     // Damage is still found.
     let mut damaged = file.clone();
     damaged.mesh.sites[7][2] += 30.0;
     atomesh::store::write_cells_vtu(&folder.join("damaged.vtu"), &damaged).unwrap();
-    let said = refused(folder, &["validate", "damaged.vtu"]);
-    assert!(said.contains("do not hold their site"), "{said}");
+    let said = expect_refusal(folder, &["validate", "damaged.vtu"]);
+    assert!(said.contains("do not contain their site"), "{said}");
     // Moved sideways it stands in no column any more.
     damaged.mesh.sites[7][0] += 30.0;
     atomesh::store::write_cells_vtu(&folder.join("damaged.vtu"), &damaged).unwrap();
-    assert!(refused(folder, &["validate", "damaged.vtu"]).contains("invalid"));
+    assert!(expect_refusal(folder, &["validate", "damaged.vtu"]).contains("invalid"));
 
     let flow = "flow cells.vtu -o flow.vtu --pressure xmin=2e5 --pressure xmax=1e5 --faults open";
     run(folder, &format!("{flow} --quiet"));
@@ -135,7 +135,7 @@ fn openfoam_accepts_columns() {
         .env("WM_PROJECT_DIR", "/usr/share/openfoam")
         .arg("-case")
         .arg(folder.join("case"));
-    let said = simulator(&mut check);
+    let said = run_simulator(&mut check);
     assert!(
         said.contains("Boundary definition OK") && said.contains("Cell volumes OK"),
         "{said}"
@@ -187,9 +187,9 @@ fn opm_flow_runs_columns() {
     command
         .current_dir(folder)
         .args(["CASE.DATA", "--output-dir=out", "--threads-per-process=1"]);
-    simulator(&mut command);
+    run_simulator(&mut command);
     let out = folder.join("out");
-    let found = judged("resfo", "opm.py", &[out.as_os_str(), OsStr::new("CASE")]);
+    let found = run_validator("resfo", "opm.py", &[out.as_os_str(), OsStr::new("CASE")]);
     let pressure: Vec<f64> = (found["pressure"].as_array().unwrap().iter())
         .map(|p| p.as_f64().unwrap())
         .collect();
@@ -206,7 +206,7 @@ fn modflow_has_our_conductances_and_heads() {
     let folder = folder();
     let folder = folder.path();
     // Level layers, one of them missing in part: in the east the middle one has no thickness.
-    npy_2d(&folder.join("step.npy"), [60, 50], |[x, _]| {
+    write_npy_2d(&folder.join("step.npy"), [60, 50], |[x, _]| {
         if x < 30 { 1006.0 } else { 1002.0 }
     });
     let horizons = "--horizon 1000 --horizon 1002 --horizon step.npy --horizon 1010";
@@ -230,7 +230,7 @@ fn modflow_has_our_conductances_and_heads() {
         );
         let said: Value = serde_json::from_str(&said).unwrap();
         let path = folder.join(format!("model-{mesh}"));
-        let found = judged("flopy", "disv.py", &[path.as_os_str()]);
+        let found = run_validator("flopy", "disv.py", &[path.as_os_str()]);
         let file = cells(&folder.join(format!("{mesh}.vtu")));
         let graph = Graph::from_poly(&file.mesh);
         assert_eq!(found["clockwise"], true);
@@ -287,8 +287,8 @@ fn modflow_has_our_conductances_and_heads() {
 fn impossible_columns_are_refused() {
     let folder = folder();
     let folder = folder.path();
-    npy(&folder.join("cube.npy"), [9, 9, 9], |_| 1.0);
-    npy_2d(&folder.join("far.npy"), [60, 50], |_| f32::NAN);
+    write_npy(&folder.join("cube.npy"), [9, 9, 9], |_| 1.0);
+    write_npy_2d(&folder.join("far.npy"), [60, 50], |_| f32::NAN);
     run(
         folder,
         "mesh fault.npy --distance 8 --quiet -o triangles.vtu",
@@ -321,7 +321,7 @@ fn impossible_columns_are_refused() {
         ("triangles.vtu --horizon 0 --horizon 1", "triangles"),
     ] {
         let line = format!("columns {line} -o out.vtu");
-        let said = refused(folder, &line.split_whitespace().collect::<Vec<_>>());
+        let said = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
         assert!(said.contains(want), "{line}\n{said}");
     }
 }
@@ -331,10 +331,10 @@ fn impossible_columns_are_refused() {
 fn what_does_not_stand_in_columns_is_no_modflow_grid() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    npy(
+    write_npy(
         &folder.join("sheet.npy"),
         [30, 28, 26],
-        crate::common::sheet([30, 28, 26]),
+        crate::common::planar_fault([30, 28, 26]),
     );
     run(
         folder,
@@ -343,7 +343,7 @@ fn what_does_not_stand_in_columns_is_no_modflow_grid() {
     let export = "export cells.vtu --to disv -o model --depth-at-top 10";
     let rock = "--porosity 0.2 --permeability 100 --permeability-unit mD";
     let line = format!("{export} {rock}");
-    let said = refused(folder, &line.split_whitespace().collect::<Vec<_>>());
+    let said = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
     assert!(said.contains("columns only"), "{said}");
 }
 
@@ -401,7 +401,7 @@ fn surfaces_and_images_that_say_where_they_lie_are_horizons() {
             "{x} {z}"
         );
     }
-    let said = refused(
+    let said = expect_refusal(
         folder,
         &[
             "columns",

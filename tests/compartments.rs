@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use crate::common::{npy, succeed};
+use crate::common::{write_npy, run_args};
 use serde_json::Value;
 
 /// Samples along each axis.
@@ -101,11 +101,11 @@ fn closed(folder: &Path) -> (f64, u64) {
         let how = [
             "flow", "m.vtu", "-o", "f.vtu", "--quiet", "--json", "--faults", faults,
         ];
-        serde_json::from_str(&succeed(folder, &[&how[..], &sides].concat())).unwrap()
+        serde_json::from_str(&run_args(folder, &[&how[..], &sides].concat())).unwrap()
     };
     let [open, closed] = ["open", "closed"].map(flow);
-    let through = |said: &Value| said["figures"]["throughput"].as_f64().unwrap();
-    let compartments = closed["figures"]["compartments"].as_u64().unwrap();
+    let through = |said: &Value| said["solver"]["throughput"].as_f64().unwrap();
+    let compartments = closed["solver"]["compartments"].as_u64().unwrap();
     (through(&closed) / through(&open), compartments)
 }
 
@@ -117,7 +117,7 @@ fn at_least_nineteen_of_twenty_networks_have_their_exact_blocks() {
     let mut wrong = Vec::new();
     for seed in 0..20 {
         let (planes, blocks) = network(&mut random);
-        npy(&folder.path().join("n.npy"), [N; 3], |x| {
+        write_npy(&folder.path().join("n.npy"), [N; 3], |x| {
             let nearest = planes
                 .iter()
                 .map(|p| level(p, x).abs())
@@ -134,8 +134,8 @@ fn at_least_nineteen_of_twenty_networks_have_their_exact_blocks() {
             "--quiet",
             "--json",
         ];
-        let report: Value = serde_json::from_str(&succeed(folder.path(), &mesh)).unwrap();
-        let rooms = report["improvement"]["sealed"]["rooms"].as_u64().unwrap();
+        let report: Value = serde_json::from_str(&run_args(folder.path(), &mesh)).unwrap();
+        let rooms = report["improvement"]["sealed"]["compartments"].as_u64().unwrap();
         let (leak, compartments) = closed(folder.path());
         if [rooms, compartments] != [blocks as u64; 2] || leak > 1e-12 {
             wrong.push(format!("{seed}: {blocks} blocks, {rooms} rooms, {compartments} compartments, {leak:e} flows"));

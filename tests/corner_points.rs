@@ -6,7 +6,7 @@ use std::ffi::OsStr;
 use std::path::Path;
 use std::process::Command;
 
-use crate::common::{judged, npy, numbers, run, simulator};
+use crate::common::{run_validator, write_npy, numbers, run, run_simulator};
 use serde_json::Value;
 
 /// Layers, thrown by planes that cross the whole box.
@@ -29,11 +29,11 @@ impl Layered {
     /// Writes `fault.npy` and `layers.npy`.
     fn write(&self, folder: &Path) {
         let at = |index: [usize; 3]| index.map(|i| i as f64);
-        npy(&folder.join("fault.npy"), self.dims, |index| {
+        write_npy(&folder.join("fault.npy"), self.dims, |index| {
             let near = |p: usize| (-(self.off(p, at(index)) / 1.2).powi(2)).exp();
             (0..self.planes.len()).map(near).fold(0.0, f64::max) as f32
         });
-        npy(&folder.join("layers.npy"), self.dims, |index| {
+        write_npy(&folder.join("layers.npy"), self.dims, |index| {
             let [x, y, z] = at(index);
             let thrown: f64 = (0..self.planes.len())
                 .filter(|&p| self.off(p, [x, y, z]) > 0.0)
@@ -66,7 +66,7 @@ impl Layered {
             ),
         );
         let said: Value = serde_json::from_str(&said).unwrap();
-        let parts = said["checks"]["parts"].as_array().unwrap().iter();
+        let parts = said["checks"]["compartments"].as_array().unwrap().iter();
         parts.map(|part| part[1].as_u64().unwrap()).collect()
     }
 }
@@ -331,10 +331,10 @@ fn opm_flow_has_the_compartments_of_our_own_graph() {
         let mut flow = Command::new("flow");
         flow.current_dir(folder)
             .args(["A.DATA", "--output-dir=out", "--threads-per-process=1"]);
-        simulator(&mut flow);
+        run_simulator(&mut flow);
         let out = folder.join("out");
         let arguments = [out.as_os_str(), OsStr::new("A")];
-        let found = judged("resfo and SciPy", "compartments.py", &arguments);
+        let found = run_validator("resfo and SciPy", "compartments.py", &arguments);
         let porv = numbers(&found["porv"]);
         println!("{seed}: own {own:?}, OPM Flow {porv:?}");
         assert_eq!(large(&own), 1 + model.planes.len(), "{seed}: {own:?}");

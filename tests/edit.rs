@@ -1,13 +1,13 @@
 //! `atomesh edit` as a user runs it.
 
-use crate::common::{npy, refused, sheet, succeed};
+use crate::common::{write_npy, expect_refusal, planar_fault, run_args};
 use atomesh::mesh::TriMesh;
 use atomesh::store::{AnyMesh, FieldValue, MeshFile, read_any_vtu, write_vtu};
 use serde_json::Value;
 
 fn json(folder: &std::path::Path, arguments: &[&str]) -> Value {
     let arguments = [arguments, &["--json", "--quiet"]].concat();
-    serde_json::from_str(&succeed(folder, &arguments)).unwrap()
+    serde_json::from_str(&run_args(folder, &arguments)).unwrap()
 }
 
 fn triangles(path: &std::path::Path) -> MeshFile<TriMesh> {
@@ -27,9 +27,9 @@ fn wells_come_and_go_in_a_volume() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     let dims = [60, 44, 40];
-    npy(&at.join("image.npy"), dims, sheet(dims));
+    write_npy(&at.join("image.npy"), dims, planar_fault(dims));
     let mesh = "mesh image.npy -o mesh.vtu --distance 5 --feature ridges --quiet";
-    succeed(at, &words(mesh));
+    run_args(at, &words(mesh));
     std::fs::write(
         at.join("edits.csv"),
         "# two wells and an atom too many\nadd,10.5,12,8\nadd, 10.5, 12, 20.5\nremove,300\n",
@@ -54,17 +54,17 @@ fn wells_come_and_go_in_a_volume() {
     assert_eq!(edits.lines().count(), 4, "{edits}");
     // Same input, same bytes; and an edited mesh can be edited again, and painted, and drawn.
     let bytes = std::fs::read(at.join("edited.vtu")).unwrap();
-    succeed(
+    run_args(
         at,
         &[&words(edit)[..], &["--threads", "1", "--quiet"]].concat(),
     );
     assert!(bytes == std::fs::read(at.join("edited.vtu")).unwrap());
-    let table = succeed(
+    let table = run_args(
         at,
         &words("edit edited.vtu image.npy -o again.vtu --remove 200 --quiet --json"),
     );
     assert!(table.contains("again.vtu"));
-    succeed(at, &words("slice image.npy again.vtu -o again.png --quiet"));
+    run_args(at, &words("slice image.npy again.vtu -o again.png --quiet"));
 
     for (line, names) in [
         ("edit mesh.vtu image.npy -o x.vtu", &["nothing to do"][..]),
@@ -90,7 +90,7 @@ fn wells_come_and_go_in_a_volume() {
         ),
         ("edit mesh.vtu image.npy -o x.png --remove 7", &[".vtu"]),
     ] {
-        let error = refused(at, &words(line));
+        let error = expect_refusal(at, &words(line));
         assert!(names.iter().all(|name| error.contains(name)), "{error}");
     }
 }
@@ -99,11 +99,11 @@ fn wells_come_and_go_in_a_volume() {
 fn and_in_the_plane() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    succeed(
+    run_args(
         at,
         &words("synth faults -o slice.png --signal-to-noise 10 --dims 128,112 --quiet"),
     );
-    succeed(at, &words("mesh slice.png -o mesh.vtu --quiet"));
+    run_args(at, &words("mesh slice.png -o mesh.vtu --quiet"));
     let said = json(
         at,
         &words("edit mesh.vtu slice.png -o edited.vtu --add 30.5,40.25 --remove 100 --free"),
@@ -113,12 +113,12 @@ fn and_in_the_plane() {
         "{said}"
     );
     assert_eq!(json(at, &["validate", "edited.vtu"])["valid"], true);
-    let error = refused(at, &words("edit mesh.vtu slice.png -o x.vtu --add 1,2,3"));
+    let error = expect_refusal(at, &words("edit mesh.vtu slice.png -o x.vtu --add 1,2,3"));
     assert!(error.contains("--add 1,2,3"), "{error}");
-    succeed(at, &words("synth faults -o other.png --dims 64,64 --quiet"));
-    let error = refused(at, &words("edit mesh.vtu other.png -o x.vtu --remove 100"));
+    run_args(at, &words("synth faults -o other.png --dims 64,64 --quiet"));
+    let error = expect_refusal(at, &words("edit mesh.vtu other.png -o x.vtu --remove 100"));
     assert!(error.contains("[64, 64]"), "{error}");
-    succeed(
+    run_args(
         at,
         &words("mesh slice.png -o cells.vtu --cells voronoi --quiet"),
     );
@@ -132,9 +132,9 @@ fn and_in_the_plane() {
     // Same input, same bytes.
     let bytes = std::fs::read(at.join("cells2.vtu")).unwrap();
     let line = [&words(edit)[..], &["--threads", "1", "--quiet"]].concat();
-    succeed(at, &line);
+    run_args(at, &line);
     assert!(bytes == std::fs::read(at.join("cells2.vtu")).unwrap());
-    let error = refused(at, &words("edit cells.vtu slice.png -o x.vtu --add 0,20"));
+    let error = expect_refusal(at, &words("edit cells.vtu slice.png -o x.vtu --add 0,20"));
     assert!(error.contains("where cells end"), "{error}");
 }
 
@@ -142,7 +142,7 @@ fn and_in_the_plane() {
 fn edits_follow_the_evaluator_kappa_and_optimizer_in_the_record() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    succeed(
+    run_args(
         at,
         &words("synth faults -o slice.png --signal-to-noise 10 --dims 64,56 --quiet"),
     );
@@ -150,10 +150,10 @@ fn edits_follow_the_evaluator_kappa_and_optimizer_in_the_record() {
     let record = |file: &MeshFile<TriMesh>| file.field_value("parameters").cloned().unwrap();
     let edited = |mesh: &str| {
         let line = format!("edit {mesh} slice.png -o edited.vtu --add 30.5,27.25 --quiet");
-        succeed(at, &words(&line));
+        run_args(at, &words(&line));
         read("edited.vtu")
     };
-    succeed(at, &words("mesh slice.png -o mesh.vtu --quiet"));
+    run_args(at, &words("mesh slice.png -o mesh.vtu --quiet"));
     let mut results = vec![("by default", edited("mesh.vtu"))];
     for option in [
         "--kappa 0.5",
@@ -162,7 +162,7 @@ fn edits_follow_the_evaluator_kappa_and_optimizer_in_the_record() {
         "--optimizer genetic",
     ] {
         let line = format!("mesh slice.png -o other.vtu --quiet {option}");
-        succeed(at, &words(&line));
+        run_args(at, &words(&line));
         // The same mesh, but for what it says of how it was made.
         let (wanted, mut file) = (record(&read("other.vtu")), read("mesh.vtu"));
         assert_ne!(wanted, record(&file));
@@ -203,7 +203,7 @@ fn meshes_of_version_0_1_0_are_understood_or_refused() {
     );
     let worst = quality["smallest_angle"]["worst"].as_f64().unwrap();
     assert!((worst - 31.7).abs() < 0.05, "as it said itself: {worst}");
-    succeed(
+    run_args(
         at,
         &words("edit mesh.vtu image.png -o edited.vtu --remove 12 --quiet"),
     );
@@ -223,7 +223,7 @@ fn meshes_of_version_0_1_0_are_understood_or_refused() {
     // It accepted --min-dihedral with --slivers none, which does nothing.
     json(at, &["quality", "refused.vtu"]);
     let line = "edit refused.vtu image.png -o x.vtu --remove 12";
-    let said = refused(at, &words(line));
+    let said = expect_refusal(at, &words(line));
     for word in [
         "refused.vtu",
         "min-dihedral 20",

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::Command;
 
 use crate::common::{
-    SHEET as DIMS, judged, near, npy, numbers, refused, run, sheet_folder, simulator,
+    FAULT_DIMS as DIMS, run_validator, is_close, write_npy, numbers, expect_refusal, run, folder_with_meshes, run_simulator,
 };
 use atomesh::export::simulators::opm;
 use atomesh::model::flow::{Rock, Tensor};
@@ -39,15 +39,15 @@ fn flow(folder: &Path, case: &str) -> Value {
         .current_dir(folder)
         .args([&format!("{case}.DATA"), "--output-dir=out"])
         .args(["--enable-tuning=false", "--threads-per-process=1"]);
-    simulator(&mut command);
+    run_simulator(&mut command);
     let out = folder.join("out");
-    judged("resfo", "opm.py", &[out.as_os_str(), OsStr::new(case)])
+    run_validator("resfo", "opm.py", &[out.as_os_str(), OsStr::new(case)])
 }
 
 #[test]
 #[ignore = "needs OPM Flow and resfo: make test-all"]
 fn opm_flow_has_our_transmissibilities_pore_volumes_and_depths() {
-    let folder = sheet_folder();
+    let folder = folder_with_meshes();
     let folder = folder.path();
     for mesh in ["cells.vtu", "tets.vtu"] {
         let rock = "--porosity 0.2 --permeability 100,100,10 --permeability-unit mD --quiet";
@@ -59,10 +59,10 @@ fn opm_flow_has_our_transmissibilities_pore_volumes_and_depths() {
         let porv = numbers(&found["porv"]);
         assert_eq!(porv.len(), model.len());
         for (cell, &porv) in porv.iter().enumerate() {
-            assert!(near(porv, 0.2 * model.graph.volume[cell], 1e-6), "{porv}");
+            assert!(is_close(porv, 0.2 * model.graph.volume[cell], 1e-6), "{porv}");
         }
         for (cell, &depth) in numbers(&found["depth"]).iter().enumerate() {
-            assert!(near(depth, model.depth(cell), 1e-6), "{depth}");
+            assert!(is_close(depth, model.depth(cell), 1e-6), "{depth}");
         }
         let mut known: Vec<([u32; 2], f64)> = Vec::new();
         let t = &model.need_permeability("").unwrap().transmissibility;
@@ -82,7 +82,7 @@ fn opm_flow_has_our_transmissibilities_pore_volumes_and_depths() {
         assert_eq!(read.len(), known.len());
         for (read, known) in read.iter().zip(&known) {
             assert_eq!(read.0, known.0);
-            assert!(near(read.1, known.1, 1e-6), "{read:?} {known:?}");
+            assert!(is_close(read.1, known.1, 1e-6), "{read:?} {known:?}");
         }
     }
 }
@@ -90,7 +90,7 @@ fn opm_flow_has_our_transmissibilities_pore_volumes_and_depths() {
 #[test]
 #[ignore = "needs OPM Flow and resfo: make test-all"]
 fn opm_flow_has_our_steady_pressure() {
-    let folder = sheet_folder();
+    let folder = folder_with_meshes();
     let folder = folder.path();
     // 8.64 m^3 a day are 1e-4 m^3/s. Water is hardly compressible near its reference pressure.
     let wells = "--injector 5,5,5:8.64 --producer 33,30,25:200 --pressure-at-top 200 --days 3650";
@@ -130,7 +130,7 @@ fn opm_flow_has_our_steady_pressure() {
 #[test]
 #[ignore = "needs OPM Flow and resfo: make test-all"]
 fn oil_is_driven_out_by_water() {
-    let folder = sheet_folder();
+    let folder = folder_with_meshes();
     let folder = folder.path();
     let wells = "--injector INJ=5,5,5:50 --producer PROD=33,30,25:150";
     let deck = "export cells.vtu --to opm -o OIL.DATA --fluid oil-water --depth-at-top 1500";
@@ -149,7 +149,7 @@ fn openfoam(program: &str, case: &Path, options: &[&str]) -> String {
         .arg("-case")
         .arg(case)
         .args(options);
-    simulator(&mut command)
+    run_simulator(&mut command)
 }
 
 /// The values of a scalar field that OpenFOAM wrote.
@@ -190,7 +190,7 @@ fn on_points(case: &Path, zone: &str) -> Vec<([f64; 3], bool)> {
 #[test]
 #[ignore = "needs OpenFOAM: make test-all"]
 fn openfoam_accepts_the_mesh_and_is_exact_for_a_linear_field() {
-    let folder = sheet_folder();
+    let folder = folder_with_meshes();
     let folder = folder.path();
     for (mesh, tolerance) in [("cells", 1e-10), ("tets", 1e-5)] {
         run(
@@ -242,7 +242,7 @@ fn openfoam_accepts_the_mesh_and_is_exact_for_a_linear_field() {
 #[test]
 #[ignore = "needs OpenFOAM: make test-all"]
 fn a_closed_fault_is_a_patch_of_openfoam_that_nothing_crosses() {
-    let folder = sheet_folder();
+    let folder = folder_with_meshes();
     let folder = folder.path();
     run(
         folder,
@@ -267,7 +267,7 @@ fn a_closed_fault_is_a_patch_of_openfoam_that_nothing_crosses() {
     assert!(near(1.0) > t.len() / 3 && near(0.0) > t.len() / 3);
     assert_eq!(near(1.0) + near(0.0), t.len());
     // What lets through a share of what rock does has no place there.
-    let said = refused(
+    let said = expect_refusal(
         folder,
         &[
             "export",
@@ -288,7 +288,7 @@ fn a_closed_fault_is_a_patch_of_openfoam_that_nothing_crosses() {
 
 #[test]
 fn faults_are_areas_where_a_format_has_no_multipliers() {
-    let folder = sheet_folder();
+    let folder = folder_with_meshes();
     let folder = folder.path();
     // Of each connection its cells and its area.
     let areas = |to: &str, faults: &str| -> Vec<(String, f64)> {
@@ -323,7 +323,7 @@ fn faults_are_areas_where_a_format_has_no_multipliers() {
             let factor = if c.on_feature { 0.01 } else { 1.0 };
             assert_eq!(open.0, tight.0);
             assert!(
-                near(factor * open.1, tight.1, 1e-5),
+                is_close(factor * open.1, tight.1, 1e-5),
                 "{to} {open:?} {tight:?}"
             );
         }
@@ -339,10 +339,10 @@ fn faults_are_areas_where_a_format_has_no_multipliers() {
 fn meshes_of_the_plane_become_a_layer_of_prisms() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    crate::common::npy_2d(&folder.join("line.npy"), [60, 50], |[x, y]| {
+    crate::common::write_npy_2d(&folder.join("line.npy"), [60, 50], |[x, y]| {
         (-0.5 * ((0.6 * x as f32 - 0.8 * y as f32 + 3.0) / 1.5).powi(2)).exp()
     });
-    crate::common::npy_2d(&folder.join("phi.npy"), [60, 50], |[x, _]| {
+    crate::common::write_npy_2d(&folder.join("phi.npy"), [60, 50], |[x, _]| {
         0.1 + 0.002 * x as f32
     });
     for cells in ["voronoi", "triangles"] {
@@ -356,13 +356,13 @@ fn meshes_of_the_plane_become_a_layer_of_prisms() {
         );
         let said: Value = serde_json::from_str(&said).unwrap();
         let checks = &said["checks"];
-        assert!(near(
+        assert!(is_close(
             checks["volume"].as_f64().unwrap(),
             59.0 * 49.0 * 4.0,
             1e-12
         ));
         assert!(checks["volume_error"].as_f64().unwrap() < 1e-12);
-        assert!(checks["on_feature"].as_u64().unwrap() > 5);
+        assert!(checks["feature_connections"].as_u64().unwrap() > 5);
         let depth = numbers(&checks["depth"]);
         assert!(depth[0] > 900.0 && depth[1] < 949.0, "{depth:?}");
         run(folder, &format!("{export} --to openfoam -o {cells}"));
@@ -374,7 +374,7 @@ fn meshes_of_the_plane_become_a_layer_of_prisms() {
 #[test]
 #[ignore = "needs h5py: make test-all"]
 fn pflotran_has_rock_cell_by_cell() {
-    let folder = sheet_folder();
+    let folder = folder_with_meshes();
     let folder = folder.path();
     let rock = "--porosity sheet.npy --permeability 100,50,10 --permeability-unit mD --quiet";
     run(
@@ -382,7 +382,7 @@ fn pflotran_has_rock_cell_by_cell() {
         &format!("export cells.vtu --to pflotran -o a.uge --depth-at-top 0 {rock}"),
     );
     let path = folder.join("a-rock.h5");
-    let found = judged("h5py", "datasets.py", &[path.as_os_str()]);
+    let found = run_validator("h5py", "datasets.py", &[path.as_os_str()]);
     let cells = numbers(&found["Cell Ids"]);
     let all = 1..=cells.len();
     assert!(cells.len() > 100 && cells.iter().copied().eq(all.map(|c| c as f64)));
@@ -390,7 +390,7 @@ fn pflotran_has_rock_cell_by_cell() {
         let values = numbers(&found[format!("Permeability{axis}")]);
         assert_eq!(values.len(), cells.len());
         assert!(
-            values.iter().all(|v| near(*v, k * MILLIDARCY, 1e-12)),
+            values.iter().all(|v| is_close(*v, k * MILLIDARCY, 1e-12)),
             "{axis}"
         );
     }
@@ -407,7 +407,7 @@ fn pflotran_has_rock_cell_by_cell() {
 
 #[test]
 fn pflotrans_grid_is_the_graph() {
-    let folder = sheet_folder();
+    let folder = folder_with_meshes();
     let folder = folder.path();
     run(
         folder,
@@ -445,7 +445,7 @@ fn pflotrans_grid_is_the_graph() {
             let square = (0..3).map(|k| (row[2 + k] - cells[cell][1 + k]).powi(2));
             square.sum::<f64>().sqrt()
         };
-        assert!(near(
+        assert!(is_close(
             row[5] / (off(a) + off(b)),
             c.unit_transmissibility(),
             1e-9
@@ -457,7 +457,7 @@ fn pflotrans_grid_is_the_graph() {
         .skip(1)
         .map(|line| line.rsplit_once(' ').unwrap().1.parse::<f64>().unwrap())
         .sum();
-    assert!(near(area, 35.0 * 31.0, 1e-9), "{area}");
+    assert!(is_close(area, 35.0 * 31.0, 1e-9), "{area}");
     // The twin has the same cells in the same order.
     let AnyMesh::Polyhedra(twin) = read_any_vtu(&folder.join("grid.vtu")).unwrap() else {
         panic!("no polyhedra")
@@ -468,7 +468,7 @@ fn pflotrans_grid_is_the_graph() {
 #[test]
 #[ignore = "needs toughio: make test-all"]
 fn toughio_reads_the_tough2_mesh() {
-    let folder = sheet_folder();
+    let folder = folder_with_meshes();
     let folder = folder.path();
     run(
         folder,
@@ -478,12 +478,12 @@ fn toughio_reads_the_tough2_mesh() {
     let model = model(folder, "cells.vtu", 100.0, &[1.0]);
     let graph = &model.graph;
     let path = folder.join("MESH");
-    let found = judged("toughio", "tough.py", &[path.as_os_str()]);
+    let found = run_validator("toughio", "tough.py", &[path.as_os_str()]);
     for (volume, known) in numbers(&found["volume"]).iter().zip(&graph.volume) {
-        assert!(near(*volume, *known, 1e-5));
+        assert!(is_close(*volume, *known, 1e-5));
     }
     for modifier in numbers(&found["modifier"]) {
-        assert!(near(modifier, 100.0 * MILLIDARCY, 1e-4), "{modifier}");
+        assert!(is_close(modifier, 100.0 * MILLIDARCY, 1e-4), "{modifier}");
     }
     let centers = found["center"].as_array().unwrap();
     assert_eq!(centers.len(), model.len());
@@ -500,7 +500,7 @@ fn toughio_reads_the_tough2_mesh() {
         let axis = row[1].as_u64().unwrap() as usize - 1;
         assert!((0..3).all(|k| line[k].abs() <= line[axis].abs()));
         let distances = numbers(&row[2]);
-        assert!((0..2).all(|k| near(distances[k], c.distance[k], 1e-5)));
+        assert!((0..2).all(|k| is_close(distances[k], c.distance[k], 1e-5)));
         let area = row[3].as_f64().unwrap();
         assert!((area - c.area).abs() < 1e-4 * c.area + 1e-8, "{area}");
         // Down is -z, and the first cell is above where the line goes down.
@@ -511,12 +511,12 @@ fn toughio_reads_the_tough2_mesh() {
 
 #[test]
 fn images_fill_cells_and_refusals_name_what_is_wrong() {
-    let folder = sheet_folder();
+    let folder = folder_with_meshes();
     let folder = folder.path();
-    npy(&folder.join("phi.npy"), DIMS, |[x, _, _]| {
+    write_npy(&folder.join("phi.npy"), DIMS, |[x, _, _]| {
         0.1 + 0.005 * x as f32
     });
-    npy(&folder.join("small.npy"), [9, 9, 9], |_| 0.1);
+    write_npy(&folder.join("small.npy"), [9, 9, 9], |_| 0.1);
     std::fs::write(folder.join("k.csv"), "region,K\n0,100\n").unwrap();
     std::fs::write(folder.join("wrong.csv"), "region,K\n7,100\n").unwrap();
     let export = "export cells.vtu --to opm -o A.DATA --json --quiet";
@@ -530,9 +530,9 @@ fn images_fill_cells_and_refusals_name_what_is_wrong() {
     let said: Value = serde_json::from_str(&said).unwrap();
     // The mean of a linear function over the box is that of its ends.
     let pores = said["checks"]["pore_volume"].as_f64().unwrap();
-    assert!(near(pores, (0.1 + 0.005 * 19.5) * VOLUME, 1e-6), "{pores}");
+    assert!(is_close(pores, (0.1 + 0.005 * 19.5) * VOLUME, 1e-6), "{pores}");
     assert!(said["checks"]["angle"][1].as_f64().unwrap() < 1e-3);
-    assert_eq!(said["checks"]["parts"].as_array().unwrap().len(), 1);
+    assert_eq!(said["checks"]["compartments"].as_array().unwrap().len(), 1);
 
     let good = "--porosity 0.2 --permeability 100 --permeability-unit mD --depth-at-top 1000";
     let unit = "--permeability-unit mD";
@@ -593,7 +593,7 @@ fn images_fill_cells_and_refusals_name_what_is_wrong() {
         ("pflotran -o cells.uge", "", "replace the mesh"),
     ] {
         let line = format!("export cells.vtu --to {to} {options}");
-        let said = refused(folder, &line.split_whitespace().collect::<Vec<_>>());
+        let said = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
         assert!(said.contains(want), "{line}\n{said}");
     }
 }
@@ -601,7 +601,7 @@ fn images_fill_cells_and_refusals_name_what_is_wrong() {
 #[test]
 #[ignore = "needs OPM Flow: make test-all"]
 fn opm_flow_takes_decks_in_which_nothing_moves() {
-    let folder = sheet_folder();
+    let folder = folder_with_meshes();
     let folder = folder.path();
     for (number, deck) in [
         "opm -o CASE.DATA",
@@ -618,11 +618,11 @@ fn opm_flow_takes_decks_in_which_nothing_moves() {
         let mut flow = std::process::Command::new("flow");
         let out = format!("--output-dir=out{number}");
         flow.current_dir(folder).args(["CASE.DATA", &out]);
-        simulator(&mut flow);
+        run_simulator(&mut flow);
         assert!(folder.join(format!("out{number}/CASE.INIT")).exists());
     }
     let rock = ROCK.replace(" --quiet", "");
     let line = format!("export cells.vtu --to opm -o A.DATA {rock} --depth-at-top 9 --days 7");
-    let said = refused(folder, &line.split_whitespace().collect::<Vec<_>>());
+    let said = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
     assert!(said.contains("nothing moves"), "{said}");
 }

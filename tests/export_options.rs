@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use crate::common::{atomesh, files, npy, refused, sheet, succeed};
+use crate::common::{atomesh, files_below, write_npy, expect_refusal, planar_fault, run_args};
 use atomesh::export::{ExportContent, ExportFormat, FORMATS};
 
 const DIMS: [usize; 3] = [28, 24, 20];
@@ -57,7 +57,7 @@ fn outputs(folder: &Path, words: &[String]) -> Result<Vec<(PathBuf, Vec<u8>)>, S
     let out = folder.join("out");
     std::fs::create_dir_all(&out).unwrap();
     let output = atomesh(folder).args(words).output().unwrap();
-    let made = files(&out).into_iter();
+    let made = files_below(&out).into_iter();
     let made = made.map(|(path, bytes)| (path.strip_prefix(&out).unwrap().into(), bytes));
     let made = made.collect();
     std::fs::remove_dir_all(&out).unwrap();
@@ -73,8 +73,8 @@ fn outputs(folder: &Path, words: &[String]) -> Result<Vec<(PathBuf, Vec<u8>)>, S
 fn every_option_changes_the_files_or_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    npy(&folder.join("sheet.npy"), DIMS, sheet(DIMS));
-    succeed(
+    write_npy(&folder.join("sheet.npy"), DIMS, planar_fault(DIMS));
+    run_args(
         folder,
         &[
             "mesh",
@@ -163,7 +163,7 @@ fn every_option_changes_the_files_or_is_refused() {
 fn what_a_format_cannot_hold_is_refused_with_those_that_can() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    npy(&folder.join("sheet.npy"), DIMS, sheet(DIMS));
+    write_npy(&folder.join("sheet.npy"), DIMS, planar_fault(DIMS));
     let mesh = [
         "mesh",
         "sheet.npy",
@@ -173,10 +173,10 @@ fn what_a_format_cannot_hold_is_refused_with_those_that_can() {
         "-o",
         "tets.vtu",
     ];
-    succeed(folder, &mesh);
+    run_args(folder, &mesh);
     let export = |words: &str| {
         let words = format!("export tets.vtu {words}");
-        refused(folder, &words.split_whitespace().collect::<Vec<_>>())
+        expect_refusal(folder, &words.split_whitespace().collect::<Vec<_>>())
     };
     let rock = "--permeability 100 --permeability-unit mD";
     let said = export(&format!("--to resqml -o a.epc --faults 0.1 {rock}"));

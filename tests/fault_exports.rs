@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::process::Command;
 
-use crate::common::{atomesh, judged, npy, python, refused, run, sheet, simulator, vtk};
+use crate::common::{atomesh, run_validator, write_npy, run_python, expect_refusal, run, planar_fault, run_simulator, run_vtk_program};
 use atomesh::files::vtk::DataArray;
 use atomesh::mesh::{FACES, TetMesh};
 use atomesh::store::{MeshFile, write_vtu};
@@ -200,7 +200,7 @@ fn nodes_are_doubled_at_faults_once_for_each_sector_and_not_at_tips() {
         assert!(text.contains(&format!("*NSET, NSET=N{name}\n")), "{name}");
         assert!(text.contains(&format!("*SURFACE, NAME=S{name}, TYPE=ELEMENT\n")));
     }
-    let said = refused(
+    let said = expect_refusal(
         folder,
         &[
             "export", "mesh.vtu", "--to", "inp", "-o", "b.inp", "--split", "horizons",
@@ -210,7 +210,7 @@ fn nodes_are_doubled_at_faults_once_for_each_sector_and_not_at_tips() {
         said.contains("--split horizons: matches no surface"),
         "{said}"
     );
-    let said = refused(
+    let said = expect_refusal(
         folder,
         &[
             "export", "mesh.vtu", "--to", "medit", "-o", "b.mesh", "--split", "faults",
@@ -234,7 +234,7 @@ fn gmsh_reads_split_meshes_with_prisms_between_their_sides() {
             &format!("export mesh.vtu --to {version} -o a.msh --split 1 --quiet"),
         );
         assert_eq!(twins(&read(folder, "a-twins.csv")).len(), 36);
-        let found = judged("Gmsh", "physical.py", &[folder.join("a.msh").as_os_str()]);
+        let found = run_validator("Gmsh", "physical.py", &[folder.join("a.msh").as_os_str()]);
         assert_eq!(found["tets"], 6 * 6 * 6 * 3);
         assert!((found["volume"].as_f64().unwrap() - 108.0).abs() < 1e-9);
         let count = |dim: u64, name: &str| {
@@ -287,7 +287,7 @@ for b in range(1, blocks.GetNumberOfBlocks()):
                   'copies': sorted(set(here.sum(axis=1).tolist())), 'most': collocated.shape[1],
                   'integer': collocated.dtype.kind})
 print(json.dumps({'points': main.GetNumberOfPoints(), 'blocks': found}))";
-    let found = vtk(program, &[&folder.join("a.vtm")]);
+    let found = run_vtk_program(program, &[&folder.join("a.vtm")]);
     assert_eq!(found["points"], 7 * 7 * 4 + 4 * (6 + 4 + 3));
     let blocks = found["blocks"].as_array().unwrap();
     let cells: Vec<u64> = blocks
@@ -351,7 +351,7 @@ fn calculix_finds_the_analytic_jump_across_a_split_fault() {
     std::fs::write(folder.join("job.inp"), job).unwrap();
     let mut ccx = Command::new("ccx");
     ccx.current_dir(folder).arg("job");
-    simulator(&mut ccx);
+    run_simulator(&mut ccx);
     // shift = 4 stress / modulus + stress / stiffness.
     let stress = shift / (4.0 / modulus + 1.0 / stiffness);
     let upper: Vec<usize> = share.keys().map(|pair| pair[1]).collect();
@@ -396,7 +396,7 @@ fn side_is_right(nodes: &[[f64; 3]], text: &str, node: usize) -> bool {
 fn horizons_are_no_barriers_and_faults_have_multipliers_of_their_own() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    npy(&folder.join("layers.npy"), [40, 36, 32], |[x, y, _]| {
+    write_npy(&folder.join("layers.npy"), [40, 36, 32], |[x, y, _]| {
         let ricker = |off: f32| {
             let t = (off / 2.5).powi(2);
             (1.0 - 2.0 * t) * (-t).exp()
@@ -411,8 +411,8 @@ fn horizons_are_no_barriers_and_faults_have_multipliers_of_their_own() {
     let export = format!("export mesh.vtu --to darts -o a.conn {rock} --json --quiet");
     let parts = |faults: &str| {
         let said = json(folder, &format!("{export} {faults}"));
-        assert!(said["checks"]["on_feature"].as_u64().unwrap() > 50);
-        said["checks"]["parts"].as_array().unwrap().len()
+        assert!(said["checks"]["feature_connections"].as_u64().unwrap() > 50);
+        said["checks"]["compartments"].as_array().unwrap().len()
     };
     assert_eq!(parts("--faults closed"), 1);
     assert_eq!(parts("--faults closed --barriers horizons"), 3);
@@ -441,7 +441,7 @@ fn horizons_are_no_barriers_and_faults_have_multipliers_of_their_own() {
     };
     assert_eq!([with(0.5), with(0.01)], [36, 30]);
     assert_eq!(with(1.0), open.len() - 66);
-    let said = refused(
+    let said = expect_refusal(
         folder,
         &format!(
             "{} --fault-multiplier 9:0.5",
@@ -463,7 +463,7 @@ fn horizons_are_no_barriers_and_faults_have_multipliers_of_their_own() {
 fn flow_past_the_tip_of_a_closed_fault_is_what_it_should_be() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    npy(
+    write_npy(
         &folder.join("slit.npy"),
         [81, 41, 31],
         |[x, y, _]| match y {
@@ -493,7 +493,7 @@ fn flow_past_the_tip_of_a_closed_fault_is_what_it_should_be() {
         let grid = "--grid 48,24,12 --depth-at-top 100 --quiet --down z";
         run(folder, &format!("{export} {grid} --faults {faults}"));
         let path = folder.join("a.GRDECL");
-        let found = judged("SciPy", "corner_rate.py", &[path.as_os_str()]);
+        let found = run_validator("SciPy", "corner_rate.py", &[path.as_os_str()]);
         let rate = found["rate"].as_f64().unwrap();
         println!("corner points, {faults}: {:.3}", rate / want);
         assert!((rate / want - 1.0).abs() < tolerance, "{rate}, not {want}");
@@ -506,7 +506,7 @@ fn opm_flow_runs_the_corner_point_deck_with_its_wells() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     let dims = [40, 36, 32];
-    npy(&folder.join("sheet.npy"), dims, sheet(dims));
+    write_npy(&folder.join("sheet.npy"), dims, planar_fault(dims));
     run(
         folder,
         "mesh sheet.npy --distance 6 --quiet -o cells.vtu --cells voronoi",
@@ -549,7 +549,7 @@ fn opm_flow_runs_the_corner_point_deck_with_its_wells() {
     flow.current_dir(folder)
         .args(["A.DATA", "--output-dir=out"]);
     flow.args(["--enable-tuning=false", "--threads-per-process=1"]);
-    simulator(&mut flow);
+    run_simulator(&mut flow);
     let program = "import resfo, sys\n\
         word = lambda w: (w.decode() if isinstance(w, bytes) else w).strip()\n\
         smspec = {word(k): v for k, v in resfo.read(sys.argv[1] + '.SMSPEC')}\n\
@@ -558,7 +558,7 @@ fn opm_flow_runs_the_corner_point_deck_with_its_wells() {
         last = [v for k, v in resfo.read(sys.argv[1] + '.UNSMRY') if k.strip() == 'PARAMS'][-1]\n\
         print({n: float(v) for n, v in zip(names, last)})";
     let case = folder.join("out/A");
-    let said = python(
+    let said = run_python(
         "resfo",
         &[OsStr::new("-c"), OsStr::new(program), case.as_os_str()],
     );

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::common::{Made, npy, npy_2d, refused, run, sheet, succeed};
+use crate::common::{SharedFiles, write_npy, write_npy_2d, expect_refusal, run, planar_fault, run_args};
 use atomesh::files::vtk::VtkFile;
 use atomesh::store::{AnyMesh, MeshFile, read_any_vtu, read_vtu};
 use serde_json::Value;
@@ -11,9 +11,9 @@ const DIMS: [usize; 3] = [40, 36, 32];
 
 /// A folder with a mesh of a sheet across the box, `mesh.vtu`.
 fn folder() -> tempfile::TempDir {
-    static MADE: Made = Made::new();
+    static MADE: SharedFiles = SharedFiles::new();
     MADE.folder(|folder| {
-        npy(&folder.join("sheet.npy"), DIMS, sheet(DIMS));
+        write_npy(&folder.join("sheet.npy"), DIMS, planar_fault(DIMS));
         run(folder, "mesh sheet.npy -o mesh.vtu --distance 6 --quiet");
     })
 }
@@ -24,15 +24,15 @@ fn flow(folder: &Path, options: &[&str]) -> Value {
         options,
     ]
     .concat();
-    serde_json::from_str(&succeed(folder, &all)).unwrap()
+    serde_json::from_str(&run_args(folder, &all)).unwrap()
 }
 
 fn through(folder: &Path, options: &[&str]) -> f64 {
     let sides = ["--pressure", "xmin=2e5", "--pressure", "xmax=1e5"];
     let said = flow(folder, &[&sides, options].concat());
-    assert!(said["figures"]["worst_balance"].as_f64().unwrap() < 1e-10);
-    assert!(said["figures"]["total_balance"].as_f64().unwrap() < 1e-10);
-    said["figures"]["throughput"].as_f64().unwrap()
+    assert!(said["solver"]["max_imbalance"].as_f64().unwrap() < 1e-10);
+    assert!(said["solver"]["total_imbalance"].as_f64().unwrap() < 1e-10);
+    said["solver"]["throughput"].as_f64().unwrap()
 }
 
 fn numbers(file: &MeshFile, name: &str) -> Vec<f64> {
@@ -114,9 +114,9 @@ fn the_more_a_fault_resists_the_less_flows() {
 #[test]
 fn two_point_fluxes_are_exact_on_voronoi_cells() {
     let folder = tempfile::tempdir().unwrap();
-    npy(&folder.path().join("sheet.npy"), DIMS, sheet(DIMS));
+    write_npy(&folder.path().join("sheet.npy"), DIMS, planar_fault(DIMS));
     let mesh = "mesh sheet.npy -o mesh.vtu --distance 6 --align alongside --cells voronoi --quiet";
-    succeed(folder.path(), &mesh.split(' ').collect::<Vec<_>>());
+    run_args(folder.path(), &mesh.split(' ').collect::<Vec<_>>());
     let lines = ["--streamlines", "lines.vtp", "--lines", "10"];
     let rate = through(folder.path(), &[&["--faults", "open"], &lines[..]].concat());
     // Straight along x, each as far as the box is long.
@@ -168,7 +168,7 @@ fn two_point_fluxes_are_exact_on_voronoi_cells() {
         "--pressure",
         "xmin=0",
     ];
-    assert!(refused(folder.path(), &sink).contains("2 coordinates, the mesh 3"));
+    assert!(expect_refusal(folder.path(), &sink).contains("2 coordinates, the mesh 3"));
 }
 
 /// Triangles and polygons of the plane by the same code: a line across, tilted as the sheet is.
@@ -176,11 +176,11 @@ fn two_point_fluxes_are_exact_on_voronoi_cells() {
 fn in_the_plane_as_in_space() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    let line = sheet(DIMS);
-    npy_2d(&at.join("line.npy"), [40, 36], |[x, y]| line([x, y, 0]));
+    let line = planar_fault(DIMS);
+    write_npy_2d(&at.join("line.npy"), [40, 36], |[x, y]| line([x, y, 0]));
     for cells in ["triangles", "voronoi"] {
         let mesh = format!("mesh line.npy -o mesh.vtu --distance 4 --cells {cells} --quiet");
-        succeed(at, &mesh.split(' ').collect::<Vec<_>>());
+        run_args(at, &mesh.split(' ').collect::<Vec<_>>());
         let want = 2e-13 / 1e-3 * 1e5 * 35.0 / 39.0;
         if cells == "triangles" {
             // Two-point fluxes are right for isotropic rock only.
@@ -207,11 +207,11 @@ fn in_the_plane_as_in_space() {
         );
         assert!(through(at, &["--faults", "closed"]) < 1e-9 * want);
         let side = ["flow", "mesh.vtu", "-o", "x.vtu", "--pressure", "zmin=0"];
-        assert!(refused(at, &side).contains("zmin"));
+        assert!(expect_refusal(at, &side).contains("zmin"));
         let well = [
             "flow", "mesh.vtu", "-o", "x.vtu", "--source", "1,2,3", "--sink", "5,5,5",
         ];
-        assert!(refused(at, &well).contains("3 coordinates, the mesh 2"));
+        assert!(expect_refusal(at, &well).contains("3 coordinates, the mesh 2"));
         let k = [
             "flow",
             "mesh.vtu",
@@ -222,10 +222,10 @@ fn in_the_plane_as_in_space() {
             "--permeability",
             "1,1,2",
         ];
-        assert!(refused(at, &k).contains("KXX,KYY,KXY"));
+        assert!(expect_refusal(at, &k).contains("KXX,KYY,KXY"));
     }
     let mesh = "mesh line.npy -o mesh.vtu --distance 4 --quiet";
-    succeed(at, &mesh.split(' ').collect::<Vec<_>>());
+    run_args(at, &mesh.split(' ').collect::<Vec<_>>());
     let wells = [
         "--source",
         "8,10",
@@ -237,7 +237,7 @@ fn in_the_plane_as_in_space() {
         "20",
     ];
     let said = flow(at, &wells);
-    assert_eq!(said["figures"]["compartments"], 2);
+    assert_eq!(said["solver"]["compartments"], 2);
     let lines = VtkFile::read(&at.join("lines.vtp"), "PolyData").unwrap();
     let piece = lines.piece().unwrap();
     assert_eq!(
@@ -262,7 +262,7 @@ fn in_the_plane_as_in_space() {
 fn faults_by_number() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    npy(&at.join("two.npy"), DIMS, |[x, y, z]| {
+    write_npy(&at.join("two.npy"), DIMS, |[x, y, z]| {
         let ridge = |off: f32| (-0.5 * (off / 1.5).powi(2)).exp();
         let ends = if y < 26 { 1.0 } else { 0.0 };
         ridge(x as f32 - 12.0 - 0.2 * z as f32).max(ends * ridge(x as f32 - 30.0))
@@ -271,8 +271,8 @@ fn faults_by_number() {
         let mesh = format!(
             "mesh two.npy -o mesh.vtu --distance 5 --feature ridges --cells {cells} --quiet"
         );
-        succeed(at, &mesh.split(' ').collect::<Vec<_>>());
-        let said = succeed(
+        run_args(at, &mesh.split(' ').collect::<Vec<_>>());
+        let said = run_args(
             at,
             &["surface", "mesh.vtu", "-o", "s.vtp", "--json", "--quiet"],
         );
@@ -328,7 +328,7 @@ fn faults_by_number() {
             .collect();
         assert_eq!(said, [(1, 0.5), (2, 0.25)]);
         // All that flows crosses the first.
-        let (across, all) = (&by_fault[0]["rate_across"], &both["figures"]["throughput"]);
+        let (across, all) = (&by_fault[0]["total_rate_across"], &both["solver"]["throughput"]);
         let share = across.as_f64().unwrap() / all.as_f64().unwrap();
         assert!((share - 1.0).abs() < 1e-6, "{cells} {share}");
     }
@@ -339,7 +339,7 @@ fn faults_by_number() {
 fn horizons_are_no_faults() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    npy(&at.join("layers.npy"), DIMS, |[x, y, _]| {
+    write_npy(&at.join("layers.npy"), DIMS, |[x, y, _]| {
         let ricker = |off: f32| {
             let t = (off / 2.5).powi(2);
             (1.0 - 2.0 * t) * (-t).exp()
@@ -347,8 +347,8 @@ fn horizons_are_no_faults() {
         ricker(x as f32 - 12.0 - 0.05 * y as f32) - ricker(x as f32 - 27.0)
     });
     let mesh = "mesh layers.npy -o mesh.vtu --distance 5 --feature horizons --quiet";
-    succeed(at, &mesh.split(' ').collect::<Vec<_>>());
-    let said = succeed(
+    run_args(at, &mesh.split(' ').collect::<Vec<_>>());
+    let said = run_args(
         at,
         &[
             "surface", "mesh.vtu", "-o", "s.ts", "--up", "x", "--json", "--quiet",
@@ -549,7 +549,7 @@ fn what_cannot_be_computed_is_refused_in_one_line() {
         ),
     ];
     for (options, words) in cases {
-        let line = refused(
+        let line = expect_refusal(
             path,
             &[&["flow", "mesh.vtu", "-o", "out.vtu"], *options].concat(),
         );
@@ -557,7 +557,7 @@ fn what_cannot_be_computed_is_refused_in_one_line() {
             assert!(line.contains(word), "no '{word}' in: {line}");
         }
     }
-    let line = refused(
+    let line = expect_refusal(
         path,
         &[&["flow", "sheet.npy", "-o", "out.vtu"], &ends[..]].concat(),
     );
@@ -584,10 +584,10 @@ fn no_input_is_replaced_and_no_option_ignored() {
     ];
     for (options, words) in cases {
         let line = format!("{line} {options}");
-        let said = refused(path, &line.split_whitespace().collect::<Vec<_>>());
+        let said = expect_refusal(path, &line.split_whitespace().collect::<Vec<_>>());
         assert!(said.contains(words), "no '{words}' in: {said}");
     }
     // A raw sample type says nothing where no image is read.
     let surface = ["surface", "mesh.vtu", "-o", "s.vtp", "--raw", "4x4x4:f32"];
-    assert!(refused(path, &surface).contains("no image"));
+    assert!(expect_refusal(path, &surface).contains("no image"));
 }

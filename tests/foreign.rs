@@ -3,7 +3,7 @@
 use std::ffi::OsStr;
 use std::path::Path;
 
-use crate::common::{judged, near, refused, run, sheet_folder, succeed};
+use crate::common::{run_validator, is_close, expect_refusal, run, folder_with_meshes, run_args};
 use serde_json::Value;
 
 /// What a verb says as JSON.
@@ -13,7 +13,7 @@ fn said(folder: &Path, line: &str) -> Value {
 
 #[test]
 fn surfaces_keep_the_names_that_others_gave_them() {
-    let folder = sheet_folder();
+    let folder = folder_with_meshes();
     let folder = folder.path();
     for (format, file) in [("msh", "a.msh"), ("msh2", "b.msh"), ("exodus", "c.exo")] {
         run(
@@ -50,7 +50,7 @@ fn surfaces_keep_the_names_that_others_gave_them() {
         let rate = |how: &str| -> f64 {
             let said = run(folder, &format!("{flow} {how}"));
             let found: serde_json::Value = serde_json::from_str(&said).unwrap();
-            found["figures"]["throughput"].as_f64().unwrap()
+            found["solver"]["throughput"].as_f64().unwrap()
         };
         let (free, hindered) = (rate("--faults open"), rate("--fault-multiplier 1:0.001"));
         assert!(hindered < 0.5 * free, "{hindered} of {free}");
@@ -69,7 +69,7 @@ fn cells_of_several_shapes_are_polyhedra() {
     for how in ["hexahedra", "polyhedra", "mismatch"] {
         let path = folder.join(format!("{how}.vtu"));
         let arguments = [path.as_os_str(), OsStr::new(how)];
-        judged("VTK", "mixed.py", &arguments);
+        run_validator("VTK", "mixed.py", &arguments);
     }
     for how in ["hexahedra", "polyhedra"] {
         // 9 cubes, 18 wedges; of 18 cubes 5 sides are pyramids and the others two tetrahedra each.
@@ -94,7 +94,7 @@ fn cells_of_several_shapes_are_polyhedra() {
         let surfaces = found["surfaces"].as_array().unwrap();
         assert_eq!(surfaces.len(), 1, "{found}");
         assert!(
-            near(surfaces[0]["area"].as_f64().unwrap(), 9.0, 1e-12),
+            is_close(surfaces[0]["area"].as_f64().unwrap(), 9.0, 1e-12),
             "{found}"
         );
         // Open, nearly as in a box of one kind of cells; closed, the quadrilaterals let nothing through.
@@ -103,24 +103,24 @@ fn cells_of_several_shapes_are_polyhedra() {
             folder,
             &format!("{flow} --faults open --permeability 1e-13"),
         );
-        let rate = found["figures"]["throughput"].as_f64().unwrap();
-        assert!(near(rate, 1e-13 * 9.0 / 1e-3 / 4.0, 0.05), "{rate}");
+        let rate = found["solver"]["throughput"].as_f64().unwrap();
+        assert!(is_close(rate, 1e-13 * 9.0 / 1e-3 / 4.0, 0.05), "{rate}");
         let found = said(folder, &flow);
-        assert_eq!(found["figures"]["compartments"], 2, "{found}");
+        assert_eq!(found["solver"]["compartments"], 2, "{found}");
         run(
             folder,
             &format!("export {how}.vtu --to exodus -o {how}.exo --quiet"),
         );
         let path = folder.join(format!("{how}.exo"));
-        let found = judged("SciPy", "exodus.py", &[path.as_os_str()]);
+        let found = run_validator("SciPy", "exodus.py", &[path.as_os_str()]);
         assert_eq!(found["cells"], cells);
         assert_eq!(found["blocks"], serde_json::json!(["region4", "region5"]));
-        assert!(near(
+        assert!(is_close(
             found["sets"]["xmax"]["area"].as_f64().unwrap(),
             9.0,
             1e-12
         ));
-        assert!(near(
+        assert!(is_close(
             found["sets"]["fault1"]["area"].as_f64().unwrap(),
             9.0,
             1e-12
@@ -131,7 +131,7 @@ fn cells_of_several_shapes_are_polyhedra() {
         "export mismatch.vtu --to vtkhdf -o f.vtkhdf",
     ] {
         let arguments: Vec<&str> = line.split(' ').collect();
-        let line = refused(folder, &arguments);
+        let line = expect_refusal(folder, &arguments);
         assert!(line.contains("nothing would pass between"), "{line}");
     }
 }
@@ -139,7 +139,7 @@ fn cells_of_several_shapes_are_polyhedra() {
 #[test]
 #[ignore = "needs SciPy: make test-all"]
 fn exodus_meshes_of_polyhedra_come_back() {
-    let folder = sheet_folder();
+    let folder = folder_with_meshes();
     let folder = folder.path();
     run(folder, "export cells.vtu --to exodus -o a.exo --quiet");
     let [ours, theirs] =
@@ -168,11 +168,11 @@ fn exodus_meshes_of_polyhedra_come_back() {
     };
     let (ours, theirs) = (area("cells.vtu"), area("a.exo"));
     // The triangles of a face of many corners begin elsewhere.
-    assert!(near(ours.0, theirs.0, 1e-8), "{ours:?} {theirs:?}");
+    assert!(is_close(ours.0, theirs.0, 1e-8), "{ours:?} {theirs:?}");
     assert_eq!((ours.1, theirs.1), (Value::Null, "fault1".into()));
     run(folder, "export a.exo --to exodus -o b.exo --quiet");
     let [a, b] = ["a.exo", "b.exo"]
-        .map(|file| judged("SciPy", "exodus.py", &[folder.join(file).as_os_str()]));
+        .map(|file| run_validator("SciPy", "exodus.py", &[folder.join(file).as_os_str()]));
     for what in ["cells", "faces", "blocks"] {
         assert_eq!(a[what], b[what]);
     }
@@ -183,7 +183,7 @@ fn exodus_meshes_of_polyhedra_come_back() {
     let bytes = std::fs::read(folder.join("a.exo")).unwrap();
     for end in [bytes.len() / 3, bytes.len() / 2] {
         std::fs::write(folder.join("cut.exo"), &bytes[..end]).unwrap();
-        refused(folder, &["quality", "cut.exo"]);
+        expect_refusal(folder, &["quality", "cut.exo"]);
     }
-    succeed(folder, &["validate", "a.exo", "--quiet"]);
+    run_args(folder, &["validate", "a.exo", "--quiet"]);
 }

@@ -4,7 +4,7 @@ use atomesh::feature::{DetectionOptions, FeatureKind, Features, detect};
 use atomesh::image::synth::{self, Options, SyntheticKind};
 use atomesh::image::{Geometry, Image};
 
-use crate::common::{refused, succeed};
+use crate::common::{expect_refusal, run_args};
 
 const DIMS: [usize; 3] = [72, 64, 60];
 
@@ -291,14 +291,14 @@ fn null_values_are_named_on_the_command_line() {
             "-o",
             "m.vtu",
         ];
-        succeed(at, &[&job[..], null].concat())
+        run_args(at, &[&job[..], null].concat())
     };
     let said = mesh(&["--null", "7777"]);
     assert!(said.contains("hold no data"), "{said}");
     assert!(!mesh(&["--null", "none"]).contains("hold no data"));
-    let info = succeed(at, &["info", "r.npy", "--null", "7777,-1"]);
+    let info = run_args(at, &["info", "r.npy", "--null", "7777,-1"]);
     assert!(info.to_lowercase().contains("nan"), "{info}");
-    let said = refused(at, &["mesh", "r.npy", "--null", "seven"]);
+    let said = expect_refusal(at, &["mesh", "r.npy", "--null", "seven"]);
     assert!(
         said.contains("null seven") && said.contains("no number"),
         "{said}"

@@ -44,7 +44,7 @@ fn values_and_places_are_those_of_the_libraries_of_the_field() {
         crate::PROGRAM.as_ref(),
         folder.path().as_os_str(),
     ];
-    let said = crate::common::python("segyio and SimpleITK", &arguments);
+    let said = crate::common::run_python("segyio and SimpleITK", &arguments);
     println!("{said}");
     let read = said.lines().filter_map(|line| {
         line.split_once(": ")?
@@ -73,7 +73,7 @@ fn what_a_header_says_twice_is_refused_and_wide_integers_are_noted() {
         .unwrap_err()
         .to_string();
     assert!(
-        error.contains("says twice what DimSize is: 5 4 3 and 5 3 4"),
+        error.contains("gives DimSize twice: 5 4 3 and 5 3 4"),
         "{error}"
     );
     let read = written("DimSize = 5 4 3\nDimSize = 5 4 3").unwrap();
@@ -346,7 +346,7 @@ fn damaged_files_are_refused_or_read_but_never_break_anything() {
 /// Files made by others.
 mod real_data {
     use super::*;
-    use crate::common::data;
+    use crate::common::data_path;
 
     /// File, dims, the two sums, origin, steps along the axes: as SimpleITK and nibabel have them.
     type Known = (&'static str, [usize; 3], [f64; 2], [f64; 3], [[f64; 3]; 3]);
@@ -356,7 +356,7 @@ mod real_data {
     #[test]
     #[ignore = "needs images made by others: make test-all DATA=folder"]
     fn files_of_others_are_read_as_others_read_them() {
-        let folder = data("");
+        let folder = data_path("");
         for (name, dims, known, origin, axes) in KNOWN {
             let image = read(&folder.join(name)).unwrap_or_else(|error| panic!("{error}"));
             assert_eq!(image.dims(), *dims, "{name}");
@@ -376,7 +376,7 @@ mod real_data {
     #[test]
     #[ignore = "needs images made by others: make test-all DATA=folder"]
     fn files_that_are_no_images_are_refused_in_one_line() {
-        let folder = data("");
+        let folder = data_path("");
         for (name, says) in [
             (
                 "formats_metaimage/itk/BayesianClassifierInitializerMemberships.mhd",

@@ -4,7 +4,7 @@ use std::ffi::OsStr;
 use std::path::Path;
 use std::process::Command;
 
-use crate::common::{atomesh, judged, npy, numbers, refused, run, simulator};
+use crate::common::{atomesh, run_validator, write_npy, numbers, expect_refusal, run, run_simulator};
 use serde_json::Value;
 
 const DIMS: [usize; 3] = [40, 20, 20];
@@ -14,7 +14,7 @@ const ROCK: &str =
 /// A plane across the whole box at x = 20.3.
 fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    npy(&folder.path().join("sheet.npy"), DIMS, |[x, ..]| {
+    write_npy(&folder.path().join("sheet.npy"), DIMS, |[x, ..]| {
         (-((x as f32 - 20.3) / 1.2).powi(2)).exp()
     });
     run(
@@ -54,7 +54,7 @@ fn wells_that_closed_faults_part_and_that_run_through_one_get_a_line_each() {
     let found = notes(apart, "closed");
     assert_eq!(found.len(), 1, "{found:?}");
     assert!(
-        found[0].starts_with("injector I1: closed faults part its compartment"),
+        found[0].starts_with("injector I1: closed faults separate its compartment"),
         "{found:?}"
     );
     assert!(notes(apart, "0.01").is_empty());
@@ -69,7 +69,7 @@ fn wells_that_closed_faults_part_and_that_run_through_one_get_a_line_each() {
     let found = notes("--producer H.csv:190", "closed");
     assert_eq!(found.len(), 1, "{found:?}");
     assert!(
-        found[0].starts_with("well H: runs through the closed fault1 between cells "),
+        found[0].starts_with("well H: crosses the closed fault1 between cells "),
         "{found:?}"
     );
     assert!(notes("--producer H.csv:190", "open").is_empty());
@@ -88,7 +88,7 @@ fn rock_without_pores_or_permeability_is_inactive() {
     let folder = folder();
     let folder = folder.path();
     // Rock in the upper half only.
-    npy(&folder.join("half.npy"), DIMS, |[_, _, z]| {
+    write_npy(&folder.join("half.npy"), DIMS, |[_, _, z]| {
         f32::from(u8::from(z >= 10))
     });
     std::fs::write(folder.join("phi.csv"), "0,0\n1,0.2\n").unwrap();
@@ -115,7 +115,7 @@ fn rock_without_pores_or_permeability_is_inactive() {
             let report: Value =
                 serde_json::from_str(&run(folder, &format!("{line} --quiet --json"))).unwrap();
             assert_eq!(
-                report["checks"]["parts"].as_array().unwrap().len(),
+                report["checks"]["compartments"].as_array().unwrap().len(),
                 1,
                 "{line}"
             );
@@ -147,10 +147,10 @@ fn rock_without_pores_or_permeability_is_inactive() {
         }
     }
     let line = "export cells.vtu --to opm -o A.DATA --down z --permeability-unit mD --depth-at-top 900 --porosity 0 --permeability 1";
-    let found = refused(folder, &line.split_whitespace().collect::<Vec<_>>());
+    let found = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
     assert!(found.contains("is zero in every cell"), "{found}");
     let line = "export cells.vtu --to opm -o A.DATA --down z --permeability-unit mD --depth-at-top 900 --region half.npy --porosity phi.csv --permeability 1 --producer 10,10,3:90";
-    let found = refused(folder, &line.split_whitespace().collect::<Vec<_>>());
+    let found = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
     assert!(found.contains("lies in inactive rock only"), "{found}");
 }
 
@@ -181,7 +181,7 @@ fn a_deck_of_connections_and_a_corner_point_deck_do_not_replace_each_other() {
     );
     assert_ne!(read("B.DATA"), grid);
     let line = format!("export cells.vtu --to opm -o B.DATA {ROCK}");
-    let found = refused(folder, &line.split_whitespace().collect::<Vec<_>>());
+    let found = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
     assert!(
         found.contains("B.DATA: is the deck of a corner-point grid"),
         "{found}"
@@ -193,7 +193,7 @@ fn a_deck_of_connections_and_a_corner_point_deck_do_not_replace_each_other() {
 fn opm_flow_runs_decks_with_inactive_cells() {
     let folder = folder();
     let folder = folder.path();
-    npy(&folder.join("half.npy"), DIMS, |[_, _, z]| {
+    write_npy(&folder.join("half.npy"), DIMS, |[_, _, z]| {
         f32::from(u8::from(z >= 10))
     });
     std::fs::write(folder.join("phi.csv"), "0,0\n1,0.2\n").unwrap();
@@ -212,9 +212,9 @@ fn opm_flow_runs_decks_with_inactive_cells() {
             format!("--output-dir={case}"),
             "--threads-per-process=1".into(),
         ]);
-        simulator(&mut flow);
+        run_simulator(&mut flow);
         let out = folder.join(case);
-        let found = judged(
+        let found = run_validator(
             "resfo and SciPy",
             "compartments.py",
             &[out.as_os_str(), OsStr::new(case)],

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use crate::common::{npy, refused, run};
+use crate::common::{write_npy, expect_refusal, run};
 use serde_json::Value;
 
 const DIMS: [usize; 3] = [30, 16, 20];
@@ -25,7 +25,7 @@ fn label([x, y, z]: [usize; 3]) -> f32 {
 
 fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    npy(&folder.path().join("labels.npy"), DIMS, label);
+    write_npy(&folder.path().join("labels.npy"), DIMS, label);
     let mesh = "mesh labels.npy --feature labels --distance 5 --quiet -o";
     run(folder.path(), &format!("{mesh} cells.vtu --cells voronoi"));
     run(folder.path(), &format!("{mesh} tets.vtu"));
@@ -134,7 +134,7 @@ fn all_formats_have_the_names_of_the_table() {
         let closed = json(folder, &format!("{export} --faults closed --barriers ?/1?"));
         // But for cells that the surfaces of blocks cut off one by one.
         let large = |report: &Value| {
-            let parts = report["checks"]["parts"].as_array().unwrap().iter();
+            let parts = report["checks"]["compartments"].as_array().unwrap().iter();
             parts.filter(|part| part[1].as_u64().unwrap() > 5).count()
         };
         assert_eq!([large(&open), large(&closed)], [1, 2]);
@@ -231,7 +231,7 @@ fn what_picks_nothing_is_refused_with_the_names() {
             format!("export tets.vtu --to opm -o a.DATA {rock} {option}"),
             format!("export cells.vtu --to grdecl -o a.GRDECL {rock} {option}"),
         ] {
-            let said = refused(folder, &line.split_whitespace().collect::<Vec<_>>());
+            let said = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
             let want = format!("error: {place}: {problem}: the mesh has interface_1_2, ");
             assert!(said.starts_with(&want), "{line}\n{said}");
         }
@@ -242,10 +242,10 @@ fn what_picks_nothing_is_refused_with_the_names() {
 fn regions_of_an_image_part_faults_by_pairs_too() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    npy(&folder.join("sheet.npy"), DIMS, |[x, ..]| {
+    write_npy(&folder.join("sheet.npy"), DIMS, |[x, ..]| {
         (-((x as f32 - 15.3) / 1.2).powi(2)).exp()
     });
-    npy(&folder.join("layers.npy"), DIMS, |[_, _, z]| {
+    write_npy(&folder.join("layers.npy"), DIMS, |[_, _, z]| {
         f32::from(u8::from(z > 9))
     });
     run(
@@ -255,7 +255,7 @@ fn regions_of_an_image_part_faults_by_pairs_too() {
     let export = "export cells.vtu --to mrst -o a.mat --down z --region layers.npy --permeability 1 --permeability-unit mD";
     let parts = |more: &str| {
         let said = json(folder, &format!("{export} {more}"));
-        said["checks"]["parts"].as_array().unwrap().len()
+        said["checks"]["compartments"].as_array().unwrap().len()
     };
     assert_eq!(parts(""), 1);
     assert_eq!(parts("--fault-multiplier fault1:0"), 2);

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::common::{npy, refused, run};
+use crate::common::{write_npy, expect_refusal, run};
 
 /// Two layers, a ball in both, and a speck.
 fn label([x, y, z]: [usize; 3]) -> f32 {
@@ -21,7 +21,7 @@ fn label([x, y, z]: [usize; 3]) -> f32 {
 fn labels_become_regions_closed_surfaces_and_named_sets() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    npy(&folder.join("labels.npy"), [40, 36, 32], label);
+    write_npy(&folder.join("labels.npy"), [40, 36, 32], label);
     let said = run(
         folder,
         "mesh labels.npy -o m.vtu --distance 3:6 --label 3:name=core",
@@ -88,7 +88,7 @@ fn labels_become_regions_closed_surfaces_and_named_sets() {
 fn labels_that_are_not_there_and_wishes_that_cannot_be_met_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    npy(&folder.join("labels.npy"), [40, 36, 32], label);
+    write_npy(&folder.join("labels.npy"), [40, 36, 32], label);
     for (wish, word) in [
         (
             "--label 5:distance=2",
@@ -100,7 +100,7 @@ fn labels_that_are_not_there_and_wishes_that_cannot_be_met_are_refused() {
         ("--label 3:name=x --feature edges", "--label"),
     ] {
         let line = format!("mesh labels.npy -o m.vtu {wish}");
-        let said = refused(folder, &line.split_whitespace().collect::<Vec<_>>());
+        let said = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
         assert!(said.contains(word), "{wish}: {said}");
     }
     run(folder, "synth sphere -o s.npy --dims 30,30,30 --quiet");
@@ -108,7 +108,7 @@ fn labels_that_are_not_there_and_wishes_that_cannot_be_met_are_refused() {
         folder,
         "mesh s.npy -o s.vtu --distance 6 --feature edges --quiet",
     );
-    let said = refused(
+    let said = expect_refusal(
         folder,
         &["surface", "s.vtu", "--by", "regions", "-o", "a.vtp"],
     );
@@ -119,7 +119,7 @@ fn labels_that_are_not_there_and_wishes_that_cannot_be_met_are_refused() {
 fn meshes_of_others_are_good_for_every_verb() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    npy(&folder.join("labels.npy"), [40, 36, 32], label);
+    write_npy(&folder.join("labels.npy"), [40, 36, 32], label);
     run(
         folder,
         "mesh labels.npy -o m.vtu --distance 6 --label 3:name=core --quiet",
@@ -164,10 +164,10 @@ fn meshes_of_others_are_good_for_every_verb() {
     }
     let cut = std::fs::read(folder.join("c.exo")).unwrap();
     std::fs::write(folder.join("cut.exo"), &cut[..cut.len() / 2]).unwrap();
-    let said = refused(folder, &["quality", "cut.exo"]);
+    let said = expect_refusal(folder, &["quality", "cut.exo"]);
     assert!(said.contains("cut.exo: is cut off"), "{said}");
     std::fs::write(folder.join("hdf.exo"), b"\x89HDF\r\n\x1a\n and more bytes").unwrap();
-    let said = refused(folder, &["quality", "hdf.exo"]);
+    let said = expect_refusal(folder, &["quality", "hdf.exo"]);
     assert!(
         said.contains("NetCDF-4") && said.contains("nccopy"),
         "{said}"

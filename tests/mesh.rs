@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::common::{Survey, atomesh, files, npy, run, segy, sheet, succeed, vtk};
+use crate::common::{Survey, atomesh, files_below, write_npy, run, write_segy, planar_fault, run_args, run_vtk_program};
 use serde_json::Value;
 
 const DIMS: [usize; 3] = [44, 36, 32];
@@ -10,7 +10,7 @@ const DIMS: [usize; 3] = [44, 36, 32];
 /// A folder with `image.npy`, one tilted bright sheet.
 fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    npy(&folder.path().join("image.npy"), DIMS, sheet(DIMS));
+    write_npy(&folder.path().join("image.npy"), DIMS, planar_fault(DIMS));
     folder
 }
 
@@ -66,7 +66,7 @@ print(json.dumps({
 #[test]
 fn an_image_becomes_a_valid_mesh_that_is_aligned() {
     let folder = folder();
-    let table = succeed(
+    let table = run_args(
         folder.path(),
         &[
             "mesh",
@@ -81,27 +81,27 @@ fn an_image_becomes_a_valid_mesh_that_is_aligned() {
     );
     assert!(table.lines().count() > 5, "{table}");
     json(&std::fs::read_to_string(folder.path().join("r.json")).unwrap());
-    let names: Vec<_> = files(folder.path())
+    let names: Vec<_> = files_below(folder.path())
         .into_iter()
         .map(|(path, _)| path.file_name().unwrap().to_str().unwrap().to_string())
         .collect();
     assert_eq!(names, ["b.vti", "image.npy", "image.vtu", "r.json"]);
 
-    let verdict = json(&succeed(
+    let verdict = json(&run_args(
         folder.path(),
         &["validate", "image.vtu", "--json"],
     ));
     assert_eq!(verdict["valid"], true, "{verdict}");
-    succeed(folder.path(), &["quality", "image.vtu"]);
-    json(&succeed(folder.path(), &["quality", "image.vtu", "--json"]));
+    run_args(folder.path(), &["quality", "image.vtu"]);
+    json(&run_args(folder.path(), &["quality", "image.vtu", "--json"]));
 }
 
 #[test]
 #[ignore = "needs VTK: make test-all"]
 fn vtk_sees_the_whole_box_and_every_array() {
     let folder = folder();
-    succeed(folder.path(), &["mesh", "image.npy", "--distance", "6"]);
-    let seen = vtk(INSPECT, &[&folder.path().join("image.vtu")]);
+    run_args(folder.path(), &["mesh", "image.npy", "--distance", "6"]);
+    let seen = run_vtk_program(INSPECT, &[&folder.path().join("image.vtu")]);
     assert_eq!(seen["errors"], serde_json::json!([]));
     assert_eq!(seen["invalid"], 0);
     assert_eq!(seen["corners"], 8);
@@ -138,7 +138,7 @@ fn vtk_sees_the_whole_box_and_every_array() {
 fn the_same_bytes_for_any_number_of_threads_and_every_time() {
     let folder = folder();
     for (output, threads) in [("a.vtu", "1"), ("b.vtu", "2"), ("c.vtu", "2")] {
-        succeed(
+        run_args(
             folder.path(),
             &[
                 "mesh",
@@ -165,7 +165,7 @@ fn the_same_bytes_for_any_number_of_threads_and_every_time() {
         "--rng-seed",
         "2",
     ];
-    succeed(folder.path(), &other);
+    run_args(folder.path(), &other);
     assert!(bytes("a.vtu") != bytes("d.vtu"), "the seed changes nothing");
 }
 
@@ -198,8 +198,8 @@ fn large_meshes_are_the_same_from_any_number_of_workers() {
 #[test]
 fn json_is_all_that_json_prints() {
     let folder = folder();
-    npy(&folder.path().join("other.npy"), DIMS, sheet(DIMS));
-    let report = json(&succeed(
+    write_npy(&folder.path().join("other.npy"), DIMS, planar_fault(DIMS));
+    let report = json(&run_args(
         folder.path(),
         &["mesh", "image.npy", "--distance", "8", "--json"],
     ));
@@ -211,10 +211,10 @@ fn json_is_all_that_json_prints() {
         &["feature", "image.npy", "-o", "b.vti"],
         &["synth", "sphere", "-o", "s.npy", "--dims", "24,24,24"],
     ] {
-        let said = json(&succeed(folder.path(), &[arguments, &["--json"]].concat()));
+        let said = json(&run_args(folder.path(), &[arguments, &["--json"]].concat()));
         assert!(said.is_object(), "{arguments:?}");
     }
-    let quiet = succeed(folder.path(), &["mesh", "other.npy", "--quiet"]);
+    let quiet = run_args(folder.path(), &["mesh", "other.npy", "--quiet"]);
     assert_eq!(quiet, "");
 }
 
@@ -237,9 +237,9 @@ fn a_configuration_survives_being_printed() {
         "9",
         "--print-config",
     ];
-    let first = succeed(folder.path(), &typed);
+    let first = run_args(folder.path(), &typed);
     std::fs::write(folder.path().join("job.toml"), &first).unwrap();
-    let again = succeed(
+    let again = run_args(
         folder.path(),
         &["mesh", "--config", "job.toml", "--print-config"],
     );
@@ -254,7 +254,7 @@ fn a_configuration_survives_being_printed() {
         "0.25",
         "--print-config",
     ];
-    let over = succeed(folder.path(), &over);
+    let over = run_args(folder.path(), &over);
     assert!(
         over.contains("beta = \"0.25\"") && over.contains("distance = \"5:9\""),
         "{over}"
@@ -269,10 +269,10 @@ fn a_configuration_survives_being_printed() {
         "--feature",
         "ridges",
     ];
-    succeed(folder.path(), &[&plain[..], &["-o", "typed.vtu"]].concat());
-    let config = succeed(folder.path(), &[&plain[..], &["--print-config"]].concat());
+    run_args(folder.path(), &[&plain[..], &["-o", "typed.vtu"]].concat());
+    let config = run_args(folder.path(), &[&plain[..], &["--print-config"]].concat());
     std::fs::write(folder.path().join("plain.toml"), config).unwrap();
-    succeed(
+    run_args(
         folder.path(),
         &[
             "mesh",
@@ -296,15 +296,15 @@ fn a_survey_is_meshed_in_its_own_coordinates() {
         crosslines: 24,
         samples: 32,
     };
-    let image = sheet([32, 24, 20]);
-    segy(&folder.path().join("survey.sgy"), &survey, image);
-    let told = json(&succeed(folder.path(), &["info", "survey.sgy", "--json"]));
+    let image = planar_fault([32, 24, 20]);
+    write_segy(&folder.path().join("survey.sgy"), &survey, image);
+    let told = json(&run_args(folder.path(), &["info", "survey.sgy", "--json"]));
     assert_eq!(
         told["image"]["numpy_shape"],
         serde_json::json!([20, 24, 32]),
         "{told}"
     );
-    succeed(
+    run_args(
         folder.path(),
         &[
             "mesh",
@@ -315,13 +315,13 @@ fn a_survey_is_meshed_in_its_own_coordinates() {
             "ridges",
         ],
     );
-    let verdict = json(&succeed(
+    let verdict = json(&run_args(
         folder.path(),
         &["validate", "survey.vtu", "--json"],
     ));
     assert_eq!(verdict["valid"], true, "{verdict}");
 
-    let seen = vtk(INSPECT, &[&folder.path().join("survey.vtu")]);
+    let seen = run_vtk_program(INSPECT, &[&folder.path().join("survey.vtu")]);
     assert_eq!(seen["errors"], serde_json::json!([]));
     let bounds: Vec<f64> = serde_json::from_value(seen["bounds"].clone()).unwrap();
     let corners = [(0, 0), (19, 0), (0, 23), (19, 23)].map(|(i, c)| survey.position(i, c));
@@ -358,7 +358,7 @@ fn wells_keep_their_atoms() {
         "x,y,z\n10.25,12.5,9.75\n30,20,20\n",
     )
     .unwrap();
-    succeed(
+    run_args(
         folder.path(),
         &[
             "mesh",
@@ -380,7 +380,7 @@ kinds = grid.GetPointData().GetArray("atom_kind")
 fixed = [grid.GetPoint(k) for k in range(grid.GetNumberOfPoints()) if kinds.GetTuple1(k) == 4]
 print(json.dumps(sorted(fixed)))
 "#;
-    let fixed = vtk(inspect, &[&folder.path().join("image.vtu")]);
+    let fixed = run_vtk_program(inspect, &[&folder.path().join("image.vtu")]);
     let fixed: Vec<[f64; 3]> = serde_json::from_value(fixed).unwrap();
     for (found, wanted) in fixed.iter().zip([[10.25, 12.5, 9.75], [30.0, 20.0, 20.0]]) {
         for k in 0..3 {
@@ -393,7 +393,7 @@ print(json.dumps(sorted(fixed)))
 #[test]
 fn every_option_of_mesh_runs() {
     let folder = folder();
-    npy(&folder.path().join("beta.npy"), DIMS, |[x, _, _]| {
+    write_npy(&folder.path().join("beta.npy"), DIMS, |[x, _, _]| {
         if x < 20 { 0.3 } else { 0.6 }
     });
     for options in [
@@ -409,8 +409,8 @@ fn every_option_of_mesh_runs() {
         &["--trace", "trace.pvd"],
     ] {
         let all = [&["mesh", "image.npy", "-o", "m.vtu"][..], options].concat();
-        succeed(folder.path(), &all);
-        let verdict = json(&succeed(folder.path(), &["validate", "m.vtu", "--json"]));
+        run_args(folder.path(), &all);
+        let verdict = json(&run_args(folder.path(), &["validate", "m.vtu", "--json"]));
         assert_eq!(verdict["valid"], true, "{options:?}: {verdict}");
     }
     let pvd = std::fs::read_to_string(folder.path().join("trace.pvd")).unwrap();
@@ -421,7 +421,7 @@ fn every_option_of_mesh_runs() {
         .collect();
     assert!(steps.len() >= 2, "{pvd}");
     for step in steps {
-        let frame = json(&succeed(folder.path(), &["info", step, "--json"]));
+        let frame = json(&run_args(folder.path(), &["info", step, "--json"]));
         let [nodes, cells] = ["nodes", "tetrahedra"].map(|what| frame[what].as_u64().unwrap());
         assert!(cells > 2 * nodes, "{step}: {frame}");
         let energy = &frame["fields"]["energy"][0];
@@ -432,11 +432,11 @@ fn every_option_of_mesh_runs() {
 #[test]
 fn a_potential_written_by_feature_can_be_meshed() {
     let folder = folder();
-    succeed(
+    run_args(
         folder.path(),
         &["feature", "image.npy", "-o", "b.vti", "--distance", "6"],
     );
-    succeed(
+    run_args(
         folder.path(),
         &[
             "mesh",
@@ -454,8 +454,8 @@ fn a_potential_written_by_feature_can_be_meshed() {
 #[test]
 fn images_survive_conversion() {
     let folder = folder();
-    succeed(folder.path(), &["convert", "image.npy", "one.vti"]);
-    succeed(folder.path(), &["convert", "one.vti", "two.npy"]);
+    run_args(folder.path(), &["convert", "image.npy", "one.vti"]);
+    run_args(folder.path(), &["convert", "one.vti", "two.npy"]);
     let bytes = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
     let samples =
         |bytes: Vec<u8>| bytes[bytes.len() - 4 * DIMS.iter().product::<usize>()..].to_vec();
@@ -466,7 +466,7 @@ fn images_survive_conversion() {
 fn interrupted_it_writes_the_best_lattice_so_far() {
     let folder = tempfile::tempdir().unwrap();
     let dims = [120, 110, 100];
-    npy(&folder.path().join("image.npy"), dims, sheet(dims));
+    write_npy(&folder.path().join("image.npy"), dims, planar_fault(dims));
     // The slow evaluator, so that there is time to interrupt.
     let mut child = atomesh(folder.path())
         .args([
@@ -496,12 +496,12 @@ fn interrupted_it_writes_the_best_lattice_so_far() {
     assert!(signal.unwrap().success());
     let rest: Vec<String> = stages.map(|line| line.unwrap()).collect();
     assert_eq!(child.wait().unwrap().code(), Some(130), "{rest:?}");
-    let verdict = json(&succeed(
+    let verdict = json(&run_args(
         folder.path(),
         &["validate", "image.vtu", "--json"],
     ));
     assert_eq!(verdict["valid"], true);
-    assert_eq!(files(folder.path()).len(), 2);
+    assert_eq!(files_below(folder.path()).len(), 2);
 }
 
 #[test]
@@ -524,7 +524,7 @@ fn the_sample_volume_is_what_its_readme_says() {
             }
         })
         .collect();
-    succeed(folder.path(), &arguments);
+    run_args(folder.path(), &arguments);
     let made = std::fs::read(folder.path().join("made.vti")).unwrap();
     assert!(
         made == std::fs::read(data.join("faults.vti")).unwrap(),
@@ -538,10 +538,10 @@ fn help_shows_examples_and_version_says_the_licence() {
     for verb in [
         "mesh", "feature", "info", "convert", "quality", "validate", "synth",
     ] {
-        let help = succeed(here, &[verb, "--help"]);
+        let help = run_args(here, &[verb, "--help"]);
         assert!(help.contains("Example:\n  atomesh "), "{help}");
     }
-    assert!(succeed(here, &["--version"]).contains("AGPL-3.0"));
+    assert!(run_args(here, &["--version"]).contains("AGPL-3.0"));
 }
 
 /// What VTK finds in a file of lines.
@@ -565,7 +565,7 @@ print(json.dumps({
 /// A sheet that meets the side x = 0 at y = 60, at 25 degrees.
 fn acute_sheet(path: &Path) {
     let (sine, cosine) = 25f32.to_radians().sin_cos();
-    npy(path, [96, 96, 40], |[x, y, _]| {
+    write_npy(path, [96, 96, 40], |[x, y, _]| {
         let off = x as f32 * cosine + (y as f32 - 60.0) * sine;
         (-0.5 * (off / 1.5).powi(2)).exp()
     });
@@ -579,22 +579,22 @@ fn angles_at_a_line_where_a_sheet_meets_a_side_are_explained() {
     let mesh = "mesh image.npy --distance 6 --feature ridges --sigma 0.7 --lines a.vtp --json";
     let words: Vec<&str> = mesh.split(' ').collect();
     // Nodes may stray so far that all angles are 30 degrees even there.
-    let report = json(&succeed(at, &words));
+    let report = json(&run_args(at, &words));
     assert_eq!(
         report["quality"]["angles"]["ok"],
         report["quality"]["cells"]
     );
-    let covered = report["fidelity"]["claimed"]["coverage_one"].as_f64();
+    let covered = report["fidelity"]["tagged_faces"]["coverage_one"].as_f64();
     assert!(covered.unwrap() > 0.99, "{covered:?}");
     // Where less is asked for, the line stays as acute as it is.
-    let report = json(&succeed(
+    let report = json(&run_args(
         at,
         &[&words[..], &["--min-dihedral", "25"]].concat(),
     ));
     let angles = &report["quality"]["angles"];
     let count = |name: &str| angles[name].as_u64().unwrap();
     assert!(count("near_acute_line") > 5, "{angles}");
-    let worst = angles["worst_unexplained"]["smallest"].as_f64();
+    let worst = angles["worst_unexplained"]["min_angle"].as_f64();
     assert!(worst.is_none_or(|angle| angle >= 25.0), "{angles}");
     let all = report["quality"]["cells"].as_u64().unwrap();
     let kinds = ["ok", "near_acute_line", "unexplained"];
@@ -608,11 +608,11 @@ fn angles_at_a_line_where_a_sheet_meets_a_side_are_explained() {
 
     // The file of the mesh is enough to know it all again.
     let again = ["quality", "image.vtu", "--lines", "b.vtp", "--json"];
-    let again = json(&succeed(at, &again));
+    let again = json(&run_args(at, &again));
     let counts = ["ok", "near_acute_line", "unexplained"];
     let of = |angles: &Value| counts.map(|name| angles[name].clone());
     assert_eq!(of(&again["quality"]["angles"]), of(angles));
-    let table = succeed(at, &["quality", "image.vtu"]);
+    let table = run_args(at, &["quality", "image.vtu"]);
     let unexplained = format!("unexplained: {}", count("unexplained"));
     assert!(table.contains(&unexplained), "{table}");
     assert!(table.contains("acute lines: 1, 39 long in all"), "{table}");
@@ -628,7 +628,7 @@ fn vtk_reads_acute_lines() {
     run(at, &format!("{mesh} --min-dihedral 25 --quiet"));
     run(at, "quality image.vtu --lines b.vtp --quiet");
     for name in ["a.vtp", "b.vtp"] {
-        let seen = vtk(LINES, &[&at.join(name)]);
+        let seen = run_vtk_program(LINES, &[&at.join(name)]);
         assert_eq!((&seen["lines"], &seen["verts"]), (&1.into(), &0.into()));
         assert_eq!(seen["pair"], serde_json::json!([1.0]));
         let points = seen["points"].as_array().unwrap();

@@ -3,7 +3,7 @@
 use std::ffi::OsStr;
 use std::process::Command;
 
-use crate::common::{SHEET as DIMS, judged, near, npy, numbers, run, sheet_folder, simulator};
+use crate::common::{FAULT_DIMS as DIMS, run_validator, is_close, write_npy, numbers, run, folder_with_meshes, run_simulator};
 use atomesh::store::{AnyMesh, read_any_vtu, read_vtu};
 
 /// Volume of the box.
@@ -12,10 +12,10 @@ const VOLUME: f64 = 39.0 * 35.0 * 31.0;
 #[test]
 #[ignore = "needs Gmsh: make test-all"]
 fn gmsh_reads_volumes_regions_and_surfaces() {
-    let folder = sheet_folder();
+    let folder = folder_with_meshes();
     let folder = folder.path();
     // Two regions by labels.
-    npy(&folder.join("labels.npy"), DIMS, |[_, _, z]| {
+    write_npy(&folder.join("labels.npy"), DIMS, |[_, _, z]| {
         if z < 16 { 1.0 } else { 2.0 }
     });
     let tets = read_vtu(&folder.join("tets.vtu")).unwrap().mesh.tets.len();
@@ -34,9 +34,9 @@ fn gmsh_reads_volumes_regions_and_surfaces() {
         let line = format!("export tets.vtu --to {version} -o a.msh --region labels.npy --quiet");
         run(folder, &line);
         let path = folder.join("a.msh");
-        let found = judged("Gmsh", "physical.py", &[path.as_os_str()]);
+        let found = run_validator("Gmsh", "physical.py", &[path.as_os_str()]);
         assert_eq!(found["tets"], tets);
-        assert!(near(found["volume"].as_f64().unwrap(), VOLUME, 1e-12));
+        assert!(is_close(found["volume"].as_f64().unwrap(), VOLUME, 1e-12));
         let groups = found["groups"].as_array().unwrap();
         let count = |dim: u64, name: &str| {
             let group = groups.iter().find(|g| g[0] == dim && g[1] == name).unwrap();
@@ -55,7 +55,7 @@ fn gmsh_reads_volumes_regions_and_surfaces() {
 #[test]
 #[ignore = "needs meshio: make test-all"]
 fn meshio_reads_medit_tetgen_and_abaqus() {
-    let folder = sheet_folder();
+    let folder = folder_with_meshes();
     let folder = folder.path();
     let mesh = read_vtu(&folder.join("tets.vtu")).unwrap().mesh;
     for (to, file, format) in [
@@ -69,7 +69,7 @@ fn meshio_reads_medit_tetgen_and_abaqus() {
         );
         let path = folder.join(file);
         let arguments = [path.as_os_str(), OsStr::new(format)];
-        let found = judged("meshio", "simplices.py", &arguments);
+        let found = run_validator("meshio", "simplices.py", &arguments);
         let rows = |name: &str| -> Vec<Vec<f64>> {
             found[name]
                 .as_array()
@@ -81,7 +81,7 @@ fn meshio_reads_medit_tetgen_and_abaqus() {
         let points = rows("points");
         assert_eq!(points.len(), mesh.nodes.len());
         for (point, node) in points.iter().zip(&mesh.nodes) {
-            assert!((0..3).all(|k| near(point[k], node[k], 1e-14)), "{to}");
+            assert!((0..3).all(|k| is_close(point[k], node[k], 1e-14)), "{to}");
         }
         let tets: Vec<[u32; 4]> = rows("tets")
             .iter()
@@ -97,7 +97,7 @@ fn meshio_reads_medit_tetgen_and_abaqus() {
 #[test]
 #[ignore = "needs CalculiX: make test-all"]
 fn calculix_bends_the_mesh_and_conserves_its_weight() {
-    let folder = sheet_folder();
+    let folder = folder_with_meshes();
     let folder = folder.path();
     run(folder, "export tets.vtu --to inp -o mesh.inp --quiet");
     // Pulled by one side: linear displacement, which linear tetrahedra have exactly.
@@ -108,7 +108,7 @@ fn calculix_bends_the_mesh_and_conserves_its_weight() {
     std::fs::write(folder.join("job.inp"), job).unwrap();
     let mut ccx = Command::new("ccx");
     ccx.current_dir(folder).arg("job");
-    simulator(&mut ccx);
+    run_simulator(&mut ccx);
     let nodes = read_vtu(&folder.join("tets.vtu")).unwrap().mesh.nodes;
     let said = std::fs::read_to_string(folder.join("job.dat")).unwrap();
     let mut displaced = 0;
@@ -123,13 +123,13 @@ fn calculix_bends_the_mesh_and_conserves_its_weight() {
     }
     assert_eq!(displaced, nodes.len());
     let volume = said.lines().last().unwrap().trim().parse::<f64>().unwrap();
-    assert!(near(volume, VOLUME, 1e-5), "{volume}");
+    assert!(is_close(volume, VOLUME, 1e-5), "{volume}");
 }
 
 #[test]
 #[ignore = "needs CalculiX: make test-all"]
 fn calculix_reads_coordinates_of_any_length() {
-    let folder = sheet_folder();
+    let folder = folder_with_meshes();
     let folder = folder.path();
     let export = "export tets.vtu --to inp -o mesh.inp --length-unit um --quiet";
     run(folder, export);
@@ -139,16 +139,16 @@ fn calculix_reads_coordinates_of_any_length() {
     std::fs::write(folder.join("job.inp"), job).unwrap();
     let mut ccx = Command::new("ccx");
     ccx.current_dir(folder).arg("job");
-    simulator(&mut ccx);
+    run_simulator(&mut ccx);
     let said = std::fs::read_to_string(folder.join("job.dat")).unwrap();
     let volume = said.lines().last().unwrap().trim().parse::<f64>().unwrap();
-    assert!(near(volume, 1e-18 * VOLUME, 1e-5), "{volume}");
+    assert!(is_close(volume, 1e-18 * VOLUME, 1e-5), "{volume}");
 }
 
 #[test]
 #[ignore = "needs Gmsh and CalculiX: make test-all"]
 fn gmsh_and_calculix_have_quadratic_fields_exact_on_quadratic_elements() {
-    let folder = sheet_folder();
+    let folder = folder_with_meshes();
     let folder = folder.path();
     for version in ["msh", "msh2"] {
         run(
@@ -156,10 +156,10 @@ fn gmsh_and_calculix_have_quadratic_fields_exact_on_quadratic_elements() {
             &format!("export tets.vtu --to {version} -o a.msh --quadratic --quiet"),
         );
         let path = folder.join("a.msh");
-        let found = judged("Gmsh", "quadratic.py", &[path.as_os_str()]);
+        let found = run_validator("Gmsh", "quadratic.py", &[path.as_os_str()]);
         // Of straight elements, Jacobians at all of Gauss' points are those of the corners: only right if
         // every middle is where its place among the nodes says.
-        assert!(near(found["volume"].as_f64().unwrap(), VOLUME, 1e-9));
+        assert!(is_close(found["volume"].as_f64().unwrap(), VOLUME, 1e-9));
         assert!(found["spread"].as_f64().unwrap() < 1e-9, "{found}");
         assert!(found["triangles"].as_u64().unwrap() > 100);
     }
@@ -175,7 +175,7 @@ fn gmsh_and_calculix_have_quadratic_fields_exact_on_quadratic_elements() {
     std::fs::write(folder.join("job.inp"), job).unwrap();
     let mut ccx = Command::new("ccx");
     ccx.current_dir(folder).arg("job");
-    simulator(&mut ccx);
+    run_simulator(&mut ccx);
     let text = std::fs::read_to_string(folder.join("mesh.inp")).unwrap();
     let nodes = text
         .lines()
@@ -202,7 +202,7 @@ fn gmsh_and_calculix_have_quadratic_fields_exact_on_quadratic_elements() {
 
 #[test]
 fn surfaces_of_any_cells_close_the_box() {
-    let folder = sheet_folder();
+    let folder = folder_with_meshes();
     let folder = folder.path();
     for mesh in ["cells", "tets"] {
         run(
@@ -229,7 +229,7 @@ fn surfaces_of_any_cells_close_the_box() {
                 _ => {}
             }
         }
-        assert!(near(volume, VOLUME, 1e-12), "{volume}");
+        assert!(is_close(volume, VOLUME, 1e-12), "{volume}");
         assert!(text.contains("solid fault1"));
         run(
             folder,
@@ -252,9 +252,9 @@ fn tripod(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> f64 {
 #[test]
 #[ignore = "needs VTK and SciPy: make test-all"]
 fn vtk_reads_exodus_vtkhdf_xdmf_and_cgns_with_names_and_regions() {
-    let folder = sheet_folder();
+    let folder = folder_with_meshes();
     let folder = folder.path();
-    npy(&folder.join("labels.npy"), DIMS, |[_, _, z]| {
+    write_npy(&folder.join("labels.npy"), DIMS, |[_, _, z]| {
         if z < 16 { 1.0 } else { 2.0 }
     });
     let count = read_vtu(&folder.join("tets.vtu")).unwrap().mesh.tets.len();
@@ -301,7 +301,7 @@ fn vtk_reads_exodus_vtkhdf_xdmf_and_cgns_with_names_and_regions() {
         } else {
             &file
         });
-        let found = judged("VTK", "sets.py", &[path.as_os_str()]);
+        let found = run_validator("VTK", "sets.py", &[path.as_os_str()]);
         let found = found.as_array().unwrap();
         let named = |start: &str| -> Vec<&serde_json::Value> {
             let is = |part: &&serde_json::Value| part["name"].as_str().unwrap().starts_with(start);
@@ -314,7 +314,7 @@ fn vtk_reads_exodus_vtkhdf_xdmf_and_cgns_with_names_and_regions() {
         assert_eq!(whole.len(), if format == "exodus" { 2 } else { 1 }, "{to}");
         // VTK measures polyhedra with faces that are not quite flat.
         let exact = if mesh == "tets" { 1e-12 } else { 1e-7 };
-        assert!(near(sum(&whole, "volume"), VOLUME, exact), "{to} {mesh}");
+        assert!(is_close(sum(&whole, "volume"), VOLUME, exact), "{to} {mesh}");
         if mesh == "tets" {
             assert_eq!(sum(&whole, "cells") as usize, count, "{to}");
         }
@@ -334,7 +334,7 @@ fn vtk_reads_exodus_vtkhdf_xdmf_and_cgns_with_names_and_regions() {
             let part = named(&format!("{side}{name}"));
             assert_eq!(part.len(), 1, "{to} {mesh} {name}");
             if name == "xmin" && !side.contains("Node") {
-                assert!(near(sum(&part, "area"), 35.0 * 31.0, 1e-9), "{to} {mesh}");
+                assert!(is_close(sum(&part, "area"), 35.0 * 31.0, 1e-9), "{to} {mesh}");
             }
             assert!(
                 part[0]["cells"].as_u64().unwrap() > 10,
@@ -347,7 +347,7 @@ fn vtk_reads_exodus_vtkhdf_xdmf_and_cgns_with_names_and_regions() {
         folder,
         "export cells.vtu --to exodus -o a.exo --region labels.npy --quiet",
     );
-    let found = judged("SciPy", "exodus.py", &[path.as_os_str()]);
+    let found = run_validator("SciPy", "exodus.py", &[path.as_os_str()]);
     let AnyMesh::Polyhedra(cells) = read_any_vtu(&folder.join("cells.vtu")).unwrap() else {
         panic!("no polyhedra")
     };
@@ -366,7 +366,7 @@ fn vtk_reads_exodus_vtkhdf_xdmf_and_cgns_with_names_and_regions() {
         ("zmin", 39.0 * 35.0),
     ] {
         assert!(
-            near(sets[name]["area"].as_f64().unwrap(), area, 1e-9),
+            is_close(sets[name]["area"].as_f64().unwrap(), area, 1e-9),
             "{name}"
         );
     }
@@ -389,7 +389,7 @@ fn vtk_reads_exodus_vtkhdf_xdmf_and_cgns_with_names_and_regions() {
         folder,
         "export tets.vtu --to vtkhdf -o c.vtkhdf --quadratic --quiet",
     );
-    let read = |file: &str| judged("VTK", "sets.py", &[folder.join(file).as_os_str()]);
+    let read = |file: &str| run_validator("VTK", "sets.py", &[folder.join(file).as_os_str()]);
     let torn = read("b.exo");
     let part = |name: &str| {
         torn.as_array()
@@ -404,6 +404,6 @@ fn vtk_reads_exodus_vtkhdf_xdmf_and_cgns_with_names_and_regions() {
         assert_eq!(part(side)["cells"], wedges["cells"]);
     }
     let quadratic = &read("c.vtkhdf")[0];
-    assert!(near(quadratic["volume"].as_f64().unwrap(), VOLUME, 1e-9));
+    assert!(is_close(quadratic["volume"].as_f64().unwrap(), VOLUME, 1e-9));
     assert!(quadratic["nodes"].as_u64().unwrap() as usize > count);
 }

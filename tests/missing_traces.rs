@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::common::{Survey, segy_with, succeed};
+use crate::common::{Survey, write_segy_without, run_args};
 
 const DIMS: [usize; 3] = [40, 72, 60];
 
@@ -36,9 +36,9 @@ fn potential(folder: &Path, kind: &str, lacks: Lacks) -> (Vec<f32>, String) {
                 _ => 1.0 + if beyond { 2.0 } else { 0.0 },
             }
     };
-    segy_with(&folder.join("survey.sgy"), &survey, lacks, value);
+    write_segy_without(&folder.join("survey.sgy"), &survey, lacks, value);
     let feature = format!("feature survey.sgy -o b.npy --feature {kind} --distance 6");
-    let said = succeed(folder, &feature.split(' ').collect::<Vec<_>>());
+    let said = run_args(folder, &feature.split(' ').collect::<Vec<_>>());
     let bytes = std::fs::read(folder.join("b.npy")).unwrap();
     let samples = bytes[bytes.len() - 4 * DIMS.iter().product::<usize>()..].as_chunks();
     (

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::common::{npy_2d, run};
+use crate::common::{write_npy_2d, run};
 
 /// Reads a block of numbers as MODFLOW does: layer by layer, each with a read of its own, which begins on a
 /// new line and leaves what is left of its last one.
@@ -59,7 +59,7 @@ fn check(folder: &Path, number: usize) -> usize {
 fn every_layer_begins_on_a_line_of_its_own() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    npy_2d(&folder.join("map.npy"), [40, 30], |[x, _]| {
+    write_npy_2d(&folder.join("map.npy"), [40, 30], |[x, _]| {
         (-((x as f32 - 20.0) / 1.5).powi(2)).exp()
     });
     let mut remainders = Vec::new();

@@ -6,12 +6,12 @@ use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use crate::common::{atomesh, files, refused, succeed};
+use crate::common::{atomesh, files_below, expect_refusal, run_args};
 use atomesh::store::{AnyMesh, read_any_vtu};
 use serde_json::Value;
 
 /// An option with a value that is none by default.
-struct Choice {
+struct OptionCase {
     /// The image that it needs; `layers.mha` does for the others.
     image: Option<&'static str>,
     /// Options without which it would be refused.
@@ -20,20 +20,20 @@ struct Choice {
     says: &'static str,
 }
 
-const fn any(says: &'static str) -> Choice {
+const fn any(says: &'static str) -> OptionCase {
     with("", says)
 }
 
-const fn with(needs: &'static str, says: &'static str) -> Choice {
-    Choice {
+const fn with(needs: &'static str, says: &'static str) -> OptionCase {
+    OptionCase {
         image: None,
         needs,
         says,
     }
 }
 
-const fn of(image: &'static str, needs: &'static str, says: &'static str) -> Choice {
-    Choice {
+const fn of(image: &'static str, needs: &'static str, says: &'static str) -> OptionCase {
+    OptionCase {
         image: Some(image),
         needs,
         says,
@@ -41,7 +41,7 @@ const fn of(image: &'static str, needs: &'static str, says: &'static str) -> Cho
 }
 
 /// Every option of `mesh`, some with more than one value.
-const CHOICES: &[Choice] = &[
+const CHOICES: &[OptionCase] = &[
     any("--distance 6"),
     with("--distance 5:9", "--distance-from image"),
     with("--distance 5:9", "--distance-from features"),
@@ -127,7 +127,7 @@ const TWINS: [[&str; 2]; 7] = [
 
 /// What came of a run: exit code, what was said, figures, and the files with what is in them.
 #[derive(Debug, Clone, PartialEq)]
-struct Came {
+struct RunResult {
     code: Option<i32>,
     said: String,
     files: BTreeMap<String, Vec<u8>>,
@@ -172,9 +172,9 @@ fn contradict(text: &str) -> bool {
 }
 
 /// The image and the options of a run.
-type Asked = (String, String);
+type RunInput = (String, String);
 
-fn run(folder: &Path, (image, options): &Asked) -> Came {
+fn run(folder: &Path, (image, options): &RunInput) -> RunResult {
     std::fs::create_dir(folder).unwrap();
     let image = format!("../in/{image}");
     let output = atomesh(folder)
@@ -199,9 +199,9 @@ fn run(folder: &Path, (image, options): &Asked) -> Came {
         let name = path.strip_prefix(folder).unwrap().display().to_string();
         (name, content(&path, bytes))
     };
-    let files = files(folder).into_iter().map(named).collect();
+    let files = files_below(folder).into_iter().map(named).collect();
     std::fs::remove_dir_all(folder).unwrap();
-    Came {
+    RunResult {
         code: output.status.code(),
         said,
         files,
@@ -279,8 +279,8 @@ fn inputs(folder: &Path) {
 }
 
 /// The results of all runs, by what was asked.
-fn all(folder: &Path, asked: BTreeSet<Asked>) -> BTreeMap<Asked, Came> {
-    let asked: Vec<Asked> = asked.into_iter().collect();
+fn all(folder: &Path, asked: BTreeSet<RunInput>) -> BTreeMap<RunInput, RunResult> {
+    let asked: Vec<RunInput> = asked.into_iter().collect();
     let (next, came) = (AtomicUsize::new(0), Mutex::new(BTreeMap::new()));
     let workers = std::thread::available_parallelism().map_or(2, usize::from);
     std::thread::scope(|scope| {
@@ -373,7 +373,7 @@ fn covering_rows(pairs: &BTreeSet<[usize; 2]>) -> Vec<Row> {
 }
 
 /// Runs of rows, with all of their choices and without each.
-fn runs(rows: &[Row]) -> BTreeSet<Asked> {
+fn runs(rows: &[Row]) -> BTreeSet<RunInput> {
     let of_row = |row: &Row| {
         let image = image(row).unwrap().to_string();
         let fewer = row.iter().map(|&i| without(row, i));
@@ -386,7 +386,7 @@ fn runs(rows: &[Row]) -> BTreeSet<Asked> {
 
 /// Whether each choice of a row changes anything beside the others; `None` where it cannot be told, because
 /// the row is refused without the choice, too.
-fn changes(row: &Row, came: &BTreeMap<Asked, Came>) -> Vec<(usize, Option<bool>)> {
+fn changes(row: &Row, came: &BTreeMap<RunInput, RunResult>) -> Vec<(usize, Option<bool>)> {
     let image = image(row).unwrap().to_string();
     let with = &came[&(image.clone(), options(row))];
     let change = |&i: &usize| {
@@ -467,7 +467,7 @@ fn no_option_is_accepted_and_then_ignored() {
         |pair: &Row| !shown.contains(&(pair[0], pair[1])) || !shown.contains(&(pair[1], pair[0]));
     let again = taken.iter().filter(|pair| doubtful(pair)).chain(&helped);
     let again: Vec<Row> = again.cloned().collect();
-    let more: BTreeSet<Asked> = runs(&again)
+    let more: BTreeSet<RunInput> = runs(&again)
         .into_iter()
         .filter(|asked| !came.contains_key(asked))
         .collect();
@@ -546,12 +546,12 @@ fn every_example_survives_its_own_configuration() {
     let examples = examples();
     assert!(examples.len() > 20, "{examples:#?}");
     for example in &examples {
-        let printed = succeed(
+        let printed = run_args(
             at,
             &[&["mesh"], &words(example)[..], &["--print-config"]].concat(),
         );
         std::fs::write(at.join("job.toml"), &printed).unwrap();
-        let again = succeed(at, &["mesh", "--config", "job.toml", "--print-config"]);
+        let again = run_args(at, &["mesh", "--config", "job.toml", "--print-config"]);
         assert_eq!(again, printed, "{example}");
     }
 }
@@ -567,11 +567,11 @@ fn a_printed_configuration_gives_the_same_bytes() {
         "--seeding canny --smooth odt",
     ] {
         let mesh = [&["mesh", "layers.mha", "-o", "m.vtu"], &words(options)[..]].concat();
-        succeed(at, &[&mesh[..], &["--quiet"]].concat());
+        run_args(at, &[&mesh[..], &["--quiet"]].concat());
         let bytes = std::fs::read(at.join("m.vtu")).unwrap();
-        let printed = succeed(at, &[&mesh[..], &["--print-config"]].concat());
+        let printed = run_args(at, &[&mesh[..], &["--print-config"]].concat());
         std::fs::write(at.join("job.toml"), printed).unwrap();
-        succeed(
+        run_args(
             at,
             &["mesh", "layers.mha", "--config", "job.toml", "--quiet"],
         );
@@ -598,7 +598,7 @@ fn examples_give_the_same_bytes_from_their_configurations() {
             let command = words(&command);
             let there = |word: &&str| at.join(word).exists();
             match command[..] {
-                ["synth", ..] => drop(succeed(at, &[&command[..], &["--quiet"]].concat())),
+                ["synth", ..] => drop(run_args(at, &[&command[..], &["--quiet"]].concat())),
                 ["mesh", image, ..] if there(&image) => {
                     let mut typed = command.clone();
                     if let Some(o) = typed.iter().position(|word| *word == "-o") {
@@ -610,11 +610,11 @@ fn examples_give_the_same_bytes_from_their_configurations() {
                         continue;
                     }
                     let mesh = |more: &[&str]| {
-                        succeed(at, &[more, &["-o", "m.vtu", "--quiet"]].concat());
+                        run_args(at, &[more, &["-o", "m.vtu", "--quiet"]].concat());
                         std::fs::read(at.join("m.vtu")).unwrap()
                     };
                     let bytes = mesh(&typed);
-                    let printed = succeed(at, &[&typed[..], &["--print-config"]].concat());
+                    let printed = run_args(at, &[&typed[..], &["--print-config"]].concat());
                     std::fs::write(at.join("job.toml"), printed).unwrap();
                     let again = mesh(&["mesh", image, "--config", "job.toml"]);
                     assert!(again == bytes, "{}", command.join(" "));
@@ -639,17 +639,17 @@ fn an_installation_says_what_it_is_and_how_it_is_used() {
         ("zsh", "#compdef"),
         ("fish", "complete -c"),
     ] {
-        let text = succeed(at, &["completions", shell]);
+        let text = run_args(at, &["completions", shell]);
         assert!(text.contains(word) && text.contains("columns"), "{shell}");
     }
-    succeed(at, &["man", "-o", "."]);
+    run_args(at, &["man", "-o", "."]);
     let page = std::fs::read_to_string(at.join("atomesh-mesh.1")).unwrap();
     assert!(page.contains(".TH") && page.contains("distance"));
     assert!(at.join("atomesh.1").exists());
     let said: serde_json::Value =
-        serde_json::from_str(&succeed(at, &["doctor", "--json"])).unwrap();
+        serde_json::from_str(&run_args(at, &["doctor", "--json"])).unwrap();
     assert_eq!(said["atomesh"], env!("CARGO_PKG_VERSION"));
     assert_eq!(said["TetGen"], "built in (AGPL-3.0)");
-    let error = refused(at, &["man", "-o", "absent"]);
+    let error = expect_refusal(at, &["man", "-o", "absent"]);
     assert!(error.contains("is no folder"), "{error}");
 }

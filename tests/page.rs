@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::Command;
 
-use crate::common::{npy, npy_2d, refused, run, sheet};
+use crate::common::{write_npy, write_npy_2d, expect_refusal, run, planar_fault};
 
 /// Opens pages in Chromium and uses them: draws, cuts, sections, colours, clicks, keys, fingers, at two
 /// sizes, dark and light, with no complaint and no request. Screenshots go to `folder`.
@@ -34,8 +34,8 @@ fn broken_layers([x, y]: [usize; 2]) -> f32 {
 fn pages_of_every_kind_of_cell_are_drawn_and_answer() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    npy(&at.join("sheet.npy"), [40, 36, 32], sheet([40, 36, 32]));
-    npy_2d(&at.join("line.npy"), [80, 60], broken_layers);
+    write_npy(&at.join("sheet.npy"), [40, 36, 32], planar_fault([40, 36, 32]));
+    write_npy_2d(&at.join("line.npy"), [80, 60], broken_layers);
     // Tetrahedra with the report of their run.
     let said = run(
         at,
@@ -70,7 +70,7 @@ fn pages_of_every_kind_of_cell_are_drawn_and_answer() {
 fn the_page_of_mesh_and_that_of_report_hold_the_same_mesh() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    npy(&at.join("sheet.npy"), [40, 36, 32], sheet([40, 36, 32]));
+    write_npy(&at.join("sheet.npy"), [40, 36, 32], planar_fault([40, 36, 32]));
     run(
         at,
         "mesh sheet.npy -o a.vtu --distance 6 --page a.html --quiet",
@@ -90,8 +90,8 @@ fn the_page_of_mesh_and_that_of_report_hold_the_same_mesh() {
 fn a_mesh_comes_with_its_surfaces_and_with_the_values_of_its_image() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    let value = |[x, y, z]: [usize; 3]| sheet([40, 36, 32])([x, y, z]);
-    npy(&at.join("sheet.npy"), [40, 36, 32], value);
+    let value = |[x, y, z]: [usize; 3]| planar_fault([40, 36, 32])([x, y, z]);
+    write_npy(&at.join("sheet.npy"), [40, 36, 32], value);
     run(
         at,
         "mesh sheet.npy -o a.vtu --distance 6 --surfaces a.vtp --quiet",
@@ -128,9 +128,9 @@ fn a_mesh_comes_with_its_surfaces_and_with_the_values_of_its_image() {
 fn what_no_page_can_be_made_of_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    npy(&at.join("sheet.npy"), [40, 36, 32], sheet([40, 36, 32]));
-    npy(&at.join("other.npy"), [40, 36, 30], sheet([40, 36, 30]));
-    npy_2d(&at.join("line.npy"), [80, 60], broken_layers);
+    write_npy(&at.join("sheet.npy"), [40, 36, 32], planar_fault([40, 36, 32]));
+    write_npy(&at.join("other.npy"), [40, 36, 30], planar_fault([40, 36, 30]));
+    write_npy_2d(&at.join("line.npy"), [80, 60], broken_layers);
     std::fs::write(at.join("no.json"), "{\"a\": 1}").unwrap();
     run(at, "mesh sheet.npy -o a.vtu --distance 8 --quiet");
     for (line, said) in [
@@ -162,7 +162,7 @@ fn what_no_page_can_be_made_of_is_refused() {
             "lies outside the image",
         ),
     ] {
-        let error = refused(at, &line.split(' ').collect::<Vec<_>>());
+        let error = expect_refusal(at, &line.split(' ').collect::<Vec<_>>());
         assert!(error.contains(said), "{line}: {error}");
     }
 }
@@ -171,7 +171,7 @@ fn what_no_page_can_be_made_of_is_refused() {
 fn a_body_with_an_open_corner_is_drawn_of_every_mesh_in_space() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    npy(&at.join("sheet.npy"), [40, 36, 32], sheet([40, 36, 32]));
+    write_npy(&at.join("sheet.npy"), [40, 36, 32], planar_fault([40, 36, 32]));
     run(at, "mesh sheet.npy -o tets.vtu --distance 6 --quiet");
     run(
         at,

@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
-use crate::common::{Survey, atomesh, npy, refused, segy, sheet, succeed};
+use crate::common::{Survey, atomesh, write_npy, expect_refusal, write_segy, planar_fault, run_args};
 
 const DIMS: [usize; 3] = [40, 36, 32];
 
 /// A folder with a good image in it, `good.npy`.
 fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    npy(&folder.path().join("good.npy"), DIMS, sheet(DIMS));
+    write_npy(&folder.path().join("good.npy"), DIMS, planar_fault(DIMS));
     folder
 }
 
@@ -26,11 +26,11 @@ fn assert_says(line: &str, words: &[&str]) {
 fn samples_that_are_no_numbers() {
     let folder = folder();
     for (name, value) in [("nan.npy", f32::NAN), ("infinite.npy", f32::NEG_INFINITY)] {
-        let good = sheet(DIMS);
+        let good = planar_fault(DIMS);
         // One is a gap; there must be others.
-        npy(&folder.path().join(name), DIMS, |_| value);
-        assert_says(&refused(folder.path(), &["mesh", name]), &[name]);
-        npy(&folder.path().join(name), DIMS, |at| {
+        write_npy(&folder.path().join(name), DIMS, |_| value);
+        assert_says(&expect_refusal(folder.path(), &["mesh", name]), &[name]);
+        write_npy(&folder.path().join(name), DIMS, |at| {
             if at == [3, 4, 5] {
                 value
             } else {
@@ -38,7 +38,7 @@ fn samples_that_are_no_numbers() {
             }
         });
         let labels = ["mesh", name, "--feature", "labels"];
-        assert_says(&refused(folder.path(), &labels), &["[3, 4, 5]"]);
+        assert_says(&expect_refusal(folder.path(), &labels), &["[3, 4, 5]"]);
     }
 }
 
@@ -53,19 +53,19 @@ fn slivers_where_there_are_none() {
         "--slivers",
         "exude",
     ];
-    assert_says(&refused(folder.path(), &cells), &["--slivers", "voronoi"]);
+    assert_says(&expect_refusal(folder.path(), &cells), &["--slivers", "voronoi"]);
     let plane = ["synth", "planes", "--dims", "64,64", "-o", "plane.npy"];
-    succeed(folder.path(), &plane);
+    run_args(folder.path(), &plane);
     let plane = ["mesh", "plane.npy", "--slivers", "exude"];
-    assert_says(&refused(folder.path(), &plane), &["--slivers", "2-D"]);
+    assert_says(&expect_refusal(folder.path(), &plane), &["--slivers", "2-D"]);
 }
 
 #[test]
 fn a_constant_image() {
     let folder = folder();
-    npy(&folder.path().join("flat.npy"), DIMS, |_| 7.0);
+    write_npy(&folder.path().join("flat.npy"), DIMS, |_| 7.0);
     assert_says(
-        &refused(folder.path(), &["mesh", "flat.npy"]),
+        &expect_refusal(folder.path(), &["mesh", "flat.npy"]),
         &["flat.npy", "7"],
     );
 }
@@ -74,22 +74,22 @@ fn a_constant_image() {
 fn a_side_shorter_than_two_distances() {
     let folder = folder();
     assert_says(
-        &refused(folder.path(), &["mesh", "good.npy", "--distance", "20"]),
+        &expect_refusal(folder.path(), &["mesh", "good.npy", "--distance", "20"]),
         &["20", "31"],
     );
-    npy(
+    write_npy(
         &folder.path().join("thin.npy"),
         [64, 64, 3],
-        sheet([64, 64, 3]),
+        planar_fault([64, 64, 3]),
     );
-    refused(folder.path(), &["mesh", "thin.npy"]);
+    expect_refusal(folder.path(), &["mesh", "thin.npy"]);
 }
 
 #[test]
 fn impossible_distances() {
     let folder = folder();
     for distance in ["0", "-3", "nan", "1e9", "eight", "8:4", "0:4"] {
-        let line = refused(
+        let line = expect_refusal(
             folder.path(),
             &[
                 "mesh",
@@ -133,24 +133,24 @@ fn files_that_are_no_images() {
         "absent.npy",
     ] {
         for verb in ["mesh", "info"] {
-            assert_says(&refused(folder.path(), &[verb, name]), &[name]);
+            assert_says(&expect_refusal(folder.path(), &[verb, name]), &[name]);
         }
     }
     std::fs::write(folder.path().join("l.vtp"), "not a mesh").unwrap();
     assert_says(
-        &refused(folder.path(), &["quality", "l.vtp", "--lines", "./l.vtp"]),
+        &expect_refusal(folder.path(), &["quality", "l.vtp", "--lines", "./l.vtp"]),
         &["--lines", "overwrite"],
     );
     assert_says(
-        &refused(
+        &expect_refusal(
             folder.path(),
             &["mesh", "good.npy", "--raw", "40x36x32:f99"],
         ),
         &["f99"],
     );
     write("bare.raw", &[0; 100]);
-    refused(folder.path(), &["mesh", "bare.raw", "--raw", "10x10x10:u8"]);
-    refused(
+    expect_refusal(folder.path(), &["mesh", "bare.raw", "--raw", "10x10x10:u8"]);
+    expect_refusal(
         folder.path(),
         &[
             "mesh",
@@ -170,7 +170,7 @@ fn seg_y_without_a_volume_in_it() {
         samples: 40,
     };
     let path = folder.path().join("survey.sgy");
-    segy(&path, &survey, |_| 1.0);
+    write_segy(&path, &survey, |_| 1.0);
     let bytes = std::fs::read(&path).unwrap();
     let trace = 240 + 4 * survey.samples;
     for (name, length) in [
@@ -179,11 +179,11 @@ fn seg_y_without_a_volume_in_it() {
         ("cut.sgy", 3600 + 5 * trace / 2),
     ] {
         std::fs::write(folder.path().join(name), &bytes[..length]).unwrap();
-        assert_says(&refused(folder.path(), &["mesh", name]), &[name]);
+        assert_says(&expect_refusal(folder.path(), &["mesh", name]), &[name]);
     }
     // What the library calls the bytes of the line numbers, the command line calls --inline-byte.
     let bytes = ["--inline-byte", "13", "--crossline-byte", "17"];
-    let line = refused(
+    let line = expect_refusal(
         folder.path(),
         &[&["mesh", "survey.sgy"][..], &bytes].concat(),
     );
@@ -191,7 +191,7 @@ fn seg_y_without_a_volume_in_it() {
     assert!(!line.contains("--segy-bytes"), "{line}");
     // Header bytes of a file that has none.
     for byte in ["--inline-byte", "--delay-byte"] {
-        let line = refused(folder.path(), &["mesh", "good.npy", byte, "9"]);
+        let line = expect_refusal(folder.path(), &["mesh", "good.npy", byte, "9"]);
         assert_says(&line, &[byte, "SEG-Y", "good.npy"]);
     }
 }
@@ -202,11 +202,11 @@ fn outputs_over_inputs_that_other_options_name() {
     let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
     write("job.vtu", "sigma = 2\n");
     let config = ["mesh", "good.npy", "--config", "job.vtu", "-o", "./job.vtu"];
-    assert_says(&refused(folder.path(), &config), &["job.vtu", "overwrite"]);
-    npy(&folder.path().join("d.vtu"), DIMS, |_| 6.0);
+    assert_says(&expect_refusal(folder.path(), &config), &["job.vtu", "overwrite"]);
+    write_npy(&folder.path().join("d.vtu"), DIMS, |_| 6.0);
     let mesh = ["mesh", "good.npy", "--distance", "4:8"];
     let from = ["--distance-from", "d.vtu", "-o", "./d.vtu"];
-    let line = refused(folder.path(), &[&mesh[..], &from].concat());
+    let line = expect_refusal(folder.path(), &[&mesh[..], &from].concat());
     assert_says(&line, &["d.vtu", "overwrite"]);
 }
 
@@ -215,7 +215,7 @@ fn options_that_nothing_would_come_of() {
     let folder = folder();
     let mesh = |extra: &str| {
         let extra: Vec<&str> = extra.split_whitespace().collect();
-        refused(folder.path(), &[&["mesh", "good.npy"][..], &extra].concat())
+        expect_refusal(folder.path(), &[&["mesh", "good.npy"][..], &extra].concat())
     };
     for (extra, name) in [
         ("--seeding canny --beta 0.2", "--beta 0.2"),
@@ -240,7 +240,7 @@ fn options_that_nothing_would_come_of() {
 #[test]
 fn impossible_outputs() {
     let folder = folder();
-    let mesh = |extra: &[&str]| refused(folder.path(), &[&["mesh", "good.npy"], extra].concat());
+    let mesh = |extra: &[&str]| expect_refusal(folder.path(), &[&["mesh", "good.npy"], extra].concat());
     assert_says(&mesh(&["-o", "absent/m.vtu"]), &["absent"]);
     assert_says(&mesh(&["--report", "absent/r.json"]), &["absent"]);
     assert_says(&mesh(&["--potential-out", "absent/b.vti"]), &["absent"]);
@@ -264,11 +264,11 @@ fn impossible_outputs() {
     )
     .unwrap();
     assert_says(
-        &refused(folder.path(), &["mesh", "good.vtu"]),
+        &expect_refusal(folder.path(), &["mesh", "good.vtu"]),
         &["good.vtu"],
     );
     assert_says(
-        &refused(folder.path(), &["mesh", "good.vtu", "-o", "./good.vtu"]),
+        &expect_refusal(folder.path(), &["mesh", "good.vtu", "-o", "./good.vtu"]),
         &["good.vtu"],
     );
 }
@@ -294,7 +294,7 @@ fn impossible_parameters() {
         ("--inline-byte", "0"),
         ("--inline-byte", "241"),
     ] {
-        let line = refused(
+        let line = expect_refusal(
             folder.path(),
             &["mesh", "good.npy", &format!("{option}={value}")],
         );
@@ -314,7 +314,7 @@ fn impossible_weights_of_features() {
             &["feature", "good.npy", "-o", "b.vti"],
         ];
         for job in job {
-            let line = refused(
+            let line = expect_refusal(
                 folder.path(),
                 &[job, &["--feature", "faults+horizons", &option]].concat(),
             );
@@ -327,10 +327,10 @@ fn impossible_weights_of_features() {
 fn distances_from_nowhere() {
     let folder = folder();
     std::fs::write(folder.path().join("text.npy"), "no distances").unwrap();
-    npy(&folder.path().join("nan.npy"), DIMS, |_| f32::NAN);
-    npy(&folder.path().join("zero.npy"), DIMS, |_| 0.0);
+    write_npy(&folder.path().join("nan.npy"), DIMS, |_| f32::NAN);
+    write_npy(&folder.path().join("zero.npy"), DIMS, |_| 0.0);
     let fewer = DIMS.map(|n| n - 1);
-    npy(&folder.path().join("fewer.npy"), fewer, |_| 5.0);
+    write_npy(&folder.path().join("fewer.npy"), fewer, |_| 5.0);
     for (distance, from, words) in [
         ("4:8", "absent.npy", ["absent.npy", "--distance-from"]),
         ("4:8", "picture", ["picture", "--distance-from"]),
@@ -346,7 +346,7 @@ fn distances_from_nowhere() {
         ),
     ] {
         let options = ["--distance", distance, "--distance-from", from];
-        let line = refused(
+        let line = expect_refusal(
             folder.path(),
             &[&["mesh", "good.npy"][..], &options].concat(),
         );
@@ -364,7 +364,7 @@ fn faulty_configuration_files() {
         ("distance = ", "1"),
     ] {
         std::fs::write(folder.path().join("job.toml"), text).unwrap();
-        let line = refused(folder.path(), &["mesh", "good.npy", "--config", "job.toml"]);
+        let line = expect_refusal(folder.path(), &["mesh", "good.npy", "--config", "job.toml"]);
         assert_says(&line, &["job.toml", word]);
     }
 }
@@ -379,7 +379,7 @@ fn impossible_fixed_atoms() {
         ("x,y,z\n5,5,deep\n", "deep"),
     ] {
         std::fs::write(folder.path().join("wells.csv"), text).unwrap();
-        let line = refused(
+        let line = expect_refusal(
             folder.path(),
             &["mesh", "good.npy", "--atoms-from", "wells.csv"],
         );
@@ -394,7 +394,7 @@ fn meshes_that_are_none() {
     std::fs::write(folder.path().join("empty.vtu"), "").unwrap();
     for name in ["text.vtu", "empty.vtu", "absent.vtu", "good.npy"] {
         for verb in ["quality", "validate"] {
-            assert_says(&refused(folder.path(), &[verb, name]), &[name]);
+            assert_says(&expect_refusal(folder.path(), &[verb, name]), &[name]);
         }
     }
 }
@@ -449,8 +449,8 @@ fn meshes_that_make_no_sense() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     cube(&at.join("good.vtu"), 4.0, 1, |_, _| {});
-    succeed(at, &["validate", "good.vtu"]);
-    succeed(at, &["export", "good.vtu", "--to", "msh", "-o", "good.msh"]);
+    run_args(at, &["validate", "good.vtu"]);
+    run_args(at, &["export", "good.vtu", "--to", "msh", "-o", "good.msh"]);
     cube(&at.join("nan.vtu"), 4.0, 1, |points, _| {
         points[4] = f64::NAN
     });
@@ -474,18 +474,18 @@ fn meshes_that_make_no_sense() {
         ("huge.vtu", "fill inf", "has the volume"),
         ("flat.vtu", "flat or inverted", "flat or inverted"),
     ] {
-        assert_says(&refused(at, &["validate", name]), &[name, checked]);
+        assert_says(&expect_refusal(at, &["validate", name]), &[name, checked]);
         let export = ["export", name, "--to", "msh", "-o", "x.msh"];
-        assert_says(&refused(at, &export), &[name, exported]);
+        assert_says(&expect_refusal(at, &export), &[name, exported]);
     }
     // Where a simulator would notice nothing, flow does not go on either.
     let flow = |name| {
         let pressures = ["--pressure", "xmin=1e5", "--pressure", "xmax=0"];
         [&["flow", name, "-o", "flow.vtu"][..], &pressures].concat()
     };
-    succeed(at, &flow("good.vtu"));
+    run_args(at, &flow("good.vtu"));
     for (name, problem) in [("twice.vtu", "overlap"), ("holed.vtu", "cells are missing")] {
-        assert_says(&refused(at, &flow(name)), &[name, problem]);
+        assert_says(&expect_refusal(at, &flow(name)), &[name, problem]);
     }
 }
 
@@ -494,18 +494,18 @@ fn impossible_synthetic_volumes() {
     let folder = folder();
     for dims in ["0,5,5", "9", "99999999999,99999999999,99999999999", "a,b,c"] {
         assert_says(
-            &refused(
+            &expect_refusal(
                 folder.path(),
                 &["synth", "faults", "-o", "s.npy", "--dims", dims],
             ),
             &[],
         );
     }
-    refused(
+    expect_refusal(
         folder.path(),
         &["synth", "faults", "-o", "s.npy", "--signal-to-noise", "0"],
     );
-    refused(folder.path(), &["synth", "faults", "-o", "absent/s.npy"]);
+    expect_refusal(folder.path(), &["synth", "faults", "-o", "absent/s.npy"]);
 }
 
 #[test]
@@ -567,10 +567,10 @@ mod real_data {
     #[test]
     #[ignore = "needs images made by others: make test-all DATA=folder"]
     fn seg_y_files_of_others() {
-        let formats = crate::common::data("formats_segy");
+        let formats = crate::common::data_path("formats_segy");
         let folder = tempfile::tempdir().unwrap();
         let mut tried = 0;
-        for (path, _) in crate::common::files(&formats) {
+        for (path, _) in crate::common::files_below(&formats) {
             let output = atomesh(folder.path())
                 .arg("info")
                 .arg(&path)

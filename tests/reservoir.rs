@@ -4,7 +4,7 @@
 use std::path::Path;
 use std::process::Command;
 
-use crate::common::{near, numbers};
+use crate::common::{is_close, numbers};
 use serde_json::Value;
 
 #[test]
@@ -30,9 +30,9 @@ fn a_seismic_volume_becomes_a_reservoir_that_every_solver_agrees_on() {
     let layers = figures["layers"].as_object().unwrap();
     let layers: f64 = layers.values().map(|v| v.as_f64().unwrap()).sum();
     let volume = 63.0 * 6.0 * (99.0 * 12.5) * (79.0 * 12.5);
-    assert!(near(layers, volume, 0.05), "{layers} of {volume}");
+    assert!(is_close(layers, volume, 0.05), "{layers} of {volume}");
     let model = &figures["model"];
-    assert!(near(model["volume"].as_f64().unwrap(), volume, 1e-9));
+    assert!(is_close(model["volume"].as_f64().unwrap(), volume, 1e-9));
     assert!(model["angle"][0].as_f64().unwrap() < 0.1, "{model}");
 
     let iterations = figures["iterations"].as_object().unwrap();
@@ -44,8 +44,8 @@ fn a_seismic_volume_becomes_a_reservoir_that_every_solver_agrees_on() {
     let number = |name: &str| years[name].as_f64().unwrap();
     let gone = number("oil in place, sm3") - number("oil left, sm3");
     assert!(gone > 0.01 * number("oil in place, sm3"));
-    assert!(near(gone, number("oil produced, sm3"), 1e-3), "{years}");
-    assert!(near(
+    assert!(is_close(gone, number("oil produced, sm3"), 1e-3), "{years}");
+    assert!(is_close(
         number("pore volume, m3"),
         model["pore_volume"].as_f64().unwrap(),
         1e-6

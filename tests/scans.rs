@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::common::{Survey, npy, run, segy};
+use crate::common::{Survey, write_npy, run, write_segy};
 
 /// The distance from a point.
 fn from([x, y, z]: [usize; 3], centre: [f64; 3]) -> f64 {
@@ -52,7 +52,7 @@ fn an_object_in_a_mask_is_a_region_and_paint_on_faults_only_in_a_survey() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     for axis in 0..3 {
-        npy(&folder.join("tube.npy"), [32, 32, 32], tube(axis));
+        write_npy(&folder.join("tube.npy"), [32, 32, 32], tube(axis));
         // Neither format nor geometry tells: the verdict asks.
         let (report, found) = regions(folder, "tube.npy");
         assert_eq!(found.len(), 2, "{report}");
@@ -79,7 +79,7 @@ fn an_object_in_a_mask_is_a_region_and_paint_on_faults_only_in_a_survey() {
         crosslines: 28,
         samples: 32,
     };
-    segy(&folder.join("paint.sgy"), &survey, |[sample, cross, _]| {
+    write_segy(&folder.join("paint.sgy"), &survey, |[sample, cross, _]| {
         f32::from(u8::from(
             (cross as f32 - 14.0 - 0.2 * sample as f32).abs() < 1.5,
         ))
@@ -89,7 +89,7 @@ fn an_object_in_a_mask_is_a_region_and_paint_on_faults_only_in_a_survey() {
     let notes = report["notes"].to_string();
     assert!(notes.contains("its middle is the feature"), "{notes}");
     // Elsewhere it can be had by its name.
-    npy(&folder.join("paint.npy"), [32, 28, 30], |[x, y, _]| {
+    write_npy(&folder.join("paint.npy"), [32, 28, 30], |[x, y, _]| {
         f32::from(u8::from((y as f32 - 14.0 - 0.2 * x as f32).abs() < 1.5))
     });
     let (_, found) = regions(folder, "paint.npy --distance 5 --feature mask");
@@ -109,13 +109,13 @@ fn polycrystals_and_atlases_are_labels_and_grey_values_are_not() {
             let best = (0..grains).min_by(|a, b| off(a).total_cmp(&off(b)));
             best.unwrap() as f32
         };
-        npy(&folder.join("grains.npy"), [side; 3], nearest);
+        write_npy(&folder.join("grains.npy"), [side; 3], nearest);
         let said = run(folder, "feature grains.npy -o b.vti --distance 4");
         assert!(said.contains("features: labels"), "{said}");
     }
     // 256 grey values with noise, and without.
     for amount in [0.0, 20.0] {
-        npy(&folder.join("grey.npy"), [40, 36, 32], |at| {
+        write_npy(&folder.join("grey.npy"), [40, 36, 32], |at| {
             let inside = 200.0 / (1.0 + (from(at, [20.0, 18.0, 16.0]) - 11.0).exp());
             (inside + amount * noise(at)).round() as f32
         });
@@ -129,7 +129,7 @@ fn hounsfield_numbers_are_no_amplitudes() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     // Air, tissue and bone, with noise; of the values half are below zero.
-    npy(&folder.join("ct.npy"), [40, 40, 40], |at| {
+    write_npy(&folder.join("ct.npy"), [40, 40, 40], |at| {
         let [x, y, _] = at.map(|i| i as f64);
         let off = (x - 20.0).hypot(y - 20.0);
         let tissue = match () {
@@ -145,7 +145,7 @@ fn hounsfield_numbers_are_no_amplitudes() {
     let said = run(folder, "feature ct.nii.gz -o b.vti --distance 4");
     assert!(said.contains("features: edges"), "{said}");
     // Amplitudes of layers are, where the format does not tell.
-    npy(&folder.join("layers.npy"), [40, 40, 40], |at| {
+    write_npy(&folder.join("layers.npy"), [40, 40, 40], |at| {
         let [x, y, z] = at.map(|i| i as f64);
         let depth = z + 0.2 * x + 1.5 * (y / 9.0).sin();
         (1000.0 * (depth / 1.9).sin() * (0.5 + 0.5 * (depth / 11.0).sin()) + 50.0 * noise(at))

@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::path::Path;
 
-use crate::common::{judged, npy, refused, run, sheet_folder};
+use crate::common::{run_validator, write_npy, expect_refusal, run, folder_with_meshes};
 
 /// Two halves, the boundary tilted.
 fn halves([x, y, z]: [usize; 3]) -> f32 {
@@ -26,7 +26,7 @@ fn largest(path: &Path) -> f64 {
 fn an_image_in_millimetres_is_exported_in_millimetres() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    npy(&folder.join("a.npy"), [24, 22, 20], halves);
+    write_npy(&folder.join("a.npy"), [24, 22, 20], halves);
     for (unit, metres) in [("mm", 1e-3), ("um", 1e-6)] {
         let place = format!("--spacing 2,2,2 --unit {unit},{unit},{unit}");
         run(
@@ -106,7 +106,7 @@ fn values_on_cells_are_samples_in_their_middle() {
          <Piece Extent=\"0 1 0 1 0 1\"/></ImageData></VTKFile>",
     )
     .unwrap();
-    let said = refused(folder, &["info", "a.vti"]);
+    let said = expect_refusal(folder, &["info", "a.vti"]);
     assert!(said.contains("no data on its points or cells"), "{said}");
 }
 
@@ -210,7 +210,7 @@ fn spacing_of_imagej_ome_tiff_and_ome_zarr_is_taken() {
         "{said}"
     );
 
-    npy(&folder.join("a.npy"), [5, 4, 3], |[x, ..]| x as f32);
+    write_npy(&folder.join("a.npy"), [5, 4, 3], |[x, ..]| x as f32);
     run(folder, "convert a.npy a.zarr --quiet");
     // The array that was written, in a group of OME's.
     let written = folder.join("a.zarr");
@@ -266,18 +266,18 @@ fn files_that_are_not_read_name_the_tool_that_reads_them() {
     ];
     for (name, bytes, tool) in files {
         std::fs::write(folder.join(name), bytes).unwrap();
-        let said = refused(folder, &["info", name]);
+        let said = expect_refusal(folder, &["info", name]);
         assert!(said.contains(tool), "{name}: {said}");
     }
     std::fs::create_dir(folder.join("series")).unwrap();
     std::fs::write(folder.join("series/1"), &dicom).unwrap();
-    let said = refused(folder, &["info", "series"]);
+    let said = expect_refusal(folder, &["info", "series"]);
     assert!(said.contains("dcm2niix"), "{said}");
 }
 
 #[test]
 fn cells_of_xdmf_are_one_grid_and_names_are_in_a_file_of_their_own() {
-    let folder = sheet_folder();
+    let folder = folder_with_meshes();
     let folder = folder.path();
     run(folder, "export tets.vtu --to xdmf -o a.xdmf --quiet");
     let text = std::fs::read_to_string(folder.join("a.xdmf")).unwrap();
@@ -290,12 +290,12 @@ fn cells_of_xdmf_are_one_grid_and_names_are_in_a_file_of_their_own() {
 #[test]
 #[ignore = "needs meshio: make test-all"]
 fn meshio_reads_xdmf_and_vtu() {
-    let folder = sheet_folder();
+    let folder = folder_with_meshes();
     let folder = folder.path();
     run(folder, "export tets.vtu --to xdmf -o a.xdmf --quiet");
     let paths = ["a.xdmf", "tets.vtu"].map(|name| folder.join(name));
     let [xdmf, vtu] = &paths;
-    let found = judged(
+    let found = run_validator(
         "meshio",
         "meshio_read.py",
         &[xdmf.as_os_str(), vtu.as_os_str()],

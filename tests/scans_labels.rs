@@ -6,7 +6,7 @@ use std::path::Path;
 use atomesh::store::read_vtu;
 use serde_json::Value;
 
-use crate::common::{npy, refused, run};
+use crate::common::{write_npy, expect_refusal, run};
 
 /// Writes a NumPy file of 64-bit integers, shape `(nz, ny, nx)`; `unsigned` or not.
 fn npy_of_integers(
@@ -102,7 +102,7 @@ fn integers_that_floats_round_stay_apart_in_every_format() {
             let found: Vec<String> = regions.iter().map(|r| r["label"].to_string()).collect();
             assert_eq!(found, ascending.map(|value| value.to_string()), "{name}");
             for region in regions {
-                let off = region["off_percent"].as_f64().unwrap();
+                let off = region["volume_error_percent"].as_f64().unwrap();
                 assert!(off.abs() < 2.0, "{name}: {region}");
             }
             let core = regions.iter().find(|region| region["name"] == "core");
@@ -126,7 +126,7 @@ fn integers_that_floats_round_stay_apart_in_every_format() {
     for name in ["label_18446744073709551614", "label_18446744073709551615"] {
         assert!(text.contains(&format!("\"{name}\"")), "no {name}");
     }
-    let said = refused(
+    let said = expect_refusal(
         folder,
         &[
             "mesh",
@@ -137,7 +137,7 @@ fn integers_that_floats_round_stay_apart_in_every_format() {
             "18446744073709551616:name=x",
         ],
     );
-    assert!(said.contains("no value of a label"), "{said}");
+    assert!(said.contains("not the value of a label"), "{said}");
 }
 
 #[test]
@@ -145,7 +145,7 @@ fn hundreds_of_labels_have_a_region_each() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     // Bricks that are numbered without order.
-    npy(&folder.join("bricks.npy"), [42, 42, 42], |at| {
+    write_npy(&folder.join("bricks.npy"), [42, 42, 42], |at| {
         let [i, j, k] = at.map(|x| x / 6);
         (((i * 7 + j) * 7 + k) * 131 % 343) as f32
     });
@@ -154,23 +154,23 @@ fn hundreds_of_labels_have_a_region_each() {
     assert_eq!(regions.len(), 343);
     for region in regions {
         assert!(region["cells"].as_u64().unwrap() > 0, "{region}");
-        let off = region["off_percent"].as_f64().unwrap();
+        let off = region["volume_error_percent"].as_f64().unwrap();
         assert!(off.abs() < 12.0, "{region}");
     }
     assert!(report["regions"]["lost"].as_array().unwrap().is_empty());
     let said = run(folder, "info bricks.npy");
     assert!(said.contains("343 labels"), "{said}");
     // Tens of thousands are found, too.
-    npy(&folder.join("many.npy"), [450, 450, 1], |[x, y, _]| {
+    write_npy(&folder.join("many.npy"), [450, 450, 1], |[x, y, _]| {
         ((x / 3 * 150 + y / 3) * 7919 % 22_500) as f32
     });
     let said = run(folder, "feature many.npy -o b.vti --distance 3");
     assert!(said.contains("interfaces between 22500 labels"), "{said}");
     // Grey values are none, also if that is said.
-    npy(&folder.join("grey.npy"), [20, 20, 20], |[x, y, z]| {
+    write_npy(&folder.join("grey.npy"), [20, 20, 20], |[x, y, z]| {
         ((x * 7919 + y * 104_729 + z * 1_299_709) % 4001) as f32
     });
-    let said = refused(
+    let said = expect_refusal(
         folder,
         &["mesh", "grey.npy", "-o", "n.vtu", "--feature", "labels"],
     );
@@ -217,7 +217,7 @@ fn a_shell_of_three_samples_has_its_volume_and_no_spikes_of_more_than_1_1_sample
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     for centre in [[20.0, 19.5, 18.2], [19.3, 20.1, 19.6]] {
-        npy(&folder.join("shell.npy"), [40, 40, 40], |at| {
+        write_npy(&folder.join("shell.npy"), [40, 40, 40], |at| {
             match off(at, centre) {
                 r if r < 11.0 => 1.0,
                 r if r < 14.0 => 2.0,
@@ -226,7 +226,7 @@ fn a_shell_of_three_samples_has_its_volume_and_no_spikes_of_more_than_1_1_sample
         });
         let report = report(folder, "shell.npy");
         for region in report["regions"]["regions"].as_array().unwrap() {
-            let off = region["off_percent"].as_f64().unwrap();
+            let off = region["volume_error_percent"].as_f64().unwrap();
             assert!(off.abs() < 1.0, "{region}");
         }
         let (worst, holes) = spikes(&folder.join("m.vtu"), centre, 14.0);
@@ -238,7 +238,7 @@ fn a_shell_of_three_samples_has_its_volume_and_no_spikes_of_more_than_1_1_sample
 fn a_wall_of_one_sample_is_kept_if_need_be_by_the_options_that_the_verdict_names() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    npy(
+    write_npy(
         &folder.join("wall.npy"),
         [20, 20, 20],
         |[_, _, z]| match z {
@@ -252,7 +252,7 @@ fn a_wall_of_one_sample_is_kept_if_need_be_by_the_options_that_the_verdict_names
     for _ in 0..4 {
         let report = report(folder, &options);
         let regions = report["regions"]["regions"].as_array().unwrap();
-        let off = regions[1]["off_percent"].as_f64().unwrap();
+        let off = regions[1]["volume_error_percent"].as_f64().unwrap();
         if off.abs() < 15.0 {
             let (_, holes) = spikes(&folder.join("m.vtu"), [0.0; 3], 1.0);
             assert_eq!(holes, 0, "{options}");

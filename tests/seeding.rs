@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use crate::common::{npy_2d, refused, succeed};
+use crate::common::{write_npy_2d, expect_refusal, run_args};
 use serde_json::Value;
 
 fn json(folder: &Path, arguments: &[&str]) -> Value {
-    let said = succeed(folder, &[arguments, &["--json", "--quiet"]].concat());
+    let said = run_args(folder, &[arguments, &["--json", "--quiet"]].concat());
     serde_json::from_str(&said).unwrap()
 }
 
@@ -24,7 +24,7 @@ fn folder() -> tempfile::TempDir {
             "--signal-to-noise",
             "10",
         ];
-        succeed(folder.path(), &synth);
+        run_args(folder.path(), &synth);
     }
     folder
 }
@@ -52,7 +52,7 @@ fn every_seeding_makes_a_valid_mesh_that_follows_the_faults() {
     let folder = folder();
     let at = folder.path();
     for image in ["plane.npy", "space.npy"] {
-        let coverage = |report: &Value| number(&report["fidelity"]["claimed"]["coverage_one"]);
+        let coverage = |report: &Value| number(&report["fidelity"]["tagged_faces"]["coverage_one"]);
         let regular = valid(at, image, &[]);
         let atoms = number(&regular["lattice"]["atoms"]);
         for seeding in ["guide", "projection"] {
@@ -210,13 +210,13 @@ fn the_same_bytes_for_any_number_of_threads_and_from_a_configuration() {
     let options: Vec<&str> = options.split(' ').collect();
     let mesh = |more: &[&str]| {
         let arguments = ["mesh", "plane.npy", "-o", "mesh.vtu", "--quiet"];
-        succeed(at, &[&arguments[..], more].concat());
+        run_args(at, &[&arguments[..], more].concat());
         std::fs::read(at.join("mesh.vtu")).unwrap()
     };
     let one = mesh(&[&options[..], &["--threads", "1"]].concat());
     assert!(one == mesh(&[&options[..], &["--threads", "3"]].concat()));
     let print = [&["mesh", "plane.npy", "--print-config"], &options[..]].concat();
-    let config = succeed(at, &print);
+    let config = run_args(at, &print);
     for line in [
         "seeding = \"guide\"",
         "optimizer = \"genetic\"",
@@ -234,9 +234,9 @@ fn the_same_bytes_for_any_number_of_threads_and_from_a_configuration() {
 fn what_does_not_go_is_refused_in_one_line() {
     let folder = folder();
     let at = folder.path();
-    npy_2d(&at.join("constant.npy"), [64, 60], |_| 0.0);
+    write_npy_2d(&at.join("constant.npy"), [64, 60], |_| 0.0);
     let says = |arguments: &[&str], words: &[&str]| {
-        let line = refused(at, &[&["mesh"], arguments].concat());
+        let line = expect_refusal(at, &[&["mesh"], arguments].concat());
         for word in words {
             assert!(line.contains(word), "no '{word}' in: {line}");
         }

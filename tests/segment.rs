@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use crate::common::{refused, succeed};
+use crate::common::{expect_refusal, run_args};
 
 use atomesh::image::formats::{self, ReadOptions};
 use atomesh::image::{Geometry, Image};
@@ -15,7 +15,7 @@ fn answer(folder: &Path, line: &str) -> Value {
         .split_whitespace()
         .chain(["--json", "--quiet"])
         .collect();
-    serde_json::from_str(&succeed(folder, &arguments)).unwrap()
+    serde_json::from_str(&run_args(folder, &arguments)).unwrap()
 }
 
 /// A ball (or disc) of value 1 and this radius in the middle, soft and noisy, and the ball itself; in a
@@ -138,7 +138,7 @@ fn what_makes_no_sense_is_refused() {
         ("--object 1,2,3 --background 104,96", "--object 1,2,3"),
         ("--object 147 --background 104,96", "--object 147"),
         ("--object 1e9,60 --background 104,96", "outside the mesh"),
-        ("--object 147,61 --background 147,61", "both hold cell"),
+        ("--object 147,61 --background 147,61", "both contain cell"),
         (
             "--object 147,61 --background 104,96 --lambda 0",
             "--lambda 0",
@@ -154,7 +154,7 @@ fn what_makes_no_sense_is_refused() {
         ),
     ] {
         let line = format!("segment ball.vti m.vtu -o s.vtu {line}");
-        let said = refused(folder, &line.split_whitespace().collect::<Vec<_>>());
+        let said = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
         assert!(said.contains(says), "{said} ({says})");
     }
 }

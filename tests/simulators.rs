@@ -5,7 +5,7 @@ use std::ffi::OsStr;
 use std::path::Path;
 use std::process::Command;
 
-use crate::common::{judged, near, npy, numbers, refused, run, sheet, simulator, vtk};
+use crate::common::{run_validator, is_close, write_npy, numbers, expect_refusal, run, planar_fault, run_simulator, run_vtk_program};
 use atomesh::model::flow::{FaultLaw, Rock, Tensor};
 use atomesh::model::reservoir::{MILLIDARCY, Model};
 use atomesh::model::reservoir::{MeshPlacement, PreparedModel};
@@ -23,11 +23,11 @@ const ROCK: &str = "--porosity phi.npy --permeability 100,100,10 --permeability-
 fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
-    npy(&path.join("sheet.npy"), DIMS, sheet(DIMS));
-    npy(&path.join("phi.npy"), DIMS, |[x, _, _]| {
+    write_npy(&path.join("sheet.npy"), DIMS, planar_fault(DIMS));
+    write_npy(&path.join("phi.npy"), DIMS, |[x, _, _]| {
         0.1 + 0.005 * x as f32
     });
-    npy(&path.join("labels.npy"), DIMS, |[x, y, z]| {
+    write_npy(&path.join("labels.npy"), DIMS, |[x, y, z]| {
         let right = x as f32 > 20.0 + 0.1 * y as f32 - 0.1 * z as f32;
         if z as f32 > if right { 19.5 } else { 11.5 } {
             1.0
@@ -116,7 +116,7 @@ fn mrsts_grid_has_our_totals_and_fluxes() {
         let [source, sink] = ends.map(|cell| (cell + 1).to_string());
         let path = folder.join(format!("{mesh}.mat"));
         let arguments = [path.as_os_str(), OsStr::new(&source), OsStr::new(&sink)];
-        let found = judged("SciPy", "mrst.py", &arguments);
+        let found = run_validator("SciPy", "mrst.py", &arguments);
         let inner = graph.connections.len();
         assert_eq!(found["cells"], model.len());
         assert_eq!(
@@ -126,9 +126,9 @@ fn mrsts_grid_has_our_totals_and_fluxes() {
         assert_eq!(found["listed"], true);
         for name in ["volumes", "own_volumes"] {
             let volumes = numbers(&found[name]);
-            assert!(near(volumes.iter().sum(), VOLUME, 1e-12), "{name}");
+            assert!(is_close(volumes.iter().sum(), VOLUME, 1e-12), "{name}");
             let pairs = volumes.iter().zip(&graph.volume);
-            assert!(pairs.into_iter().all(|(a, b)| near(*a, *b, 1e-9)), "{name}");
+            assert!(pairs.into_iter().all(|(a, b)| is_close(*a, *b, 1e-9)), "{name}");
         }
         assert!(found["normals_off"].as_f64().unwrap() < 1e-9, "{found}");
         let t = numbers(&found["t"]);
@@ -136,7 +136,7 @@ fn mrsts_grid_has_our_totals_and_fluxes() {
         assert!(
             t.iter()
                 .zip(known)
-                .all(|(t, known)| near(*t, *known, 1e-14))
+                .all(|(t, known)| is_close(*t, *known, 1e-14))
         );
         for (t, face) in t[inner..].iter().zip(&graph.boundary) {
             let along = model
@@ -146,20 +146,20 @@ fn mrsts_grid_has_our_totals_and_fluxes() {
                 .rock
                 .mobility(0)
                 .normal_component(face.normal);
-            assert!(near(*t, face.area * along / face.distance, 1e-12));
+            assert!(is_close(*t, face.area * along / face.distance, 1e-12));
         }
         let pairs = found["pairs"].as_array().unwrap();
         for (pair, c) in pairs.iter().zip(&graph.connections) {
             assert_eq!(numbers(pair), c.cells.map(f64::from));
         }
         for (cell, depth) in numbers(&found["depth"]).into_iter().enumerate() {
-            assert!(near(depth, model.depth(cell), 1e-14));
+            assert!(is_close(depth, model.depth(cell), 1e-14));
         }
         let perm = found["perm"].as_array().unwrap();
         let first = numbers(&perm[0]);
         assert!(
             first.len() == k.len()
-                && (0..k.len()).all(|i| near(first[i], k[i] * MILLIDARCY, 1e-14))
+                && (0..k.len()).all(|i| is_close(first[i], k[i] * MILLIDARCY, 1e-14))
         );
         assert!(
             numbers(&found["region"])
@@ -214,7 +214,7 @@ fn octave_loads_the_grid_for_mrst() {
     octave
         .current_dir(folder)
         .args(["--norc", "--eval", program]);
-    let said = simulator(&mut octave);
+    let said = run_simulator(&mut octave);
     let found: Vec<usize> = said
         .split_whitespace()
         .map(|n| n.parse().unwrap())
@@ -272,7 +272,7 @@ print(json.dumps({
     'perm': array('rockPerm_permeability')[0].tolist(),
     'pores': float((array('rockPorosity_referencePorosity') * array('Volume')).sum()),
     'volume': float(array('Volume').sum())}))";
-        let found = vtk(program, &[&folder.join("geos.vtu")]);
+        let found = run_vtk_program(program, &[&folder.join("geos.vtu")]);
         let kinds = numbers(&found["kinds"]);
         assert_eq!(kinds.last(), Some(&f64::from(kind)));
         for name in ["xmin", "zmax", "fault1", "interface_1_2"] {
@@ -287,7 +287,7 @@ print(json.dumps({
         assert!((1..=6).all(|n| has(f64::from(n))) && has(9.0));
         for (number, area) in [("1", 35.0 * 31.0), ("4", 39.0 * 31.0), ("6", 39.0 * 35.0)] {
             let found = found["area"][number].as_f64().unwrap();
-            assert!(near(found, area, 1e-9), "{mesh}: {found} of {area}");
+            assert!(is_close(found, area, 1e-9), "{mesh}: {found} of {area}");
         }
         let sets = found["numbered"].as_array().unwrap();
         assert!(
@@ -307,14 +307,14 @@ print(json.dumps({
         assert!(regions.iter().all(|r| [1.0, 2.0].contains(r)));
         let k = [100.0, 100.0, 10.0].map(|k| k * MILLIDARCY);
         let perm = numbers(&found["perm"]);
-        assert!((0..3).all(|i| near(perm[i], k[i], 1e-14)), "{perm:?}");
+        assert!((0..3).all(|i| is_close(perm[i], k[i], 1e-14)), "{perm:?}");
         assert!(
-            near(found["volume"].as_f64().unwrap(), VOLUME, tolerance),
+            is_close(found["volume"].as_f64().unwrap(), VOLUME, tolerance),
             "{mesh}"
         );
         let pores = (0.1 + 0.005 * 19.5) * VOLUME;
         assert!(
-            near(found["pores"].as_f64().unwrap(), pores, 1e-6),
+            is_close(found["pores"].as_f64().unwrap(), pores, 1e-6),
             "{mesh}"
         );
     }
@@ -346,21 +346,21 @@ fn xtgeo_and_opm_flow_read_the_corner_point_grid() {
         );
         let files = ["GRID.GRDECL", "GRID-regions.GRDECL"].map(|f| folder.join(f));
         let arguments = [files[0].as_os_str(), files[1].as_os_str()];
-        let found = judged("xtgeo", "corners.py", &arguments);
+        let found = run_validator("xtgeo", "corners.py", &arguments);
         println!("{}", found["dims"]);
         let number = |name: &str| found[name].as_f64().unwrap();
         let dims = numbers(&found["dims"]);
         // Layers that follow regions are bent, and it takes their faces for triangles.
         let tolerance = if region.is_empty() { 1e-9 } else { 1e-5 };
         assert!(
-            near(number("volume"), VOLUME, tolerance),
+            is_close(number("volume"), VOLUME, tolerance),
             "{}",
             number("volume")
         );
         assert!(number("least") > 0.0);
         let property = |name: &str| numbers(&found["properties"][name]);
         assert!(
-            near(property("PORO")[1], pores, 0.01),
+            is_close(property("PORO")[1], pores, 0.01),
             "{:?}",
             property("PORO")
         );
@@ -368,7 +368,7 @@ fn xtgeo_and_opm_flow_read_the_corner_point_grid() {
             let [least, _, most] = property(name)[..] else {
                 panic!()
             };
-            assert!(near(least, k, 1e-5) && near(most, k, 1e-5), "{name}");
+            assert!(is_close(least, k, 1e-5) && is_close(most, k, 1e-5), "{name}");
         }
         // The fault is steep and goes 0.1 sideways a unit of z: its pillars do too.
         let mut lean = numbers(&found["lean"]);
@@ -400,20 +400,20 @@ fn xtgeo_and_opm_flow_read_the_corner_point_grid() {
             // What the labels say: the fault cuts the box at x = 18.45 + 1.75 on average.
             let lower = 35.0 * (20.0 * 11.5 + 19.0 * 19.5);
             println!("lower {:.4} of {lower}", of("2"));
-            assert!(near(of("2"), lower, 0.03), "{}", of("2"));
-            assert!(near(of("1") + of("2"), VOLUME, 1e-5));
+            assert!(is_close(of("2"), lower, 0.03), "{}", of("2"));
+            assert!(is_close(of("1") + of("2"), VOLUME, 1e-5));
         }
         std::fs::write(folder.join("CASE.DATA"), deck(&dims)).unwrap();
         let mut flow = Command::new("flow");
         flow.current_dir(folder)
             .args(["CASE.DATA", "--output-dir=out"]);
         flow.args(["--enable-tuning=false", "--threads-per-process=1"]);
-        simulator(&mut flow);
+        run_simulator(&mut flow);
         let out = folder.join("out");
         let arguments = [out.as_os_str(), OsStr::new("CASE")];
-        let found = judged("resfo", "opm.py", &arguments);
+        let found = run_validator("resfo", "opm.py", &arguments);
         let porv = numbers(&found["porv"]).iter().sum::<f64>();
-        assert!(near(porv, pores, 0.01), "{porv}");
+        assert!(is_close(porv, pores, 0.01), "{porv}");
         if region.is_empty() {
             // One column along x in 13 is a fault's: 100 times tighter than its neighbours.
             let along = found["tranx"].as_array().unwrap().iter();
@@ -446,7 +446,7 @@ fn resqpy_reads_volumes_handedness_and_rock() {
             FaultLaw::OPEN,
         );
         let path = folder.join(format!("{mesh}.epc"));
-        let found = judged("resqpy", "resqml.py", &[path.as_os_str()]);
+        let found = run_validator("resqpy", "resqml.py", &[path.as_os_str()]);
         assert_eq!(found["shape"], shape);
         assert_eq!(
             (&found["up"], &found["units"]),
@@ -454,17 +454,17 @@ fn resqpy_reads_volumes_handedness_and_rock() {
         );
         assert_eq!(found["cells"], model.len());
         let handed = numbers(&found["handed"]);
-        assert!(near(handed.iter().sum(), VOLUME, 1e-12), "{mesh}");
+        assert!(is_close(handed.iter().sum(), VOLUME, 1e-12), "{mesh}");
         let known = &model.graph.volume;
         assert!(
-            handed.iter().zip(known).all(|(a, b)| near(*a, *b, 1e-9)),
+            handed.iter().zip(known).all(|(a, b)| is_close(*a, *b, 1e-9)),
             "{mesh}"
         );
         let volumes = found["volume"].as_object().unwrap();
         assert!(volumes.len() > 200);
         for (cell, volume) in volumes {
             let known = known[cell.parse::<usize>().unwrap()];
-            assert!(near(volume.as_f64().unwrap(), known, 1e-9), "{mesh} {cell}");
+            assert!(is_close(volume.as_f64().unwrap(), known, 1e-9), "{mesh} {cell}");
         }
         let properties = found["properties"].as_object().unwrap();
         let faces = &properties["names of faces"];
@@ -496,7 +496,7 @@ fn resqpy_reads_volumes_handedness_and_rock() {
                 [&property[0], &property[1], &property[2]],
                 [kind, unit, facet]
             );
-            assert!(numbers(&property[3]).iter().all(|k| near(*k, value, 1e-12)));
+            assert!(numbers(&property[3]).iter().all(|k| is_close(*k, value, 1e-12)));
         }
         let porosity = numbers(&properties["porosity"][3]);
         let pores: f64 = porosity
@@ -504,7 +504,7 @@ fn resqpy_reads_volumes_handedness_and_rock() {
             .zip(&model.graph.volume)
             .map(|(p, v)| p * v)
             .sum();
-        assert!(near(pores, (0.1 + 0.005 * 19.5) * VOLUME, 1e-6));
+        assert!(is_close(pores, (0.1 + 0.005 * 19.5) * VOLUME, 1e-6));
         let regions = numbers(&properties["region"][3]);
         assert!(regions.contains(&1.0) && regions.contains(&2.0));
         // The same model is the same bytes.
@@ -534,7 +534,7 @@ fn darts_runs_on_our_connections_and_on_gmshs_mesh() {
         let blocks = [high, low].map(|c| c.to_string());
         let mut arguments: Vec<&OsStr> = files.iter().map(|f| f.as_os_str()).collect();
         arguments.extend(blocks.iter().map(OsStr::new));
-        judged("open-DARTS", "steady.py", &arguments)
+        run_validator("open-DARTS", "steady.py", &arguments)
     };
     let blocks = ends("cells.vtu");
     let found = darts(&["blocks.conn", "blocks.cells"], blocks);
@@ -551,7 +551,7 @@ fn darts_runs_on_our_connections_and_on_gmshs_mesh() {
         .enumerate()
         .filter(|(c, _)| !blocks.contains(c))
     {
-        assert!(near(*volume, model.graph.volume[cell], 1e-9));
+        assert!(is_close(*volume, model.graph.volume[cell], 1e-9));
     }
     assert!(
         pressure
@@ -598,7 +598,7 @@ fn mrst_and_darts_have_our_wells() {
         let [injector, producer] = [0, 1].map(opening);
         let files: Vec<_> = files.iter().map(|f| folder.join(f)).collect();
         let arguments: Vec<&OsStr> = files.iter().map(|f| f.as_os_str()).collect();
-        let found = judged(judge, script, &arguments);
+        let found = run_validator(judge, script, &arguments);
         let pressure: Vec<f64> = numbers(&found["pressure"])
             .iter()
             .map(|p| unit * p)
@@ -620,7 +620,7 @@ fn mrst_and_darts_have_our_wells() {
 fn triangles_of_the_plane_stay_triangles() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    crate::common::npy_2d(&folder.join("line.npy"), [60, 50], |[x, y]| {
+    crate::common::write_npy_2d(&folder.join("line.npy"), [60, 50], |[x, y]| {
         (-0.5 * ((0.6 * x as f32 - 0.8 * y as f32 + 3.0) / 1.5).powi(2)).exp()
     });
     run(folder, "mesh line.npy --distance 5 --quiet -o plane.vtu");
@@ -644,12 +644,12 @@ fn triangles_of_the_plane_stay_triangles() {
             run(folder, &export);
             let path = folder.join(name);
             let arguments = [path.as_os_str(), OsStr::new(format)];
-            let found = judged("meshio", "simplices.py", &arguments);
+            let found = run_validator("meshio", "simplices.py", &arguments);
             assert_eq!(found["triangles"], file.mesh.triangles.len(), "{to}");
             let points = found["points"].as_array().unwrap();
             assert_eq!(points.len(), file.mesh.nodes.len(), "{to}");
             assert!(
-                near(found["area"].as_f64().unwrap(), 59.0 * 49.0, 1e-9),
+                is_close(found["area"].as_f64().unwrap(), 59.0 * 49.0, 1e-9),
                 "{to}"
             );
             // The four sides, and the line across.
@@ -657,7 +657,7 @@ fn triangles_of_the_plane_stay_triangles() {
         }
     }
     let line = "export plane.vtu --to tetgen -o a.node".split(' ');
-    let said = refused(folder, &line.collect::<Vec<_>>());
+    let said = expect_refusal(folder, &line.collect::<Vec<_>>());
     assert!(said.contains("tetrahedra only"), "{said}");
 }
 
@@ -682,7 +682,7 @@ fn what_cannot_be_written_is_refused() {
         ("geos -o cells.vtu", "", "replace the mesh"),
     ] {
         let line = format!("export cells.vtu --to {to} {options}");
-        let said = refused(folder, &line.split_whitespace().collect::<Vec<_>>());
+        let said = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
         assert!(said.contains(want), "{line}\n{said}");
     }
 }

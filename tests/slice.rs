@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-use crate::common::{npy, npy_2d, refused, run, sheet};
+use crate::common::{write_npy, write_npy_2d, expect_refusal, run, planar_fault};
 
 /// A picture's pixels, row by row, without what stands round what is drawn.
 struct Pixels {
@@ -61,7 +61,7 @@ fn black(color: &[u8; 3]) -> bool {
 
 /// A curved sheet nearly across x, its mesh, and the flow through it from small x to large x.
 fn flow_through_a_sheet(at: &Path) {
-    npy(&at.join("sheet.npy"), [40, 36, 32], sheet([40, 36, 32]));
+    write_npy(&at.join("sheet.npy"), [40, 36, 32], planar_fault([40, 36, 32]));
     run(at, "mesh sheet.npy -o mesh.vtu --distance 6 --quiet");
     run(
         at,
@@ -100,7 +100,7 @@ fn flow_is_drawn_with_its_faults_and_streamlines() {
 fn surfaces_stand_by_themselves_and_upright() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    npy(&at.join("sheet.npy"), [40, 36, 32], sheet([40, 36, 32]));
+    write_npy(&at.join("sheet.npy"), [40, 36, 32], planar_fault([40, 36, 32]));
     run(at, "mesh sheet.npy -o mesh.vtu --distance 6 --quiet");
     run(at, "surface mesh.vtu -o sheet.vtp --quiet");
     let mut sizes = Vec::new();
@@ -125,7 +125,7 @@ fn what_cannot_be_drawn_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     flow_through_a_sheet(at);
-    npy_2d(&at.join("line.npy"), [40, 36], |[x, _]| x as f32);
+    write_npy_2d(&at.join("line.npy"), [40, 36], |[x, _]| x as f32);
     run(at, "surface mesh.vtu -o sheet.vtp --quiet");
     std::fs::write(at.join("torn.vtp"), "<VTKFile type=\"PolyData\"").unwrap();
     for (line, said) in [
@@ -151,7 +151,7 @@ fn what_cannot_be_drawn_is_refused() {
         ("slice sheet.npy mesh.vtu flow.vtu", "one file too many"),
     ] {
         let line = format!("{line} -o p.png");
-        let error = refused(at, &line.split(' ').collect::<Vec<_>>());
+        let error = expect_refusal(at, &line.split(' ').collect::<Vec<_>>());
         assert!(error.contains(said), "{line}: {error}");
     }
 }

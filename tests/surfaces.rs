@@ -1,15 +1,15 @@
 //! `atomesh surface` and `atomesh paint` as a user runs them.
 
-use crate::common::{Made, Survey, npy, npy_2d, refused, run, segy, sheet, succeed, vtk};
+use crate::common::{SharedFiles, Survey, write_npy, write_npy_2d, expect_refusal, run, write_segy, planar_fault, run_args, run_vtk_program};
 use serde_json::Value;
 
 const DIMS: [usize; 3] = [44, 36, 32];
 
 /// A folder with the mesh of one tilted sheet across the box, `mesh.vtu`.
 fn folder() -> tempfile::TempDir {
-    static MADE: Made = Made::new();
+    static MADE: SharedFiles = SharedFiles::new();
     MADE.folder(|folder| {
-        npy(&folder.join("image.npy"), DIMS, sheet(DIMS));
+        write_npy(&folder.join("image.npy"), DIMS, planar_fault(DIMS));
         let mesh = "mesh image.npy -o mesh.vtu --distance 6 --feature ridges --quiet";
         run(folder, mesh);
     })
@@ -39,7 +39,7 @@ print(json.dumps(said))
 fn one_sheet_is_one_surface_in_every_format() {
     let folder = folder();
     let at = folder.path();
-    let said = json(&succeed(
+    let said = json(&run_args(
         at,
         &["surface", "mesh.vtu", "-o", "s.vtp", "--up", "x", "--json"],
     ));
@@ -58,19 +58,19 @@ fn one_sheet_is_one_surface_in_every_format() {
     assert_eq!(surface["components"], 1);
     assert_eq!(surface["surface"], 1, "numbered as in the file");
 
-    let table = succeed(at, &["surface", "mesh.vtu", "-o", "s.obj", "--up", "x"]);
+    let table = run_args(at, &["surface", "mesh.vtu", "-o", "s.obj", "--up", "x"]);
     assert!(
         table.contains("strike") && table.contains("wrote s.obj: 1 surfaces"),
         "{table}"
     );
-    succeed(
+    run_args(
         at,
         &["surface", "mesh.vtu", "-o", "s.ts", "--up", "-z", "--quiet"],
     );
     let text = std::fs::read_to_string(at.join("s.ts")).unwrap();
     assert!(text.starts_with("GOCAD TSurf 1\n") && text.contains("ZPOSITIVE Depth"));
     // On the image's own features there are as good as the same faces.
-    let said = json(&succeed(
+    let said = json(&run_args(
         at,
         &[
             "surface",
@@ -92,14 +92,14 @@ fn one_sheet_is_one_surface_in_every_format() {
 fn vtk_finds_the_same_facets_area_and_volume() {
     let folder = folder();
     let at = folder.path();
-    let said = json(&succeed(
+    let said = json(&run_args(
         at,
         &["surface", "mesh.vtu", "-o", "s.vtp", "--json"],
     ));
     let surface = &said["surfaces"][0];
-    succeed(at, &["surface", "mesh.vtu", "-o", "s.obj", "--quiet"]);
+    run_args(at, &["surface", "mesh.vtu", "-o", "s.obj", "--quiet"]);
     let area = surface["area"].as_f64().unwrap();
-    let seen = vtk(INSPECT, &[&at.join("s.vtp"), &at.join("s.obj")]);
+    let seen = run_vtk_program(INSPECT, &[&at.join("s.vtp"), &at.join("s.obj")]);
     for file in seen.as_array().unwrap() {
         assert_eq!(file["cells"], surface["facets"]);
         assert!(
@@ -111,7 +111,7 @@ fn vtk_finds_the_same_facets_area_and_volume() {
     let paint = "paint mesh.vtu -o p.vtu --seed 5,10,10 --surface-out skin.vtp --json";
     let said = json(&run(at, paint));
     let volume = said["regions"][0]["volume"].as_f64().unwrap();
-    let seen = vtk(INSPECT, &[&at.join("skin.vtp")]);
+    let seen = run_vtk_program(INSPECT, &[&at.join("skin.vtp")]);
     let enclosed = seen[0]["volume"].as_f64().unwrap();
     assert!((enclosed / volume - 1.0).abs() < 1e-6, "{seen} {volume}");
 }
@@ -131,7 +131,7 @@ fn paint_stays_on_its_side_and_has_a_closed_skin() {
         "skin.vtp",
         "--json",
     ];
-    let said = json(&succeed(at, &job));
+    let said = json(&run_args(at, &job));
     let [region] = &said["regions"].as_array().unwrap()[..] else {
         panic!("{said}")
     };
@@ -140,7 +140,7 @@ fn paint_stays_on_its_side_and_has_a_closed_skin() {
     let truth = 22.2 * 35.0 * 31.0;
     assert!((volume / truth - 1.0).abs() < 0.01, "{volume} {truth}");
     // Painted again, automatically: two blocks, and nothing is left over.
-    let said = json(&succeed(
+    let said = json(&run_args(
         at,
         &["paint", "p.vtu", "-o", "q.vtu", "--seed", "auto", "--json"],
     ));
@@ -163,7 +163,7 @@ fn paint_stays_on_its_side_and_has_a_closed_skin() {
         "40,10,10=4",
         "--json",
     ];
-    let said = json(&succeed(at, &job));
+    let said = json(&run_args(at, &job));
     assert_eq!(said["regions"][0]["region"], 4);
     assert!(
         (said["regions"][0]["share"].as_f64().unwrap() - 1.0).abs() < 1e-9,
@@ -176,7 +176,7 @@ fn paint_stays_on_its_side_and_has_a_closed_skin() {
 fn lines_of_the_plane_are_grouped_and_painted_between() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    npy_2d(&at.join("lines.npy"), [60, 44], |[x, y]| {
+    write_npy_2d(&at.join("lines.npy"), [60, 44], |[x, y]| {
         let ridge = |off: f32| (-0.5 * (off / 1.5).powi(2)).exp();
         ridge(x as f32 - 18.0 - 0.2 * y as f32).max(ridge(x as f32 - 42.0 + 0.1 * y as f32))
     });
@@ -184,8 +184,8 @@ fn lines_of_the_plane_are_grouped_and_painted_between() {
         let mesh = format!(
             "mesh lines.npy -o mesh.vtu --distance 4 --feature ridges --cells {cells} --quiet"
         );
-        succeed(at, &mesh.split(' ').collect::<Vec<_>>());
-        let said = json(&succeed(
+        run_args(at, &mesh.split(' ').collect::<Vec<_>>());
+        let said = json(&run_args(
             at,
             &["surface", "mesh.vtu", "-o", "s.vtp", "--json"],
         ));
@@ -209,13 +209,13 @@ fn lines_of_the_plane_are_grouped_and_painted_between() {
                 );
             }
         }
-        succeed(at, &["surface", "mesh.vtu", "-o", "s.obj", "--quiet"]);
+        run_args(at, &["surface", "mesh.vtu", "-o", "s.obj", "--quiet"]);
         let text = std::fs::read_to_string(at.join("s.obj")).unwrap();
         assert!(
             text.contains("g fault2\nl ") && !text.contains("\nf "),
             "{text}"
         );
-        succeed(
+        run_args(
             at,
             &["surface", "mesh.vtu", "-o", "s.ts", "--up", "-y", "--quiet"],
         );
@@ -233,7 +233,7 @@ fn lines_of_the_plane_are_grouped_and_painted_between() {
                 "--json",
             ];
             assert_eq!(
-                json(&succeed(at, &job))["surfaces"]
+                json(&run_args(at, &job))["surfaces"]
                     .as_array()
                     .unwrap()
                     .len(),
@@ -254,7 +254,7 @@ fn lines_of_the_plane_are_grouped_and_painted_between() {
             "skin.vtp",
             "--json",
         ];
-        let said = json(&succeed(at, &job));
+        let said = json(&run_args(at, &job));
         let regions = said["regions"].as_array().unwrap();
         let areas: Vec<(u64, f64)> = regions
             .iter()
@@ -269,7 +269,7 @@ fn lines_of_the_plane_are_grouped_and_painted_between() {
             assert!((area / exact - 1.0).abs() < 0.03, "{cells} {area} {exact}");
         }
         assert_eq!(regions.len(), 2);
-        let said = json(&succeed(
+        let said = json(&run_args(
             at,
             &[
                 "paint", "mesh.vtu", "-o", "b.vtu", "--seed", "auto", "--json",
@@ -277,9 +277,9 @@ fn lines_of_the_plane_are_grouped_and_painted_between() {
         ));
         assert_eq!(said["blocks"], 3, "{cells}");
         let seed = ["paint", "mesh.vtu", "-o", "x.vtu", "--seed", "1,1,1"];
-        assert!(refused(at, &seed).contains("has 3 values, not 2"));
+        assert!(expect_refusal(at, &seed).contains("has 3 values, not 2"));
         let up = ["surface", "mesh.vtu", "-o", "x.vtp", "--up", "z"];
-        assert!(refused(at, &up).contains("--up z"));
+        assert!(expect_refusal(at, &up).contains("--up z"));
     }
 }
 
@@ -288,10 +288,10 @@ fn lines_of_the_plane_are_grouped_and_painted_between() {
 fn voronoi_cells_are_painted_up_to_the_sheet() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    npy(&at.join("image.npy"), DIMS, sheet(DIMS));
+    write_npy(&at.join("image.npy"), DIMS, planar_fault(DIMS));
     let mesh = "mesh image.npy -o mesh.vtu --distance 6 --feature ridges --cells voronoi --quiet";
-    succeed(at, &mesh.split(' ').collect::<Vec<_>>());
-    let said = json(&succeed(
+    run_args(at, &mesh.split(' ').collect::<Vec<_>>());
+    let said = json(&run_args(
         at,
         &["surface", "mesh.vtu", "-o", "s.vtp", "--json"],
     ));
@@ -311,7 +311,7 @@ fn voronoi_cells_are_painted_up_to_the_sheet() {
         "skin.obj",
         "--json",
     ];
-    let said = json(&succeed(at, &job));
+    let said = json(&run_args(at, &job));
     // x < 22 + 0.1 y - 0.1 z.
     let exact = 35.0 * 31.0 * (22.0 + 1.75 - 1.55);
     let found = said["regions"][0]["volume"].as_f64().unwrap();
@@ -327,7 +327,7 @@ fn voronoi_cells_are_painted_up_to_the_sheet() {
         "image.npy",
         "--json",
     ];
-    assert_eq!(json(&succeed(at, &image))["blocks"], 2);
+    assert_eq!(json(&run_args(at, &image))["blocks"], 2);
 }
 
 #[test]
@@ -339,18 +339,18 @@ fn gocad_is_told_the_units_of_a_survey() {
         crosslines: 32,
         samples: 36,
     };
-    let value = sheet([36, 32, 30]);
-    segy(&at.join("survey.sgy"), &survey, value);
+    let value = planar_fault([36, 32, 30]);
+    write_segy(&at.join("survey.sgy"), &survey, value);
     let mesh = "mesh survey.sgy -o mesh.vtu --distance 6 --feature ridges --quiet";
-    succeed(at, &mesh.split(' ').collect::<Vec<_>>());
-    succeed(at, &["surface", "mesh.vtu", "-o", "s.ts", "--quiet"]);
+    run_args(at, &mesh.split(' ').collect::<Vec<_>>());
+    run_args(at, &["surface", "mesh.vtu", "-o", "s.ts", "--quiet"]);
     let text = std::fs::read_to_string(at.join("s.ts")).unwrap();
     assert!(
         text.contains("AXIS_UNIT \"unitless\" \"unitless\" \"ms\"\n"),
         "{text}"
     );
     // Lines against milliseconds have no angle.
-    let said = json(&succeed(
+    let said = json(&run_args(
         at,
         &["surface", "mesh.vtu", "-o", "s.vtp", "--json"],
     ));
@@ -374,7 +374,7 @@ fn gocad_is_told_the_units_of_a_survey() {
 fn bad_requests_are_refused() {
     let folder = folder();
     let at = folder.path();
-    succeed(
+    run_args(
         at,
         &[
             "mesh",
@@ -388,7 +388,7 @@ fn bad_requests_are_refused() {
             "--quiet",
         ],
     );
-    npy(&at.join("small.npy"), [20, 20, 20], sheet([20, 20, 20]));
+    write_npy(&at.join("small.npy"), [20, 20, 20], planar_fault([20, 20, 20]));
     for (job, words) in [
         (
             vec!["surface", "mesh.vtu", "-o", "s.stl"],
@@ -455,7 +455,7 @@ fn bad_requests_are_refused() {
             vec!["mesh.vtu", "overwrite"],
         ),
     ] {
-        let line = refused(at, &job);
+        let line = expect_refusal(at, &job);
         for word in words {
             assert!(line.contains(word), "no '{word}' in: {line}");
         }
@@ -523,11 +523,11 @@ fn horizons_stay_on_their_reflector_beyond_faults() {
     let at = folder.path();
     let synth = "synth amplitude -o image.vti --layers depth.npy --dims 96,120,80 --count 2 \
                  --signal-to-noise 8 --quiet";
-    succeed(at, &synth.split_whitespace().collect::<Vec<_>>());
+    run_args(at, &synth.split_whitespace().collect::<Vec<_>>());
     let mesh = "mesh image.vti -o mesh.vtu --distance 5 --feature faults+horizons --quiet";
-    succeed(at, &mesh.split(' ').collect::<Vec<_>>());
+    run_args(at, &mesh.split(' ').collect::<Vec<_>>());
     let surface = "surface mesh.vtu -o s.vtp --up x --json";
-    let said = json(&succeed(at, &surface.split(' ').collect::<Vec<_>>()));
+    let said = json(&run_args(at, &surface.split(' ').collect::<Vec<_>>()));
     let file = SurfacesOfFile::read(&at.join("s.vtp"));
     let read = atomesh::image::formats::read_any(&at.join("depth.npy"), &Default::default());
     let depth = read.unwrap().into_image::<3>().unwrap();
@@ -570,7 +570,7 @@ fn a_velocity_makes_depth_of_time() {
         space directions: (25,0,0) (0,25,0) (0,0,12)\nspace origin: (0,0,1000)\n\
         space units: \"m\" \"m\" \"ms\"\nendian: little\nencoding: raw\n\n"
         .to_vec();
-    let value = sheet(DIMS);
+    let value = planar_fault(DIMS);
     for z in 0..DIMS[2] {
         for y in 0..DIMS[1] {
             for x in 0..DIMS[0] {
@@ -579,7 +579,7 @@ fn a_velocity_makes_depth_of_time() {
         }
     }
     std::fs::write(at.join("time.nrrd"), image).unwrap();
-    let run = |job: &str| succeed(at, &job.split_whitespace().collect::<Vec<_>>());
+    let run = |job: &str| run_args(at, &job.split_whitespace().collect::<Vec<_>>());
     let mesh = "mesh time.nrrd --distance 6 --feature ridges --quiet -o";
     run(&format!("{mesh} time.vtu"));
     run(&format!("{mesh} depth.vtu --velocity 1500"));
@@ -621,7 +621,7 @@ fn a_velocity_makes_depth_of_time() {
             "--velocity 0: is not positive",
         ),
     ] {
-        let line = refused(at, &job.split_whitespace().collect::<Vec<_>>());
+        let line = expect_refusal(at, &job.split_whitespace().collect::<Vec<_>>());
         assert!(line.contains(words), "{words}: {line}");
     }
 }
@@ -635,13 +635,13 @@ fn off_sheet([x, y, z]: [f64; 3]) -> f64 {
 fn a_sheet_goes_through_sticks_and_grids_and_stays_where_it_is() {
     let folder = folder();
     let at = folder.path();
-    let convert = |from: &str, to: &str| json(&succeed(at, &["convert", from, to, "--json"]));
-    succeed(at, &["surface", "mesh.vtu", "-o", "a.vtp", "--quiet"]);
+    let convert = |from: &str, to: &str| json(&run_args(at, &["convert", from, to, "--json"]));
+    run_args(at, &["surface", "mesh.vtu", "-o", "a.vtp", "--quiet"]);
     assert_eq!(convert("a.vtp", "a.ts")["surfaces"], 1);
     assert_eq!(convert("a.ts", "b.vtp")["surfaces"], 1);
 
     // Sticks lie on the surface, and so do triangles between them.
-    succeed(
+    run_args(
         at,
         &[
             "surface", "mesh.vtu", "-o", "a.csv", "--step", "3", "--quiet",
@@ -666,17 +666,17 @@ fn a_sheet_goes_through_sticks_and_grids_and_stays_where_it_is() {
     assert_eq!(points("a.csv"), points("b.csv"));
 
     // A grid of its heights, in three formats.
-    let said = refused(at, &["surface", "mesh.vtu", "-o", "a.irap"]);
+    let said = expect_refusal(at, &["surface", "mesh.vtu", "-o", "a.irap"]);
     assert!(said.contains("there are 0 horizons"), "{said}");
     let grid = [
         "surface", "mesh.vtu", "-o", "a.zmap", "--number", "1", "--step", "2", "--quiet",
     ];
-    succeed(at, &grid);
+    run_args(at, &grid);
     convert("a.zmap", "a.irap");
     convert("a.irap", "a.cps3");
     convert("a.cps3", "a.npy");
     let [first, last] = ["a.zmap", "a.cps3"].map(|name| {
-        let info = json(&succeed(at, &["info", name, "--json"]));
+        let info = json(&run_args(at, &["info", name, "--json"]));
         assert_eq!(info["image"]["axes"][0]["spacing"], 2.0);
         (info["image"]["min"].clone(), info["image"]["max"].clone())
     });
@@ -724,7 +724,7 @@ fn a_sheet_goes_through_sticks_and_grids_and_stays_where_it_is() {
             "surfaces are read",
         ),
     ] {
-        let said = refused(at, arguments);
+        let said = expect_refusal(at, arguments);
         assert!(said.contains(says), "{arguments:?}: {said}");
     }
 }
@@ -732,14 +732,14 @@ fn a_sheet_goes_through_sticks_and_grids_and_stays_where_it_is() {
 /// Volumes made by others.
 mod real_data {
     use super::*;
-    use crate::common::data;
+    use crate::common::data_path;
 
     /// Three fractures that meet, 6.5 samples thick, in a volume made by others: their middles are two surfaces, as
     /// two of them run into one another, and their walls one interface of the two labels, whatever its bends.
     #[test]
     #[ignore = "needs images made by others: make test-all DATA=folder"]
     fn fractures_of_a_public_volume_are_surfaces_and_their_walls_an_interface() {
-        let image = data("planar3d/3_fractures_100x100x100_u8.raw");
+        let image = data_path("planar3d/3_fractures_100x100x100_u8.raw");
         let folder = tempfile::tempdir().unwrap();
         let at = folder.path();
         let surfaces = |kind: &str| {
@@ -747,8 +747,8 @@ mod real_data {
             let job = format!(
                 "mesh {image} --raw 100x100x100:u8 --feature {kind} --distance 5 -o mesh.vtu --quiet"
             );
-            succeed(at, &job.split(" ").collect::<Vec<_>>());
-            let said = json(&succeed(
+            run_args(at, &job.split(" ").collect::<Vec<_>>());
+            let said = json(&run_args(
                 at,
                 &["surface", "mesh.vtu", "-o", "walls.vtp", "--json"],
             ));
@@ -775,7 +775,7 @@ mod real_data {
     #[test]
     #[ignore = "needs images made by others: make test-all DATA=folder"]
     fn the_seven_faults_of_a_public_volume_are_the_seven_largest_surfaces() {
-        let mask = data("synthetic_faults3d_lanl/train_0_fsem.bin");
+        let mask = data_path("synthetic_faults3d_lanl/train_0_fsem.bin");
         let numbers = |kind: &str| -> Vec<f32> {
             let path = mask.with_file_name(format!("train_0_{kind}.bin"));
             let bytes = std::fs::read(path).unwrap();
@@ -803,8 +803,8 @@ mod real_data {
             "mesh.vtu",
             "--quiet",
         ];
-        succeed(at, &job);
-        succeed(at, &["surface", "mesh.vtu", "-o", "s.vtp", "--quiet"]);
+        run_args(at, &job);
+        run_args(at, &["surface", "mesh.vtu", "-o", "s.vtp", "--quiet"]);
         let file = SurfacesOfFile::read(&at.join("s.vtp"));
         let mut found = Vec::new();
         for surface in 1..=7 {

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::common::{Survey, npy, npy_2d, refused, run, segy};
+use crate::common::{Survey, expect_refusal, run, write_npy, write_npy_2d, write_segy};
 use atomesh::store::read_vtu;
 use serde_json::Value;
 
@@ -35,7 +35,7 @@ const SLOPE: f64 = 0.4;
 fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    segy(&at.join("s.sgy"), &SURVEY, |[sample, crossline, inline]| {
+    write_segy(&at.join("s.sgy"), &SURVEY, |[sample, crossline, inline]| {
         let place = SURVEY.position(inline, crossline);
         let off = depth(place, 4.0 * sample as f64) - 200.0 - SLOPE * (along(place) - 250.0);
         (-0.5 * (off / 6.0).powi(2)).exp() as f32
@@ -47,7 +47,7 @@ fn folder() -> tempfile::TempDir {
 /// Velocities every 100 m and 100 ms, as `name.npy` and placed as `name.vti`; time grows downwards, while
 /// that of SEG-Y falls.
 fn grid(at: &Path, name: &str, v: impl Fn([f64; 2], f64) -> f64) {
-    npy(&at.join(format!("{name}.npy")), [9, 10, 5], |[x, y, t]| {
+    write_npy(&at.join(format!("{name}.npy")), [9, 10, 5], |[x, y, t]| {
         let place = [599_600.0 + 100.0 * x as f64, 5_999_900.0 + 100.0 * y as f64];
         v(place, 100.0 * t as f64) as f32
     });
@@ -79,7 +79,10 @@ fn a_file_of_velocities_makes_true_depth() {
         &format!("{mesh} --metric shape -o depth.vtu --velocity v.vti --json"),
     ));
     let note = said["notes"].to_string();
-    assert!(note.contains("by v.vti to depth: 0.0 to 4"), "{note}");
+    assert!(
+        note.contains("converted to depth with v.vti: 0.0 to 4"),
+        "{note}"
+    );
     assert!(note.contains("% of the image is cut off"), "{note}");
     // What was read, not what it became.
     assert_eq!(said["input"]["dims"], serde_json::json!([100, 40, 24]));
@@ -103,8 +106,8 @@ fn a_file_of_velocities_makes_true_depth() {
     let own = |[sample, crossline, inline]: [usize; 3]| {
         velocity(SURVEY.position(inline, crossline), 4.0 * sample as f64) as f32
     };
-    npy(&at.join("own.npy"), [100, 40, 24], own);
-    segy(&at.join("own.sgy"), &SURVEY, own);
+    write_npy(&at.join("own.npy"), [100, 40, 24], own);
+    write_segy(&at.join("own.sgy"), &SURVEY, own);
     for own in ["own.npy", "own.sgy"] {
         let job = format!("surface time.vtu --velocity {own} -o s.vtp --json");
         let found = plane(&run(at, &job));
@@ -161,7 +164,7 @@ fn a_file_of_velocities_makes_true_depth() {
         "surface depth.vtu s.sgy -o x.vtp",
         "paint depth.vtu --image s.sgy --seed 600000,6000200,-60 -o x.vtu",
     ] {
-        let said = refused(at, &job.split_whitespace().collect::<Vec<_>>());
+        let said = expect_refusal(at, &job.split_whitespace().collect::<Vec<_>>());
         assert!(said.contains("s.sgy: is in two-way time"), "{job}: {said}");
         assert!(
             said.contains("convert --velocity v.vti s.sgy"),
@@ -185,7 +188,7 @@ fn a_file_of_velocities_makes_true_depth() {
 fn one_trace_of_velocities_makes_metres_of_a_flow() {
     let folder = folder();
     let at = folder.path();
-    npy(&at.join("one.npy"), [1, 1, 5], |[_, _, t]| {
+    write_npy(&at.join("one.npy"), [1, 1, 5], |[_, _, t]| {
         1800.0 + 150.0 * t as f32
     });
     run(
@@ -204,7 +207,7 @@ fn one_trace_of_velocities_makes_metres_of_a_flow() {
     // K / viscosity times pressure over length, times width and the depth of 396 ms.
     let deep = 900.0 * 0.396 + 375.0 * 0.396 * 0.396;
     let want = 1e-13 / 1e-3 * 1e5 / (39.0 * 12.5) * (23.0 * 25.0) * deep;
-    let rate = said["figures"]["throughput"].as_f64().unwrap();
+    let rate = said["solver"]["throughput"].as_f64().unwrap();
     assert!((rate / want - 1.0).abs() < 1e-4, "{rate} {want}");
     let file = read_vtu(&at.join("flow.vtu")).unwrap();
     let low = file.mesh.nodes.iter().fold(0.0f64, |low, x| low.min(x[2]));
@@ -212,12 +215,12 @@ fn one_trace_of_velocities_makes_metres_of_a_flow() {
     let volume = file.cell_array("volume").unwrap().values.to_f64();
     let whole = 39.0 * 12.5 * 23.0 * 25.0 * deep;
     assert!((volume.iter().sum::<f64>() / whole - 1.0).abs() < 1e-4);
-    let said = refused(at, &["slice", "s.sgy", "flow.vtu", "-o", "s.png"]);
+    let said = expect_refusal(at, &["slice", "s.sgy", "flow.vtu", "-o", "s.png"]);
     assert!(said.contains("in depth by one.vti"), "{said}");
 
     // A volume that is the same everywhere does what the number does; distances lie on the grid in time.
     grid(at, "same", |_, _| 2000.0);
-    npy(&at.join("d.npy"), [100, 40, 24], |[t, _, _]| {
+    write_npy(&at.join("d.npy"), [100, 40, 24], |[t, _, _]| {
         8.0 + t as f32 / 25.0
     });
     let mesh = "mesh s.sgy --distance 8:12 --distance-from d.npy --feature ridges --metric shape --quiet -o";
@@ -237,12 +240,12 @@ fn a_section_comes_to_lie_in_depth() {
     let at = folder.path();
     // v = 2000 + x, in m and ms; the line is straight in depth: z = 400 + 0.25 x.
     let v = |x: f64| 2000.0 + x;
-    npy_2d(&at.join("line.npy"), [60, 120], |[i, j]| {
+    write_npy_2d(&at.join("line.npy"), [60, 120], |[i, j]| {
         let (x, t) = (10.0 * i as f64, 5.0 * j as f64);
         let off = v(x) * t / 2000.0 - 400.0 - 0.25 * x;
         (-0.5 * (off / 8.0).powi(2)).exp() as f32
     });
-    npy_2d(&at.join("v.npy"), [4, 2], |[i, _]| {
+    write_npy_2d(&at.join("v.npy"), [4, 2], |[i, _]| {
         v(200.0 * i as f64) as f32
     });
     run(
@@ -270,8 +273,8 @@ fn a_section_comes_to_lie_in_depth() {
 fn velocities_that_make_no_depth_are_refused() {
     let folder = folder();
     let at = folder.path();
-    npy_2d(&at.join("flat.npy"), [9, 10], |_| 2000.0);
-    npy(&at.join("d.npy"), [100, 40, 23], |_| 8.0);
+    write_npy_2d(&at.join("flat.npy"), [9, 10], |_| 2000.0);
+    write_npy(&at.join("d.npy"), [100, 40, 23], |_| 8.0);
     run(
         at,
         "convert v.npy far.vti --spacing 100,100,100 --unit m,m,ms --quiet",
@@ -284,26 +287,26 @@ fn velocities_that_make_no_depth_are_refused() {
         ("absent.sgy", "absent.sgy: "),
         (
             "v.npy",
-            "v.npy: says not where its velocities lie in two-way time",
+            "v.npy: does not say where its velocities lie in two-way time",
         ),
         ("flat.npy", "--velocity flat.npy: is no 3-D image"),
         ("far.vti", "far.vti: lies elsewhere"),
         (
             "deep.vti",
-            "deep.vti: says not where its velocities lie in two-way time",
+            "deep.vti: does not say where its velocities lie in two-way time",
         ),
         ("s.sgy", "s.sgy: "),
     ] {
         for job in ["mesh s.sgy -o x.vtu", "convert s.sgy x.vti"] {
             let job = format!("{job} --velocity {velocity}");
-            let said = refused(at, &job.split_whitespace().collect::<Vec<_>>());
+            let said = expect_refusal(at, &job.split_whitespace().collect::<Vec<_>>());
             assert!(said.contains(words), "{words}: {said}");
         }
     }
     for (job, words) in [
         (
             "mesh v.npy --velocity v.vti -o x.vtu",
-            "--velocity v.vti: makes depth in metres of two-way time, but no",
+            "--velocity v.vti: converts two-way time to depth in metres, but no",
         ),
         (
             "convert s.sgy v.vti --velocity v.vti",
@@ -314,7 +317,7 @@ fn velocities_that_make_no_depth_are_refused() {
             "--distance-from: is of [100, 40, 23] samples",
         ),
     ] {
-        let said = refused(at, &job.split_whitespace().collect::<Vec<_>>());
+        let said = expect_refusal(at, &job.split_whitespace().collect::<Vec<_>>());
         assert!(said.contains(words), "{words}: {said}");
     }
 }

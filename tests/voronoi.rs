@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use crate::common::{refused, succeed};
+use crate::common::{expect_refusal, run_args};
 
 fn json(folder: &Path, arguments: &[&str]) -> serde_json::Value {
-    let said = succeed(folder, &[arguments, &["--json", "--quiet"]].concat());
+    let said = run_args(folder, &[arguments, &["--json", "--quiet"]].concat());
     serde_json::from_str(&said).unwrap()
 }
 
@@ -13,7 +13,7 @@ fn json(folder: &Path, arguments: &[&str]) -> serde_json::Value {
 fn faults(folder: &Path) -> serde_json::Value {
     let dims = ["--dims", "64,56,48", "--quiet"];
     let synth = ["synth", "faults", "-o", "f.vti", "--truth", "t.npy"];
-    succeed(folder, &[&synth[..], &dims].concat());
+    run_args(folder, &[&synth[..], &dims].concat());
     let mesh = [
         "mesh",
         "f.vti",
@@ -40,7 +40,7 @@ fn cells_fill_the_box_and_follow_the_faults() {
     assert_eq!(voronoi["check"]["problems"].as_array().unwrap().len(), 0);
     assert!(number(&voronoi["check"]["volume_error"]) < 1e-12);
     assert_eq!(number(&voronoi["check"]["flatness_error"]), 0.0);
-    assert_eq!(number(&voronoi["not_positive"]), 0.0);
+    assert_eq!(number(&voronoi["non_positive_connections"]), 0.0);
     assert!(number(&voronoi["angle"][0]) < 1e-6);
     let ratio = &voronoi["volume_ratio"][0];
     assert!(number(ratio) < 6.0, "neighbours' volumes {ratio}");
@@ -52,12 +52,12 @@ fn cells_fill_the_box_and_follow_the_faults() {
     for key in ["connections", "on_feature"] {
         assert_eq!(again["voronoi"][key], voronoi[key]);
     }
-    let line = refused(folder, &["quality", "v.vtu", "--lines", "l.vtp"]);
+    let line = expect_refusal(folder, &["quality", "v.vtu", "--lines", "l.vtp"]);
     assert!(
         line.contains("--lines l.vtp: v.vtu holds Voronoi cells"),
         "{line}"
     );
-    let claimed = &again["fidelity"]["claimed"];
+    let claimed = &again["fidelity"]["tagged_faces"];
     // Measured: 0.892.
     assert!(number(&claimed["coverage_one"]) > 0.88, "{claimed}");
     // Without the smallest faces: fewer connections, and still valid.
@@ -95,7 +95,7 @@ fn vtk_finds_the_same_volumes() {
     faults(folder);
     let judge = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/vtk/cells.py");
     let mesh = folder.join("v.vtu");
-    let said = crate::common::python("VTK", &[judge.as_os_str(), mesh.as_os_str()]);
+    let said = crate::common::run_python("VTK", &[judge.as_os_str(), mesh.as_os_str()]);
     let worst: f64 = said.trim().parse().expect(&said);
     assert!(
         worst < 1e-10,
@@ -108,7 +108,7 @@ fn polygons_in_the_plane() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     // A bright line across a dark picture.
-    crate::common::npy_2d(&folder.join("i.npy"), [96, 80], |[x, y]| {
+    crate::common::write_npy_2d(&folder.join("i.npy"), [96, 80], |[x, y]| {
         let off = 0.6 * x as f32 - 0.8 * y as f32 + 3.0;
         (-0.5 * (off / 1.5).powi(2)).exp()
     });
@@ -126,7 +126,7 @@ fn polygons_in_the_plane() {
     let voronoi = &report["voronoi"];
     assert_eq!(voronoi["kind"], "polygons");
     assert!(voronoi["check"]["volume_error"].as_f64().unwrap() < 1e-12);
-    let claimed = &report["fidelity"]["claimed"];
+    let claimed = &report["fidelity"]["tagged_faces"];
     // Measured: 0.966.
     assert!(
         claimed["coverage_one"].as_f64().unwrap() > 0.95,
@@ -141,7 +141,7 @@ fn polygons_in_the_plane() {
 fn cells_and_atoms_must_agree() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    crate::common::npy(&folder.join("i.npy"), [20, 20, 20], |[x, ..]| {
+    crate::common::write_npy(&folder.join("i.npy"), [20, 20, 20], |[x, ..]| {
         (x as f32).sin()
     });
     let mesh = ["mesh", "i.npy", "-o", "v.vtu"];
@@ -164,7 +164,7 @@ fn cells_and_atoms_must_agree() {
             "applies to Voronoi cells",
         ),
     ] {
-        let said = refused(folder, &[&mesh[..], options].concat());
+        let said = expect_refusal(folder, &[&mesh[..], options].concat());
         assert!(said.contains(want), "{said}");
     }
 }

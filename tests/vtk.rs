@@ -13,7 +13,7 @@ fn judged(files: &[&Path]) -> String {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/vtk/judge.py");
     let mut arguments = vec![script.as_os_str()];
     arguments.extend(files.iter().map(|f| f.as_os_str()));
-    crate::common::python("VTK", &arguments)
+    crate::common::run_python("VTK", &arguments)
 }
 
 /// A cube of six tetrahedra round its diagonal, stretched into a mirrored, turned survey.
@@ -123,8 +123,8 @@ fn meshio_reads_meshes_with_their_text() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     let dims = [28, 24, 20];
-    crate::common::npy(&folder.join("tetra.npy"), dims, crate::common::sheet(dims));
-    crate::common::npy_2d(&folder.join("triangle.npy"), [60, 50], |[x, _]| {
+    crate::common::write_npy(&folder.join("tetra.npy"), dims, crate::common::planar_fault(dims));
+    crate::common::write_npy_2d(&folder.join("triangle.npy"), [60, 50], |[x, _]| {
         (-0.5 * ((x as f32 - 30.0) / 1.5).powi(2)).exp()
     });
     let program = "\
@@ -140,9 +140,9 @@ print(json.dumps({
     for kind in ["tetra", "triangle"] {
         let [image, file] = ["npy", "vtu"].map(|ending| format!("{kind}.{ending}"));
         let mesh = ["mesh", &image, "--distance", "8", "--quiet", "-o", &file];
-        crate::common::succeed(folder, &mesh);
+        crate::common::run_args(folder, &mesh);
         let path = folder.join(&file);
-        let found = crate::common::vtk(program, &[&path]);
+        let found = crate::common::run_vtk_program(program, &[&path]);
         assert_eq!(found["kinds"], serde_json::json!([kind]));
         assert_eq!(found["cells"], found["regions"]);
         assert!(found["points"].as_u64().unwrap() > 40 && found["cells"].as_u64().unwrap() > 20);

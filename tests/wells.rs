@@ -6,7 +6,7 @@ use std::ffi::OsStr;
 use std::path::Path;
 use std::process::Command;
 
-use crate::common::{judged, npy, refused, sheet, simulator, succeed};
+use crate::common::{run_validator, write_npy, expect_refusal, planar_fault, run_simulator, run_args};
 use atomesh::mesh::voronoi::{voronoi, voronoi_plane};
 use atomesh::model::flow::{CellFlow, FaultLaw, Rock, Tensor};
 use atomesh::model::reservoir::{Completion, Model, Trajectory, WellTracer};
@@ -301,7 +301,7 @@ fn every_metre_of_a_well_is_in_one_cell() {
 }
 
 fn run(folder: &Path, line: &str) -> String {
-    succeed(folder, &line.split_whitespace().collect::<Vec<_>>())
+    run_args(folder, &line.split_whitespace().collect::<Vec<_>>())
 }
 
 const ROCK: &str = "--porosity 0.2 --permeability 100 --permeability-unit mD --quiet";
@@ -311,7 +311,7 @@ const ROCK: &str = "--porosity 0.2 --permeability 100 --permeability-unit mD --q
 fn opm_flow_runs_wells_along_trajectories() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    npy(&folder.join("sheet.npy"), [40, 36, 32], sheet([40, 36, 32]));
+    write_npy(&folder.join("sheet.npy"), [40, 36, 32], planar_fault([40, 36, 32]));
     run(
         folder,
         "mesh sheet.npy --distance 6 --quiet -o cells.vtu --cells voronoi",
@@ -349,9 +349,9 @@ fn opm_flow_runs_wells_along_trajectories() {
     command
         .current_dir(folder)
         .args(["CASE.DATA", "--output-dir=out", "--threads-per-process=1"]);
-    simulator(&mut command);
+    run_simulator(&mut command);
     let out = folder.join("out");
-    let found = judged("resfo", "opm.py", &[out.as_os_str(), OsStr::new("CASE")]);
+    let found = run_validator("resfo", "opm.py", &[out.as_os_str(), OsStr::new("CASE")]);
     let pressure: Vec<f64> = (found["pressure"].as_array().unwrap().iter())
         .map(|p| p.as_f64().unwrap())
         .collect();
@@ -371,7 +371,7 @@ fn opm_flow_runs_wells_along_trajectories() {
 fn wells_that_make_no_sense_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    npy(&folder.join("sheet.npy"), [40, 36, 32], sheet([40, 36, 32]));
+    write_npy(&folder.join("sheet.npy"), [40, 36, 32], planar_fault([40, 36, 32]));
     run(
         folder,
         "mesh sheet.npy --distance 8 --quiet -o cells.vtu --cells voronoi",
@@ -395,7 +395,7 @@ fn wells_that_make_no_sense_are_refused() {
             "export cells.vtu --to opm -o A.DATA --depth-at-top 100 {} --injector {well}",
             ROCK.replace(" --quiet", "")
         );
-        let said = refused(folder, &line.split_whitespace().collect::<Vec<_>>());
+        let said = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
         assert!(said.contains(want), "{line}\n{said}");
     }
 }
@@ -404,7 +404,7 @@ fn wells_that_make_no_sense_are_refused() {
 fn meshes_have_atoms_along_wells_and_smaller_cells_round_them() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    npy(&folder.join("sheet.npy"), [48, 44, 40], sheet([48, 44, 40]));
+    write_npy(&folder.join("sheet.npy"), [48, 44, 40], planar_fault([48, 44, 40]));
     // From above the box to inside it, in the samples that are this image's coordinates.
     std::fs::write(
         folder.join("W.csv"),
@@ -463,7 +463,7 @@ fn meshes_have_atoms_along_wells_and_smaller_cells_round_them() {
     assert!((12..22).contains(&cells), "{cells}");
 
     // In the plane a well is a point, or a way.
-    crate::common::npy_2d(&folder.join("line.npy"), [60, 50], |[x, y]| {
+    crate::common::write_npy_2d(&folder.join("line.npy"), [60, 50], |[x, y]| {
         (-0.5 * ((0.6 * x as f32 - 0.8 * y as f32 + 3.0) / 1.5).powi(2)).exp()
     });
     std::fs::write(folder.join("P.csv"), "20,33,0.1\n").unwrap();
@@ -499,7 +499,7 @@ fn meshes_have_atoms_along_wells_and_smaller_cells_round_them() {
         ("--well none.csv", "none.csv"),
     ] {
         let line = format!("mesh sheet.npy --distance 7 -o n.vtu {options}");
-        let said = refused(folder, &line.split_whitespace().collect::<Vec<_>>());
+        let said = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
         assert!(said.contains(want), "{line}\n{said}");
     }
 }

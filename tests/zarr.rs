@@ -4,7 +4,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use crate::common::{npy, refused, succeed};
+use crate::common::{write_npy, expect_refusal, run_args};
 use atomesh::image::formats::{self, AnyImage, LoadedImage, ReadOptions};
 use atomesh::image::{Geometry, Image};
 
@@ -44,7 +44,7 @@ fn values_are_those_of_zarr_python() {
         crate::PROGRAM.as_ref(),
         folder.path().as_os_str(),
     ];
-    let said = crate::common::python("zarr-python", &arguments);
+    let said = crate::common::run_python("zarr-python", &arguments);
     println!("{said}");
     assert_eq!(said.trim(), "zarr-python: 111 read, 18 written");
 }
@@ -89,7 +89,7 @@ fn what_is_written_is_read_again_with_its_place_and_lines() {
     let folder = tempfile::tempdir().unwrap();
     let survey = data().join("survey.sgy");
     let segy = opened(&survey).unwrap();
-    succeed(
+    run_args(
         folder.path(),
         &["convert", survey.to_str().unwrap(), "a.zarr"],
     );
@@ -116,10 +116,10 @@ fn what_is_written_is_read_again_with_its_place_and_lines() {
         "nothing else"
     );
     // A mesh of a folder.
-    npy(&folder.path().join("s.npy"), [24, 22, 20], |[x, _, z]| {
+    write_npy(&folder.path().join("s.npy"), [24, 22, 20], |[x, _, z]| {
         (0.5 * (x + z) as f32).sin()
     });
-    succeed(folder.path(), &["convert", "s.npy", "s.zarr"]);
+    run_args(folder.path(), &["convert", "s.npy", "s.zarr"]);
     let mesh = |image: &str, to: &str| {
         let line = [
             "mesh",
@@ -132,7 +132,7 @@ fn what_is_written_is_read_again_with_its_place_and_lines() {
             to,
             "--quiet",
         ];
-        succeed(folder.path(), &line);
+        run_args(folder.path(), &line);
         let read = atomesh::store::read_any_vtu(&folder.path().join(to)).unwrap();
         let atomesh::store::AnyMesh::Tetrahedra(file) = read else {
             panic!("not in space")
@@ -146,8 +146,8 @@ fn what_is_written_is_read_again_with_its_place_and_lines() {
 fn what_cannot_be_read_is_refused_in_one_line_and_nothing_is_left() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    npy(&at("a.npy"), [20, 20, 20], |[x, y, z]| (x * y + z) as f32);
-    succeed(folder.path(), &["convert", "a.npy", "a.zarr"]);
+    write_npy(&at("a.npy"), [20, 20, 20], |[x, y, z]| (x * y + z) as f32);
+    run_args(folder.path(), &["convert", "a.npy", "a.zarr"]);
     let json = fs::read_to_string(at("a.zarr/samples/zarr.json")).unwrap();
     for (from, to, says) in [
         ("\"blosc\"", "\"fancy\"", "has the codec 'fancy'"),
@@ -169,14 +169,14 @@ fn what_cannot_be_read_is_refused_in_one_line_and_nothing_is_left() {
         assert!(json.contains(from), "{from}");
         let changed = json.replacen(from, to, 1);
         fs::write(at("a.zarr/samples/zarr.json"), changed).unwrap();
-        let error = refused(folder.path(), &["info", "a.zarr/samples"]);
+        let error = expect_refusal(folder.path(), &["info", "a.zarr/samples"]);
         assert!(error.contains(says), "{error} (expected: {says})");
     }
     fs::write(at("a.zarr/samples/zarr.json"), &json).unwrap();
     let chunk = at("a.zarr/samples/c/0/0/0");
     let bytes = fs::read(&chunk).unwrap();
     fs::write(&chunk, &bytes[..bytes.len() / 2]).unwrap();
-    let error = refused(folder.path(), &["convert", "a.zarr", "b.zarr"]);
+    let error = expect_refusal(folder.path(), &["convert", "a.zarr", "b.zarr"]);
     assert!(
         error.contains("c/0/0/0") && error.contains("cut off"),
         "{error}"
@@ -188,27 +188,27 @@ fn what_cannot_be_read_is_refused_in_one_line_and_nothing_is_left() {
     assert!(image.as_slice().iter().all(|v| *v == 0.0));
 
     let numbers = data().join("survey.mdio/inline");
-    let error = refused(folder.path(), &["info", numbers.to_str().unwrap()]);
+    let error = expect_refusal(folder.path(), &["info", numbers.to_str().unwrap()]);
     assert!(
         error.contains("holds 5 elements, where 2 or 3 axes are needed"),
         "{error}"
     );
     fs::create_dir(at("old")).unwrap();
     fs::write(at("old/.zgroup"), "{\"zarr_format\": 2}").unwrap();
-    let error = refused(folder.path(), &["info", "old"]);
+    let error = expect_refusal(folder.path(), &["info", "old"]);
     assert!(
         error.contains("Zarr version 2 (or MDIO version 0)"),
         "{error}"
     );
     fs::create_dir(at("empty")).unwrap();
-    let error = refused(folder.path(), &["info", "empty"]);
+    let error = expect_refusal(folder.path(), &["info", "empty"]);
     assert!(error.contains("is a folder"), "{error}");
-    let error = refused(folder.path(), &["convert", "a.npy", "old.zarr/b.zarr"]);
+    let error = expect_refusal(folder.path(), &["convert", "a.npy", "old.zarr/b.zarr"]);
     assert!(error.contains("does not exist"), "{error}");
     fs::create_dir(at("full.zarr")).unwrap();
     fs::write(at("full.zarr/mine"), "").unwrap();
-    let error = refused(folder.path(), &["convert", "a.npy", "full.zarr"]);
-    assert!(error.contains("holds no zarr.json"), "{error}");
+    let error = expect_refusal(folder.path(), &["convert", "a.npy", "full.zarr"]);
+    assert!(error.contains("contains no zarr.json"), "{error}");
     let hidden = |entry: fs::DirEntry| entry.file_name().to_string_lossy().starts_with('.');
     let mut left = fs::read_dir(folder.path())
         .unwrap()
@@ -233,7 +233,7 @@ fn any_change_of_a_store_is_refused_or_read() {
     };
     let (mut read, mut not) = (0, 0);
     for store in ["a.mdio", "b.zarr"] {
-        let files = crate::common::files(&at(store));
+        let files = crate::common::files_below(&at(store));
         let files: Vec<_> = files
             .into_iter()
             .filter(|(_, bytes)| !bytes.is_empty())

@@ -1,12 +1,12 @@
-//! Compiles the C++ shim over libtet, generates the bindings of its plain-C header, and makes of the
-//! shim a program besides, `atomesh-tetgen`, whose path dependent build scripts find in `DEP_TET_WORKER`.
+//! Compiles the C++ shim over libtet, generates the bindings of its plain-C header, and also builds the
+//! shim as a program, `atomesh-tetgen`. Dependent build scripts find its path in `DEP_TET_WORKER`.
 
 use std::env;
 use std::panic;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 
-/// What to do where something of the system is missing.
+/// Remedy if a system library or tool is missing.
 const REMEDY: &str = "on Debian and Ubuntu: apt install g++ libtet1.5-dev libcgal-dev libclang-dev; \
                       without TetGen and CGAL: --no-default-features --features cli";
 
@@ -50,7 +50,7 @@ fn main() {
     }
     println!("cargo::metadata=WORKER={}", program.display());
 
-    // Without libclang bindgen panics.
+    // bindgen panics if libclang is missing.
     panic::set_hook(Box::new(|_| {}));
     let bindings = panic::catch_unwind(|| {
         bindgen::Builder::default()
@@ -71,7 +71,7 @@ fn main() {
     }
 }
 
-/// What the shim needs and the system lacks.
+/// Returns what the shim needs but the system does not have, if anything.
 fn missing_dependency(build: &cc::Build, out: &Path) -> Option<&'static str> {
     let probe = out.join("probe.cpp");
     let compiles = |text: &str| -> bool {

@@ -1,5 +1,5 @@
-//! The VTU beside a format that does not hold the cells' shapes: the same cells in the same order,
-//! with everything that is known of them.
+//! Writes the VTU beside a file whose format does not hold the shapes of cells. It holds the same
+//! cells in the same order, with all their values.
 
 use std::path::Path;
 
@@ -11,10 +11,10 @@ use crate::model::reservoir::Model;
 use crate::store::FieldValue;
 use crate::store::polyhedra::add_cells_vtu;
 
-/// Adds the twin to the files of a model.
+/// Adds the companion VTU to the files of a model.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) if it cannot be written.
+/// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
 pub fn add_companion(batch: &mut Batch, path: &Path, model: &Model) -> Result<()> {
     let cells = model.len();
     let mut arrays = vec![
@@ -39,7 +39,8 @@ pub fn add_companion(batch: &mut Batch, path: &Path, model: &Model) -> Result<()
     )
 }
 
-/// The largest angle, in degrees, by which two-point fluxes of each cell are off.
+/// Returns for each cell the largest angle, in degrees, between a connection and the flux that its
+/// two-point approximation stands for.
 fn max_flux_angles(model: &Model) -> Vec<f32> {
     let mut worst = vec![0f32; model.len()];
     for (c, angle) in model.graph.connections.iter().zip(model.two_point_angles()) {

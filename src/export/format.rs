@@ -1,4 +1,4 @@
-//! The formats that `atomesh export` writes: one table, one file of code each.
+//! Table of the formats that `atomesh export` writes. Each format has a source file of its own.
 
 use std::path::{Path, PathBuf};
 
@@ -11,45 +11,45 @@ use crate::files::{Batch, check_target};
 use crate::model::reservoir::Model;
 use crate::{Error, Result};
 
-/// What a model may say besides its cells, and not every format can hold.
+/// Content of a model, besides its cells, that not every format can hold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ExportContent {
-    /// The share of pores in each cell.
+    /// Porosity of each cell.
     Porosity,
-    /// The permeability of each cell.
+    /// Permeability of each cell.
     Permeability,
-    /// The region of each cell.
+    /// Region of each cell.
     Regions,
-    /// Other values of each cell.
+    /// Other properties of each cell.
     Properties,
-    /// How faults resist flow: transmissibilities.
+    /// Fault multipliers, which change transmissibilities.
     Faults,
-    /// Faults that nothing crosses.
+    /// Closed faults, which nothing flows across.
     ClosedFaults,
-    /// How faults resist flow, also where no permeability is known.
+    /// Fault multipliers of a model without permeability.
     FaultsWithoutRock,
     /// Wells.
     Wells,
-    /// What fills the pores.
+    /// Fluids in the pores.
     Fluid,
-    /// The pressure at first.
+    /// Initial pressure.
     InitialPressure,
-    /// Fluids without weight.
+    /// Simulation without gravity.
     Gravity,
-    /// The time that a simulation covers.
+    /// Duration of the simulation.
     Duration,
-    /// The number of cells along each axis of a grid that the model is resampled on.
+    /// Number of cells along each axis of a grid on which the model is resampled.
     Grid,
-    /// The names of faces: sides, surfaces, interfaces of regions.
+    /// Names of faces: sides of the box, surfaces, interfaces of regions.
     Names,
-    /// Nodes doubled along surfaces.
+    /// Nodes that are doubled along surfaces.
     SplitNodes,
-    /// Elements with nodes in the middle of their edges.
+    /// Quadratic elements, with nodes in the middle of their edges.
     Quadratic,
 }
 
 impl ExportContent {
-    /// Whether it is of a simulation, not of the rock.
+    /// Returns `true` if this content belongs to a simulation, not to the rock.
     pub fn is_simulation_input(self) -> bool {
         use ExportContent::{Duration, Fluid, Gravity, InitialPressure, Wells};
         matches!(self, Wells | Fluid | InitialPressure | Gravity | Duration)
@@ -69,7 +69,7 @@ impl std::fmt::Display for ExportContent {
             Self::Wells => "wells",
             Self::Fluid => "fluids",
             Self::InitialPressure => "pressure",
-            Self::Gravity => "fluids without weight",
+            Self::Gravity => "simulations without gravity",
             Self::Duration => "simulation time",
             Self::Grid => "grid of a chosen size",
             Self::Names => "names of faces",
@@ -79,28 +79,29 @@ impl std::fmt::Display for ExportContent {
     }
 }
 
-/// A format for simulators or other meshers.
+/// File format of a simulator or a mesher.
 #[derive(Debug)]
 pub struct ExportFormat {
-    /// What `--to` calls it.
+    /// Name of the format for `--to`.
     pub name: &'static str,
-    /// What it is, for people.
+    /// Description for users.
     pub description: &'static str,
-    /// The endings of its files, or their whole names, the usual one first; none if it is a folder.
+    /// File extensions, or whole file names, the usual one first. The list is empty if the format
+    /// is a folder.
     pub extensions: &'static [&'static str],
-    /// Whether the cells' shapes are not in it, so that a VTU twin with cells in the same order is
-    /// written beside it.
+    /// `true` if the format does not hold the shapes of cells. A companion VTU with the same cells
+    /// in the same order is then written beside the file.
     pub has_companion: bool,
-    /// Whether it holds cells of any shape, not only tetrahedra.
+    /// `true` if the format holds cells of any shape, not only tetrahedra.
     pub holds_any_cells: bool,
-    /// Whether depth has a meaning in it.
+    /// `true` if the format uses depth.
     pub uses_depth: bool,
-    /// What else than cells and named faces it holds, itself or in its twin.
+    /// Content that the format or its companion holds, besides cells and named faces.
     pub supported_content: &'static [ExportContent],
     write: fn(&Model, &mut Batch, &Path) -> Result<()>,
 }
 
-/// What formats hold that keep names and values, and elements of any order.
+/// Content of formats that hold names, values and quadratic elements.
 const NAMES_AND_ROCK: &[ExportContent] = &[
     ExportContent::Names,
     ExportContent::Regions,
@@ -111,7 +112,7 @@ const NAMES_AND_ROCK: &[ExportContent] = &[
     ExportContent::Quadratic,
 ];
 
-/// All of them.
+/// All formats, in the order in which they are listed.
 pub const FORMATS: &[ExportFormat] = &[
     ExportFormat {
         name: "opm",
@@ -437,10 +438,10 @@ pub const FORMATS: &[ExportFormat] = &[
 ];
 
 impl ExportFormat {
-    /// The format of that name.
+    /// Returns the format with the given name.
     ///
     /// # Errors
-    /// [`Error::Export`] with the names that there are.
+    /// Returns [`Error::Export`] with the list of known names if there is no such format.
     pub fn from_name(name: &str) -> Result<&'static Self> {
         FORMATS.iter().find(|f| f.name == name).ok_or_else(|| {
             let names: Vec<&str> = FORMATS.iter().map(|f| f.name).collect();
@@ -452,10 +453,11 @@ impl ExportFormat {
         })
     }
 
-    /// Checks that a model can be written to `path`, before the long work.
+    /// Checks that a model can be written to `path`, before the long work begins.
     ///
     /// # Errors
-    /// [`Error::Export`] for a file with another ending, [`Error::Io`] for a folder that is not there.
+    /// Returns [`Error::Export`] if the file has another extension, and [`Error::Io`] if its folder
+    /// does not exist.
     pub fn check_target(&self, path: &Path) -> Result<()> {
         if self.extensions.is_empty() {
             if path.is_file() {
@@ -476,7 +478,7 @@ impl ExportFormat {
                 path.display(),
                 format!("does not end in {}", self.extensions.join(" or ")),
                 format!(
-                    "give it that ending, by which readers of {} know it",
+                    "give it that extension, which programs that read {} expect",
                     self.name
                 ),
             )));
@@ -484,26 +486,26 @@ impl ExportFormat {
         Ok(())
     }
 
-    /// Checks that the format can hold what a model shall say.
+    /// Checks that the format can hold the given content. `place` begins the error message.
     ///
     /// # Errors
-    /// [`Error::Export`] with the formats that can.
+    /// Returns [`Error::Export`] with the list of formats that can hold it.
     pub fn check_content(&self, content: ExportContent, place: &str) -> Result<()> {
         if self.supported_content.contains(&content) {
             return Ok(());
         }
-        let able = FORMATS
+        let supporting = FORMATS
             .iter()
             .filter(|f| f.supported_content.contains(&content));
-        let able: Vec<&str> = able.map(|f| f.name).collect();
+        let names: Vec<&str> = supporting.map(|f| f.name).collect();
         Err(Error::Export(cause(
             place,
             format!("the format {} holds no {content}", self.name),
-            format!("omit it, or export to {}", able.join(", ")),
+            format!("omit it, or export to {}", names.join(", ")),
         )))
     }
 
-    /// Returns whether simulators of flow read it, so that depth and fluxes matter.
+    /// Returns `true` if flow simulators read the format, so that depth and fluxes matter.
     pub fn is_flow_format(&self) -> bool {
         self.uses_depth
             || self
@@ -511,27 +513,28 @@ impl ExportFormat {
                 .contains(&ExportContent::Permeability)
     }
 
-    /// Whether it is complete without rock, but has no place then for what happens in a simulation.
+    /// Returns `true` if a simulation case needs porosity and permeability in this format, although
+    /// its grid is complete without them.
     pub fn case_needs_rock(&self) -> bool {
         self.name == "grdecl"
     }
 
-    /// The twin of a file.
+    /// Returns the path of the companion VTU of a file, if the format needs one.
     pub fn companion_path(&self, path: &Path) -> Option<PathBuf> {
         self.has_companion.then(|| path.with_extension("vtu"))
     }
 
-    /// Writes a model, and its twin; all files appear, or none.
+    /// Writes a model and its companion file. Either all files appear or none.
     ///
     /// # Errors
-    /// [`Error::Export`] if the model lacks what the format needs, [`Error::Io`] if a file cannot be
-    /// written.
+    /// Returns [`Error::Export`] if the model lacks what the format needs, and [`Error::Io`] if a
+    /// file cannot be written.
     pub fn write(&self, model: &Model, path: &Path) -> Result<()> {
         self.check_target(path)?;
         let mut batch = Batch::default();
         (self.write)(model, &mut batch, path)?;
-        if let Some(twin) = self.companion_path(path) {
-            add_companion(&mut batch, &twin, model)?;
+        if let Some(companion) = self.companion_path(path) {
+            add_companion(&mut batch, &companion, model)?;
         }
         batch.commit()
     }

@@ -1,6 +1,7 @@
-//! Meshes to other programs, and surfaces to files. Physical coordinates only.
+//! Exports meshes and models to the files of other programs, and surfaces to files of their own.
+//! All coordinates are physical.
 //!
-//! Two surfaces, a square and half a square, as OBJ:
+//! This example writes two surfaces, a square and half a square, as OBJ:
 //!
 //! ```
 //! use atomesh::export::{SurfaceFile, write_obj};
@@ -20,13 +21,14 @@
 //!
 //! - [`format`](mod@format): the table of formats
 //! - [`simulators`]: models for flow simulators
-//! - [`corner_point`]: corner-point grids, sampled from any cells
-//! - [`meshers`]: triangles and tetrahedra with named faces, for other meshers and for finite elements
+//! - [`corner_point`]: corner-point grids, sampled from cells of any shape
+//! - [`meshers`]: triangles and tetrahedra with named faces, for other meshers and for finite
+//!   elements
 //! - [`surfaces`]: labelled surfaces
-//! - [`page`]: a page for the browser, to look at a mesh with its image and figures
-//! - `containers`: numbers as text and as bytes, and the containers that hold them
-//! - `values`: what is known of each cell
-//! - `twin`: the VTU beside a format that does not hold the cells' shapes
+//! - [`page`]: a page for the browser that shows a mesh with its image and its report
+//! - `containers`: numbers as text and as bytes, and container files
+//! - `values`: values of each cell as arrays
+//! - `companion`: the VTU beside a file whose format does not hold the shapes of cells
 
 pub(crate) mod companion;
 pub(crate) mod containers;

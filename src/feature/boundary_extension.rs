@@ -1,9 +1,10 @@
-//! Ridges up to the sides of the box.
+//! Extends ridges to the sides of the box.
 //!
-//! At the sides of the box, mirrored samples bend crests and turn the Hessian's eigenvectors. There
-//! candidates are *doubtful*. The others tell where the sheets run: from the rim of the doubtful zone
-//! each sheet is continued column by column, every new point read from a quadratic surface fitted to the
-//! reliable points nearby. Doubtful candidates beside a continued sheet are dropped.
+//! Near the sides of the box, mirrored samples bend the crests of ridges and turn the eigenvectors
+//! of the Hessian. Candidates there are *doubtful*; the others are reliable. From the rim of the
+//! doubtful zone, each surface is continued column by column: every new point is read from a
+//! quadratic surface fitted to nearby reliable points. Doubtful candidates near a continued surface
+//! are dropped.
 
 use super::candidate::{Candidate, Voxel, nearest_sample};
 use super::candidate_slab::CandidateSlab;
@@ -15,108 +16,115 @@ use crate::geometry::{dot, sub};
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
 
-/// Reliable points within this many samples of a new point are fitted; the second radius is for the
-/// middle of wide zones, where the first finds too few.
+/// Radii (samples) of the neighbourhood of a new point that is fitted. The second radius is for the
+/// middle of wide zones, where the first finds too few points.
 const FIT_RADII: [i32; 2] = [8, 15];
-/// Normals of one sheet agree at least this much (cosine).
+/// Smallest cosine between normals of one surface.
 const SAME_NORMAL_COSINE: f32 = 0.966;
-/// Two fits of one sheet agree at least this much (cosine).
+/// Smallest cosine between the normals of two fits of one surface.
 const SAME_FIT_COSINE: f32 = 0.97;
-/// A sheet goes on while the smoothed image is at least this share of what it was at the rim.
+/// A surface continues while the smoothed image is at least this share of its value at the rim.
 const MIN_SUPPORT_RATIO: f32 = 0.7;
-/// No point.
+/// Marks the absence of a point.
 const NO_POINT: u32 = u32::MAX;
-/// A front goes this many columns into the zone at most.
+/// Largest number of columns that a front goes into the zone.
 const MAX_STEPS: u32 = 16;
-/// What is continued depends on no layers farther off than this: on those that fronts come from, which others may
-/// stand in the way of, and on those of the points that are fitted.
+/// Number of layers on which the result depends: the layers from which fronts come, those of other
+/// fronts that may stop them, and those of the fitted points.
 pub const HALO_LAYERS: usize = 64;
-/// So many fronts go on together ...
+/// Number of fronts that advance together.
 const BATCH_SIZE: usize = 1 << 12;
-/// ... and at least so many on one thread.
+/// Smallest number of fronts on one thread.
 const MIN_FRONTS_PER_THREAD: usize = 64;
-/// A sample is given this many new points at most.
+/// Largest number of new points at one sample.
 const MAX_POINTS_PER_SAMPLE: usize = 4;
-/// Doubtful candidates at most this many samples along each axis from a new point are dropped.
+/// Doubtful candidates within this many samples, along each axis, of a new point are dropped.
 const DROP_RADIUS: i32 = 2;
 
-/// The heights of a smoothed volume that [`boundary_extension`] asks for: near the sides of the box, of some layers.
+/// Heights of a smoothed volume near the sides of the box, in some layers, as the
+/// [extension](extend_to_sides) of ridges needs them.
 pub struct BoundaryShell<const D: usize> {
     dims: [usize; D],
-    /// Samples along each axis from either side that are kept: none or all of them, if they would meet.
+    /// Number of samples along each axis, from the low and from the high side, whose heights are
+    /// kept. If the two zones would meet, all samples are kept.
     low_width: [usize; D],
     high_width: [usize; D],
-    /// Those of the layers that are here, of which the first is one of so many before it.
+    /// Kept heights of the available layers, and number of kept heights in the layers before them.
     heights: Vec<f32>,
     first_layer: usize,
 }
 
 impl<const D: usize> BoundaryShell<D> {
-    /// For a volume smoothed over `scale` samples, without its heights.
+    /// Creates the shell of a volume smoothed over `scale` samples, without its heights.
     pub fn new(dims: [usize; D], scale: f64) -> Self {
         let width = side_margin(scale) + 1;
-        let met = |k: usize| dims[k] <= 2 * width;
+        let sides_meet = |k: usize| dims[k] <= 2 * width;
         Self {
             dims,
-            low_width: std::array::from_fn(|k| if met(k) { dims[k] } else { width }),
-            high_width: std::array::from_fn(|k| if met(k) { 0 } else { width }),
+            low_width: std::array::from_fn(|k| if sides_meet(k) { dims[k] } else { width }),
+            high_width: std::array::from_fn(|k| if sides_meet(k) { 0 } else { width }),
             heights: Vec::new(),
             first_layer: 0,
         }
     }
 
-    /// With the heights of this rank's own layers.
+    /// Sets the heights of the layers that this rank owns.
     pub fn with_heights(self, heights: Vec<f32>) -> Self {
         Self { heights, ..self }
     }
 
-    /// With those of the halo, too.
+    /// Adds the heights of the halo.
     fn with_halo(mut self, slab: &CandidateSlab<'_, D>) -> Result<Self> {
-        let own = std::mem::take(&mut self.heights);
-        let before = |layer: usize| self.layer_offset(D - 1, layer);
-        let (heights, first) = slab.layers_with_halo("heights near sides", own, before)?;
+        let owned = std::mem::take(&mut self.heights);
+        let offset = |layer: usize| self.layer_offset(D - 1, layer);
+        let (heights, first_layer) = slab.layers_with_halo("heights near sides", owned, offset)?;
         Ok(Self {
             heights,
-            first_layer: first,
+            first_layer,
             ..self
         })
     }
 
-    /// How many heights are kept of a layer's layers before one of these, square to an axis.
-    fn layer_offset(&self, k: usize, at: usize) -> usize {
-        let near = at.min(self.low_width[k]) + at.saturating_sub(self.dims[k] - self.high_width[k]);
-        near * self.layer_len(k) + (at - near) * self.kept_len(k)
+    /// Returns the number of kept heights in the sub-layers square to axis `k` before index
+    /// `index`.
+    fn layer_offset(&self, k: usize, index: usize) -> usize {
+        let near_sides =
+            index.min(self.low_width[k]) + index.saturating_sub(self.dims[k] - self.high_width[k]);
+        near_sides * self.layer_len(k) + (index - near_sides) * self.kept_len(k)
     }
 
-    /// Samples of a layer square to an axis, of those axes before it.
+    /// Returns the number of samples of a sub-layer square to an axis, along the axes before it.
     fn layer_len(&self, axis: usize) -> usize {
         self.dims[..axis].iter().product()
     }
 
-    /// Those of them that are kept where the layer is not near a side.
+    /// Returns the number of them that are kept if the sub-layer is not near a side.
     fn kept_len(&self, axis: usize) -> usize {
         match axis {
             0 => 0,
             _ => {
                 let k = axis - 1;
-                let near = self.low_width[k] + self.high_width[k];
-                near * self.layer_len(k) + (self.dims[k] - near) * self.kept_len(k)
+                let near_sides = self.low_width[k] + self.high_width[k];
+                near_sides * self.layer_len(k) + (self.dims[k] - near_sides) * self.kept_len(k)
             }
         }
     }
 
-    /// The heights that are kept of some layers along the last axis.
+    /// Returns the kept heights of some layers along the last axis, of which `first` is the first.
     pub fn extract_layers(&self, layers: &[f32], first: usize) -> Vec<f32> {
         let (last, mut kept) = (D - 1, Vec::new());
         let count = layers.len() / self.layer_len(last).max(1);
-        let near = (first..first + count)
+        let near_sides = (first..first + count)
             .filter(|&i| self.is_near_side(i, last))
             .count();
-        kept.reserve_exact(near * self.layer_len(last) + (count - near) * self.kept_len(last));
+        kept.reserve_exact(
+            near_sides * self.layer_len(last) + (count - near_sides) * self.kept_len(last),
+        );
         for (i, layer) in layers.chunks_exact(self.layer_len(last).max(1)).enumerate() {
-            match self.is_near_side(first + i, last) {
-                true => kept.extend_from_slice(layer),
-                false => self.append_layer(layer, last, &mut kept),
+            if self.is_near_side(first + i, last) {
+                kept.extend_from_slice(layer);
+            } else {
+                self.append_layer(layer, last, &mut kept);
             }
         }
         kept
@@ -126,7 +134,7 @@ impl<const D: usize> BoundaryShell<D> {
         at < self.low_width[k] || at >= self.dims[k] - self.high_width[k]
     }
 
-    /// Adds what is kept of a layer square to an axis.
+    /// Appends the kept heights of a sub-layer square to an axis.
     fn append_layer(&self, layer: &[f32], axis: usize, kept: &mut Vec<f32>) {
         let k = axis - 1;
         if k == 0 {
@@ -135,23 +143,25 @@ impl<const D: usize> BoundaryShell<D> {
             return;
         }
         for (at, part) in layer.chunks_exact(self.layer_len(k).max(1)).enumerate() {
-            match self.is_near_side(at, k) {
-                true => kept.extend_from_slice(part),
-                false => self.append_layer(part, k, kept),
+            if self.is_near_side(at, k) {
+                kept.extend_from_slice(part);
+            } else {
+                self.append_layer(part, k, kept);
             }
         }
     }
 
-    /// The height at a sample at most one farther from a side than where candidates are doubtful.
+    /// Returns the height at a sample of the doubtful zone or next to it.
     fn height_at(&self, at: [usize; D]) -> f32 {
-        let mut place = 0;
+        let mut offset = 0;
         for k in (0..D).rev() {
-            place += self.layer_offset(k, at[k]);
+            offset += self.layer_offset(k, at[k]);
             if self.is_near_side(at[k], k) {
-                // All of it is kept. What is beyond the halo is of no interest.
-                place += (0..k).rev().fold(0, |i, l| i * self.dims[l] + at[l]);
-                let here = self.heights.get(place.wrapping_sub(self.first_layer));
-                return here.copied().unwrap_or(f32::NEG_INFINITY);
+                // The whole sub-layer is kept. Samples beyond the halo do not influence the owned
+                // layers.
+                offset += (0..k).rev().fold(0, |i, l| i * self.dims[l] + at[l]);
+                let height = self.heights.get(offset.wrapping_sub(self.first_layer));
+                return height.copied().unwrap_or(f32::NEG_INFINITY);
             }
         }
         debug_assert!(false, "{at:?} is not near a side");
@@ -159,26 +169,28 @@ impl<const D: usize> BoundaryShell<D> {
     }
 }
 
-/// How far from the sides (samples) candidates are doubtful.
+/// Returns the distance from the sides (samples) within which candidates are doubtful.
 fn side_margin(scale: f64) -> usize {
     (1.5 * scale).ceil() as usize
 }
 
-/// Continues sheets to the sides of the box; `slab` has ridge points of a volume smoothed over `scale` samples, those of
-/// at least `strong` sure, with a halo of [`HALO_LAYERS`] layers. Those of this rank's own layers, in the order of samples.
+/// Continues surfaces to the sides of the box. `slab` has the ridge points of a volume smoothed
+/// over `scale` samples, with a halo of [`HALO_LAYERS`] layers; surfaces are continued from points
+/// of at least `min_rim_strength`. Returns the candidates of the layers that this rank owns, in the
+/// order of samples.
 ///
 /// # Errors
-/// Those of other ranks.
+/// Returns the errors of other ranks.
 pub fn extend_to_sides<const D: usize>(
-    smoothed: BoundaryShell<D>,
+    shell: BoundaryShell<D>,
     mut slab: CandidateSlab<'_, D>,
     scale: f64,
-    strong: f32,
-    patience: &CancelToken<'_>,
+    min_rim_strength: f32,
+    cancel: &CancelToken<'_>,
 ) -> Result<Vec<Candidate<D>>> {
-    let smoothed = &smoothed.with_halo(&slab)?;
+    let shell = &shell.with_halo(&slab)?;
     let candidates = std::mem::take(&mut slab.candidates);
-    let (dims, samples) = (smoothed.dims, Volume::new(smoothed.dims, &[]));
+    let (dims, samples) = (shell.dims, Volume::new(shell.dims, &[]));
     let zone = DoubtfulZone::new(dims, scale);
     let in_zone = |c: &Candidate<D>| {
         let at = samples.coordinates(c.voxel.index());
@@ -187,19 +199,19 @@ pub fn extend_to_sides<const D: usize>(
     let doubtful: Vec<Candidate<D>> = (candidates.par_iter().copied())
         .filter(|c| in_zone(c))
         .collect();
-    let own = candidates[slab.owned.clone()].par_iter();
-    let figures = [slab.owned.len(), own.filter(|c| in_zone(c)).count()].map(|n| n as u64);
-    let [all, in_doubt] = slab.global_sums("doubtful candidates", figures)?;
-    // Where most is doubtful (foam, pores), there is nothing to continue from.
-    if all < 2 * in_doubt {
+    let owned = candidates[slab.owned.clone()].par_iter();
+    let counts = [slab.owned.len(), owned.filter(|c| in_zone(c)).count()].map(|n| n as u64);
+    let [total, doubtful_count] = slab.global_sums("doubtful candidates", counts)?;
+    // Where most candidates are doubtful (foam, pores), there is nothing to continue from.
+    if total < 2 * doubtful_count {
         return Ok(slab.owned_candidates(candidates));
     }
     let mut reliable = candidates;
     reliable.retain(|c| !in_zone(c));
     let grid = CandidateIndex::new(dims, &reliable);
     let shift = segment_bits(dims);
-    let mut fill = Continuation {
-        shell: smoothed,
+    let mut continuation = Continuation {
+        shell,
         zone: &zone,
         reliable_points: &grid,
         points: Vec::new(),
@@ -208,44 +220,47 @@ pub fn extend_to_sides<const D: usize>(
         shift,
         latest_in_segment: vec![NO_POINT; (dims.iter().product::<usize>() >> shift) + 1],
     };
-    let at_rim = |c: &&Candidate<D>| c.strength >= strong && zone.touches(grid.coordinates(c));
-    let departure = |c: &Candidate<D>| FrontOrigin {
-        level: smoothed.height_at(samples.coordinates(c.voxel.index())),
+    let at_rim =
+        |c: &&Candidate<D>| c.strength >= min_rim_strength && zone.touches(grid.coordinates(c));
+    let origin = |c: &Candidate<D>| FrontOrigin {
+        level: shell.height_at(samples.coordinates(c.voxel.index())),
         normal: c.normal,
         steps: 0,
     };
     let rim: Vec<(Candidate<D>, FrontOrigin<D>)> = (reliable.par_iter().filter(at_rim))
-        .map(|c| (*c, departure(c)))
+        .map(|c| (*c, origin(c)))
         .collect();
-    for some in rim.chunks(BATCH_SIZE) {
-        fill.advance(some, patience);
+    for batch in rim.chunks(BATCH_SIZE) {
+        continuation.advance(batch, cancel);
     }
     let mut next = 0;
-    while next < fill.points.len() && !patience.is_cancelled() {
-        let end = fill.points.len().min(next + BATCH_SIZE);
-        let some = fill.points[next..end].iter().zip(&fill.fronts[next..end]);
-        let some = some.filter(|(_, front)| front.steps < MAX_STEPS);
-        let some: Vec<_> = some.map(|(point, front)| (*point, *front)).collect();
-        fill.advance(&some, patience);
+    while next < continuation.points.len() && !cancel.is_cancelled() {
+        let end = continuation.points.len().min(next + BATCH_SIZE);
+        let batch = continuation.points[next..end]
+            .iter()
+            .zip(&continuation.fronts[next..end]);
+        let batch = batch.filter(|(_, front)| front.steps < MAX_STEPS);
+        let batch: Vec<_> = batch.map(|(point, front)| (*point, *front)).collect();
+        continuation.advance(&batch, cancel);
         next = end;
     }
-    let mut points = fill.points;
+    let mut points = continuation.points;
     drop(grid);
     points.sort_by_key(|c| c.voxel);
     let continued = CandidateIndex::new(dims, &points);
-    let beside = |c: &Candidate<D>| {
+    let is_near_new = |c: &Candidate<D>| {
         let mut found = false;
         continued.for_each_around(continued.coordinates(c), DROP_RADIUS, |_| found = true);
         found
     };
     let mut all = reliable;
-    all.par_extend(doubtful.into_par_iter().filter(|c| !beside(c)));
+    all.par_extend(doubtful.into_par_iter().filter(|c| !is_near_new(c)));
     all.extend(&points);
     all.par_sort_by_key(|c| c.voxel);
     Ok(slab.owned_candidates(all))
 }
 
-/// Where candidates are doubtful: near the sides.
+/// The zone near the sides in which candidates are doubtful.
 struct DoubtfulZone<const D: usize> {
     dims: [i32; D],
     margin: i32,
@@ -259,7 +274,7 @@ impl<const D: usize> DoubtfulZone<D> {
         }
     }
 
-    /// Whether a sample of the box is in the zone.
+    /// Returns `true` if a sample of the box is in the zone.
     fn contains(&self, at: [i32; D]) -> bool {
         (0..D).any(|k| at[k] < self.margin || at[k] >= self.dims[k] - self.margin)
     }
@@ -268,7 +283,7 @@ impl<const D: usize> DoubtfulZone<D> {
         (0..D).all(|k| at[k] >= 0 && at[k] < self.dims[k])
     }
 
-    /// Whether a sample touches the zone.
+    /// Returns `true` if a neighbour of a sample is in the zone.
     fn touches(&self, at: [i32; D]) -> bool {
         (0..D).any(|k| {
             [-1, 1].iter().any(|s| {
@@ -280,30 +295,30 @@ impl<const D: usize> DoubtfulZone<D> {
     }
 }
 
-/// Where a front left the reliable part of its sheet.
+/// The point at which a front left the reliable part of its surface.
 #[derive(Clone, Copy)]
 struct FrontOrigin<const D: usize> {
-    /// The smoothed image there.
+    /// Value of the smoothed image there.
     level: f32,
-    /// The sheet's normal there.
+    /// Normal of the surface there.
     normal: [f32; D],
-    /// Columns passed since.
+    /// Number of columns passed since.
     steps: u32,
 }
 
-/// The fronts that fill the zone.
+/// The fronts that advance into the zone.
 struct Continuation<'a, const D: usize> {
     shell: &'a BoundaryShell<D>,
     zone: &'a DoubtfulZone<D>,
     reliable_points: &'a CandidateIndex<'a, D>,
     points: Vec<Candidate<D>>,
-    /// Where the front of each new point comes from.
+    /// Origin of the front of each new point.
     fronts: Vec<FrontOrigin<D>>,
-    /// New points are listed by this many samples in a row, as a power of two.
+    /// Number of successive samples per list of new points, as a power of two.
     shift: u32,
-    /// The latest new point among these.
+    /// Latest new point in each such segment of samples.
     latest_in_segment: Vec<u32>,
-    /// For each new point, the one before it among the same samples.
+    /// For each new point, the one before it in the same segment.
     previous: Vec<u32>,
 }
 
@@ -311,20 +326,24 @@ struct Continuation<'a, const D: usize> {
 type ColumnPoint<const D: usize> = ([i32; D], Candidate<D>);
 
 impl<const D: usize> Continuation<'_, D> {
-    /// Tries to continue sheets from some points, one after the other, into the columns around each. What
-    /// each would give is found first, by all threads: what is taken meanwhile stays taken.
-    fn advance(&mut self, some: &[(Candidate<D>, FrontOrigin<D>)], patience: &CancelToken<'_>) {
-        let steps = some.par_iter().with_min_len(MIN_FRONTS_PER_THREAD);
+    /// Tries to continue surfaces from each of some points into the columns around it. All fits are
+    /// made first, in parallel; then points are accepted in order, unless an earlier one has taken
+    /// the place.
+    fn advance(&mut self, batch: &[(Candidate<D>, FrontOrigin<D>)], cancel: &CancelToken<'_>) {
+        let steps = batch.par_iter().with_min_len(MIN_FRONTS_PER_THREAD);
         let steps: Vec<_> = steps
-            .map(|(from, front)| match patience.is_cancelled() {
-                true => [[None; 2]; D],
-                false => self.next_points(from, front),
+            .map(|(source, front)| {
+                if cancel.is_cancelled() {
+                    [[None; 2]; D]
+                } else {
+                    self.next_points(source, front)
+                }
             })
             .collect();
-        for ((from, front), steps) in some.iter().zip(steps) {
+        for ((source, front), steps) in batch.iter().zip(steps) {
             for (column, point) in steps.into_iter().flatten().flatten() {
                 let at = point.position.map(nearest_sample);
-                if self.is_occupied(column, from) || self.is_occupied(at, from) {
+                if self.is_occupied(column, source) || self.is_occupied(at, source) {
                     continue;
                 }
                 let latest = &mut self.latest_in_segment[point.voxel.index() >> self.shift];
@@ -339,52 +358,54 @@ impl<const D: usize> Continuation<'_, D> {
         }
     }
 
-    /// Where a sheet goes on from a point in the columns around it, one behind and one ahead along each axis
-    /// but its own, unless that is taken.
+    /// Returns the points at which a surface continues from a point, in the columns before and
+    /// after it along each axis but its own, unless these are occupied.
     fn next_points(
         &self,
-        from: &Candidate<D>,
+        source: &Candidate<D>,
         front: &FrontOrigin<D>,
     ) -> [[Option<ColumnPoint<D>>; 2]; D] {
-        let (axis, least) = (from.axis as usize, MIN_SUPPORT_RATIO * front.level);
-        let step = |lateral: usize, by: f32| {
-            let mut guess = from.position;
-            guess[lateral] += by;
-            guess[axis] -= by * from.normal[lateral] / from.normal[axis];
+        let (axis, min_level) = (source.axis as usize, MIN_SUPPORT_RATIO * front.level);
+        let step = |lateral: usize, offset: f32| {
+            let mut guess = source.position;
+            guess[lateral] += offset;
+            guess[axis] -= offset * source.normal[lateral] / source.normal[axis];
             let column = guess.map(nearest_sample);
             if !self.zone.is_in_box(column)
                 || !self.zone.contains(column)
-                || self.is_occupied(column, from)
-                || !self.is_supported(least, column, axis)
+                || self.is_occupied(column, source)
+                || !self.is_supported(min_level, column, axis)
             {
                 return None;
             }
             let mut fits = FIT_RADII.iter();
-            let point = fits.find_map(|&radius| self.fit_point(guess, from, radius))?;
+            let point = fits.find_map(|&radius| self.fit_point(guess, source, radius))?;
             let at = point.position.map(nearest_sample);
-            let goes_on = self.zone.contains(at)
-                && self.shell.height_at(at.map(|i| i as usize)) >= least
+            let continues = self.zone.contains(at)
+                && self.shell.height_at(at.map(|i| i as usize)) >= min_level
                 && dot(point.normal, front.normal).abs() >= SAME_NORMAL_COSINE;
-            goes_on.then_some((column, point))
+            continues.then_some((column, point))
         };
         std::array::from_fn(|k| match k {
             0 => [None; 2],
-            _ => [-1.0, 1.0].map(|by| step((axis + k) % D, by)),
+            _ => [-1.0, 1.0].map(|offset| step((axis + k) % D, offset)),
         })
     }
 
-    /// Whether the smoothed image is at least this high anywhere a fit in a column may end.
-    fn is_supported(&self, least: f32, column: [i32; D], axis: usize) -> bool {
+    /// Returns `true` if the smoothed image is at least `min_level` where a fit in a column may
+    /// end.
+    fn is_supported(&self, min_level: f32, column: [i32; D], axis: usize) -> bool {
         (-1..=1).any(|j| {
             let mut at = column;
             at[axis] += j;
-            self.zone.is_in_box(at) && self.shell.height_at(at.map(|i| i as usize)) >= least
+            self.zone.is_in_box(at) && self.shell.height_at(at.map(|i| i as usize)) >= min_level
         })
     }
 
-    /// Whether the column round `at` has a new point of the sheet of `like` already.
-    fn is_occupied(&self, at: [i32; D], like: &Candidate<D>) -> bool {
-        let axis = like.axis as usize;
+    /// Returns `true` if the column around `at` has a new point of the surface of `reference`
+    /// already.
+    fn is_occupied(&self, at: [i32; D], reference: &Candidate<D>) -> bool {
+        let axis = reference.axis as usize;
         (-1..=1).any(|j| {
             let mut v = at;
             v[axis] += j;
@@ -398,7 +419,9 @@ impl<const D: usize> Continuation<'_, D> {
                 let p = &self.points[i as usize];
                 if p.voxel == voxel {
                     count += 1;
-                    if p.axis == like.axis && dot(p.normal, like.normal).abs() > SAME_FIT_COSINE {
+                    if p.axis == reference.axis
+                        && dot(p.normal, reference.normal).abs() > SAME_FIT_COSINE
+                    {
                         return true;
                     }
                 }
@@ -408,41 +431,46 @@ impl<const D: usize> Continuation<'_, D> {
         })
     }
 
-    /// The point of the sheet of `like` in the column round `guess`.
-    fn fit_point(&self, guess: [f32; D], like: &Candidate<D>, radius: i32) -> Option<Candidate<D>> {
-        let axis = like.axis as usize;
-        let n = like.normal;
+    /// Returns the point of the surface of `reference` in the column around `guess`.
+    fn fit_point(
+        &self,
+        guess: [f32; D],
+        reference: &Candidate<D>,
+        radius: i32,
+    ) -> Option<Candidate<D>> {
+        let axis = reference.axis as usize;
+        let n = reference.normal;
         let mut surface = Quadric::<D>::new(radius);
         let mut count = 0;
         let centre = guess.map(nearest_sample);
-        // Smoothing ties neighbours together: columns a few samples apart carry all there is to know.
+        // Smoothing correlates neighbours: columns a few samples apart carry all the information.
         let stride = if radius > FIT_RADII[0] { 3 } else { 2 };
         let side = 2 * radius / stride + 1;
         for number in 0..side.pow(D as u32 - 1) {
-            let mut rest = number;
-            let mut away = [0i32; D];
+            let mut remaining = number;
+            let mut offset = [0i32; D];
             for k in 1..D {
-                away[(axis + k) % D] = rest % side * stride - radius;
-                rest /= side;
+                offset[(axis + k) % D] = remaining % side * stride - radius;
+                remaining /= side;
             }
-            if away.iter().map(|u| u * u).sum::<i32>() > radius * radius {
+            if offset.iter().map(|u| u * u).sum::<i32>() > radius * radius {
                 continue;
             }
-            let slope = -dot(n, away.map(|u| u as f32)) / n[axis];
-            let slack = 1 + away.iter().fold(0, |a, u| a.max(u.abs())) / 6;
-            let mut at: [i32; D] = std::array::from_fn(|k| centre[k] + away[k]);
+            let slope = -dot(n, offset.map(|u| u as f32)) / n[axis];
+            let slack = 1 + offset.iter().fold(0, |a, u| a.max(u.abs())) / 6;
+            let mut at: [i32; D] = std::array::from_fn(|k| centre[k] + offset[k]);
             let middle = nearest_sample(guess[axis] + slope);
             at[axis] = middle - slack;
             self.reliable_points
                 .for_each_in_column(at, axis, 2 * slack + 1, |i| {
                     let q = &self.reliable_points.candidates[i];
-                    let away = sub(q.position, guess);
-                    let distance = dot(away, away).sqrt();
+                    let offset = sub(q.position, guess);
+                    let distance = dot(offset, offset).sqrt();
                     if dot(q.normal, n).abs() >= SAME_NORMAL_COSINE
-                        && dot(away, n).abs() <= 0.75 + 0.12 * distance
+                        && dot(offset, n).abs() <= 0.75 + 0.12 * distance
                     {
                         count += 1;
-                        surface.add(away, axis);
+                        surface.add(offset, axis);
                     }
                 });
         }
@@ -467,10 +495,10 @@ impl<const D: usize> Continuation<'_, D> {
         }
         Some(Candidate {
             voxel: Voxel::new(self.shell.dims, at.map(|i| i as usize)),
-            axis: like.axis,
+            axis: reference.axis,
             position,
             normal,
-            strength: like.strength,
+            strength: reference.strength,
         })
     }
 }

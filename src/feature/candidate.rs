@@ -1,4 +1,4 @@
-//! Where a sheet crosses the columns of samples.
+//! Points at which a feature surface crosses the columns of samples.
 
 use super::volume::Volume;
 use crate::files::codec::{Codec, codec_fields};
@@ -6,26 +6,27 @@ use crate::geometry::dot;
 use std::cmp::Ordering;
 use std::io::{self, Write};
 
-/// How far past the half way to the next sample a crossing still counts: neighbouring samples see
-/// slightly different normals, and a double can be dropped later while a hole cannot be filled.
+/// Distance (samples) past the midpoint to the next sample within which a crossing still counts.
+/// Neighbouring samples see slightly different normals; a duplicate can be removed later, but a
+/// hole cannot be filled.
 pub const MAX_CELL_OVERLAP: f32 = 0.05;
 
-/// The index in memory of a sample, in 48 bits: a candidate has no room for more, and no disk so many samples.
+/// Index in memory of a sample, in 48 bits, to keep candidates small. No disk holds more samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Voxel([u16; 3]);
 
 impl Voxel {
-    /// So many samples have one.
+    /// Number of samples that can be indexed.
     pub const MAX_COUNT: usize = 1 << 48;
 
-    /// That of the sample `at` of `dims`.
+    /// Returns the index of sample `at` in a volume of `dims` samples.
     #[inline]
     pub fn new<const D: usize>(dims: [usize; D], at: [usize; D]) -> Self {
         let index = Volume::new(dims, &[]).index(at);
         Self([0, 16, 32].map(|bits| (index >> bits) as u16))
     }
 
-    /// The index.
+    /// Returns the index.
     #[inline]
     pub fn index(self) -> usize {
         let [low, middle, high] = self.0.map(usize::from);
@@ -52,25 +53,25 @@ impl Codec for Voxel {
         (self.0.iter()).try_for_each(|part| out.write_all(&part.to_le_bytes()))
     }
 
-    fn decode(from: &mut &[u8]) -> Option<Self> {
-        let (&[a, b, c, d, e, f], rest) = from.split_first_chunk()?;
-        *from = rest;
+    fn decode(input: &mut &[u8]) -> Option<Self> {
+        let (&[a, b, c, d, e, f], rest) = input.split_first_chunk()?;
+        *input = rest;
         Some(Self([[a, b], [c, d], [e, f]].map(u16::from_le_bytes)))
     }
 }
 
-/// A point of a sheet, in samples.
+/// A point of a feature surface, in sample coordinates.
 #[derive(Debug, Clone, Copy)]
 pub struct Candidate<const D: usize> {
     /// Index in memory of the sample whose cell holds the point.
     pub voxel: Voxel,
-    /// The axis along which the sheet was crossed: position and sample differ only along it.
+    /// Axis along which the surface was crossed: position and sample differ only along it.
     pub axis: u8,
-    /// Position, in samples.
+    /// Position in sample coordinates.
     pub position: [f32; D],
     /// Unit normal.
     pub normal: [f32; D],
-    /// How strong the feature is.
+    /// Strength of the feature at the point.
     pub strength: f32,
 }
 
@@ -79,7 +80,7 @@ codec_fields! {
 }
 
 impl<const D: usize> Candidate<D> {
-    /// The point `offset` samples from the sample `at` along `axis`.
+    /// Returns the point that is `offset` samples from sample `at` along `axis`.
     pub fn new(
         dims: [usize; D],
         at: [usize; D],
@@ -100,15 +101,16 @@ impl<const D: usize> Candidate<D> {
     }
 }
 
-/// The axis nearest to `w`, and others as near within five per cent: where the nearest axis changes
-/// along a sheet, columns of both kinds are needed to leave no hole.
+/// Returns the axis nearest to `w`, and other axes whose component is at least 95 % of its
+/// component. Where the nearest axis changes along a surface, columns along both axes are needed to
+/// leave no hole.
 pub fn dominant_axes<const D: usize>(w: [f64; D]) -> impl Iterator<Item = usize> {
-    let most = w.iter().fold(0.0f64, |a, c| a.max(c.abs()));
-    (0..D).filter(move |&k| w[k].abs() >= 0.95 * most)
+    let max = w.iter().fold(0.0f64, |a, c| a.max(c.abs()));
+    (0..D).filter(move |&k| w[k].abs() >= 0.95 * max)
 }
 
-/// Where, along `axis` and in samples from `at`, the derivative along `w` falls through zero (a
-/// ridge) within half a sample of `at`.
+/// Returns the offset along `axis`, in samples from `at`, at which the derivative along `w` falls
+/// through zero (a ridge), if it is within half a sample.
 pub fn ridge_offset<const D: usize>(
     volume: Volume<'_, D>,
     at: [usize; D],
@@ -116,8 +118,8 @@ pub fn ridge_offset<const D: usize>(
     axis: usize,
 ) -> Option<f32> {
     let slope = |at: [usize; D]| dot(volume.gradient(at).map(f64::from), w) * w[axis].signum();
-    let here = slope(at);
-    let ahead = here > 0.0;
+    let slope_here = slope(at);
+    let ahead = slope_here > 0.0;
     let mut next = at;
     if ahead {
         next[axis] += 1;
@@ -127,15 +129,16 @@ pub fn ridge_offset<const D: usize>(
     } else {
         next[axis] = next[axis].checked_sub(1)?;
     }
-    let there = slope(next);
-    if (there > 0.0) == ahead && there != 0.0 {
+    let slope_next = slope(next);
+    if (slope_next > 0.0) == ahead && slope_next != 0.0 {
         return None;
     }
-    let offset = (here / (here - there)) as f32;
+    let offset = (slope_here / (slope_here - slope_next)) as f32;
     (offset <= 0.5 + MAX_CELL_OVERLAP).then_some(if ahead { offset } else { -offset })
 }
 
-/// The nearest sample, for positions in or near the box (without a call to the maths library).
+/// Returns the nearest sample of a position in or near the box, without a call to the maths
+/// library.
 #[inline]
 pub fn nearest_sample(position: f32) -> i32 {
     (position + 1024.5) as i32 - 1024

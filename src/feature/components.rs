@@ -1,37 +1,37 @@
-//! Connected parts of labels: samples of one label that touch face to face.
+//! Connected components of labels: samples of one label that touch face to face.
 
 use super::volume::Volume;
 use crate::geometry::union_find::UnionFind;
 use std::collections::BTreeMap;
 
-/// One connected part of a label.
+/// One connected component of a label.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Component<const D: usize> {
-    /// The number of its label.
+    /// Index of its label.
     pub label: u32,
-    /// How many samples it has.
+    /// Number of its samples.
     pub sample_count: usize,
-    /// The first of them in memory.
+    /// Index in memory of its first sample.
     pub first_sample: usize,
-    /// The corner of its bounding box nearest to the origin.
+    /// Corner of its bounding box nearest to the origin.
     pub min_corner: [usize; D],
-    /// The opposite corner, itself in the box.
+    /// Opposite corner of its bounding box, included in the box.
     pub max_corner: [usize; D],
 }
 
-/// All connected parts of all labels.
+/// All connected components of all labels.
 #[derive(Debug, Clone)]
 pub struct Components<const D: usize> {
     /// Number of samples along each axis.
     pub dims: [usize; D],
-    /// For each sample the number of its component.
+    /// Index of the component of each sample.
     pub component_of_sample: Vec<u32>,
-    /// The components in the order of their first samples.
+    /// The components, in the order of their first samples.
     pub components: Vec<Component<D>>,
 }
 
 impl<const D: usize> Components<D> {
-    /// Those of an image of which each sample has the number of its label.
+    /// Finds the components of an image, given the label index of each sample.
     pub fn from_labels(dims: [usize; D], label: &[u32]) -> Self {
         let volume = Volume::new(dims, &[]);
         let strides = volume.strides();
@@ -52,7 +52,8 @@ impl<const D: usize> Components<D> {
                     part.min_corner = std::array::from_fn(|k| part.min_corner[k].min(at[k]));
                     part.max_corner = std::array::from_fn(|k| part.max_corner[k].max(at[k]));
                 }
-                // A set is named by its first sample, and sets are numbered in this order.
+                // A set is represented by its first sample, and sets are numbered in the order of
+                // these.
                 None => components.push(Component {
                     label: label[i],
                     sample_count: 1,
@@ -69,15 +70,16 @@ impl<const D: usize> Components<D> {
         }
     }
 
-    /// Gives the components that are not to be kept the label of what they touch most; those that touch
-    /// only others of their kind follow these. Says how many samples of how many components went.
+    /// Gives each component that is not to be kept the label that it touches most. Components that
+    /// touch only other removed ones follow these. Returns the number of samples and of components
+    /// whose label changed.
     pub fn absorb(&self, label: &mut [u32], keep: impl Fn(&Component<D>) -> bool) -> [usize; 2] {
-        let goes: Vec<bool> = self.components.iter().map(|part| !keep(part)).collect();
-        if !goes.contains(&true) {
+        let absorbed: Vec<bool> = self.components.iter().map(|part| !keep(part)).collect();
+        if !absorbed.contains(&true) {
             return [0; 2];
         }
         let strides = Volume::new(self.dims, &[]).strides();
-        let mut touching: BTreeMap<(u32, u32), usize> = BTreeMap::new();
+        let mut contacts: BTreeMap<(u32, u32), usize> = BTreeMap::new();
         for_each_sample(self.dims, |i, at| {
             for k in 0..D {
                 if at[k] == 0 {
@@ -85,20 +87,20 @@ impl<const D: usize> Components<D> {
                 }
                 let [a, b] = [i - strides[k], i].map(|i| self.component_of_sample[i]);
                 for (part, other) in [(a, b), (b, a)] {
-                    if part != other && goes[part as usize] {
-                        *touching.entry((part, other)).or_default() += 1;
+                    if part != other && absorbed[part as usize] {
+                        *contacts.entry((part, other)).or_default() += 1;
                     }
                 }
             }
         });
-        let mut into: Vec<Option<u32>> = (self.components.iter().zip(&goes))
-            .map(|(part, goes)| (!goes).then_some(part.label))
+        let mut new_label: Vec<Option<u32>> = (self.components.iter().zip(&absorbed))
+            .map(|(part, absorbed)| (!absorbed).then_some(part.label))
             .collect();
         loop {
             let mut best: BTreeMap<u32, (usize, u32)> = BTreeMap::new();
-            for (&(part, other), &count) in &touching {
-                if let (None, Some(label)) = (into[part as usize], into[other as usize])
-                    && best.get(&part).is_none_or(|(most, _)| *most < count)
+            for (&(part, other), &count) in &contacts {
+                if let (None, Some(label)) = (new_label[part as usize], new_label[other as usize])
+                    && best.get(&part).is_none_or(|(max, _)| *max < count)
                 {
                     best.insert(part, (count, label));
                 }
@@ -107,33 +109,33 @@ impl<const D: usize> Components<D> {
                 break;
             }
             for (part, (_, label)) in best {
-                into[part as usize] = Some(label);
+                new_label[part as usize] = Some(label);
             }
         }
-        let mut gone = [0; 2];
-        for (part, into) in self.components.iter().zip(&into) {
-            if into.is_some_and(|into| into != part.label) {
-                gone[0] += part.sample_count;
-                gone[1] += 1;
+        let mut absorbed_counts = [0; 2];
+        for (part, label) in self.components.iter().zip(&new_label) {
+            if label.is_some_and(|label| label != part.label) {
+                absorbed_counts[0] += part.sample_count;
+                absorbed_counts[1] += 1;
             }
         }
         for (label, &part) in label.iter_mut().zip(&self.component_of_sample) {
-            *label = into[part as usize].unwrap_or(*label);
+            *label = new_label[part as usize].unwrap_or(*label);
         }
-        gone
+        absorbed_counts
     }
 }
 
 impl<const D: usize> Component<D> {
-    /// Whether it touches a side of an image of `dims` samples.
+    /// Returns `true` if the component touches a side of an image of `dims` samples.
     pub fn touches_side(&self, dims: [usize; D]) -> bool {
         (0..D).any(|k| self.min_corner[k] == 0 || self.max_corner[k] + 1 == dims[k])
     }
 
-    /// The radius of a ball (in the plane: a disc) of the same volume, where a sample has the volume
-    /// `sample`.
-    pub fn radius(&self, sample: f64) -> f64 {
-        let volume = self.sample_count as f64 * sample;
+    /// Returns the radius of a ball (a disc in 2-D) of the same volume, if one sample has the
+    /// volume `sample_volume`.
+    pub fn radius(&self, sample_volume: f64) -> f64 {
+        let volume = self.sample_count as f64 * sample_volume;
         match D {
             2 => (volume / std::f64::consts::PI).sqrt(),
             _ => (volume * 0.75 / std::f64::consts::PI).cbrt(),
@@ -141,7 +143,7 @@ impl<const D: usize> Component<D> {
     }
 }
 
-/// Visits samples in the order of memory, with their coordinates.
+/// Calls `visit` for each sample in the order of memory, with its index and coordinates.
 pub fn for_each_sample<const D: usize>(dims: [usize; D], mut visit: impl FnMut(usize, [usize; D])) {
     let mut at = [0; D];
     for i in 0..dims.iter().product() {
@@ -161,7 +163,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn parts_are_counted_and_small_ones_go_to_what_they_touch() {
+    fn components_are_counted_and_small_ones_are_absorbed() {
         #[rustfmt::skip]
         let mut label = [
             0, 0, 0, 1, 1,
@@ -186,8 +188,8 @@ mod tests {
         assert!(
             parts.components[1].touches_side([5, 4]) && !parts.components[2].touches_side([5, 4])
         );
-        let gone = parts.absorb(&mut label, |part| part.sample_count > 1);
-        assert_eq!(gone, [2, 2]);
+        let absorbed = parts.absorb(&mut label, |part| part.sample_count > 1);
+        assert_eq!(absorbed, [2, 2]);
         assert_eq!(label[14], 1);
         assert_eq!(label[19], 1);
         assert_eq!(label[6], 2);

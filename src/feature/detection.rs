@@ -1,4 +1,4 @@
-//! How features are asked for, and what is refused.
+//! Options of feature detection, and checks of the options and of the image.
 
 use super::FeatureKind;
 use super::LabelOptions;
@@ -12,35 +12,37 @@ use crate::image::{Image, LiveMask, MaskedImage, Modality};
 use crate::parallel::prelude::*;
 use std::borrow::Cow;
 
-/// How features are detected.
+/// Options of feature detection.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DetectionOptions<const D: usize> {
-    /// What a feature is.
+    /// The kind of features to find.
     pub kind: FeatureKind,
-    /// Where the image comes from, if its geometry alone does not tell.
+    /// Where the image comes from, if its geometry alone does not say.
     pub modality: Modality,
-    /// Width (samples) of the Gaussian under which derivatives are taken; by kind if `None`.
+    /// Width (samples) of the Gaussian under which derivatives are taken; the default of the kind
+    /// if `None`.
     pub scale: Option<f64>,
     /// Width (samples) of the structure tensor's window; 4 (horizons) or 12 (faults) if `None`.
     pub smoothing: Option<f64>,
-    /// Least strength of a feature, in units of the image; from the image itself if `None`.
+    /// Smallest strength of a feature, in units of the image; chosen from the image if `None`.
     pub threshold: Option<f32>,
-    /// Depths, in (0, 1], of the valleys of faults and of horizons where both are followed.
+    /// Depths, in (0, 1], of the valleys of faults and of horizons if both are followed.
     pub weights: [f64; 2],
-    /// What [`FeatureKind::Paths`] knows of the object.
+    /// Points of the object and of the background, for [`FeatureKind::Paths`].
     pub seeds: PathSeeds<D>,
-    /// The least nominal distance between atoms, in lattice units: what the lattice resolves.
+    /// Smallest nominal distance between atoms, in lattice units: the resolution of the lattice.
     pub d_min: f64,
-    /// The largest, where the distance follows gaps between features: then these say how close atoms may
-    /// stand ([`Features::spacing`](super::Features::spacing)). `None` where features do not decide it.
+    /// Largest distance between atoms, in lattice units, if the distance follows the gaps between
+    /// features (see [`Features::spacing`](super::Features::spacing)); `None` if features do not
+    /// decide the distance.
     pub gap_d_max: Option<f64>,
-    /// Of [`FeatureKind::Labels`]: what is wanted of each.
+    /// Options for single labels, for [`FeatureKind::Labels`].
     pub labels: Vec<LabelOptions>,
-    /// Lattice-space distance between samples.
+    /// Distance between samples in lattice space, along each axis.
     pub step: [f64; D],
-    /// Whether no common null values are recognised, nor traces that are zero throughout.
+    /// `true` if common null values and traces that are zero throughout are data.
     pub keep_nulls: bool,
-    /// Whether each rank is to have a share of the potential only.
+    /// `true` if each rank gets only a share of the potential.
     pub is_distributed: bool,
 }
 
@@ -65,7 +67,8 @@ impl<const D: usize> Default for DetectionOptions<D> {
 }
 
 impl<const D: usize> DetectionOptions<D> {
-    /// Features of one kind, for a lattice whose least nominal distance is `d_min`; else as by default.
+    /// Returns the default options for features of one kind and a lattice whose smallest nominal
+    /// distance is `d_min`.
     pub fn with_kind(kind: FeatureKind, d_min: f64) -> Self {
         Self {
             kind,
@@ -76,46 +79,47 @@ impl<const D: usize> DetectionOptions<D> {
 }
 
 impl<const D: usize> DetectionOptions<D> {
-    /// The least and the largest distance between atoms, if it follows gaps.
+    /// Returns the smallest and the largest distance between atoms, if the distance follows gaps.
     pub(super) fn gap_distance_range(&self) -> Option<[f64; 2]> {
-        self.gap_d_max
-            .map(|most| [self.d_min, most.max(self.d_min)])
+        self.gap_d_max.map(|max| [self.d_min, max.max(self.d_min)])
     }
 
-    /// The least distance between atoms anywhere.
+    /// Returns the smallest distance between atoms in the whole image, that in single labels
+    /// included.
     pub(super) fn min_distance(&self) -> f64 {
-        let wishes = self.labels.iter().filter_map(|wish| wish.distance);
-        wishes.fold(self.d_min, f64::min)
+        let distances = self.labels.iter().filter_map(|label| label.distance);
+        distances.fold(self.d_min, f64::min)
     }
 
-    /// The distance between atoms where nothing else is: what a feature's size is measured by.
+    /// Returns the distance between atoms away from features: the unit in which the size of a
+    /// feature is measured.
     pub(super) fn d_max(&self) -> f64 {
-        self.gap_distance_range()
-            .map_or(self.d_min, |[_, most]| most)
+        self.gap_distance_range().map_or(self.d_min, |[_, max]| max)
     }
 }
 
-/// An image as detectors take it: its samples finite, and filled where there are no data.
+/// An image as detectors expect it: all samples are finite, and filled where there are no data.
 pub(super) struct PreparedImage<'a, const D: usize> {
     pub image: Cow<'a, Image<D>>,
-    /// Which samples hold data, unless all do.
+    /// Mask of the samples that hold data; `None` if all do.
     pub live_mask: Option<LiveMask<D>>,
-    /// The share of the samples that hold no data.
+    /// Shares of the samples that hold no data.
     pub missing: Option<MissingData>,
-    /// What was found to hold no data, and what becomes of it.
+    /// Lines for the report: which samples hold no data, and what is done about them.
     pub notes: Vec<String>,
 }
 
-/// Returns the image as detectors take it.
+/// Returns the image as detectors expect it.
 ///
 /// # Errors
-/// [`Error::Feature`] for impossible wishes, [`Error::Image`] for an image that cannot be searched.
+/// Returns an [`Error::Feature`] if the options are invalid, and an [`Error::Image`] if the image
+/// cannot be searched.
 pub(super) fn prepare_image<'a, const D: usize>(
     image: &'a Image<D>,
-    asked: &DetectionOptions<D>,
+    options: &DetectionOptions<D>,
 ) -> Result<PreparedImage<'a, D>> {
-    validate_options(asked)?;
-    if !fills_gaps(image, asked.kind, asked.modality) {
+    validate_options(options)?;
+    if !fills_gaps(image, options.kind, options.modality) {
         let image = image
             .with_missing_filled()
             .map_or(Cow::Borrowed(image), Cow::Owned);
@@ -131,7 +135,7 @@ pub(super) fn prepare_image<'a, const D: usize>(
             notes: Vec::new(),
         });
     }
-    let (image, mut notes) = match image.mark_dead(!asked.keep_nulls)? {
+    let (image, mut notes) = match image.mark_dead(!options.keep_nulls)? {
         Some(MaskedImage { image, notes }) => (Cow::Owned(image), notes),
         None => (Cow::Borrowed(image), Vec::new()),
     };
@@ -167,8 +171,8 @@ pub(super) fn prepare_image<'a, const D: usize>(
     })
 }
 
-/// Returns whether gaps in the image are filled where such features are sought: not between labels, where
-/// nothing can be put in, nor in what is b(x) itself.
+/// Returns `true` if gaps in the image are filled before features of this kind are sought. They are
+/// not filled between labels, where no value makes sense, nor in an image that is b(x) itself.
 pub(crate) fn fills_gaps<const D: usize>(
     image: &Image<D>,
     kind: FeatureKind,
@@ -186,7 +190,7 @@ pub(crate) fn fills_gaps<const D: usize>(
     }
 }
 
-/// The error of a sample that is NaN or infinite.
+/// Returns the error of a sample that is NaN or infinite.
 pub(super) fn non_finite_error<const D: usize>(at: [usize; D], value: f32) -> Error {
     Error::Image(cause(
         format!("image sample {at:?}"),
@@ -195,15 +199,15 @@ pub(super) fn non_finite_error<const D: usize>(at: [usize; D], value: f32) -> Er
     ))
 }
 
-/// Whether all samples of an image are the same.
+/// Returns `true` if all samples of an image are the same.
 pub(super) fn is_constant<const D: usize>(image: &Image<D>) -> bool {
     let samples = image.as_slice();
     let labels = image.labels.as_ref();
-    let differ = labels.is_some_and(|labels| labels.values.len() > 1);
-    !differ && samples.iter().all(|s| *s == samples[0])
+    let labels_differ = labels.is_some_and(|labels| labels.values.len() > 1);
+    !labels_differ && samples.iter().all(|s| *s == samples[0])
 }
 
-/// Refuses an image that has no features of any kind.
+/// Returns an error if the image is constant, so that it has no features of any kind.
 pub(super) fn ensure_not_constant<const D: usize>(image: &Image<D>) -> Result<()> {
     if is_constant(image) {
         return Err(Error::Image(cause(
@@ -215,52 +219,54 @@ pub(super) fn ensure_not_constant<const D: usize>(image: &Image<D>) -> Result<()
     Ok(())
 }
 
-/// Most samples of an image that is searched in memory: what is done there numbers them by 32 bits.
+/// Largest number of samples of an image that is searched in memory: algorithms in memory index
+/// samples by 32 bits.
 pub(super) const MAX_IN_MEMORY_SAMPLES: usize = u32::MAX as usize;
 
-/// Most samples of an image in which a detector finds features.
+/// Returns the largest number of samples of an image in which a detector finds features.
 pub(super) fn max_samples<const D: usize>(detector: &dyn Detector<D>) -> usize {
     match detector.kind() {
         _ if detector.is_streamable() => Voxel::MAX_COUNT,
-        // It numbers them twice.
+        // Paths search a graph of two copies of the image.
         FeatureKind::Paths => MAX_IN_MEMORY_SAMPLES / 2,
         _ => MAX_IN_MEMORY_SAMPLES,
     }
 }
 
-/// Refuses an image with more samples than can be numbered.
-pub(super) fn ensure_sample_count<const D: usize>(dims: [usize; D], most: usize) -> Result<()> {
+/// Returns an error if the image has more samples than can be indexed.
+pub(super) fn ensure_sample_count<const D: usize>(dims: [usize; D], max: usize) -> Result<()> {
     let samples = dims
         .iter()
-        .fold(1u128, |all, &n| all.saturating_mul(n as u128));
-    if samples <= most as u128 && dims.iter().all(|&n| n <= i32::MAX as usize) {
+        .fold(1u128, |product, &n| product.saturating_mul(n as u128));
+    if samples <= max as u128 && dims.iter().all(|&n| n <= i32::MAX as usize) {
         return Ok(());
     }
     Err(Error::Image(cause(
         "image",
-        format!("has {samples} samples ({dims:?}); such features can be found among {most}"),
+        format!("has {samples} samples ({dims:?}); such features can be found among at most {max}"),
         "mesh a part of it, or take every other sample",
     )))
 }
 
-/// Refuses wishes that no image can meet.
-pub(super) fn validate_options<const D: usize>(asked: &DetectionOptions<D>) -> Result<()> {
+/// Returns an error if an option is outside its range.
+pub(super) fn validate_options<const D: usize>(options: &DetectionOptions<D>) -> Result<()> {
     let positive = |x: f64| x > 0.0 && x.is_finite();
-    let fail =
-        |what: String, remedy: &str| Err(Error::Feature(cause("feature detection", what, remedy)));
-    if !positive(asked.d_min) {
+    let fail = |problem: String, remedy: &str| {
+        Err(Error::Feature(cause("feature detection", problem, remedy)))
+    };
+    if !positive(options.d_min) {
         return fail(
-            format!("distance {} is not positive", asked.d_min),
+            format!("distance {} is not positive", options.d_min),
             "give a few samples",
         );
     }
-    if !asked.step.iter().all(|&h| positive(h)) {
+    if !options.step.iter().all(|&h| positive(h)) {
         return fail(
-            format!("step {:?} is not positive", asked.step),
+            format!("step {:?} is not positive", options.step),
             "give positive steps",
         );
     }
-    for (name, value) in [("scale", asked.scale), ("smoothing", asked.smoothing)] {
+    for (name, value) in [("scale", options.scale), ("smoothing", options.smoothing)] {
         if let Some(value) = value
             && !(0.5..=100.0).contains(&value)
         {
@@ -270,13 +276,16 @@ pub(super) fn validate_options<const D: usize>(asked: &DetectionOptions<D>) -> R
             );
         }
     }
-    if !asked.weights.iter().all(|w| *w > 0.0 && *w <= 1.0) {
+    if !options.weights.iter().all(|w| *w > 0.0 && *w <= 1.0) {
         return fail(
-            format!("weights {:?} are not above 0 and at most 1", asked.weights),
+            format!(
+                "weights {:?} are not above 0 and at most 1",
+                options.weights
+            ),
             "give depths of valleys such as 1 and 0.5",
         );
     }
-    if asked.threshold.is_some_and(|t| !t.is_finite()) {
+    if options.threshold.is_some_and(|t| !t.is_finite()) {
         return fail(
             "the threshold is not a finite number".into(),
             "omit it for an automatic one",
@@ -285,13 +294,13 @@ pub(super) fn validate_options<const D: usize>(asked: &DetectionOptions<D>) -> R
     Ok(())
 }
 
-/// The first sample that is NaN or infinite.
+/// Returns the index of the first sample that is NaN or infinite.
 pub(super) fn first_non_finite(samples: &[f32]) -> Option<usize> {
-    // Without a way out of the inner loop it runs on many samples at once.
-    let broken = |chunk: &[f32]| !chunk.iter().fold(true, |all, s| all & s.is_finite());
-    let chunk = samples.par_chunks(4096).position_first(broken)? * 4096;
-    let within = samples[chunk..].iter().position(|s| !s.is_finite())?;
-    Some(chunk + within)
+    // The inner loop has no early exit, so that the compiler vectorises it.
+    let has_non_finite = |chunk: &[f32]| !chunk.iter().fold(true, |all, s| all & s.is_finite());
+    let chunk = samples.par_chunks(4096).position_first(has_non_finite)? * 4096;
+    let offset = samples[chunk..].iter().position(|s| !s.is_finite())?;
+    Some(chunk + offset)
 }
 
 #[cfg(test)]
@@ -304,29 +313,36 @@ mod tests {
     use std::ops::Range;
 
     #[test]
-    fn images_whose_samples_cannot_be_numbered_are_refused() {
-        let large = |dims: [usize; 3], kind| {
+    fn images_with_too_many_samples_are_refused() {
+        let check_count = |dims: [usize; 3], kind| {
             let detector = detectors::detector_for::<3>(kind).unwrap();
             ensure_sample_count(dims, max_samples(detector))
         };
-        // What finds in layers numbers far more samples than a disk has.
+        // Detectors that read layers can index far more samples than a disk holds.
         for kind in [FeatureKind::Ridges, FeatureKind::Horizons] {
-            assert!(large([1 << 16; 3], kind).is_ok());
+            assert!(check_count([1 << 16; 3], kind).is_ok());
             for dims in [[1 << 16, 1 << 16, (1 << 16) + 1], [usize::MAX; 3]] {
-                let error = large(dims, kind).unwrap_err().to_string();
-                assert!(error.contains("found among 281474976710656"), "{error}");
+                let error = check_count(dims, kind).unwrap_err().to_string();
+                assert!(
+                    error.contains("found among at most 281474976710656"),
+                    "{error}"
+                );
             }
-            assert!(large([1 << 31, 1, 1], kind).is_err(), "31 bits an axis");
+            assert!(
+                check_count([1 << 31, 1, 1], kind).is_err(),
+                "31 bits an axis"
+            );
         }
-        let labels = |dims| large(dims, FeatureKind::Labels);
+        let labels = |dims| check_count(dims, FeatureKind::Labels);
         assert!(labels([65_537, 65_535, 1]).is_ok());
         assert!(labels([2048, 2048, 1024]).is_err());
-        // Shortest paths run through two copies of the image.
-        let paths = |n| large([n, 1 << 16, 1], FeatureKind::Paths);
+        // Shortest paths search two copies of the image.
+        let paths = |n| check_count([n, 1 << 16, 1], FeatureKind::Paths);
         assert!(paths((1 << 15) - 1).is_ok() && paths(1 << 15).is_err());
     }
 
-    /// More layers than are searched in memory, of which none can be had.
+    /// An image with more layers than can be searched in memory; reading any of them fails the
+    /// test.
     struct OversizedLayers(Geometry<3>);
 
     impl ImageLayers<3> for OversizedLayers {
@@ -348,68 +364,69 @@ mod tests {
     }
 
     #[test]
-    fn what_needs_more_in_memory_than_can_be_numbered_is_refused_unread() {
+    fn oversized_in_memory_searches_are_refused_before_reading() {
         let layers = OversizedLayers(Geometry::default());
         for kind in [FeatureKind::Labels, FeatureKind::Canny, FeatureKind::Paths] {
-            let asked = DetectionOptions::with_kind(kind, 8.0);
-            let patience = &CancelToken::never();
+            let options = DetectionOptions::with_kind(kind, 8.0);
+            let cancel = &CancelToken::never();
             let error =
-                detect_with_cancel(ImageSource::Layered(&layers), &asked, patience).unwrap_err();
+                detect_with_cancel(ImageSource::Layered(&layers), &options, cancel).unwrap_err();
             assert!(error.to_string().contains("4294967296 samples"), "{error}");
         }
     }
 
     #[test]
     fn bad_input_is_refused_in_one_line() {
-        let (dims, sheets) = (
+        let (dims, surfaces) = (
             [16, 15, 14],
             [ExactSurface::plane([1.0, 0.0, 0.0], [8.0; 3])],
         );
-        let image = ridge_image(dims, &sheets, 1.5, 0.1);
-        let good = DetectionOptions::with_kind(FeatureKind::Ridges, 4.0);
-        let refused = |image: &Image<3>, change: &dyn Fn(&mut DetectionOptions<3>), names: &str| {
-            let mut asked = good.clone();
-            change(&mut asked);
-            let message = detect(image, &asked).unwrap_err().to_string();
-            assert!(
-                !message.contains('\n') && message.contains("; ") && message.contains(names),
-                "{names}: {message}"
-            );
-        };
-        refused(&image, &|asked| asked.d_min = 0.0, "distance 0");
-        refused(&image, &|asked| asked.step[1] = f64::NAN, "step");
-        refused(&image, &|asked| asked.scale = Some(0.1), "scale 0.1");
-        refused(
+        let image = ridge_image(dims, &surfaces, 1.5, 0.1);
+        let valid = DetectionOptions::with_kind(FeatureKind::Ridges, 4.0);
+        let assert_refused =
+            |image: &Image<3>, change: &dyn Fn(&mut DetectionOptions<3>), expected: &str| {
+                let mut options = valid.clone();
+                change(&mut options);
+                let message = detect(image, &options).unwrap_err().to_string();
+                assert!(
+                    !message.contains('\n') && message.contains("; ") && message.contains(expected),
+                    "{expected}: {message}"
+                );
+            };
+        assert_refused(&image, &|options| options.d_min = 0.0, "distance 0");
+        assert_refused(&image, &|options| options.step[1] = f64::NAN, "step");
+        assert_refused(&image, &|options| options.scale = Some(0.1), "scale 0.1");
+        assert_refused(
             &image,
-            &|asked| asked.smoothing = Some(1e3),
+            &|options| options.smoothing = Some(1e3),
             "smoothing 1000",
         );
-        refused(
+        assert_refused(
             &image,
-            &|asked| asked.weights[0] = 0.0,
+            &|options| options.weights[0] = 0.0,
             "weights [0.0, 1.0]",
         );
-        refused(
+        assert_refused(
             &image,
-            &|asked| asked.threshold = Some(f32::NAN),
+            &|options| options.threshold = Some(f32::NAN),
             "threshold",
         );
-        refused(
+        assert_refused(
             &image,
-            &|asked| asked.kind = FeatureKind::Labels,
+            &|options| options.kind = FeatureKind::Labels,
             "different values",
         );
         let mut labels: Vec<f32> = (0..16 * 15 * 14).map(|i| (i / 2000) as f32).collect();
         labels[16 * 15 * 2 + 16 * 3 + 5] = f32::NAN;
         let broken = Image::new(dims, labels, Geometry::default());
-        refused(
+        assert_refused(
             &broken,
-            &|asked| asked.kind = FeatureKind::Auto,
+            &|options| options.kind = FeatureKind::Auto,
             "[5, 3, 2]",
         );
         let empty = Image::new(dims, vec![f32::NAN; 16 * 15 * 14], Geometry::default());
-        refused(&empty, &|_| (), "no sample that holds data");
+        assert_refused(&empty, &|_| (), "no sample that holds data");
         let flat = Image::new(dims, vec![3.0; 16 * 15 * 14], Geometry::default());
-        refused(&flat, &|_| (), "constant");
+        assert_refused(&flat, &|_| (), "constant");
     }
 }

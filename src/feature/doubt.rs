@@ -3,10 +3,10 @@
 use super::FeatureKind;
 use serde::Serialize;
 
-/// A choice between two kinds of features that an image does not settle.
+/// A choice between two kinds of features that an image does not decide.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Doubt {
-    /// The question, with what was assumed.
+    /// The question, and what was assumed.
     pub question: String,
     /// The kind that was assumed.
     pub assumed: FeatureKind,

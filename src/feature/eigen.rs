@@ -1,16 +1,17 @@
-//! Eigenvectors of small symmetric matrices (Hessians, structure tensors), in closed form.
+//! Eigenvalues and eigenvectors of small symmetric matrices (Hessians, structure tensors), in
+//! closed form.
 
 use crate::geometry::dot;
 
-/// A symmetric matrix of two or three rows.
+/// A symmetric matrix with two or three rows.
 pub type SymmetricMatrix<const D: usize> = [[f64; D]; D];
 
-/// Eigenvalues in ascending order.
+/// Returns the eigenvalues in ascending order.
 ///
 /// In three dimensions they are mean + p t, where t are the roots of t^3 - 3 t = 2 h (Smith 1961; h
-/// is half the determinant of the matrix shifted and scaled by mean and p). Of these the one farthest
-/// from the others is smooth in h and found by Newton's method, the others follow from a quadratic.
-/// Relative error about 1e-14 of the largest magnitude.
+/// is half the determinant of the matrix shifted and scaled by mean and p). The root farthest from
+/// the others is smooth in h and found by Newton's method; the other two follow from a quadratic.
+/// The relative error is about 1e-14 of the largest magnitude.
 #[inline]
 pub fn eigenvalues<const D: usize>(m: &SymmetricMatrix<D>) -> [f64; D] {
     const { assert!(D == 2 || D == 3, "images have two or three dimensions") };
@@ -24,9 +25,9 @@ pub fn eigenvalues<const D: usize>(m: &SymmetricMatrix<D>) -> [f64; D] {
     }
     let (xy, xz, yz) = (m[0][1], m[0][2], m[1][2]);
     let mean = (m[0][0] + m[1][1] + m[2][2]) / 3.0;
-    let off = xy * xy + xz * xz + yz * yz;
+    let off_diagonal = xy * xy + xz * xz + yz * yz;
     let (a, b, c) = (m[0][0] - mean, m[1][1] - mean, m[2][2] - mean);
-    let p = ((a * a + b * b + c * c + 2.0 * off) / 6.0).sqrt();
+    let p = ((a * a + b * b + c * c + 2.0 * off_diagonal) / 6.0).sqrt();
     if p <= f64::MIN_POSITIVE {
         return [mean; D];
     }
@@ -44,7 +45,7 @@ pub fn eigenvalues<const D: usize>(m: &SymmetricMatrix<D>) -> [f64; D] {
     values
 }
 
-/// The largest root of t^3 - 3 t = 2 h for h in [0, 1]: 2 cos(acos(h) / 3), in [sqrt 3, 2].
+/// Returns the largest root of t^3 - 3 t = 2 h for h in [0, 1]: 2 cos(acos(h) / 3), in [sqrt 3, 2].
 #[inline]
 fn largest_root(h: f64) -> f64 {
     let mut t = f64::from(approx_largest_root(h as f32));
@@ -55,13 +56,13 @@ fn largest_root(h: f64) -> f64 {
     t
 }
 
-/// The same with an error below 1.4e-4, which each step of Newton's method squares.
+/// Returns the largest root with an error below 1.4e-4, which each step of Newton's method squares.
 #[inline(always)]
 pub fn approx_largest_root(h: f32) -> f32 {
     1.732_184_7 + h * (0.330_431_67 + h * (0.018_749_97 * h - 0.081_264_11))
 }
 
-/// A unit eigenvector for an eigenvalue of `m`; any fitting direction where it is not unique.
+/// Returns a unit eigenvector for an eigenvalue of `m`; any possible direction if it is not unique.
 #[inline]
 pub fn eigenvector<const D: usize>(m: &SymmetricMatrix<D>, value: f64) -> [f64; D] {
     let mut rows = *m;
@@ -84,28 +85,29 @@ pub fn eigenvector<const D: usize>(m: &SymmetricMatrix<D>, value: f64) -> [f64; 
         cross(rows[0], rows[2]),
         cross(rows[1], rows[2]),
     ]);
-    // Rows of rank one: the eigenvalue is double, and what is normal to the row will do.
+    // If the rows have rank one, the eigenvalue is double, and any direction normal to the row is
+    // right.
     if dot(best, best) > 1e-20 * scale * scale {
         return unit(best);
     }
-    let least = (0..D).fold(0, |a, k| if row[k].abs() < row[a].abs() { k } else { a });
-    vector[least] = 1.0;
+    let smallest = (0..D).fold(0, |a, k| if row[k].abs() < row[a].abs() { k } else { a });
+    vector[smallest] = 1.0;
     unit(cross(row, vector))
 }
 
 fn longest<const N: usize, const D: usize>(vectors: [[f64; D]; N]) -> [f64; D] {
-    // Which one it is cannot be foretold: its number, rather than itself, goes by the comparison, for
-    // which no branch is needed.
-    let (mut best, mut most) = (0, dot(vectors[0], vectors[0]));
+    // The result of the comparison cannot be predicted. Selecting an index instead of a vector
+    // needs no branch.
+    let (mut best, mut max) = (0, dot(vectors[0], vectors[0]));
     for (k, v) in vectors.iter().enumerate().skip(1) {
         let square = dot(*v, *v);
-        best = if square > most { k } else { best };
-        most = most.max(square);
+        best = if square > max { k } else { best };
+        max = max.max(square);
     }
     vectors[best]
 }
 
-/// Vector product of two vectors of three components.
+/// Returns the vector product of two vectors of three components; zero in two dimensions.
 #[inline]
 fn cross<const D: usize>(a: [f64; D], b: [f64; D]) -> [f64; D] {
     let mut product = [0.0; D];

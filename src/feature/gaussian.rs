@@ -1,9 +1,9 @@
 //! Gaussian smoothing of volumes.
 //!
-//! Method: finite impulse response, the sampled Gaussian cut at four sigma and scaled to keep
-//! constants. Valid for sigma >= 0.5 (below, the sampled Gaussian is no Gaussian any more: sigma
-//! = 0 is the identity); cost grows linearly with sigma. The volume is continued by its end
-//! samples, mirrored (`c b a | a b c`).
+//! The filter has a finite impulse response: the sampled Gaussian, cut at four sigma and scaled so
+//! that constants stay constant. It is valid for sigma >= 0.5 (below, the sampled Gaussian is no
+//! good approximation; sigma = 0 is the identity). The cost grows linearly with sigma. Beyond its
+//! sides the volume is continued by mirror images (`c b a | a b c`).
 //!
 //! Each pass works on whole rows of x, so that the inner loop runs over neighbouring samples: along
 //! y and z by adding shifted rows, along x by adding shifted copies of one padded row.
@@ -12,18 +12,18 @@ use crate::geometry::simd::dispatch_simd;
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
 
-/// Samples of x handled at once: the sums stay in registers.
+/// Number of samples of x processed at once: the sums stay in registers.
 const LANES: usize = 16;
 
-/// Samples of a layer that are smoothed across layers together.
+/// Number of samples of a layer that are smoothed together across layers.
 const STRIP_SAMPLES: usize = 1024;
 
-/// How many samples to either side a kernel looks.
+/// Returns how many samples to either side a kernel looks.
 pub fn radius(sigma: f64) -> usize {
     (4.0 * sigma).ceil() as usize
 }
 
-/// The right half of a symmetric smoothing kernel: `weights[0]` is the centre.
+/// Returns the right half of a symmetric smoothing kernel: `weights[0]` is the centre.
 fn half_kernel(sigma: f64) -> Vec<f32> {
     let raw: Vec<f64> = (0..=radius(sigma))
         .map(|i| (-0.5 * (i as f64 / sigma).powi(2)).exp())
@@ -32,53 +32,53 @@ fn half_kernel(sigma: f64) -> Vec<f32> {
     raw.iter().map(|w| (w / sum) as f32).collect()
 }
 
-/// The sample that stands at index `i` of a line of `n` samples continued by mirror images.
+/// Returns the sample at index `i` of a line of `n` samples that is continued by mirror images.
 fn mirror_index(i: isize, n: usize) -> usize {
     let n = n as isize;
     let i = i.rem_euclid(2 * n);
     (if i < n { i } else { 2 * n - 1 - i }) as usize
 }
 
-/// Convolves an image (x fastest) in place with a Gaussian of width `sigma` samples along each axis;
-/// axes with `sigma[k] <= 0` are left alone.
+/// Convolves an image (x fastest) in place with a Gaussian of width `sigma` samples along each
+/// axis. Axes with `sigma[k] <= 0` are not smoothed.
 pub fn smooth<const D: usize>(
     dims: [usize; D],
     samples: &mut [f32],
     sigma: [f64; D],
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) {
-    smooth_planes(dims, None, samples, sigma, patience);
+    smooth_planes(dims, None, samples, sigma, cancel);
 }
 
-/// The same of `source` into `out`, which may hold anything.
+/// Convolves the image `source` as [`smooth`] does, into `out`, whose contents are overwritten.
 pub fn smooth_into<const D: usize>(
     dims: [usize; D],
     source: &[f32],
     out: &mut [f32],
     sigma: [f64; D],
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) {
-    smooth_planes(dims, Some(source), out, sigma, patience);
+    smooth_planes(dims, Some(source), out, sigma, cancel);
 }
 
-/// Convolves an image in place, or what is copied there from `source`.
+/// Convolves `source`, or `samples` in place if there is none, into `samples`.
 fn smooth_planes<const D: usize>(
     dims: [usize; D],
     source: Option<&[f32]>,
     samples: &mut [f32],
     sigma: [f64; D],
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) {
     let [nx, ny] = [dims[0], dims[1]];
     if samples.is_empty() {
         return;
     }
     let kernels = sigma.map(|s| (s > 0.0).then(|| half_kernel(s)));
-    // x and y stay inside a plane: do both while it is in the cache.
+    // Both x and y stay inside a plane: they are done while it is in the cache.
     samples.par_chunks_mut(nx * ny).enumerate().for_each_init(
         <(Vec<f32>, Vec<f32>)>::default,
         |(padded, rows), (number, plane)| {
-            if patience.is_cancelled() {
+            if cancel.is_cancelled() {
                 return;
             }
             let first = number * nx * ny;
@@ -119,7 +119,7 @@ fn smooth_planes<const D: usize>(
                 stacks
                     .par_iter_mut()
                     .for_each_init(Vec::new, |scratch, rows| {
-                        if patience.is_cancelled() {
+                        if cancel.is_cancelled() {
                             return;
                         }
                         scratch.clear();
@@ -141,20 +141,20 @@ fn smooth_planes<const D: usize>(
     }
 }
 
-/// Fills `out` with layers, square to the last axis, of an image convolved along that axis only, from the
-/// one numbered `first` on: exactly as [`smooth`] has them.
+/// Fills `out` with layers, square to the last axis, of an image convolved along that axis only,
+/// beginning with layer `first`. The result is bitwise that of [`smooth`].
 pub fn smooth_last_axis<const D: usize>(
     dims: [usize; D],
     samples: &[f32],
     sigma: f64,
     first: usize,
     out: &mut [f32],
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) {
     let layer = dims[..D - 1].iter().product::<usize>().max(1);
     let (count, kernel, reach) = (out.len() / layer, half_kernel(sigma), radius(sigma));
-    // A strip of all layers at once: what is needed of them is then in the cache, one after the other, for
-    // layers are megabytes apart.
+    // All layers are processed strip by strip: layers are megabytes apart, but the needed parts of
+    // them then stay in the cache.
     let mut strips: Vec<Vec<&mut [f32]>> = Vec::new();
     strips.resize_with(layer.div_ceil(STRIP_SAMPLES), || Vec::with_capacity(count));
     for layer in out.chunks_mut(layer) {
@@ -162,21 +162,21 @@ pub fn smooth_last_axis<const D: usize>(
             strip.push(part);
         }
     }
-    let work = |seen: &mut Vec<f32>, (strip, out): (usize, &mut Vec<&mut [f32]>)| {
-        if patience.is_cancelled() {
+    let work = |buffer: &mut Vec<f32>, (strip, out): (usize, &mut Vec<&mut [f32]>)| {
+        if cancel.is_cancelled() {
             return;
         }
         let (start, width) = (
             strip * STRIP_SAMPLES,
             STRIP_SAMPLES.min(layer - strip * STRIP_SAMPLES),
         );
-        seen.clear();
+        buffer.clear();
         for j in 0..count + 2 * reach {
             let j = mirror_index((first + j) as isize - reach as isize, dims[D - 1]);
-            seen.extend_from_slice(&samples[j * layer + start..][..width]);
+            buffer.extend_from_slice(&samples[j * layer + start..][..width]);
         }
         for (j, out) in out.iter_mut().enumerate() {
-            let source = |j: usize| &seen[j * width..][..width];
+            let source = |j: usize| &buffer[j * width..][..width];
             let pairs: Vec<(&[f32], &[f32])> = (0..kernel.len())
                 .map(|i| (source(j + reach - i), source(j + reach + i)))
                 .collect();
@@ -189,7 +189,7 @@ pub fn smooth_last_axis<const D: usize>(
     (strips.par_iter_mut().enumerate()).for_each_init(Vec::new, work);
 }
 
-/// The weighted sum of pairs of rows, the first of which is one row twice.
+/// Computes the weighted sum of pairs of rows; the first pair is one row twice.
 #[inline(always)]
 fn weighted_row_sum(kernel: &[f32], pairs: &[(&[f32], &[f32])], out: &mut [f32]) {
     for (block, out) in out.chunks_mut(LANES).enumerate() {
@@ -213,11 +213,11 @@ fn weighted_row_sum(kernel: &[f32], pairs: &[(&[f32], &[f32])], out: &mut [f32])
 #[inline(always)]
 fn smooth_row(row: &[f32], kernel: &[f32], padded: &mut Vec<f32>, out: &mut [f32]) {
     let (n, radius) = (row.len(), kernel.len() - 1);
-    let beyond = |i: usize| row[mirror_index(i as isize - radius as isize, n)];
+    let mirrored = |i: usize| row[mirror_index(i as isize - radius as isize, n)];
     padded.clear();
-    padded.extend((0..radius).map(beyond));
+    padded.extend((0..radius).map(mirrored));
     padded.extend_from_slice(row);
-    padded.extend((n + radius..n + 2 * radius).map(beyond));
+    padded.extend((n + radius..n + 2 * radius).map(mirrored));
     let padded = &padded[..];
     let mut start = 0;
     for out in out.chunks_mut(LANES) {
@@ -238,7 +238,7 @@ fn smooth_row(row: &[f32], kernel: &[f32], padded: &mut Vec<f32>, out: &mut [f32
     }
 }
 
-/// Smooths across a stack of rows, one after the other in `rows`: each of `out` becomes the weighted sum of its
+/// Smooths across a stack of successive rows: each row of `out` becomes the weighted sum of its
 /// neighbours.
 #[inline(always)]
 fn smooth_across<'a>(
@@ -257,13 +257,13 @@ fn smooth_across<'a>(
     }
 }
 
-/// The first `LANES` samples of a slice.
+/// Returns the first `LANES` samples of a slice.
 #[inline(always)]
 fn lanes(slice: &[f32]) -> &[f32; LANES] {
     slice.first_chunk().unwrap_or(&[0.0; LANES])
 }
 
-/// `kernel[0] * centre + sum_i kernel[i] * (before_i + after_i)`, lane by lane.
+/// Returns `kernel[0] * centre + sum_i kernel[i] * (before_i + after_i)`, lane by lane.
 #[inline(always)]
 fn weighted_lanes<'a>(
     kernel: &[f32],

@@ -1,20 +1,20 @@
-//! How steep an image is: the magnitude of its gradient, by central differences or Prewitt's.
+//! Magnitude of the gradient of an image, by central differences or Prewitt's operator.
 
 use super::volume::Volume;
 use crate::geometry::simd::dispatch_simd;
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
 
-/// Prewitt's gradient magnitude (Hale 2001, for medical images): along each axis the central
-/// difference, averaged over the three samples to either side along every other axis. In units of
-/// the image a sample; outside, samples repeat those of the sides.
-pub fn prewitt<const D: usize>(volume: Volume<'_, D>, patience: &CancelToken<'_>) -> Vec<f32> {
+/// Returns Prewitt's gradient magnitude (Hale 2001, for medical images), in units of the image per
+/// sample: along each axis the central difference, averaged over the three samples to either side
+/// along every other axis. Beyond the sides, samples repeat those on the sides.
+pub fn prewitt<const D: usize>(volume: Volume<'_, D>, cancel: &CancelToken<'_>) -> Vec<f32> {
     let nx = volume.dims[0];
     let mut out = vec![0.0; volume.samples.len()];
     out.par_chunks_mut(nx.max(1)).enumerate().for_each_init(
         || vec![vec![0.0f32; nx]; D],
         |gradient, (row, out)| {
-            if patience.is_cancelled() {
+            if cancel.is_cancelled() {
                 return;
             }
             dispatch_simd(
@@ -39,14 +39,16 @@ fn prewitt_row<const D: usize>(
         component.fill(0.0);
     }
     for number in 0..3usize.pow(D as u32 - 1) {
-        let (mut rest, mut near) = (number, at);
+        let (mut remaining, mut neighbour) = (number, at);
         let mut side = [0.0f32; D];
         for k in 1..D {
-            side[k] = (rest % 3) as f32 - 1.0;
-            near[k] = (at[k] + rest % 3).saturating_sub(1).min(volume.dims[k] - 1);
-            rest /= 3;
+            side[k] = (remaining % 3) as f32 - 1.0;
+            neighbour[k] = (at[k] + remaining % 3)
+                .saturating_sub(1)
+                .min(volume.dims[k] - 1);
+            remaining /= 3;
         }
-        let line = &volume.samples[volume.index(near)..][..nx];
+        let line = &volume.samples[volume.index(neighbour)..][..nx];
         let mut add = |x: usize, before: f32, after: f32| {
             gradient[0][x] += after - before;
             let sum = before + line[x] + after;
@@ -69,18 +71,18 @@ fn prewitt_row<const D: usize>(
     }
 }
 
-/// The magnitude of the gradient by central differences, in units of the image a sample; outside,
-/// samples repeat those of the sides.
+/// Returns the magnitude of the gradient by central differences, in units of the image per sample.
+/// Beyond the sides, samples repeat those on the sides.
 pub fn gradient_magnitude<const D: usize>(
     volume: Volume<'_, D>,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Vec<f32> {
     let nx = volume.dims[0];
     let mut out = vec![0.0; volume.samples.len()];
     out.par_chunks_mut(nx.max(1))
         .enumerate()
         .for_each(|(row, out)| {
-            if patience.is_cancelled() {
+            if cancel.is_cancelled() {
                 return;
             }
             dispatch_simd(
@@ -117,7 +119,8 @@ mod tests {
     use super::*;
     use crate::feature::scenes::Noise;
 
-    /// A plane's slope is found exactly; at the sides, half of it along the axis that ends there.
+    /// Checks that the slope of a plane is found exactly; on a side, half of it along the axis that
+    /// ends there.
     fn check_plane_slope<const D: usize>(dims: [usize; D], slope: [f32; D]) {
         let mut samples = vec![0.0; dims.iter().product()];
         let empty = Volume { dims, samples: &[] };
@@ -152,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn steepness_is_the_length_of_the_gradient() {
+    fn magnitude_is_the_length_of_the_gradient() {
         let mut random = Noise::new(2);
         let dims = [7, 5, 4];
         let samples: Vec<f32> = (0..140).map(|_| random.normal() as f32).collect();
@@ -160,13 +163,13 @@ mod tests {
             dims,
             samples: &samples,
         };
-        for (i, steep) in gradient_magnitude(volume, &CancelToken::never())
+        for (i, magnitude) in gradient_magnitude(volume, &CancelToken::never())
             .iter()
             .enumerate()
         {
             let gradient = volume.gradient(volume.coordinates(i));
             let length = gradient.iter().map(|g| g * g).sum::<f32>().sqrt();
-            assert!((steep - length).abs() < 1e-5);
+            assert!((magnitude - length).abs() < 1e-5);
         }
         let row = Volume {
             dims: [1, 3],

@@ -1,18 +1,20 @@
 //! Second differences and their eigenvalues along whole rows of x, in single precision.
 //!
-//! The same arithmetic as [`Volume::hessian`], laid out so that it runs on many samples at a time.
+//! The arithmetic is that of [`Volume::hessian`], arranged so that it runs on many samples at a
+//! time.
 
 use super::eigen;
 use super::volume::Volume;
 use crate::geometry::simd::dispatch_simd;
 
-/// The rows round a row of x, without the row's ends (where samples repeat).
+/// The rows around a row of x, without their first and last samples (beyond which samples repeat).
 struct RowStencil<'a> {
-    /// Each row from its first sample, its second and its third on.
+    /// The row itself from its first, its second and its third sample on.
     centre: [&'a [f32]; 3],
-    /// Before and after along the second and the third axis.
+    /// The rows before and after along the second and the third axis.
     adjacent: [[[&'a [f32]; 3]; 2]; 2],
-    /// Before and after along the third axis, of the rows before and after along the second.
+    /// The rows before and after along the third axis, of the rows before and after along the
+    /// second.
     diagonal: [[&'a [f32]; 2]; 2],
 }
 
@@ -42,16 +44,17 @@ impl<'a> RowStencil<'a> {
         rows
     }
 
-    /// Number of samples between the ends.
+    /// Returns the number of samples without the first and the last.
     #[inline(always)]
     fn count(&self) -> usize {
         self.centre[0].len()
     }
 
-    /// Second differences at the sample after the `x`-th: xx, yy, xy and in 3-D zz, xz, yz.
+    /// Returns the second differences at the sample after the `x`-th: xx, yy, xy and in 3-D zz, xz,
+    /// yz.
     #[inline(always)]
     fn hessian<const D: usize>(&self, x: usize) -> [f32; 6] {
-        // No `map` of arrays: it would be a call to code without vectors.
+        // There is no `map` of arrays here, because it would call code without vector instructions.
         let c = &self.centre;
         let twice = 2.0 * c[1][x];
         let [[_, south, _], [_, north, _]] = self.adjacent[0];
@@ -72,20 +75,20 @@ impl<'a> RowStencil<'a> {
     }
 }
 
-/// What the Hessian says along a row of x.
+/// Eigenvalues and trace of the Hessian along a row of x.
 #[derive(Debug, Default)]
 pub struct Curvature {
-    /// Its lowest eigenvalue at each sample, and the next.
+    /// Lowest eigenvalue at each sample, and the next one.
     pub lowest_eigenvalues: [Vec<f32>; 2],
-    /// Its trace.
+    /// Trace of the Hessian at each sample.
     pub laplacian: Vec<f32>,
 }
 
 impl Curvature {
     /// Measures the row of x from `first`.
     ///
-    /// As [`eigen::eigenvalues`], without branches and in single
-    /// precision: errors about 1e-6 of the largest entry.
+    /// The method is that of [`eigen::eigenvalues`], without branches and in single precision:
+    /// errors are about 1e-6 of the largest entry.
     pub fn measure<const D: usize>(&mut self, volume: Volume<'_, D>, first: [usize; D]) {
         let nx = volume.dims[0];
         let [lowest, next] = &mut self.lowest_eigenvalues;
@@ -130,8 +133,8 @@ fn lowest_two<const D: usize>([xx, yy, xy, zz, xz, yz]: [f32; 6]) -> [f32; 2] {
     }
     let mean = (xx + yy + zz) * (1.0 / 3.0);
     let (a, b, c) = (xx - mean, yy - mean, zz - mean);
-    let off = xy * xy + xz * xz + yz * yz;
-    let square = (a * a + b * b + c * c + 2.0 * off) * (1.0 / 6.0);
+    let off_diagonal = xy * xy + xz * xz + yz * yz;
+    let square = (a * a + b * b + c * c + 2.0 * off_diagonal) * (1.0 / 6.0);
     let p = square.sqrt().max(1e-18);
     let determinant = a * (b * c - yz * yz) - xy * (xy * c - yz * xz) + xz * (xy * yz - b * xz);
     let ratio = 0.5 * determinant / (p * p) / p;
@@ -180,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_say_what_single_samples_say() {
+    fn rows_match_single_samples() {
         check([37, 6, 5]);
         check([37, 11]);
         check([3, 2, 4]);

@@ -5,16 +5,16 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
 
-/// What a feature of the image is. The words are those of the command line's help.
+/// Kinds of features. The doc comments of the variants are help texts of the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum FeatureKind {
     /// Chosen by what the image looks like; the report says which
     Auto,
-    /// Bright sheets: fault images, fractures, membranes
+    /// Bright surfaces: fault images, fractures, membranes
     Ridges,
-    /// Dark sheets
+    /// Dark surfaces
     Valleys,
     /// Steps of brightness
     Edges,
@@ -24,15 +24,15 @@ pub enum FeatureKind {
     Paths,
     /// Peaks and troughs of seismic amplitude along the bedding's normal
     Horizons,
-    /// Where layers of seismic amplitude are broken
+    /// Places where layers of seismic amplitude are broken
     Faults,
-    /// Both, each with its weight
+    /// Faults and horizons, each with its weight
     #[cfg_attr(feature = "cli", value(name = "faults+horizons"))]
     #[serde(rename = "faults+horizons")]
     FaultsAndHorizons,
     /// Interfaces between labels
     Labels,
-    /// The middle of a mask of thin sheets, as interpreters paint faults
+    /// The middle of a mask of thin objects, as interpreters paint faults
     Mask,
     /// The image is b(x) already: -1 on features, 0 elsewhere
     Potential,

@@ -1,47 +1,47 @@
-//! Which label is where, between samples too.
+//! Labels of an image, at samples and at positions between them.
 
 use super::components::Components;
 use crate::error::{Error, Result, cause};
 use crate::image::{ExactLabels, Image, LabelTable, LabelValue};
 use std::fmt;
 
-/// What a user wants of one label.
+/// User options for one label.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LabelOptions {
-    /// The value of its samples.
+    /// Value of the label's samples.
     pub label: LabelValue,
-    /// The distance between atoms in it, in lattice units; as elsewhere if `None`.
+    /// Distance between atoms in the label, in lattice units; the general distance if `None`.
     pub distance: Option<f64>,
-    /// What it is called.
+    /// Name of the label in the mesh.
     pub name: Option<String>,
-    /// The label that its samples are given to.
+    /// The label into which this one is merged.
     pub merge_into: Option<LabelValue>,
 }
 
 impl LabelOptions {
-    /// Reads `VALUE:distance=D,name=NAME` or `VALUE:into=VALUE`.
+    /// Parses `VALUE:distance=D,name=NAME` or `VALUE:into=VALUE`.
     ///
     /// # Errors
-    /// The problem, and what to give instead.
+    /// Returns the problem and its remedy if the text has another form.
     pub fn parse(text: &str) -> std::result::Result<Self, (String, &'static str)> {
         let remedy = "give VALUE:distance=D,name=NAME or VALUE:into=VALUE";
         let number = |text: &str| text.trim().parse::<f64>().ok().filter(|x| x.is_finite());
-        let (label, wishes) = text
+        let (label, settings) = text
             .split_once(':')
-            .ok_or_else(|| ("says nothing of a label".into(), remedy))?;
+            .ok_or_else(|| ("has no options after the label".into(), remedy))?;
         let label = LabelValue::parse(label)
-            .ok_or_else(|| (format!("'{label}' is no value of a label"), remedy))?;
-        let mut wish = Self {
+            .ok_or_else(|| (format!("'{label}' is not the value of a label"), remedy))?;
+        let mut options = Self {
             label,
             distance: None,
             name: None,
             merge_into: None,
         };
-        for part in wishes.split(',') {
+        for part in settings.split(',') {
             let (key, value) = part.split_once('=').unwrap_or((part, ""));
             match key.trim() {
                 "distance" => match number(value) {
-                    Some(d) if d > 0.0 => wish.distance = Some(d),
+                    Some(d) if d > 0.0 => options.distance = Some(d),
                     _ => {
                         return Err((
                             format!("distance '{value}' is not a positive number of samples"),
@@ -50,10 +50,15 @@ impl LabelOptions {
                     }
                 },
                 "into" => match LabelValue::parse(value) {
-                    Some(into) if into != label => wish.merge_into = Some(into),
-                    _ => return Err((format!("'{value}' is no other label"), remedy)),
+                    Some(into) if into != label => options.merge_into = Some(into),
+                    _ => {
+                        return Err((
+                            format!("'{value}' is not the value of another label"),
+                            remedy,
+                        ));
+                    }
                 },
-                "name" if is_name(value) => wish.name = Some(value.trim().to_string()),
+                "name" if is_name(value) => options.name = Some(value.trim().to_string()),
                 "name" => {
                     let problem = format!("name '{value}' is not made of letters, digits, - and _");
                     return Err((problem, "give a name such as left_lung"));
@@ -61,17 +66,17 @@ impl LabelOptions {
                 _ => return Err((format!("'{part}' is not known"), remedy)),
             }
         }
-        if wish.merge_into.is_some() && (wish.distance.is_some() || wish.name.is_some()) {
+        if options.merge_into.is_some() && (options.distance.is_some() || options.name.is_some()) {
             return Err((
-                "says more of a label that becomes part of another".into(),
-                "say it of the other",
+                "has a distance or a name for a label that is merged into another".into(),
+                "give them for the other label",
             ));
         }
-        Ok(wish)
+        Ok(options)
     }
 }
 
-/// Whether formats with named sets can hold a name.
+/// Returns `true` if file formats with named sets accept the name.
 fn is_name(text: &str) -> bool {
     let text = text.trim();
     !text.is_empty()
@@ -93,107 +98,110 @@ impl fmt::Display for LabelOptions {
     }
 }
 
-/// What to say of a wish for a label that is not among those of the image.
-pub fn missing_label_error(wish: &LabelOptions, values: &[LabelValue]) -> Error {
-    let most = 12;
+/// Returns the error of options for a label that the image does not have.
+pub fn missing_label_error(options: &LabelOptions, values: &[LabelValue]) -> Error {
+    let max_names = 12;
     let mut names: Vec<String> = values
         .iter()
-        .take(most)
+        .take(max_names)
         .map(LabelValue::to_string)
         .collect();
-    if values.len() > most {
+    if values.len() > max_names {
         names.push("...".into());
     }
     Error::Feature(cause(
-        format!("label {}", wish.label),
+        format!("label {}", options.label),
         format!("is not in the image, whose labels are {}", names.join(", ")),
         "name a label of the image",
     ))
 }
 
-/// Returns an image with labels given to others as `wishes` say, all at once; `None` if none is.
+/// Returns the image with labels merged into others as `options` say, all at once; `None` if no
+/// label is merged.
 ///
 /// # Errors
-/// [`Error::Feature`] if one that shall be given away is not in the image.
+/// Returns an [`Error::Feature`] if a label that is to be merged is not in the image.
 pub fn merge_labels<const D: usize>(
     image: &Image<D>,
-    wishes: &[LabelOptions],
+    options: &[LabelOptions],
 ) -> Result<Option<Image<D>>> {
-    let merge: Vec<(LabelValue, LabelValue)> = (wishes.iter())
-        .filter_map(|wish| Some((wish.label, wish.merge_into?)))
+    let merge: Vec<(LabelValue, LabelValue)> = (options.iter())
+        .filter_map(|label_options| Some((label_options.label, label_options.merge_into?)))
         .collect();
     if merge.is_empty() {
         return Ok(None);
     }
     let table = LabelTable::from_image(image).ok_or_else(too_many_labels_error)?;
-    let absent =
-        |wish: &&LabelOptions| wish.merge_into.is_some() && !table.values.contains(&wish.label);
-    if let Some(wish) = wishes.iter().find(absent) {
-        return Err(missing_label_error(wish, &table.values));
-    }
-    let into = |value: &LabelValue| {
-        let merge = merge.iter().find(|(label, _)| label == value);
-        merge.map_or(*value, |(_, into)| *into)
+    let absent = |label_options: &&LabelOptions| {
+        label_options.merge_into.is_some() && !table.values.contains(&label_options.label)
     };
-    let values: Vec<LabelValue> = table.values.iter().map(into).collect();
+    if let Some(label_options) = options.iter().find(absent) {
+        return Err(missing_label_error(label_options, &table.values));
+    }
+    let merged_value = |value: &LabelValue| {
+        let target = merge.iter().find(|(label, _)| label == value);
+        target.map_or(*value, |(_, into)| *into)
+    };
+    let values: Vec<LabelValue> = table.values.iter().map(merged_value).collect();
     let samples = table.indices.iter();
-    let samples = samples.map(|&number| values[number as usize].as_sample());
-    let mut made = Image::new(image.dims(), samples.collect(), image.geometry.clone());
+    let samples = samples.map(|&index| values[index as usize].as_sample());
+    let mut merged = Image::new(image.dims(), samples.collect(), image.geometry.clone());
     if image.labels.is_some() {
-        let whole = |value: &LabelValue| match *value {
+        let to_integer = |value: &LabelValue| match *value {
             LabelValue::Whole(whole) => whole,
             LabelValue::Real(real) => real as i128,
         };
-        let whole: Vec<i128> = values.iter().map(whole).collect();
-        let samples = table.indices.iter().map(|&number| whole[number as usize]);
-        made.labels = Some(ExactLabels::from_integers(samples));
+        let integers: Vec<i128> = values.iter().map(to_integer).collect();
+        let samples = table.indices.iter().map(|&index| integers[index as usize]);
+        merged.labels = Some(ExactLabels::from_integers(samples));
     }
-    Ok(Some(made.with_missing(image.missing.clone())))
+    Ok(Some(merged.with_missing(image.missing.clone())))
 }
 
-/// The error of an image whose samples are no labels.
+/// Returns the error of an image whose samples are no labels.
 pub fn too_many_labels_error() -> Error {
     Error::Feature(cause(
         "feature 'labels'",
-        "the samples are too many different values to be labels: more than 255, and with fractions or \
+        "the samples have too many different values to be labels: more than 255, and with fractions or \
          without equal neighbours",
         "choose ridges, edges or horizons, or give an image of labels",
     ))
 }
 
-/// Labels after smoothing: which leads at each sample, and by how much. Between two samples that
-/// different labels lead, the interface is where the lead changes hands.
+/// Labels after smoothing: the winning label of each sample, and its lead over the others. Between
+/// two samples with different winners, the interface lies where the lead changes its sign.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LabelMap<const D: usize> {
     /// Number of samples along each axis.
     pub dims: [usize; D],
     /// Lattice-space distance between samples.
     pub step: [f64; D],
-    /// The labels' values, ascending.
+    /// Values of the labels, in ascending order.
     pub labels: Vec<LabelValue>,
-    /// What they are called, where they have names.
+    /// Names of the labels, if they have any.
     pub names: Vec<Option<String>>,
-    /// For each sample the number of the label that leads.
+    /// Index into `labels` of the winner at each sample.
     pub winner: Vec<u32>,
-    /// How far it is ahead of the next, from 0 to 1.
+    /// Lead of the winner over the second label at each sample, from 0 to 1.
     pub lead: Vec<f32>,
-    /// Volume of each label's samples, as far as they lie in the box, in lattice units; what is too
-    /// small to be kept counts as what it lies in.
+    /// Volume of each label's samples inside the box, in lattice units. Components that are too
+    /// small to be kept count for the label that absorbed them.
     pub volumes: Vec<f64>,
 }
 
 impl<const D: usize> LabelMap<D> {
-    /// Returns the region that cells of each label have.
+    /// Returns the region number of the cells of each label.
     pub fn regions(&self) -> Vec<i32> {
         regions(&self.labels)
     }
 
-    /// The least distance between samples in lattice space.
+    /// Returns the smallest distance between samples in lattice space.
     pub fn min_step(&self) -> f64 {
         self.step.iter().copied().fold(f64::INFINITY, f64::min)
     }
 
-    /// The samples round a position in lattice space, each with its weight.
+    /// Calls `visit` with the index and the multilinear weight of each sample around a position in
+    /// lattice space.
     #[inline]
     fn for_each_weight(&self, x: [f64; D], mut visit: impl FnMut(usize, f64)) {
         let (mut corner, mut stride) = (0, 1);
@@ -220,9 +228,9 @@ impl<const D: usize> LabelMap<D> {
         }
     }
 
-    /// The number of the label at a position in lattice space.
+    /// Returns the index of the label at a position in lattice space.
     pub fn label_at(&self, x: [f64; D]) -> u32 {
-        // As many as there are samples round a position in space.
+        // A position in space has at most eight samples around it.
         let (mut sums, mut count) = ([(0u32, 0.0f64); 8], 0);
         self.for_each_weight(x, |i, weight| {
             let (label, lead) = (self.winner[i], weight * f64::from(self.lead[i]));
@@ -234,12 +242,12 @@ impl<const D: usize> LabelMap<D> {
                 }
             }
         });
-        let most = |a: (u32, f64), &b: &(u32, f64)| if b.1 > a.1 { b } else { a };
-        sums[..count].iter().fold(sums[0], most).0
+        let larger = |a: (u32, f64), &b: &(u32, f64)| if b.1 > a.1 { b } else { a };
+        sums[..count].iter().fold(sums[0], larger).0
     }
 
-    /// How far label `a` leads over label `b` at a position: negative where `b` leads, zero where others
-    /// do.
+    /// Returns the lead of label `a` over label `b` at a position: negative where `b` leads, zero
+    /// where other labels lead.
     #[inline]
     fn lead_between(&self, x: [f64; D], [a, b]: [u32; 2]) -> f64 {
         let mut sum = 0.0;
@@ -254,8 +262,8 @@ impl<const D: usize> LabelMap<D> {
         sum
     }
 
-    /// How far from `x`, along the unit vector `along`, label `a` ends and label `b` begins: the nearest
-    /// such place within `reach` lattice units either way.
+    /// Returns the signed distance from `x`, along the unit vector `along`, to the nearest
+    /// interface between labels `a` and `b` within `reach` lattice units.
     pub fn interface_distance(
         &self,
         x: [f64; D],
@@ -263,46 +271,46 @@ impl<const D: usize> LabelMap<D> {
         pair: [u32; 2],
         reach: f64,
     ) -> Option<f64> {
-        let pace = SEARCH_STEP * self.step.iter().copied().fold(f64::INFINITY, f64::min);
+        let stride = SEARCH_STEP * self.step.iter().copied().fold(f64::INFINITY, f64::min);
         let lead = |t: f64| self.lead_between(std::array::from_fn(|k| x[k] + t * along[k]), pair);
         let mut before = lead(0.0);
         if before == 0.0 {
             return None;
         }
-        let pace = pace.copysign(before);
+        let stride = stride.copysign(before);
         let mut t: f64 = 0.0;
         while t.abs() < reach {
-            let after = lead(t + pace);
+            let after = lead(t + stride);
             if after == 0.0 {
                 return None;
             }
             if (after > 0.0) != (before > 0.0) {
-                return Some(t + pace * before / (before - after));
+                return Some(t + stride * before / (before - after));
             }
             before = after;
-            t += pace;
+            t += stride;
         }
         None
     }
 }
 
-/// Returns the region of each of several labels: its value, where all values are whole numbers of 32 bits, else
-/// its number.
+/// Returns the region number of each label: its value if all values are whole numbers of 32 bits,
+/// else its index.
 pub fn regions(labels: &[LabelValue]) -> Vec<i32> {
     let values: Option<Vec<i32>> = labels.iter().map(|label| label.as_i32()).collect();
     values.unwrap_or_else(|| (0..labels.len() as i32).collect())
 }
 
-/// Returns whether cells can have the values of labels as their regions.
+/// Returns `true` if all values of labels can be region numbers.
 pub fn are_valid_regions(labels: &[LabelValue]) -> bool {
     labels.iter().all(|label| label.as_i32().is_some())
 }
 
-/// Interfaces are sought in steps of this many samples.
+/// Step, in samples, of the search for interfaces.
 const SEARCH_STEP: f64 = 0.25;
 
-/// The volume of the samples of each label, as far as they lie in the image's box: samples on its sides
-/// are there by half.
+/// Returns the volume of each label's samples inside the box of the image: samples on a side of the
+/// box count by half.
 pub fn volumes<const D: usize>(
     dims: [usize; D],
     step: [f64; D],
@@ -310,27 +318,31 @@ pub fn volumes<const D: usize>(
     count: usize,
 ) -> Vec<f64> {
     let mut volumes = vec![0.0; count];
-    let sample: f64 = step.iter().product();
-    let row = dims[0].max(1);
-    for (number, labels) in label.chunks(row).enumerate() {
-        let mut rest = number;
-        let mut weight = sample;
+    let sample_volume: f64 = step.iter().product();
+    let row_len = dims[0].max(1);
+    for (number, labels) in label.chunks(row_len).enumerate() {
+        let mut remaining = number;
+        let mut weight = sample_volume;
         for &n in &dims[1..] {
-            let at = rest % n;
-            rest /= n;
+            let at = remaining % n;
+            remaining /= n;
             weight *= if at == 0 || at + 1 == n { 0.5 } else { 1.0 };
         }
-        let inside = labels.iter().enumerate();
-        for (at, &label) in inside {
-            let end = if at == 0 || at + 1 == row { 0.5 } else { 1.0 };
-            volumes[label as usize] += weight * end;
+        let numbered = labels.iter().enumerate();
+        for (at, &label) in numbered {
+            let end_weight = if at == 0 || at + 1 == row_len {
+                0.5
+            } else {
+                1.0
+            };
+            volumes[label as usize] += weight * end_weight;
         }
     }
     volumes
 }
 
-/// Returns the values of the labels of an image, the number of that of each sample, and their connected parts;
-/// `None` where its samples are no labels.
+/// Returns the labels of an image with the label index of each sample, and their connected
+/// components. Returns `None` if the samples are no labels.
 pub fn components<const D: usize>(image: &Image<D>) -> Option<(LabelTable, Components<D>)> {
     let table = LabelTable::from_image(image)?;
     let components = Components::from_labels(image.dims(), &table.indices);
@@ -342,7 +354,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn wishes_are_read_and_written() {
+    fn label_options_are_parsed_and_written() {
         for text in [
             "3:distance=4,name=fault",
             "-2:into=7",
@@ -352,14 +364,14 @@ mod tests {
             assert_eq!(LabelOptions::parse(text).unwrap().to_string(), text);
         }
         for (text, word) in [
-            ("3", "says nothing"),
-            ("x:distance=3", "no value of a label"),
+            ("3", "no options"),
+            ("x:distance=3", "not the value of a label"),
             ("3:distance=0", "not a positive"),
             ("3:distance=nan", "not a positive"),
-            ("3:into=3", "no other label"),
+            ("3:into=3", "another label"),
             ("3:name=two words", "letters"),
             ("3:colour=red", "not known"),
-            ("3:into=4,name=x", "says more"),
+            ("3:into=4,name=x", "merged into another"),
         ] {
             let (problem, _) = LabelOptions::parse(text).unwrap_err();
             assert!(problem.contains(word), "{text}: {problem}");
@@ -368,7 +380,7 @@ mod tests {
 
     #[test]
     fn an_interface_is_found_from_either_side() {
-        let labelled = LabelMap {
+        let label_map = LabelMap {
             dims: [6, 2],
             step: [1.0, 1.0],
             labels: [1.0, 2.0, 3.0].map(LabelValue::from_sample).to_vec(),
@@ -378,24 +390,24 @@ mod tests {
             volumes: vec![0.0; 3],
         };
         for x in [0.2, 1.1, 1.9, 3.0] {
-            let off = labelled
+            let distance = label_map
                 .interface_distance([x, 0.5], [1.0, 0.0], [0, 1], 4.0)
                 .unwrap();
-            assert!((x + off - 1.75).abs() < 1e-6, "{x} {off}");
+            assert!((x + distance - 1.75).abs() < 1e-6, "{x} {distance}");
         }
         assert!(
-            labelled
+            label_map
                 .interface_distance([3.0, 0.5], [-1.0, 0.0], [0, 1], 4.0)
                 .is_none()
         );
-        let off = labelled
+        let distance = label_map
             .interface_distance([4.1, 0.5], [-1.0, 0.0], [2, 1], 4.0)
             .unwrap();
-        assert!((off + 0.4).abs() < 1e-6, "{off}");
-        assert_eq!(labelled.label_at([1.6, 0.0]), 0);
-        assert_eq!(labelled.label_at([1.9, 0.0]), 1);
+        assert!((distance + 0.4).abs() < 1e-6, "{distance}");
+        assert_eq!(label_map.label_at([1.6, 0.0]), 0);
+        assert_eq!(label_map.label_at([1.9, 0.0]), 1);
         assert_eq!(
-            volumes([6, 2], [1.0, 1.0], &labelled.winner, 3),
+            volumes([6, 2], [1.0, 1.0], &label_map.winner, 3),
             [1.5, 3.0, 0.5]
         );
     }

@@ -1,46 +1,50 @@
-//! Image -> features as points at sub-sample positions -> potential b(x).
+//! Detects the features of an image as points at sub-sample positions, and computes the potential
+//! b(x) from them.
 //!
-//! [`detect`] asks the detector of the kind that is sought for candidates, the points at which columns
-//! of samples cross a feature; makes sheets of them, of which the strong, the large and those that a
-//! lattice can tell apart are kept; and digs a valley of b(x) along each.
+//! [`detect`] works in three steps. A detector of the requested kind finds candidates: the points
+//! at which columns of samples cross a feature. The candidates are grouped into feature surfaces;
+//! surfaces that are too weak, too small, or too close to a stronger one for the lattice to resolve
+//! are dropped. Last, the potential b(x) gets a valley along each surface.
 //!
-//! What is asked and what comes of it:
+//! Options and results:
 //! - `kind`: kinds of features and their names
-//! - `detection`: how features are asked for, and what is refused
+//! - `detection`: options of detection and their checks
 //! - `outcome`: what was found of each kind, and how credible it is
-//! - `settled`: the scales and thresholds of a whole image, for a part of it
+//! - `doubt`: decisions that the image leaves open
+//! - `resolved`: scales and thresholds of a whole image, to be used again for a part of it
 //!
-//! Finding, one file a kind:
+//! Detectors, one file per kind:
 //! - `detectors`: their trait and table; `auto`, `canny`, `edges`, `faults`, `faults_and_horizons`,
-//!   `horizons`, `labels`, `paths`, `potential`, `ridges` (and valleys)
+//!   `horizons`, `labels`, `masks`, `paths`, `potential`, `ridges` (and valleys)
 //!
-//! What detectors share:
+//! Shared by detectors:
 //! - `volume`: samples in memory and their finite differences
-//! - `windows`: samples some layers at a time, of images that may be larger than memory
-//! - `gaussian`: smoothing
-//! - `rows`: second differences of whole rows at once
-//! - `symmetric`: eigenvectors of Hessians and structure tensors
-//! - `tensor`: normals of layers
-//! - `depth`: how deep samples lie inside a mask
-//! - `components`: connected parts of labels
-//! - `labelled`: which label is where, between samples too
-//! - `steepness`: magnitudes of gradients
-//! - `steepest`: where they are largest
-//! - `lifted`: ridges at all orientations, where sheets cross, branch or run close
-//! - `corners`: of edges in the plane, where their sides cross
-//! - `crossing`: candidates: where a sheet crosses the columns of samples
+//! - `windows`: samples read some layers at a time, for images that may be larger than memory
+//! - `gaussian`: Gaussian smoothing
+//! - `hessian`: second differences of whole rows at once
+//! - `eigen`: eigenvalues and eigenvectors of Hessians and structure tensors
+//! - `structure_tensor`: normals of layers
+//! - `distance_transform`: signed distances to the surface of a mask
+//! - `components`: connected components of labels
+//! - `label_map`: labels at samples and between them
+//! - `gradient_magnitude`: magnitudes of gradients
+//! - `non_max_suppression`: points at which the gradient magnitude is largest
+//! - `oriented`: ridges at all orientations, where surfaces cross, branch or run close to each
+//!   other
+//! - `corners`: corners of edges in the plane
+//! - `candidate`: points at which a surface crosses the columns of samples
 //! - `ridges`: ridges of a volume
 //!
 //! From candidates to the potential:
-//! - `by_sample`: candidates by the sample they belong to
-//! - `quadric`: a sheet near a place
-//! - `repair`: ridges up to the box's sides
-//! - `slab`: candidates of some layers, where ranks share them
-//! - `sheets`: hysteresis, sheets too near one another, crumbs
-//! - `lines`: where sheets cross, branch and end
-//! - `gaps`: how fine a lattice must be between sheets that run close
-//! - `potential`: b(x)
-//! - `share`: points, where ranks share them
+//! - `voxel_index`: candidates by the sample that they belong to
+//! - `quadric`: a quadratic surface fitted to points
+//! - `boundary_extension`: continues ridges to the sides of the box
+//! - `candidate_slab`: candidates of some layers, distributed over ranks
+//! - `surfaces`: groups candidates into surfaces (hysteresis, resolution, removal of fragments)
+//! - `lines`: lines at which surfaces cross, branch and end
+//! - `local_feature_size`: lattice spacing between surfaces that run close to each other
+//! - `potential`: the potential b(x)
+//! - `partition`: feature points distributed over ranks
 
 pub(crate) mod boundary_extension;
 pub(crate) mod candidate;
@@ -114,50 +118,53 @@ pub struct FeaturePoint<const D: usize> {
     pub strength: f32,
 }
 
-/// What feature detection hands to the rest of the pipeline.
+/// Result of feature detection.
 #[derive(Debug, Clone)]
 pub struct Features<const D: usize> {
-    /// The features as points, in a fixed order (the order of samples).
+    /// The feature points, in a fixed order (the order of samples).
     pub points: Vec<FeaturePoint<D>>,
-    /// For each of them the number of the sheet that it is part of, from 1.
+    /// Number of the feature surface that each point is part of, from 1.
     pub surface: Vec<u32>,
-    /// For each of them whether it lies on a horizon, which is no barrier to flow.
+    /// For each point, `true` if it lies on a horizon, which is no barrier to flow.
     pub on_horizon: Vec<bool>,
-    /// The image potential b(x) in [-1, 0]: every feature a valley of depth 1 and width `sigma`.
+    /// The image potential b(x) in [-1, 0]: a valley of depth 1 along every feature, at most
+    /// `sigma` wide.
     pub potential: SparseField<D>,
-    /// For each of them the distance that atoms may have there, where it was asked for by gaps.
+    /// Distance between atoms at each point, in lattice units, if the distance follows the gaps
+    /// between features.
     pub spacing: Option<Vec<f32>>,
-    /// How many points all ranks have, where each has a share of them.
+    /// Number of points of all ranks, if each rank holds a share of the points; else `None`.
     pub global_counts: Option<PointCounts>,
-    /// Width of the widest valleys in lattice units: a quarter of the distance between atoms.
+    /// Width of the widest valleys in lattice units: a quarter of the largest distance between
+    /// atoms.
     pub sigma: f64,
-    /// What was found of each kind of feature.
+    /// Outcome for each kind of feature.
     pub outcomes: Vec<KindOutcome>,
-    /// The samples that hold no data, if there are any.
+    /// Shares of the samples that hold no data, if there are any.
     pub missing: Option<MissingData>,
-    /// One or more plain lines: what was picked and why, threshold, counts.
+    /// Lines for the report: which detector was used and why, thresholds, counts.
     pub notes: Vec<String>,
-    /// The scales and thresholds that were settled on, one for each kind of feature followed.
+    /// Scales and thresholds that were used, one entry for each kind of feature.
     pub resolved: Vec<ResolvedOptions>,
-    /// Of [`FeatureKind::Labels`], unless they are a thin mask: which label is where.
+    /// Label at each sample, of [`FeatureKind::Labels`] unless the labels are a thin mask.
     pub labels: Option<LabelMap<D>>,
-    /// Of [`FeatureKind::Paths`]: the share of the paths that pass each sample.
+    /// Share of the paths that pass each sample, of [`FeatureKind::Paths`].
     pub confidence: Option<ScalarField<D>>,
-    /// What the image leaves open, where the kind of feature was chosen by it.
+    /// Question that the image leaves open, if the kind of feature was chosen from the image.
     pub doubt: Option<Doubt>,
 }
 
 impl<const D: usize> Features<D> {
-    /// No features in an image of `dims` samples.
-    pub fn empty(dims: [usize; D], asked: &DetectionOptions<D>) -> Self {
+    /// Returns the features of an image of `dims` samples that has none.
+    pub fn empty(dims: [usize; D], options: &DetectionOptions<D>) -> Self {
         Self {
             points: Vec::new(),
             surface: Vec::new(),
             on_horizon: Vec::new(),
-            potential: SparseField::zero(dims, asked.step),
-            spacing: asked.gap_distance_range().map(|_| Vec::new()),
+            potential: SparseField::zero(dims, options.step),
+            spacing: options.gap_distance_range().map(|_| Vec::new()),
             global_counts: None,
-            sigma: asked.d_max() / 4.0,
+            sigma: options.d_max() / 4.0,
             outcomes: Vec::new(),
             missing: None,
             notes: Vec::new(),
@@ -169,13 +176,15 @@ impl<const D: usize> Features<D> {
     }
 }
 
-/// Finds the features of an image and their potential. Where samples hold no data (see [`MirrorImage::changed_candidates`]),
-/// small gaps are bridged, and there are no features in larger ones.
+/// Finds the features of an image and computes their potential.
+///
+/// Where samples hold no data (see [`Image::mark_dead`]), small gaps are bridged. In larger gaps
+/// there are no features.
 ///
 /// The edge of a disc:
 ///
 /// ```
-/// use atomesh::feature::{self, Detection, FeatureKind};
+/// use atomesh::feature::{self, DetectionOptions, FeatureKind};
 /// use atomesh::image::{Geometry, Image};
 ///
 /// let from_centre = |x: f64, y: f64| (x - 30.0).hypot(y - 25.0);
@@ -183,9 +192,10 @@ impl<const D: usize> Features<D> {
 /// let disc = (0..60 * 50).map(|i| -outside(i).tanh() as f32);
 /// let image = Image::new([60, 50], disc.collect(), Geometry::default());
 ///
-/// let found = feature::detect(&image, &Detection::of(FeatureKind::Edges, 5.0))?;
-/// assert!(found.points.len() > 50);
-/// for point in &found.points {
+/// let options = DetectionOptions::with_kind(FeatureKind::Edges, 5.0);
+/// let features = feature::detect(&image, &options)?;
+/// assert!(features.points.len() > 50);
+/// for point in &features.points {
 ///     let [x, y] = point.position.map(f64::from);
 ///     assert!((from_centre(x, y) - 15.0).abs() < 1.0);
 /// }
@@ -193,94 +203,96 @@ impl<const D: usize> Features<D> {
 /// ```
 ///
 /// # Errors
-/// [`Error::Feature`](crate::Error::Feature) for impossible wishes,
-/// [`Error::Image`](crate::Error::Image) for an image that has NaN or infinite samples, is constant, or
-/// is not what `asked.kind` says.
+/// Returns an [`Error::Feature`](crate::Error::Feature) if the options are invalid, and an
+/// [`Error::Image`](crate::Error::Image) if the image has NaN or infinite samples, is constant, or
+/// is not of the kind that `options.kind` says.
 pub fn detect<const D: usize>(
     image: &Image<D>,
-    asked: &DetectionOptions<D>,
+    options: &DetectionOptions<D>,
 ) -> Result<Features<D>> {
-    detect_in_memory(image, asked, &CancelToken::never())
+    detect_in_memory(image, options, &CancelToken::never())
 }
 
-/// The same as long as there is patience.
+/// Finds features as [`detect`] does, in an image that may be read layer by layer, until `cancel`
+/// is cancelled.
 ///
 /// # Errors
-/// Those of [`detect`], and [`Error::Interrupted`](crate::Error::Interrupted).
+/// Returns the errors of [`detect`], the errors of reading, and an
+/// [`Error::Interrupted`](crate::Error::Interrupted) if `cancel` is cancelled.
 pub(crate) fn detect_with_cancel<const D: usize>(
     source: ImageSource<'_, D>,
-    asked: &DetectionOptions<D>,
-    patience: &CancelToken<'_>,
+    options: &DetectionOptions<D>,
+    cancel: &CancelToken<'_>,
 ) -> Result<Features<D>> {
     let layers = match source {
-        ImageSource::InMemory(image) => return detect_in_memory(image, asked, patience),
+        ImageSource::InMemory(image) => return detect_in_memory(image, options, cancel),
         ImageSource::Layered(layers) => layers,
     };
-    detection::validate_options(asked)?;
-    let (dims, parts) = (layers.dims(), detectors::requested_detectors(asked));
-    for (detector, _) in parts.iter().flatten() {
+    detection::validate_options(options)?;
+    let (dims, tasks) = (layers.dims(), detectors::requested_detectors(options));
+    for (detector, _) in tasks.iter().flatten() {
         detection::ensure_sample_count(dims, detection::max_samples(*detector))?;
     }
     let samples = Samples::from_layers(layers, 1.0);
-    // Looked at whatever is asked for: what has gaps is searched in memory.
-    let modality = asked.modality.or_detect(layers.geometry());
-    let choice = detectors::auto::choose_in_layers(&samples, modality, patience)?;
-    let chosen = match (parts, choice) {
+    // The survey is made for every kind, because an image with gaps is searched in memory.
+    let modality = options.modality.or_detect(layers.geometry());
+    let choice = detectors::auto::choose_in_layers(&samples, modality, cancel)?;
+    let selection = match (tasks, choice) {
         (_, LayerChoice::HasGaps) => None,
-        (Some(parts), _) => Some((parts, None)),
+        (Some(tasks), _) => Some((tasks, None)),
         (None, LayerChoice::Chosen(choice)) => {
-            Some(detectors::selection_from_choice(choice, asked)?)
+            Some(detectors::selection_from_choice(choice, options)?)
         }
         (None, LayerChoice::NeedsMemory) => None,
     };
-    match chosen {
-        Some((parts, why)) if parts.iter().all(|(detector, _)| detector.is_streamable()) => {
-            run_detectors((source, None), parts, why, asked, patience)
+    match selection {
+        Some((tasks, reason)) if tasks.iter().all(|(detector, _)| detector.is_streamable()) => {
+            run_detectors((source, None), tasks, reason, options, cancel)
         }
-        // What needs the whole image has it.
+        // The detectors need the whole image, or the image has gaps.
         _ => {
             detection::ensure_sample_count(dims, detection::MAX_IN_MEMORY_SAMPLES)?;
-            detect_in_memory(&layers.load()?, asked, patience)
+            detect_in_memory(&layers.load()?, options, cancel)
         }
     }
 }
 
-/// The same of an image in memory.
+/// Finds the features of an image in memory.
 fn detect_in_memory<const D: usize>(
     image: &Image<D>,
-    asked: &DetectionOptions<D>,
-    patience: &CancelToken<'_>,
+    options: &DetectionOptions<D>,
+    cancel: &CancelToken<'_>,
 ) -> Result<Features<D>> {
-    let checked = detection::prepare_image(image, asked)?;
-    let image = &*checked.image;
+    let prepared = detection::prepare_image(image, options)?;
+    let image = &*prepared.image;
     detection::ensure_not_constant(image)?;
-    let (parts, why) = detectors::select_detectors(image, asked)?;
-    let source = (ImageSource::InMemory(image), checked.live_mask.as_ref());
-    let mut features = run_detectors(source, parts, why, asked, patience)?;
-    features.notes.extend(checked.notes);
-    features.missing = checked.missing;
+    let (tasks, reason) = detectors::select_detectors(image, options)?;
+    let source = (ImageSource::InMemory(image), prepared.live_mask.as_ref());
+    let mut features = run_detectors(source, tasks, reason, options, cancel)?;
+    features.notes.extend(prepared.notes);
+    features.missing = prepared.missing;
     Ok(features)
 }
 
-/// Finds features by some detectors.
+/// Runs the detectors one after the other and combines their features.
 fn run_detectors<const D: usize>(
     (source, live): (ImageSource<'_, D>, Option<&LiveMask<D>>),
-    parts: Vec<detectors::DetectorTask<D>>,
+    tasks: Vec<detectors::DetectorTask<D>>,
     reason: Option<detectors::SelectionReason>,
-    asked: &DetectionOptions<D>,
-    patience: &CancelToken<'_>,
+    options: &DetectionOptions<D>,
+    cancel: &CancelToken<'_>,
 ) -> Result<Features<D>> {
-    let count = parts.len() as f64;
-    let follow_whole = |(number, (detector, asked)): (usize, (_, _))| {
-        patience.set_range(number as f64 / count, (number + 1) as f64 / count);
-        let scene = DetectorInput {
+    let count = tasks.len() as f64;
+    let run_task = |(index, (detector, options)): (usize, (_, _))| {
+        cancel.set_range(index as f64 / count, (index + 1) as f64 / count);
+        let input = DetectorInput {
             live_mask: live,
-            ..DetectorInput::new(source, &asked, patience)
+            ..DetectorInput::new(source, &options, cancel)
         };
-        run_detector(&scene, detector, [[false; 2]; D])
+        run_detector(&input, detector, [[false; 2]; D])
     };
-    let found: Result<Vec<_>> = parts.into_iter().enumerate().map(follow_whole).collect();
-    let mut features = detectors::combine_features(found?, source.dims(), asked)?;
+    let results: Result<Vec<_>> = tasks.into_iter().enumerate().map(run_task).collect();
+    let mut features = detectors::combine_features(results?, source.dims(), options)?;
     if let Some(reason) = reason {
         features.notes.insert(0, reason.note);
         features.doubt = reason.doubt;
@@ -288,197 +300,208 @@ fn run_detectors<const D: usize>(
     Ok(features)
 }
 
-/// Finds the features of a part of an image as [`detect`] finds those of the whole, for which it
-/// `settled` on scales and thresholds. `open` tells the sides beyond which the image goes on: sheets
-/// that reach them are kept however small they are here.
+/// Finds the features of a part of an image as [`detect`] finds those of the whole image, with the
+/// scales and thresholds `resolved` of the whole image. `open_sides` marks the sides beyond which
+/// the image goes on: surfaces that reach such a side are kept, however small they are in the part.
 ///
 /// # Errors
-/// Those of [`detect`], but that a part may well be constant; and
-/// [`Error::Interrupted`](crate::Error::Interrupted) once `patience` is over.
+/// Returns the errors of [`detect`], except that a part may be constant, and an
+/// [`Error::Interrupted`](crate::Error::Interrupted) if `cancel` is cancelled.
 pub(crate) fn detect_part<const D: usize>(
     part: &Image<D>,
-    asked: &DetectionOptions<D>,
-    settled: &[ResolvedOptions],
-    open: &OpenSides<D>,
-    patience: &CancelToken<'_>,
+    options: &DetectionOptions<D>,
+    resolved: &[ResolvedOptions],
+    open_sides: &OpenSides<D>,
+    cancel: &CancelToken<'_>,
 ) -> Result<Features<D>> {
-    let checked = detection::prepare_image(part, asked)?;
-    let part = &*checked.image;
+    let prepared = detection::prepare_image(part, options)?;
+    let part = &*prepared.image;
     if detection::is_constant(part) {
-        return Ok(Features::empty(part.dims(), asked));
+        return Ok(Features::empty(part.dims(), options));
     }
-    let follow_part = |settled| {
-        let scene = DetectorInput {
-            live_mask: checked.live_mask.as_ref(),
-            ..DetectorInput::for_part(part, asked, settled, patience)
+    let run_kind = |resolved| {
+        let input = DetectorInput {
+            live_mask: prepared.live_mask.as_ref(),
+            ..DetectorInput::for_part(part, options, resolved, cancel)
         };
-        run_detector(&scene, detectors::detector_for_part(settled.kind)?, *open)
+        run_detector(
+            &input,
+            detectors::detector_for_part(resolved.kind)?,
+            *open_sides,
+        )
     };
-    let found: Result<Vec<_>> = settled.iter().map(follow_part).collect();
-    detectors::combine_features(found?, part.dims(), asked)
+    let results: Result<Vec<_>> = resolved.iter().map(run_kind).collect();
+    detectors::combine_features(results?, part.dims(), options)
 }
 
-/// The share of the work that is done once candidates are found, roughly, and once they are sheets.
+/// Approximate share of the work that is done when all candidates are found, and when they are
+/// grouped into surfaces.
 const PROGRESS_FOUND: f64 = 0.85;
 const PROGRESS_GROUPED: f64 = 0.95;
 
-/// A region is no use without its other side, even if that is nearer than atoms: interfaces between labels
-/// exclude parallel ones nearer than this, in units of the least distance between atoms.
+/// Interfaces between labels exclude parallel ones that are nearer than this, in units of the
+/// smallest distance between atoms. It is less than one, because a region needs both of its sides,
+/// even if they are nearer to each other than atoms.
 const INTERFACE_RESOLUTION: f64 = 0.5;
 
-/// Finds the features of one kind and their potential.
+/// Finds the features of one kind and computes their potential.
 fn run_detector<const D: usize>(
-    scene: &DetectorInput<'_, D>,
+    input: &DetectorInput<'_, D>,
     detector: &dyn Detector<D>,
-    open: OpenSides<D>,
+    open_sides: OpenSides<D>,
 ) -> Result<Features<D>> {
-    let (dims, asked, kind) = (scene.dims(), scene.options, detector.kind());
+    let (dims, options, kind) = (input.dims(), input.options, detector.kind());
     detection::ensure_sample_count(dims, detection::max_samples(detector))?;
     let mut notes = Vec::new();
-    let found = detector.find(scene, &mut notes);
-    scene.cancel.set_fraction(PROGRESS_FOUND);
-    scene.cancel.check(Stage::Features)?;
-    let mut found = found?;
-    match (scene.live_mask, scene.source) {
-        (Some(live), _) => found.candidates.retain(|c| {
+    let output = detector.find(input, &mut notes);
+    input.cancel.set_fraction(PROGRESS_FOUND);
+    input.cancel.check(Stage::Features)?;
+    let mut output = output?;
+    match (input.live_mask, input.source) {
+        (Some(live), _) => output.candidates.retain(|c| {
             let at = Volume::new(dims, &[]).coordinates(c.voxel.index());
             live.is_usable(at)
         }),
         (None, ImageSource::InMemory(image)) => {
-            found.drop_near_missing_data(image, detector.extra_reach(), &mut notes, &WorldComm)?;
+            output.drop_near_missing_data(image, detector.extra_reach(), &mut notes, &WorldComm)?;
         }
         (None, ImageSource::Layered(_)) => (),
     }
-    let thresholds = found.thresholds;
+    let thresholds = output.thresholds;
     let rules = surfaces::SurfaceRules {
         high: thresholds.high,
-        agreement: if found.has_sharp_normals {
+        agreement: if output.has_sharp_normals {
             surfaces::SHARP_NORMALS
         } else {
             surfaces::BLUNT_NORMALS
         },
-        resolution: asked.min_distance()
-            * match found.labels {
+        resolution: options.min_distance()
+            * match output.labels {
                 Some(_) => INTERFACE_RESOLUTION,
                 None => detector.resolution(),
             },
-        min_area: match found.labels {
-            // What is too small has gone before: of the rest everything is followed.
+        min_area: match output.labels {
+            // Components that are too small were absorbed before: all others are followed.
             Some(_) => 0.0,
-            None => scene.min_area(detector.min_surface_cells()),
+            None => input.min_area(detector.min_surface_cells()),
         },
         min_strong_share: detector.min_strong_share(),
-        min_width: detector.min_width(asked.d_min),
-        open_sides: open,
+        min_width: detector.min_width(options.d_min),
+        open_sides,
     };
-    let group = &WorldComm as &dyn Comm;
-    let among = (group, scene.cancel);
-    let mut sheets = surfaces::extract_surfaces(
+    let comm = &WorldComm as &dyn Comm;
+    let comm_and_cancel = (comm, input.cancel);
+    let mut surfaces = surfaces::extract_surfaces(
         dims,
-        found.candidates,
-        found.layers,
-        asked.step,
+        output.candidates,
+        output.layers,
+        options.step,
         &rules,
-        among,
+        comm_and_cancel,
     )?;
-    scene.cancel.set_fraction(PROGRESS_GROUPED);
-    sheets.describe(kind, &rules, &mut notes);
-    let sigma = asked.d_max() / 4.0;
-    let gaps = asked.gap_distance_range();
-    // Labels look at all points.
-    let in_shares = asked.is_distributed && found.labels.is_none();
-    let among: &dyn Comm = match in_shares {
-        true => group,
-        false => {
-            sheets = sheets.gather(group)?;
-            &SelfComm
-        }
+    input.cancel.set_fraction(PROGRESS_GROUPED);
+    surfaces.describe(kind, &rules, &mut notes);
+    let sigma = options.d_max() / 4.0;
+    let gaps = options.gap_distance_range();
+    // The spacing of labels needs the points of all ranks.
+    let is_partitioned = options.is_distributed && output.labels.is_none();
+    let points_comm: &dyn Comm = if is_partitioned {
+        comm
+    } else {
+        surfaces = surfaces.gather(comm)?;
+        &SelfComm
     };
-    // Edges do not cross at small angles, but their normals scatter in noise. Other sheets, which may run as
-    // near one another as points of one do, are told apart by theirs.
-    let sheet = (kind == FeatureKind::Edges).then_some(&sheets.surface[..]);
-    let spacing = gaps.map(|[least, most]| {
-        let points = &sheets.points;
-        let of_labels = found.labels.is_some();
-        let finest = if of_labels {
-            labels::MIN_THIN_DISTANCE_RATIO * least
+    // Edges do not cross at small angles, but noise scatters their normals, so that points of one
+    // edge are told apart by the number of their surface. Other surfaces may run as near to each
+    // other as points of one surface do: they are told apart by their normals.
+    let surface = (kind == FeatureKind::Edges).then_some(&surfaces.surface[..]);
+    let spacing = gaps.map(|[min, max]| {
+        let points = &surfaces.points;
+        let has_labels = output.labels.is_some();
+        let min_spacing = if has_labels {
+            labels::MIN_THIN_DISTANCE_RATIO * min
         } else {
-            least
+            min
         };
-        let limits = [finest, most];
+        let limits = [min_spacing, max];
         let mut spacing =
-            local_feature_size::spacing(dims, points, sheet, asked.step, limits, among)?;
-        if of_labels {
-            let gaps = spacing.iter_mut();
-            gaps.for_each(|gap| *gap = labels::distance_in_gap(*gap, [least, most]));
+            local_feature_size::spacing(dims, points, surface, options.step, limits, points_comm)?;
+        if has_labels {
+            let distances = spacing.iter_mut();
+            distances.for_each(|gap| *gap = labels::distance_in_gap(*gap, [min, max]));
         }
         Ok(spacing)
     });
     let spacing = spacing.transpose()?;
-    let (labels, limits) = found.labels.unzip();
+    let (labels, limits) = output.labels.unzip();
     let spacing = match limits {
-        Some(limits) => limits.spacing(&sheets.points, asked.step, spacing),
+        Some(limits) => limits.spacing(&surfaces.points, options.step, spacing),
         None => spacing,
     };
     if let (Some(spacing), Some(mut limits)) = (&spacing, gaps) {
         if labels.is_some() {
             limits[0] = spacing.iter().fold(limits[0], |d, s| d.min(f64::from(*s)));
         }
-        notes.push(local_feature_size::spacing_note(spacing, limits, among)?);
+        notes.push(local_feature_size::spacing_note(
+            spacing,
+            limits,
+            points_comm,
+        )?);
     }
-    let own = match scene.source {
+    let direct_potential = match input.source {
         ImageSource::InMemory(image) => detector.potential(image),
         ImageSource::Layered(_) => None,
     };
-    let potential = match own {
-        Some(samples) => SparseField::from_field(&sample_field(dims, asked, samples)),
+    let potential = match direct_potential {
+        Some(samples) => SparseField::from_field(&sample_field(dims, options, samples)),
         None => {
-            let FeatureSurfaces {
-                points,
-                is_rim: rim,
-                ..
-            } = &sheets;
-            // A valley is as wide as a quarter of the distance that atoms have there (Hale 2002).
+            let FeatureSurfaces { points, is_rim, .. } = &surfaces;
+            // A valley is as wide as a quarter of the distance between atoms there (Hale 2002).
             let valleys = PotentialValleys {
                 dims,
-                step: asked.step,
+                step: options.step,
                 sigma,
                 points: Cow::Borrowed(points),
-                is_rim: Cow::Borrowed(rim),
+                is_rim: Cow::Borrowed(is_rim),
                 spacing: spacing.as_deref().map(Cow::Borrowed),
             };
-            match (in_shares, asked.is_distributed) {
-                (false, false) => valleys.potential(scene.cancel),
-                (false, true) => valleys.distributed_potential(group, scene.cancel),
+            match (is_partitioned, options.is_distributed) {
+                (false, false) => valleys.potential(input.cancel),
+                (false, true) => valleys.distributed_potential(comm, input.cancel),
                 (true, _) => valleys
-                    .gather_for_share(group)?
-                    .distributed_potential(group, scene.cancel),
+                    .gather_for_share(comm)?
+                    .distributed_potential(comm, input.cancel),
             }
         }
     };
-    scene.cancel.check(Stage::Features)?;
+    input.cancel.check(Stage::Features)?;
     let is_horizon = kind == FeatureKind::Horizons;
     let outcome = KindOutcome {
         kind,
-        points: sheets.total_points,
-        dropped: sheets.dropped,
-        signal_to_noise: found.signal_to_noise,
+        points: surfaces.total_points,
+        dropped: surfaces.dropped,
+        signal_to_noise: output.signal_to_noise,
         gently_dipping: match kind {
             FeatureKind::Faults => {
-                let geometry = scene.source.geometry();
-                outcome::gently_dipping_share(&sheets.points, geometry, asked.step, among)?
+                let geometry = input.source.geometry();
+                outcome::gently_dipping_share(
+                    &surfaces.points,
+                    geometry,
+                    options.step,
+                    points_comm,
+                )?
             }
             _ => None,
         },
     };
     Ok(Features {
-        on_horizon: vec![is_horizon; sheets.points.len()],
-        global_counts: in_shares.then_some(PointCounts {
-            points: sheets.total_points,
-            on_horizon: if is_horizon { sheets.total_points } else { 0 },
+        on_horizon: vec![is_horizon; surfaces.points.len()],
+        global_counts: is_partitioned.then_some(PointCounts {
+            points: surfaces.total_points,
+            on_horizon: if is_horizon { surfaces.total_points } else { 0 },
         }),
-        points: sheets.points,
-        surface: sheets.surface,
+        points: surfaces.points,
+        surface: surfaces.surface,
         spacing,
         potential,
         sigma,
@@ -487,29 +510,29 @@ fn run_detector<const D: usize>(
         notes,
         resolved: vec![ResolvedOptions {
             kind,
-            scale: found.scale,
+            scale: output.scale,
             low: thresholds.low,
             high: thresholds.high,
             min_area: rules.min_area,
-            mask: found.mask_value,
+            mask: output.mask_value,
         }],
         labels,
-        confidence: found
+        confidence: output
             .confidence
-            .map(|samples| sample_field(dims, asked, samples)),
+            .map(|samples| sample_field(dims, options, samples)),
         doubt: None,
     })
 }
 
-/// A field of the image's samples in lattice space.
+/// Returns a field in lattice space with a value at each sample of the image.
 fn sample_field<const D: usize>(
     dims: [usize; D],
-    asked: &DetectionOptions<D>,
+    options: &DetectionOptions<D>,
     samples: Vec<f32>,
 ) -> ScalarField<D> {
     ScalarField {
         dims,
-        step: asked.step,
+        step: options.step,
         samples,
     }
 }

@@ -1,4 +1,5 @@
-//! What was found of each kind of feature, what of it is followed, and how credible it is.
+//! Outcome of detection for each kind of feature: numbers of points, dropped points, and
+//! credibility.
 
 use super::{DroppedPoints, FeatureKind, FeaturePoint};
 use crate::comm::Comm;
@@ -8,31 +9,31 @@ use crate::image::Geometry;
 use crate::image::time::seconds_per_unit;
 use serde::Serialize;
 
-/// Faults seldom dip by less than this, in degrees; layers mostly do.
+/// Smallest dip of a fault, in degrees: faults seldom dip by less, but layers mostly do.
 pub const MIN_FAULT_DIP: f64 = 30.0;
 
-/// The velocity, in metres a second, that makes depth of two-way time where none is given.
+/// Velocity (metres per second) that converts two-way time to depth if none is given.
 const DEFAULT_VELOCITY: f64 = 2000.0;
 
-/// The features of one kind in an image.
+/// Outcome for one kind of feature in an image.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct KindOutcome {
     /// The kind.
     pub kind: FeatureKind,
     /// Number of points that the mesh follows.
     pub points: usize,
-    /// Number of points that it does not follow, by the reason.
+    /// Number of points that the mesh does not follow, by reason.
     pub dropped: DroppedPoints,
-    /// The typical strength, over that of noise; `None` where noise is not measured.
+    /// Typical strength divided by that of noise; `None` if noise is not measured.
     pub signal_to_noise: Option<f32>,
-    /// Of faults: the share of the points at which they dip by less than [`MIN_FAULT_DIP`]; two-way time is taken
-    /// at 2,000 m/s.
+    /// For faults, the share of the points that dip by less than [`MIN_FAULT_DIP`]. Two-way time is
+    /// converted to depth at 2,000 m/s.
     pub gently_dipping: Option<f64>,
 }
 
 impl KindOutcome {
-    /// Returns the share of the points that are strong enough but dropped: because a stronger feature is near,
-    /// or because the piece that they belong to is small or narrow.
+    /// Returns the share of the points that are strong enough but dropped: because a stronger
+    /// feature is near, or because their surface or a part of it is too small or too narrow.
     pub fn dropped_share(&self) -> f64 {
         let dropped = self.dropped.strong_count();
         dropped as f64 / (dropped + self.points).max(1) as f64
@@ -40,38 +41,39 @@ impl KindOutcome {
 }
 
 impl DroppedPoints {
-    /// Returns the number of points that were left out for another reason than their strength.
+    /// Returns the number of points that were dropped for another reason than their strength.
     pub fn strong_count(&self) -> usize {
         self.near_another_surface + self.in_small_pieces + self.in_narrow_parts
     }
 }
 
-/// Samples that hold no data, as shares of all samples.
+/// Shares of all samples that hold no data.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct MissingData {
-    /// In gaps so small that features are sought across them.
+    /// Share in gaps so small that features are sought across them.
     pub bridged: f64,
-    /// In gaps in which no features are sought.
+    /// Share in gaps in which no features are sought.
     pub without_features: f64,
 }
 
-/// Returns the share of the points at which a surface dips by less than [`MIN_FAULT_DIP`] in the world; `None` of no
-/// points. Normals are in lattice space, with samples `step` apart.
+/// Returns the share of the points of all ranks at which a surface dips by less than
+/// [`MIN_FAULT_DIP`] in world coordinates; `None` if there are no points. Normals are in lattice
+/// space, with samples `step` apart.
 ///
 /// # Errors
-/// Those of other ranks.
+/// Returns the errors of other ranks.
 pub(super) fn gently_dipping_share<const D: usize>(
     points: &[FeaturePoint<D>],
     geometry: &Geometry<D>,
     step: [f64; D],
-    group: &dyn Comm,
+    comm: &dyn Comm,
 ) -> Result<Option<f64>> {
     let vertical = geometry.time_coordinate().unwrap_or(D - 1);
     let scale = |c: usize| match seconds_per_unit(&geometry.units[c]) {
         Some(seconds) => 0.5 * DEFAULT_VELOCITY * seconds,
         None => 1.0,
     };
-    // A normal times each of the axes is the slope along that axis of the image.
+    // The dot product of a world normal with each axis is the slope along that axis of the image.
     let slopes = Geometry {
         axes: std::array::from_fn(|c| std::array::from_fn(|k| geometry.axes[k][c] * scale(c))),
         ..Geometry::default()
@@ -84,9 +86,9 @@ pub(super) fn gently_dipping_share<const D: usize>(
             normal[vertical].abs() > MIN_FAULT_DIP.to_radians().cos() * length
         })
     };
-    let own = [points.iter().filter(is_gentle).count(), points.len()];
-    let all = group.all_gather("points that dip gently", own)?;
-    let [gentle, count] = all
+    let local = [points.iter().filter(is_gentle).count(), points.len()];
+    let counts = comm.all_gather("points that dip gently", local)?;
+    let [gentle, count] = counts
         .iter()
         .fold([0, 0], |sum, n| [sum[0] + n[0], sum[1] + n[1]]);
     Ok((count > 0).then(|| gentle as f64 / count as f64))
@@ -98,8 +100,9 @@ mod tests {
     use crate::comm::SelfComm;
 
     #[test]
-    fn dips_are_those_in_the_world() {
-        // Inlines along y 25 m apart, crosslines along x 12.5 m, time downwards in ms: 4 ms are 4 m.
+    fn dips_are_in_world_coordinates() {
+        // Inlines along y are 25 m apart, crosslines along x 12.5 m; time in ms increases
+        // downwards: 4 ms are 4 m.
         let survey = Geometry {
             axes: [[0.0, 0.0, -4.0], [12.5, 0.0, 0.0], [0.0, 25.0, 0.0]],
             units: ["m".into(), "m".into(), "ms".into()],
@@ -112,7 +115,7 @@ mod tests {
                 dip.sin() * azimuth.sin(),
                 dip.cos(),
             ];
-            // In samples: products with the axes.
+            // The normal in samples: its dot products with the axes.
             let slope = [-4.0 * normal[2], 12.5 * normal[0], 25.0 * normal[1]];
             let length = slope.iter().map(|c| c * c).sum::<f64>().sqrt();
             let point = FeaturePoint {

@@ -1,5 +1,5 @@
-//! Points of features where ranks share them: each has those of some layers of the image, and is told of those that are
-//! near to what it works on.
+//! Feature points that are distributed over ranks: each rank holds those of some layers of the
+//! image, and receives those near the positions that it works on.
 
 use super::volume::Volume;
 use super::windows::layer_len;
@@ -11,32 +11,32 @@ use crate::parallel::prelude::*;
 use std::cmp::Ordering;
 use std::ops::Range;
 
-/// Edge of the blocks of space of which ranks ask one another, in lattice units.
+/// Edge of the blocks of space that ranks request from each other, in lattice units.
 const BLOCK_SIZE: f64 = 16.0;
 
-/// Some points of features, in the order of samples.
+/// A subset of the feature points, in the order of samples.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PointSubset<const D: usize> {
-    /// Where they are.
+    /// The points.
     pub points: Vec<FeaturePoint<D>>,
-    /// For each of them the number of its sheet, and whether it lies on a horizon.
+    /// For each point the number of its surface, and `true` if it lies on a horizon.
     pub marks: Vec<(u32, bool)>,
 }
 
-/// How many points all ranks have.
+/// Numbers of points of all ranks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct PointCounts {
-    /// Points of features ...
+    /// Number of feature points.
     pub points: usize,
-    /// ... and those of them that lie on horizons.
+    /// Number of feature points on horizons.
     pub on_horizon: usize,
 }
 
-/// A point, the number of its sheet, and whether it lies on a horizon.
+/// A point, the number of its surface, and `true` if it lies on a horizon.
 type MarkedPoint<const D: usize> = (FeaturePoint<D>, (u32, bool));
 
 impl<const D: usize> Features<D> {
-    /// How many points there are, of all ranks.
+    /// Returns the numbers of points of all ranks.
     pub(crate) fn point_counts(&self) -> PointCounts {
         self.global_counts.unwrap_or_else(|| PointCounts {
             points: self.points.len(),
@@ -44,113 +44,124 @@ impl<const D: usize> Features<D> {
         })
     }
 
-    /// Keeps this rank's share of the points that all have.
-    pub(crate) fn keep_share(&mut self, group: &dyn Comm) {
+    /// Keeps only this rank's share of points that every rank holds.
+    pub(crate) fn keep_share(&mut self, comm: &dyn Comm) {
         if self.global_counts.is_some() {
             return;
         }
         self.global_counts = Some(self.point_counts());
-        let own = partition_range(self.points.len(), group.rank(), group.size());
-        keep_range(&mut self.points, own.clone());
-        keep_range(&mut self.surface, own.clone());
-        keep_range(&mut self.on_horizon, own.clone());
+        let range = partition_range(self.points.len(), comm.rank(), comm.size());
+        keep_range(&mut self.points, range.clone());
+        keep_range(&mut self.surface, range.clone());
+        keep_range(&mut self.on_horizon, range.clone());
         if let Some(spacing) = &mut self.spacing {
-            keep_range(spacing, own);
+            keep_range(spacing, range);
         }
     }
 
-    /// Has the points of all ranks.
+    /// Gathers the points of all ranks on every rank.
     ///
     /// # Errors
-    /// Those of the others.
-    pub(crate) fn gather(&mut self, group: &dyn Comm) -> Result<()> {
+    /// Returns the errors of other ranks.
+    pub(crate) fn gather(&mut self, comm: &dyn Comm) -> Result<()> {
         if self.global_counts.take().is_some() {
-            let own = (0..self.points.len())
+            let local_points = (0..self.points.len())
                 .map(|i| self.marked_point(i))
                 .collect();
-            let told = group.all_gather("points of features", own)?;
+            let gathered = comm.all_gather("points of features", local_points)?;
             let spacing = self.spacing.take();
-            let spacing = spacing.map(|own| group.all_gather("distances at points", own));
-            self.set_from_lists(told, spacing.transpose()?);
+            let spacing = spacing.map(|local| comm.all_gather("distances at points", local));
+            self.set_from_lists(gathered, spacing.transpose()?);
         }
         Ok(())
     }
 
-    /// Of the points of all ranks, those that may be no farther than `reach` from some positions.
+    /// Returns the points of all ranks that may be within `reach` of one of `positions`; some
+    /// returned points are farther away.
     ///
     /// # Errors
-    /// Those of the others.
+    /// Returns the errors of other ranks.
     pub(crate) fn points_near(
         &self,
         positions: &[[f64; D]],
         reach: f64,
-        group: &dyn Comm,
+        comm: &dyn Comm,
     ) -> Result<PointSubset<D>> {
         let blocks = BlockGrid::new(self.potential.extent());
-        let wanted = blocks.within_reach(positions, reach);
-        // A rank is asked for what it may have.
-        let own = self.points.iter().map(|p| blocks.layer_of(p));
-        let own = own.fold([usize::MAX, 0], |[low, high], at| {
+        let needed = blocks.within_reach(positions, reach);
+        // A rank is asked only for blocks in layers in which it has points.
+        let layers = self.points.iter().map(|p| blocks.layer_of(p));
+        let bounds = layers.fold([usize::MAX, 0], |[low, high], at| {
             [low.min(at), high.max(at)]
         });
-        let have: Vec<[usize; 2]> = group.all_gather("where points of features are", own)?;
-        let asked = have.iter().map(|&[low, high]| -> Vec<u32> {
-            let some =
+        let ranges: Vec<[usize; 2]> = comm.all_gather("where points of features are", bounds)?;
+        let requests = ranges.iter().map(|&[low, high]| -> Vec<u32> {
+            let in_range =
                 (low..=high.min(blocks.dims[D - 1] - 1)).flat_map(|at| blocks.layer_range(at));
-            some.filter(|&block| wanted[block])
+            in_range
+                .filter(|&block| needed[block])
                 .map(|block| block as u32)
                 .collect()
         });
-        let asked: Vec<Vec<u32>> = group.all_to_all("blocks of space", asked.collect())?;
-        let told = asked.iter().map(|asked| -> Vec<MarkedPoint<D>> {
-            if asked.is_empty() {
+        let request: Vec<Vec<u32>> = comm.all_to_all("blocks of space", requests.collect())?;
+        let replies = request.iter().map(|options| -> Vec<MarkedPoint<D>> {
+            if options.is_empty() {
                 return Vec::new();
             }
-            let mut among = vec![false; wanted.len()];
-            asked.iter().for_each(|&block| among[block as usize] = true);
-            let own = self.points.par_iter().enumerate();
-            let of_those = own.filter(|(_, p)| among[blocks.block_of(p.position.map(f64::from))]);
-            of_those.map(|(i, _)| self.marked_point(i)).collect()
+            let mut is_requested = vec![false; needed.len()];
+            options
+                .iter()
+                .for_each(|&block| is_requested[block as usize] = true);
+            let local_points = self.points.par_iter().enumerate();
+            let selected = local_points
+                .filter(|(_, p)| is_requested[blocks.block_of(p.position.map(f64::from))]);
+            selected.map(|(i, _)| self.marked_point(i)).collect()
         });
-        let (points, marks) = concatenate(group.all_to_all("points of features", told.collect())?)
-            .into_iter()
-            .unzip();
+        let (points, marks) =
+            concatenate(comm.all_to_all("points of features", replies.collect())?)
+                .into_iter()
+                .unzip();
         Ok(PointSubset { points, marks })
     }
 
-    /// Has these points instead of those of its share.
-    pub(crate) fn replace_points(&mut self, near: PointSubset<D>) {
-        self.points = near.points;
-        (self.surface, self.on_horizon) = near.marks.into_iter().unzip();
+    /// Replaces the points of this rank.
+    pub(crate) fn replace_points(&mut self, subset: PointSubset<D>) {
+        self.points = subset.points;
+        (self.surface, self.on_horizon) = subset.marks.into_iter().unzip();
         self.spacing = None;
     }
 
-    /// Sorts points by where they are, last axis first; of shares, each rank has those that are in its layers then.
+    /// Sorts the points by position, last axis first. Points that are distributed over ranks are
+    /// redistributed: each rank gets those in its layers.
     ///
     /// # Errors
-    /// Those of the others.
-    pub(super) fn sort_points(&mut self, group: &dyn Comm) -> Result<()> {
+    /// Returns the errors of other ranks.
+    pub(super) fn sort_points(&mut self, comm: &dyn Comm) -> Result<()> {
         if self.global_counts.is_some() {
             let (layers, step) = (self.potential.dims[D - 1], self.potential.step[D - 1]);
-            // Where the layers of all but the last rank end.
+            // Layers at which all ranks but the first begin.
             let ends =
-                (1..group.size()).map(|rank| partition_range(layers, rank, group.size()).start);
+                (1..comm.size()).map(|rank| partition_range(layers, rank, comm.size()).start);
             let ends: Vec<f64> = ends.map(|end| end as f64).collect();
             let rank_of = |i: usize| {
                 let at = f64::from(self.points[i].position[D - 1]) / step;
                 ends.partition_point(|&end| at >= end)
             };
-            let mut to = vec![Vec::new(); group.size()];
-            (0..self.points.len()).for_each(|i| to[rank_of(i)].push(i));
-            let whole = |to: &Vec<usize>| to.iter().map(|&i| self.marked_point(i)).collect();
-            let told = group.all_to_all("points of features", to.iter().map(whole).collect())?;
-            let spacing = self.spacing.take().map(|own| {
-                let to = to.iter().map(|to| permute(to, &own));
-                group.all_to_all("distances at points", to.collect())
+            let mut targets = vec![Vec::new(); comm.size()];
+            (0..self.points.len()).for_each(|i| targets[rank_of(i)].push(i));
+            let marked_points =
+                |indices: &Vec<usize>| indices.iter().map(|&i| self.marked_point(i)).collect();
+            let received = comm.all_to_all(
+                "points of features",
+                targets.iter().map(marked_points).collect(),
+            )?;
+            let spacing = self.spacing.take().map(|local| {
+                let permuted = targets.iter().map(|to| permute(to, &local));
+                comm.all_to_all("distances at points", permuted.collect())
             });
-            self.set_from_lists(told, spacing.transpose()?);
+            self.set_from_lists(received, spacing.transpose()?);
         }
-        // Of two at one place the one on a fault is first, as where they come from one rank.
+        // Of two points at one position the one on a fault comes first, on any number of ranks.
         let last_axis_first = |&i: &usize, &j: &usize| {
             let [p, q] = [i, j].map(|i| self.points[i].position.iter().rev());
             p.zip(q)
@@ -179,9 +190,9 @@ impl<const D: usize> Features<D> {
     }
 }
 
-fn keep_range<T>(values: &mut Vec<T>, own: Range<usize>) {
-    values.truncate(own.end);
-    values.drain(..own.start);
+fn keep_range<T>(values: &mut Vec<T>, range: Range<usize>) {
+    values.truncate(range.end);
+    values.drain(..range.start);
     values.shrink_to_fit();
 }
 
@@ -189,7 +200,7 @@ fn permute<T: Copy>(order: &[usize], values: &[T]) -> Vec<T> {
     order.iter().map(|&i| values[i]).collect()
 }
 
-/// The box in blocks.
+/// Blocks of space that cover the box.
 struct BlockGrid<const D: usize> {
     dims: [usize; D],
 }
@@ -205,13 +216,13 @@ impl<const D: usize> BlockGrid<D> {
         ((x / BLOCK_SIZE) as usize).min(self.dims[k] - 1)
     }
 
-    /// The block of a position.
+    /// Returns the block that contains a position.
     fn block_of(&self, x: [f64; D]) -> usize {
         let blocks = Volume::new(self.dims, &[]);
         blocks.index(std::array::from_fn(|k| self.axis_index(k, x[k])))
     }
 
-    /// The layer of blocks of a point.
+    /// Returns the layer of blocks that contains a point.
     fn layer_of(&self, point: &FeaturePoint<D>) -> usize {
         self.axis_index(D - 1, point.position[D - 1].into())
     }
@@ -220,7 +231,7 @@ impl<const D: usize> BlockGrid<D> {
         at * layer_len(self.dims)..(at + 1) * layer_len(self.dims)
     }
 
-    /// For each block whether it may be within `reach` of some positions.
+    /// Returns for each block `true` if it may be within `reach` of one of the positions.
     fn within_reach(&self, positions: &[[f64; D]], reach: f64) -> Vec<bool> {
         let mut marks = vec![false; self.dims.iter().product()];
         for &x in positions {
@@ -248,15 +259,16 @@ mod tests {
 
     const DIMS: [usize; 3] = [60, 40, 90];
 
-    /// Points here and there, some of them at one place, in the order of their layers.
+    /// Returns features at pseudo-random positions, a tenth of them at one place, in the order of
+    /// their layers.
     fn random_features(count: usize) -> Features<3> {
         let mut random = Random::new(8);
-        let mut some: Vec<MarkedPoint<3>> = (0..count)
+        let mut marked: Vec<MarkedPoint<3>> = (0..count)
             .map(|i| {
-                let far = DIMS.map(|n| random.range(0.0, (n - 1) as f64) as f32);
+                let random_position = DIMS.map(|n| random.range(0.0, (n - 1) as f64) as f32);
                 let position = match i % 10 {
                     0 => [30.0, 20.0, 30.5],
-                    _ => far,
+                    _ => random_position,
                 };
                 let point = FeaturePoint {
                     position,
@@ -266,12 +278,12 @@ mod tests {
                 (point, (1 + (i % 7) as u32, i % 3 == 0))
             })
             .collect();
-        some.sort_by_key(|(point, _)| point.position[2].round() as i32);
+        marked.sort_by_key(|(point, _)| point.position[2].round() as i32);
         let mut features = Features {
             potential: SparseField::zero(DIMS, [1.0; 3]),
             ..Features::empty(DIMS, &DetectionOptions::default())
         };
-        features.set_from_lists(vec![some], None);
+        features.set_from_lists(vec![marked], None);
         features
     }
 
@@ -282,19 +294,20 @@ mod tests {
     }
 
     #[test]
-    fn shares_of_points_are_all_of_them_and_are_gathered_again() {
+    fn shares_cover_all_points_and_gather_restores_them() {
         for points in [0, 2, 500] {
             let all = random_features(points);
             for count in [1, 3, 5] {
-                let parts = run_threads(count, |group| {
-                    let mut own = all.clone();
-                    own.keep_share(group);
-                    own.keep_share(group);
-                    assert_eq!(own.point_counts(), all.point_counts());
-                    let part = marked_points(&own);
-                    own.gather(group).unwrap();
+                let parts = run_threads(count, |comm| {
+                    let mut local = all.clone();
+                    local.keep_share(comm);
+                    local.keep_share(comm);
+                    assert_eq!(local.point_counts(), all.point_counts());
+                    let part = marked_points(&local);
+                    local.gather(comm).unwrap();
                     assert!(
-                        marked_points(&own) == marked_points(&all) && own.global_counts.is_none()
+                        marked_points(&local) == marked_points(&all)
+                            && local.global_counts.is_none()
                     );
                     part
                 });
@@ -304,54 +317,60 @@ mod tests {
     }
 
     #[test]
-    fn each_is_told_of_the_points_near_its_positions() {
+    fn points_near_returns_the_points_near_the_positions() {
         let all = random_features(2000);
         let mut random = Random::new(5);
         for (count, reach) in [(1, 3.0), (2, 0.0), (5, 20.0)] {
             let positions: Vec<Vec<[f64; 3]>> = (0..count)
                 .map(|rank| match rank {
-                    // One has none.
+                    // One rank has no positions.
                     1 => Vec::new(),
                     _ => (0..3)
                         .map(|_| DIMS.map(|n| random.range(0.0, (n - 1) as f64)))
                         .collect(),
                 })
                 .collect();
-            run_threads(count, |group| {
-                let mut own = all.clone();
-                own.keep_share(group);
-                let positions = &positions[group.rank()];
-                let near = own.points_near(positions, reach, group).unwrap();
-                let told: Vec<MarkedPoint<3>> = near.points.into_iter().zip(near.marks).collect();
-                let within = |far: f64| {
+            run_threads(count, |comm| {
+                let mut local = all.clone();
+                local.keep_share(comm);
+                let positions = &positions[comm.rank()];
+                let subset = local.points_near(positions, reach, comm).unwrap();
+                let received: Vec<MarkedPoint<3>> =
+                    subset.points.into_iter().zip(subset.marks).collect();
+                let within = |radius: f64| {
                     marked_points(&all).into_iter().filter(move |(point, _)| {
                         let at = point.position.map(f64::from);
-                        let is_near = |x: &[f64; 3]| (0..3).all(|k| (x[k] - at[k]).abs() <= far);
+                        let is_near = |x: &[f64; 3]| (0..3).all(|k| (x[k] - at[k]).abs() <= radius);
                         positions.iter().any(is_near)
                     })
                 };
-                // All that are near, none that is far, in their order.
-                assert!(within(reach).all(|point| told.contains(&point)));
-                let far: Vec<_> = within(reach + 2.0 * BLOCK_SIZE).collect();
-                let mut order = far.iter();
-                assert!(told.iter().all(|point| order.any(|other| other == point)));
-                assert!(count > 2 || group.rank() == 1 || told.len() < 2000);
+                // All points within reach are received, none that is far away, and their order is
+                // kept.
+                assert!(within(reach).all(|point| received.contains(&point)));
+                let nearby: Vec<_> = within(reach + 2.0 * BLOCK_SIZE).collect();
+                let mut order = nearby.iter();
+                assert!(
+                    received
+                        .iter()
+                        .all(|point| order.any(|other| other == point))
+                );
+                assert!(count > 2 || comm.rank() == 1 || received.len() < 2000);
             });
         }
     }
 
     #[test]
-    fn points_of_shares_are_sorted_as_those_of_one() {
+    fn sorting_shares_matches_sorting_on_one_rank() {
         let all = random_features(700);
         let mut sorted = all.clone();
         sorted.sort_points(&SelfComm).unwrap();
         assert!(marked_points(&sorted) != marked_points(&all));
         for count in [2, 3, 7] {
-            let parts = run_threads(count, |group| {
-                let mut own = all.clone();
-                own.keep_share(group);
-                own.sort_points(group).unwrap();
-                marked_points(&own)
+            let parts = run_threads(count, |comm| {
+                let mut local = all.clone();
+                local.keep_share(comm);
+                local.sort_points(comm).unwrap();
+                marked_points(&local)
             });
             assert!(parts.iter().filter(|part| !part.is_empty()).count() > 1);
             assert!(parts.concat() == marked_points(&sorted));

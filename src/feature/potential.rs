@@ -1,12 +1,13 @@
-//! The image potential b(x): every feature a valley of depth 1.
+//! Computes the image potential b(x), which has a valley of depth 1 along every feature.
 //!
-//! b = -exp(-s^2 / (2 sigma^2)), with s the distance to the nearest feature. Each feature point
-//! stands for a disc of its sheet, so that s is the distance to the nearest *disc*: in the middle of
-//! a sheet exactly the distance to its plane, wherever the points lie on it (no pimples along the
-//! valley); past the sheet's end the distance to its rim, so that the valley's end is as round as its
-//! walls; where sheets cross, the distance to the nearer one (depth 1, not 2).
+//! b = -exp(-s^2 / (2 sigma^2)), where s is the distance to the nearest feature. Each feature point
+//! stands for a disc of its surface, and s is the distance to the nearest *disc*. So, in the middle
+//! of a surface, s is the distance to its tangent plane, wherever the points lie on it, and the
+//! valley is smooth along the surface. Beyond the end of a surface, s is the distance to its rim,
+//! so that the end of the valley is as round as its walls. Where surfaces cross, s is the distance
+//! to the nearer one, so that the depth is 1 and not 2.
 //!
-//! The bell is cut at 3 sigma and lowered by what is left there, so that b falls to exactly 0.
+//! The bell is cut at 3 sigma and lowered by its value there, so that b falls to exactly 0.
 
 use super::FeaturePoint;
 use crate::comm::{Comm, concatenate};
@@ -18,20 +19,22 @@ use crate::progress::CancelToken;
 use std::borrow::Cow;
 use std::ops::Range;
 
-/// The bell is cut at this many sigma.
+/// Distance, in units of sigma, at which the bell is cut.
 const CUTOFF_SIGMAS: f64 = 3.0;
 
-/// Radius of a point's disc, in samples: half the diagonal of a column's cell, and a bit, so that the
-/// discs of neighbouring columns overlap.
+/// Radius of a point's disc, in samples: slightly more than half the diagonal of a column's cell,
+/// so that the discs of neighbouring columns overlap.
 const DISC_RADIUS: f32 = 0.75;
 
-/// Only samples farther off than the bell's cut by this (samples) are passed over: far more than is rounded away.
+/// Safety margin (samples) for skipping samples beyond the cut of the bell, far larger than
+/// rounding errors.
 const CUTOFF_MARGIN: f32 = 0.01;
 
-/// Axes along which a normal is at least this much as fast as along its fastest one lead, too.
+/// Axes along which the normal's component is at least this share of the largest one are leading
+/// axes, too.
 const MIN_LEADING_RATIO: f32 = 0.95;
 
-/// The valleys of a potential on a grid of `dims` samples, the widest of which are `sigma` wide.
+/// The valleys of a potential on a grid of `dims` samples; the widest valleys have width `sigma`.
 #[derive(Clone)]
 pub struct PotentialValleys<'a, const D: usize> {
     pub dims: [usize; D],
@@ -39,56 +42,60 @@ pub struct PotentialValleys<'a, const D: usize> {
     pub sigma: f64,
     /// Feature points in the order of samples.
     pub points: Cow<'a, [FeaturePoint<D>]>,
-    /// For each whether its sheet ends there.
+    /// For each point, `true` if its surface ends there.
     pub is_rim: Cow<'a, [bool]>,
-    /// For each the distance between atoms, a quarter of which its valley is wide.
+    /// Distance between atoms at each point; the width of the valley is a quarter of it.
     pub spacing: Option<Cow<'a, [f32]>>,
 }
 
-/// A point, whether its sheet ends there, and the distance between atoms.
+/// A point, `true` if its surface ends there, and the distance between atoms there.
 type ValleyPoint<const D: usize> = (FeaturePoint<D>, (bool, Option<f32>));
 
 impl<const D: usize> PotentialValleys<'_, D> {
-    /// Of all points.
-    pub fn potential(&self, patience: &CancelToken<'_>) -> SparseField<D> {
+    /// Computes the potential of all points.
+    pub fn potential(&self, cancel: &CancelToken<'_>) -> SparseField<D> {
         SparseField::from_layers(self.dims, self.step, |layers, samples: &mut Vec<f32>| {
-            self.compute_layers(layers, samples, patience);
+            self.compute_layers(layers, samples, cancel);
         })
     }
 
-    /// The same, of which each of a group makes, and has, a share; these are all points or those [of the
-    /// share](Self::gather_for_share).
+    /// Computes this rank's share of the potential. The points are all points, or those that
+    /// [`PotentialValleys::gather_for_share`] returned.
     pub fn distributed_potential(
         &self,
-        group: &dyn Comm,
-        patience: &CancelToken<'_>,
+        comm: &dyn Comm,
+        cancel: &CancelToken<'_>,
     ) -> SparseField<D> {
-        let make = |layers: Range<usize>, samples: &mut Vec<f32>| {
-            self.compute_layers(layers, samples, patience);
+        let compute = |layers: Range<usize>, samples: &mut Vec<f32>| {
+            self.compute_layers(layers, samples, cancel);
         };
-        SparseField::from_layers_distributed(self.dims, self.step, group, make)
+        SparseField::from_layers_distributed(self.dims, self.step, comm, compute)
     }
 
-    /// Those that this one's share of the potential depends on, where each has some points.
+    /// Returns the valleys with the points on which this rank's share of the potential depends, if
+    /// each rank has some of the points.
     ///
     /// # Errors
-    /// Those of the others.
-    pub fn gather_for_share(self, group: &dyn Comm) -> Result<PotentialValleys<'static, D>> {
-        let of = |rank: usize| -> Vec<ValleyPoint<D>> {
-            let layers = SparseField::rank_layers(self.dims, rank, group.size());
+    /// Returns the errors of other ranks.
+    pub fn gather_for_share(self, comm: &dyn Comm) -> Result<PotentialValleys<'static, D>> {
+        let points_for_rank = |rank: usize| -> Vec<ValleyPoint<D>> {
+            let layers = SparseField::rank_layers(self.dims, rank, comm.size());
             let spacing = |i: usize| self.spacing.as_ref().map(|d| d[i]);
-            let whole = |i: usize| (self.points[i], (self.is_rim[i], spacing(i)));
-            self.points_near(&layers).map(whole).collect()
+            let valley_point = |i: usize| (self.points[i], (self.is_rim[i], spacing(i)));
+            self.points_near(&layers).map(valley_point).collect()
         };
-        let told = group.all_to_all("points near layers", (0..group.size()).map(of).collect())?;
-        let (points, rest): (Vec<_>, Vec<_>) = concatenate(told).into_iter().unzip();
-        let (rim, spacing): (Vec<_>, Vec<_>) = rest.into_iter().unzip();
+        let received = comm.all_to_all(
+            "points near layers",
+            (0..comm.size()).map(points_for_rank).collect(),
+        )?;
+        let (points, marks): (Vec<_>, Vec<_>) = concatenate(received).into_iter().unzip();
+        let (is_rim, spacing): (Vec<_>, Vec<_>) = marks.into_iter().unzip();
         Ok(PotentialValleys {
             dims: self.dims,
             step: self.step,
             sigma: self.sigma,
             points: points.into(),
-            is_rim: rim.into(),
+            is_rim: is_rim.into(),
             spacing: self
                 .spacing
                 .and(spacing.into_iter().collect::<Option<Vec<f32>>>())
@@ -96,13 +103,14 @@ impl<const D: usize> PotentialValleys<'_, D> {
         })
     }
 
-    /// Which of the points may have their valleys in some layers.
+    /// Returns the indices of the points whose valleys may reach into some layers.
     fn points_near(&self, layers: &Range<usize>) -> Range<usize> {
         let (points, last) = (&self.points, D - 1);
         if layers.is_empty() {
             return 0..0;
         }
-        // Points are sorted by their samples, so along the last axis within half a sample and a bit.
+        // Points are sorted by their samples, so along the last axis they are sorted to within
+        // slightly more than half a sample.
         let reach = CUTOFF_SIGMAS * self.sigma + 2.5 * self.step[last];
         let height = |p: &FeaturePoint<D>| f64::from(p.position[last]);
         let [low, high] = [layers.start, layers.end].map(|at| at as f64 * self.step[last]);
@@ -113,18 +121,18 @@ impl<const D: usize> PotentialValleys<'_, D> {
                 .max(start)
     }
 
-    /// The samples of some layers.
+    /// Computes the potential at the samples of some layers.
     fn compute_layers(
         &self,
         layers: Range<usize>,
         samples: &mut Vec<f32>,
-        patience: &CancelToken<'_>,
+        cancel: &CancelToken<'_>,
     ) {
         let last = D - 1;
         let layer: usize = self.dims[..last].iter().product();
         samples.clear();
         samples.resize(layer * layers.len(), f32::INFINITY);
-        let near = self.points_near(&layers);
+        let nearby = self.points_near(&layers);
         let mut dims = self.dims;
         dims[last] = layers.len();
         let mut splat = Splat {
@@ -134,8 +142,8 @@ impl<const D: usize> PotentialValleys<'_, D> {
             out: samples,
             sigma: self.sigma as f32,
         };
-        for i in near {
-            if patience.is_cancelled() {
+        for i in nearby {
+            if cancel.is_cancelled() {
                 break;
             }
             splat.sigma = (self.spacing.as_ref()).map_or(self.sigma as f32, |d| d[i] / 4.0);
@@ -148,44 +156,46 @@ impl<const D: usize> PotentialValleys<'_, D> {
     }
 }
 
-/// Squared distances to the nearest disc, in units of the width of its valley, in a slab of layers
-/// along the last axis.
+/// Squared distance of each sample in a slab of layers (along the last axis) to the nearest disc,
+/// in units of the squared width of its valley.
 struct Splat<'a, const D: usize> {
-    /// Samples of the slab along each axis.
+    /// Number of samples of the slab along each axis.
     dims: [usize; D],
     step: [f32; D],
-    /// The slab's first layer.
+    /// First layer of the slab.
     first_layer: usize,
     out: &'a mut [f32],
-    /// Width of the valley of the point at hand.
+    /// Width of the current point's valley.
     sigma: f32,
 }
 
 impl<const D: usize> Splat<'_, D> {
-    /// A point in samples.
+    /// Converts a position from lattice units to samples.
     fn to_samples(&self, position: [f32; D]) -> [f32; D] {
         std::array::from_fn(|k| position[k] / self.step[k])
     }
 
-    /// The first sample of the slab along an axis, and the one after its last.
+    /// Returns the first sample of the slab along an axis, and the one after its last.
     fn axis_range(&self, k: usize) -> [usize; 2] {
         let first = if k == D - 1 { self.first_layer } else { 0 };
         [first, first + self.dims[k]]
     }
 
-    /// Lowers the squared distances along the point's normal to those from its disc.
+    /// Lowers the squared distances of samples along the point's normal to their distances from its
+    /// disc.
     fn add(&mut self, point: &FeaturePoint<D>) {
         let n = point.normal;
-        // Samples passed along each axis per lattice unit along the normal; the fastest axis leads.
+        // Samples passed along each axis per lattice unit along the normal; the axis with the
+        // largest value leads.
         let speed: [f32; D] = std::array::from_fn(|k| n[k] / self.step[k]);
-        let most = speed.iter().fold(0.0f32, |a, s| a.max(s.abs()));
-        // Where the leading axis changes along a sheet, both must lead or there is a gap.
-        for axis in (0..D).filter(|&k| speed[k].abs() >= MIN_LEADING_RATIO * most) {
+        let max_speed = speed.iter().fold(0.0f32, |a, s| a.max(s.abs()));
+        // Where the leading axis changes along a surface, both axes must lead, or there is a gap.
+        for axis in (0..D).filter(|&k| speed[k].abs() >= MIN_LEADING_RATIO * max_speed) {
             self.add_along(axis, point, speed);
         }
     }
 
-    /// The same, sample by sample along one axis.
+    /// Lowers the squared distances sample by sample along one leading axis.
     fn add_along(&mut self, axis: usize, point: &FeaturePoint<D>, speed: [f32; D]) {
         let centre = self.to_samples(point.position);
         let slope = speed.map(|s| s / speed[axis]);
@@ -207,7 +217,8 @@ impl<const D: usize> Splat<'_, D> {
         }
     }
 
-    /// Lowers the squared distances all round the point to those from its disc.
+    /// Lowers the squared distances of all samples around the point to their distances from its
+    /// disc.
     fn add_disc_rim(&mut self, point: &FeaturePoint<D>) {
         let (h, n) = (self.step, point.normal);
         let centre = self.to_samples(point.position);
@@ -224,41 +235,41 @@ impl<const D: usize> Splat<'_, D> {
             }
             (low[k], span[k]) = (first as usize, (end - first) as usize);
         }
-        // Farther from the point than this, no sample is within the cut from its disc.
-        let most = CUTOFF_SIGMAS as f32 * self.sigma + radius + CUTOFF_MARGIN * h[0];
+        // Beyond this distance from the point, no sample is within the cut from its disc.
+        let max_distance = CUTOFF_SIGMAS as f32 * self.sigma + radius + CUTOFF_MARGIN * h[0];
         for number in 0..span[1..].iter().product() {
-            let (mut rest, mut start): (usize, usize) = (number, 0);
+            let (mut remaining, mut start): (usize, usize) = (number, 0);
             let mut at = low;
             let (mut along, mut square) = (0.0, 0.0);
             for k in 1..D {
-                at[k] += rest % span[k];
-                rest /= span[k];
+                at[k] += remaining % span[k];
+                remaining /= span[k];
                 let r = (at[k] as f32 - centre[k]) * h[k];
                 along += r * n[k];
                 square += r * r;
             }
-            let half = most * most - square;
-            if half <= 0.0 {
+            let half_chord_square = max_distance * max_distance - square;
+            if half_chord_square <= 0.0 {
                 continue;
             }
             for k in (1..D).rev() {
                 start = (start + at[k] - self.axis_range(k)[0]) * self.dims[k - 1];
             }
-            let half = half.sqrt() / h[0];
-            let first = ((centre[0] - half).ceil() as i32).max(low[0] as i32);
-            let end = ((centre[0] + half).floor() as i32 + 1).min((low[0] + span[0]) as i32);
+            let half_chord = half_chord_square.sqrt() / h[0];
+            let first = ((centre[0] - half_chord).ceil() as i32).max(low[0] as i32);
+            let end = ((centre[0] + half_chord).floor() as i32 + 1).min((low[0] + span[0]) as i32);
             if first >= end {
                 continue;
             }
             let (first, end) = (first as usize, end as usize);
-            let before = start - self.axis_range(0)[0];
-            let (from, skipped) = ((low[0] as f32 - centre[0]) * h[0], first - low[0]);
-            let row = &mut self.out[before + first..before + end];
+            let row_start = start - self.axis_range(0)[0];
+            let (first_offset, skipped) = ((low[0] as f32 - centre[0]) * h[0], first - low[0]);
+            let row = &mut self.out[row_start + first..row_start + end];
             dispatch_simd(
                 #[inline(always)]
                 || {
                     for (x, nearest) in row.iter_mut().enumerate() {
-                        let r = from + (skipped + x) as f32 * h[0];
+                        let r = first_offset + (skipped + x) as f32 * h[0];
                         let s = r * n[0] + along;
                         let across = (r * r + square - s * s).max(0.0).sqrt();
                         let past = (across - radius).max(0.0);
@@ -269,7 +280,7 @@ impl<const D: usize> Splat<'_, D> {
         }
     }
 
-    /// Lowers the squared distance of one sample to that from the disc round `centre`.
+    /// Lowers the squared distance of one sample to its distance from the disc around `centre`.
     #[inline]
     fn lower(&mut self, at: [i32; D], centre: [f32; D], n: [f32; D], radius: f32) {
         let mut i = 0;
@@ -288,14 +299,14 @@ impl<const D: usize> Splat<'_, D> {
     }
 }
 
-/// Squared distances in widths of valleys -> valleys.
+/// Converts squared distances in widths of valleys to values of the potential.
 fn distances_to_valleys(samples: &mut [f32]) {
     let cut = (CUTOFF_SIGMAS * CUTOFF_SIGMAS) as f32;
-    let rest = (-0.5 * cut).exp();
+    let bell_at_cutoff = (-0.5 * cut).exp();
     for s in samples {
         let u = *s;
         *s = if u < cut {
-            -((-0.5 * u).exp() - rest) / (1.0 - rest)
+            -((-0.5 * u).exp() - bell_at_cutoff) / (1.0 - bell_at_cutoff)
         } else {
             0.0
         };
@@ -308,23 +319,23 @@ mod tests {
     use crate::feature::{DetectionOptions, FeatureKind, detect};
 
     #[test]
-    fn the_valley_is_gaussian_across_and_even_along() {
+    fn the_valley_is_gaussian_across_and_uniform_along() {
         let dims = [48, 44, 40];
-        let sheets = [
+        let surfaces = [
             ExactSurface::plane([1.0, 0.45, 0.3], [22.0, 22.0, 20.0]),
             ExactSurface::plane([-0.4, 1.0, 0.2], [24.0, 24.0, 20.0]),
         ];
-        let image = ridge_image(dims, &sheets, 1.5, 0.0);
+        let image = ridge_image(dims, &surfaces, 1.5, 0.0);
         let d_min = 8.0;
         let features = detect(
             &image,
             &DetectionOptions::with_kind(FeatureKind::Ridges, d_min),
         )
         .unwrap();
-        let (sigma, rest) = (features.sigma, (-4.5f64).exp());
+        let (sigma, bell_at_cutoff) = (features.sigma, (-4.5f64).exp());
         let potential = features.potential.to_dense();
         assert_eq!(sigma, d_min / 4.0);
-        // Off the crossing, and at it (where both sheets are within three samples).
+        // Errors away from the crossing, and at it (where both surfaces are within three samples).
         let (mut worst, mut deepest) = ([0.0f64; 2], 0.0f32);
         for z in 5..35 {
             for y in 5..39 {
@@ -332,14 +343,16 @@ mod tests {
                     let p = [x as f64, y as f64, z as f64];
                     let b = potential.samples[(z * 44 + y) * 48 + x];
                     deepest = deepest.min(b);
-                    let s = sheets
+                    let s = surfaces
                         .iter()
                         .map(|s| s.distance(p).abs())
                         .fold(f64::MAX, f64::min);
-                    let bell = (-0.5 * (s / sigma).powi(2)).exp().max(rest);
-                    let crossing = sheets.iter().all(|s| s.distance(p).abs() < 3.0);
+                    let bell = (-0.5 * (s / sigma).powi(2)).exp().max(bell_at_cutoff);
+                    let crossing = surfaces.iter().all(|s| s.distance(p).abs() < 3.0);
                     let worst = &mut worst[usize::from(crossing)];
-                    *worst = worst.max((f64::from(b) + (bell - rest) / (1.0 - rest)).abs());
+                    *worst = worst.max(
+                        (f64::from(b) + (bell - bell_at_cutoff) / (1.0 - bell_at_cutoff)).abs(),
+                    );
                 }
             }
         }

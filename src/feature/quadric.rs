@@ -1,28 +1,30 @@
-//! A sheet near a place as a quadratic surface.
+//! Quadratic surface fitted to the points of a feature surface near a place.
 
 use crate::geometry::simd::dispatch_simd;
 
-/// Expected error of a point (samples) ...
+/// Expected error of a point (samples).
 const POINT_ERROR: f64 = 0.15;
-/// ... and expected second-order coefficient of a sheet (per sample): radius of curvature a hundred.
+/// Expected second-order coefficient of a surface (per sample): a radius of curvature of a hundred
+/// samples.
 const CURVATURE_PRIOR: f64 = 0.005;
 
-/// The column of heights.
+/// Column of the heights in the equations.
 const HEIGHT_COLUMN: usize = 6;
 
 /// A quadratic surface (in 2-D a parabola) through points, by weighted least squares.
 pub struct Quadric<const D: usize> {
-    /// The normal equations, their right-hand sides in column [`HEIGHT_COLUMN`]; as wide as vector registers like.
+    /// Normal equations, with their right-hand sides in column [`HEIGHT_COLUMN`]; rows are padded
+    /// to the width of vector registers.
     equations: [[f64; 8]; 6],
-    /// The weight of a point falls with the square of its distance over this.
+    /// Width of the Gaussian weight of a point (samples).
     width: f64,
 }
 
 impl<const D: usize> Quadric<D> {
-    /// Constant, slopes and bends: fewer points carry no fit.
+    /// Number of terms (constant, slopes and curvatures); a fit needs at least as many points.
     pub const TERM_COUNT: usize = D * (D + 1) / 2;
 
-    /// No points yet; their weights fall within `radius` samples.
+    /// Creates a fit without points, for points within `radius` samples.
     pub fn new(radius: i32) -> Self {
         Self {
             equations: [[0.0; 8]; 6],
@@ -30,41 +32,41 @@ impl<const D: usize> Quadric<D> {
         }
     }
 
-    /// Adds a point; its height is its component along `axis`.
-    pub fn add(&mut self, away: [f32; D], axis: usize) {
-        let weight = self.weight(away, axis);
-        Self::add_to(&mut self.equations, away, axis, weight);
+    /// Adds a point at `offset`; its height is its component along `axis`.
+    pub fn add(&mut self, offset: [f32; D], axis: usize) {
+        let weight = self.weight(offset, axis);
+        Self::add_to(&mut self.equations, offset, axis, weight);
     }
 
-    /// Adds points, of which `weights` has room for the weights.
+    /// Adds points; `weights` is a scratch buffer.
     pub fn add_all(&mut self, points: &[[f32; D]], axis: usize, weights: &mut Vec<f64>) {
         weights.clear();
-        weights.extend(points.iter().map(|away| self.weight(*away, axis)));
+        weights.extend(points.iter().map(|offset| self.weight(*offset, axis)));
         dispatch_simd(
             #[inline(always)]
             || {
-                // A copy of their own stays in registers.
+                // A local copy stays in registers.
                 let mut equations = self.equations;
-                for (away, weight) in points.iter().zip(&*weights) {
-                    Self::add_to(&mut equations, *away, axis, *weight);
+                for (offset, weight) in points.iter().zip(&*weights) {
+                    Self::add_to(&mut equations, *offset, axis, *weight);
                 }
                 self.equations = equations;
             },
         );
     }
 
-    fn weight(&self, away: [f32; D], axis: usize) -> f64 {
-        let along = (1..D).map(|k| f64::from(away[(axis + k) % D]));
-        let squares: f64 = along.map(|x| x * x).sum();
+    fn weight(&self, offset: [f32; D], axis: usize) -> f64 {
+        let lateral = (1..D).map(|k| f64::from(offset[(axis + k) % D]));
+        let squares: f64 = lateral.map(|x| x * x).sum();
         (-0.5 * squares / (self.width * self.width)).exp() / (POINT_ERROR * POINT_ERROR)
     }
 
     #[inline(always)]
-    fn add_to(equations: &mut [[f64; 8]; 6], away: [f32; D], axis: usize, weight: f64) {
+    fn add_to(equations: &mut [[f64; 8]; 6], offset: [f32; D], axis: usize, weight: f64) {
         let mut row = [1.0; 8];
         let mut bend = D;
         for k in 1..D {
-            row[k] = f64::from(away[(axis + k) % D]);
+            row[k] = f64::from(offset[(axis + k) % D]);
         }
         for k in 1..D {
             for l in k..D {
@@ -72,17 +74,18 @@ impl<const D: usize> Quadric<D> {
                 bend += 1;
             }
         }
-        row[HEIGHT_COLUMN] = f64::from(away[axis]);
-        // The lower half as well: it costs less than leaving it out.
+        row[HEIGHT_COLUMN] = f64::from(offset[axis]);
+        // The lower half is computed as well: that costs less than skipping it.
         for (i, equation) in equations.iter_mut().enumerate().take(Self::TERM_COUNT) {
-            let share = weight * row[i];
+            let weighted = weight * row[i];
             for j in 0..8 {
-                equation[j] += share * row[j];
+                equation[j] += weighted * row[j];
             }
         }
     }
 
-    /// The terms' coefficients, with the prior on bends, by Cholesky; constant and slopes first.
+    /// Returns the coefficients of the terms (constant and slopes first), with the prior on
+    /// curvatures, by Cholesky decomposition; `None` if the equations are singular.
     pub fn solve(mut self) -> Option<[f64; 6]> {
         let m = &mut self.equations;
         for i in D..Self::TERM_COUNT {

@@ -1,35 +1,37 @@
-//! What detection settles on for a whole image, so that a part of it can be treated alike: a local
-//! edit looks for features near the edit only, and must find those that the whole image has there.
+//! Scales and thresholds that detection chose for a whole image, so that a part of the image can be
+//! treated alike. A local edit looks for features only near the edit, and must find those that the
+//! whole image has there.
 
 use super::FeatureKind;
 use super::detectors;
 use serde::{Deserialize, Serialize};
 
-/// Scale and thresholds for one kind of feature, found from a whole image.
+/// Scale and thresholds for one kind of feature, chosen from a whole image.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct ResolvedOptions {
-    /// The kind of feature, never [`FeatureKind::Auto`] and only one.
+    /// The kind of feature: a single kind, never [`FeatureKind::Auto`].
     pub kind: FeatureKind,
-    /// Width in samples of the Gaussian under which sheets are sought.
+    /// Width (samples) of the Gaussian under which surfaces are sought.
     pub scale: f64,
-    /// Strength down to which a sheet is followed.
+    /// Strength down to which a surface is followed.
     pub low: f32,
-    /// Strength that a sheet has somewhere.
+    /// Strength that a surface must reach somewhere.
     pub high: f32,
-    /// Least area of a sheet, in square lattice units (in 2-D length).
+    /// Smallest area of a surface, in square lattice units (in 2-D smallest length).
     pub min_area: f64,
-    /// Of labels: the value of a thin mask, whose middle is the feature.
+    /// Value of a thin mask whose middle is the feature, for labels and masks.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mask: Option<f32>,
 }
 
-/// How far (samples) detection looks to either side: beyond this from where a part of an image of `D`
-/// dimensions was cut, the features are those of the whole image.
-pub fn detection_reach<const D: usize>(settled: &[ResolvedOptions]) -> usize {
-    let reach =
-        |s: &ResolvedOptions| detectors::detector_for::<D>(s.kind).map(|one| one.reach(s.scale));
-    settled.iter().filter_map(reach).max().unwrap_or(0)
+/// Returns how far (samples) detection looks to either side. At a larger distance from the cut, a
+/// part of an image of `D` dimensions has the features of the whole image.
+pub fn detection_reach<const D: usize>(resolved: &[ResolvedOptions]) -> usize {
+    let reach = |s: &ResolvedOptions| {
+        detectors::detector_for::<D>(s.kind).map(|detector| detector.reach(s.scale))
+    };
+    resolved.iter().filter_map(reach).max().unwrap_or(0)
 }
 
 #[cfg(test)]
@@ -47,7 +49,7 @@ mod tests {
     #[test]
     fn a_constant_part_has_no_features() {
         let part = Image::new([20, 20], vec![3.0; 400], Geometry::default());
-        let found = detect_part(
+        let features = detect_part(
             &part,
             &DetectionOptions::default(),
             &[],
@@ -55,13 +57,13 @@ mod tests {
             &CancelToken::never(),
         )
         .unwrap();
-        assert!(found.points.is_empty() && found.potential.is_zero());
+        assert!(features.points.is_empty() && features.potential.is_zero());
     }
 
     #[test]
-    fn a_part_is_not_searched_for_what_only_the_whole_shows() {
-        let says = |kind| {
-            let settled = ResolvedOptions {
+    fn kinds_that_need_the_whole_image_are_refused_for_a_part() {
+        let error_for = |kind| {
+            let resolved = ResolvedOptions {
                 kind,
                 scale: 1.0,
                 low: 0.1,
@@ -72,15 +74,15 @@ mod tests {
             detect_part(
                 &image_part(),
                 &DetectionOptions::default(),
-                &[settled],
+                &[resolved],
                 &[[true; 2]; 2],
                 &CancelToken::never(),
             )
             .unwrap_err()
             .to_string()
         };
-        assert!(says(FeatureKind::Paths).contains("through the whole image"));
-        assert!(says(FeatureKind::Auto).contains("feature 'auto'"));
-        assert!(says(FeatureKind::FaultsAndHorizons).contains("feature 'faults+horizons'"));
+        assert!(error_for(FeatureKind::Paths).contains("through the whole image"));
+        assert!(error_for(FeatureKind::Auto).contains("feature 'auto'"));
+        assert!(error_for(FeatureKind::FaultsAndHorizons).contains("feature 'faults+horizons'"));
     }
 }

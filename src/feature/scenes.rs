@@ -1,9 +1,9 @@
-//! Test scenes: sheets with exact distances, noisy images of them, and how well points fit them.
+//! Test scenes: surfaces with exact distances, noisy images of them, and the fit of points to them.
 
 use super::FeaturePoint;
 use crate::image::{Geometry, Image};
 
-/// A sheet known by the exact signed distance to it.
+/// A surface given by its exact signed distance.
 pub enum ExactSurface {
     /// All x with normal . x = offset; the normal is a unit vector.
     Plane([f64; 3], f64),
@@ -14,14 +14,14 @@ pub enum ExactSurface {
 }
 
 impl ExactSurface {
-    /// Plane with any normal through a point.
+    /// Returns the plane with a normal of any length through a point.
     pub fn plane(normal: [f64; 3], through: [f64; 3]) -> Self {
         let length = normal.iter().map(|n| n * n).sum::<f64>().sqrt();
         let normal = normal.map(|n| n / length);
         Self::Plane(normal, (0..3).map(|k| normal[k] * through[k]).sum())
     }
 
-    /// Signed distance.
+    /// Returns the signed distance of a position.
     pub fn distance(&self, p: [f64; 3]) -> f64 {
         match self {
             Self::Plane(n, offset) => n[0] * p[0] + n[1] * p[1] + n[2] * p[2] - offset,
@@ -30,7 +30,7 @@ impl ExactSurface {
         }
     }
 
-    /// Unit normal (the distance's gradient).
+    /// Returns the unit normal (the gradient of the distance).
     pub fn normal(&self, p: [f64; 3]) -> [f64; 3] {
         let h = 1e-4;
         std::array::from_fn(|k| {
@@ -42,7 +42,7 @@ impl ExactSurface {
     }
 }
 
-/// Normally distributed numbers (sum of twelve uniform ones), the same on every run.
+/// Pseudo-random, normally distributed numbers (sums of twelve uniform ones).
 pub struct Noise(u64);
 
 impl Noise {
@@ -63,21 +63,27 @@ impl Noise {
     }
 }
 
-/// Gaussian ridges of height 1 and width `width` on the sheets (the higher where they cross), plus
-/// white noise.
-pub fn ridge_image(dims: [usize; 3], sheets: &[ExactSurface], width: f64, noise: f64) -> Image<3> {
+/// Returns an image of Gaussian ridges of height 1 and width `width` on the surfaces (the higher
+/// one where they cross), plus white noise.
+pub fn ridge_image(
+    dims: [usize; 3],
+    surfaces: &[ExactSurface],
+    width: f64,
+    noise: f64,
+) -> Image<3> {
     let mut random = Noise::new(7);
     let value = |p: [f64; 3]| {
         let bell = |s: &ExactSurface| (-0.5 * (s.distance(p) / width).powi(2)).exp();
-        sheets.iter().map(bell).fold(0.0, f64::max)
+        surfaces.iter().map(bell).fold(0.0, f64::max)
     };
     image_of(dims, |p| value(p) + noise * random.normal())
 }
 
-/// Gaussian ridges as in [`ridge_image`], plus noise correlated over `length` samples.
+/// Returns an image of Gaussian ridges as in [`ridge_image`], plus noise correlated over `length`
+/// samples.
 pub fn ridges_in_correlated_noise(
     dims: [usize; 3],
-    sheets: &[ExactSurface],
+    surfaces: &[ExactSurface],
     width: f64,
     noise: f64,
     length: f64,
@@ -93,7 +99,7 @@ pub fn ridges_in_correlated_noise(
     );
     let power = grain.iter().map(|g| f64::from(g * g)).sum::<f64>() / grain.len() as f64;
     let gain = (noise / power.sqrt()) as f32;
-    let clean = ridge_image(dims, sheets, width, 0.0);
+    let clean = ridge_image(dims, surfaces, width, 0.0);
     let sum = clean
         .as_slice()
         .iter()
@@ -103,7 +109,7 @@ pub fn ridges_in_correlated_noise(
     Image::new(dims, sum, Geometry::default())
 }
 
-/// An image of a function of the sample coordinates.
+/// Returns an image of a function of the sample coordinates.
 pub fn image_of(dims: [usize; 3], mut f: impl FnMut([f64; 3]) -> f64) -> Image<3> {
     let mut samples = Vec::new();
     for z in 0..dims[2] {
@@ -116,23 +122,23 @@ pub fn image_of(dims: [usize; 3], mut f: impl FnMut([f64; 3]) -> f64) -> Image<3
     Image::new(dims, samples, Geometry::default())
 }
 
-/// How well points fit the sheets.
+/// Fit of detected points to the true surfaces.
 #[derive(Debug)]
 pub struct FitQuality {
-    /// Share of true surface points within 0.5 sample of a detected point's disc.
+    /// Share of true surface points within 0.5 samples of a detected point's disc.
     pub coverage: f64,
-    /// Share of detected points within 1 sample of a sheet.
+    /// Share of detected points within 1 sample of a surface.
     pub precision: f64,
     /// Root mean square distance of the points within 1 sample.
     pub rms: f64,
-    /// Root mean square angle (degrees) between normals, more than 6 samples off other sheets.
+    /// Root mean square angle (degrees) between normals, more than 6 samples from other surfaces.
     pub angle: f64,
 }
 
-/// Compares points (lattice space = samples) with the sheets.
+/// Compares points (lattice space = samples) with the true surfaces.
 pub fn measure_fit(
     dims: [usize; 3],
-    sheets: &[ExactSurface],
+    surfaces: &[ExactSurface],
     points: &[FeaturePoint<3>],
 ) -> FitQuality {
     let cell = |p: [f64; 3]| -> [usize; 3] {
@@ -140,46 +146,46 @@ pub fn measure_fit(
     };
     let index = |[x, y, z]: [usize; 3]| (z * dims[1] + y) * dims[0] + x;
     let mut grid = vec![Vec::new(); dims.iter().product()];
-    let (mut good, mut squares, mut angles, mut measured) = (0usize, 0.0, 0.0, 0usize);
+    let (mut precise, mut squares, mut angles, mut measured) = (0usize, 0.0, 0.0, 0usize);
     for (i, point) in points.iter().enumerate() {
         let p = point.position.map(f64::from);
         grid[index(cell(p))].push(i);
-        let mut off: Vec<(f64, usize)> = sheets
+        let mut distances: Vec<(f64, usize)> = surfaces
             .iter()
             .enumerate()
-            .map(|(s, sheet)| (sheet.distance(p).abs(), s))
+            .map(|(s, surface)| (surface.distance(p).abs(), s))
             .collect();
-        off.sort_by(|a, b| a.0.total_cmp(&b.0));
-        if off[0].0 <= 1.0 {
-            good += 1;
-            squares += off[0].0 * off[0].0;
-            if off.len() < 2 || off[1].0 > 6.0 {
-                let n = sheets[off[0].1].normal(p);
+        distances.sort_by(|a, b| a.0.total_cmp(&b.0));
+        if distances[0].0 <= 1.0 {
+            precise += 1;
+            squares += distances[0].0 * distances[0].0;
+            if distances.len() < 2 || distances[1].0 > 6.0 {
+                let n = surfaces[distances[0].1].normal(p);
                 let c: f64 = (0..3).map(|k| n[k] * f64::from(point.normal[k])).sum();
                 angles += c.abs().min(1.0).acos().to_degrees().powi(2);
                 measured += 1;
             }
         }
     }
-    let (mut truth, mut covered) = (0usize, 0usize);
+    let (mut total, mut covered) = (0usize, 0usize);
     for z in 0..dims[2] {
         for y in 0..dims[1] {
             for x in 0..dims[0] {
                 let p = [x as f64, y as f64, z as f64];
-                for sheet in sheets {
-                    let s = sheet.distance(p);
+                for surface in surfaces {
+                    let s = surface.distance(p);
                     if s.abs() > 0.5 {
                         continue;
                     }
-                    let n = sheet.normal(p);
+                    let n = surface.normal(p);
                     let q: [f64; 3] = std::array::from_fn(|k| p[k] - s * n[k]);
                     if (0..3).any(|k| q[k] < 0.0 || q[k] > (dims[k] - 1) as f64) {
                         continue;
                     }
-                    truth += 1;
+                    total += 1;
                     let c = cell(q);
                     let range = |k: usize| c[k].saturating_sub(2)..=(c[k] + 2).min(dims[k] - 1);
-                    let near = range(2).any(|cz| {
+                    let is_near = range(2).any(|cz| {
                         range(1).any(|cy| {
                             range(0).any(|cx| {
                                 grid[index([cx, cy, cz])].iter().any(|&i: &usize| {
@@ -195,20 +201,20 @@ pub fn measure_fit(
                             })
                         })
                     });
-                    covered += usize::from(near);
+                    covered += usize::from(is_near);
                 }
             }
         }
     }
     FitQuality {
-        coverage: covered as f64 / truth.max(1) as f64,
-        precision: good as f64 / points.len().max(1) as f64,
-        rms: (squares / good.max(1) as f64).sqrt(),
+        coverage: covered as f64 / total.max(1) as f64,
+        precision: precise as f64 / points.len().max(1) as f64,
+        rms: (squares / precise.max(1) as f64).sqrt(),
         angle: (angles / measured.max(1) as f64).sqrt(),
     }
 }
 
-/// Crossing, curved and tilted sheets.
+/// Returns a scene of crossing, curved and tilted surfaces.
 pub fn crossing_surfaces() -> ([usize; 3], Vec<ExactSurface>) {
     (
         [120, 104, 96],
@@ -221,7 +227,7 @@ pub fn crossing_surfaces() -> ([usize; 3], Vec<ExactSurface>) {
     )
 }
 
-/// An image of two dimensions of a function of the sample coordinates.
+/// Returns an image of a function of the sample coordinates in two dimensions.
 pub fn plane_image(dims: [usize; 2], mut f: impl FnMut([f64; 2]) -> f64) -> Image<2> {
     let at = |i: usize| [(i % dims[0]) as f64, (i / dims[0]) as f64];
     let samples = (0..dims[0] * dims[1]).map(|i| f(at(i)) as f32).collect();

@@ -1,9 +1,10 @@
-//! Structure tensor: the normal of layers.
+//! Structure tensor: normals of layers.
 //!
-//! The outer products of the gradient, averaged under a Gaussian window; the eigenvector of the
-//! largest eigenvalue is the direction in which the image varies most. The averaged tensor varies
-//! slowly, so it is kept on a grid coarser than the image: products are averaged over cells of
-//! `factor`^3 samples, smoothed there, and normals are interpolated between cell centres.
+//! The tensor is the outer product of the gradient with itself, averaged under a Gaussian window.
+//! The eigenvector of the largest eigenvalue is the direction in which the image varies most. The
+//! averaged tensor varies slowly, so it is stored on a grid coarser than the image: products are
+//! summed over cells of `cell_size`^3 samples and smoothed there, and normals are interpolated
+//! between cell centres.
 
 use super::eigen::{eigenvalues, eigenvector};
 use super::gaussian::smooth;
@@ -21,18 +22,19 @@ pub struct NormalField<const D: usize> {
 }
 
 impl<const D: usize> NormalField<D> {
-    /// Normals of an image (smoothed to the scale of its derivatives), averaged under a Gaussian window of width
-    /// `window` samples; and the root mean square of its samples. Samples that are not `live` count in neither.
+    /// Computes the normals of an image (smoothed to the scale of its derivatives) under a Gaussian
+    /// window of width `window` samples, and the root mean square of its samples. Samples that are
+    /// not `live` are left out of both.
     ///
     /// # Errors
-    /// Those of reading its layers.
+    /// Returns the errors of reading layers.
     pub fn new(
         samples: &Samples<'_, D>,
         window: f64,
         live: Option<&LiveMask<D>>,
-        patience: &CancelToken<'_>,
+        cancel: &CancelToken<'_>,
     ) -> Result<(Self, f32)> {
-        // Windows of layers begin with a cell.
+        // Windows of layers begin at the edge of a cell.
         let factor = match window {
             8.0.. => 4,
             4.0.. => 2,
@@ -41,7 +43,7 @@ impl<const D: usize> NormalField<D> {
         let dims = samples.dims().map(|n| n.div_ceil(factor));
         let mut products = vec![Vec::new(); D * (D + 1) / 2];
         let mut sum = 0.0;
-        let mut look = |window: &LayerWindow<'_, D>| {
+        let mut measure = |window: &LayerWindow<'_, D>| {
             let layers = window.smoothed.layers(&window.interior.layers);
             let squares = layers.par_chunks(layer_len(window.dims).max(1)).enumerate();
             let squares = squares.map(|(number, layer)| match live {
@@ -49,16 +51,16 @@ impl<const D: usize> NormalField<D> {
                 Some(live) => live_square_sum(layer, window.interior.layers.start + number, live),
             });
             let squares: Vec<f64> = squares.collect();
-            (squares, interior_products(window, factor, live, patience))
+            (squares, interior_products(window, factor, live, cancel))
         };
-        let mut take = |(squares, own): (Vec<f64>, Vec<Vec<f32>>)| {
+        let mut take = |(squares, window_products): (Vec<f64>, Vec<Vec<f32>>)| {
             sum = squares.iter().fold(sum, |sum, square| sum + square);
-            for (all, own) in products.iter_mut().zip(own) {
-                all.extend(own);
+            for (component, part) in products.iter_mut().zip(window_products) {
+                component.extend(part);
             }
         };
-        samples.for_each_window(1, None, &|_| 1, patience, &mut look, &mut take)?;
-        // Fewer only once patience is over.
+        samples.for_each_window(1, None, &|_| 1, cancel, &mut measure, &mut take)?;
+        // Cells are missing only if the search was cancelled.
         for component in &mut products {
             component.resize(dims.iter().product(), 0.0);
         }
@@ -69,29 +71,25 @@ impl<const D: usize> NormalField<D> {
         };
         let rms = (sum / count).sqrt() as f32;
         Ok((
-            Self::from_products(dims, factor, products, window, patience),
+            Self::from_products(dims, factor, products, window, cancel),
             rms,
         ))
     }
 
-    /// Normals where these are the products of the gradient's components, summed over cells.
+    /// Computes the normals from the products of the gradient's components, summed over cells.
     fn from_products(
         dims: [usize; D],
         cell_size: usize,
         products: Vec<Vec<f32>>,
         window: f64,
-        patience: &CancelToken<'_>,
+        cancel: &CancelToken<'_>,
     ) -> Self {
-        // Cells on the far sides hold fewer samples; their weight is less, the direction the same.
+        // Cells on the far sides hold fewer samples: their weight is smaller, their direction the
+        // same.
         let products: Vec<Vec<f32>> = products
             .into_iter()
             .map(|mut component| {
-                smooth(
-                    dims,
-                    &mut component,
-                    [window / cell_size as f64; D],
-                    patience,
-                );
+                smooth(dims, &mut component, [window / cell_size as f64; D], cancel);
                 component
             })
             .collect();
@@ -113,20 +111,20 @@ impl<const D: usize> NormalField<D> {
         }
     }
 
-    /// The axis to which most normals are nearest.
+    /// Returns the axis to which most normals are nearest.
     pub fn main_axis(&self) -> usize {
         let total = |k: usize| -> f64 { self.vectors.iter().map(|n| f64::from(n[k].abs())).sum() };
         let totals: [f64; D] = std::array::from_fn(total);
         (1..D).fold(0, |a, k| if totals[k] > totals[a] { k } else { a })
     }
 
-    /// The normal of the cell that holds a sample.
+    /// Returns the normal of the cell that contains a sample.
     #[inline]
     pub fn cell_normal(&self, at: [usize; D]) -> [f32; D] {
         self.vectors[index(self.dims, at.map(|i| i / self.cell_size))]
     }
 
-    /// The normal at a position in samples, interpolated between cell centres.
+    /// Returns the normal at a position in samples, interpolated between cell centres.
     pub fn normal_at(&self, position: [f32; D]) -> [f32; D] {
         let f = self.cell_size as f32;
         let (mut low, mut t) = ([0usize; D], [0.0f32; D]);
@@ -139,12 +137,12 @@ impl<const D: usize> NormalField<D> {
         for corner in 0..1usize << D {
             let mut weight = 1.0;
             let at = std::array::from_fn(|k| {
-                let far = corner >> k & 1;
-                weight *= if far == 1 { t[k] } else { 1.0 - t[k] };
-                (low[k] + far).min(self.dims[k] - 1)
+                let upper = corner >> k & 1;
+                weight *= if upper == 1 { t[k] } else { 1.0 - t[k] };
+                (low[k] + upper).min(self.dims[k] - 1)
             });
             let v = self.vectors[index(self.dims, at)];
-            // A normal has no sign: add each on the side of the sum so far.
+            // A normal has no sign: each one is added on the side of the sum so far.
             let side: f32 = (0..D).map(|k| v[k] * sum[k]).sum();
             let weight = if side < 0.0 { -weight } else { weight };
             for k in 0..D {
@@ -160,7 +158,7 @@ impl<const D: usize> NormalField<D> {
     }
 }
 
-/// The upper half of a symmetric matrix.
+/// Returns the index pairs of the upper half of a symmetric matrix.
 fn upper_indices<const D: usize>() -> impl Iterator<Item = (usize, usize)> {
     (0..D).flat_map(|k| (k..D).map(move |l| (k, l)))
 }
@@ -169,7 +167,7 @@ fn index<const D: usize>(dims: [usize; D], at: [usize; D]) -> usize {
     (0..D).rev().fold(0, |i, k| i * dims[k] + at[k])
 }
 
-/// The sum of the squares of samples.
+/// Returns the sum of the squares of samples.
 fn square_sum(samples: &[f32]) -> f64 {
     samples.iter().map(|s| f64::from(s * s)).sum()
 }
@@ -181,13 +179,13 @@ fn live_square_sum<const D: usize>(samples: &[f32], layer: usize, live: &LiveMas
     squares.map(|(_, s)| f64::from(s * s)).sum()
 }
 
-/// Products of the gradient's components (upper half), summed over the cells of `factor`^D samples of a window's own
-/// layers; those that are not `live` are left out.
+/// Returns the products of the gradient's components (upper half), summed over the cells of
+/// `factor`^D samples in the interior of a window. Samples that are not `live` are left out.
 fn interior_products<const D: usize>(
     window: &LayerWindow<'_, D>,
     factor: usize,
     live: Option<&LiveMask<D>>,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Vec<Vec<f32>> {
     let stack = window.smoothed;
     let volume = stack.volume;
@@ -214,7 +212,7 @@ fn interior_products<const D: usize>(
             let rows =
                 (window.interior.layers.end.min(first + factor) - first) * layer_len(window.dims);
             for start in (start..start + rows).step_by(volume.dims[0]) {
-                if patience.is_cancelled() {
+                if cancel.is_cancelled() {
                     return;
                 }
                 let mut at = volume.coordinates(start);

@@ -1,15 +1,15 @@
-//! Features of images whose truth is known, whatever their kind.
+//! Tests of features in images whose truth is known, for all kinds of features.
 
 use super::scenes::{ExactSurface, crossing_surfaces, ridge_image};
 use super::*;
 
 #[test]
 fn steps_scale_positions_and_turn_normals() {
-    let (dims, sheets) = (
+    let (dims, surfaces) = (
         [48, 44, 40],
         [ExactSurface::plane([1.0, 0.4, 0.3], [24.0, 22.0, 20.0])],
     );
-    let image = ridge_image(dims, &sheets, 1.5, 0.0);
+    let image = ridge_image(dims, &surfaces, 1.5, 0.0);
     let step = [0.5, 2.0, 1.0];
     let features = detect(
         &image,
@@ -33,8 +33,8 @@ fn steps_scale_positions_and_turn_normals() {
 
 #[test]
 fn threads_do_not_change_a_bit() {
-    let (dims, sheets) = crossing_surfaces();
-    let image = ridge_image(dims, &sheets, 1.5, 0.25);
+    let (dims, surfaces) = crossing_surfaces();
+    let image = ridge_image(dims, &surfaces, 1.5, 0.25);
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)

@@ -1,11 +1,11 @@
-//! Finite differences of an image in memory; outside, samples repeat those of the sides.
+//! Finite differences of an image in memory. Beyond the sides, samples repeat those on the sides.
 
 use super::eigen::SymmetricMatrix;
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
 use std::ops::Range;
 
-/// Rows per parallel task: fixed, so that results do not depend on the threads.
+/// Number of rows per parallel task: fixed, so that results do not depend on the number of threads.
 const ROWS_PER_TASK: usize = 128;
 
 /// The samples of an image, borrowed, x fastest.
@@ -18,55 +18,55 @@ pub struct Volume<'a, const D: usize> {
 }
 
 impl<'a, const D: usize> Volume<'a, D> {
-    /// Samples of an image; none where only its shape matters.
+    /// Wraps the samples of an image; `samples` may be empty if only the shape matters.
     pub fn new(dims: [usize; D], samples: &'a [f32]) -> Self {
         Self { dims, samples }
     }
 
-    /// Index of a sample in memory.
+    /// Returns the index in memory of a sample.
     #[inline]
     pub fn index(&self, at: [usize; D]) -> usize {
         (0..D).rev().fold(0, |i, k| i * self.dims[k] + at[k])
     }
 
-    /// Coordinates of a sample in memory.
+    /// Returns the coordinates of a sample.
     #[inline]
     pub fn coordinates(&self, index: usize) -> [usize; D] {
-        let mut rest = index;
+        let mut remaining = index;
         std::array::from_fn(|k| {
-            let i = rest % self.dims[k];
-            rest /= self.dims[k];
+            let i = remaining % self.dims[k];
+            remaining /= self.dims[k];
             i
         })
     }
 
-    /// How far apart in memory neighbours along each axis are.
+    /// Returns the distance in memory between neighbours along each axis.
     #[inline]
     pub fn strides(&self) -> [usize; D] {
         let mut stride = 1;
         std::array::from_fn(|k| {
-            let this = stride;
+            let current = stride;
             stride *= self.dims[k];
-            this
+            current
         })
     }
 
-    /// What `visit` finds in each row of x, given its first sample, in the order of rows. The scratch
-    /// that it may use holds anything.
+    /// Collects what `visit` finds in each row of x, given its first sample, in the order of rows.
+    /// `visit` may use its scratch value, whose contents are arbitrary.
     pub fn map_rows<S: Default, T: Send>(
         &self,
-        patience: &CancelToken<'_>,
+        cancel: &CancelToken<'_>,
         visit: impl Fn([usize; D], &mut S, &mut Vec<T>) + Sync,
     ) -> Vec<T> {
         let rows = self.samples.len() / self.dims[0].max(1);
-        self.map_selected_rows(0..rows, patience, visit)
+        self.map_selected_rows(0..rows, cancel, visit)
     }
 
-    /// The same of some of the rows.
+    /// Collects what `visit` finds in some of the rows; see [`Volume::map_rows`].
     pub fn map_selected_rows<S: Default, T: Send>(
         &self,
         rows: Range<usize>,
-        patience: &CancelToken<'_>,
+        cancel: &CancelToken<'_>,
         visit: impl Fn([usize; D], &mut S, &mut Vec<T>) + Sync,
     ) -> Vec<T> {
         let parts: Vec<Vec<T>> = (0..rows.len().div_ceil(ROWS_PER_TASK))
@@ -75,7 +75,7 @@ impl<'a, const D: usize> Volume<'a, D> {
                 let (mut scratch, mut found) = (S::default(), Vec::new());
                 let first = rows.start + part * ROWS_PER_TASK;
                 for row in first..(first + ROWS_PER_TASK).min(rows.end) {
-                    if patience.is_cancelled() {
+                    if cancel.is_cancelled() {
                         break;
                     }
                     let first = self.coordinates(row * self.dims[0]);
@@ -91,7 +91,8 @@ impl<'a, const D: usize> Volume<'a, D> {
         all
     }
 
-    /// For each axis, how far in memory the neighbours before and after `at` are.
+    /// Returns the distances in memory to the neighbours before and after `at` along each axis; 0
+    /// on a side.
     #[inline]
     pub fn neighbour_offsets(&self, at: [usize; D]) -> ([usize; D], [usize; D]) {
         let strides = self.strides();
@@ -107,7 +108,7 @@ impl<'a, const D: usize> Volume<'a, D> {
         )
     }
 
-    /// Central differences.
+    /// Returns the gradient by central differences.
     #[inline]
     pub fn gradient(&self, at: [usize; D]) -> [f32; D] {
         let (before, after) = self.neighbour_offsets(at);
@@ -115,13 +116,14 @@ impl<'a, const D: usize> Volume<'a, D> {
         std::array::from_fn(|k| 0.5 * (self.samples[i + after[k]] - self.samples[i - before[k]]))
     }
 
-    /// Second derivatives, right to the fourth order where two samples to either side are inside (else
-    /// [`Volume::hessian`]): second differences turn the eigenvectors of narrow ridges, these do not.
+    /// Returns the second derivatives: fourth-order differences if two samples to either side are
+    /// inside, else [`Volume::hessian`]. Second-order differences turn the eigenvectors of narrow
+    /// ridges, fourth-order ones do not.
     pub fn second_derivatives(&self, at: [usize; D]) -> SymmetricMatrix<D> {
         if (0..D).any(|k| at[k] < 2 || at[k] + 2 >= self.dims[k]) {
             return self.hessian(at);
         }
-        // Central differences of the fourth order, by offset along the axis.
+        // Weights of fourth-order central differences, by offset along the axis.
         const FIRST_WEIGHTS: [(isize, f32); 4] = [(-2, 1.0), (-1, -8.0), (1, 8.0), (2, -1.0)];
         const SECOND_WEIGHTS: [(isize, f32); 4] = [(-2, -1.0), (-1, 16.0), (1, 16.0), (2, -1.0)];
         let (strides, i) = (self.strides().map(|s| s as isize), self.index(at));
@@ -147,7 +149,7 @@ impl<'a, const D: usize> Volume<'a, D> {
         matrix
     }
 
-    /// The sum of second differences along the axes.
+    /// Returns the sum of second differences along the axes.
     #[inline]
     pub fn laplacian(&self, at: [usize; D]) -> f32 {
         let (before, after) = self.neighbour_offsets(at);
@@ -157,7 +159,7 @@ impl<'a, const D: usize> Volume<'a, D> {
             .sum()
     }
 
-    /// Second differences.
+    /// Returns the matrix of second differences.
     #[inline]
     pub fn hessian(&self, at: [usize; D]) -> SymmetricMatrix<D> {
         let (before, after) = self.neighbour_offsets(at);

@@ -1,17 +1,17 @@
-//! Candidates by the sample they belong to.
+//! Index of candidates by the sample that they belong to.
 
 use super::candidate::Candidate;
 use crate::parallel::prelude::*;
 
-/// Samples per entry of the index, as a power of two: candidates are sparse, so a short walk through
-/// a segment costs less than an entry for every sample.
+/// Number of samples per entry of the index, as a power of two. Candidates are sparse, so that a
+/// short walk through a segment costs less than an entry for every sample.
 const MIN_SEGMENT_BITS: u32 = 3;
-/// ... and more where there would be more entries than this.
+/// Largest number of entries; larger volumes have more samples per entry.
 const MAX_ENTRIES: usize = 1 << 24;
-/// Entries that one thread makes at a time.
+/// Number of entries that one thread computes at a time.
 const ENTRIES_PER_TASK: usize = 1 << 16;
 
-/// Samples per entry of an index of the samples of a volume, as a power of two.
+/// Returns the number of samples per entry of the index of a volume, as a power of two.
 pub(super) fn segment_bits<const D: usize>(dims: [usize; D]) -> u32 {
     let count: usize = dims.iter().product();
     let mut shift = MIN_SEGMENT_BITS;
@@ -21,22 +21,22 @@ pub(super) fn segment_bits<const D: usize>(dims: [usize; D]) -> u32 {
     shift
 }
 
-/// Candidates by the sample they belong to.
+/// Candidates, indexed by the sample that they belong to.
 pub struct CandidateIndex<'a, const D: usize> {
-    /// Samples along each axis.
+    /// Number of samples along each axis.
     pub dims: [usize; D],
-    /// In the order of samples.
+    /// Candidates in the order of samples.
     pub candidates: &'a [Candidate<D>],
-    /// The lowest 32 bits of their samples' indices: among those of a row no two samples have the same.
+    /// Lowest 32 bits of the index of each candidate's sample: within a row they are unique.
     voxels: Vec<u32>,
-    /// Samples per segment, as a power of two.
+    /// Number of samples per segment, as a power of two.
     shift: u32,
-    /// First candidate at or after the first sample of each segment.
+    /// Index of the first candidate at or after the first sample of each segment.
     segment_starts: Vec<u32>,
 }
 
 impl<'a, const D: usize> CandidateIndex<'a, D> {
-    /// `candidates` must be in the order of samples.
+    /// Creates the index. `candidates` must be in the order of samples.
     pub fn new(dims: [usize; D], candidates: &'a [Candidate<D>]) -> Self {
         let shift = segment_bits(dims);
         let segments = (dims.iter().product::<usize>() >> shift) + 1;
@@ -66,19 +66,19 @@ impl<'a, const D: usize> CandidateIndex<'a, D> {
         }
     }
 
-    /// Sample coordinates of a candidate.
+    /// Returns the sample coordinates of a candidate.
     #[inline]
     pub fn coordinates(&self, c: &Candidate<D>) -> [i32; D] {
-        let mut rest = c.voxel.index();
+        let mut remaining = c.voxel.index();
         std::array::from_fn(|k| {
-            let i = rest % self.dims[k];
-            rest /= self.dims[k];
+            let i = remaining % self.dims[k];
+            remaining /= self.dims[k];
             i as i32
         })
     }
 
-    /// Calls `visit` for each candidate of the samples from `at` to `at + (length - 1)` along x that
-    /// are inside the image.
+    /// Calls `visit` for each candidate of the samples from `at` to `at + (length - 1)` along x
+    /// that are inside the image.
     #[inline]
     pub fn for_each_in_row(&self, at: [i32; D], length: i32, mut visit: impl FnMut(usize)) {
         let mut row = 0usize;
@@ -147,7 +147,8 @@ impl<'a, const D: usize> CandidateIndex<'a, D> {
         }
     }
 
-    /// Calls `visit` for each candidate of the sample at these coordinates, if it is inside.
+    /// Calls `visit` for each candidate of the sample at these coordinates, if it is inside the
+    /// image.
     #[inline]
     pub fn for_each_at(&self, at: [i32; D], visit: impl FnMut(usize)) {
         self.for_each_in_row(at, 1, visit);
@@ -160,10 +161,10 @@ impl<'a, const D: usize> CandidateIndex<'a, D> {
         let mut row = at;
         row[0] -= reach;
         for number in 0..side.pow(D as u32 - 1) {
-            let mut rest = number;
+            let mut remaining = number;
             for k in 1..D {
-                row[k] = at[k] - reach + rest % side;
-                rest /= side;
+                row[k] = at[k] - reach + remaining % side;
+                remaining /= side;
             }
             self.for_each_in_row(row, side, &mut visit);
         }
@@ -176,7 +177,7 @@ mod tests {
     use crate::feature::volume::Volume;
 
     #[test]
-    fn visits_what_a_search_of_all_finds() {
+    fn visits_match_an_exhaustive_search() {
         let dims = [13, 7, 5];
         let candidates: Vec<Candidate<3>> = (0..13 * 7 * 5)
             .flat_map(|v| std::iter::repeat_n(v, [0, 0, 1, 0, 2, 0, 1][v * 31 % 7]))
@@ -192,29 +193,29 @@ mod tests {
                     for reach in 0..3 {
                         let mut found = Vec::new();
                         grid.for_each_around([x, y, z], reach, |i| found.push(i));
-                        let near = |c: &Candidate<3>| {
+                        let is_near = |c: &Candidate<3>| {
                             let at = grid.coordinates(c);
                             (0..3).all(|k| (at[k] - [x, y, z][k]).abs() <= reach)
                         };
-                        let all: Vec<usize> = (0..candidates.len())
-                            .filter(|&i| near(&candidates[i]))
+                        let expected: Vec<usize> = (0..candidates.len())
+                            .filter(|&i| is_near(&candidates[i]))
                             .collect();
-                        assert_eq!(found, all);
+                        assert_eq!(found, expected);
                     }
                     for axis in 0..3 {
                         let mut found = Vec::new();
                         grid.for_each_in_column([x, y, z], axis, 4, |i| found.push(i));
-                        let within = |c: &Candidate<3>| {
+                        let is_in_column = |c: &Candidate<3>| {
                             let at = grid.coordinates(c);
                             (0..3).all(|k| {
                                 let length = if k == axis { 4 } else { 1 };
                                 (0..length).contains(&(at[k] - [x, y, z][k]))
                             })
                         };
-                        let all: Vec<usize> = (0..candidates.len())
-                            .filter(|&i| within(&candidates[i]))
+                        let expected: Vec<usize> = (0..candidates.len())
+                            .filter(|&i| is_in_column(&candidates[i]))
                             .collect();
-                        assert_eq!(found, all);
+                        assert_eq!(found, expected);
                     }
                 }
             }
@@ -222,22 +223,22 @@ mod tests {
     }
 
     #[test]
-    fn samples_beyond_those_of_32_bits_are_told_apart() {
-        // In some of the last rows, and where the lowest 32 bits are the same.
+    fn samples_beyond_32_bits_are_distinguished() {
+        // In some of the last rows, and at samples whose lowest 32 bits are the same.
         let dims = [3000, 2000, 1000];
         let last = [2999, 1999, 999];
-        let mut places: Vec<[usize; 3]> = vec![last, [0, 1999, 999], [17, 1998, 999]];
+        let mut voxels: Vec<[usize; 3]> = vec![last, [0, 1999, 999], [17, 1998, 999]];
         let volume = Volume::new(dims, &[]);
-        for at in places.clone() {
-            places.push(volume.coordinates(volume.index(at) - (1 << 32)));
+        for at in voxels.clone() {
+            voxels.push(volume.coordinates(volume.index(at) - (1 << 32)));
         }
-        places.sort_by_key(|&at| volume.index(at));
-        let candidates: Vec<Candidate<3>> = places
+        voxels.sort_by_key(|&at| volume.index(at));
+        let candidates: Vec<Candidate<3>> = voxels
             .iter()
             .map(|&at| Candidate::new(dims, at, 0, 0.0, [1.0, 0.0, 0.0], 1.0))
             .collect();
         let grid = CandidateIndex::new(dims, &candidates);
-        for (i, &at) in places.iter().enumerate() {
+        for (i, &at) in voxels.iter().enumerate() {
             let at = at.map(|x| x as i32);
             assert_eq!(grid.coordinates(&candidates[i]), at);
             let mut found = Vec::new();

@@ -1,49 +1,52 @@
-//! Values as bytes: every number exactly as it is in memory. For checkpoints, and for what ranks tell one another.
+//! Binary encoding of values that keeps every number exactly, for checkpoints and for messages
+//! between ranks.
 
 use std::borrow::Cow;
 use std::io::{self, Write};
 
 use sha2::{Digest, Sha256};
 
-/// Bytes of a check sum.
+/// Length of a checksum in bytes (SHA-256).
 pub const CHECKSUM_BYTES: usize = 32;
 
-/// What can be written and read again.
+/// A type whose values can be encoded as bytes and decoded again.
 pub trait Codec: Sized {
-    /// Writes it.
+    /// Writes the bytes of this value.
     ///
     /// # Errors
-    /// What the operating system reports.
+    /// Returns the error of `out` if writing fails.
     fn encode(&self, out: &mut dyn Write) -> io::Result<()>;
 
-    /// Takes it off the beginning of `from`; `None` if it is not there.
-    fn decode(from: &mut &[u8]) -> Option<Self>;
+    /// Decodes a value from the beginning of `bytes` and advances `bytes` past it. Returns `None`
+    /// if the bytes are not a value of this type.
+    fn decode(bytes: &mut &[u8]) -> Option<Self>;
 
-    /// Writes some, one after the other.
+    /// Writes the values one after the other, without their number.
     ///
     /// # Errors
-    /// As [`Codec::encode`].
-    fn encode_slice(all: &[Self], out: &mut dyn Write) -> io::Result<()> {
-        all.iter().try_for_each(|value| value.encode(out))
+    /// Returns the error of `out` if writing fails.
+    fn encode_slice(values: &[Self], out: &mut dyn Write) -> io::Result<()> {
+        values.iter().try_for_each(|value| value.encode(out))
     }
 
-    /// Takes so many of them.
-    fn decode_vec(count: usize, from: &mut &[u8]) -> Option<Vec<Self>> {
-        (0..count).map(|_| Self::decode(from)).collect()
+    /// Decodes `count` values from the beginning of `bytes` and advances `bytes` past them.
+    fn decode_vec(count: usize, bytes: &mut &[u8]) -> Option<Vec<Self>> {
+        (0..count).map(|_| Self::decode(bytes)).collect()
     }
 }
 
-/// A value's bytes, in memory.
+/// Returns the bytes of a value.
 pub fn encode_to_vec(value: &impl Codec) -> Vec<u8> {
-    let mut count = ByteCounter(0);
-    // Neither counting nor writing to memory can fail. What grows as it is written needs three times the room.
-    value.encode(&mut count).unwrap_or_default();
-    let mut bytes = Vec::with_capacity(count.0);
+    let mut counter = ByteCounter(0);
+    // Neither counting nor writing to memory can fail. The length is counted first, because a
+    // vector that grows while it is written needs up to three times the memory.
+    value.encode(&mut counter).unwrap_or_default();
+    let mut bytes = Vec::with_capacity(counter.0);
     value.encode(&mut bytes).unwrap_or_default();
     bytes
 }
 
-/// Only counts what is written.
+/// A writer that only counts the bytes written to it.
 struct ByteCounter(usize);
 
 impl Write for ByteCounter {
@@ -57,17 +60,17 @@ impl Write for ByteCounter {
     }
 }
 
-/// The check sum of a value's bytes.
+/// Returns the SHA-256 checksum of the bytes of a value.
 ///
 /// # Errors
-/// None: they go nowhere.
+/// Never returns an error in practice, because the bytes are only hashed and not written.
 pub fn checksum(value: &impl Codec) -> io::Result<[u8; CHECKSUM_BYTES]> {
-    let mut sum = HashWriter(Sha256::new());
-    value.encode(&mut sum)?;
-    Ok(sum.0.finalize().into())
+    let mut hasher = HashWriter(Sha256::new());
+    value.encode(&mut hasher)?;
+    Ok(hasher.0.finalize().into())
 }
 
-/// Only sums up what is written.
+/// A writer that only hashes the bytes written to it.
 struct HashWriter(Sha256);
 
 impl Write for HashWriter {
@@ -81,10 +84,10 @@ impl Write for HashWriter {
     }
 }
 
-/// So many numbers are written at once.
+/// Count of numbers that are converted before each write.
 const NUMBERS_PER_WRITE: usize = 1 << 10;
 
-/// Numbers, least significant byte first.
+/// Implements [`Codec`] for number types: the bytes of each number, least significant byte first.
 macro_rules! numbers {
     ($($number:ty),+) => {$(
         impl Codec for $number {
@@ -92,28 +95,28 @@ macro_rules! numbers {
                 out.write_all(&self.to_le_bytes())
             }
 
-            fn decode(from: &mut &[u8]) -> Option<Self> {
-                let (raw, rest) = from.split_first_chunk()?;
-                *from = rest;
+            fn decode(bytes: &mut &[u8]) -> Option<Self> {
+                let (raw, rest) = bytes.split_first_chunk()?;
+                *bytes = rest;
                 Some(Self::from_le_bytes(*raw))
             }
 
-            fn encode_slice(all: &[Self], out: &mut dyn Write) -> io::Result<()> {
+            fn encode_slice(values: &[Self], out: &mut dyn Write) -> io::Result<()> {
                 const SIZE: usize = size_of::<$number>();
                 let mut bytes = [0; NUMBERS_PER_WRITE * SIZE];
-                all.chunks(NUMBERS_PER_WRITE).try_for_each(|some| {
-                    let to = bytes.as_chunks_mut::<SIZE>().0;
-                    to.iter_mut().zip(some).for_each(|(to, one)| *to = one.to_le_bytes());
-                    out.write_all(&bytes[..some.len() * SIZE])
+                values.chunks(NUMBERS_PER_WRITE).try_for_each(|values| {
+                    let raw = bytes.as_chunks_mut::<SIZE>().0;
+                    raw.iter_mut().zip(values).for_each(|(raw, value)| *raw = value.to_le_bytes());
+                    out.write_all(&bytes[..values.len() * SIZE])
                 })
             }
 
-            fn decode_vec(count: usize, from: &mut &[u8]) -> Option<Vec<Self>> {
+            fn decode_vec(count: usize, bytes: &mut &[u8]) -> Option<Vec<Self>> {
                 const SIZE: usize = size_of::<$number>();
-                let (raw, rest) = from.split_at_checked(count.checked_mul(SIZE)?)?;
-                *from = rest;
-                let all = raw.as_chunks::<SIZE>().0.iter();
-                Some(all.map(|raw| Self::from_le_bytes(*raw)).collect())
+                let (raw, rest) = bytes.split_at_checked(count.checked_mul(SIZE)?)?;
+                *bytes = rest;
+                let chunks = raw.as_chunks::<SIZE>().0.iter();
+                Some(chunks.map(|raw| Self::from_le_bytes(*raw)).collect())
             }
         }
     )+};
@@ -126,8 +129,8 @@ impl Codec for usize {
         (*self as u64).encode(out)
     }
 
-    fn decode(from: &mut &[u8]) -> Option<Self> {
-        u64::decode(from)?.try_into().ok()
+    fn decode(bytes: &mut &[u8]) -> Option<Self> {
+        u64::decode(bytes)?.try_into().ok()
     }
 }
 
@@ -136,8 +139,8 @@ impl Codec for bool {
         u8::from(*self).encode(out)
     }
 
-    fn decode(from: &mut &[u8]) -> Option<Self> {
-        Some(u8::decode(from)? != 0)
+    fn decode(bytes: &mut &[u8]) -> Option<Self> {
+        Some(u8::decode(bytes)? != 0)
     }
 }
 
@@ -147,10 +150,10 @@ impl Codec for String {
         out.write_all(self.as_bytes())
     }
 
-    fn decode(from: &mut &[u8]) -> Option<Self> {
-        let length = usize::decode(from)?;
-        let (text, rest) = from.split_at_checked(length)?;
-        *from = rest;
+    fn decode(bytes: &mut &[u8]) -> Option<Self> {
+        let length = usize::decode(bytes)?;
+        let (text, rest) = bytes.split_at_checked(length)?;
+        *bytes = rest;
         String::from_utf8(text.to_vec()).ok()
     }
 }
@@ -161,8 +164,8 @@ impl Codec for Cow<'static, str> {
         out.write_all(self.as_bytes())
     }
 
-    fn decode(from: &mut &[u8]) -> Option<Self> {
-        String::decode(from).map(Cow::Owned)
+    fn decode(bytes: &mut &[u8]) -> Option<Self> {
+        String::decode(bytes).map(Cow::Owned)
     }
 }
 
@@ -172,10 +175,11 @@ impl<T: Codec> Codec for Option<T> {
         self.as_ref().map_or(Ok(()), |value| value.encode(out))
     }
 
-    fn decode(from: &mut &[u8]) -> Option<Self> {
-        match bool::decode(from)? {
-            true => Some(Some(T::decode(from)?)),
-            false => Some(None),
+    fn decode(bytes: &mut &[u8]) -> Option<Self> {
+        if bool::decode(bytes)? {
+            Some(Some(T::decode(bytes)?))
+        } else {
+            Some(None)
         }
     }
 }
@@ -186,13 +190,13 @@ impl<T: Codec> Codec for Vec<T> {
         T::encode_slice(self, out)
     }
 
-    fn decode(from: &mut &[u8]) -> Option<Self> {
-        let length = usize::decode(from)?;
-        // Nothing takes less than a byte.
-        if length > from.len() {
+    fn decode(bytes: &mut &[u8]) -> Option<Self> {
+        let length = usize::decode(bytes)?;
+        // Every value takes at least one byte, so a larger length comes from damaged data.
+        if length > bytes.len() {
             return None;
         }
-        T::decode_vec(length, from)
+        T::decode_vec(length, bytes)
     }
 }
 
@@ -201,14 +205,16 @@ impl<T: Codec, const N: usize> Codec for [T; N] {
         self.iter().try_for_each(|value| value.encode(out))
     }
 
-    fn decode(from: &mut &[u8]) -> Option<Self> {
-        let all: [Option<T>; N] = std::array::from_fn(|_| T::decode(from));
-        let there = all.iter().all(Option::is_some);
-        there.then(|| all.map(|one| one.unwrap_or_else(|| unreachable!("it is there"))))
+    fn decode(bytes: &mut &[u8]) -> Option<Self> {
+        let decoded: [Option<T>; N] = std::array::from_fn(|_| T::decode(bytes));
+        let is_complete = decoded.iter().all(Option::is_some);
+        is_complete.then(|| {
+            decoded.map(|value| value.unwrap_or_else(|| unreachable!("all values are decoded")))
+        })
     }
 
-    fn encode_slice(all: &[Self], out: &mut dyn Write) -> io::Result<()> {
-        T::encode_slice(all.as_flattened(), out)
+    fn encode_slice(values: &[Self], out: &mut dyn Write) -> io::Result<()> {
+        T::encode_slice(values.as_flattened(), out)
     }
 }
 
@@ -228,12 +234,13 @@ impl<A: Codec, B: Codec> Codec for (A, B) {
         self.1.encode(out)
     }
 
-    fn decode(from: &mut &[u8]) -> Option<Self> {
-        Some((A::decode(from)?, B::decode(from)?))
+    fn decode(bytes: &mut &[u8]) -> Option<Self> {
+        Some((A::decode(bytes)?, B::decode(bytes)?))
     }
 }
 
-/// Structures, field by field: one that is forgotten does not compile.
+/// Implements [`Codec`] for structures, field by field. A field that is missing from the list is a
+/// compile error.
 macro_rules! codec_fields {
     ($($(@ ($($generic:tt)+))? $name:ty as $pattern:ident { $($field:ident),+ $(,)? })+) => {$(
         impl $(<$($generic)+>)? $crate::files::codec::Codec for $name {
@@ -243,8 +250,8 @@ macro_rules! codec_fields {
                 Ok(())
             }
 
-            fn decode(from: &mut &[u8]) -> Option<Self> {
-                $(let $field = $crate::files::codec::Codec::decode(from)?;)+
+            fn decode(bytes: &mut &[u8]) -> Option<Self> {
+                $(let $field = $crate::files::codec::Codec::decode(bytes)?;)+
                 Some($pattern { $($field),+ })
             }
         }
@@ -253,18 +260,19 @@ macro_rules! codec_fields {
 
 pub(crate) use codec_fields;
 
-/// What has few values, by their number.
+/// Implements [`Codec`] for enums without data: one byte, the number of the variant.
 macro_rules! codec_variants {
     ($($name:ident { $($value:ident),+ })+) => {$(
         impl $crate::files::codec::Codec for $name {
             fn encode(&self, out: &mut dyn std::io::Write) -> std::io::Result<()> {
-                // Every value has its place: one that is forgotten does not compile.
+                // The match is exhaustive, so a variant that is missing from the list is a compile
+                // error.
                 let number = match self { $(Self::$value => Self::$value as u8),+ };
                 number.encode(out)
             }
 
-            fn decode(from: &mut &[u8]) -> Option<Self> {
-                let number = u8::decode(from)?;
+            fn decode(bytes: &mut &[u8]) -> Option<Self> {
+                let number = u8::decode(bytes)?;
                 [$(Self::$value),+].into_iter().find(|value| *value as u8 == number)
             }
         }
@@ -278,22 +286,28 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_put_is_taken_again_bit_by_bit() {
-        type Both = (Vec<[f64; 3]>, (Option<String>, Vec<bool>));
+    fn decoding_restores_every_bit() {
+        type Nested = (Vec<[f64; 3]>, (Option<String>, Vec<bool>));
         let mut bytes = Vec::new();
-        let value: Both = (
+        let value: Nested = (
             vec![[0.1f64, -0.0, f64::NAN], [f64::MIN_POSITIVE, 1e300, 3.0]],
             (Some("é".to_string()), vec![true]),
         );
         value.encode(&mut bytes).unwrap();
         let rest = &mut &bytes[..];
-        let taken = Both::decode(rest).unwrap();
+        let decoded = Nested::decode(rest).unwrap();
         assert!(rest.is_empty());
-        let bits = |all: &[[f64; 3]]| all.concat().iter().map(|v| v.to_bits()).collect::<Vec<_>>();
-        assert_eq!(bits(&taken.0), bits(&value.0));
-        assert_eq!(taken.1, value.1);
+        let bits = |vectors: &[[f64; 3]]| {
+            vectors
+                .concat()
+                .iter()
+                .map(|v| v.to_bits())
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(bits(&decoded.0), bits(&value.0));
+        assert_eq!(decoded.1, value.1);
         for cut in 0..bytes.len() {
-            assert!(Both::decode(&mut &bytes[..cut]).is_none());
+            assert!(Nested::decode(&mut &bytes[..cut]).is_none());
         }
     }
 }

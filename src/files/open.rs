@@ -1,15 +1,16 @@
-//! Opening what is to be read from more than one place.
+//! Opens files that are read more than once, or from the middle.
 
 use std::fs::{self, File};
 use std::path::Path;
 
 use crate::error::{Error, Result, cause, io_error};
 
-/// Opens a file that is read more than once, or from its middle: no folder, and no pipe or device, which
-/// might keep its reader waiting for ever. `remedy` says what to give instead of a folder.
+/// Opens a file that is read more than once, or from its middle. A folder is refused, and so is a
+/// pipe or a device, which could keep the reader waiting for ever. `remedy` says what to give
+/// instead of a folder.
 ///
 /// # Errors
-/// [`Error::Io`] if it is none, or cannot be opened.
+/// Returns [`Error::Io`] if the path is not a regular file or cannot be opened.
 pub fn open(path: &Path, remedy: &str) -> Result<File> {
     let kind = fs::metadata(path)
         .map_err(|e| io_error(path, "open", e))?
@@ -32,15 +33,15 @@ mod tests {
     #[test]
     fn folders_and_devices_are_refused() {
         let folder = tempfile::tempdir().unwrap();
-        let said = |path: &Path| open(path, "give a file").unwrap_err().to_string();
-        assert!(said(folder.path()).contains("is a folder; give a file"));
-        assert!(said(&folder.path().join("none")).contains("cannot open"));
+        let message = |path: &Path| open(path, "give a file").unwrap_err().to_string();
+        assert!(message(folder.path()).contains("is a folder; give a file"));
+        assert!(message(&folder.path().join("none")).contains("cannot open"));
         #[cfg(unix)]
         {
             let pipe = folder.path().join("pipe");
-            let made = std::process::Command::new("mkfifo").arg(&pipe).status();
-            assert!(made.unwrap().success());
-            assert!(said(&pipe).contains("pipe or a device"));
+            let status = std::process::Command::new("mkfifo").arg(&pipe).status();
+            assert!(status.unwrap().success());
+            assert!(message(&pipe).contains("pipe or a device"));
         }
         let file = folder.path().join("file");
         fs::write(&file, "x").unwrap();

@@ -1,34 +1,35 @@
-//! Parts of a file, read by many threads at once.
+//! Reads parts of one file from many threads at once.
 
 use std::fs::File;
 use std::io::Result;
 
-/// Fills `buffer` from byte `offset` of `file` on. Any number of threads may do so at once.
+/// Fills `buffer` from byte `offset` of `file` on. Any number of threads may call this at once.
 ///
 /// # Errors
-/// What the operating system reports, the file being too short included.
+/// Returns the error of the operating system, also if the file is too short.
 #[cfg(unix)]
 pub fn read_exact_at(file: &File, buffer: &mut [u8], offset: u64) -> Result<()> {
     std::os::unix::fs::FileExt::read_exact_at(file, buffer, offset)
 }
 
-/// Fills `buffer` from byte `offset` of `file` on. Any number of threads may do so at once.
+/// Fills `buffer` from byte `offset` of `file` on. Any number of threads may call this at once.
 ///
 /// # Errors
-/// What the operating system reports, the file being too short included.
+/// Returns the error of the operating system, also if the file is too short.
 #[cfg(not(unix))]
 pub fn read_exact_at(file: &File, buffer: &mut [u8], offset: u64) -> Result<()> {
     seek_and_read(file, buffer, offset)
 }
 
-/// Where there is no such call, one thread after the other moves the file's one cursor.
+/// Seeks and reads, for systems without positioned reads. A lock lets one thread at a time move the
+/// file's only cursor.
 #[cfg(any(not(unix), test))]
 fn seek_and_read(mut file: &File, buffer: &mut [u8], offset: u64) -> Result<()> {
     use std::io::{Read, Seek, SeekFrom};
     use std::sync::{Mutex, PoisonError};
 
     static CURSOR: Mutex<()> = Mutex::new(());
-    let _one_at_a_time = CURSOR.lock().unwrap_or_else(PoisonError::into_inner);
+    let _guard = CURSOR.lock().unwrap_or_else(PoisonError::into_inner);
     file.seek(SeekFrom::Start(offset))?;
     file.read_exact(buffer)
 }

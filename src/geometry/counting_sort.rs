@@ -1,34 +1,47 @@
-//! Numbers sorted by the group that each belongs to.
+//! Counting sort: sorts the numbers from 0 on by the group that each belongs to.
 
 use crate::parallel::prelude::*;
 
-/// Fewer numbers are sorted by one thread.
+/// Shorter lists are sorted by one thread.
 const MIN_PARALLEL_LEN: usize = 1 << 14;
 
-/// Sorts the numbers from 0 on by their group, given for each in turn. Those of group g are
-/// `order[start[g]..start[g + 1]]`, rising.
-pub fn sort_by_group(groups: usize, of: impl Iterator<Item = usize>) -> (Vec<u32>, Vec<u32>) {
-    let of: Vec<u32> = of.map(|group| group as u32).collect();
+/// Sorts the numbers from 0 on by group; `groups` gives the group of each number in turn. Returns
+/// `start` and `order`: the numbers of group g are `order[start[g]..start[g + 1]]`, in ascending
+/// order.
+pub fn sort_by_group(
+    group_count: usize,
+    groups: impl Iterator<Item = usize>,
+) -> (Vec<u32>, Vec<u32>) {
+    let groups: Vec<u32> = groups.map(|group| group as u32).collect();
     let (mut start, mut order) = (Vec::new(), Vec::new());
-    sort_by_group_into(groups, &of, &mut start, &mut order);
+    sort_by_group_into(group_count, &groups, &mut start, &mut order);
     (start, order)
 }
 
-/// The same into arrays that there are, whatever they hold: each thread looks through all numbers for those
-/// of its share of the groups.
-pub fn sort_by_group_into(groups: usize, of: &[u32], start: &mut Vec<u32>, order: &mut Vec<u32>) {
-    let parts = match of.len() {
+/// Sorts as [`sort_by_group`] does, into existing arrays whose content is replaced. Each thread
+/// scans all numbers for those of its own range of groups.
+pub fn sort_by_group_into(
+    group_count: usize,
+    groups: &[u32],
+    start: &mut Vec<u32>,
+    order: &mut Vec<u32>,
+) {
+    let part_count = match groups.len() {
         ..MIN_PARALLEL_LEN => 1,
         _ => rayon::current_num_threads(),
     };
-    let share = groups.div_ceil(parts).max(1);
+    let groups_per_part = group_count.div_ceil(part_count).max(1);
     start.clear();
-    start.resize(groups + 1, 0);
-    order.resize(of.len(), 0);
-    let counts = start[..groups].par_chunks_mut(share).enumerate();
+    start.resize(group_count + 1, 0);
+    order.resize(groups.len(), 0);
+    let counts = start[..group_count]
+        .par_chunks_mut(groups_per_part)
+        .enumerate();
     counts.for_each(|(part, counts)| {
-        for &group in of {
-            if let Some(count) = counts.get_mut((group as usize).wrapping_sub(part * share)) {
+        for &group in groups {
+            if let Some(count) =
+                counts.get_mut((group as usize).wrapping_sub(part * groups_per_part))
+            {
                 *count += 1;
             }
         }
@@ -38,21 +51,26 @@ pub fn sort_by_group_into(groups: usize, of: &[u32], start: &mut Vec<u32>, order
         sum += std::mem::replace(start, sum);
     }
     let mut rest = order.as_mut_slice();
-    let mut orders = Vec::with_capacity(parts);
-    for first in (0..groups).step_by(share) {
-        let end = (first + share).min(groups);
-        let (own, others) = rest.split_at_mut((start[end] - start[first]) as usize);
-        orders.push(own);
-        rest = others;
+    let mut orders = Vec::with_capacity(part_count);
+    for first in (0..group_count).step_by(groups_per_part) {
+        let end = (first + groups_per_part).min(group_count);
+        let (part_order, tail) = rest.split_at_mut((start[end] - start[first]) as usize);
+        orders.push(part_order);
+        rest = tail;
     }
-    let starts = start[..groups].par_chunks_mut(share).zip(orders);
+    let starts = start[..group_count]
+        .par_chunks_mut(groups_per_part)
+        .zip(orders);
     starts.enumerate().for_each(|(part, (starts, order))| {
         let first = starts[0];
-        for (n, &group) in of.iter().enumerate() {
-            // The start of a group counts up to its end, where the next one starts.
-            if let Some(place) = starts.get_mut((group as usize).wrapping_sub(part * share)) {
-                order[(*place - first) as usize] = n as u32;
-                *place += 1;
+        for (n, &group) in groups.iter().enumerate() {
+            // Each start is advanced to the end of its group, which is the start of the next group;
+            // the rotation below restores the starts.
+            if let Some(position) =
+                starts.get_mut((group as usize).wrapping_sub(part * groups_per_part))
+            {
+                order[(*position - first) as usize] = n as u32;
+                *position += 1;
             }
         }
         starts.rotate_right(1);
@@ -65,7 +83,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_group_has_its_own_in_rising_order() {
+    fn groups_hold_their_numbers_in_rising_order() {
         let (start, order) = sort_by_group(4, [2, 0, 2, 3, 0, 2].into_iter());
         assert_eq!(start, [0, 2, 2, 5, 6]);
         assert_eq!(order, [1, 4, 0, 2, 5, 3]);
@@ -75,17 +93,17 @@ mod tests {
 
     #[test]
     fn many_numbers_are_grouped_alike_by_any_number_of_threads() {
-        let of = |n: usize| n * 7919 % 1009 * (n % 3) / 2;
-        let by = |threads: usize| {
+        let group_of = |n: usize| n * 7919 % 1009 * (n % 3) / 2;
+        let sort_with = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
             let pool = pool.build().unwrap();
-            pool.install(|| sort_by_group(1009, (0..3 * MIN_PARALLEL_LEN).map(of)))
+            pool.install(|| sort_by_group(1009, (0..3 * MIN_PARALLEL_LEN).map(group_of)))
         };
-        let (start, order) = by(3);
-        assert!(by(1) == (start.clone(), order.clone()));
+        let (start, order) = sort_with(3);
+        assert!(sort_with(1) == (start.clone(), order.clone()));
         for g in 0..1009 {
-            let own = &order[start[g] as usize..start[g + 1] as usize];
-            assert!(own.iter().all(|&n| of(n as usize) == g) && own.is_sorted());
+            let members = &order[start[g] as usize..start[g + 1] as usize];
+            assert!(members.iter().all(|&n| group_of(n as usize) == g) && members.is_sorted());
         }
         assert_eq!(start[1009] as usize, order.len());
     }

@@ -1,8 +1,8 @@
-//! Points put into cells one by one, to find whether there is one nearby.
+//! A grid of cells to which points are added one by one, to find out whether a point is nearby.
 
 use super::distance2;
 
-/// No point.
+/// Marks the end of a cell's list of points.
 const NO_POINT: u32 = u32::MAX;
 
 /// Points in a box, in the order in which they were added.
@@ -12,15 +12,15 @@ pub struct IncrementalGrid<const D: usize> {
     low: [f64; D],
     dims: [usize; D],
     cell_edge: f64,
-    /// The last point put into each cell.
+    /// The last point added to each cell.
     last_in_cell: Vec<u32>,
-    /// The point put into the same cell before.
+    /// For each point the point added to the same cell before it.
     previous_in_cell: Vec<u32>,
 }
 
 impl<const D: usize> IncrementalGrid<D> {
-    /// None yet, in the box from `low` to `high`, whose cells are `edge` wide. Points outside belong to
-    /// the nearest cells.
+    /// Creates an empty grid for the box from `low` to `high` with cells of edge length
+    /// `cell_edge`. Points outside the box belong to the nearest cells.
     pub fn new(low: [f64; D], high: [f64; D], cell_edge: f64) -> Self {
         let dims: [usize; D] =
             std::array::from_fn(|k| ((high[k] - low[k]).max(0.0) / cell_edge) as usize + 1);
@@ -34,12 +34,12 @@ impl<const D: usize> IncrementalGrid<D> {
         }
     }
 
-    /// All of them.
+    /// Returns the positions of all points.
     pub fn positions(&self) -> &[[f64; D]] {
         &self.positions
     }
 
-    /// Adds one and returns its number.
+    /// Adds a point and returns its index.
     pub fn add(&mut self, x: [f64; D]) -> u32 {
         let n = self.positions.len() as u32;
         let cell = self.index(self.cell(&x, 0.0));
@@ -49,7 +49,7 @@ impl<const D: usize> IncrementalGrid<D> {
         n
     }
 
-    /// Takes all of them out again.
+    /// Removes all points.
     pub fn clear(&mut self) {
         for n in 0..self.positions.len() {
             let cell = self.index(self.cell(&self.positions[n], 0.0));
@@ -59,32 +59,33 @@ impl<const D: usize> IncrementalGrid<D> {
         self.previous_in_cell.clear();
     }
 
-    /// Whether no point is nearer to `x` than `radius`.
+    /// Returns `true` if no point is nearer to `x` than `radius`.
     pub fn is_free(&self, x: &[f64; D], radius: f64) -> bool {
         let radius2 = radius * radius;
         !self.any_near(x, radius, |n| distance2(&self.positions[n], x) < radius2)
     }
 
-    /// Whether any of the points nearer to `x` than `radius`, or of some that are not, will do.
+    /// Returns `true` if `accept` returns `true` for any point nearer to `x` than `radius`.
+    /// `accept` may also be called for points that are farther away.
     pub fn any_near(
         &self,
         x: &[f64; D],
         radius: f64,
-        mut will_do: impl FnMut(usize) -> bool,
+        mut accept: impl FnMut(usize) -> bool,
     ) -> bool {
-        // Most points are sought near where they are.
-        let own = self.index(self.cell(x, 0.0));
-        if self.any_in_cell(own, &mut will_do) {
+        // Most searches end in the cell of `x` itself.
+        let home = self.index(self.cell(x, 0.0));
+        if self.any_in_cell(home, &mut accept) {
             return true;
         }
         let (low, high) = (self.cell(x, -radius), self.cell(x, radius));
         let mut cell = low;
         loop {
             let index = self.index(cell);
-            if index != own && self.any_in_cell(index, &mut will_do) {
+            if index != home && self.any_in_cell(index, &mut accept) {
                 return true;
             }
-            // The next cell of the block, x fastest.
+            // Go to the next cell of the block, x fastest.
             let Some(k) = (0..D).find(|&k| cell[k] < high[k]) else {
                 return false;
             };
@@ -93,11 +94,11 @@ impl<const D: usize> IncrementalGrid<D> {
         }
     }
 
-    /// Whether a point of a cell will do.
-    fn any_in_cell(&self, cell: usize, mut will_do: impl FnMut(usize) -> bool) -> bool {
+    /// Returns `true` if `accept` returns `true` for a point of a cell.
+    fn any_in_cell(&self, cell: usize, mut accept: impl FnMut(usize) -> bool) -> bool {
         let mut n = self.last_in_cell[cell];
         while n != NO_POINT {
-            if will_do(n as usize) {
+            if accept(n as usize) {
                 return true;
             }
             n = self.previous_in_cell[n as usize];
@@ -105,10 +106,10 @@ impl<const D: usize> IncrementalGrid<D> {
         false
     }
 
-    /// The index of the cell `x + shift` along each axis.
+    /// Returns the indices of the cell that contains `x + shift` (the same shift along each axis).
     fn cell(&self, x: &[f64; D], shift: f64) -> [usize; D] {
         std::array::from_fn(|k| {
-            // A cast cuts off what is below zero.
+            // The cast turns negative values to zero.
             (((x[k] + shift - self.low[k]) / self.cell_edge) as usize).min(self.dims[k] - 1)
         })
     }
@@ -129,21 +130,21 @@ mod tests {
     fn a_place_is_free_where_a_scan_finds_nothing() {
         let mut random = Random::new(3);
         let mut point = || [random.range(-3.0, 4.0), random.range(0.0, 9.0)];
-        let mut scatter = IncrementalGrid::new([-2.0, 0.0], [4.0, 8.0], 0.7);
-        let mut free = 0;
+        let mut grid = IncrementalGrid::new([-2.0, 0.0], [4.0, 8.0], 0.7);
+        let mut free_count = 0;
         for _ in 0..2000 {
             let x = point();
-            let is_free = scatter.is_free(&x, 0.5);
-            let scanned = scatter.positions().iter().all(|y| distance2(&x, y) >= 0.25);
+            let is_free = grid.is_free(&x, 0.5);
+            let scanned = grid.positions().iter().all(|y| distance2(&x, y) >= 0.25);
             assert_eq!(is_free, scanned);
             if is_free {
-                assert_eq!(scatter.add(x), free);
-                free += 1;
+                assert_eq!(grid.add(x), free_count);
+                free_count += 1;
             }
         }
-        assert!(free > 50);
-        assert!(scatter.any_near(&[0.0, 4.0], 9.0, |n| n == 0));
-        scatter.clear();
-        assert!(scatter.positions().is_empty() && scatter.is_free(&[0.0, 4.0], 20.0));
+        assert!(free_count > 50);
+        assert!(grid.any_near(&[0.0, 4.0], 9.0, |n| n == 0));
+        grid.clear();
+        assert!(grid.positions().is_empty() && grid.is_free(&[0.0, 4.0], 20.0));
     }
 }

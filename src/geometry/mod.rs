@@ -1,14 +1,13 @@
-//! What every house stands on: vectors, points in cells, sets, random numbers, loops on wide registers.
-//! Nothing here knows of images or meshes.
+//! Basic geometry and data structures that do not depend on images or meshes.
 //!
-//! - `vector`: sums and products of vectors
-//! - `buckets`: points sorted into cells, to find those nearby
-//! - `scatter`: points put into cells one by one
-//! - `groups`: numbers sorted by the group that each belongs to
-//! - `marks`: marked cells of a grid
-//! - `sets`: sets that are united pair by pair
-//! - `random`: random numbers that are a function of seed and count
-//! - `wide`: loops run with the widest vectors that the machine has
+//! - `vector`: vector algebra
+//! - `cell_list`: points sorted into cells, to find nearby points
+//! - `incremental_grid`: points added to cells one by one
+//! - `counting_sort`: numbers sorted by group
+//! - `morphology`: dilation of marked cells of a grid
+//! - `union_find`: disjoint sets that are united pair by pair
+//! - `random`: random numbers that are a function of seed and counter
+//! - `simd`: loops compiled for the widest vector registers of the machine
 
 pub(crate) mod cell_list;
 pub(crate) mod counting_sort;

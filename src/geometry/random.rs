@@ -1,63 +1,63 @@
-//! Random numbers that depend on nothing but what they are asked for: the same on every machine and for
-//! any number of threads.
+//! Random numbers that depend only on seed and counter: the same on every machine and for any
+//! number of threads.
 //!
-//! All are made by SplitMix64 (Steele, Lea & Flood 2014): a counter goes up in steps of the golden ratio
-//! and its bits are mixed.
+//! All numbers come from SplitMix64 (Steele, Lea & Flood 2014): a counter advances in steps of the
+//! golden ratio, and its bits are mixed.
 
-/// By how much the counter goes up: 2^64 over the golden ratio.
+/// Step of the counter: 2^64 over the golden ratio.
 const COUNTER_STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 
-/// A bijection that mixes 64 bits.
+/// Mixes 64 bits by a bijection.
 fn mix(mut bits: u64) -> u64 {
     bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     bits ^ (bits >> 31)
 }
 
-/// 64 bits as a number in [0, 1).
+/// Converts 64 bits to a number in [0, 1).
 fn to_unit_interval(bits: u64) -> f64 {
     (bits >> 11) as f64 / (1u64 << 53) as f64
 }
 
-/// 64 bits that follow from a seed: one step of the generator.
+/// Returns 64 random bits that follow from a seed: one step of the generator.
 pub fn splitmix64(seed: u64) -> u64 {
     mix(seed.wrapping_add(COUNTER_STEP))
 }
 
-/// Number `count` of those that belong to `key`, in [0, 1). Keys may be small numbers one after the
-/// other: they are mixed first.
+/// Returns number `count` of the sequence of `key`, in [0, 1). Keys may be small successive
+/// integers, because they are mixed first.
 pub fn uniform(key: u64, count: u64) -> f64 {
     to_unit_interval(mix(mix(key).wrapping_add(count.wrapping_mul(COUNTER_STEP))))
 }
 
-/// The same in [-1, 1).
+/// Returns number `count` of the sequence of `key`, in [-1, 1).
 pub fn uniform_signed(key: u64, count: u64) -> f64 {
     2.0 * uniform(key, count) - 1.0
 }
 
-/// A sequence of numbers.
+/// A sequence of random numbers.
 #[derive(Debug, Clone)]
 pub struct Random(u64);
 
 impl Random {
-    /// The sequence of a seed.
+    /// Creates the sequence of a seed.
     pub fn new(seed: u64) -> Self {
         Self(seed)
     }
 
-    /// A sequence of its own for each seed and purpose.
+    /// Creates a sequence that is different for each pair of seed and purpose.
     pub fn for_purpose(seed: u64, purpose: u64) -> Self {
         Self(splitmix64(seed ^ splitmix64(purpose)).wrapping_add(COUNTER_STEP))
     }
 
-    /// The next number, in [0, 1).
+    /// Returns the next number, in [0, 1).
     pub fn draw(&mut self) -> f64 {
         let number = to_unit_interval(splitmix64(self.0));
         self.0 = self.0.wrapping_add(COUNTER_STEP);
         number
     }
 
-    /// The next number, in [low, high).
+    /// Returns the next number, in [low, high).
     pub fn range(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.draw()
     }

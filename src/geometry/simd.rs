@@ -1,14 +1,14 @@
-//! Loops compiled for the widest vectors that the machine has.
+//! Runs loops with the widest vector registers that the machine has.
 
-/// Runs a closure, marked `#[inline(always)]`, with the best vector instructions there are. Sums and
-/// products are the same on every machine: nothing is fused or reordered.
+/// Runs a closure, which must be marked `#[inline(always)]`, with the best vector instructions of
+/// the machine. Sums and products are the same on every machine: nothing is fused or reordered.
 #[inline(always)]
 pub fn dispatch_simd<R>(run: impl FnMut() -> R) -> R {
     pulp::Arch::new().dispatch(SimdClosure(run))
 }
 
-/// A closure given to `dispatch` as it is would be called through a shim that is never inlined, and
-/// so be compiled for any machine.
+/// Wraps a closure for `dispatch`. A closure passed directly would be called through a function
+/// that is never inlined, and so be compiled without the wide instructions.
 struct SimdClosure<F>(F);
 
 impl<R, F: FnMut() -> R> pulp::WithSimd for SimdClosure<F> {

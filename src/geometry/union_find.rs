@@ -1,21 +1,21 @@
-//! Sets that are united pair by pair.
+//! Union-find: disjoint sets of numbers that are united pair by pair.
 
 use crate::parallel::prelude::*;
 
-/// Numbers that one thread looks at in one go.
+/// Count of numbers that one thread processes at a time.
 const CHUNK_LEN: usize = 1 << 16;
 
-/// Sets of numbers that are united pair by pair; the smallest member names a set.
+/// Disjoint sets of numbers, united pair by pair. The smallest member of a set represents it.
 #[derive(Debug, Clone)]
 pub struct UnionFind(Vec<u32>);
 
 impl UnionFind {
-    /// `count` sets of one number each.
+    /// Creates `count` sets of one number each.
     pub fn new(count: usize) -> Self {
         Self((0..count as u32).collect())
     }
 
-    /// The name of the set that holds `i`.
+    /// Returns the representative of the set that contains `i`.
     pub fn find(&mut self, i: u32) -> u32 {
         find(&mut self.0, 0, i)
     }
@@ -25,63 +25,68 @@ impl UnionFind {
         unite(&mut self.0, 0, i, j);
     }
 
-    /// Unites each number with those that `beside` finds for it, of sets of one number each: what lies
-    /// together at the same time.
-    pub fn unite_neighbours<I: Iterator<Item = u32>>(&mut self, beside: impl Fn(u32) -> I + Sync) {
+    /// Unites each number with the numbers that `neighbours` returns for it, in parallel. All sets
+    /// must have one number before.
+    pub fn unite_neighbours<I: Iterator<Item = u32>>(
+        &mut self,
+        neighbours: impl Fn(u32) -> I + Sync,
+    ) {
         let chunks = self.0.par_chunks_mut(CHUNK_LEN).enumerate();
-        let apart: Vec<Vec<[u32; 2]>> = chunks
-            .map(|(number, names)| {
+        let cross_pairs: Vec<Vec<[u32; 2]>> = chunks
+            .map(|(number, parents)| {
                 let first = (number * CHUNK_LEN) as u32;
-                let own = first..first + names.len() as u32;
-                let mut apart = Vec::new();
-                for i in own.clone() {
-                    for j in beside(i) {
-                        match own.contains(&j) {
-                            true => unite(names, first, i, j),
-                            false => apart.push([i, j]),
+                let range = first..first + parents.len() as u32;
+                let mut cross_pairs = Vec::new();
+                for i in range.clone() {
+                    for j in neighbours(i) {
+                        if range.contains(&j) {
+                            unite(parents, first, i, j);
+                        } else {
+                            cross_pairs.push([i, j]);
                         }
                     }
                 }
-                apart
+                cross_pairs
             })
             .collect();
-        for [i, j] in apart.into_iter().flatten() {
+        for [i, j] in cross_pairs.into_iter().flatten() {
             self.unite(i, j);
         }
     }
 
-    /// For each number the number of its set, sets being numbered in the order of their names; and
-    /// how many sets there are.
+    /// Returns the label of each number and the count of sets. Sets are labelled from 0 in the
+    /// order of their representatives.
     pub fn into_labels(mut self) -> (Vec<u32>, usize) {
         let mut count = 0;
-        let mut number = vec![u32::MAX; self.0.len()];
+        let mut labels = vec![u32::MAX; self.0.len()];
         for i in 0..self.0.len() as u32 {
-            let name = self.find(i) as usize;
-            // A name is the smallest of its set, so it comes first.
-            if name as u32 == i {
-                number[name] = count;
+            let root = self.find(i) as usize;
+            // A representative is the smallest member of its set, so it comes first.
+            if root as u32 == i {
+                labels[root] = count;
                 count += 1;
             } else {
-                number[i as usize] = number[name];
+                labels[i as usize] = labels[root];
             }
         }
-        (number, count as usize)
+        (labels, count as usize)
     }
 }
 
-/// The name of the set that holds `i`, among the names of the numbers from `first` on.
-fn find(names: &mut [u32], first: u32, i: u32) -> u32 {
-    let mut at = (i - first) as usize;
-    while names[at] - first != at as u32 {
-        names[at] = names[(names[at] - first) as usize];
-        at = (names[at] - first) as usize;
+/// Returns the representative of the set that contains `i`. `parents` holds the parents of the
+/// numbers from `first` on.
+fn find(parents: &mut [u32], first: u32, i: u32) -> u32 {
+    let mut index = (i - first) as usize;
+    while parents[index] - first != index as u32 {
+        parents[index] = parents[(parents[index] - first) as usize];
+        index = (parents[index] - first) as usize;
     }
-    names[at]
+    parents[index]
 }
 
-fn unite(names: &mut [u32], first: u32, i: u32, j: u32) {
-    let (i, j) = (find(names, first, i), find(names, first, j));
-    names[(i.max(j) - first) as usize] = i.min(j);
+fn unite(parents: &mut [u32], first: u32, i: u32, j: u32) {
+    let (i, j) = (find(parents, first, i), find(parents, first, j));
+    parents[(i.max(j) - first) as usize] = i.min(j);
 }
 
 #[cfg(test)]
@@ -98,21 +103,22 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_together_is_united_as_pair_by_pair() {
+    fn neighbours_are_united_as_pair_by_pair() {
         let count = 3 * CHUNK_LEN as u32 + 17;
         // Steps within and across chunks; each seventh number stays alone.
-        let beside = |i: u32| {
-            let to = [i + 7, i + 7 * 10_007, i.wrapping_sub(21)];
-            to.into_iter()
+        let neighbours = |i: u32| {
+            let candidates = [i + 7, i + 7 * 10_007, i.wrapping_sub(21)];
+            candidates
+                .into_iter()
                 .filter(move |&j| !i.is_multiple_of(7) && j < count)
         };
         let (mut at_once, mut by_pairs) = (
             UnionFind::new(count as usize),
             UnionFind::new(count as usize),
         );
-        at_once.unite_neighbours(beside);
+        at_once.unite_neighbours(neighbours);
         for i in 0..count {
-            beside(i).for_each(|j| by_pairs.unite(i, j));
+            neighbours(i).for_each(|j| by_pairs.unite(i, j));
         }
         let (numbers, sets) = at_once.into_labels();
         assert_eq!(sets, (count as usize).div_ceil(7) + 6);

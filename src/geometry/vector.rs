@@ -1,10 +1,10 @@
-//! Vectors of the plane and of space, of `f64` or, where there are many, of `f32`.
+//! Vectors in the plane and in space, of `f64` or, for large arrays, of `f32`.
 //!
 //! Sums run in the order of the axes, so results are the same wherever they are computed.
 
 use std::ops::{Add, Mul, Sub};
 
-/// What vectors are made of.
+/// A number type that vectors may have.
 pub trait Real:
     Copy + Default + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self>
 {
@@ -13,19 +13,19 @@ pub trait Real:
 impl Real for f32 {}
 impl Real for f64 {}
 
-/// `a - b`.
+/// Returns `a - b`.
 #[inline]
 pub fn sub<T: Real, const D: usize>(a: [T; D], b: [T; D]) -> [T; D] {
     std::array::from_fn(|k| a[k] - b[k])
 }
 
-/// `a + s b`.
+/// Returns `a + s b`.
 #[inline]
 pub fn add_scaled<T: Real, const D: usize>(a: [T; D], s: T, b: [T; D]) -> [T; D] {
     std::array::from_fn(|k| a[k] + s * b[k])
 }
 
-/// Scalar product.
+/// Returns the scalar product.
 #[inline]
 pub fn dot<T: Real, const D: usize>(a: [T; D], b: [T; D]) -> T {
     let mut sum = a[0] * b[0];
@@ -35,13 +35,13 @@ pub fn dot<T: Real, const D: usize>(a: [T; D], b: [T; D]) -> T {
     sum
 }
 
-/// A vector of the plane z = 0, or of space, as one of space.
+/// Returns a vector of the plane or of space as a vector of space; z is 0 in the plane.
 #[inline]
 pub fn to_3d<T: Real, const D: usize>(a: [T; D]) -> [T; 3] {
     std::array::from_fn(|k| a.get(k).copied().unwrap_or_default())
 }
 
-/// Vector product.
+/// Returns the vector product.
 #[inline]
 pub fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [
@@ -51,13 +51,14 @@ pub fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     ]
 }
 
-/// The square of the distance between two points.
+/// Returns the square of the distance between two points.
 #[inline]
 pub fn distance2<const D: usize>(a: &[f64; D], b: &[f64; D]) -> f64 {
     (0..D).map(|k| (a[k] - b[k]).powi(2)).sum()
 }
 
-/// Solves a small symmetric positive definite system by elimination; zero where it is singular.
+/// Solves a small symmetric positive definite system by elimination. Returns zero if the system is
+/// singular.
 pub fn solve_positive<const D: usize>(mut a: [[f64; D]; D], mut b: [f64; D]) -> [f64; D] {
     for i in 0..D {
         if a[i][i] <= 0.0 {
@@ -71,27 +72,32 @@ pub fn solve_positive<const D: usize>(mut a: [[f64; D]; D], mut b: [f64; D]) -> 
         }
     }
     for i in (0..D).rev() {
-        let known: f64 = (i + 1..D).map(|c| a[i][c] * b[c]).sum();
-        b[i] = (b[i] - known) / a[i][i];
+        let known_part: f64 = (i + 1..D).map(|c| a[i][c] * b[c]).sum();
+        b[i] = (b[i] - known_part) / a[i][i];
     }
     b
 }
 
-/// Length.
+/// Returns the length of a vector.
 #[inline]
 pub fn norm<const D: usize>(a: [f64; D]) -> f64 {
     dot(a, a).sqrt()
 }
 
-/// The unit vector along `a`; zero for zero.
+/// Returns the unit vector along `a`, or zero if `a` is zero.
 #[inline]
 pub fn unit<const D: usize>(a: [f64; D]) -> [f64; D] {
-    let long = norm(a);
-    if long > 0.0 { a.map(|c| c / long) } else { a }
+    let length = norm(a);
+    if length > 0.0 {
+        a.map(|c| c / length)
+    } else {
+        a
+    }
 }
 
-/// Normal of a facet; its length is the facet's area (3-D) or length (2-D). In 3-D the nodes turn
-/// anticlockwise seen from where it points to, in 2-D it points to the right of the edge.
+/// Returns the normal of a facet; its length is the facet's area (3-D) or length (2-D). In 3-D the
+/// nodes are anticlockwise seen from the side to which the normal points; in 2-D it points to the
+/// right of the edge.
 pub fn normal<const D: usize>(x: &[[f64; D]; D]) -> [f64; D] {
     let u = sub(x[1], x[0]);
     let mut n = [0.0; D];
@@ -108,19 +114,20 @@ pub fn normal<const D: usize>(x: &[[f64; D]; D]) -> [f64; D] {
     n
 }
 
-/// Six times the signed volume of a tetrahedron; positive if from its last node the others turn
-/// anticlockwise.
+/// Returns six times the signed volume of a tetrahedron. It is positive if the first three nodes
+/// are anticlockwise seen from the last node.
 #[inline]
 pub fn volume6(p: &[[f64; 3]; 4]) -> f64 {
     dot(sub(p[1], p[0]), cross(sub(p[2], p[0]), sub(p[3], p[0])))
 }
 
-/// The least and the largest coordinates of some points; of none, infinite ones the wrong way round.
+/// Returns the smallest and the largest coordinates of some points. Without points, the smallest
+/// are infinite and the largest minus infinite.
 pub fn bounding_box<'a, const D: usize>(
     points: impl IntoIterator<Item = &'a [f64; D]>,
 ) -> [[f64; D]; 2] {
-    let none = [[f64::INFINITY; D], [f64::NEG_INFINITY; D]];
-    points.into_iter().fold(none, |[low, high], x| {
+    let empty = [[f64::INFINITY; D], [f64::NEG_INFINITY; D]];
+    points.into_iter().fold(empty, |[low, high], x| {
         [
             std::array::from_fn(|k| low[k].min(x[k])),
             std::array::from_fn(|k| high[k].max(x[k])),

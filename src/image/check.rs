@@ -1,16 +1,16 @@
-//! What the samples of an image are like, and whether anything can be made of them.
+//! Statistics of an image's samples, and checks whether it can be meshed.
 
 use crate::parallel::prelude::*;
 
 use super::{Image, Modality};
 use crate::error::{Error, Result, cause};
 
-/// Statistics over all samples of an image.
+/// Statistics of all samples of an image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stats<const D: usize> {
-    /// Smallest finite sample; infinite if there is none.
+    /// Smallest finite sample; positive infinity if there is none.
     pub min: f32,
-    /// Largest finite sample; negative infinite if there is none.
+    /// Largest finite sample; negative infinity if there is none.
     pub max: f32,
     /// Mean of the finite samples; 0 if there is none.
     pub mean: f64,
@@ -23,18 +23,21 @@ pub struct Stats<const D: usize> {
 }
 
 impl<const D: usize> Image<D> {
-    /// Statistics in one parallel pass, the same for any number of threads.
+    /// Computes the statistics in one parallel pass. The result does not depend on the number of
+    /// threads.
     pub fn stats(&self) -> Stats<D> {
         let mut tally = StatsAccumulator::default();
         tally.add(self.as_slice());
         tally.stats(self.dims())
     }
 
-    /// Refuses an image that no job can work with: without samples, without finite samples, or with all
-    /// of these equal. `place` names the image in the error. Samples that are not finite hold no data.
+    /// Checks that the image can be processed: it has samples, and its finite samples are not all
+    /// equal. `place` names the image in the error. Samples that are not finite count as samples
+    /// without data.
     ///
     /// # Errors
-    /// [`Error::Image`] with what is wrong.
+    /// Returns an [`Error::Image`] if the image has no samples, no finite samples, or only equal
+    /// ones.
     pub fn check(&self, place: &str) -> Result<()> {
         let refuse =
             |problem: String, remedy: &str| Err(Error::Image(cause(place, problem, remedy)));
@@ -56,7 +59,7 @@ impl<const D: usize> Image<D> {
                 "check that the right file or attribute was given",
             );
         }
-        // Labels may differ by less than the samples show.
+        // Exact labels can differ although the rounded samples are equal.
         let labels = self.labels.as_ref();
         let differ = labels.is_some_and(|labels| labels.values.len() > 1);
         if stats.min == stats.max && !differ {
@@ -69,22 +72,28 @@ impl<const D: usize> Image<D> {
     }
 }
 
-/// Of an image whose samples look like labels: few different values, which neighbours mostly share.
+/// Evidence that the samples of an image are labels: there are few different values, and most
+/// neighbours have the same value.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LabelEvidence {
     /// Number of different values.
     pub value_count: usize,
-    /// Share of neighbours along x whose values are equal.
+    /// Share of pairs of neighbours along x whose values are equal.
     pub equal_share: f64,
 }
 
 impl<const D: usize> Image<D> {
-    /// Returns whether the samples look like labels, and why: few values of which neighbours mostly share one;
-    /// or, unless they are of a survey, many whole numbers that do so and change without order.
+    /// Returns evidence that the samples are labels, or `None` if they do not look like labels.
+    ///
+    /// Samples look like labels if they have at most `MAX_DETECTED_LABELS` different values and
+    /// most neighbours are equal. Outside surveys, more different values are accepted, too, if they
+    /// are whole numbers, most neighbours are equal, and the steps between values are not those of
+    /// a smooth grey value.
     pub fn label_evidence(&self, modality: Modality) -> Option<LabelEvidence> {
         let samples = self.as_slice();
         if let Some(exact) = &self.labels {
-            // They are integers of more than 24 bits, as no scanner gives: neighbours must share them all the same.
+            // Exact labels are integers of more than 24 bits, which no scanner produces. Most
+            // neighbours must be equal nevertheless.
             let equal = exact.indices.windows(2).filter(|w| w[0] == w[1]).count();
             let equal = equal as f64 / (samples.len().max(2) - 1) as f64;
             return (equal > MIN_EQUAL_SHARE).then_some(LabelEvidence {
@@ -114,15 +123,15 @@ impl<const D: usize> Image<D> {
     }
 }
 
-/// The least share of equal neighbours in an image of many labels.
+/// Smallest share of equal neighbours in an image of many labels.
 pub const MIN_EQUAL_SHARE: f64 = 0.6;
 
-/// Labels have at least so many samples on average.
+/// Smallest mean number of samples per label.
 const MIN_SAMPLES_PER_LABEL: usize = 8;
 
-/// Returns whether whole numbers change as labels do. The background, the commonest value, aside, neighbours are
-/// mostly equal, and those that differ are mostly not next to one another among the values, as they are where
-/// a grey value rises and falls.
+/// Returns `true` if whole numbers change as labels do. Outside the background (the most frequent
+/// value) most neighbours must be equal, and most different neighbours must not be adjacent in the
+/// sorted list of values, as they are where a grey value rises and falls smoothly.
 fn has_unordered_values(samples: &[f32], values: &[f32]) -> bool {
     let rank = |s: f32| values.partition_point(|v| *v < s);
     let mut counts = vec![0usize; values.len()];
@@ -135,35 +144,38 @@ fn has_unordered_values(samples: &[f32], values: &[f32]) -> bool {
             *count += 1;
         }
     }
-    let most = counts.iter().max().copied().unwrap_or(0);
-    let background = counts.iter().position(|count| *count == most).unwrap_or(0);
-    let (mut equal, mut different, mut next) = (0usize, 0usize, 0usize);
-    let mut before: Option<(f32, usize)> = None;
+    let max_count = counts.iter().max().copied().unwrap_or(0);
+    let background = counts
+        .iter()
+        .position(|count| *count == max_count)
+        .unwrap_or(0);
+    let (mut equal, mut different, mut adjacent) = (0usize, 0usize, 0usize);
+    let mut previous: Option<(f32, usize)> = None;
     for &s in samples {
-        match before {
+        match previous {
             Some((value, rank)) if value == s => equal += usize::from(rank != background),
             _ => {
-                let new = rank(s);
-                if let Some((_, old)) = before {
+                let current_rank = rank(s);
+                if let Some((_, previous_rank)) = previous {
                     different += 1;
-                    next += usize::from(old.abs_diff(new) == 1);
+                    adjacent += usize::from(previous_rank.abs_diff(current_rank) == 1);
                 }
-                before = Some((s, new));
+                previous = Some((s, current_rank));
             }
         }
     }
-    let inside = (equal + different).max(1) as f64;
-    equal as f64 > 0.5 * inside && 2 * next < different.max(1)
+    let foreground = (equal + different).max(1) as f64;
+    equal as f64 > 0.5 * foreground && 2 * adjacent < different.max(1)
 }
 
-/// Returns whether all samples are whole numbers.
+/// Returns `true` if all samples are whole numbers.
 pub fn are_whole_numbers(samples: &[f32]) -> bool {
     samples.iter().all(|s| s.trunc() == *s)
 }
 
-/// Returns the number of samples that equal the next in memory.
+/// Returns the number of samples that equal the next sample in memory.
 pub fn equal_neighbour_count(samples: &[f32]) -> usize {
-    // Each chunk looks at the first of the next.
+    // Each chunk also compares its last sample with the first sample of the next chunk.
     let count = |chunk: usize| {
         let end = ((chunk + 1) * CHUNK + 1).min(samples.len());
         let part = &samples[chunk * CHUNK..end];
@@ -175,21 +187,23 @@ pub fn equal_neighbour_count(samples: &[f32]) -> usize {
         .sum()
 }
 
-/// An image of more different values than this is one of labels only if it is said.
+/// Largest number of different values of an image that is taken as labels without the user saying
+/// so.
 pub const MAX_DETECTED_LABELS: usize = 64;
 
-/// Returns the different values of a volume in ascending order, if there are at most `most`.
-pub fn distinct_values(samples: &[f32], most: usize) -> Option<Vec<f32>> {
-    let mut found: Vec<f32> = Vec::new();
+/// Returns the different values of the samples in ascending order, or `None` if there are more than
+/// `max_count`.
+pub fn distinct_values(samples: &[f32], max_count: usize) -> Option<Vec<f32>> {
+    let mut values: Vec<f32> = Vec::new();
     for part in samples.chunks(CHUNK) {
         let mut last = f32::NAN;
         let mut new: Vec<f32> = Vec::new();
         for &s in part {
             if s != last {
                 last = s;
-                // -0 is 0.
+                // -0 and 0 are the same label.
                 let s = s + 0.0;
-                if found.binary_search_by(|v| v.total_cmp(&s)).is_err() {
+                if values.binary_search_by(|v| v.total_cmp(&s)).is_err() {
                     new.push(s);
                 }
             }
@@ -199,24 +213,24 @@ pub fn distinct_values(samples: &[f32], most: usize) -> Option<Vec<f32>> {
         }
         new.sort_by(f32::total_cmp);
         new.dedup();
-        found.extend(new);
-        if found.len() > most {
+        values.extend(new);
+        if values.len() > max_count {
             return None;
         }
-        found.sort_by(f32::total_cmp);
+        values.sort_by(f32::total_cmp);
     }
-    Some(found)
+    Some(values)
 }
 
-/// Samples are summed within chunks of this size, then in order.
+/// Number of samples that are summed together, so that sums do not depend on the number of threads.
 const CHUNK: usize = 1 << 16;
 
-/// Statistics of samples that come part by part, in the order of memory: whatever the parts are, the figures
-/// are the same.
+/// Accumulator for the statistics of samples that arrive in parts, in memory order. The result does
+/// not depend on how the samples are divided into parts.
 #[derive(Default)]
 pub(crate) struct StatsAccumulator {
     chunks: Vec<ChunkStats>,
-    /// The samples of a chunk that is not whole yet.
+    /// Samples of a chunk that is not complete yet.
     partial_chunk: Vec<f32>,
 }
 
@@ -240,7 +254,7 @@ impl StatsAccumulator {
         self.partial_chunk.extend_from_slice(rest);
     }
 
-    /// The statistics of an image of so many samples along each axis, all of which were added.
+    /// Returns the statistics of an image of dimensions `dims`, all of whose samples were added.
     pub fn stats<const D: usize>(mut self, dims: [usize; D]) -> Stats<D> {
         self.chunks
             .push(ChunkStats::from_samples(&self.partial_chunk));
@@ -266,7 +280,7 @@ impl StatsAccumulator {
     }
 }
 
-/// Index (x first) of a position in memory order.
+/// Returns the index (x first) of a position in memory order.
 fn index_of<const D: usize>(dims: [usize; D], mut position: usize) -> [usize; D] {
     dims.map(|n| {
         let index = position % n;
@@ -275,7 +289,7 @@ fn index_of<const D: usize>(dims: [usize; D], mut position: usize) -> [usize; D]
     })
 }
 
-/// What [`Stats`] is added up from.
+/// Statistics of one chunk of samples.
 struct ChunkStats {
     len: usize,
     finite_count: usize,
@@ -283,7 +297,7 @@ struct ChunkStats {
     sum: f64,
     min: f32,
     max: f32,
-    /// The first sample that is not finite.
+    /// Position of the first sample that is not finite.
     first_non_finite: Option<usize>,
 }
 
@@ -325,7 +339,7 @@ mod tests {
 
     #[test]
     fn statistics_of_a_ramp() {
-        // More than one chunk, so that the parts are joined.
+        // The ramp fills more than one chunk, so that several chunks are combined.
         let image = ramp([70, 60, 50]);
         let n = 70.0 * 60.0 * 50.0;
         let stats = image.stats();
@@ -339,17 +353,17 @@ mod tests {
     }
 
     #[test]
-    fn statistics_are_the_same_whatever_the_parts() {
+    fn statistics_do_not_depend_on_the_division_into_parts() {
         let mut image = ramp([70, 60, 50]);
         image.samples[[40, 3, 2]] = f32::NAN;
-        let whole = image.stats();
+        let expected = image.stats();
         for part in [1000, 70 * 60, (1 << 16) - 1, 1 << 16, (1 << 17) + 5] {
             let mut tally = super::StatsAccumulator::default();
             image
                 .as_slice()
                 .chunks(part)
                 .for_each(|part| tally.add(part));
-            assert_eq!(tally.stats(image.dims()), whole, "{part}");
+            assert_eq!(tally.stats(image.dims()), expected, "{part}");
         }
     }
 

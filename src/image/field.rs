@@ -1,15 +1,15 @@
 //! A sampled scalar function of position in *lattice space*, and its smooth interpolation.
 //!
-//! Lattice space is sample index times a step per axis (`step`, 1 by default); the field fills the
-//! box `[0, (dims[k] - 1) * step[k]]`.
+//! Lattice space is the sample index times a step per axis (`step`, 1 by default). The field fills
+//! the box `[0, (dims[k] - 1) * step[k]]`.
 //!
-//! Interpolation is cubic convolution (Keys 1981, a = -1/2; the Catmull-Rom spline), a tensor
-//! product over the axes: it passes through the samples, has a continuous gradient, and reproduces
-//! quadratic functions away from the sides. Beyond the box's sides the outermost sample repeats, and
-//! positions outside are moved to the nearest point of the box. The gradient is the exact derivative
-//! of the interpolant, so a minimiser sees a function and its own slope.
+//! Interpolation is cubic convolution (Keys 1981, a = -1/2; the Catmull-Rom spline) as a tensor
+//! product over the axes. It passes through the samples, has a continuous gradient, and reproduces
+//! quadratic functions away from the sides. Beyond the sides of the box the outermost sample
+//! repeats, and positions outside are moved to the nearest point of the box. The gradient is the
+//! exact derivative of the interpolant, so that a minimiser sees a consistent function and slope.
 
-/// Samples of a scalar function over the lattice-space box, x fastest.
+/// Samples of a scalar function over a box in lattice space, x fastest.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScalarField<const D: usize> {
     /// Number of samples along each axis, x first.
@@ -20,12 +20,12 @@ pub struct ScalarField<const D: usize> {
     pub samples: Vec<f32>,
 }
 
-/// Where a coordinate falls along one axis: four taps and their weights.
+/// The four samples (taps) about a coordinate along one axis, and their weights.
 #[derive(Clone, Copy)]
 pub(super) struct Taps {
     /// Index of the sample at or before the coordinate.
     pub cell: usize,
-    /// The four taps' offsets in the sample array.
+    /// Offsets of the four taps in the sample array.
     pub offsets: [usize; 4],
     /// Weights of the value.
     value_weights: [f32; 4],
@@ -34,7 +34,8 @@ pub(super) struct Taps {
 }
 
 impl Taps {
-    /// At `x` along an axis of `n` samples `step` apart, which are `stride` apart in memory.
+    /// Computes the taps at `x` along an axis of `n` samples that are `step` apart in lattice space
+    /// and `stride` apart in memory.
     #[inline]
     pub fn new(x: f64, n: usize, step: f64, stride: usize) -> Self {
         let last = n.max(1) - 1;
@@ -68,7 +69,7 @@ impl Taps {
 }
 
 impl<const D: usize> ScalarField<D> {
-    /// Samples a function of position in lattice space.
+    /// Creates a field by sampling a function of position in lattice space.
     pub fn from_fn(dims: [usize; D], step: [f64; D], mut f: impl FnMut([f64; D]) -> f64) -> Self {
         let count = dims.iter().product();
         let mut samples = Vec::with_capacity(count);
@@ -88,30 +89,30 @@ impl<const D: usize> ScalarField<D> {
         }
     }
 
-    /// What a function makes of the samples.
-    pub fn map(&self, make: impl Fn(f64) -> f64) -> Self {
-        let made = self.samples.iter().map(|&s| make(s.into()) as f32);
+    /// Returns the field with `f` applied to each sample.
+    pub fn map(&self, f: impl Fn(f64) -> f64) -> Self {
+        let mapped = self.samples.iter().map(|&s| f(s.into()) as f32);
         Self {
-            samples: made.collect(),
+            samples: mapped.collect(),
             ..*self
         }
     }
 
-    /// The far corner of the box; the near one is the origin.
+    /// Returns the far corner of the box; the near corner is the origin.
     pub fn extent(&self) -> [f64; D] {
         std::array::from_fn(|k| (self.dims[k].max(1) - 1) as f64 * self.step[k])
     }
 
-    /// The interpolated value at a position in lattice space.
+    /// Returns the interpolated value at a position in lattice space.
     pub fn value(&self, position: [f64; D]) -> f64 {
         self.value_and_gradient(position).0
     }
 
-    /// The interpolated value and its exact gradient at a position in lattice space. Along an axis
-    /// on which the position lies outside the box the gradient is zero.
+    /// Returns the interpolated value and its exact gradient at a position in lattice space. Along
+    /// an axis on which the position lies outside the box the gradient is zero.
     ///
-    /// Arithmetic is `f32` (the samples are): absolute error about 1e-7 of the spread of
-    /// the taps.
+    /// Arithmetic is in `f32`, as the samples are: the absolute error is about 1e-7 of the spread
+    /// of the taps.
     #[inline]
     pub fn value_and_gradient(&self, position: [f64; D]) -> (f64, [f64; D]) {
         let mut stride = 1;
@@ -120,8 +121,8 @@ impl<const D: usize> ScalarField<D> {
             stride *= self.dims[k];
             taps
         });
-        // Weights of the value sum to one and those of slopes to zero, so only differences from one
-        // of the taps need be summed, which loses fewer digits.
+        // The weights of the value sum to one and those of the slopes to zero. Therefore
+        // differences from one of the taps can be summed instead, which loses fewer digits.
         let base = self.samples[taps.iter().map(|t| t.offsets[1]).sum::<usize>()];
         let contiguous = taps[0].cell >= 1 && taps[0].cell + 2 < self.dims[0];
         let line = |start: usize| -> [f32; 4] {
@@ -138,17 +139,20 @@ impl<const D: usize> ScalarField<D> {
     }
 }
 
-/// Value and gradient from the taps along each axis; `line` gives the four samples along x, less `base`,
-/// of the row that begins where the taps of the other axes say.
+/// Returns the value and gradient from the taps along each axis. `line` returns the four samples
+/// along x, minus `base`, of the row at a given offset, which is the sum of the offsets of the taps
+/// of the other axes.
 #[inline(always)]
 pub(super) fn interpolate<const D: usize>(
     taps: &[Taps; D],
     base: f32,
     line: impl Fn(usize) -> [f32; 4],
 ) -> (f64, [f64; D]) {
-    // Sums over all axes but x, one lane per x tap: sums[0] for the value, sums[k] for axis k.
+    // Sums over all axes but x, one lane per tap along x: `sums[0]` for the value, `sums[k]` for
+    // the slope along axis k.
     let mut sums = [[0.0f32; 4]; D];
-    // Axes beyond the second innermost, so that each sample is weighted only once or twice.
+    // Number of tap combinations along the axes beyond y. The sums over them come first, so that
+    // each sample is weighted only once or twice.
     let planes = if D > 2 { 4usize.pow(D as u32 - 2) } else { 1 };
     for tap in 0..if D > 1 { 4 } else { 1 } {
         let start = if D > 1 { taps[1].offsets[tap] } else { 0 };
@@ -157,9 +161,12 @@ pub(super) fn interpolate<const D: usize>(
             let tap = |k: usize| (plane >> (2 * (k - 2))) & 3;
             let line = line(start + (2..D).map(|k| taps[k].offsets[tap(k)]).sum::<usize>());
             for axis in (0..D).filter(|&axis| axis != 1) {
-                let weight = |k: usize| match k == axis {
-                    true => taps[k].slope_weights[tap(k)],
-                    false => taps[k].value_weights[tap(k)],
+                let weight = |k: usize| {
+                    if k == axis {
+                        taps[k].slope_weights[tap(k)]
+                    } else {
+                        taps[k].value_weights[tap(k)]
+                    }
                 };
                 let weight: f32 = (2..D).map(weight).product();
                 for lane in 0..4 {
@@ -246,8 +253,8 @@ mod tests {
         }
     }
 
-    /// The interpolant is piecewise polynomial, so a central difference of the same f32 function
-    /// over a step that stays in one cell tells its slope to the rounding of f32.
+    /// The interpolant is a piecewise polynomial, so a central difference of it within one cell
+    /// gives its slope up to the rounding of f32.
     #[test]
     fn gradient_is_the_derivative_of_the_interpolant() {
         let mut seed = 1u32;
@@ -294,11 +301,11 @@ mod tests {
         let (value, gradient) = field.value_and_gradient([3.25, 4.5]);
         assert!((value - 3.25 * 4.5).abs() < 1e-5);
         assert!((gradient[0] - 4.5).abs() < 1e-5 && (gradient[1] - 3.25).abs() < 1e-5);
-        let one = ScalarField {
+        let single = ScalarField {
             dims: [1, 1],
             step: [1.0, 1.0],
             samples: vec![5.0],
         };
-        assert_eq!(one.value_and_gradient([0.3, -2.0]), (5.0, [0.0, 0.0]));
+        assert_eq!(single.value_and_gradient([0.3, -2.0]), (5.0, [0.0, 0.0]));
     }
 }

@@ -1,25 +1,27 @@
-//! Where an image's samples lie in the world.
+//! Maps sample indices to physical coordinates.
 
 use serde::Serialize;
 
 use super::time::seconds_per_unit;
 use crate::geometry::{dot, norm};
 
-/// Maps sample indices (x first) to physical coordinates: `origin + sum_k index[k] * axes[k]`.
+/// Affine map from sample indices (x first) to physical coordinates: `origin + sum_k index[k] *
+/// axes[k]`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Geometry<const D: usize> {
     /// Physical position of sample `[0, 0, ..]`.
     pub origin: [f64; D],
     /// `axes[k]` is the physical step from one sample to the next along axis `k` (x first).
     pub axes: [[f64; D]; D],
-    /// What each *image axis* is, e.g. `["sample", "crossline", "inline"]`.
+    /// Name of each *image axis*, e.g. `["sample", "crossline", "inline"]`.
     pub names: [String; D],
-    /// The unit of each *physical coordinate*, e.g. `["m", "m", "ms"]`; empty if unknown.
+    /// Unit of each *physical coordinate*, e.g. `["m", "m", "ms"]`; empty if unknown.
     pub units: [String; D],
 }
 
 impl<const D: usize> Default for Geometry<D> {
-    /// Unit spacing, origin zero: physical coordinates are sample indices.
+    /// Returns the geometry with unit spacing and origin zero: physical coordinates are sample
+    /// indices.
     fn default() -> Self {
         let names = ["x", "y", "z"];
         Self {
@@ -32,7 +34,7 @@ impl<const D: usize> Default for Geometry<D> {
 }
 
 impl<const D: usize> Geometry<D> {
-    /// Axis-aligned geometry with the given spacing.
+    /// Creates an axis-aligned geometry with the given spacing.
     pub fn with_spacing(origin: [f64; D], spacing: [f64; D]) -> Self {
         let mut geometry = Self {
             origin,
@@ -44,18 +46,18 @@ impl<const D: usize> Geometry<D> {
         geometry
     }
 
-    /// Distance between neighbouring samples along each axis.
+    /// Returns the distance between neighbouring samples along each axis.
     pub fn spacing(&self) -> [f64; D] {
         std::array::from_fn(|k| self.axes[k].iter().map(|a| a * a).sum::<f64>().sqrt())
     }
 
-    /// Returns whether all physical coordinates are in the same unit of length, or in none, so that angles mean
-    /// something.
+    /// Returns `true` if all physical coordinates have the same unit of length, or none, so that
+    /// angles are meaningful.
     pub fn has_uniform_units(&self) -> bool {
         self.time_coordinate().is_none() && self.units.iter().all(|unit| *unit == self.units[0])
     }
 
-    /// Physical coordinates of a (fractional) sample index.
+    /// Returns the physical coordinates of a (fractional) sample index.
     pub fn to_physical(&self, index: [f64; D]) -> [f64; D] {
         let mut p = self.origin;
         for k in 0..D {
@@ -66,8 +68,8 @@ impl<const D: usize> Geometry<D> {
         p
     }
 
-    /// Whether physical space has the same shapes as the space in which samples are `step` apart
-    /// along each axis: all angles are the same in both, to a millionth.
+    /// Returns `true` if physical space is similar to the space in which samples are `step` apart
+    /// along each axis: all angles are the same in both, to a relative tolerance of 1e-6.
     pub fn preserves_shapes(&self, step: [f64; D]) -> bool {
         let unit = |k: usize| self.axes[k].map(|a| a / step[k]);
         let product =
@@ -81,33 +83,33 @@ impl<const D: usize> Geometry<D> {
         })
     }
 
-    /// The (fractional) sample index of a physical position: the inverse of
-    /// [`Geometry::to_physical`]. `None` if the axes do not span the space.
+    /// Returns the (fractional) sample index of a physical position: the inverse of
+    /// [`Geometry::to_physical`]. Returns `None` if the axes do not span the space.
     pub fn to_index(&self, position: [f64; D]) -> Option<[f64; D]> {
-        let mut rest = position;
+        let mut offset = position;
         for c in 0..D {
-            rest[c] -= self.origin[c];
+            offset[c] -= self.origin[c];
         }
-        let (_, index) = self.eliminate(rest);
+        let (_, index) = self.eliminate(offset);
         index
     }
 
-    /// Signed physical volume (area in 2-D) of one cell: negative if the image axes are left-handed
-    /// in physical space, zero if they do not span it.
+    /// Returns the signed physical volume (area in 2-D) of one cell. It is negative if the image
+    /// axes are left-handed in physical space, and zero if they do not span it.
     pub fn determinant(&self) -> f64 {
         self.eliminate([0.0; D]).0
     }
 
-    /// Gaussian elimination with partial pivoting on `sum_k x[k] axes[k] = rhs`: the determinant,
-    /// and `x` unless that is zero.
+    /// Solves `sum_k x[k] axes[k] = rhs` by Gaussian elimination with partial pivoting. Returns the
+    /// determinant, and `x` unless the determinant is zero.
     fn eliminate(&self, rhs: [f64; D]) -> (f64, Option<[f64; D]>) {
-        // Row c, column k holds axes[k][c].
+        // Row c, column k is `axes[k][c]`.
         let mut matrix: [[f64; D]; D] =
             std::array::from_fn(|c| std::array::from_fn(|k| self.axes[k][c]));
-        let straight = (0..D).all(|c| (0..D).all(|k| c == k || matrix[c][k] == 0.0));
+        let is_diagonal = (0..D).all(|c| (0..D).all(|k| c == k || matrix[c][k] == 0.0));
         let determinant = (0..D).fold(1.0, |product, k| product * matrix[k][k]);
-        if straight && determinant != 0.0 && determinant.is_finite() {
-            // What follows would give the same.
+        if is_diagonal && determinant != 0.0 && determinant.is_finite() {
+            // The elimination below would give the same result.
             let x = std::array::from_fn(|k| rhs[k] / matrix[k][k]);
             return (determinant, Some(x));
         }
@@ -146,19 +148,18 @@ impl<const D: usize> Geometry<D> {
     }
 }
 
-/// How positions along an image axis are read off: values run evenly from the first sample to the
-/// last.
+/// Scale of positions along an image axis: values run evenly from the first sample to the last.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AxisScale {
-    /// What is read off, with its unit.
+    /// Name of the quantity, with its unit.
     pub label: String,
-    /// The value at the first sample.
+    /// Value at the first sample.
     pub first: f64,
-    /// The value at the last one.
+    /// Value at the last sample.
     pub last: f64,
 }
 
-/// A name with its unit, if it has one.
+/// Returns a name with its unit in brackets, or the name alone if it has no unit.
 fn with_unit(name: &str, unit: &str) -> String {
     match unit {
         "" => name.to_string(),
@@ -167,21 +168,21 @@ fn with_unit(name: &str, unit: &str) -> String {
 }
 
 impl<const D: usize> Geometry<D> {
-    /// The physical coordinate that changes most along image axis `k`.
+    /// Returns the physical coordinate that changes most along image axis `k`.
     pub(crate) fn main_coordinate(&self, k: usize) -> usize {
         let step = self.axes[k];
-        (1..D).fold(0, |most, c| {
-            if step[c].abs() > step[most].abs() {
+        (1..D).fold(0, |main, c| {
+            if step[c].abs() > step[main].abs() {
                 c
             } else {
-                most
+                main
             }
         })
     }
 
-    /// How positions along image axis `k` are read off, `steps` samples long: by the physical coordinate
-    /// that it runs along; where it runs obliquely, as the lines of a turned survey do, by the distance
-    /// from its first sample.
+    /// Returns the scale of image axis `k`, which is `steps` samples long. The scale is the
+    /// physical coordinate that the axis is parallel to. If the axis is oblique, as the lines of a
+    /// rotated survey are, the scale is the distance from its first sample.
     pub fn axis_scale(&self, k: usize, steps: f64) -> AxisScale {
         let along = self.main_coordinate(k);
         let length = norm(self.axes[k]);
@@ -200,14 +201,15 @@ impl<const D: usize> Geometry<D> {
         }
     }
 
-    /// By how much each physical coordinate is enlarged where it is drawn: 1 for all if they have one
-    /// unit. A coordinate of another unit than the first is drawn as long, next to those of the first's, as
-    /// the image axis along it is in a space of `extent` for so many `samples`.
+    /// Returns the factor by which each physical coordinate is scaled for display, 1 for all if
+    /// they have the same unit. A coordinate with another unit than the first is scaled so that the
+    /// image axis along it has the same proportion to the other axes as in a box of `extent` that
+    /// holds `samples` samples.
     pub fn display_scale(&self, samples: [f64; D], extent: [f64; D]) -> [f64; D] {
-        // Lengths of the world for one of the other space.
+        // Physical length per length of the box.
         let scale = |k: usize| samples[k] * norm(self.axes[k]) / extent[k].max(f64::MIN_POSITIVE);
-        let alike = (0..D).filter(|&k| self.units[self.main_coordinate(k)] == self.units[0]);
-        let scales: Vec<f64> = alike.map(scale).collect();
+        let same_unit = (0..D).filter(|&k| self.units[self.main_coordinate(k)] == self.units[0]);
+        let scales: Vec<f64> = same_unit.map(scale).collect();
         let mean = match scales.len() {
             0 => scale(0),
             count => scales.iter().sum::<f64>() / count as f64,
@@ -220,28 +222,33 @@ impl<const D: usize> Geometry<D> {
                 let length = norm(self.axes[k]);
                 self.axes[k][c].abs() / length.max(f64::MIN_POSITIVE)
             };
-            let along = (1..D).fold(0, |most, k| if share(k) > share(most) { k } else { most });
+            let along = (1..D).fold(0, |best, k| if share(k) > share(best) { k } else { best });
             mean / scale(along).max(f64::MIN_POSITIVE)
         })
     }
 
-    /// Whether the last physical coordinate grows downwards: times and depths do that grow from sample
-    /// to sample, and so do samples in units of themselves and all rows of images in the plane. (A survey's
-    /// height, or its time below zero, grows upwards.)
+    /// Returns `true` if the last physical coordinate increases downwards. That holds for times and
+    /// depths that increase from sample to sample, for coordinates without units, and for 2-D
+    /// images whose rows increase. The coordinate of a survey in heights, or in negative times,
+    /// increases upwards.
     pub fn points_down(&self) -> bool {
         const DOWNWARD_NAMES: [&str; 5] = ["sample", "time", "depth", "twt", "tvd"];
         let last = D - 1;
         let along = (0..D).find(|&k| self.main_coordinate(k) == last);
         let grows = along.is_none_or(|k| self.axes[k][last] >= 0.0);
-        let named =
+        let has_downward_name =
             along.is_some_and(|k| DOWNWARD_NAMES.contains(&&*self.names[k].to_ascii_lowercase()));
         let without_units = self.units.iter().all(String::is_empty);
-        grows && (D == 2 || named || without_units || seconds_per_unit(&self.units[last]).is_some())
+        grows
+            && (D == 2
+                || has_downward_name
+                || without_units
+                || seconds_per_unit(&self.units[last]).is_some())
     }
 }
 
 impl<const D: usize> Geometry<D> {
-    /// As part of space; what is missing is as in the default geometry.
+    /// Returns the geometry extended to 3-D; missing components are those of the default geometry.
     pub fn to_3d(&self) -> Geometry<3> {
         let mut space = Geometry::<3>::default();
         for k in 0..D.min(3) {
@@ -257,21 +264,23 @@ impl<const D: usize> Geometry<D> {
 }
 
 impl Geometry<3> {
-    /// Whether the plane of the first two axes is not that of the physical x and y.
+    /// Returns `true` if the plane of the first two axes is not parallel to the physical x and y
+    /// axes.
     pub fn is_oblique(&self) -> bool {
         self.axes[0][2] != 0.0 || self.axes[1][2] != 0.0
     }
 
-    /// Whether the plane of the first two axes is upright, one of them along the last coordinate: a section
-    /// as of a seismic line.
+    /// Returns `true` if the plane of the first two axes is vertical and one of the two runs along
+    /// the last coordinate, as in the section of a seismic line.
     pub fn is_upright(&self) -> bool {
         let [a, b, _] = self.axes;
-        let level = |v: [f64; 3]| v[2] == 0.0 && (v[0] != 0.0 || v[1] != 0.0);
-        let plumb = |v: [f64; 3]| v[0] == 0.0 && v[1] == 0.0 && v[2] != 0.0;
-        (plumb(a) && level(b)) || (level(a) && plumb(b))
+        let is_horizontal = |v: [f64; 3]| v[2] == 0.0 && (v[0] != 0.0 || v[1] != 0.0);
+        let is_vertical = |v: [f64; 3]| v[0] == 0.0 && v[1] == 0.0 && v[2] != 0.0;
+        (is_vertical(a) && is_horizontal(b)) || (is_horizontal(a) && is_vertical(b))
     }
 
-    /// Of the section along the first two image axes: see [`Image::flatten`](super::Image::flatten).
+    /// Returns the geometry of the section along the first two image axes; see
+    /// [`Image::flatten`](super::Image::flatten).
     pub fn flatten(&self) -> Geometry<2> {
         let [a, b, _] = self.axes;
         let names = [self.names[0].clone(), self.names[1].clone()];
@@ -285,7 +294,7 @@ impl Geometry<3> {
             };
         }
         if self.is_upright() {
-            // From the first sample along the section, and up.
+            // Coordinates are the distance along the section from its first sample, and the height.
             let unit = (0..2)
                 .find(|&c| [a, b].iter().any(|v| v[c] != 0.0))
                 .unwrap_or(0);
@@ -314,7 +323,7 @@ mod tests {
 
     #[test]
     fn index_to_physical_and_back() {
-        // A rotated survey far from the origin, time downwards: left-handed.
+        // A rotated survey far from the origin with time downwards is left-handed.
         let geometry = Geometry::<3> {
             origin: [620_197.2, 6_074_232.9, -1000.0],
             axes: [[0.0, 0.0, -4.0], [24.9, 0.7, 0.0], [-0.7, 24.9, 0.0]],
@@ -344,7 +353,7 @@ mod tests {
     fn a_section_keeps_its_lengths_and_angles() {
         let flat = Geometry::<2>::with_spacing([7.0, 8.0], [2.0, -3.0]);
         assert_eq!(flat.to_3d().flatten(), flat);
-        // An upright section.
+        // An upright section has its time or depth axis first.
         let geometry = Geometry::<3> {
             axes: [[0.0, 0.0, -4.0], [3.0, 4.0, 12.0], [0.0, 1.0, 0.0]],
             ..Geometry::default()
@@ -362,16 +371,19 @@ mod tests {
             names: ["sample", "crossline", "inline"].map(String::from),
             units: ["m", "m", "ms"].map(String::from),
         };
-        let said = |geometry: &Geometry<3>, k: usize| {
+        let scale_of = |geometry: &Geometry<3>, k: usize| {
             let AxisScale { label, first, last } = geometry.axis_scale(k, 100.0);
             (label, [first, last])
         };
-        assert_eq!(said(&survey, 0), ("sample [ms]".into(), [-1000.0, -1400.0]));
+        assert_eq!(
+            scale_of(&survey, 0),
+            ("sample [ms]".into(), [-1000.0, -1400.0])
+        );
         let across = ("crossline [m]".into(), [6_000_000.0, 6_002_500.0]);
-        assert_eq!(said(&survey, 1), across);
-        // Oblique: neither x nor y alone says where along it one is.
+        assert_eq!(scale_of(&survey, 1), across);
+        // Along an oblique axis neither x nor y alone identifies the position.
         let along = ("inline, from the first [m]".into(), [0.0, 500.0]);
-        assert_eq!(said(&survey, 2), along);
+        assert_eq!(scale_of(&survey, 2), along);
 
         // A sample of 4 ms is drawn as long as the mean of 25 m and 5 m.
         let cube = [100.0; 3];

@@ -1,7 +1,8 @@
-//! Values of labels, exactly: any 64-bit integers, any number of them.
+//! Exact values of labels: any number of different 64-bit integers.
 //!
-//! Samples are 32-bit floats, which hold integers up to 2^24. What is read from a file of wider integers has its
-//! labels beside its samples ([`ExactLabels`]); of any other image the samples are exact.
+//! Samples are 32-bit floats, which hold integers up to 2^24 exactly. An image from a file of wider
+//! integers therefore has exact labels in addition to its samples ([`ExactLabels`]). In all other
+//! images the samples are exact.
 
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
@@ -16,13 +17,13 @@ use super::check::{are_whole_numbers, distinct_values, equal_neighbour_count};
 use crate::files::codec::Codec;
 use crate::parallel::prelude::*;
 
-/// Values that are no whole numbers are labels if there are at most so many of them.
+/// Largest number of different values that are labels although they are not whole numbers.
 pub const MAX_REAL_LABELS: usize = 255;
 
-/// The least share of equal neighbours in an image of more labels than that.
+/// Smallest share of equal neighbours in an image with more than [`MAX_REAL_LABELS`] labels.
 const MIN_EQUAL_SHARE_MANY: f64 = 0.3;
 
-/// The value that the samples of a label have.
+/// Value of the samples of a label.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum LabelValue {
     /// A whole number, in the range of signed or unsigned 64-bit integers.
@@ -32,7 +33,7 @@ pub enum LabelValue {
 }
 
 impl LabelValue {
-    /// Returns the value of a sample as a label.
+    /// Returns the label value of a sample.
     pub fn from_sample(sample: f32) -> Self {
         if sample.trunc() == sample && sample.abs() < 1e18 {
             Self::Whole(sample as i128)
@@ -41,7 +42,8 @@ impl LabelValue {
         }
     }
 
-    /// Reads a number; `None` for what is none or is out of range.
+    /// Parses a number. Returns `None` if the text is not a number, or if an integer does not fit
+    /// into 64 bits.
     pub fn parse(text: &str) -> Option<Self> {
         let text = text.trim();
         match text.parse::<i128>() {
@@ -54,7 +56,7 @@ impl LabelValue {
         }
     }
 
-    /// Returns the nearest 64-bit float.
+    /// Returns the value as the nearest 64-bit float.
     pub fn as_f64(self) -> f64 {
         match self {
             Self::Whole(whole) => whole as f64,
@@ -62,7 +64,7 @@ impl LabelValue {
         }
     }
 
-    /// Returns the nearest sample.
+    /// Returns the value as the nearest sample.
     pub fn as_sample(self) -> f32 {
         match self {
             Self::Whole(whole) => whole as f32,
@@ -70,7 +72,7 @@ impl LabelValue {
         }
     }
 
-    /// Returns the number if it is whole and fits into 32 bits.
+    /// Returns the value if it is a whole number that fits into a signed 32-bit integer.
     pub fn as_i32(self) -> Option<i32> {
         match self {
             Self::Whole(whole) => whole.try_into().ok(),
@@ -79,7 +81,7 @@ impl LabelValue {
     }
 }
 
-/// Whether a number is a signed or an unsigned one of 64 bits.
+/// Returns `true` if a number fits into a signed or unsigned 64-bit integer.
 fn fits_64_bits(number: i128) -> bool {
     (i128::from(i64::MIN)..=i128::from(u64::MAX)).contains(&number)
 }
@@ -134,7 +136,8 @@ impl<'de> Deserialize<'de> for LabelValue {
 
 impl Codec for LabelValue {
     fn encode(&self, out: &mut dyn Write) -> io::Result<()> {
-        // A whole number by its two halves, any other by its bits.
+        // A whole number is encoded as two halves of 64 bits, a real number as `None` and its 32
+        // bits.
         let (high, low) = match *self {
             Self::Whole(whole) => (Some((whole >> 64) as u64), whole as u64),
             Self::Real(real) => (None, real.to_bits().into()),
@@ -143,10 +146,10 @@ impl Codec for LabelValue {
         low.encode(out)
     }
 
-    fn decode(from: &mut &[u8]) -> Option<Self> {
+    fn decode(bytes: &mut &[u8]) -> Option<Self> {
         let (high, low) = (
-            <Option<u64> as Codec>::decode(from)?,
-            <u64 as Codec>::decode(from)?,
+            <Option<u64> as Codec>::decode(bytes)?,
+            <u64 as Codec>::decode(bytes)?,
         );
         Some(match high {
             Some(high) => Self::Whole(i128::from(high as i64) << 64 | i128::from(low)),
@@ -155,41 +158,41 @@ impl Codec for LabelValue {
     }
 }
 
-/// The labels of samples that 32-bit floats would round.
+/// Labels of samples that 32-bit floats would round.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ExactLabels {
-    /// The different values, ascending.
+    /// The different values in ascending order.
     pub values: Vec<i128>,
-    /// For each sample, in memory order, the number of its value.
+    /// For each sample, in memory order, the index of its value in `values`.
     pub indices: Vec<u32>,
 }
 
 impl ExactLabels {
-    /// Collects the labels of samples, given in the order of memory.
+    /// Collects the labels of samples, given in memory order.
     pub fn from_integers(samples: impl IntoIterator<Item = i128>) -> Arc<Self> {
         let mut collector = LabelCollector::default();
         collector.extend(samples);
         collector.finish()
     }
 
-    /// Returns those of the first `count` samples.
+    /// Returns the labels of the first `count` samples.
     pub fn take_first(&self, count: usize) -> Arc<Self> {
         let index = self.indices.iter().take(count);
         Self::from_integers(index.map(|&number| self.values[number as usize]))
     }
 }
 
-/// Collects [`ExactLabels`] of samples that come part by part.
+/// Collector of [`ExactLabels`] for samples that arrive in parts.
 #[derive(Debug, Default)]
 pub struct LabelCollector {
-    /// The values with their numbers, in the order in which they came.
+    /// Index of each value, in the order in which the values were first seen.
     value_indices: BTreeMap<i128, u32>,
     last_entry: Option<(i128, u32)>,
     indices: Vec<u32>,
 }
 
 impl LabelCollector {
-    /// Adds the next samples, in the order of memory.
+    /// Adds the next samples, in memory order.
     pub fn extend(&mut self, samples: impl IntoIterator<Item = i128>) {
         for sample in samples {
             let number = match self.last_entry {
@@ -204,7 +207,7 @@ impl LabelCollector {
         }
     }
 
-    /// Returns the labels of all samples.
+    /// Returns the labels of all samples that were added.
     pub fn finish(mut self) -> Arc<ExactLabels> {
         let mut rank = vec![0; self.value_indices.len()];
         for (ascending, &number) in self.value_indices.values().enumerate() {
@@ -219,17 +222,18 @@ impl LabelCollector {
     }
 }
 
-/// The different labels of an image, and which of them each sample has.
+/// The different labels of an image, and the label of each sample.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LabelTable {
-    /// The values, ascending.
+    /// The values in ascending order.
     pub values: Vec<LabelValue>,
-    /// For each sample, in memory order, the number of its value.
+    /// For each sample, in memory order, the index of its value in `values`.
     pub indices: Vec<u32>,
 }
 
 impl LabelTable {
-    /// Returns the labels of an image; `None` where its samples are too many different numbers to be labels.
+    /// Returns the labels of an image, or `None` if its samples have too many different values to
+    /// be labels.
     pub fn from_image<const D: usize>(image: &Image<D>) -> Option<Self> {
         if let Some(exact) = &image.labels {
             return Some(Self {
@@ -248,8 +252,9 @@ impl LabelTable {
     }
 }
 
-/// Returns the different values of samples, ascending; `None` where these are no labels: many numbers with a
-/// fraction, or many that neighbours do not share.
+/// Returns the different values of the samples in ascending order. Returns `None` if they are not
+/// labels: more than [`MAX_REAL_LABELS`] values that are not whole numbers, or that neighbours
+/// rarely share.
 fn label_values(samples: &[f32]) -> Option<Vec<f32>> {
     if let Some(values) = distinct_values(samples, MAX_REAL_LABELS) {
         return Some(values);
@@ -289,7 +294,7 @@ mod tests {
         }
         assert_eq!(LabelValue::parse("18446744073709551616"), None);
         assert_eq!(LabelValue::parse("nan"), None);
-        // As a file of an earlier version has it.
+        // Files of earlier versions hold whole numbers as floats.
         let old: LabelValue = serde_json::from_str("3.0").unwrap();
         assert_eq!(old, LabelValue::Whole(3));
     }
@@ -313,25 +318,28 @@ mod tests {
     }
 
     #[test]
-    fn many_labels_are_told_from_many_grey_values() {
+    fn many_labels_are_distinguished_from_many_grey_values() {
         let count = 70_000;
         let blocks: Vec<f32> = (0..4 * count)
             .map(|i| (i / 4 * 31 % count) as f32)
             .collect();
-        let of = |samples: Vec<f32>| {
+        let table_of = |samples: Vec<f32>| {
             LabelTable::from_image(&Image::new(
                 [samples.len(), 1],
                 samples,
                 Geometry::default(),
             ))
         };
-        let table = of(blocks.clone()).unwrap();
+        let table = table_of(blocks.clone()).unwrap();
         assert_eq!(table.values.len(), count);
         assert_eq!(
             table.values[table.indices[5] as usize],
             LabelValue::Whole(31)
         );
-        assert_eq!(of(blocks.iter().map(|v| v + 0.5).collect()), None);
-        assert_eq!(of((0..1000).map(|i| (i * 7 % 1000) as f32).collect()), None);
+        assert_eq!(table_of(blocks.iter().map(|v| v + 0.5).collect()), None);
+        assert_eq!(
+            table_of((0..1000).map(|i| (i * 7 % 1000) as f32).collect()),
+            None
+        );
     }
 }

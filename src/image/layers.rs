@@ -1,4 +1,5 @@
-//! Images whose samples are taken some layers at a time, for they may be larger than memory.
+//! Access to the samples of an image some layers at a time, because the image may be larger than
+//! memory.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -11,40 +12,41 @@ use crate::Result;
 use crate::geometry::counting_sort::sort_by_group_into;
 use crate::parallel::prelude::*;
 
-/// Samples that are read together.
+/// Number of samples that are read together.
 const MAX_SAMPLES_PER_READ: usize = 1 << 22;
 
-/// Samples by layers: planes along x and y in 3-D, rows in 2-D.
+/// Source of samples in layers: planes along x and y in 3-D, rows in 2-D.
 pub trait ImageLayers<const D: usize>: Sync {
-    /// Samples along each axis, x first.
+    /// Returns the number of samples along each axis, x first.
     fn dims(&self) -> [usize; D];
 
-    /// Where they lie.
+    /// Returns the position of the samples in the world.
     fn geometry(&self) -> &Geometry<D>;
 
-    /// Fills `out` with the samples of these rows (along x, numbered in a layer) of layers, from the one numbered
-    /// `first` on.
+    /// Fills `out` with the samples of a range of rows (along x, numbered within a layer) of
+    /// consecutive layers, beginning with layer `first`.
     ///
     /// # Errors
-    /// [`Error::Io`](crate::Error::Io) if they cannot be read.
+    /// Returns an [`Error::Io`](crate::Error::Io) if the samples cannot be read.
     fn read_rows(&self, first: usize, rows: Range<usize>, out: &mut [f32]) -> Result<()>;
 
-    /// The same of whole layers.
+    /// Fills `out` with the samples of consecutive whole layers, beginning with layer `first`.
     ///
     /// # Errors
-    /// Those of [`ImageLayers::read_rows`].
+    /// Returns the errors of [`ImageLayers::read_rows`].
     fn read_layers(&self, first: usize, out: &mut [f32]) -> Result<()> {
         self.read_rows(first, 0..rows_per_layer(self.dims()), out)
     }
 
-    /// All of them.
+    /// Loads the whole image into memory.
     ///
     /// # Errors
-    /// Those of [`ImageLayers::read_layers`], and [`Error::Job`](crate::Error::Job) if there is no memory for them.
+    /// Returns the errors of [`ImageLayers::read_layers`], and an [`Error::Job`](crate::Error::Job)
+    /// if there is not enough memory.
     fn load(&self) -> Result<Image<D>>;
 }
 
-/// Rows along x of a layer.
+/// Returns the number of rows along x in a layer.
 pub fn rows_per_layer<const D: usize>(dims: [usize; D]) -> usize {
     dims[1..D - 1].iter().product()
 }
@@ -74,12 +76,12 @@ impl ImageLayers<3> for ImageStream {
     }
 }
 
-/// An image, in memory or by its layers.
+/// An image in memory, or a source of its layers.
 #[derive(Clone, Copy)]
 pub enum ImageSource<'a, const D: usize> {
-    /// In memory.
+    /// An image in memory.
     InMemory(&'a Image<D>),
-    /// Where layers of it are read. No rows of it are missing.
+    /// A source of layers, without missing rows.
     Layered(&'a dyn ImageLayers<D>),
 }
 
@@ -90,7 +92,7 @@ impl<const D: usize> fmt::Debug for ImageSource<'_, D> {
 }
 
 impl<'a, const D: usize> ImageSource<'a, D> {
-    /// Samples along each axis, x first.
+    /// Returns the number of samples along each axis, x first.
     pub fn dims(&self) -> [usize; D] {
         match self {
             Self::InMemory(image) => image.dims(),
@@ -98,7 +100,7 @@ impl<'a, const D: usize> ImageSource<'a, D> {
         }
     }
 
-    /// Where they lie.
+    /// Returns the position of the samples in the world.
     pub fn geometry(&self) -> &'a Geometry<D> {
         match self {
             Self::InMemory(image) => &image.geometry,
@@ -106,59 +108,62 @@ impl<'a, const D: usize> ImageSource<'a, D> {
         }
     }
 
-    /// The values at `len` (fractional) sample indices, as [`MirrorImage::interpolate_linear`] gives them; NaN where there is
-    /// none. Index `i` is `at(i)`, asked for more than once, since there may be a hundred million.
+    /// Returns the values at `len` (fractional) sample indices, interpolated as in
+    /// [`Image::interpolate_linear`]; NaN where there is no index. `index_of(i)` returns the index
+    /// with number `i`. It is called more than once for each `i`, because storing a hundred million
+    /// indices would take too much memory.
     ///
     /// # Errors
-    /// That of reading.
+    /// Returns the errors of reading the layers.
     pub fn interpolate_linear(
         &self,
         len: usize,
-        at: impl Fn(usize) -> Option<[f64; D]> + Sync,
+        index_of: impl Fn(usize) -> Option<[f64; D]> + Sync,
     ) -> Result<Vec<f32>> {
         let layers = match self {
             Self::InMemory(image) => {
-                let value = |i: usize| at(i).map_or(f32::NAN, |x| image.interpolate_linear(x));
+                let value =
+                    |i: usize| index_of(i).map_or(f32::NAN, |x| image.interpolate_linear(x));
                 return Ok((0..len).into_par_iter().map(value).collect());
             }
             Self::Layered(layers) => layers,
         };
         let dims = layers.dims();
-        let (count, layer) = (dims[D - 1], dims[..D - 1].iter().product::<usize>());
-        let last = (count - 1) as f64;
-        let along = |x: [f64; D]| x[D - 1].clamp(0.0, last);
-        let layer_of = |i: usize| at(i).map_or(0, |x| along(x) as u32);
+        let (layer_count, layer_len) = (dims[D - 1], dims[..D - 1].iter().product::<usize>());
+        let last = (layer_count - 1) as f64;
+        let last_coordinate = |x: [f64; D]| x[D - 1].clamp(0.0, last);
+        let layer_of = |i: usize| index_of(i).map_or(0, |x| last_coordinate(x) as u32);
         let (mut start, mut order) = (Vec::new(), Vec::new());
         let layer_of: Vec<u32> = (0..len).into_par_iter().map(layer_of).collect();
-        sort_by_group_into(count, &layer_of, &mut start, &mut order);
+        sort_by_group_into(layer_count, &layer_of, &mut start, &mut order);
         drop(layer_of);
         let mut values = vec![f32::NAN; len];
-        let together = (MAX_SAMPLES_PER_READ / layer.max(1)).max(1);
-        for first in (0..count).step_by(together) {
-            let end = (first + together).min(count);
-            let these = &order[start[first] as usize..start[end] as usize];
-            if these.is_empty() {
+        let layers_per_read = (MAX_SAMPLES_PER_READ / layer_len.max(1)).max(1);
+        for first in (0..layer_count).step_by(layers_per_read) {
+            let end = (first + layers_per_read).min(layer_count);
+            let indices = &order[start[first] as usize..start[end] as usize];
+            if indices.is_empty() {
                 continue;
             }
-            let mut part = dims;
-            part[D - 1] = (end + 1).min(count) - first;
-            let mut samples = vec![0.0; part[D - 1] * layer];
+            let mut part_dims = dims;
+            part_dims[D - 1] = (end + 1).min(layer_count) - first;
+            let mut samples = vec![0.0; part_dims[D - 1] * layer_len];
             layers.read_layers(first, &mut samples)?;
             let value = |&i: &u32| {
-                at(i as usize).map_or(f32::NAN, |mut x| {
-                    x[D - 1] = along(x) - first as f64;
-                    super::interpolate_linear(part, &samples, x)
+                index_of(i as usize).map_or(f32::NAN, |mut x| {
+                    x[D - 1] = last_coordinate(x) - first as f64;
+                    super::interpolate_linear(part_dims, &samples, x)
                 })
             };
-            let found: Vec<f32> = these.par_iter().map(value).collect();
-            for (&i, value) in these.iter().zip(found) {
+            let interpolated: Vec<f32> = indices.par_iter().map(value).collect();
+            for (&i, value) in indices.iter().zip(interpolated) {
                 values[i as usize] = value;
             }
         }
         Ok(values)
     }
 
-    /// The whole image in memory.
+    /// Returns the whole image in memory.
     ///
     /// # Errors
     /// Those of [`ImageLayers::load`].

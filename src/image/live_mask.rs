@@ -1,53 +1,58 @@
-//! Which samples hold data, which gaps are small enough to be bridged, and what fills gaps for filters that look
-//! across them. `nulls` finds the samples that hold no data.
+//! Marks the samples that hold data and the gaps that are small enough to be bridged, and fills
+//! gaps for filters that reach into them. Module `nulls` finds the samples that hold no data.
 
 use super::Image;
 use crate::error::Result;
 use crate::memory;
 use crate::parallel::prelude::*;
 
-/// Dead samples within this distance (samples) of live ones on all sides are bridged: gaps up to twice as
-/// wide.
+/// Largest distance, in samples, from live samples on all sides at which dead samples are bridged.
+/// Gaps up to twice as wide are bridged.
 const BRIDGE_RADIUS: usize = 3;
 
-/// Filters look no farther than this (samples) into a gap.
+/// Largest distance, in samples, that filters reach into a gap.
 const MAX_FILL_DISTANCE: usize = 64;
 
-/// Bytes a sample that finding and filling gaps takes.
+/// Memory, in bytes per sample, for finding and filling gaps.
 const BYTES_PER_SAMPLE: f64 = 16.0;
 
 impl<const D: usize> Image<D> {
-    /// Returns which samples hold data, or `None` if all do.
+    /// Returns the mask of the samples that hold data, or `None` if all samples do.
     ///
     /// # Errors
-    /// [`Error::Job`](crate::Error::Job) if there is no memory for it.
+    /// Returns an [`Error::Job`](crate::Error::Job) if there is not enough memory.
     pub(crate) fn live_mask(&self) -> Result<Option<LiveMask<D>>> {
         let mut dims = self.dims();
         if self.dead.is_empty() && self.missing.is_empty() {
             return Ok(None);
         }
-        let (alike, flags) = match self.dead.is_empty() {
-            true => (Some(0), self.missing.clone()),
-            false => self.collapse_dead(),
+        let (uniform_axis, flags) = if self.dead.is_empty() {
+            (Some(0), self.missing.clone())
+        } else {
+            self.collapse_dead()
         };
-        let depth = alike.map_or(1, |axis| std::mem::replace(&mut dims[axis], 1));
+        let uniform_len = uniform_axis.map_or(1, |axis| std::mem::replace(&mut dims[axis], 1));
         memory::ensure_available(
             "the image",
             BYTES_PER_SAMPLE * flags.len() as f64,
             "finding the gaps in the image",
             "mesh a part of it",
         )?;
-        Ok(Some(LiveMask::new((dims, alike, depth), &flags)))
+        Ok(Some(LiveMask::new(
+            (dims, uniform_axis, uniform_len),
+            &flags,
+        )))
     }
 
-    /// Returns the axis along which dead samples are alike, if there is one, and the flags without it.
+    /// Returns the axis along which the dead flags are constant, if there is one, and the flags
+    /// without that axis.
     fn collapse_dead(&self) -> (Option<usize>, Vec<bool>) {
         for axis in 1..D {
             let (length, stride) = (self.dims()[axis], self.stride(axis));
             let blocks = self.dead.chunks(stride * length);
-            let alike =
+            let is_uniform =
                 |block: &[bool]| block.chunks(stride).all(|layer| *layer == block[..stride]);
-            if blocks.clone().all(alike) {
+            if blocks.clone().all(is_uniform) {
                 let flags = blocks.flat_map(|block| block[..stride].iter().copied());
                 return (Some(axis), flags.collect());
             }
@@ -56,29 +61,30 @@ impl<const D: usize> Image<D> {
     }
 }
 
-/// Whether a sample holds data.
+/// State of a sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum SampleState {
     Live,
-    /// In a gap that is small enough for detectors to look across.
+    /// Dead, but in a gap that is small enough for detectors to bridge.
     Bridged,
     Dead,
 }
 
-/// Says which samples of an image hold data, and which gaps are small.
+/// The samples of an image that hold data, and the gaps that are small.
 #[derive(Debug, Clone)]
 pub(crate) struct LiveMask<const D: usize> {
-    /// Cells along each axis: samples, but only one along the axis along which all are alike.
+    /// Number of cells along each axis. A cell is a sample; along the axis with constant flags
+    /// there is one cell.
     dims: [usize; D],
     uniform_axis: Option<usize>,
-    /// Samples along that axis.
+    /// Number of samples along `uniform_axis`; 1 if there is none.
     uniform_len: usize,
     states: Vec<SampleState>,
-    /// For each cell the nearest live one, [`NO_CELL`] beyond [`MAX_FILL_DISTANCE`].
+    /// Nearest live cell of each cell; [`NO_CELL`] if it is farther than [`MAX_FILL_DISTANCE`].
     nearest_live: Vec<u32>,
 }
 
-/// No cell.
+/// Index that stands for no cell.
 const NO_CELL: u32 = u32::MAX;
 
 impl<const D: usize> LiveMask<D> {
@@ -87,12 +93,13 @@ impl<const D: usize> LiveMask<D> {
         dead: &[bool],
     ) -> Self {
         let nearest_live = nearest_cells(dims, |i| !dead[i], MAX_FILL_DISTANCE);
-        let within = |i: usize, other: u32| {
+        let is_within = |i: usize, other: u32| {
             other != NO_CELL
                 && distance_squared(dims, i, other as usize) <= BRIDGE_RADIUS * BRIDGE_RADIUS
         };
-        let beyond = self::nearest_cells(dims, |i| !within(i, nearest_live[i]), BRIDGE_RADIUS);
-        let state = |i: usize| match (dead[i], within(i, beyond[i])) {
+        let nearest_outside =
+            self::nearest_cells(dims, |i| !is_within(i, nearest_live[i]), BRIDGE_RADIUS);
+        let state = |i: usize| match (dead[i], is_within(i, nearest_outside[i])) {
             (false, _) => SampleState::Live,
             (true, false) => SampleState::Bridged,
             (true, true) => SampleState::Dead,
@@ -113,38 +120,39 @@ impl<const D: usize> LiveMask<D> {
         (0..D).rev().fold(0, |i, k| i * self.dims[k] + at[k])
     }
 
-    /// Returns whether the sample holds data.
+    /// Returns `true` if the sample holds data.
     pub fn is_live(&self, at: [usize; D]) -> bool {
         self.states[self.cell_index(at)] == SampleState::Live
     }
 
-    /// Returns for a layer along the last axis which of its samples, in memory order, hold data.
+    /// Returns a function that is `true` for the samples of a layer along the last axis that hold
+    /// data. Its argument is the position of the sample within the layer, in memory order.
     pub fn layer_mask(&self, layer: usize) -> impl Fn(usize) -> bool + '_ {
         let mut first = [0; D];
         first[D - 1] = layer;
         let start = self.cell_index(first);
-        let (alike, dims) = (self.uniform_axis, self.dims);
-        let size: usize = dims[..D - 1].iter().product();
+        let (uniform_axis, dims) = (self.uniform_axis, self.dims);
+        let layer_len: usize = dims[..D - 1].iter().product();
         move |i| {
-            let cell = match alike {
+            let cell = match uniform_axis {
                 Some(axis) if axis < D - 1 => {
-                    // The cell of a sample without the axis along which all are alike.
+                    // Removes the axis with constant flags from the position of the sample.
                     let stride: usize = dims[..axis].iter().product();
                     i % stride + i / (stride * self.uniform_len) * stride
                 }
                 _ => i,
             };
-            debug_assert!(cell < size);
+            debug_assert!(cell < layer_len);
             self.states[start + cell] == SampleState::Live
         }
     }
 
-    /// Returns whether features may lie at the sample: it holds data, or its gap is bridged.
+    /// Returns `true` if features may lie at the sample: it holds data, or its gap is bridged.
     pub fn is_usable(&self, at: [usize; D]) -> bool {
         self.states[self.cell_index(at)] != SampleState::Dead
     }
 
-    /// Returns the shares of all samples that are dead, and that are bridged.
+    /// Returns the share of dead samples and the share of bridged samples.
     pub fn gap_shares(&self) -> [f64; 2] {
         [SampleState::Dead, SampleState::Bridged].map(|state| {
             let count = self.states.iter().filter(|s| **s == state).count();
@@ -152,8 +160,9 @@ impl<const D: usize> LiveMask<D> {
         })
     }
 
-    /// Fills dead samples with the nearest live ones; if `bridge` is set, in bridged gaps linearly between
-    /// the live samples on either side along the axes.
+    /// Fills dead samples with the nearest live samples. If `bridge` is set, samples in bridged
+    /// gaps are instead interpolated linearly along the axes between the live samples on both
+    /// sides.
     pub fn fill(&self, dims: [usize; D], samples: &mut [f32], bridge: bool) {
         let strides: [usize; D] = std::array::from_fn(|k| dims[..k].iter().product());
         let cell_strides: [usize; D] = std::array::from_fn(|k| self.dims[..k].iter().product());
@@ -165,59 +174,62 @@ impl<const D: usize> LiveMask<D> {
             })
         };
         let index = |at: [usize; D]| (0..D).map(|k| at[k] * strides[k]).sum::<usize>();
-        let live: Vec<f64> = samples.iter().map(|s| f64::from(*s)).collect();
+        let values: Vec<f64> = samples.iter().map(|s| f64::from(*s)).collect();
         let mean = {
-            let of_live = |i: &usize| self.states[*i] == SampleState::Live;
-            let starts = (0..self.states.len())
-                .filter(of_live)
-                .map(|i| live[index(coordinates(i))]);
-            let (count, sum) = starts.fold((0usize, 0.0), |(n, sum), s| (n + 1, sum + s));
+            let is_live = |i: &usize| self.states[*i] == SampleState::Live;
+            let live_values = (0..self.states.len())
+                .filter(is_live)
+                .map(|i| values[index(coordinates(i))]);
+            let (count, sum) = live_values.fold((0usize, 0.0), |(n, sum), s| (n + 1, sum + s));
             sum / count.max(1) as f64
         };
-        let depth = self.uniform_len;
+        let uniform_len = self.uniform_len;
         let step = self.uniform_axis.map_or(0, |axis| strides[axis]);
-        // First samples of the cells that a cell is filled from, and their weights.
+        // The first samples of the cells from which a cell is filled, and their weights.
         let sources = |i: usize| -> Vec<(usize, f64)> {
             let at = coordinates(i);
-            let mut found = Vec::new();
+            let mut weighted = Vec::new();
             if bridge && self.states[i] == SampleState::Bridged {
                 for k in 0..D {
-                    let live = |i: &usize| self.states[*i] == SampleState::Live;
-                    let most = 2 * BRIDGE_RADIUS + 1;
-                    let before = (1..=most.min(at[k])).find(|n| live(&(i - n * cell_strides[k])));
-                    let after = (self.dims[k] - 1 - at[k]).min(most);
-                    let after = (1..=after).find(|n| live(&(i + n * cell_strides[k])));
+                    let is_live = |i: &usize| self.states[*i] == SampleState::Live;
+                    let max_gap = 2 * BRIDGE_RADIUS + 1;
+                    let before =
+                        (1..=max_gap.min(at[k])).find(|n| is_live(&(i - n * cell_strides[k])));
+                    let after = (self.dims[k] - 1 - at[k]).min(max_gap);
+                    let after = (1..=after).find(|n| is_live(&(i + n * cell_strides[k])));
                     if let (Some(before), Some(after)) = (before, after) {
                         let gap = (before + after) as f64;
                         let [mut low, mut high] = [at; 2];
                         low[k] -= before;
                         high[k] += after;
                         let weight = 1.0 / (gap * gap * gap);
-                        found.push((index(low), weight * after as f64));
-                        found.push((index(high), weight * before as f64));
+                        weighted.push((index(low), weight * after as f64));
+                        weighted.push((index(high), weight * before as f64));
                     }
                 }
             }
-            if found.is_empty() && self.nearest_live[i] != NO_CELL {
-                found.push((index(coordinates(self.nearest_live[i] as usize)), 1.0));
+            if weighted.is_empty() && self.nearest_live[i] != NO_CELL {
+                weighted.push((index(coordinates(self.nearest_live[i] as usize)), 1.0));
             }
-            found
+            weighted
         };
         for i in (0..self.states.len()).filter(|i| self.states[*i] != SampleState::Live) {
             let (start, sources) = (index(coordinates(i)), sources(i));
             let total: f64 = sources.iter().map(|(_, weight)| weight).sum();
-            for n in 0..depth {
-                let from = |(source, weight): &(usize, f64)| weight * live[source + n * step];
-                samples[start + n * step] = match sources.is_empty() {
-                    true => mean as f32,
-                    false => (sources.iter().map(from).sum::<f64>() / total) as f32,
+            for n in 0..uniform_len {
+                let weighted_value =
+                    |(source, weight): &(usize, f64)| weight * values[source + n * step];
+                samples[start + n * step] = if sources.is_empty() {
+                    mean as f32
+                } else {
+                    (sources.iter().map(weighted_value).sum::<f64>() / total) as f32
                 };
             }
         }
     }
 }
 
-/// Returns the square of the distance between two cells.
+/// Returns the squared distance between two cells.
 pub(super) fn distance_squared<const D: usize>(
     dims: [usize; D],
     mut a: usize,
@@ -231,40 +243,41 @@ pub(super) fn distance_squared<const D: usize>(
     sum
 }
 
-/// Returns for each cell the nearest one that is wanted, if there is one within `reach`: axis by axis, each
-/// time the nearest among those that are nearest so far.
+/// Returns for each cell the nearest cell that satisfies `is_target` and is at most `reach` away,
+/// [`NO_CELL`] if there is none. Each pass extends the search along one more axis: it chooses among
+/// the nearest targets that the previous passes found for the cells of a line.
 pub(super) fn nearest_cells<const D: usize>(
     dims: [usize; D],
-    wanted: impl Fn(usize) -> bool + Sync,
+    is_target: impl Fn(usize) -> bool + Sync,
     reach: usize,
 ) -> Vec<u32> {
     let count: usize = dims.iter().product();
-    let own = |i: usize| if wanted(i) { i as u32 } else { NO_CELL };
-    let mut nearest: Vec<u32> = (0..count).into_par_iter().map(own).collect();
+    let initial = |i: usize| if is_target(i) { i as u32 } else { NO_CELL };
+    let mut nearest: Vec<u32> = (0..count).into_par_iter().map(initial).collect();
     let mut stride = 1;
     for n in dims {
         if n == 1 {
             continue;
         }
-        let before = nearest;
+        let previous = nearest;
         let nearer = |i: usize| {
-            let at = i / stride % n;
-            let mut best = before[i];
-            let mut least = match best {
+            let coordinate = i / stride % n;
+            let mut best = previous[i];
+            let mut min_squared = match best {
                 NO_CELL => reach.saturating_mul(reach).saturating_add(1),
                 other => distance_squared(dims, i, other as usize),
             };
             for step in 1..n {
-                if step * step >= least {
+                if step * step >= min_squared {
                     break;
                 }
-                let back = (at >= step).then(|| i - step * stride);
-                let forth = (at + step < n).then(|| i + step * stride);
-                for other in [back, forth].into_iter().flatten().map(|i| before[i]) {
+                let back = (coordinate >= step).then(|| i - step * stride);
+                let forth = (coordinate + step < n).then(|| i + step * stride);
+                for other in [back, forth].into_iter().flatten().map(|i| previous[i]) {
                     if other != NO_CELL {
-                        let apart = distance_squared(dims, i, other as usize);
-                        if apart < least {
-                            (least, best) = (apart, other);
+                        let squared = distance_squared(dims, i, other as usize);
+                        if squared < min_squared {
+                            (min_squared, best) = (squared, other);
                         }
                     }
                 }

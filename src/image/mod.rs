@@ -1,21 +1,23 @@
-//! Images in memory: samples on a regular grid, and where that grid lies in the world.
+//! Images in memory: samples on a regular grid, and the position of that grid in the world.
 //!
-//! Axis order: `dims`, indices and positions are written x first (`[nx, ny, nz]`); in memory x is
-//! the fastest axis, so the array's NumPy shape is `(nz, ny, nx)`.
+//! Axis order: `dims`, indices and positions are written x first (`[nx, ny, nz]`). In memory x is
+//! the fastest axis, so the NumPy shape of the array is `(nz, ny, nx)`.
 //!
-//! - `geometry`: from sample indices to physical coordinates
-//! - `modality`: whether it comes from a survey or a scan
-//! - `time`: two-way time among the coordinates, and depth for it by one velocity
-//! - `velocity`: interval velocities, on a grid of their own in two-way time
-//! - `column`: depth of two-way time below one place, and back
-//! - `depth`: an image in two-way time becomes one in depth
-//! - `check`: statistics, and refusing what no mesh can be made of
+//! - `geometry`: maps sample indices to physical coordinates
+//! - `modality`: distinguishes seismic surveys from scans
+//! - `time`: two-way time as a coordinate, and its conversion to depth by one velocity
+//! - `velocity`: interval velocities on a grid of their own in two-way time
+//! - `time_depth`: depth as a function of two-way time at one position, and its inverse
+//! - `depth_conversion`: converts an image from two-way time to depth
+//! - `check`: statistics of samples, and the check that an image can be meshed
 //! - `field`: samples in *lattice space* and their smooth interpolation
-//! - `labels`: values of labels, exactly
-//! - `layers`: samples some layers at a time, in memory or not
-//! - `live`: which samples hold data, and gaps among them
+//! - `sparse_field`: such a field for a function that is zero nearly everywhere
+//! - `labels`: exact label values
+//! - `layers`: samples of an image in memory or in a file, some layers at a time
+//! - `live_mask`: the samples that hold data, and the gaps between them
 //! - `nulls`: finds samples that hold no data
-//! - `sparse`: the same of what is zero nearly everywhere
+//! - `formats`: image files
+//! - `synth`: synthetic images with exactly known features
 
 pub(crate) mod check;
 pub(crate) mod depth_conversion;
@@ -57,21 +59,23 @@ use std::sync::Arc;
 pub struct Image<const D: usize> {
     /// Samples in C order, shape `(.., ny, nx)`; always in standard layout.
     pub samples: ArrayD<f32>,
-    /// Where the samples lie.
+    /// Position of the samples in the world.
     pub geometry: Geometry<D>,
-    /// For each row of samples along x, in memory order, whether it holds no data: a trace that a
-    /// survey lacks. Its samples are zeros that mean nothing. Empty where every row holds data. No file
-    /// keeps it.
+    /// One flag per row of samples along x, in memory order: `true` if the row holds no data, such
+    /// as a trace that a survey lacks. The samples of such a row are zeros without meaning. Empty
+    /// if every row holds data. No file format stores these flags.
     pub missing: Vec<bool>,
-    /// For each sample, in memory order, whether it holds no data: then it is a zero that means nothing.
-    /// Empty unless dead samples are others than whole rows along x. No file keeps it.
+    /// One flag per sample, in memory order: `true` if the sample holds no data. Such a sample is a
+    /// zero without meaning. Empty unless dead samples differ from whole rows along x. No file
+    /// format stores these flags.
     pub dead: Vec<bool>,
-    /// The labels of the samples, where these are integers that 32-bit floats round.
+    /// Exact labels of the samples, if they are integers that 32-bit floats would round.
     pub labels: Option<Arc<ExactLabels>>,
 }
 
 impl<const D: usize> Image<D> {
-    /// An image from samples in memory order (x fastest), `samples.len() == product of dims`.
+    /// Creates an image from samples in memory order (x fastest). The number of samples must be the
+    /// product of `dims`.
     pub fn new(dims: [usize; D], samples: Vec<f32>, geometry: Geometry<D>) -> Self {
         let shape: Vec<usize> = dims.iter().rev().copied().collect();
         #[allow(clippy::expect_used)]
@@ -86,7 +90,7 @@ impl<const D: usize> Image<D> {
         }
     }
 
-    /// The same image, some of whose rows along x hold no data; one flag a row.
+    /// Returns the image with these rows along x marked as missing, one flag per row.
     pub fn with_missing(mut self, missing: Vec<bool>) -> Self {
         self.missing = if missing.contains(&true) {
             missing
@@ -96,8 +100,9 @@ impl<const D: usize> Image<D> {
         self
     }
 
-    /// The image with every missing row a copy of the nearest that is not, if there are any: then its
-    /// smoothed samples have no edge where data end.
+    /// Returns the image with each missing row replaced by a copy of the nearest present row, so
+    /// that filtered samples show no edge where the data end. Returns `None` if no row is missing
+    /// or no row is present.
     pub fn with_missing_filled(&self) -> Option<Self> {
         let present: Vec<bool> = self.missing.iter().map(|missing| !missing).collect();
         if !present.contains(&true) {
@@ -114,34 +119,33 @@ impl<const D: usize> Image<D> {
         Some(continued.with_missing(self.missing.clone()))
     }
 
-    /// For each row along x whether it lies at most `reach` samples beside a missing one, or is
-    /// missing;
-    /// empty where none is.
+    /// Returns one flag per row along x: `true` if the row is missing or lies at most `reach`
+    /// samples from a missing one. The result is empty if no row is missing.
     pub fn rows_near_missing(&self, reach: f64) -> Vec<bool> {
         if self.missing.is_empty() {
             return Vec::new();
         }
         let dims = self.dims();
         let nearest = nearest_rows(dims, &self.missing);
-        let near = |(row, missing): (usize, u32)| {
+        let is_near = |(row, missing): (usize, u32)| {
             distance_squared(row_grid(dims), row, missing as usize) as f64 <= reach * reach
         };
-        nearest.into_iter().enumerate().map(near).collect()
+        nearest.into_iter().enumerate().map(is_near).collect()
     }
 
-    /// Number of samples along each axis, x first.
+    /// Returns the number of samples along each axis, x first.
     pub fn dims(&self) -> [usize; D] {
         let shape = self.samples.shape();
         std::array::from_fn(|k| shape[D - 1 - k])
     }
 
-    /// The value at a (fractional) sample index, interpolated linearly; beyond the sides that of the
-    /// nearest sample.
+    /// Returns the value at a (fractional) sample index by linear interpolation. Outside the image
+    /// it is the value of the nearest sample.
     pub fn interpolate_linear(&self, index: [f64; D]) -> f32 {
         interpolate_linear(self.dims(), self.as_slice(), index)
     }
 
-    /// The samples in memory order, x fastest.
+    /// Returns the samples in memory order, x fastest.
     pub fn as_slice(&self) -> &[f32] {
         #[allow(clippy::expect_used)]
         self.samples.as_slice().expect("standard layout")
@@ -149,7 +153,8 @@ impl<const D: usize> Image<D> {
 }
 
 impl<const D: usize> Image<D> {
-    /// The image as part of space: a 2-D image becomes one of a single sample along z, at z = 0.
+    /// Returns the image as a 3-D image. A 2-D image becomes a volume with a single sample along z,
+    /// at z = 0.
     pub fn to_3d(&self) -> Image<3> {
         let dims = self.dims();
         let geometry = self.geometry.to_3d();
@@ -163,9 +168,12 @@ impl<const D: usize> Image<D> {
 }
 
 impl Image<3> {
-    /// The first section along x and y as a 2-D image. Where its plane is that of the physical x and
-    /// y it stays there; else its coordinates are measured in the plane, from the first sample: of an upright
-    /// section along it, and up; of others along the x axis and across.
+    /// Returns the first section along x and y as a 2-D image.
+    ///
+    /// If its plane is parallel to the physical x and y axes, the coordinates stay as they are.
+    /// Otherwise they are measured in the plane: in an upright section along the section from its
+    /// first sample, and upwards; in any other section from the first sample along the x axis and
+    /// perpendicular to it.
     pub fn flatten(&self) -> Image<2> {
         let [nx, ny, _] = self.dims();
         let samples = self.as_slice()[..nx * ny].to_vec();
@@ -179,40 +187,40 @@ impl Image<3> {
     }
 }
 
-/// [`MirrorImage::interpolate_linear`] of samples.
+/// Implements [`Image::interpolate_linear`] for a slice of samples.
 fn interpolate_linear<const D: usize>(dims: [usize; D], samples: &[f32], index: [f64; D]) -> f32 {
     let mut value = 0.0;
     for corner in 0..1usize << D {
-        let (mut weight, mut place, mut stride) = (1.0, 0, 1);
+        let (mut weight, mut offset, mut stride) = (1.0, 0, 1);
         for k in 0..D {
             let last = dims[k] - 1;
             let x = index[k].clamp(0.0, last as f64);
             let low = (x as usize).min(last.saturating_sub(1));
             let t = (x - low as f64) as f32;
-            let (sample, share) = match corner >> k & 1 {
+            let (sample, factor) = match corner >> k & 1 {
                 0 => (low, 1.0 - t),
                 _ => ((low + 1).min(last), t),
             };
-            weight *= share;
-            place += sample * stride;
+            weight *= factor;
+            offset += sample * stride;
             stride *= dims[k];
         }
         if weight > 0.0 {
-            value += weight * samples[place];
+            value += weight * samples[offset];
         }
     }
     value
 }
 
-/// Rows along x as cells.
+/// Returns the dimensions of the grid of rows along x.
 fn row_grid<const D: usize>(mut dims: [usize; D]) -> [usize; D] {
     dims[0] = 1;
     dims
 }
 
-/// For each row along x the nearest one that is wanted; one is.
-fn nearest_rows<const D: usize>(dims: [usize; D], wanted: &[bool]) -> Vec<u32> {
-    live_mask::nearest_cells(row_grid(dims), |row| wanted[row], usize::MAX)
+/// Returns for each row along x the nearest row whose flag is set. At least one flag must be set.
+fn nearest_rows<const D: usize>(dims: [usize; D], targets: &[bool]) -> Vec<u32> {
+    live_mask::nearest_cells(row_grid(dims), |row| targets[row], usize::MAX)
 }
 
 #[cfg(test)]
@@ -243,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn missing_rows_are_continued_from_the_nearest() {
+    fn missing_rows_copy_the_nearest_present_row() {
         let dims = [3, 9, 8];
         let samples: Vec<f32> = (0..216).map(|i| i as f32).collect();
         let mut state = 1u32;
@@ -256,26 +264,30 @@ mod tests {
         let image = Image::new(dims, samples, Geometry::default()).with_missing(missing.clone());
         let continued = image.with_missing_filled().unwrap();
         for row in 0..72 {
-            let from = continued.as_slice()[3 * row] as usize / 3;
-            assert!(!missing[from]);
+            let source = continued.as_slice()[3 * row] as usize / 3;
+            assert!(!missing[source]);
             let present = (0..72).filter(|&r| !missing[r]);
-            let least = present
+            let min_distance = present
                 .map(|r| distance_squared([1, 9, 8], row, r))
                 .min()
                 .unwrap();
-            assert_eq!(distance_squared([1, 9, 8], row, from), least, "{row}");
+            assert_eq!(
+                distance_squared([1, 9, 8], row, source),
+                min_distance,
+                "{row}"
+            );
         }
-        let near = image.rows_near_missing(2.0);
+        let near_missing = image.rows_near_missing(2.0);
         for row in 0..72 {
             let mut gaps = (0..72).filter(|&r| missing[r]);
             assert_eq!(
-                near[row],
+                near_missing[row],
                 gaps.any(|r| distance_squared([1, 9, 8], row, r) <= 4)
             );
         }
-        // Where nothing is missing, or all is, there is nothing to continue.
-        let whole = image.clone().with_missing(vec![false; 72]);
-        assert!(whole.missing.is_empty() && whole.with_missing_filled().is_none());
+        // Nothing is filled if no row is missing, or if all rows are.
+        let complete = image.clone().with_missing(vec![false; 72]);
+        assert!(complete.missing.is_empty() && complete.with_missing_filled().is_none());
         assert!(
             image
                 .with_missing(vec![true; 72])

@@ -1,17 +1,17 @@
-//! Where an image comes from, as far as its format and its geometry tell.
+//! Distinguishes seismic surveys from scans by the format and the geometry of an image.
 
 use super::Geometry;
 use super::formats::ImageFormat;
 use super::time::seconds_per_unit;
 
-/// The kind of measurement or model that an image holds.
+/// Kind of measurement or model that an image holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Modality {
-    /// A seismic survey: amplitudes, attributes of them, or what was interpreted on them.
+    /// A seismic survey: amplitudes, their attributes, or interpretations of them.
     Survey,
-    /// A scan of a body or a specimen (tomography, microscopy), or labels of one.
+    /// A scan of a body or a specimen (tomography, microscopy), or its labels.
     Scan,
-    /// Neither the format nor the geometry tells.
+    /// Neither the format nor the geometry identifies the source.
     #[default]
     Unknown,
 }
@@ -40,8 +40,9 @@ const SCAN_UNITS: [&str; 8] = [
 ];
 
 impl Modality {
-    /// Tells by the format of the file and the geometry in it: SEG-Y and time or line numbers among the
-    /// coordinates mean a survey, formats of medicine and microscopy and lengths below a metre a scan.
+    /// Determines the modality from the format and the geometry of a file. SEG-Y, and time or line
+    /// numbers among the coordinates, indicate a survey; formats of medicine and microscopy, and
+    /// units of length below a metre, indicate a scan.
     pub fn detect<const D: usize>(format: ImageFormat, geometry: &Geometry<D>) -> Self {
         match format {
             ImageFormat::Segy => Self::Survey,
@@ -57,7 +58,7 @@ impl Modality {
 }
 
 impl Modality {
-    /// Returns the modality, which the geometry tells where it is unknown.
+    /// Returns the modality, detected from the geometry if it is unknown.
     pub(crate) fn or_detect<const D: usize>(self, geometry: &Geometry<D>) -> Self {
         match self {
             Self::Unknown => geometry.modality(),
@@ -67,7 +68,7 @@ impl Modality {
 }
 
 impl<const D: usize> Geometry<D> {
-    /// Returns the modality that units and names of axes tell.
+    /// Returns the modality that the units and names of the axes indicate.
     pub fn modality(&self) -> Modality {
         let is_survey_axis = |name: &String| SURVEY_AXES.contains(&&*name.to_ascii_lowercase());
         if self

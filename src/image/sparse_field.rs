@@ -1,9 +1,10 @@
-//! A sampled function that is zero nearly everywhere, as a potential with a few thin valleys is: kept in
-//! bricks, only where it is something.
+//! A sampled function that is zero nearly everywhere, such as a potential with a few thin valleys.
+//! It is stored in bricks, and only where it is not zero.
 //!
-//! A brick holds the samples of its cells and the taps beyond them, so that interpolation, which is that of
-//! [`ScalarField`] to the last bit, looks into one brick only. Which of a brick's small blocks have any tap that
-//! is not zero is known, too: most atoms near a valley are not in it.
+//! A brick holds the samples of its cells and the taps beyond them, so that interpolation needs one
+//! brick only. The interpolation equals that of [`ScalarField`] bit by bit. For each brick a mask
+//! marks the small blocks that have a tap that is not zero, because most atoms near a valley are
+//! not in it.
 
 use super::field::{ScalarField, Taps, interpolate};
 use crate::comm::{Comm, partition_range};
@@ -19,48 +20,51 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 const BRICK_CELLS: usize = 8;
 /// Samples along an edge of a brick: one before its cells, and two after them.
 const BRICK_SAMPLES: usize = BRICK_CELLS + 3;
-/// Cells along an edge of a block, and blocks along an edge of a brick: 4^3 blocks have a bit each.
+/// Cells along an edge of a block. The blocks of a brick, 4^3 in 3-D, have one bit each.
 const BLOCK_CELLS: usize = 2;
 const BRICK_BLOCKS: usize = BRICK_CELLS / BLOCK_CELLS;
-/// A brick in which the function is zero.
+/// Slot of a brick in which the function is zero.
 const ZERO_BRICK: u32 = u32::MAX;
-/// A brick of which nothing is known here: another rank may have it.
+/// Slot of a brick that is not stored on this rank; another rank may store it.
 const UNKNOWN_BRICK: u32 = ZERO_BRICK - 1;
-/// Bytes of samples that are made at a time, unless a layer of bricks takes more ...
+/// Memory, in bytes, of the samples that are computed at a time, unless one layer of bricks takes
+/// more.
 const MAX_BUFFER_BYTES: usize = 1 << 26;
-/// ... and most layers of bricks.
+/// Largest number of layers of bricks that are computed at a time.
 const MAX_BRICK_LAYERS: usize = 4;
 
-/// Samples of a scalar function over the lattice-space box that is zero nearly everywhere.
+/// Samples of a scalar function over a box in lattice space that is zero nearly everywhere.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SparseField<const D: usize> {
     /// Number of samples along each axis, x first.
     pub dims: [usize; D],
     /// Lattice-space distance between samples along each axis.
     pub step: [f64; D],
-    /// For each brick, x fastest, its number among those that are kept.
+    /// For each brick, x fastest, its slot among the stored bricks, or [`ZERO_BRICK`] or
+    /// [`UNKNOWN_BRICK`].
     pub(crate) slots: Vec<u32>,
-    /// Of each kept brick, the blocks in which the function is not zero.
+    /// For each stored brick, the blocks in which the function is not zero, one bit per block.
     pub(crate) masks: Vec<u64>,
-    /// The samples of the kept bricks, x fastest in each.
+    /// Samples of the stored bricks, x fastest in each.
     pub(crate) samples: Vec<f32>,
-    /// Whether each rank has a share of the bricks.
+    /// `true` if each rank stores a part of the bricks.
     pub(crate) is_distributed: bool,
-    /// Whether it was asked for where nothing is known.
+    /// Set if a value was requested in a brick that is not stored on this rank.
     pub(crate) miss_flag: MissFlag,
 }
 
-/// Whether something was missed; no property of a function.
+/// Flag that records an access to a missing brick. It is not a part of the function: clones start
+/// unset, and comparisons ignore it.
 #[derive(Debug, Default)]
 pub(crate) struct MissFlag(AtomicBool);
 
 impl MissFlag {
-    /// It was.
+    /// Sets the flag.
     pub(crate) fn set(&self) {
         self.0.store(true, Relaxed);
     }
 
-    /// Whether it was.
+    /// Returns `true` if the flag is set.
     pub(crate) fn is_set(&self) -> bool {
         self.0.load(Relaxed)
     }
@@ -88,32 +92,37 @@ impl Codec for MissFlag {
     }
 }
 
-/// Bricks along each axis.
+/// Returns the number of bricks along each axis.
 fn brick_counts<const D: usize>(dims: [usize; D]) -> [usize; D] {
     dims.map(|n| n.saturating_sub(1).max(1).div_ceil(BRICK_CELLS))
 }
 
-/// How many parts samples are made in, one after the other along the last axis, and layers of bricks of each.
+/// Returns the number of parts in which samples are computed, one after the other along the last
+/// axis, and the layers of bricks in each part.
 fn part_layout<const D: usize>(dims: [usize; D]) -> (usize, usize) {
     let layer: usize = dims[..D - 1].iter().product();
-    let held = MAX_BUFFER_BYTES / 4 / layer.max(1);
-    let together =
-        (held.saturating_sub(BRICK_SAMPLES - BRICK_CELLS) / BRICK_CELLS).clamp(1, MAX_BRICK_LAYERS);
-    (brick_counts(dims)[D - 1].div_ceil(together), together)
+    let layers_in_buffer = MAX_BUFFER_BYTES / 4 / layer.max(1);
+    let layers_per_part = (layers_in_buffer.saturating_sub(BRICK_SAMPLES - BRICK_CELLS)
+        / BRICK_CELLS)
+        .clamp(1, MAX_BRICK_LAYERS);
+    (
+        brick_counts(dims)[D - 1].div_ceil(layers_per_part),
+        layers_per_part,
+    )
 }
 
-/// The layers of samples that some layers of bricks have.
+/// Returns the layers of samples that a range of layers of bricks needs.
 fn sample_layers<const D: usize>(dims: [usize; D], bricks: Range<usize>) -> Range<usize> {
     (bricks.start * BRICK_CELLS).saturating_sub(1)..(bricks.end * BRICK_CELLS + 2).min(dims[D - 1])
 }
 
-/// Samples of a brick.
+/// Returns the number of samples in a brick.
 const fn brick_len(dimensions: usize) -> usize {
     BRICK_SAMPLES.pow(dimensions as u32)
 }
 
-/// Bricks that are to be kept: the number of each in the box and its blocks; their samples one after the
-/// other, for small arrays by the ten thousand would leave memory in pieces.
+/// Bricks to be stored: the index in the box and the block mask of each. The samples of all bricks
+/// are in one array, because tens of thousands of small arrays would fragment the memory.
 #[derive(Default)]
 struct BrickSet {
     bricks: Vec<(usize, u64)>,
@@ -125,7 +134,7 @@ codec_fields! {
 }
 
 impl<const D: usize> SparseField<D> {
-    /// Zero everywhere.
+    /// Creates a field that is zero everywhere.
     pub fn zero(dims: [usize; D], step: [f64; D]) -> Self {
         Self {
             dims,
@@ -138,45 +147,53 @@ impl<const D: usize> SparseField<D> {
         }
     }
 
-    /// Of samples that are made some layers along the last axis at a time: `make` fills in those of a
-    /// range of layers, whatever was there before. It is asked for some layers twice.
+    /// Creates a field from samples that are computed some layers along the last axis at a time.
+    /// `fill_layers` replaces the content of its buffer by the samples of a range of layers. It is
+    /// called for some layers twice.
     pub fn from_layers(
         dims: [usize; D],
         step: [f64; D],
-        make: impl Fn(Range<usize>, &mut Vec<f32>) + Sync,
+        fill_layers: impl Fn(Range<usize>, &mut Vec<f32>) + Sync,
     ) -> Self {
         let (parts, _) = part_layout(dims);
-        Self::from_parts(dims, step, 0..parts, make)
+        Self::from_parts(dims, step, 0..parts, fill_layers)
     }
 
-    /// The same, of which each of a group makes, and has, a share.
+    /// Creates a field as [`Self::from_layers`] does, distributed over the ranks of `comm`: each
+    /// rank computes and stores a part of the layers.
     pub fn from_layers_distributed(
         dims: [usize; D],
         step: [f64; D],
-        group: &dyn Comm,
-        make: impl Fn(Range<usize>, &mut Vec<f32>) + Sync,
+        comm: &dyn Comm,
+        fill_layers: impl Fn(Range<usize>, &mut Vec<f32>) + Sync,
     ) -> Self {
-        let (parts, together) = part_layout(dims);
-        let own = partition_range(parts, group.rank(), group.size());
-        let mut some = Self::from_parts(dims, step, own.clone(), make);
-        let layer = some.slots.len() / brick_counts(dims)[D - 1];
-        let own = own.start * together * layer..own.end * together * layer;
-        for (brick, slot) in some.slots.iter_mut().enumerate() {
-            if !own.contains(&brick) {
+        let (parts, layers_per_part) = part_layout(dims);
+        let owned_parts = partition_range(parts, comm.rank(), comm.size());
+        let mut field = Self::from_parts(dims, step, owned_parts.clone(), fill_layers);
+        let bricks_per_layer = field.slots.len() / brick_counts(dims)[D - 1];
+        let owned_bricks = owned_parts.start * layers_per_part * bricks_per_layer
+            ..owned_parts.end * layers_per_part * bricks_per_layer;
+        for (brick, slot) in field.slots.iter_mut().enumerate() {
+            if !owned_bricks.contains(&brick) {
                 *slot = UNKNOWN_BRICK;
             }
         }
-        some.is_distributed = true;
-        some
+        field.is_distributed = true;
+        field
     }
 
-    /// The layers of samples that one of `count` is asked for where each makes a share.
+    /// Returns the layers of samples that one of `count` ranks computes in
+    /// [`Self::from_layers_distributed`].
     pub fn rank_layers(dims: [usize; D], rank: usize, count: usize) -> Range<usize> {
-        let (parts, together) = part_layout(dims);
-        let own = partition_range(parts, rank, count);
-        match own.is_empty() {
-            true => 0..0,
-            false => sample_layers(dims, own.start * together..own.end * together),
+        let (parts, layers_per_part) = part_layout(dims);
+        let owned = partition_range(parts, rank, count);
+        if owned.is_empty() {
+            0..0
+        } else {
+            sample_layers(
+                dims,
+                owned.start * layers_per_part..owned.end * layers_per_part,
+            )
         }
     }
 
@@ -184,140 +201,144 @@ impl<const D: usize> SparseField<D> {
         dims: [usize; D],
         step: [f64; D],
         parts: Range<usize>,
-        make: impl Fn(Range<usize>, &mut Vec<f32>) + Sync,
+        fill_layers: impl Fn(Range<usize>, &mut Vec<f32>) + Sync,
     ) -> Self {
         let count = brick_counts(dims)[D - 1];
-        let (_, together) = self::part_layout(dims);
-        let kept: Vec<BrickSet> = parts
+        let (_, layers_per_part) = self::part_layout(dims);
+        let brick_sets: Vec<BrickSet> = parts
             .into_par_iter()
             .map_init(Vec::new, |samples, part| {
-                let [first, end] = [part * together, ((part + 1) * together).min(count)];
+                let [first, end] = [
+                    part * layers_per_part,
+                    ((part + 1) * layers_per_part).min(count),
+                ];
                 let Range {
-                    start: from,
-                    end: to,
+                    start: first_layer,
+                    end: end_layer,
                 } = sample_layers(dims, first..end);
-                make(from..to, samples);
+                fill_layers(first_layer..end_layer, samples);
                 let slab = LayerSlab {
                     dims,
-                    first_layer: from,
-                    end_layer: to,
+                    first_layer,
+                    end_layer,
                     samples,
                 };
                 slab.nonzero_bricks(first..end)
             })
             .collect();
-        let mut all = Self::zero(dims, step);
-        all.insert_all(kept);
-        all
+        let mut field = Self::zero(dims, step);
+        field.insert_all(brick_sets);
+        field
     }
 
-    /// Keeps bricks, in the order of parts, of which none has any.
-    fn insert_all(&mut self, kept: Vec<BrickSet>) {
-        self.samples = vec![0.0; kept.iter().map(|part| part.samples.len()).sum()];
-        let (mut rest, mut rooms) = (&mut self.samples[..], Vec::with_capacity(kept.len()));
-        for part in &kept {
-            let (room, others) = rest.split_at_mut(part.samples.len());
-            rooms.push(room);
-            rest = others;
+    /// Stores bricks in the order of parts. The field must not store any before.
+    fn insert_all(&mut self, brick_sets: Vec<BrickSet>) {
+        self.samples = vec![0.0; brick_sets.iter().map(|part| part.samples.len()).sum()];
+        let (mut remaining, mut slices) =
+            (&mut self.samples[..], Vec::with_capacity(brick_sets.len()));
+        for part in &brick_sets {
+            let (slice, tail) = remaining.split_at_mut(part.samples.len());
+            slices.push(slice);
+            remaining = tail;
             for &(brick, mask) in &part.bricks {
                 self.slots[brick] = self.masks.len() as u32;
                 self.masks.push(mask);
             }
         }
-        let parts = kept.into_par_iter().zip(rooms);
-        parts.for_each(|(part, room)| room.copy_from_slice(&part.samples));
+        let parts = brick_sets.into_par_iter().zip(slices);
+        parts.for_each(|(part, slice)| slice.copy_from_slice(&part.samples));
     }
 
-    /// Of a function of which each of a group has a share, all.
+    /// Returns the global field on all ranks, from a field that is distributed over `comm`.
     ///
     /// # Errors
-    /// Those of the others.
-    pub(crate) fn all_gather(&self, group: &dyn Comm) -> Result<Self> {
-        let own = (0..self.slots.len()).filter(|&brick| self.slots[brick] < UNKNOWN_BRICK);
-        let all = group.all_gather("bricks of a potential", self.select_bricks(own))?;
-        let mut whole = Self::zero(self.dims, self.step);
-        whole.insert_all(all);
-        Ok(whole)
+    /// Returns the errors of the other ranks.
+    pub(crate) fn all_gather(&self, comm: &dyn Comm) -> Result<Self> {
+        let owned = (0..self.slots.len()).filter(|&brick| self.slots[brick] < UNKNOWN_BRICK);
+        let gathered = comm.all_gather("bricks of a potential", self.select_bricks(owned))?;
+        let mut global = Self::zero(self.dims, self.step);
+        global.insert_all(gathered);
+        Ok(global)
     }
 
-    /// Of a function of which each of a group has a share, what is no farther than `reach` from some positions along each
-    /// axis; what is [asked for](Self::miss_flag) elsewhere is zero.
+    /// Returns the bricks of a distributed field that are within `reach` of some positions along
+    /// each axis. [Access](Self::miss_flag) to other bricks gives zero and sets the flag.
     ///
     /// # Errors
-    /// Those of the others.
+    /// Returns the errors of the other ranks.
     pub(crate) fn gather_neighbourhood(
         &self,
         positions: &[[f64; D]],
         reach: f64,
-        group: &dyn Comm,
+        comm: &dyn Comm,
     ) -> Result<Self> {
-        let along = brick_counts(self.dims);
-        let wanted = morphology::bricks_near(positions, reach, along, (BRICK_CELLS, self.step));
-        let (parts, together) = part_layout(self.dims);
-        let layer = wanted.len() / along[D - 1];
-        let asked = (0..group.size()).map(|rank| {
-            let own = partition_range(parts, rank, group.size());
-            let end = (own.end * together * layer).min(wanted.len());
-            let own = (own.start * together * layer).min(end)..end;
-            own.filter(|&brick| wanted[brick]).collect()
+        let counts = brick_counts(self.dims);
+        let needed = morphology::bricks_near(positions, reach, counts, (BRICK_CELLS, self.step));
+        let (parts, layers_per_part) = part_layout(self.dims);
+        let bricks_per_layer = needed.len() / counts[D - 1];
+        let requested = (0..comm.size()).map(|rank| {
+            let owned = partition_range(parts, rank, comm.size());
+            let last = (owned.end * layers_per_part * bricks_per_layer).min(needed.len());
+            let owned = (owned.start * layers_per_part * bricks_per_layer).min(last)..last;
+            owned.filter(|&brick| needed[brick]).collect()
         });
-        let asked: Vec<Vec<usize>> = group.all_to_all("bricks that are wanted", asked.collect())?;
-        let kept = |asked: &[usize]| -> Vec<usize> {
-            let kept = |brick: &usize| self.slots[*brick] < UNKNOWN_BRICK;
-            asked.iter().copied().filter(kept).collect()
+        let requests: Vec<Vec<usize>> =
+            comm.all_to_all("bricks that are wanted", requested.collect())?;
+        let available = |requested: &[usize]| -> Vec<usize> {
+            let is_stored = |brick: &usize| self.slots[*brick] < UNKNOWN_BRICK;
+            requested.iter().copied().filter(is_stored).collect()
         };
-        let told = asked
-            .iter()
-            .enumerate()
-            .map(|(rank, asked)| match rank == group.rank() {
-                true => BrickSet::default(),
-                false => self.select_bricks(kept(asked).into_iter()),
-            });
-        let told = group.all_to_all("bricks of a potential", told.collect())?;
-        let mut near = Self::zero(self.dims, self.step);
-        for (slot, wanted) in near.slots.iter_mut().zip(wanted) {
-            if !wanted {
+        let outgoing = requests.iter().enumerate().map(|(rank, requested)| {
+            if rank == comm.rank() {
+                BrickSet::default()
+            } else {
+                self.select_bricks(available(requested).into_iter())
+            }
+        });
+        let set = comm.all_to_all("bricks of a potential", outgoing.collect())?;
+        let mut local = Self::zero(self.dims, self.step);
+        for (slot, is_needed) in local.slots.iter_mut().zip(needed) {
+            if !is_needed {
                 *slot = UNKNOWN_BRICK;
             }
         }
-        // What is here need not be passed on, nor held once more on the way.
-        let own = kept(&asked[group.rank()]);
-        let count = own.len() + told.iter().map(|told| told.bricks.len()).sum::<usize>();
-        near.masks.reserve_exact(count);
-        near.samples.reserve_exact(count * brick_len(D));
-        for (rank, told) in told.into_iter().enumerate() {
-            if rank == group.rank() {
-                for &brick in &own {
+        // The bricks of this rank are neither sent nor copied in between.
+        let owned = available(&requests[comm.rank()]);
+        let count = owned.len() + set.iter().map(|set| set.bricks.len()).sum::<usize>();
+        local.masks.reserve_exact(count);
+        local.samples.reserve_exact(count * brick_len(D));
+        for (rank, set) in set.into_iter().enumerate() {
+            if rank == comm.rank() {
+                for &brick in &owned {
                     let slot = self.slots[brick];
-                    near.insert(brick, self.masks[slot as usize], self.brick_samples(slot));
+                    local.insert(brick, self.masks[slot as usize], self.brick_samples(slot));
                 }
             }
-            for (&(brick, mask), samples) in
-                told.bricks.iter().zip(told.samples.chunks(brick_len(D)))
+            for (&(brick, mask), samples) in set.bricks.iter().zip(set.samples.chunks(brick_len(D)))
             {
-                near.insert(brick, mask, samples);
+                local.insert(brick, mask, samples);
             }
         }
-        Ok(near)
+        Ok(local)
     }
 
-    /// Some of the bricks that are kept.
+    /// Returns the given stored bricks.
     fn select_bricks(&self, numbers: impl Iterator<Item = usize>) -> BrickSet {
-        let mut some = BrickSet::default();
+        let mut set = BrickSet::default();
         for brick in numbers {
             let slot = self.slots[brick];
-            some.bricks.push((brick, self.masks[slot as usize]));
-            some.samples.extend_from_slice(self.brick_samples(slot));
+            set.bricks.push((brick, self.masks[slot as usize]));
+            set.samples.extend_from_slice(self.brick_samples(slot));
         }
-        some
+        set
     }
 
-    /// Whether it was asked for where nothing is known here.
+    /// Returns `true` if a value was requested in a brick that is not stored on this rank.
     pub(crate) fn has_missed(&self) -> bool {
         self.miss_flag.is_set()
     }
 
-    /// Of samples that are all there.
+    /// Creates a sparse field from a dense one.
     pub fn from_field(field: &ScalarField<D>) -> Self {
         let layer: usize = field.dims[..D - 1].iter().product();
         let part = |layers: Range<usize>, samples: &mut Vec<f32>| {
@@ -333,29 +354,30 @@ impl<const D: usize> SparseField<D> {
         self.samples.extend_from_slice(samples);
     }
 
-    /// `with` of the samples of this and another function of the same box; zero where both are.
-    pub fn combine(&self, other: &Self, with: impl Fn(f32, f32) -> f32) -> Self {
-        let mut all = Self::zero(self.dims, self.step);
-        all.is_distributed = self.is_distributed || other.is_distributed;
-        let nothing = vec![0.0; brick_len(D)];
+    /// Returns a field whose samples are `op` of the samples of this field and another one over the
+    /// same box. It is zero where both fields are zero.
+    pub fn combine(&self, other: &Self, op: impl Fn(f32, f32) -> f32) -> Self {
+        let mut result = Self::zero(self.dims, self.step);
+        result.is_distributed = self.is_distributed || other.is_distributed;
+        let zeros = vec![0.0; brick_len(D)];
         for brick in 0..self.slots.len() {
-            let [a, b] = [self, other].map(|one| one.slots[brick]);
+            let [a, b] = [self, other].map(|field| field.slots[brick]);
             if a >= UNKNOWN_BRICK && b >= UNKNOWN_BRICK {
-                all.slots[brick] = a.min(b);
+                result.slots[brick] = a.min(b);
                 continue;
             }
-            let part = |one: &Self, slot: u32| match slot {
-                ZERO_BRICK | UNKNOWN_BRICK => nothing.clone(),
-                slot => one.brick_samples(slot).to_vec(),
+            let samples_of = |field: &Self, slot: u32| match slot {
+                ZERO_BRICK | UNKNOWN_BRICK => zeros.clone(),
+                slot => field.brick_samples(slot).to_vec(),
             };
-            let (a, b) = (part(self, a), part(other, b));
-            let samples: Vec<f32> = a.iter().zip(&b).map(|(a, b)| with(*a, *b)).collect();
-            all.insert(brick, block_mask::<D>(&samples), &samples);
+            let (a, b) = (samples_of(self, a), samples_of(other, b));
+            let samples: Vec<f32> = a.iter().zip(&b).map(|(a, b)| op(*a, *b)).collect();
+            result.insert(brick, block_mask::<D>(&samples), &samples);
         }
-        all
+        result
     }
 
-    /// All samples.
+    /// Returns the dense field with all samples.
     pub fn to_dense(&self) -> ScalarField<D> {
         let mut samples = vec![0.0; self.dims.iter().product()];
         let bricks = brick_counts(self.dims);
@@ -370,10 +392,10 @@ impl<const D: usize> SparseField<D> {
                 let at: [usize; D] = sample_offset(i);
                 let inside = (0..D).all(|k| (1..=self.dims[k]).contains(&(first[k] + at[k])));
                 if inside {
-                    let to = (0..D)
+                    let target = (0..D)
                         .rev()
-                        .fold(0, |to, k| to * self.dims[k] + first[k] + at[k] - 1);
-                    samples[to] = *value;
+                        .fold(0, |offset, k| offset * self.dims[k] + first[k] + at[k] - 1);
+                    samples[target] = *value;
                 }
             }
         }
@@ -384,40 +406,40 @@ impl<const D: usize> SparseField<D> {
         }
     }
 
-    /// Whether it is zero everywhere.
+    /// Returns `true` if the field is zero everywhere.
     pub fn is_zero(&self) -> bool {
         self.masks.iter().all(|mask| *mask == 0)
     }
 
-    /// The far corner of the box; the near one is the origin.
+    /// Returns the far corner of the box; the near corner is the origin.
     pub fn extent(&self) -> [f64; D] {
         std::array::from_fn(|k| (self.dims[k].max(1) - 1) as f64 * self.step[k])
     }
 
-    /// The interpolated value at a position in lattice space.
+    /// Returns the interpolated value at a position in lattice space.
     pub fn value(&self, position: [f64; D]) -> f64 {
         self.value_and_gradient(position).0
     }
 
-    /// The interpolated value and its exact gradient at a position in lattice space, as
-    /// [`ScalarField::value_and_gradient`] has them.
+    /// Returns the interpolated value and its exact gradient at a position in lattice space, as
+    /// [`ScalarField::value_and_gradient`] does.
     pub fn value_and_gradient(&self, position: [f64; D]) -> (f64, [f64; D]) {
         self.nonzero_value_and_gradient(position)
             .unwrap_or((0.0, [0.0; D]))
     }
 
-    /// The same, or `None` where every tap is zero.
+    /// Returns the interpolated value and its exact gradient, or `None` if every tap is zero.
     #[inline]
     pub fn nonzero_value_and_gradient(&self, position: [f64; D]) -> Option<(f64, [f64; D])> {
         let (mut brick, mut block) = (0, 0);
-        let mut within = [0; D];
+        let mut cell_in_brick = [0; D];
         for k in (0..D).rev() {
             let cells = self.dims[k].saturating_sub(1).max(1);
-            // Below zero it becomes zero.
+            // The conversion turns negative numbers into zero.
             let cell = ((position[k] / self.step[k]) as usize).min(cells - 1);
-            within[k] = cell % BRICK_CELLS;
+            cell_in_brick[k] = cell % BRICK_CELLS;
             brick = brick * cells.div_ceil(BRICK_CELLS) + cell / BRICK_CELLS;
-            block = block * BRICK_BLOCKS + within[k] / BLOCK_CELLS;
+            block = block * BRICK_BLOCKS + cell_in_brick[k] / BLOCK_CELLS;
         }
         let slot = self.slots[brick];
         if slot >= UNKNOWN_BRICK {
@@ -433,13 +455,13 @@ impl<const D: usize> SparseField<D> {
         let mut stride = 1;
         let taps: [Taps; D] = std::array::from_fn(|k| {
             let mut taps = Taps::new(position[k], self.dims[k], self.step[k], 0);
-            taps.offsets = std::array::from_fn(|tap| (within[k] + tap) * stride);
+            taps.offsets = std::array::from_fn(|tap| (cell_in_brick[k] + tap) * stride);
             stride *= BRICK_SAMPLES;
             taps
         });
         let base = samples[taps.iter().map(|t| t.offsets[1]).sum::<usize>()];
         let line = |start: usize| -> [f32; 4] {
-            let line = &samples[start + within[0]..][..4];
+            let line = &samples[start + cell_in_brick[0]..][..4];
             [line[0], line[1], line[2], line[3]].map(|sample| sample - base)
         };
         Some(interpolate(&taps, base, line))
@@ -451,7 +473,8 @@ impl<const D: usize> SparseField<D> {
     }
 }
 
-/// The first cell of a brick, which is where its second sample stands.
+/// Returns the first cell of a brick. The second sample of the brick along each axis is at that
+/// cell.
 fn brick_corner<const D: usize>(number: usize, bricks: [usize; D]) -> [usize; D] {
     let mut rest = number;
     std::array::from_fn(|k| {
@@ -461,7 +484,7 @@ fn brick_corner<const D: usize>(number: usize, bricks: [usize; D]) -> [usize; D]
     })
 }
 
-/// Where the `i`th sample of a brick stands in it.
+/// Returns the coordinates of sample `i` within its brick.
 fn sample_offset<const D: usize>(i: usize) -> [usize; D] {
     let mut rest = i;
     std::array::from_fn(|_| {
@@ -471,38 +494,38 @@ fn sample_offset<const D: usize>(i: usize) -> [usize; D] {
     })
 }
 
-/// The blocks of a brick along one axis that have its sample `j` as a tap.
+/// Returns the blocks of a brick along one axis that use its sample `j` as a tap.
 fn tapped_blocks(j: usize) -> Range<usize> {
     j.saturating_sub(3) / BLOCK_CELLS..j.min(BRICK_CELLS - 1) / BLOCK_CELLS + 1
 }
 
-/// The blocks of a brick in which its samples are not all zero.
+/// Returns the mask of the blocks of a brick that have a tap that is not zero.
 fn block_mask<const D: usize>(samples: &[f32]) -> u64 {
     let mut mask = 0u64;
     for (row, line) in samples.chunks(BRICK_SAMPLES).enumerate() {
-        let mut along = 0u64;
+        let mut blocks = 0u64;
         for (j, _) in line.iter().enumerate().filter(|s| *s.1 != 0.0) {
-            tapped_blocks(j).for_each(|block| along |= 1 << block);
+            tapped_blocks(j).for_each(|block| blocks |= 1 << block);
         }
-        if along == 0 {
+        if blocks == 0 {
             continue;
         }
         let (mut rest, mut shift) = (row, BRICK_BLOCKS);
         for _ in 1..D {
-            let wide = along;
-            along = tapped_blocks(rest % BRICK_SAMPLES)
-                .fold(0, |all, block| all | wide << (block * shift));
+            let inner = blocks;
+            blocks = tapped_blocks(rest % BRICK_SAMPLES)
+                .fold(0, |mask, block| mask | inner << (block * shift));
             rest /= BRICK_SAMPLES;
             shift *= BRICK_BLOCKS;
         }
-        mask |= along;
+        mask |= blocks;
     }
     mask
 }
 
-/// Some layers of samples along the last axis.
+/// Consecutive layers of samples along the last axis.
 struct LayerSlab<'a, const D: usize> {
-    /// Of the whole box.
+    /// Dimensions of the whole box.
     dims: [usize; D],
     first_layer: usize,
     end_layer: usize,
@@ -510,76 +533,80 @@ struct LayerSlab<'a, const D: usize> {
 }
 
 impl<const D: usize> LayerSlab<'_, D> {
-    /// The bricks of some layers of these that are not zero.
+    /// Returns the bricks of a range of layers of bricks that are not zero.
     fn nonzero_bricks(&self, layers: Range<usize>) -> BrickSet {
-        let mut some = brick_counts(self.dims);
-        some[D - 1] = layers.len();
-        let occupied = self.occupied_bricks(some, layers.start);
-        let below = layers.start * some[..D - 1].iter().product::<usize>();
-        let mut kept = BrickSet::default();
+        let mut counts = brick_counts(self.dims);
+        counts[D - 1] = layers.len();
+        let occupied = self.occupied_bricks(counts, layers.start);
+        let first_brick = layers.start * counts[..D - 1].iter().product::<usize>();
+        let mut set = BrickSet::default();
         for (number, _) in occupied.iter().enumerate().filter(|b| *b.1) {
-            let mut first = brick_corner(number, some);
+            let mut first = brick_corner(number, counts);
             first[D - 1] += layers.start * BRICK_CELLS;
-            let before = kept.samples.len();
-            self.append_brick(first, &mut kept.samples);
-            match block_mask::<D>(&kept.samples[before..]) {
-                0 => kept.samples.truncate(before),
-                mask => kept.bricks.push((below + number, mask)),
+            let start = set.samples.len();
+            self.append_brick(first, &mut set.samples);
+            match block_mask::<D>(&set.samples[start..]) {
+                0 => set.samples.truncate(start),
+                mask => set.bricks.push((first_brick + number, mask)),
             }
         }
-        kept
+        set
     }
 
-    /// Which of `some` bricks, from a layer of bricks on, have a sample that is not zero.
-    fn occupied_bricks(&self, some: [usize; D], first: usize) -> Vec<bool> {
-        // The bricks along an axis that hold a sample, of those there are.
-        let holding = |at: usize, k: usize| {
+    /// Returns a flag per brick of a grid of `counts` bricks, beginning with layer `first` of
+    /// bricks: `true` if the brick has a sample that is not zero.
+    fn occupied_bricks(&self, counts: [usize; D], first: usize) -> Vec<bool> {
+        // The bricks along an axis that hold a sample, numbered within the grid.
+        let bricks_holding = |at: usize, k: usize| {
             let skipped = if k == D - 1 { first } else { 0 };
             let low = at.saturating_sub(BRICK_SAMPLES - 2).div_ceil(BRICK_CELLS);
-            let high = ((at + 1) / BRICK_CELLS).min(skipped + some[k] - 1);
+            let high = ((at + 1) / BRICK_CELLS).min(skipped + counts[k] - 1);
             low.max(skipped) - skipped..high + 1 - skipped
         };
-        let mut occupied = vec![false; some.iter().product()];
-        let mut along = vec![false; some[0]];
+        let mut occupied = vec![false; counts.iter().product()];
+        let mut row_occupied = vec![false; counts[0]];
         for (row, line) in self.samples.chunks_exact(self.dims[0].max(1)).enumerate() {
             let mut any = false;
-            for (part, eight) in line.chunks(BRICK_CELLS).enumerate() {
-                if eight.iter().all(|&b| b == 0.0) {
+            for (part, cells) in line.chunks(BRICK_CELLS).enumerate() {
+                if cells.iter().all(|&b| b == 0.0) {
                     continue;
                 }
                 any = true;
-                for (n, _) in eight.iter().enumerate().filter(|s| *s.1 != 0.0) {
-                    along[holding(part * BRICK_CELLS + n, 0)].fill(true);
+                for (n, _) in cells.iter().enumerate().filter(|s| *s.1 != 0.0) {
+                    row_occupied[bricks_holding(part * BRICK_CELLS + n, 0)].fill(true);
                 }
             }
             if !any {
                 continue;
             }
             let mut starts = vec![0];
-            let (mut rest, mut stride) = (row, some[0]);
+            let (mut rest, mut stride) = (row, counts[0]);
             for k in 1..D {
-                let at = match k == D - 1 {
-                    true => rest + self.first_layer,
-                    false => rest % self.dims[k],
+                let at = if k == D - 1 {
+                    rest + self.first_layer
+                } else {
+                    rest % self.dims[k]
                 };
                 rest /= self.dims[k];
-                let beside = holding(at, k);
+                let bricks = bricks_holding(at, k);
                 starts = starts
                     .iter()
-                    .flat_map(|start| beside.clone().map(move |b| start + b * stride))
+                    .flat_map(|start| bricks.clone().map(move |b| start + b * stride))
                     .collect();
-                stride *= some[k];
+                stride *= counts[k];
             }
             for start in starts {
-                let row = occupied[start..start + some[0]].iter_mut();
-                row.zip(&along).for_each(|(all, one)| *all |= one);
+                let row = occupied[start..start + counts[0]].iter_mut();
+                row.zip(&row_occupied)
+                    .for_each(|(flag, occupied_in_row)| *flag |= occupied_in_row);
             }
-            along.fill(false);
+            row_occupied.fill(false);
         }
         occupied
     }
 
-    /// Adds the samples of the brick whose first cell this is; beyond the box its outermost ones repeat.
+    /// Appends the samples of the brick whose first cell is `first`. Beyond the box the outermost
+    /// samples repeat.
     fn append_brick(&self, first: [usize; D], samples: &mut Vec<f32>) {
         let sample = |j: usize, k: usize| (first[k] + j).saturating_sub(1).min(self.dims[k] - 1);
         for row in 0..brick_len(D) / BRICK_SAMPLES {
@@ -587,9 +614,10 @@ impl<const D: usize> LayerSlab<'_, D> {
             for k in 1..D {
                 let at = sample(rest % BRICK_SAMPLES, k);
                 start += stride
-                    * match k == D - 1 {
-                        true => at.clamp(self.first_layer, self.end_layer - 1) - self.first_layer,
-                        false => at,
+                    * if k == D - 1 {
+                        at.clamp(self.first_layer, self.end_layer - 1) - self.first_layer
+                    } else {
+                        at
                     };
                 rest /= BRICK_SAMPLES;
                 stride *= self.dims[k];
@@ -604,11 +632,11 @@ mod tests {
     use super::*;
     use crate::geometry::random::Random;
 
-    /// A bent valley three samples wide, and a single sample that is not zero.
+    /// A bent valley three samples wide, and one single sample that is not zero.
     fn valley<const D: usize>(dims: [usize; D], step: [f64; D]) -> ScalarField<D> {
         let mut field = ScalarField::from_fn(dims, step, |x| {
-            let bent = x[0] / step[0] - 9.0 - 0.02 * (x[1] / step[1] - 7.0).powi(2);
-            -(1.0 - 0.5 * bent.abs()).max(0.0)
+            let distance = x[0] / step[0] - 9.0 - 0.02 * (x[1] / step[1] - 7.0).powi(2);
+            -(1.0 - 0.5 * distance.abs()).max(0.0)
         });
         let last = field.samples.len() - 1;
         field.samples[last] = -0.3;
@@ -624,7 +652,8 @@ mod tests {
         let mut random = Random::new(3);
         let mut skipped = 0;
         for n in 0..20_000 {
-            // Some lie on samples, some on sides, some outside.
+            // One third of the positions lies on samples; of the others some lie on the sides and
+            // some outside.
             let x: [f64; D] = std::array::from_fn(|k| {
                 let x = random.range(-0.1, 1.1) * extent[k];
                 match n % 3 {
@@ -646,7 +675,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_the_field_it_was_made_of() {
+    fn sparse_field_equals_its_dense_source() {
         check_against_dense([41, 30, 25], [1.0, 0.5, 2.0]);
         check_against_dense([33, 17, 70], [1.0; 3]);
         check_against_dense([60, 43], [1.0, 0.25]);
@@ -654,69 +683,78 @@ mod tests {
     }
 
     #[test]
-    fn what_is_zero_takes_no_room() {
+    fn zero_bricks_take_no_memory() {
         let sparse = SparseField::from_field(&valley([120, 110, 100], [1.0; 3]));
-        let kept = sparse.samples.len() as f64 / (120.0 * 110.0 * 100.0);
-        assert!(kept < 0.6, "{kept}");
+        let stored_share = sparse.samples.len() as f64 / (120.0 * 110.0 * 100.0);
+        assert!(stored_share < 0.6, "{stored_share}");
         let zero = SparseField::<3>::zero([30, 20, 10], [1.0; 3]);
         assert!(zero.is_zero() && !sparse.is_zero());
         assert_eq!(zero, SparseField::from_field(&zero.to_dense()));
     }
 
     #[test]
-    fn shares_are_the_whole_and_each_has_what_it_wants() {
+    fn distributed_parts_make_up_the_global_field() {
         use crate::comm::run_threads;
 
-        // Layers so large that there are several parts.
+        // The layers are so large that there are several parts.
         let dims = [61, 50, 290];
         let field = valley(dims, [1.0; 3]);
-        let whole = SparseField::from_field(&field);
+        let global = SparseField::from_field(&field);
         let layer = dims[0] * dims[1];
         let make = |layers: Range<usize>, samples: &mut Vec<f32>| {
             samples.clear();
             samples.extend(&field.samples[layers.start * layer..layers.end * layer]);
         };
         for count in [1, 2, 3, 7] {
-            let shares = run_threads(count, |group| {
-                let own = SparseField::from_layers_distributed(dims, [1.0; 3], group, make);
-                assert!(own.is_distributed && own.all_gather(group).unwrap() == whole);
-                let twice = own.combine(&own, |a, b| a + b).all_gather(group).unwrap();
-                assert!(twice == whole.combine(&whole, |a, b| a + b));
-                let mut random = Random::new(group.rank() as u64);
+            let shares = run_threads(count, |comm| {
+                let owned = SparseField::from_layers_distributed(dims, [1.0; 3], comm, make);
+                assert!(owned.is_distributed && owned.all_gather(comm).unwrap() == global);
+                let twice = owned
+                    .combine(&owned, |a, b| a + b)
+                    .all_gather(comm)
+                    .unwrap();
+                assert!(twice == global.combine(&global, |a, b| a + b));
+                let mut random = Random::new(comm.rank() as u64);
                 let middle = random.range(0.0, 280.0);
-                let mut place = || {
+                let mut position = || {
                     let x = [random.range(0.0, 60.0), random.range(0.0, 49.0)];
                     [x[0], x[1], middle + random.range(0.0, 9.0)]
                 };
-                let positions: Vec<[f64; 3]> = (0..400).map(|_| place()).collect();
-                let near = own.gather_neighbourhood(&positions, 3.0, group).unwrap();
+                let positions: Vec<[f64; 3]> = (0..400).map(|_| position()).collect();
+                let local = owned.gather_neighbourhood(&positions, 3.0, comm).unwrap();
                 for x in &positions {
                     let x = x.map(|x| (x + 2.9).max(0.0));
-                    assert_eq!(near.value_and_gradient(x), whole.value_and_gradient(x));
+                    assert_eq!(local.value_and_gradient(x), global.value_and_gradient(x));
                 }
-                assert!(!near.has_missed());
-                near.value([30.0, 30.0, if middle > 150.0 { 3.0 } else { 285.0 }]);
-                assert!(near.has_missed());
-                own.samples.len()
+                assert!(!local.has_missed());
+                local.value([30.0, 30.0, if middle > 150.0 { 3.0 } else { 285.0 }]);
+                assert!(local.has_missed());
+                owned.samples.len()
             });
-            assert_eq!(shares.iter().sum::<usize>(), whole.samples.len(), "{count}");
+            assert_eq!(
+                shares.iter().sum::<usize>(),
+                global.samples.len(),
+                "{count}"
+            );
         }
     }
 
     #[test]
-    fn two_are_combined_sample_by_sample() {
+    fn two_fields_are_combined_sample_by_sample() {
         let dims = [37, 29, 22];
-        let one = valley(dims, [1.0; 3]);
-        let other = ScalarField::from_fn(dims, [1.0; 3], |x| -(1.5 - (x[2] - 12.0).abs()).max(0.0));
+        let first = valley(dims, [1.0; 3]);
+        let second =
+            ScalarField::from_fn(dims, [1.0; 3], |x| -(1.5 - (x[2] - 12.0).abs()).max(0.0));
         let deepest = |a: f32, b: f32| (0.5 * a).min(0.8 * b);
-        let both = SparseField::from_field(&one).combine(&SparseField::from_field(&other), deepest);
-        let samples = one.samples.iter().zip(&other.samples);
+        let combined =
+            SparseField::from_field(&first).combine(&SparseField::from_field(&second), deepest);
+        let samples = first.samples.iter().zip(&second.samples);
         let samples = samples.map(|(a, b)| deepest(*a, *b)).collect();
-        let truth = ScalarField { samples, ..one };
-        assert_eq!(both.to_dense(), truth);
+        let truth = ScalarField { samples, ..first };
+        assert_eq!(combined.to_dense(), truth);
         for n in 0..5_000 {
             let x = std::array::from_fn(|k| f64::from(n * (7919 + 31 * k as u32) % 997) / 40.0);
-            assert_eq!(both.value_and_gradient(x), truth.value_and_gradient(x));
+            assert_eq!(combined.value_and_gradient(x), truth.value_and_gradient(x));
         }
     }
 }

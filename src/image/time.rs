@@ -1,10 +1,10 @@
-//! Two-way time among the coordinates of an image, and depth for it by one velocity.
+//! Two-way time as a coordinate of an image, and its conversion to depth by one velocity.
 
 use super::Geometry;
 use crate::error::cause;
 use crate::{Error, Result};
 
-/// Seconds in a unit of time; `None` for what is no unit of time.
+/// Returns the number of seconds in a unit of time, or `None` if it is not a unit of time.
 pub(crate) fn seconds_per_unit(unit: &str) -> Option<f64> {
     match unit {
         "s" => Some(1.0),
@@ -14,29 +14,29 @@ pub(crate) fn seconds_per_unit(unit: &str) -> Option<f64> {
     }
 }
 
-/// The physical coordinate that is two-way time.
+/// The physical coordinate that holds two-way time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TimeCoordinate {
-    /// Which it is.
+    /// Index of the coordinate.
     pub coordinate: usize,
-    /// Seconds in its unit.
+    /// Number of seconds in its unit.
     pub seconds_per_unit: f64,
 }
 
-/// Why no depth can be made of an image's time.
+/// Reason why the two-way time of an image cannot be converted to depth.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NoDepthReason {
-    /// What stands in the way.
+    /// The obstacle.
     pub problem: String,
-    /// What to do.
+    /// What the user can do.
     pub remedy: &'static str,
 }
 
 impl NoDepthReason {
-    /// As an error about what should have made depth.
+    /// Returns the reason as an error about the velocity named `place`.
     pub fn to_error(&self, place: String) -> Error {
         let problem = format!(
-            "makes depth in metres of two-way time, but {}",
+            "converts two-way time to depth in metres, but {}",
             self.problem
         );
         Error::Image(cause(place, problem, self.remedy))
@@ -44,18 +44,18 @@ impl NoDepthReason {
 }
 
 impl<const D: usize> Geometry<D> {
-    /// Which physical coordinate is time, if one is.
+    /// Returns the index of the physical coordinate that is time, if there is one.
     pub fn time_coordinate(&self) -> Option<usize> {
         self.units
             .iter()
             .position(|unit| seconds_per_unit(unit).is_some())
     }
 
-    /// Where two-way time is that depth in metres can be made of: the other coordinates must be metres (one
-    /// without a unit is taken to be).
+    /// Returns the coordinate of two-way time if it can be converted to depth in metres. The other
+    /// coordinates must be in metres; one without a unit is assumed to be in metres.
     ///
     /// # Errors
-    /// What stands in the way, and the remedy.
+    /// Returns the obstacle and the remedy if it cannot.
     pub fn two_way_time(&self) -> std::result::Result<TimeCoordinate, NoDepthReason> {
         let seconds = self.units.iter().map(|unit| seconds_per_unit(unit));
         let found = (0..)
@@ -67,11 +67,14 @@ impl<const D: usize> Geometry<D> {
                 remedy: "omit it",
             });
         };
-        let metres = |c: usize| matches!(&*self.units[c], "" | "m");
-        if let Some(c) = (0..D).find(|&c| c != coordinate && !metres(c)) {
+        let is_metres = |c: usize| matches!(&*self.units[c], "" | "m");
+        if let Some(c) = (0..D).find(|&c| c != coordinate && !is_metres(c)) {
             return Err(NoDepthReason {
-                problem: format!("a coordinate beside time is in {}, not in m", self.units[c]),
-                remedy: "read the survey's coordinates in metres (of SEG-Y by the bytes of x and y)",
+                problem: format!(
+                    "another coordinate than time is in {}, not in m",
+                    self.units[c]
+                ),
+                remedy: "read the survey's coordinates in metres (for SEG-Y, set the bytes of x and y)",
             });
         }
         Ok(TimeCoordinate {
@@ -80,28 +83,32 @@ impl<const D: usize> Geometry<D> {
         })
     }
 
-    /// The image axis that runs along a coordinate, if no other coordinate changes along it, nor this one
-    /// along another axis.
+    /// Returns the image axis along which this coordinate alone changes, if the coordinate does not
+    /// change along any other axis.
     pub fn axis_along(&self, coordinate: usize) -> Option<usize> {
-        let alone = |k: usize| {
+        let runs_along = |k: usize| {
             (0..D).all(|c| (self.axes[k][c] != 0.0) == (c == coordinate))
                 && (0..D).all(|l| l == k || self.axes[l][coordinate] == 0.0)
         };
-        (0..D).find(|&k| alone(k))
+        (0..D).find(|&k| runs_along(k))
     }
 
-    /// The same with depth in metres for two-way time, and the factor from the one to the other:
-    /// `depth = velocity * time / 2`, at one velocity in metres a second.
+    /// Returns the geometry with depth in metres instead of two-way time, and the factor between
+    /// the two for each coordinate: `depth = velocity * time / 2`, with one velocity in metres per
+    /// second.
     ///
     /// # Errors
-    /// [`Error::Image`] for a velocity that is not positive, and as [`Self::two_way_time`].
+    /// Returns an [`Error::Image`] if the velocity is not positive, and the errors of
+    /// [`Self::two_way_time`].
     pub fn to_depth(&self, velocity: f64) -> Result<(Self, [f64; D])> {
         let place = format!("velocity {velocity}");
         if !(velocity.is_finite() && velocity > 0.0) {
-            let remedy = "give metres a second, 2000 say";
+            let remedy = "give metres per second, e.g. 2000";
             return Err(Error::Image(cause(place, "is not positive", remedy)));
         }
-        let time = self.two_way_time().map_err(|no| no.to_error(place))?;
+        let time = self
+            .two_way_time()
+            .map_err(|reason| reason.to_error(place))?;
         let axis = time.coordinate;
         let mut factor = [1.0; D];
         factor[axis] = 0.5 * velocity * time.seconds_per_unit;
@@ -133,7 +140,7 @@ mod tests {
         assert_eq!(factor, [1.0, 1.0, 1.2]);
         let [x, y, z] = time.to_physical([100.0, 7.0, 9.0]);
         let found = depth.to_physical([100.0, 7.0, 9.0]);
-        // 1.299 s there and back at 2.4 km/s.
+        // The time is 1.299 s down and up again, at 2.4 km/s.
         assert!((z - 1299.0).abs() < 1e-9 && (found[2] - 1558.8).abs() < 1e-9);
         assert_eq!([found[0], found[1]], [x, y]);
         assert_eq!(depth.units, ["m", "m", "m"]);

@@ -1,63 +1,67 @@
-//! Interval velocities, on a grid of their own in two-way time, and how they lie to what they make depth of.
+//! Interval velocities on a grid of their own in two-way time, and the check that they cover an
+//! image.
 //!
-//! Velocities are linear between samples, across and in time, and beyond the samples those of the nearest.
+//! Velocities are interpolated linearly between samples, horizontally and in time. Beyond the grid
+//! they are those of the nearest sample.
 
 use super::time_depth::TimeDepthCurve;
 use crate::error::cause;
 use crate::image::{Geometry, Image};
 use crate::{Error, Result, memory};
 
-/// A volume, in the plane a section, of interval velocities in m/s on a grid of its own in two-way time.
+/// A volume (a section in 2-D) of interval velocities in m/s on a grid of its own in two-way time.
 #[derive(Debug, Clone)]
 pub struct VelocityModel<const D: usize> {
-    /// What errors and notes call it.
+    /// Name in errors and notes.
     pub name: String,
-    /// Positive samples; time runs along axis 0, and along it alone.
+    /// Positive samples. Time runs along axis 0, and only along this axis.
     image: Image<D>,
-    /// Which physical coordinate is time.
+    /// Index of the physical coordinate that is time.
     coordinate: usize,
-    /// Seconds downwards in its unit.
+    /// Seconds per unit of time, negative if times decrease downwards.
     seconds_per_unit: f64,
 }
 
-/// What velocities and some positions in two-way time have to do with one another.
+/// Relation between the velocities and some positions in two-way time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VelocityCoverage {
-    /// Which coordinate of the positions is time.
+    /// Index of the coordinate of the positions that is time.
     pub coordinate: usize,
-    /// Seconds downwards in its unit: negative where times below the surface are, as heights would be.
+    /// Seconds per unit of that coordinate, negative if times below the surface are negative, as
+    /// heights would be.
     pub seconds_per_unit: f64,
-    /// What the user should know.
+    /// Messages for the user.
     pub notes: Vec<String>,
 }
 
-/// No rock is slower, in m/s; what is gives its velocities in km/s.
+/// Smallest velocity, in m/s, that any rock has. Lower values are velocities in km/s.
 const MIN_VELOCITY: f32 = 50.0;
 
 impl<const D: usize> VelocityModel<D> {
-    /// Velocities as an image holds them; `name` is what errors call it.
+    /// Creates a model from an image of velocities; `name` identifies it in errors.
     ///
     /// # Errors
-    /// [`Error::Image`] unless the image has one axis in time and all velocities are positive.
+    /// Returns an [`Error::Image`] unless the image has one axis along time and all velocities are
+    /// positive.
     pub fn new(image: Image<D>, name: &str) -> Result<Self> {
         let refuse = |problem: String, remedy: &str| Error::Image(cause(name, problem, remedy));
         let geometry = &image.geometry;
-        let time = geometry.two_way_time().map_err(|no| {
+        let time = geometry.two_way_time().map_err(|reason| {
             refuse(
-                format!("says not where its velocities lie in two-way time: {}", no.problem),
-                "give velocities over x and y in m and time in s or ms; of a bare array, atomesh convert makes \
-                 such an image (--axes, --spacing, --origin, --unit m,m,ms)",
+                format!("does not say where its velocities lie in two-way time: {}", reason.problem),
+                "give velocities over x and y in m and time in s or ms; atomesh convert makes such an image from an \
+                 array without geometry (--axes, --spacing, --origin, --unit m,m,ms)",
             )
         })?;
-        let along = geometry.axis_along(time.coordinate);
-        let (Some(along), true) = (along, geometry.determinant() != 0.0) else {
+        let time_axis = geometry.axis_along(time.coordinate);
+        let (Some(along), true) = (time_axis, geometry.determinant() != 0.0) else {
             let problem = "has no axis that runs straight along time".to_string();
             return Err(refuse(
                 problem,
                 "give velocities on a grid of upright traces",
             ));
         };
-        // Traces that a survey lacks have the velocities of the nearest.
+        // Traces that a survey lacks take the velocities of the nearest trace.
         let image = image.with_missing_filled().unwrap_or(image);
         check_velocities(&image, name)?;
         let image = with_axis_first(image, along)?;
@@ -70,9 +74,10 @@ impl<const D: usize> VelocityModel<D> {
         })
     }
 
-    /// Depth below a position of the world, whatever its time.
-    pub fn time_depth_curve(&self, at: [f64; D]) -> TimeDepthCurve {
-        let index = self.sample_index(at);
+    /// Returns depth as a function of time at a physical position. The time of the position is
+    /// ignored.
+    pub fn time_depth_curve(&self, position: [f64; D]) -> TimeDepthCurve {
+        let index = self.sample_index(position);
         let dims = self.image.dims();
         let samples = self.image.as_slice();
         let mut velocity = vec![0.0; dims[0]];
@@ -83,12 +88,12 @@ impl<const D: usize> VelocityModel<D> {
                 let x = index[k].clamp(0.0, last as f64);
                 let low = (x as usize).min(last.saturating_sub(1));
                 let t = x - low as f64;
-                let (place, share) = match corner >> (k - 1) & 1 {
+                let (sample, factor) = match corner >> (k - 1) & 1 {
                     0 => (low, 1.0 - t),
                     _ => ((low + 1).min(last), t),
                 };
-                weight *= share;
-                row += place * stride;
+                weight *= factor;
+                row += sample * stride;
                 stride *= dims[k];
             }
             if weight > 0.0 {
@@ -104,59 +109,65 @@ impl<const D: usize> VelocityModel<D> {
         TimeDepthCurve::new(first, step, velocity)
     }
 
-    /// The sample index of a position.
-    fn sample_index(&self, at: [f64; D]) -> [f64; D] {
-        self.image.geometry.to_index(at).unwrap_or([0.0; D])
+    /// Returns the sample index of a position.
+    fn sample_index(&self, position: [f64; D]) -> [f64; D] {
+        self.image.geometry.to_index(position).unwrap_or([0.0; D])
     }
 
-    /// Checks that velocities and what they make depth of, of which these are positions of `geometry`'s
-    /// world, lie at the same place. Times may grow downwards in one and fall in the other.
+    /// Checks that the velocities and some positions in the world of `geometry` overlap. Times may
+    /// increase downwards in one and decrease in the other.
     ///
     /// # Errors
-    /// [`Error::Image`] if nothing lies among the velocities, beside or above one another.
+    /// Returns an [`Error::Image`] if all positions are horizontally outside the velocity grid, or
+    /// all are above or below it.
     pub fn check_coverage(
         &self,
         positions: impl Iterator<Item = [f64; D]> + Clone,
         geometry: &Geometry<D>,
     ) -> Result<VelocityCoverage> {
-        let other = geometry
+        let time = geometry
             .two_way_time()
-            .map_err(|no| no.to_error(format!("velocity {}", self.name)))?;
+            .map_err(|reason| reason.to_error(format!("velocity {}", self.name)))?;
         let refuse =
             |problem: String, remedy: &str| Err(Error::Image(cause(&self.name, problem, remedy)));
-        if self.coordinate != other.coordinate {
-            let problem =
-                "has time along another coordinate than what shall come to lie in depth".into();
+        if self.coordinate != time.coordinate {
+            let problem = "has time in another coordinate than the image".into();
             return refuse(
                 problem,
                 "give velocities with coordinates in the same order",
             );
         }
         let seconds =
-            other.seconds_per_unit * downward_sign(positions.clone().map(|p| p[other.coordinate]));
+            time.seconds_per_unit * downward_sign(positions.clone().map(|p| p[time.coordinate]));
         let dims = self.image.dims();
-        let (mut count, mut beside) = (0usize, 0usize);
-        let mut covered = BoundingBox::empty();
-        for mut at in positions {
-            at[self.coordinate] *= seconds / self.seconds_per_unit;
-            covered.add(at);
-            let index = self.sample_index(at);
-            // One trace stands for all.
-            let off = |k: usize| dims[k] > 1 && !(-0.5..=dims[k] as f64 - 0.5).contains(&index[k]);
+        let (mut count, mut outside_count) = (0usize, 0usize);
+        let mut positions_box = BoundingBox::empty();
+        for mut position in positions {
+            position[self.coordinate] *= seconds / self.seconds_per_unit;
+            positions_box.add(position);
+            let index = self.sample_index(position);
+            // A single trace is valid everywhere.
+            let is_outside =
+                |k: usize| dims[k] > 1 && !(-0.5..=dims[k] as f64 - 0.5).contains(&index[k]);
             count += 1;
-            beside += usize::from((1..D).any(off));
+            outside_count += usize::from((1..D).any(is_outside));
         }
-        let mut own = BoundingBox::empty();
-        corners(&self.image).for_each(|p| own.add(p));
-        // Downwards, in the velocities' unit.
-        let [[from, to], [first, last]] = [&own, &covered].map(|bounds| {
+        let mut velocity_box = BoundingBox::empty();
+        corners(&self.image).for_each(|p| velocity_box.add(p));
+        // Time ranges downwards, in the unit of the velocities.
+        let [
+            [velocity_start, velocity_end],
+            [position_start, position_end],
+        ] = [&velocity_box, &positions_box].map(|bounds| {
             let ends = [bounds.min, bounds.max].map(|p| p[self.coordinate].abs());
             [ends[0].min(ends[1]), ends[0].max(ends[1])]
         });
-        if beside == count || (dims[0] > 1 && (from > last || first > to)) {
+        if outside_count == count
+            || (dims[0] > 1 && (velocity_start > position_end || position_start > velocity_end))
+        {
             let unit = &self.image.geometry.units[self.coordinate];
             let problem = format!(
-                "lies elsewhere: its velocities cover {own}, what shall come to lie in depth {covered} (time in {unit})"
+                "lies elsewhere: its velocities cover {velocity_box}, the image covers {positions_box} (time in {unit})"
             );
             return refuse(
                 problem,
@@ -164,55 +175,56 @@ impl<const D: usize> VelocityModel<D> {
             );
         }
         let mut notes = Vec::new();
-        if beside > 0 {
+        if outside_count > 0 {
             notes.push(format!(
-                "{}: {:.0} % of the positions lie beside the velocities, and have those of the nearest",
+                "{}: {:.0} % of the positions lie outside the velocity grid and take the nearest velocities",
                 self.name,
-                (100.0 * beside as f64 / count as f64).max(1.0)
+                (100.0 * outside_count as f64 / count as f64).max(1.0)
             ));
         }
-        let step = (to - from) / (dims[0].max(2) - 1) as f64;
-        if dims[0] > 1 && last > to + step {
+        let step = (velocity_end - velocity_start) / (dims[0].max(2) - 1) as f64;
+        if dims[0] > 1 && position_end > velocity_end + step {
             let unit = &self.image.geometry.units[self.coordinate];
             notes.push(format!(
-                "{}: velocities end at {to} {unit}; the last is taken down to {last} {unit}",
+                "{}: velocities end at {velocity_end} {unit}; the last one is used down to {position_end} {unit}",
                 self.name
             ));
         }
         Ok(VelocityCoverage {
-            coordinate: other.coordinate,
+            coordinate: time.coordinate,
             seconds_per_unit: seconds,
             notes,
         })
     }
 }
 
-/// The corners of an image in the world.
+/// Returns the corners of an image in physical coordinates.
 fn corners<const D: usize>(image: &Image<D>) -> impl Iterator<Item = [f64; D]> {
-    let far = image.dims().map(|n| n as f64 - 1.0);
+    let last = image.dims().map(|n| n as f64 - 1.0);
     let index = move |corner: usize| {
-        std::array::from_fn(|k| if corner >> k & 1 == 1 { far[k] } else { 0.0 })
+        std::array::from_fn(|k| if corner >> k & 1 == 1 { last[k] } else { 0.0 })
     };
     (0..1usize << D).map(move |corner| image.geometry.to_physical(index(corner)))
 }
 
-/// The sign of times below the surface: 1 where they grow downwards, -1 where they fall as heights do.
+/// Returns the sign of times below the surface: 1 if times increase downwards, -1 if they decrease
+/// as heights do.
 fn downward_sign(times: impl Iterator<Item = f64>) -> f64 {
     let (low, high) = times.fold((0.0f64, 0.0f64), |(a, b), t| (a.min(t), b.max(t)));
     if -low > high { -1.0 } else { 1.0 }
 }
 
-/// Refuses what is no velocity.
+/// Checks that all samples are velocities.
 fn check_velocities<const D: usize>(image: &Image<D>, name: &str) -> Result<()> {
     let refuse = |problem: String, remedy: &str| Err(Error::Image(cause(name, problem, remedy)));
     let samples = image.as_slice();
-    let wrong = |v: &f32| !(v.is_finite() && *v > 0.0);
-    let count = samples.iter().filter(|v| wrong(v)).count();
-    if let Some(first) = samples.iter().position(wrong) {
-        let mut place = first;
+    let is_invalid = |v: &f32| !(v.is_finite() && *v > 0.0);
+    let count = samples.iter().filter(|v| is_invalid(v)).count();
+    if let Some(first) = samples.iter().position(is_invalid) {
+        let mut remaining = first;
         let index = image.dims().map(|n| {
-            let index = place % n;
-            place /= n;
+            let index = remaining % n;
+            remaining /= n;
             index
         });
         let problem = format!(
@@ -223,17 +235,17 @@ fn check_velocities<const D: usize>(image: &Image<D>, name: &str) -> Result<()> 
         return refuse(problem, "give interval velocities in m/s everywhere");
     }
     if samples.is_empty() {
-        return refuse("holds no velocities".into(), "give some");
+        return refuse("holds no velocities".into(), "give an image with samples");
     }
-    let most = samples.iter().fold(0.0f32, |most, v| most.max(*v));
-    if most < MIN_VELOCITY {
-        let problem = format!("holds at most {most} m/s, which is no velocity of rock or water");
-        return refuse(problem, "give m/s: a thousand times km/s");
+    let max = samples.iter().fold(0.0f32, |max, v| max.max(*v));
+    if max < MIN_VELOCITY {
+        let problem = format!("holds at most {max} m/s, which is too slow for rock or water");
+        return refuse(problem, "give velocities in m/s, not in km/s");
     }
     Ok(())
 }
 
-/// The image with two of its axes exchanged, so that axis `k` comes first.
+/// Returns the image with axis `k` exchanged with the first axis.
 fn with_axis_first<const D: usize>(image: Image<D>, k: usize) -> Result<Image<D>> {
     if k == 0 {
         return Ok(image);
@@ -262,7 +274,7 @@ fn with_axis_first<const D: usize>(image: Image<D>, k: usize) -> Result<Image<D>
     })
 }
 
-/// The box of some positions.
+/// Axis-aligned bounding box of positions.
 struct BoundingBox<const D: usize> {
     min: [f64; D],
     max: [f64; D],
@@ -304,13 +316,13 @@ impl<const D: usize> std::fmt::Display for BoundingBox<D> {
 mod tests {
     use super::*;
 
-    /// Velocities of `v` at samples of `dims`, which lie at `geometry`; in positions of the world.
+    /// Creates a model whose velocities are `v` of the physical position at each sample.
     fn velocities<const D: usize>(
         dims: [usize; D],
         geometry: Geometry<D>,
         v: impl Fn([f64; D]) -> f64,
     ) -> Result<VelocityModel<D>> {
-        let at = |mut i: usize| {
+        let value_at = |mut i: usize| {
             let index = dims.map(|n| {
                 let k = i % n;
                 i /= n;
@@ -318,14 +330,14 @@ mod tests {
             });
             v(geometry.to_physical(index)) as f32
         };
-        let samples = (0..dims.iter().product()).map(at).collect();
+        let samples = (0..dims.iter().product()).map(value_at).collect();
         VelocityModel::new(Image::new(dims, samples, geometry), "v.vti")
     }
 
     fn survey(units: [&str; 3]) -> Geometry<3> {
         Geometry {
             origin: [620_000.0, 6_000_000.0, 100.0],
-            // Samples first, as in SEG-Y, on turned lines.
+            // Samples are along the first axis, as in SEG-Y, and lines are rotated.
             axes: [[0.0, 0.0, 40.0], [240.0, 70.0, 0.0], [-70.0, 240.0, 0.0]],
             units: units.map(String::from),
             ..Geometry::default()
@@ -337,8 +349,8 @@ mod tests {
         let law = |[x, y, t]: [f64; 3]| {
             2000.0 + 0.3 * (x - 620_000.0) - 0.2 * (y - 6_000_000.0) + 0.5 * t
         };
-        let found = velocities([9, 5, 4], survey(["m", "m", "ms"]), law).unwrap();
-        // The same, time last and in seconds.
+        let model = velocities([9, 5, 4], survey(["m", "m", "ms"]), law).unwrap();
+        // The second model is the same with time along the last axis, and in seconds.
         let mut turned = survey(["m", "m", "s"]);
         turned.origin[2] = 0.1;
         turned.axes = [[240.0, 70.0, 0.0], [-70.0, 240.0, 0.0], [0.0, 0.0, 0.04]];
@@ -351,37 +363,37 @@ mod tests {
             [8.0, 4.0, 3.0],
             [5.5, 0.1, 2.9],
         ] {
-            let at = geometry.to_physical(index);
-            let t = 1e-3 * at[2];
-            // Above 100 ms as there.
-            let top = law([at[0], at[1], 100.0]);
+            let position = geometry.to_physical(index);
+            let t = 1e-3 * position[2];
+            // Above 100 ms the velocity is that at 100 ms.
+            let top = law([position[0], position[1], 100.0]);
             let z = 0.5 * (0.1 * top + top * (t - 0.1) + 250.0 * (t - 0.1) * (t - 0.1));
-            for velocities in [&found, &turned] {
-                let depth = velocities.time_depth_curve(at).depth(t);
+            for velocities in [&model, &turned] {
+                let depth = velocities.time_depth_curve(position).depth(t);
                 assert!((depth - z).abs() < 1e-3, "{index:?} {depth} {z}");
             }
         }
     }
 
     #[test]
-    fn one_trace_is_meant_for_all_the_survey() {
+    fn one_trace_is_valid_for_the_whole_survey() {
         let mut geometry = survey(["m", "m", "ms"]);
-        let one = velocities([9, 1, 1], geometry.clone(), |p| 1500.0 + p[2]).unwrap();
+        let model = velocities([9, 1, 1], geometry.clone(), |p| 1500.0 + p[2]).unwrap();
         geometry.origin = [7.0, 7.0, 100.0];
-        let far = |k: f64| geometry.to_physical([k, 99.0, -99.0]);
-        let reach = one.check_coverage([far(0.0), far(2.0)].into_iter(), &geometry);
-        assert!(reach.unwrap().notes.is_empty());
+        let outside = |k: f64| geometry.to_physical([k, 99.0, -99.0]);
+        let coverage = model.check_coverage([outside(0.0), outside(2.0)].into_iter(), &geometry);
+        assert!(coverage.unwrap().notes.is_empty());
     }
 
     #[test]
     fn times_may_grow_downwards_in_one_file_and_fall_in_the_other() {
-        let found = velocities([9, 5, 4], survey(["m", "m", "ms"]), |p| 2000.0 + p[2]).unwrap();
+        let model = velocities([9, 5, 4], survey(["m", "m", "ms"]), |p| 2000.0 + p[2]).unwrap();
         let inside = survey(["m", "m", "ms"]).to_physical([3.0, 2.0, 2.0]);
         let below = [inside[0], inside[1], -inside[2]];
-        let reach = found
+        let coverage = model
             .check_coverage([below].into_iter(), &survey(["m", "m", "ms"]))
             .unwrap();
-        assert_eq!((reach.coordinate, reach.seconds_per_unit), (2, -1e-3));
+        assert_eq!((coverage.coordinate, coverage.seconds_per_unit), (2, -1e-3));
         let other = Geometry {
             origin: [620_000.0, 6_000_000.0, -0.1],
             axes: [[0.0, 0.0, -0.04], [240.0, 70.0, 0.0], [-70.0, 240.0, 0.0]],
@@ -389,12 +401,12 @@ mod tests {
             ..Geometry::default()
         };
         let falling = velocities([9, 5, 4], other, |p| 2000.0 - 1000.0 * p[2]).unwrap();
-        let [a, b] = [&found, &falling].map(|v| v.time_depth_curve(inside).depth(0.25));
+        let [a, b] = [&model, &falling].map(|v| v.time_depth_curve(inside).depth(0.25));
         assert!((a - b).abs() < 1e-3, "{a} {b}");
     }
 
     #[test]
-    fn what_makes_no_depth_is_refused_with_file_place_and_remedy() {
+    fn invalid_velocities_are_refused_with_file_problem_and_remedy() {
         let good = |_: [f64; 3]| 2000.0;
         let refused = |units: [&str; 3], v: &dyn Fn([f64; 3]) -> f64| {
             velocities([9, 5, 4], survey(units), v)
@@ -419,44 +431,47 @@ mod tests {
             ),
             (refused(["m", "m", "ms"], &|_| 2.5), "at most 2.5 m/s"),
         ];
-        for (said, words) in cases {
+        for (message, expected) in cases {
             assert!(
-                said.starts_with("v.vti: ") && said.contains("; give "),
-                "{said}"
+                message.starts_with("v.vti: ") && message.contains("; give "),
+                "{message}"
             );
-            assert!(said.contains(words), "{words}: {said}");
+            assert!(message.contains(expected), "{expected}: {message}");
         }
         let mut leaning = survey(["m", "m", "ms"]);
         leaning.axes[0][0] = 1.0;
-        let said = velocities([9, 5, 4], leaning, good)
+        let message = velocities([9, 5, 4], leaning, good)
             .unwrap_err()
             .to_string();
-        assert!(said.contains("straight along time"), "{said}");
+        assert!(message.contains("straight along time"), "{message}");
 
-        let found = velocities([9, 5, 4], survey(["m", "m", "ms"]), good).unwrap();
-        let reach = |points: &[[f64; 3]], units: [&str; 3]| {
-            let reach = found.check_coverage(points.iter().copied(), &survey(units));
-            reach.map(|reach| reach.notes)
+        let model = velocities([9, 5, 4], survey(["m", "m", "ms"]), good).unwrap();
+        let check = |points: &[[f64; 3]], units: [&str; 3]| {
+            let coverage = model.check_coverage(points.iter().copied(), &survey(units));
+            coverage.map(|reach| reach.notes)
         };
         let inside = survey(["m", "m", "ms"]).to_physical([3.0, 2.0, 2.0]);
-        let beside = inside.map(|c| c + 5000.0);
+        let outside = inside.map(|c| c + 5000.0);
         let deep = [inside[0], inside[1], 900.0];
-        assert!(reach(&[inside], ["m", "m", "ms"]).unwrap().is_empty());
-        let notes = reach(&[inside, inside, beside, deep], ["m", "m", "ms"]).unwrap();
+        assert!(check(&[inside], ["m", "m", "ms"]).unwrap().is_empty());
+        let notes = check(&[inside, inside, outside, deep], ["m", "m", "ms"]).unwrap();
         assert!(
-            notes[0].contains("25 % of the positions lie beside"),
+            notes[0].contains("25 % of the positions lie outside"),
             "{notes:?}"
         );
         assert!(notes[1].contains("velocities end at 420 ms"), "{notes:?}");
         for (points, units) in [
-            ([beside], ["m", "m", "ms"]),
+            ([outside], ["m", "m", "ms"]),
             ([deep], ["m", "m", "ms"]),
             ([inside], ["m", "m", "s"]),
         ] {
-            let said = reach(&points, units).unwrap_err().to_string();
-            assert!(said.starts_with("v.vti: lies elsewhere"), "{said}");
+            let message = check(&points, units).unwrap_err().to_string();
+            assert!(message.starts_with("v.vti: lies elsewhere"), "{message}");
         }
-        let said = reach(&[inside], ["m", "m", "m"]).unwrap_err().to_string();
-        assert!(said.starts_with("velocity v.vti: makes depth"), "{said}");
+        let message = check(&[inside], ["m", "m", "m"]).unwrap_err().to_string();
+        assert!(
+            message.starts_with("velocity v.vti: converts two-way time"),
+            "{message}"
+        );
     }
 }

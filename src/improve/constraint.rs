@@ -1,4 +1,4 @@
-//! What holds a node: the sides of the box, and the features it lies on.
+//! Constraints of a node: the sides of the box, and the feature surfaces on which it lies.
 
 use super::feature_planes::{FeaturePlanes, NearbyPlanes, SAME_SURFACE_COSINE};
 use super::plane_cache::PlaneCache;
@@ -6,56 +6,61 @@ use crate::files::codec::codec_fields;
 use crate::geometry::{add_scaled, dot, norm};
 use crate::lattice::AtomKind;
 
-/// Nodes this close to a sheet lie on it: settling leaves less.
+/// Largest distance, in samples, of a node from a surface that still counts as lying on it.
+/// Snapping leaves a smaller distance.
 const ON_SURFACE_TOLERANCE: f64 = 0.11;
 
-/// The sheets near a node.
+/// Feature surfaces close to a node.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SurfaceProximity {
-    /// None is close.
+    /// No surface is close.
     Nothing,
-    /// One: its normal, and the node's signed distance from it.
+    /// One surface is close: its normal, and the node's signed distance from it in samples.
     Single([f32; 3], f32),
-    /// Several.
+    /// Several surfaces are close.
     Multiple,
 }
 
 impl SurfaceProximity {
-    /// Whether both ends of an edge, between two nodes with these sheets beside them, are surely on the
-    /// same side of these. `alone` tells which end is on its only sheet.
+    /// Returns `true` if both ends of an edge are surely on the same side of the surfaces close to
+    /// them. `is_isolated` is `true` for each end that lies on a surface and has no other surface
+    /// near.
     #[inline]
-    pub fn is_same_side(self, other: Self, edge: [f64; 3], alone: [bool; 2]) -> bool {
+    pub fn is_same_side(self, other: Self, edge: [f64; 3], is_isolated: [bool; 2]) -> bool {
         let edge = edge.map(|c| c as f32);
-        let along = |n: [f32; 3]| dot(n, edge);
+        let component = |n: [f32; 3]| dot(n, edge);
         match (self, other) {
             (Self::Single(m, r), Self::Single(n, s)) => {
-                // Where each end is with respect to the other's sheet: if an end on a sheet is about
-                // on the other's, they are one.
-                let (p, q) = (s - along(n), r + along(m));
-                let from_first = p * s > 0.0 || alone[0] && p.abs() < SAME_SURFACE_OFFSET;
-                let from_second = q * r > 0.0 || alone[1] && q.abs() < SAME_SURFACE_OFFSET;
-                (alone[1] || from_first) && (alone[0] || from_second)
+                // Signed distance of each end from the other end's surface. An end that lies on its
+                // own surface and close to the other's is on one and the same surface.
+                let (p, q) = (s - component(n), r + component(m));
+                let is_same_side_of_second =
+                    p * s > 0.0 || is_isolated[0] && p.abs() < SAME_SURFACE_OFFSET;
+                let is_same_side_of_first =
+                    q * r > 0.0 || is_isolated[1] && q.abs() < SAME_SURFACE_OFFSET;
+                (is_isolated[1] || is_same_side_of_second)
+                    && (is_isolated[0] || is_same_side_of_first)
             }
-            (Self::Single(..), Self::Nothing) => alone[0],
-            (Self::Nothing, Self::Single(..)) => alone[1],
+            (Self::Single(..), Self::Nothing) => is_isolated[0],
+            (Self::Nothing, Self::Single(..)) => is_isolated[1],
             _ => false,
         }
     }
 }
 
-/// Two planes are of one sheet if a point on one is at most this far off the other.
+/// Largest distance, in samples, of a point of one plane from another plane of the same surface.
 const SAME_SURFACE_OFFSET: f32 = 1.0;
 
-/// The directions in which a node may move.
+/// Directions in which a node may move.
 #[derive(Debug, Clone, Copy)]
 pub struct Freedom {
     fixed_axes: u8,
-    /// Directions, at right angles to one another and to the fixed axes, that are taken away.
+    /// Forbidden directions: orthogonal to one another and to the fixed axes.
     removed_directions: [Option<[f64; 3]>; 2],
 }
 
 impl Freedom {
-    /// The part of `v` along which the node may move.
+    /// Returns the component of `v` along which the node may move.
     #[inline]
     pub fn project(&self, mut v: [f64; 3]) -> [f64; 3] {
         for b in self.removed_directions.iter().flatten() {
@@ -70,16 +75,17 @@ impl Freedom {
     }
 }
 
-/// The constraints of one node.
+/// Constraints of one node.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct NodeConstraint {
-    /// Bit k: coordinate k is fixed (the node lies in a side normal to axis k, or is fixed).
+    /// Bit k is set if coordinate k is fixed: the node lies in a side of the box normal to axis k,
+    /// or is fixed.
     pub fixed_axes: u8,
-    /// How many sheets hold the node.
+    /// Number of feature surfaces that hold the node.
     pub surface_count: u8,
-    /// No feature is anywhere near.
+    /// `true` if no feature lies within the search reach of the node.
     pub is_far: bool,
-    /// On one sheet, and no other is near.
+    /// `true` if the node lies on one surface and no other surface is near.
     pub is_isolated: bool,
     pub(super) normals: [[f32; 3]; 2],
 }
@@ -89,69 +95,70 @@ codec_fields! {
 }
 
 impl NodeConstraint {
-    /// By the sides of the box `[0, extent]` and by the features on which the node lies.
+    /// Returns the constraints by the sides of the box `[0, extent]` and by the features on which
+    /// the node lies.
     ///
-    /// Also gives the sheets that are near, of which those that do not hold the node are known only if
-    /// they are close.
+    /// Also returns the surfaces close to the node. Surfaces that do not hold the node are known
+    /// only if a feature point is close (see [`FeaturePlanes::is_close`]).
     pub fn new(
         x: [f64; 3],
         kind: AtomKind,
         extent: [f64; 3],
-        sheets: &FeaturePlanes,
+        planes: &FeaturePlanes,
     ) -> (Self, SurfaceProximity) {
-        let mut hold = Self::from_box(x, kind, extent);
-        hold.is_far = sheets.is_far(x);
-        if hold.is_far || !sheets.is_close(x) {
-            return (hold, SurfaceProximity::Nothing);
+        let mut constraint = Self::from_box(x, kind, extent);
+        constraint.is_far = planes.is_far(x);
+        if constraint.is_far || !planes.is_close(x) {
+            return (constraint, SurfaceProximity::Nothing);
         }
-        let near = sheets.planes_near(x);
-        for sheet in near
+        let nearby = planes.planes_near(x);
+        for plane in nearby
             .iter()
             .filter(|s| s.offset.abs() < ON_SURFACE_TOLERANCE)
         {
-            hold.add_surface(sheet.normal);
+            constraint.add_surface(plane.normal);
         }
-        let mut all = near.iter();
-        let beside = match (all.next(), all.next()) {
+        let mut nearest = nearby.iter();
+        let proximity = match (nearest.next(), nearest.next()) {
             (None, _) => SurfaceProximity::Nothing,
             (Some(only), None) => {
                 SurfaceProximity::Single(only.normal.map(|c| c as f32), only.offset as f32)
             }
             _ => SurfaceProximity::Multiple,
         };
-        hold.is_isolated =
-            hold.surface_count == 1 && matches!(beside, SurfaceProximity::Single(..));
-        (hold, beside)
+        constraint.is_isolated =
+            constraint.surface_count == 1 && matches!(proximity, SurfaceProximity::Single(..));
+        (constraint, proximity)
     }
 
-    /// By the sides of the box `[0, extent]` alone.
+    /// Returns the constraints by the sides of the box `[0, extent]` alone.
     pub fn from_box(x: [f64; 3], kind: AtomKind, extent: [f64; 3]) -> Self {
-        let mut hold = Self::default();
+        let mut constraint = Self::default();
         if kind == AtomKind::Fixed {
-            hold.fixed_axes = 7;
+            constraint.fixed_axes = 7;
         }
         for k in 0..3 {
             if x[k] == 0.0 || x[k] == extent[k] {
-                hold.fixed_axes |= 1 << k;
+                constraint.fixed_axes |= 1 << k;
             }
         }
-        hold
+        constraint
     }
 
-    /// The normals of the sheets that hold the node.
+    /// Returns the normals of the surfaces that hold the node.
     pub fn normals(&self) -> impl Iterator<Item = [f64; 3]> + '_ {
         self.normals[..usize::from(self.surface_count)]
             .iter()
             .map(|n| n.map(f64::from))
     }
 
-    /// Whether a sheet of this normal holds the node.
+    /// Returns `true` if a surface with this normal holds the node.
     pub fn is_on_surface(&self, normal: [f64; 3]) -> bool {
         self.normals()
             .any(|n| dot(n, normal).abs() > SAME_SURFACE_COSINE)
     }
 
-    /// Adds a sheet if there is room.
+    /// Adds a surface, unless one with this normal is there already or two surfaces hold the node.
     pub fn add_surface(&mut self, normal: [f64; 3]) {
         if usize::from(self.surface_count) < self.normals.len() && !self.is_on_surface(normal) {
             self.normals[usize::from(self.surface_count)] = normal.map(|c| c as f32);
@@ -159,13 +166,13 @@ impl NodeConstraint {
         }
     }
 
-    /// Forgets the sheets.
+    /// Removes all surfaces.
     pub fn clear_surfaces(&mut self) {
         self.surface_count = 0;
         self.is_isolated = false;
     }
 
-    /// Without the sheets.
+    /// Returns a copy without the surfaces.
     pub fn without_surfaces(&self) -> Self {
         Self {
             fixed_axes: self.fixed_axes,
@@ -173,7 +180,7 @@ impl NodeConstraint {
         }
     }
 
-    /// The directions in which the node may move.
+    /// Returns the directions in which the node may move.
     pub fn freedom(&self) -> Freedom {
         Freedom {
             fixed_axes: self.fixed_axes,
@@ -181,7 +188,7 @@ impl NodeConstraint {
         }
     }
 
-    /// Orthonormal directions in the box-allowed space that the sheets take away.
+    /// Returns orthonormal directions, within those that the box allows, that the surfaces forbid.
     fn removed_directions(&self) -> [Option<[f64; 3]>; 2] {
         let mut basis: [Option<[f64; 3]>; 2] = [None; 2];
         for (i, mut n) in self.normals().enumerate() {
@@ -201,84 +208,91 @@ impl NodeConstraint {
         basis
     }
 
-    /// Whether this node may take the other's place: everything that holds it holds the other.
+    /// Returns `true` if every constraint of this node holds for `other`, too, so that this node
+    /// may be merged into the other.
     pub fn is_subset_of(&self, other: &NodeConstraint) -> bool {
         self.fixed_axes & !other.fixed_axes == 0 && self.normals().all(|n| other.is_on_surface(n))
     }
 
-    /// Puts `x` back onto the sheets that hold it (a few Newton steps), never off the box's sides.
-    /// Returns None if the sheets are no longer there.
+    /// Returns `x` moved back onto the surfaces that hold the node, by a few Newton steps within
+    /// the box; `None` if the surfaces are no longer near.
     pub fn snap(
         &mut self,
         x: [f64; 3],
         extent: [f64; 3],
-        sheets: &FeaturePlanes,
+        planes: &FeaturePlanes,
     ) -> Option<[f64; 3]> {
-        self.newton_steps(x, extent, [0.0, 0.01], |x| sheets.planes_near(x))
+        self.newton_steps(x, extent, [0.0, 0.01], |x| planes.planes_near(x))
     }
 
-    /// The same by planes that are [remembered](PlaneCache), and no nearer to the sheets than `stray`.
+    /// Snaps as [`snap`](Self::snap) does, but uses [cached](PlaneCache) planes and leaves a
+    /// distance of up to `max_deviation` from the surfaces.
     pub fn snap_within(
         &mut self,
-        stray: f64,
+        max_deviation: f64,
         x: [f64; 3],
         extent: [f64; 3],
-        sheets: &FeaturePlanes,
-        lookup: &mut PlaneCache,
+        planes: &FeaturePlanes,
+        cache: &mut PlaneCache,
     ) -> Option<[f64; 3]> {
-        // One step goes to a plane; how far off those of the next cell are is no matter.
-        self.newton_steps(x, extent, [stray, 0.1], |x| lookup.planes_near(sheets, x))
+        // One step reaches a plane. The planes of the next cache cell may differ a little, hence
+        // the loose tolerance.
+        self.newton_steps(x, extent, [max_deviation, 0.1], |x| {
+            cache.planes_near(planes, x)
+        })
     }
 
-    /// Steps until the node is at most `stray` off all sheets, or was by no more than `close` farther
-    /// off before the last.
+    /// Steps until the node is at most `max_deviation` from all surfaces, or was at most
+    /// `tolerance` farther away before the last step.
     fn newton_steps(
         &mut self,
         mut x: [f64; 3],
         extent: [f64; 3],
-        [stray, close]: [f64; 2],
-        mut near: impl FnMut([f64; 3]) -> NearbyPlanes,
+        [max_deviation, tolerance]: [f64; 2],
+        mut planes_at: impl FnMut([f64; 3]) -> NearbyPlanes,
     ) -> Option<[f64; 3]> {
         if self.surface_count == 0 {
             return Some(x);
         }
-        let beyond = |offset: f64| offset - offset.clamp(-stray, stray);
+        let excess = |offset: f64| offset - offset.clamp(-max_deviation, max_deviation);
         for _ in 0..3 {
-            let here = near(x);
-            let mut worst = 0.0f64;
+            let nearby = planes_at(x);
+            let mut max_excess = 0.0f64;
             for i in 0..usize::from(self.surface_count) {
-                let held = self.normals[i].map(f64::from);
-                let sheet = here
+                let old_normal = self.normals[i].map(f64::from);
+                let plane = nearby
                     .iter()
                     .max_by(|a, b| {
-                        dot(a.normal, held)
+                        dot(a.normal, old_normal)
                             .abs()
-                            .total_cmp(&dot(b.normal, held).abs())
+                            .total_cmp(&dot(b.normal, old_normal).abs())
                     })
-                    .filter(|s| dot(s.normal, held).abs() > 0.7)?;
-                self.normals[i] = sheet.normal.map(|c| c as f32);
-                worst = worst.max(beyond(sheet.offset).abs());
+                    .filter(|s| dot(s.normal, old_normal).abs() > 0.7)?;
+                self.normals[i] = plane.normal.map(|c| c as f32);
+                max_excess = max_excess.max(excess(plane.offset).abs());
             }
-            let step = self.newton_step(&here, beyond)?;
+            let step = self.newton_step(&nearby, excess)?;
             x = add_scaled(x, 1.0, step);
             for k in 0..3 {
                 x[k] = x[k].clamp(0.0, extent[k]);
             }
-            if worst < close {
+            if max_excess < tolerance {
                 return Some(x);
             }
         }
-        let here = near(x);
-        let close = self.normals().all(|held| {
-            here.iter()
-                .any(|s| dot(s.normal, held).abs() > 0.7 && beyond(s.offset).abs() < 0.1)
+        let nearby = planes_at(x);
+        let is_close = self.normals().all(|normal| {
+            nearby
+                .iter()
+                .any(|s| dot(s.normal, normal).abs() > 0.7 && excess(s.offset).abs() < 0.1)
         });
-        close.then_some(x)
+        is_close.then_some(x)
     }
 
-    /// The smallest allowed move that cancels the offsets from the held sheets.
-    fn newton_step(&self, near: &NearbyPlanes, beyond: impl Fn(f64) -> f64) -> Option<[f64; 3]> {
-        let free = |mut n: [f64; 3]| {
+    /// Returns the smallest allowed step that cancels the offsets from the surfaces that hold the
+    /// node.
+    fn newton_step(&self, nearby: &NearbyPlanes, excess: impl Fn(f64) -> f64) -> Option<[f64; 3]> {
+        let project = |mut n: [f64; 3]| {
             for k in 0..3 {
                 if self.fixed_axes >> k & 1 == 1 {
                     n[k] = 0.0;
@@ -286,14 +300,15 @@ impl NodeConstraint {
             }
             n
         };
-        let offset = |held: [f64; 3]| {
-            near.iter()
-                .find(|s| dot(s.normal, held).abs() > 0.99)
-                .map(|s| (s.normal, beyond(s.offset)))
+        let matching_plane = |normal: [f64; 3]| {
+            nearby
+                .iter()
+                .find(|s| dot(s.normal, normal).abs() > 0.99)
+                .map(|s| (s.normal, excess(s.offset)))
         };
         let mut normals = self.normals();
-        let (n, s) = offset(normals.next()?)?;
-        let a = free(n);
+        let (n, s) = matching_plane(normals.next()?)?;
+        let a = project(n);
         let aa = dot(a, a);
         if aa < 0.05 {
             return None;
@@ -301,8 +316,8 @@ impl NodeConstraint {
         let Some(second) = normals.next() else {
             return Some(a.map(|c| -c * s / aa));
         };
-        let (m, u) = offset(second)?;
-        let b = free(m);
+        let (m, u) = matching_plane(second)?;
+        let b = project(m);
         let (ab, bb) = (dot(a, b), dot(b, b));
         let determinant = aa * bb - ab * ab;
         if determinant < 0.02 {
@@ -321,44 +336,86 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ends_on_one_side_of_the_sheets_they_see() {
-        // Two parallel sheets, x = 0 and x = 3.6; what a node at x sees of one, by either normal.
-        let beside = |x: f32, sheet: f32, sign: f32| {
-            SurfaceProximity::Single([sign, 0.0, 0.0], sign * (x - sheet))
+    fn same_side_is_sure_only_where_no_surface_lies_between() {
+        // Two parallel surfaces, x = 0 and x = 3.6. A node at x knows the plane of one of them,
+        // with either sign of the normal.
+        let proximity = |x: f32, plane_x: f32, sign: f32| {
+            SurfaceProximity::Single([sign, 0.0, 0.0], sign * (x - plane_x))
         };
-        let safe = |p: (f32, SurfaceProximity), q: (f32, SurfaceProximity), alone: [bool; 2]| {
-            let edge = [f64::from(q.0 - p.0), 2.0, 0.0];
-            let there = p.1.is_same_side(q.1, edge, alone);
-            let back =
-                q.1.is_same_side(p.1, edge.map(|c| -c), [alone[1], alone[0]]);
-            assert_eq!(there, back);
-            there
-        };
+        let is_same_side =
+            |p: (f32, SurfaceProximity), q: (f32, SurfaceProximity), is_isolated: [bool; 2]| {
+                let edge = [f64::from(q.0 - p.0), 2.0, 0.0];
+                let forward = p.1.is_same_side(q.1, edge, is_isolated);
+                let backward =
+                    q.1.is_same_side(p.1, edge.map(|c| -c), [is_isolated[1], is_isolated[0]]);
+                assert_eq!(forward, backward);
+                forward
+            };
         for sign in [1.0, -1.0] {
-            let see = |x: f32, sheet: f32| (x, beside(x, sheet, sign));
-            let first = |x: f32| (x, beside(x, 0.0, 1.0));
-            // Neither end on a sheet.
-            assert!(safe(first(1.0), see(2.5, 0.0), [false; 2]));
-            assert!(!safe(first(-1.0), see(2.5, 0.0), [false; 2]));
-            assert!(safe(first(1.0), see(3.0, 3.6), [false; 2]));
-            assert!(!safe(first(1.0), see(4.0, 3.6), [false; 2]));
-            // One on its only sheet.
-            assert!(safe(first(0.0), see(2.5, 0.0), [true, false]));
-            assert!(safe(first(0.1), see(-2.5, 0.0), [true, false]));
-            assert!(safe(first(0.0), see(3.0, 3.6), [true, false]));
-            assert!(!safe(first(0.0), see(4.0, 3.6), [true, false]));
+            let near_plane = |x: f32, plane_x: f32| (x, proximity(x, plane_x, sign));
+            let near_first_plane = |x: f32| (x, proximity(x, 0.0, 1.0));
+            // Neither end lies on a surface.
+            assert!(is_same_side(
+                near_first_plane(1.0),
+                near_plane(2.5, 0.0),
+                [false; 2]
+            ));
+            assert!(!is_same_side(
+                near_first_plane(-1.0),
+                near_plane(2.5, 0.0),
+                [false; 2]
+            ));
+            assert!(is_same_side(
+                near_first_plane(1.0),
+                near_plane(3.0, 3.6),
+                [false; 2]
+            ));
+            assert!(!is_same_side(
+                near_first_plane(1.0),
+                near_plane(4.0, 3.6),
+                [false; 2]
+            ));
+            // The first end lies on its only surface.
+            assert!(is_same_side(
+                near_first_plane(0.0),
+                near_plane(2.5, 0.0),
+                [true, false]
+            ));
+            assert!(is_same_side(
+                near_first_plane(0.1),
+                near_plane(-2.5, 0.0),
+                [true, false]
+            ));
+            assert!(is_same_side(
+                near_first_plane(0.0),
+                near_plane(3.0, 3.6),
+                [true, false]
+            ));
+            assert!(!is_same_side(
+                near_first_plane(0.0),
+                near_plane(4.0, 3.6),
+                [true, false]
+            ));
         }
-        let (on, nothing) = (
-            (0.0, beside(0.0, 0.0, 1.0)),
+        let (on_plane, nothing) = (
+            (0.0, proximity(0.0, 0.0, 1.0)),
             (3.0, SurfaceProximity::Nothing),
         );
-        assert!(safe(on, nothing, [true, false]));
-        assert!(!safe((1.0, beside(1.0, 0.0, 1.0)), nothing, [false; 2]));
-        assert!(!safe(on, (3.0, SurfaceProximity::Multiple), [true, false]));
+        assert!(is_same_side(on_plane, nothing, [true, false]));
+        assert!(!is_same_side(
+            (1.0, proximity(1.0, 0.0, 1.0)),
+            nothing,
+            [false; 2]
+        ));
+        assert!(!is_same_side(
+            on_plane,
+            (3.0, SurfaceProximity::Multiple),
+            [true, false]
+        ));
     }
 
     #[test]
-    fn a_node_may_stray_from_its_sheet_so_far_and_no_farther() {
+    fn snap_within_leaves_at_most_the_allowed_deviation() {
         let mut points = Vec::new();
         for k in 0..=12 {
             for j in 0..=12 {
@@ -370,19 +427,25 @@ mod tests {
             }
         }
         let extent = [12.0; 3];
-        let sheets = FeaturePlanes::new(&points, extent, 3.0, 6.0);
-        let mut lookup = PlaneCache::default();
-        for (from, exact, loose) in [(6.2, 6.0, 6.2), (6.9, 6.0, 6.25), (5.1, 6.0, 5.75)] {
-            let mut hold = NodeConstraint::default();
-            hold.add_surface([1.0, 0.0, 0.0]);
-            let x = [from, 6.0, 6.0];
-            let on = hold.snap(x, extent, &sheets).unwrap();
-            let near = hold
-                .snap_within(0.25, x, extent, &sheets, &mut lookup)
+        let planes = FeaturePlanes::new(&points, extent, 3.0, 6.0);
+        let mut cache = PlaneCache::default();
+        for (start, exact, loose) in [(6.2, 6.0, 6.2), (6.9, 6.0, 6.25), (5.1, 6.0, 5.75)] {
+            let mut constraint = NodeConstraint::default();
+            constraint.add_surface([1.0, 0.0, 0.0]);
+            let x = [start, 6.0, 6.0];
+            let snapped = constraint.snap(x, extent, &planes).unwrap();
+            let snapped_within = constraint
+                .snap_within(0.25, x, extent, &planes, &mut cache)
                 .unwrap();
-            assert!((on[0] - exact).abs() < 1e-6, "{on:?}");
-            assert!((near[0] - loose).abs() < 1e-6, "{near:?}");
-            assert_eq!((on[1], on[2], near[1], near[2]), (6.0, 6.0, 6.0, 6.0));
+            assert!((snapped[0] - exact).abs() < 1e-6, "{snapped:?}");
+            assert!(
+                (snapped_within[0] - loose).abs() < 1e-6,
+                "{snapped_within:?}"
+            );
+            assert_eq!(
+                (snapped[1], snapped[2], snapped_within[1], snapped_within[2]),
+                (6.0, 6.0, 6.0, 6.0)
+            );
         }
     }
 }

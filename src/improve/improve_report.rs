@@ -1,33 +1,33 @@
-//! What improvement did, and what blocked it.
+//! Report of an improvement: the operations made, and the cells that stay below target.
 
 use serde::Serialize;
 
 use super::constraint::NodeConstraint;
 use crate::geometry::to_3d;
 
-/// How often each kind of change was made.
+/// Number of operations of each kind.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct OperationCounts {
-    /// Local transformations.
+    /// Flips (local transformations).
     pub flips: usize,
     /// Nodes moved by smoothing.
     pub moves: usize,
-    /// Edges that pierced a feature before anything was changed.
+    /// Edges that passed through a feature before any operation.
     pub intersecting_before: usize,
-    /// Edges that pierced a feature and went by a flip.
+    /// Edges through a feature that a flip removed.
     pub intersecting_flipped: usize,
-    /// Nodes pulled onto the feature that one of their edges pierced.
+    /// Nodes snapped onto the feature that one of their edges passed through.
     pub intersecting_snapped: usize,
-    /// Edges that pierced a feature and were split on it.
+    /// Edges through a feature that were split on it.
     pub intersecting_split: usize,
-    /// Edges that still pierce a feature; where improvement was stopped, only those that it knew of and
-    /// had not come to.
+    /// Edges that still pass through a feature. If improvement was cancelled, this counts only the
+    /// known edges that were not yet treated.
     pub intersecting_left: usize,
     /// Edges collapsed.
     pub collapses: usize,
-    /// Nodes inserted to mend bad tetrahedra.
+    /// Nodes inserted to repair cells below target.
     pub insertions: usize,
-    /// Times that nodes were let go of a feature because a tetrahedron was of no use otherwise.
+    /// Times that nodes were released from a feature because a cell would have stayed unusable.
     pub released: usize,
 }
 
@@ -46,33 +46,34 @@ impl std::ops::AddAssign for OperationCounts {
     }
 }
 
-/// A cell that stayed below target, and what blocks it.
+/// A cell that stays below target, and what may block its improvement.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct BlockedCell {
-    /// Where: its centroid in lattice space.
+    /// Centroid of the cell in lattice space.
     pub centroid: [f64; 3],
-    /// Its smallest angle (dihedral in space), in degrees.
+    /// Smallest angle of the cell (dihedral angle in space), in degrees.
     pub min_angle: f64,
-    /// Its largest, in degrees.
+    /// Largest angle of the cell, in degrees.
     pub max_angle: f64,
-    /// Its nodes that lie in a side of the box.
+    /// Number of its nodes that lie in a side of the box.
     pub nodes_on_sides: usize,
-    /// Its nodes that lie on a feature.
+    /// Number of its nodes that lie on a feature.
     pub nodes_on_features: usize,
-    /// Its nodes that lie on several features at once.
+    /// Number of its nodes that lie on several features at once.
     pub nodes_on_crossings: usize,
 }
 
 impl BlockedCell {
-    /// A cell with these corners, angles in degrees, and what holds its nodes; `axes` is 7 in space, and
-    /// 3 in the plane.
+    /// Creates the entry of a cell from its corners, its angles in degrees and the constraints of
+    /// its nodes. `axes` is the bit mask of the axes: 7 in space and 3 in the plane.
     pub(super) fn new<const D: usize>(
         corners: &[[f64; D]],
         angles: &[f64],
-        holds: &[NodeConstraint],
+        constraints: &[NodeConstraint],
         axes: u8,
     ) -> Self {
-        let count = |f: &dyn Fn(&NodeConstraint) -> bool| holds.iter().filter(|h| f(h)).count();
+        let count =
+            |f: &dyn Fn(&NodeConstraint) -> bool| constraints.iter().filter(|h| f(h)).count();
         let mean = |k: usize| corners.iter().map(|x| x[k]).sum::<f64>() / corners.len() as f64;
         Self {
             centroid: to_3d(std::array::from_fn::<f64, D, _>(mean)),
@@ -85,15 +86,15 @@ impl BlockedCell {
     }
 }
 
-/// What improvement did.
+/// Report of an improvement.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct ImproveReport {
-    /// Cells below target before and after.
+    /// Number of cells below target before improvement.
     pub below_target_before: usize,
-    /// See `poor_before`.
+    /// Number of cells below target after improvement.
     pub below_target_after: usize,
-    /// Changes made.
+    /// Operations made.
     pub counts: OperationCounts,
-    /// The cells that stayed below target, worst first.
+    /// The cells that stay below target, worst first.
     pub blocked: Vec<BlockedCell>,
 }

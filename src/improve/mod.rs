@@ -1,27 +1,30 @@
-//! From a Delaunay mesh of an optimised lattice to one without slivers whose faces lie on the
-//! features.
+//! Improves a Delaunay mesh of an optimised lattice: removes its slivers and makes its faces lie on
+//! the features.
 //!
-//! The two that do it:
+//! Two modules do this work:
 //!
 //! - `tets`: tetrahedra in space
 //! - `triangles`: triangles in the plane
 //!
-//! What they share; the plane is z = 0 of space, and a curve a sheet that stands upright on it:
+//! They share the modules below. Code for the plane uses the plane z = 0 of space, where a curve is
+//! a feature surface normal to that plane.
 //!
-//! - `sheets`: the features as local planes
-//! - `lookup`: the local planes, remembered where they were asked for
-//! - `hold`: what holds a node (box sides, features)
-//! - `settle`: atoms near features go onto them
-//! - `pierce`: where edges pass through features
-//! - `seal`: faces that close holes
-//! - `regions`: cells take the labels of the image, and faces between them lie where labels change
-//! - `target`: what to aim at
-//! - `improved`: what was done, and what blocked more
-//! - `part`: what is asked of a part of a mesh, and what becomes of it
+//! - `feature_planes`: the features as local planes
+//! - `plane_cache`: a cache of these local planes
+//! - `constraint`: constraints of a node (sides of the box, feature surfaces)
+//! - `snap`: snaps atoms near features onto them
+//! - `intersect`: finds where edges pass through features
+//! - `seal`: adds the faces that close holes in feature surfaces
+//! - `regions`: assigns the image's labels to cells, and fits faces to the interfaces between
+//!   labels
+//! - `target`: the quality to reach
+//! - `improve_report`: counts of operations, and the cells that stay below target
+//! - `reshape`: request and result of changing the nodes of a part of a mesh
 //!
-//! The invariant that keeps the features: *no edge passes through a sheet*. Then every cell lies on one
-//! side of it or has its nodes on it, so the sheet is a union of faces, whatever flips exchange them.
-//! It is established once (`recover`) and every later change keeps it.
+//! One invariant keeps the features: *no edge passes through a feature surface*. Then every cell
+//! lies on one side of the surface or has its nodes on it, so the surface is a union of faces,
+//! whatever flips exchange them. The `recover` modules establish the invariant once, and every
+//! later operation keeps it.
 
 pub(crate) mod constraint;
 pub(crate) mod feature_planes;

@@ -1,20 +1,20 @@
-//! The local planes of sheets, remembered: what is tried again and again in one place needs no new fit
-//! each time.
+//! A cache of local planes. Smoothing evaluates many positions close to each other, and need not
+//! fit planes for each.
 
 use super::feature_planes::{FeaturePlanes, NearbyPlanes};
 use crate::geometry::sub;
 
-/// Cells per fitting radius. So near to the place where they were fitted, planes stay what they are to
-/// some hundredths of a sample.
+/// Cache cells per fitting radius. Within so small a cell, the planes change by some hundredths of
+/// a sample only.
 const CELLS_PER_RADIUS: f64 = 8.0;
 
-/// Cells that are remembered at a time; a power of two.
+/// Number of cells in the cache. It must be a power of two.
 const CACHE_SIZE: usize = 1 << 13;
 
-/// The sheets near the middles of the cells that were asked for last.
+/// The planes at the centres of the cells that were used last.
 #[derive(Debug)]
 pub struct PlaneCache {
-    /// Each with its cell's name.
+    /// The key of each cell, and its planes.
     entries: Vec<(u64, NearbyPlanes)>,
 }
 
@@ -27,20 +27,20 @@ impl Default for PlaneCache {
 }
 
 impl PlaneCache {
-    /// The sheets near `x`, by planes fitted in the middle of its cell.
-    pub fn planes_near(&mut self, sheets: &FeaturePlanes, x: [f64; 3]) -> NearbyPlanes {
-        let side = sheets.radius() / CELLS_PER_RADIUS;
-        // Casts cut off at zero, where the box begins.
+    /// Returns the planes near `x`, as fitted at the centre of the cache cell of `x`.
+    pub fn planes_near(&mut self, planes: &FeaturePlanes, x: [f64; 3]) -> NearbyPlanes {
+        let side = planes.radius() / CELLS_PER_RADIUS;
+        // The cast turns negative coordinates into zero, where the box begins.
         let cell = x.map(|c| (c / side) as u64 & 0x1f_ffff);
-        let name = cell[2] << 42 | cell[1] << 21 | cell[0];
+        let key = cell[2] << 42 | cell[1] << 21 | cell[0];
         // Fibonacci hashing.
-        let place = (name.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32) as usize % CACHE_SIZE;
+        let slot = (key.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32) as usize % CACHE_SIZE;
         let middle = cell.map(|c| (c as f64 + 0.5) * side);
-        let remembered = &mut self.entries[place];
-        if remembered.0 != name {
-            *remembered = (name, sheets.planes_near(middle));
+        let entry = &mut self.entries[slot];
+        if entry.0 != key {
+            *entry = (key, planes.planes_near(middle));
         }
-        remembered.1.translated(sub(x, middle))
+        entry.1.translated(sub(x, middle))
     }
 }
 
@@ -51,8 +51,8 @@ mod tests {
     use crate::geometry::random::uniform_signed;
 
     #[test]
-    fn remembered_planes_are_those_of_the_place_to_some_hundredths() {
-        // A cylinder of radius 30 along z, round (0, -10).
+    fn cached_planes_differ_from_exact_ones_by_some_hundredths() {
+        // A cylinder of radius 30 along z around (0, -10).
         let mut points = Vec::new();
         for k in 0..=24 {
             for j in 0..=40 {
@@ -66,18 +66,18 @@ mod tests {
                 });
             }
         }
-        let sheets = FeaturePlanes::new(&points, [32.0, 24.0, 24.0], 3.2, 6.0);
-        let mut lookup = PlaneCache::default();
+        let planes = FeaturePlanes::new(&points, [32.0, 24.0, 24.0], 3.2, 6.0);
+        let mut cache = PlaneCache::default();
         let mut compared = 0;
-        // Twice, so that planes are remembered.
+        // Run twice, so that the second run reads from the cache.
         for i in (0..400).chain(0..400) {
             let angle = 0.85 + 0.2 * uniform_signed(i, 0);
             let radius = 30.0 + 1.5 * uniform_signed(i, 1);
             let z = 12.0 + 6.0 * uniform_signed(i, 2);
             let x = [radius * angle.cos(), radius * angle.sin() - 10.0, z];
-            let (exact, known) = (sheets.planes_near(x), lookup.planes_near(&sheets, x));
-            assert_eq!(exact.iter().count(), known.iter().count(), "{x:?}");
-            for (a, b) in exact.iter().zip(known.iter()) {
+            let (exact, cached) = (planes.planes_near(x), cache.planes_near(&planes, x));
+            assert_eq!(exact.iter().count(), cached.iter().count(), "{x:?}");
+            for (a, b) in exact.iter().zip(cached.iter()) {
                 assert!(
                     (a.offset.abs() - b.offset.abs()).abs() < 0.03,
                     "{a:?} {b:?}"

@@ -1,41 +1,44 @@
-//! What is asked of a part of a mesh in which atoms come, go and move, and what becomes of it.
+//! Request and result of changing the nodes of a part of a mesh: atoms are added, removed and
+//! moved.
 
 use super::ImproveReport;
 use crate::Error;
 use crate::lattice::AtomKind;
 
-/// What shall become of the nodes of a part of a mesh.
+/// Nodes that a part of a mesh shall have.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReshapeRequest<const D: usize> {
-    /// Where each node shall be: first those that the part has, then new ones.
+    /// Position of each node: first the nodes that the part has, then the new ones.
     pub targets: Vec<[f64; D]>,
-    /// What each may do. [`AtomKind::Fixed`]: be at its target exactly, and not move from there, as
-    /// all nodes must that the rest of the mesh has, too.
+    /// Kind of each node. An [`AtomKind::Fixed`] node must be exactly at its target and not move
+    /// from there. All nodes that the part shares with the rest of the mesh must be fixed.
     pub kinds: Vec<AtomKind>,
-    /// For each, whether it shall go.
+    /// `true` for each node that shall be removed.
     pub is_removed: Vec<bool>,
 }
 
-/// Why a part of a mesh cannot be reshaped.
+/// Reason why a part of a mesh cannot be reshaped.
 #[derive(Debug, Clone)]
 pub enum ReshapeError {
-    /// This node cannot be put where it must be, or cannot go.
+    /// This node cannot reach its target or cannot be removed.
     Node(u32),
-    /// No single node is to blame: this is what is wrong.
+    /// The mesh has this problem, which no single node causes.
     Mesh(Error),
 }
 
-/// A part of a mesh after that.
+/// A part of a mesh after reshaping.
 #[derive(Debug, Clone)]
 pub struct ReshapeResult<M> {
-    /// The part.
+    /// Mesh of the part.
     pub mesh: M,
-    /// What each node may do.
+    /// Kind of each node.
     pub kinds: Vec<AtomKind>,
-    /// The number that each node has in [`ReshapeRequest`], or one beyond if improvement has put it in.
+    /// Index of each node in the [`ReshapeRequest`]; nodes that improvement has inserted have
+    /// larger numbers than all of these.
     pub request_nodes: Vec<u32>,
-    /// For each cell, bit k: its face k, opposite node k, lies on a feature.
+    /// Faces on features, for each cell: bit k is set if its face k (opposite node k) lies on a
+    /// feature.
     pub feature_faces: Vec<u8>,
-    /// What was improved.
+    /// Report of the improvement that followed.
     pub report: ImproveReport,
 }

@@ -1,4 +1,4 @@
-//! Atoms near features go onto them, no two to one place.
+//! Snaps atoms near features onto them, and keeps them apart from each other.
 
 use crate::parallel::prelude::*;
 
@@ -13,145 +13,149 @@ use crate::lattice::halo::OwnedAndGhosts;
 use crate::lattice::partition::OwnedAtoms;
 use crate::lattice::seeding::Atoms;
 
-/// Atoms move so far at most, in units of the reach ...
+/// Largest move of an atom, in units of the reach.
 const MAX_MOVE_RATIO: f64 = 1.5;
-/// ... and no two come so near to each other.
+/// Smallest distance between two atoms after snapping, in units of the reach.
 const MIN_GAP_RATIO: f64 = 0.1;
 
-/// Moves the atoms within `reach` of a feature onto it (onto all of them, where several cross),
-/// never off the box's sides, and no two to one place. Returns how many were moved.
+/// Moves the atoms within `reach` samples of a feature onto it (onto all features, where several
+/// cross). Atoms stay in the sides of the box, and two atoms never come closer than a minimum
+/// distance. Returns the number of atoms that moved.
 pub fn snap_to_features<const D: usize>(
     positions: &mut [[f64; D]],
     kinds: &[AtomKind],
     extent: [f64; D],
-    sheets: &FeaturePlanes,
+    planes: &FeaturePlanes,
     reach: f64,
 ) -> usize {
-    let held = OwnedAndGhosts::all(positions.len());
-    // Alone nothing fails.
-    snap_owned(positions, kinds, &held, extent, sheets, reach).unwrap_or(0)
+    let halo = OwnedAndGhosts::all(positions.len());
+    // Only communication can fail.
+    snap_owned(positions, kinds, &halo, extent, planes, reach).unwrap_or(0)
 }
 
-/// The same by several, each of which has a share of the atoms.
+/// Snaps atoms as [`snap_to_features`] does, where each rank owns a part of them. Returns the
+/// number of own atoms that moved.
 ///
 /// # Errors
-/// Those of the others.
+/// Returns an error if another rank fails.
 pub fn snap_distributed<const D: usize>(
-    share: &mut OwnedAtoms<D>,
+    owned_atoms: &mut OwnedAtoms<D>,
     extent: [f64; D],
-    sheets: &FeaturePlanes,
+    planes: &FeaturePlanes,
     reach: f64,
-    group: &dyn Comm,
+    comm: &dyn Comm,
 ) -> Result<usize> {
-    if group.size() == 1 {
-        let Atoms { positions, kinds } = &mut share.atoms;
-        return Ok(snap_to_features(positions, kinds, extent, sheets, reach));
+    if comm.size() == 1 {
+        let Atoms { positions, kinds } = &mut owned_atoms.atoms;
+        return Ok(snap_to_features(positions, kinds, extent, planes, reach));
     }
-    // Two may both come nearer to each other.
-    let room = (2.0 * MAX_MOVE_RATIO + 2.0 * MIN_GAP_RATIO) * reach;
+    // Two atoms may each move towards the other.
+    let halo_width = (2.0 * MAX_MOVE_RATIO + 2.0 * MIN_GAP_RATIO) * reach;
     let (
-        held,
+        halo,
         Atoms {
             mut positions,
             kinds,
         },
-    ) = OwnedAndGhosts::with_halo(share, room, group)?;
-    let moved = snap_owned(&mut positions, &kinds, &held, extent, sheets, reach)?;
-    (share.atoms.positions).copy_from_slice(&positions[held.owned()]);
+    ) = OwnedAndGhosts::with_halo(owned_atoms, halo_width, comm)?;
+    let moved = snap_owned(&mut positions, &kinds, &halo, extent, planes, reach)?;
+    (owned_atoms.atoms.positions).copy_from_slice(&positions[halo.owned()]);
     Ok(moved)
 }
 
-/// The same of those own ones of the atoms held.
+/// Snaps the owned atoms; ghosts are updated from their owners.
 fn snap_owned<const D: usize>(
     positions: &mut [[f64; D]],
     kinds: &[AtomKind],
-    held: &OwnedAndGhosts<'_>,
+    halo: &OwnedAndGhosts<'_>,
     extent: [f64; D],
-    sheets: &FeaturePlanes,
+    planes: &FeaturePlanes,
     reach: f64,
 ) -> Result<usize> {
     let (before, extent) = (positions.to_vec(), to_3d(extent));
-    let moved: usize = positions[held.owned()]
+    let moved: usize = positions[halo.owned()]
         .par_iter_mut()
-        .zip(&kinds[held.owned()])
+        .zip(&kinds[halo.owned()])
         .map(|(x, &kind)| {
-            let at = to_3d(*x);
-            if sheets.is_far(at) || !sheets.is_close(at) {
+            let position = to_3d(*x);
+            if planes.is_far(position) || !planes.is_close(position) {
                 return 0;
             }
-            let mut hold = NodeConstraint::from_box(at, kind, extent);
-            let near = sheets.planes_near(at);
-            for sheet in near.iter().filter(|s| s.offset.abs() < reach) {
-                hold.add_surface(sheet.normal);
+            let mut constraint = NodeConstraint::from_box(position, kind, extent);
+            let nearby = planes.planes_near(position);
+            for plane in nearby.iter().filter(|s| s.offset.abs() < reach) {
+                constraint.add_surface(plane.normal);
             }
-            // On both features if that can be reached, else on the nearer one.
-            while hold.surface_count > 0 {
-                let mut trial = hold;
-                if let Some(y) = trial.snap(at, extent, sheets)
-                    && norm(sub(y, at)) < MAX_MOVE_RATIO * reach
+            // Snap onto all features if they can be reached, else drop the farthest and try again.
+            while constraint.surface_count > 0 {
+                let mut trial = constraint;
+                if let Some(y) = trial.snap(position, extent, planes)
+                    && norm(sub(y, position)) < MAX_MOVE_RATIO * reach
                 {
                     *x = std::array::from_fn(|k| y[k]);
                     return 1;
                 }
-                hold.surface_count -= 1;
+                constraint.surface_count -= 1;
             }
             0
         })
         .sum();
-    held.update_ghosts(positions)?;
-    // Two atoms pulled to one place would be one node.
-    Ok(moved - enforce_gap(positions, &before, held, MIN_GAP_RATIO * reach)?)
+    halo.update_ghosts(positions)?;
+    // Two atoms at one position would become one node.
+    Ok(moved - enforce_gap(positions, &before, halo, MIN_GAP_RATIO * reach)?)
 }
 
-/// Moves own atoms back that came nearer than `gap` to another: `before` holds where each atom was, and
-/// there they all were farther apart. Of two that meet, the one of the higher number goes back.
-/// Returns how many own ones did.
+/// Moves owned atoms back that came closer than `gap` to another one, and returns their number.
+/// `before` has the original positions, which were all farther apart. Of two atoms that meet, the
+/// one with the higher index goes back.
 fn enforce_gap<const D: usize>(
     positions: &mut [[f64; D]],
     before: &[[f64; D]],
-    held: &OwnedAndGhosts<'_>,
+    halo: &OwnedAndGhosts<'_>,
     gap: f64,
 ) -> Result<usize> {
     let mut returned = 0;
-    // One that goes back may meet another that has come near its old place: look again.
+    // An atom that goes back may meet another that has moved to its old position, so repeat until
+    // none meet.
     loop {
-        let moved = |k: usize| positions[k] != before[k];
+        let has_moved = |k: usize| positions[k] != before[k];
         let cells = build_cells(positions, gap);
-        let meets = |k: usize| {
+        let is_too_close = |k: usize| {
             cells.any_near(&positions[k], gap, |other| {
-                let near = distance2(&positions[k], &positions[other]) < gap * gap;
-                other != k && near && (other < k || !moved(other))
+                let is_near = distance2(&positions[k], &positions[other]) < gap * gap;
+                other != k && is_near && (other < k || !has_moved(other))
             })
         };
-        let back: Vec<usize> = held
+        let returning: Vec<usize> = halo
             .owned()
             .into_par_iter()
-            .filter(|&k| moved(k) && meets(k))
+            .filter(|&k| has_moved(k) && is_too_close(k))
             .collect();
-        let all = held.all_gather("atoms that go back", back.len())?;
-        if all.iter().all(|&back| back == 0) {
+        let counts = halo.all_gather("atoms moved back", returning.len())?;
+        if counts.iter().all(|&count| count == 0) {
             return Ok(returned);
         }
-        for &k in &back {
+        for &k in &returning {
             positions[k] = before[k];
         }
-        held.update_ghosts(positions)?;
-        returned += back.len();
+        halo.update_ghosts(positions)?;
+        returned += returning.len();
     }
 }
 
-/// Atoms in cells, about one in each, which are at least `size` wide.
-fn build_cells<const D: usize>(positions: &[[f64; D]], size: f64) -> IncrementalGrid<D> {
+/// Returns a grid of the atoms, with about one atom per cell, whose cells are at least `min_size`
+/// wide.
+fn build_cells<const D: usize>(positions: &[[f64; D]], min_size: f64) -> IncrementalGrid<D> {
     let [low, high] = bounding_box(positions);
     let spans = sub(high, low);
-    let wide = spans.iter().filter(|&&s| s > size);
-    let (axes, room) = wide.fold((0, 1.0), |(n, room), s| (n + 1, room * s));
-    let roomy = (room / positions.len().max(1) as f64).powf(1.0 / f64::from(axes.max(1)));
-    let mut scatter = IncrementalGrid::new(low, high, size.max(roomy));
+    let wide_spans = spans.iter().filter(|&&s| s > min_size);
+    let (axes, volume) = wide_spans.fold((0, 1.0), |(n, volume), s| (n + 1, volume * s));
+    let mean_spacing = (volume / positions.len().max(1) as f64).powf(1.0 / f64::from(axes.max(1)));
+    let mut grid = IncrementalGrid::new(low, high, min_size.max(mean_spacing));
     for &x in positions {
-        scatter.add(x);
+        grid.add(x);
     }
-    scatter
+    grid
 }
 
 #[cfg(test)]
@@ -159,17 +163,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn of_two_that_meet_one_goes_back_and_may_push_a_third() {
+    fn of_two_atoms_that_meet_one_returns_and_may_make_a_third_return() {
         let before = [[0.0; 3], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0], [9.0, 0.0, 0.0]];
-        // 0 and 1 meet at 0.5; 2 has gone to where 1 must return to.
+        // Atoms 0 and 1 meet at x = 0.5. Atom 2 has moved to where atom 1 must return.
         let mut positions = [
             [0.5, 0.0, 0.0],
             [0.5, 0.01, 0.0],
             [1.0, 0.0, 0.02],
             [9.5, 0.0, 0.0],
         ];
-        let held = OwnedAndGhosts::all(4);
-        assert_eq!(enforce_gap(&mut positions, &before, &held, 0.1).unwrap(), 2);
+        let halo = OwnedAndGhosts::all(4);
+        assert_eq!(enforce_gap(&mut positions, &before, &halo, 0.1).unwrap(), 2);
         assert_eq!(
             positions,
             [[0.5, 0.0, 0.0], before[1], before[2], [9.5, 0.0, 0.0]]
@@ -177,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn several_put_their_atoms_onto_features_as_one_does() {
+    fn distributed_snapping_gives_the_result_of_one_rank() {
         use crate::comm::run_threads;
         use crate::feature::FeaturePoint;
         use crate::lattice::distance::Distance;
@@ -185,33 +189,34 @@ mod tests {
         use crate::lattice::seeding::{Alignment, fcc};
 
         let (extent, d) = ([70.0, 48.0, 45.0], 3.0);
-        // Two planes so near to each other that some atoms of either side meet.
-        let plane = |at: f32| {
+        // Two planes so close that some atoms from both sides meet.
+        let plane = |plane_x: f32| {
             (0..=45).flat_map(move |z| {
                 (0..=48).map(move |y| FeaturePoint {
-                    position: [at - 0.5 * y as f32, y as f32, z as f32],
+                    position: [plane_x - 0.5 * y as f32, y as f32, z as f32],
                     normal: [1.0, 0.5, 0.0].map(|c| c / 1.25f32.sqrt()),
                     strength: 1.0,
                 })
             })
         };
         let points: Vec<FeaturePoint<3>> = plane(40.0).chain(plane(42.2)).collect();
-        let sheets = FeaturePlanes::new(&points, extent, 2.4, 4.0);
+        let planes = FeaturePlanes::new(&points, extent, 2.4, 4.0);
         let seeded = fcc(extent, &Distance::Constant(d), &[], Alignment::OnFeatures).unwrap();
         assert!(seeded.len() > 6 * CHUNK_ATOMS);
-        let (mut alone, reach) = (seeded.clone(), 0.9 * d);
-        let Atoms { positions, kinds } = &mut alone;
-        let moved = snap_to_features(positions, kinds, extent, &sheets, reach);
+        let (mut serial, reach) = (seeded.clone(), 0.9 * d);
+        let Atoms { positions, kinds } = &mut serial;
+        let moved = snap_to_features(positions, kinds, extent, &planes, reach);
         assert!(moved > 300, "{moved}");
         for count in [2, 5] {
-            let found = run_threads(count, |group| {
-                let mut share = OwnedAtoms::from_global(seeded.clone(), group);
-                let moved = snap_distributed(&mut share, extent, &sheets, reach, group).unwrap();
-                (share.all_gather(group).unwrap(), moved)
+            let results = run_threads(count, |comm| {
+                let mut owned_atoms = OwnedAtoms::from_global(seeded.clone(), comm);
+                let moved =
+                    snap_distributed(&mut owned_atoms, extent, &planes, reach, comm).unwrap();
+                (owned_atoms.all_gather(comm).unwrap(), moved)
             });
-            let all: usize = found.iter().map(|(_, moved)| moved).sum();
-            assert_eq!(all, moved, "{count}");
-            assert!(found.iter().all(|(atoms, _)| *atoms == alone), "{count}");
+            let total: usize = results.iter().map(|(_, moved)| moved).sum();
+            assert_eq!(total, moved, "{count}");
+            assert!(results.iter().all(|(atoms, _)| *atoms == serial), "{count}");
         }
     }
 }

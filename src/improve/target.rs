@@ -1,27 +1,29 @@
-//! What to aim at.
+//! The mesh quality that improvement aims at.
 
 use serde::Serialize;
 
-/// An angle (degrees) below which, or above its supplement, a cell is of no use.
+/// Smallest usable angle, in degrees. A cell with an angle below this, or above 180 degrees less
+/// this, is unusable.
 pub(super) const UNUSABLE_ANGLE: f64 = 21.0;
 
-/// What to aim at.
+/// Mesh quality that improvement aims at.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Target {
-    /// Every dihedral angle shall lie in [min_dihedral, 180 - min_dihedral] degrees.
+    /// Smallest dihedral angle, in degrees: every one shall lie in [min_dihedral, 180 -
+    /// min_dihedral].
     pub min_dihedral: f64,
-    /// How, in space.
+    /// Method that removes slivers in 3-D.
     pub method: SliverMethod,
 }
 
-/// How slivers are removed.
+/// Method that removes slivers.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum SliverMethod {
-    /// Joe's local transformations and smoothing.
+    /// Local transformations (Joe) and smoothing.
     #[default]
     Joe,
-    /// CGAL's exudation.
+    /// Sliver exudation (CGAL).
     Exude,
 }
 

@@ -1,8 +1,10 @@
-//! Which atoms of a lattice a rank holds while they move: its own, and those of others that these may feel.
+//! Owned atoms and ghosts of a rank while the atoms of a lattice move.
 //!
-//! A rank's own atoms are whole chunks of successive ones, which lie together in space. Around them it holds a halo of
-//! others' atoms, whose positions it is told whenever they have moved. Atoms are held in the order of the lattice, so
-//! that whatever is done with them in that order is done as by one process that holds all.
+//! The owned atoms of a rank are whole chunks of successive atoms of the lattice, which lie
+//! together in space. Around them the rank keeps ghosts: copies of other ranks' atoms within a
+//! given distance, whose positions are updated whenever atoms have moved. Local atoms are in the
+//! order of the lattice, so that every computation in that order gives the same result as in one
+//! process that has all atoms.
 
 use std::ops::Range;
 
@@ -13,26 +15,27 @@ use crate::geometry::bounding_box;
 use crate::lattice::partition::{IndexedAtoms, OwnedAtoms};
 use crate::lattice::seeding::Atoms;
 
-/// The atoms that are held here, and who holds them besides.
+/// The local atoms of a rank (owned atoms and ghosts), and the ranks that keep copies of its owned
+/// atoms.
 pub struct OwnedAndGhosts<'a> {
     comm: &'a dyn Comm,
-    /// The number of each in the lattice, rising. None where all are held.
+    /// Index in the lattice of each local atom, ascending. `None` if all atoms are local.
     global_indices: Option<Vec<u32>>,
-    /// Where this rank's own are among them.
+    /// Range of the owned atoms among the local ones.
     owned: Range<usize>,
-    /// Where those of each rank are among them.
+    /// Range of each rank's atoms among the local ones.
     rank_ranges: Vec<Range<usize>>,
-    /// The own atoms that each other rank holds, by their place among those held.
+    /// For each other rank the owned atoms of which it keeps copies, by local index.
     send_lists: Vec<Vec<u32>>,
 }
 
 impl OwnedAndGhosts<'static> {
-    /// All of so many atoms, by whoever asks.
-    pub fn all(atoms: usize) -> Self {
+    /// Creates the lists for one process that has all of `atom_count` atoms.
+    pub fn all(atom_count: usize) -> Self {
         Self {
             comm: &SelfComm,
             global_indices: None,
-            owned: 0..atoms,
+            owned: 0..atom_count,
             rank_ranges: Vec::new(),
             send_lists: Vec::new(),
         }
@@ -40,83 +43,90 @@ impl OwnedAndGhosts<'static> {
 }
 
 impl<'a> OwnedAndGhosts<'a> {
-    /// A rank's share of atoms, and all others that are no farther than `room` from it (and some that are).
+    /// Adds ghosts to a rank's owned atoms: all other atoms within `halo_width` of them, and some
+    /// that are farther away. Returns also the local atoms.
     ///
     /// # Errors
-    /// Those of other ranks.
+    /// Returns an error if another rank fails.
     pub fn with_halo<const D: usize>(
-        share: &OwnedAtoms<D>,
-        room: f64,
-        group: &'a dyn Comm,
+        owned: &OwnedAtoms<D>,
+        halo_width: f64,
+        comm: &'a dyn Comm,
     ) -> Result<(Self, Atoms<D>)> {
-        let (rank, count) = (group.rank(), group.size());
+        let (rank, count) = (comm.rank(), comm.size());
         if count == 1 {
-            return Ok((OwnedAndGhosts::all(share.global_count), share.atoms.clone()));
+            return Ok((OwnedAndGhosts::all(owned.global_count), owned.atoms.clone()));
         }
-        let x = &share.atoms.positions;
-        let near = NearbyCubes::around(x, room);
-        // Only those whose atoms may be near are told what is.
-        let boxes: Vec<[[f64; D]; 2]> = group.all_gather("where atoms are", bounding_box(x))?;
-        let to = boxes.iter().enumerate().map(|(of, spread)| {
-            let asked = of != rank && near.intersects(spread);
-            if asked {
-                near.clone()
+        let x = &owned.atoms.positions;
+        let nearby = NearbyCubes::around(x, halo_width);
+        // The cubes are sent only to ranks whose bounding boxes they meet.
+        let boxes: Vec<[[f64; D]; 2]> =
+            comm.all_gather("bounding boxes of atoms", bounding_box(x))?;
+        let queries = boxes.iter().enumerate().map(|(other_rank, bounds)| {
+            let is_nearby = other_rank != rank && nearby.intersects(bounds);
+            if is_nearby {
+                nearby.clone()
             } else {
                 NearbyCubes::empty()
             }
         });
-        let asked: Vec<NearbyCubes<D>> = group.all_to_all("what is near", to.collect())?;
-        let wants = |rank: usize, n: usize| asked[rank].contains(&x[n]);
-        let mut wanted: Vec<Vec<u32>> = (0..count)
+        let requests: Vec<NearbyCubes<D>> =
+            comm.all_to_all("regions near atoms", queries.collect())?;
+        let is_wanted = |rank: usize, n: usize| requests[rank].contains(&x[n]);
+        let mut send_lists: Vec<Vec<u32>> = (0..count)
             .map(|rank| {
                 (0..x.len())
-                    .filter(|&n| wants(rank, n))
+                    .filter(|&n| is_wanted(rank, n))
                     .map(|n| n as u32)
                     .collect()
             })
             .collect();
-        drop(near);
-        let others = share.exchange_wanted("atoms that are held", wants, group)?;
-        drop(asked);
-        // Those of a rank follow one another, in the order of ranks, and so do their numbers.
-        let before = others
+        drop(nearby);
+        let ghosts = owned.exchange_wanted("ghost atoms", is_wanted, comm)?;
+        drop(requests);
+        // The atoms of a rank follow one another, in the order of ranks, and so do their indices.
+        let ghosts_before = ghosts
             .indices
-            .partition_point(|&n| (n as usize) < share.first_index);
-        let own = before..before + x.len();
-        for n in wanted.iter_mut().flatten() {
-            *n += before as u32;
+            .partition_point(|&n| (n as usize) < owned.first_index);
+        let owned_range = ghosts_before..ghosts_before + x.len();
+        for n in send_lists.iter_mut().flatten() {
+            *n += ghosts_before as u32;
         }
         let IndexedAtoms {
-            indices: numbers,
+            indices: global_indices,
             atoms,
-        } = others.insert_owned(share, before);
-        let firsts: Vec<usize> = group.all_gather("first atoms", share.first_index)?;
-        let place = |number: usize| numbers.partition_point(|&n| (n as usize) < number);
-        let end = |rank: usize| firsts.get(rank + 1).map_or(numbers.len(), |&n| place(n));
-        let of_rank = (0..count)
-            .map(|rank| place(firsts[rank])..end(rank))
-            .collect();
-        let held = Self {
-            comm: group,
-            owned: own,
-            global_indices: Some(numbers),
-            rank_ranges: of_rank,
-            send_lists: wanted,
+        } = ghosts.insert_owned(owned, ghosts_before);
+        let first_indices: Vec<usize> = comm.all_gather("first atoms", owned.first_index)?;
+        let local_index = |index: usize| global_indices.partition_point(|&n| (n as usize) < index);
+        let end = |rank: usize| {
+            first_indices
+                .get(rank + 1)
+                .map_or(global_indices.len(), |&n| local_index(n))
         };
-        Ok((held, atoms))
+        let rank_ranges = (0..count)
+            .map(|rank| local_index(first_indices[rank])..end(rank))
+            .collect();
+        let halo = Self {
+            comm,
+            owned: owned_range,
+            global_indices: Some(global_indices),
+            rank_ranges,
+            send_lists,
+        };
+        Ok((halo, atoms))
     }
 
-    /// Where this rank's own atoms are among those held.
+    /// Returns the range of the owned atoms among the local ones.
     pub fn owned(&self) -> Range<usize> {
         self.owned.clone()
     }
 
-    /// Whether other ranks hold others.
+    /// Returns `true` if the atoms are distributed over several ranks.
     pub fn is_partitioned(&self) -> bool {
         self.global_indices.is_some()
     }
 
-    /// The number in the lattice of the `n`th atom held.
+    /// Returns the index in the lattice of the local atom `n`.
     #[inline(always)]
     pub fn global_index(&self, n: usize) -> usize {
         self.global_indices
@@ -124,47 +134,49 @@ impl<'a> OwnedAndGhosts<'a> {
             .map_or(n, |all| all[n] as usize)
     }
 
-    /// Which of the atoms held has that number in the lattice.
-    pub fn local_index(&self, number: usize) -> Option<usize> {
+    /// Returns the local index of an atom from its index in the lattice, or `None` if the atom is
+    /// not local.
+    pub fn local_index(&self, index: usize) -> Option<usize> {
         match &self.global_indices {
-            None => Some(number),
-            Some(all) => all.binary_search(&(number as u32)).ok(),
+            None => Some(index),
+            Some(all) => all.binary_search(&(index as u32)).ok(),
         }
     }
 
-    /// Whose own the `n`th atom held is.
+    /// Returns the rank that owns the local atom `n`.
     pub fn owner_rank(&self, n: usize) -> usize {
-        self.rank_ranges.partition_point(|of_rank| of_rank.end <= n)
+        self.rank_ranges.partition_point(|range| range.end <= n)
     }
 
-    /// Takes the positions of others' atoms that are held from these.
+    /// Updates the positions of ghosts in `x` from the ranks that own them.
     ///
     /// # Errors
-    /// Those of other ranks.
+    /// Returns an error if another rank fails.
     pub fn update_ghosts<const D: usize>(&self, x: &mut [[f64; D]]) -> Result<()> {
         if !self.is_partitioned() {
             return Ok(());
         }
-        let of = |wanted: &Vec<u32>| -> Vec<f64> {
-            wanted.iter().flat_map(|&n| x[n as usize]).collect()
-        };
-        let told = self.send_lists.iter().map(of).collect();
-        let heard: Vec<Vec<f64>> = self.comm.all_to_all("positions of atoms", told)?;
-        for (rank, (heard, place)) in heard.iter().zip(&self.rank_ranges).enumerate() {
+        let positions =
+            |list: &Vec<u32>| -> Vec<f64> { list.iter().flat_map(|&n| x[n as usize]).collect() };
+        let sent = self.send_lists.iter().map(positions).collect();
+        let received: Vec<Vec<f64>> = self.comm.all_to_all("positions of atoms", sent)?;
+        for (rank, (received, range)) in received.iter().zip(&self.rank_ranges).enumerate() {
             if rank != self.comm.rank() {
-                x[place.clone()].as_flattened_mut().copy_from_slice(heard);
+                x[range.clone()]
+                    .as_flattened_mut()
+                    .copy_from_slice(received);
             }
         }
         Ok(())
     }
 
-    /// Adds up sums of chunks of own atoms and those of other ranks, in the order of the chunks.
+    /// Adds up the sums of the chunks of all ranks, in the order of the chunks.
     ///
     /// # Errors
-    /// Those of other ranks.
+    /// Returns an error if another rank fails.
     pub fn all_reduce_sum<const N: usize>(&self, sums: Vec<[f64; N]>) -> Result<[f64; N]> {
-        let all = self.comm.all_gather("sums over atoms", sums)?;
-        Ok(all.iter().flatten().fold([0.0; N], |mut total, sums| {
+        let gathered = self.comm.all_gather("sums over atoms", sums)?;
+        Ok(gathered.iter().flatten().fold([0.0; N], |mut total, sums| {
             total
                 .iter_mut()
                 .zip(sums)
@@ -173,39 +185,47 @@ impl<'a> OwnedAndGhosts<'a> {
         }))
     }
 
-    /// What each rank has, on all that share the lattice.
+    /// Returns the value of each rank, on all ranks that share the lattice.
     ///
     /// # Errors
-    /// Those of other ranks.
-    pub fn all_gather<T: Codec>(&self, what: &str, own: T) -> Result<Vec<T>> {
-        self.comm.all_gather(what, own)
+    /// Returns an error if another rank fails.
+    pub fn all_gather<T: Codec>(&self, label: &str, value: T) -> Result<Vec<T>> {
+        self.comm.all_gather(label, value)
     }
 
-    /// What each rank has for this one, in their order; `to` has something for each, or for the first of them.
+    /// Sends `messages[rank]` to each rank and returns what this rank receives from each.
+    /// `messages` may be shorter than the count of ranks; the remaining ranks then get empty
+    /// messages.
     ///
     /// # Errors
-    /// Those of other ranks.
-    pub fn all_to_all<T: Codec>(&self, what: &str, mut to: Vec<Vec<T>>) -> Result<Vec<Vec<T>>> {
-        to.resize_with(self.comm.size(), Vec::new);
-        self.comm.all_to_all(what, to)
+    /// Returns an error if another rank fails.
+    pub fn all_to_all<T: Codec>(
+        &self,
+        label: &str,
+        mut messages: Vec<Vec<T>>,
+    ) -> Result<Vec<Vec<T>>> {
+        messages.resize_with(self.comm.size(), Vec::new);
+        self.comm.all_to_all(label, messages)
     }
 }
 
-/// Cubes of a grid in the room that atoms are held within.
+/// Edges of the grid's cubes per width of the halo.
 const CUBES_PER_HALO_WIDTH: f64 = 2.0;
 
-/// How far from one's own, along each axis, atoms may be that are held as no farther than `room`.
-pub fn halo_extent(room: f64) -> f64 {
-    (1.0 + 1.0 / CUBES_PER_HALO_WIDTH) * room
+/// Returns the largest distance, along each axis, of a ghost from the owned atoms for a halo of
+/// width `halo_width`.
+pub fn halo_extent(halo_width: f64) -> f64 {
+    (1.0 + 1.0 / CUBES_PER_HALO_WIDTH) * halo_width
 }
 
-/// What is near to some positions: the cubes of a grid that hold one of them, and two cubes around.
+/// The region near some positions: the cubes of a grid that contain a position, and two cubes
+/// around each.
 #[derive(Clone)]
 struct NearbyCubes<const D: usize> {
     low: [f64; D],
     edge: f64,
     dims: [usize; D],
-    /// A bit for each cube.
+    /// One bit per cube: 1 if the cube belongs to the region.
     cubes: Vec<u64>,
 }
 
@@ -214,7 +234,7 @@ codec_fields! {
 }
 
 impl<const D: usize> NearbyCubes<D> {
-    /// Nothing.
+    /// Returns an empty region.
     fn empty() -> Self {
         Self {
             low: [0.0; D],
@@ -224,17 +244,17 @@ impl<const D: usize> NearbyCubes<D> {
         }
     }
 
-    /// What may be as near as `room`.
-    fn around(x: &[[f64; D]], room: f64) -> Self {
+    /// Returns a region that contains all points within `radius` of a position.
+    fn around(x: &[[f64; D]], radius: f64) -> Self {
         if x.is_empty() {
             return Self::empty();
         }
-        let edge = room / CUBES_PER_HALO_WIDTH;
+        let edge = radius / CUBES_PER_HALO_WIDTH;
         let [low, high] = bounding_box(x);
         let low = low.map(|low| low - 2.5 * edge);
         let dims: [usize; D] =
             std::array::from_fn(|k| ((high[k] - low[k]).max(0.0) / edge) as usize + 4);
-        let mut near = Self {
+        let mut nearby = Self {
             low,
             edge,
             dims,
@@ -242,29 +262,29 @@ impl<const D: usize> NearbyCubes<D> {
         };
         let mut cubes = vec![false; dims.iter().product()];
         for x in x {
-            if let Some(cube) = near.cube_index(x) {
+            if let Some(cube) = nearby.cube_index(x) {
                 cubes[cube] = true;
             }
         }
         let mut stride = 1;
         for n in dims {
-            let before = cubes.clone();
-            for (cube, is) in cubes.iter_mut().enumerate() {
-                let at = cube / stride % n;
-                *is = (at.saturating_sub(2)..(at + 3).min(n))
-                    .any(|other| before[cube + other * stride - at * stride]);
+            let previous = cubes.clone();
+            for (cube, is_marked) in cubes.iter_mut().enumerate() {
+                let coordinate = cube / stride % n;
+                *is_marked = (coordinate.saturating_sub(2)..(coordinate + 3).min(n))
+                    .any(|other| previous[cube + other * stride - coordinate * stride]);
             }
             stride *= n;
         }
-        let bits = |some: &[bool]| {
-            let bits = some.iter().enumerate();
-            bits.fold(0, |bits, (i, is)| bits | u64::from(*is) << i)
+        let bits = |marks: &[bool]| {
+            let bits = marks.iter().enumerate();
+            bits.fold(0, |bits, (i, is_marked)| bits | u64::from(*is_marked) << i)
         };
-        near.cubes = cubes.chunks(u64::BITS as usize).map(bits).collect();
-        near
+        nearby.cubes = cubes.chunks(u64::BITS as usize).map(bits).collect();
+        nearby
     }
 
-    /// Whether something between these corners may be near.
+    /// Returns `true` if the box between two corners may meet the region.
     fn intersects(&self, [low, high]: &[[f64; D]; 2]) -> bool {
         let end = |k: usize| self.low[k] + self.edge * self.dims[k] as f64;
         !self.cubes.is_empty() && (0..D).all(|k| low[k] <= end(k) && self.low[k] <= high[k])
@@ -272,8 +292,9 @@ impl<const D: usize> NearbyCubes<D> {
 
     fn cube_index(&self, x: &[f64; D]) -> Option<usize> {
         (0..D).rev().try_fold(0, |cube, k| {
-            let at = ((x[k] - self.low[k]) / self.edge).floor();
-            (at >= 0.0 && at < self.dims[k] as f64).then(|| cube * self.dims[k] + at as usize)
+            let coordinate = ((x[k] - self.low[k]) / self.edge).floor();
+            (coordinate >= 0.0 && coordinate < self.dims[k] as f64)
+                .then(|| cube * self.dims[k] + coordinate as usize)
         })
     }
 
@@ -293,47 +314,64 @@ mod tests {
     use crate::lattice::seeding::{self, Alignment};
 
     #[test]
-    fn each_holds_its_own_and_all_near_them_and_hears_where_these_are() {
+    fn ranks_hold_owned_and_nearby_atoms_and_receive_ghost_positions() {
         let extent = [90.0, 50.0, 60.0];
         let distance = Distance::Constant(4.0);
         let atoms = seeding::fcc(extent, &distance, &[], Alignment::OnFeatures).unwrap();
-        let (x, room) = (&atoms.positions, 7.0);
+        let (x, halo_width) = (&atoms.positions, 7.0);
         assert!(x.len() > 5 * CHUNK_ATOMS);
         let moved = |n: usize| x[n].map(|c| c + 0.01 * n as f64);
         for count in [1, 2, 3, 5, 9] {
-            let owned = run_threads(count, |group| {
-                let share = OwnedAtoms::from_global(atoms.clone(), group);
-                let (held, near) = OwnedAndGhosts::with_halo(&share, room, group).unwrap();
-                let own = held.owned();
-                let numbers: Vec<usize> = (0..near.len()).map(|n| held.global_index(n)).collect();
+            let owned = run_threads(count, |comm| {
+                let owned = OwnedAtoms::from_global(atoms.clone(), comm);
+                let (halo, local_atoms) =
+                    OwnedAndGhosts::with_halo(&owned, halo_width, comm).unwrap();
+                let owned_range = halo.owned();
+                let global_indices: Vec<usize> = (0..local_atoms.len())
+                    .map(|n| halo.global_index(n))
+                    .collect();
                 assert!(
-                    (near.positions.iter().zip(&near.kinds).zip(&numbers))
-                        .all(|((y, kind), &n)| *y == x[n] && *kind == atoms.kinds[n])
+                    (local_atoms
+                        .positions
+                        .iter()
+                        .zip(&local_atoms.kinds)
+                        .zip(&global_indices))
+                    .all(|((y, kind), &n)| *y == x[n] && *kind == atoms.kinds[n])
                 );
-                assert!(numbers.is_sorted());
-                for (n, &number) in numbers.iter().enumerate() {
-                    assert_eq!(held.local_index(number), Some(n));
+                assert!(global_indices.is_sorted());
+                for (n, &index) in global_indices.iter().enumerate() {
+                    assert_eq!(halo.local_index(index), Some(n));
                     assert_eq!(
-                        held.is_partitioned() && held.owner_rank(n) == group.rank(),
-                        { held.is_partitioned() && own.contains(&n) }
+                        halo.is_partitioned() && halo.owner_rank(n) == comm.rank(),
+                        { halo.is_partitioned() && owned_range.contains(&n) }
                     );
                 }
-                // All that are near, and not all.
-                let is_own = |n: usize| own.contains(&n);
-                for (number, y) in x.iter().enumerate().step_by(7) {
-                    let near = (own.clone()).any(|n| distance2(&x[numbers[n]], y) < room * room);
-                    assert!(!near || held.local_index(number).is_some());
+                // All nearby atoms are local, but not all atoms.
+                let is_owned = |n: usize| owned_range.contains(&n);
+                for (index, y) in x.iter().enumerate().step_by(7) {
+                    let is_near = (owned_range.clone())
+                        .any(|n| distance2(&x[global_indices[n]], y) < halo_width * halo_width);
+                    assert!(!is_near || halo.local_index(index).is_some());
                 }
-                assert!(count == 1 || count > 4 || numbers.len() < x.len());
-                // Each moves its own only.
-                let place = |n: usize| match is_own(n) {
-                    true => moved(numbers[n]),
-                    false => x[numbers[n]],
+                assert!(count == 1 || count > 4 || global_indices.len() < x.len());
+                // Each rank moves its owned atoms only.
+                let position = |n: usize| {
+                    if is_owned(n) {
+                        moved(global_indices[n])
+                    } else {
+                        x[global_indices[n]]
+                    }
                 };
-                let mut own_moved: Vec<[f64; 3]> = (0..numbers.len()).map(place).collect();
-                held.update_ghosts(&mut own_moved).unwrap();
-                assert!(own_moved.iter().zip(&numbers).all(|(y, &n)| *y == moved(n)));
-                own.len()
+                let mut positions: Vec<[f64; 3]> =
+                    (0..global_indices.len()).map(position).collect();
+                halo.update_ghosts(&mut positions).unwrap();
+                assert!(
+                    positions
+                        .iter()
+                        .zip(&global_indices)
+                        .all(|(y, &n)| *y == moved(n))
+                );
+                owned_range.len()
             });
             assert_eq!(owned.iter().sum::<usize>(), x.len(), "{count}");
         }

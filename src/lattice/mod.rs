@@ -1,11 +1,12 @@
-//! Where atoms stand: how far apart, where at first, and where they come to rest.
+//! The lattice of atoms that becomes the nodes of the mesh: spacing, initial positions and
+//! optimisation.
 //!
 //! - [`distance`]: nominal distance d(x) between atoms
-//! - [`seeding`]: a lattice of atoms that fills the image's box
+//! - [`seeding`]: initial lattices that fill the image's box
 //! - [`energy`]: the energy of the lattice and its gradient
-//! - [`optimize`]: atoms move to lower it
-//! - `share`: the atoms that one of several processes has
-//! - [`halo`]: these, and those of others near them, while they move
+//! - [`optimize`]: moves atoms to lower the energy
+//! - `partition`: distribution of the atoms over ranks
+//! - [`halo`]: owned atoms and ghosts of a rank while atoms move
 
 pub mod distance;
 pub mod energy;
@@ -14,7 +15,7 @@ pub mod optimize;
 pub(crate) mod partition;
 pub mod seeding;
 
-/// What an atom (mesh node) may do: how many of the box's sides hold it, or a user.
+/// The constraint on an atom (mesh node): sides of the box on which it lies, or fixed by the user.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub enum AtomKind {
@@ -24,7 +25,7 @@ pub enum AtomKind {
     Side = 1,
     /// Moves along an edge of the box.
     Edge = 2,
-    /// A corner of the box: does not move.
+    /// Corner of the box: does not move.
     Corner = 3,
     /// Placed by the user (a well, a source): does not move.
     Fixed = 4,

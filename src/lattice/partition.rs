@@ -1,4 +1,4 @@
-//! The atoms of a lattice that one of a group has where none has all.
+//! Distribution of the atoms of a lattice over ranks, none of which has all atoms.
 
 use std::ops::Range;
 
@@ -8,21 +8,21 @@ use crate::files::codec::codec_fields;
 use crate::lattice::energy::CHUNK_ATOMS;
 use crate::lattice::seeding::Atoms;
 
-/// Some atoms that follow one another in a lattice, whole chunks of [`CHUNK_ATOMS`]: those of one of a group.
+/// The atoms that one rank owns: successive atoms of a lattice, whole chunks of [`CHUNK_ATOMS`].
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct OwnedAtoms<const D: usize> {
     /// The atoms.
     pub atoms: Atoms<D>,
-    /// The number in the lattice of the first.
+    /// Index in the lattice of the first atom.
     pub first_index: usize,
-    /// Atoms of the lattice.
+    /// Count of atoms in the lattice.
     pub global_count: usize,
 }
 
-/// Atoms of a lattice that someone else has, by their numbers in it, rising.
+/// Atoms from other ranks with their indices in the lattice, ascending.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct IndexedAtoms<const D: usize> {
-    /// The number of each.
+    /// The index of each atom.
     pub indices: Vec<u32>,
     /// The atoms.
     pub atoms: Atoms<D>,
@@ -32,174 +32,187 @@ codec_fields! {
     @(const D: usize) IndexedAtoms<D> as IndexedAtoms { indices, atoms }
 }
 
-/// Atoms that are told at once, at most.
+/// Most atoms per message.
 const MAX_ATOMS_PER_MESSAGE: usize = 1 << 20;
 
-/// Which of so many atoms are those of one of `count`.
-pub fn owned_range(atoms: usize, rank: usize, count: usize) -> Range<usize> {
-    let chunks = partition_range(atoms.div_ceil(CHUNK_ATOMS), rank, count);
-    (chunks.start * CHUNK_ATOMS).min(atoms)..(chunks.end * CHUNK_ATOMS).min(atoms)
+/// Returns the range of the atoms that one of `rank_count` ranks owns.
+pub fn owned_range(atom_count: usize, rank: usize, rank_count: usize) -> Range<usize> {
+    let chunks = partition_range(atom_count.div_ceil(CHUNK_ATOMS), rank, rank_count);
+    (chunks.start * CHUNK_ATOMS).min(atom_count)..(chunks.end * CHUNK_ATOMS).min(atom_count)
 }
 
 impl<const D: usize> OwnedAtoms<D> {
-    /// Of atoms that all of the group have.
-    pub fn from_global(atoms: Atoms<D>, group: &dyn Comm) -> Self {
+    /// Takes the owned atoms of this rank from a lattice that all ranks have.
+    pub fn from_global(atoms: Atoms<D>, comm: &dyn Comm) -> Self {
         let global_count = atoms.len();
-        if group.size() == 1 {
+        if comm.size() == 1 {
             return Self {
                 atoms,
                 first_index: 0,
                 global_count,
             };
         }
-        let own = owned_range(global_count, group.rank(), group.size());
+        let range = owned_range(global_count, comm.rank(), comm.size());
         Self {
-            first_index: own.start,
+            first_index: range.start,
             global_count,
-            atoms: atoms.slice(own),
+            atoms: atoms.slice(range),
         }
     }
 
-    /// The numbers in the lattice of these.
+    /// Returns the indices in the lattice of the owned atoms.
     pub fn index_range(&self) -> Range<usize> {
         self.first_index..self.first_index + self.atoms.len()
     }
 
-    /// All atoms, on all of the group.
+    /// Returns all atoms, on every rank.
     ///
     /// # Errors
-    /// Those of the others.
-    pub fn all_gather(self, group: &dyn Comm) -> Result<Atoms<D>> {
-        self.gather_in_messages(group, &|part| group.all_gather("all atoms", part))
+    /// Returns an error if another rank fails.
+    pub fn all_gather(self, comm: &dyn Comm) -> Result<Atoms<D>> {
+        self.gather_in_messages(comm, &|part| comm.all_gather("all atoms", part))
     }
 
-    /// All atoms, on the first of the group; none elsewhere.
+    /// Returns all atoms on the first rank, and no atoms on the others.
     ///
     /// # Errors
-    /// Those of the others.
-    pub fn gather_to_root(self, group: &dyn Comm) -> Result<Atoms<D>> {
-        self.gather_in_messages(group, &|part| {
-            let mut to = vec![Atoms::default(); group.size()];
-            to[0] = part;
-            group.all_to_all("all atoms", to)
+    /// Returns an error if another rank fails.
+    pub fn gather_to_root(self, comm: &dyn Comm) -> Result<Atoms<D>> {
+        self.gather_in_messages(comm, &|part| {
+            let mut messages = vec![Atoms::default(); comm.size()];
+            messages[0] = part;
+            comm.all_to_all("all atoms", messages)
         })
     }
 
-    /// What `told` gives of the atoms here, in messages that are not large, so that nothing is in memory twice.
+    /// Concatenates the atoms that `exchange` returns for parts of the owned atoms. The parts are
+    /// small, so that the lattice is never in memory twice.
     fn gather_in_messages(
         self,
-        group: &dyn Comm,
-        told: &dyn Fn(Atoms<D>) -> Result<Vec<Atoms<D>>>,
+        comm: &dyn Comm,
+        exchange: &dyn Fn(Atoms<D>) -> Result<Vec<Atoms<D>>>,
     ) -> Result<Atoms<D>> {
-        let (count, whole) = (group.size(), self.global_count);
-        if count == 1 {
+        let (rank_count, global_count) = (comm.size(), self.global_count);
+        if rank_count == 1 {
             return Ok(self.atoms);
         }
-        let mut all = Atoms::default();
-        for rank in 0..count {
-            let of_rank = owned_range(whole, rank, count);
-            for from in of_rank.clone().step_by(MAX_ATOMS_PER_MESSAGE) {
-                let part = from..(from + MAX_ATOMS_PER_MESSAGE).min(of_rank.end);
-                let own = match rank == group.rank() {
-                    true => (self.atoms)
-                        .slice(part.start - self.first_index..part.end - self.first_index),
-                    false => Atoms::default(),
+        let mut gathered = Atoms::default();
+        for rank in 0..rank_count {
+            let rank_range = owned_range(global_count, rank, rank_count);
+            for start in rank_range.clone().step_by(MAX_ATOMS_PER_MESSAGE) {
+                let part = start..(start + MAX_ATOMS_PER_MESSAGE).min(rank_range.end);
+                let owned = if rank == comm.rank() {
+                    (self.atoms).slice(part.start - self.first_index..part.end - self.first_index)
+                } else {
+                    Atoms::default()
                 };
-                for part in told(own)? {
-                    if all.is_empty() && !part.is_empty() {
-                        all.positions.reserve_exact(whole);
-                        all.kinds.reserve_exact(whole);
+                for part in exchange(owned)? {
+                    if gathered.is_empty() && !part.is_empty() {
+                        gathered.positions.reserve_exact(global_count);
+                        gathered.kinds.reserve_exact(global_count);
                     }
-                    all.append(part);
+                    gathered.append(part);
                 }
             }
         }
-        Ok(all)
+        Ok(gathered)
     }
 
-    /// Of atoms that only the first of the group has: the others' are of no interest.
+    /// Distributes atoms that the first rank has. `root_atoms` is ignored on the other ranks.
     ///
     /// # Errors
-    /// Those of the others.
-    pub fn scatter_from_root(by_first: Atoms<D>, group: &dyn Comm) -> Result<Self> {
-        let whole = group.all_gather("atoms dealt", by_first.len())?[0];
-        if group.size() == 1 {
-            return Ok(Self::from_global(by_first, group));
+    /// Returns an error if another rank fails.
+    pub fn scatter_from_root(root_atoms: Atoms<D>, comm: &dyn Comm) -> Result<Self> {
+        let global_count = comm.all_gather("scattered atoms", root_atoms.len())?[0];
+        if comm.size() == 1 {
+            return Ok(Self::from_global(root_atoms, comm));
         }
-        let mut own = Self {
+        let mut owned = Self {
             atoms: Atoms::default(),
-            first_index: owned_range(whole, group.rank(), group.size()).start,
-            global_count: whole,
+            first_index: owned_range(global_count, comm.rank(), comm.size()).start,
+            global_count,
         };
-        for rank in 0..group.size() {
-            let to = |to: usize| match to == rank && group.rank() == 0 {
-                true => by_first.slice(owned_range(whole, to, group.size())),
-                false => Atoms::default(),
+        for rank in 0..comm.size() {
+            let message = |to: usize| {
+                if to == rank && comm.rank() == 0 {
+                    root_atoms.slice(owned_range(global_count, to, comm.size()))
+                } else {
+                    Atoms::default()
+                }
             };
-            let told = group.all_to_all("atoms dealt", (0..group.size()).map(to).collect())?;
-            for part in told {
-                own.atoms.append(part);
+            let received =
+                comm.all_to_all("scattered atoms", (0..comm.size()).map(message).collect())?;
+            for part in received {
+                owned.atoms.append(part);
             }
         }
-        Ok(own)
+        Ok(owned)
     }
 
-    /// What each of the group wants of the lattice: `wants` says of each atom here, by its place, whether one of them
-    /// does.
+    /// Returns the atoms of the lattice that this rank wants. `is_wanted(rank, n)` says for each
+    /// rank whether it wants the owned atom `n` of this rank.
     ///
     /// # Errors
-    /// Those of the others.
+    /// Returns an error if another rank fails.
     pub fn exchange_wanted(
         &self,
-        what: &str,
-        wants: impl Fn(usize, usize) -> bool,
-        group: &dyn Comm,
+        label: &str,
+        is_wanted: impl Fn(usize, usize) -> bool,
+        comm: &dyn Comm,
     ) -> Result<IndexedAtoms<D>> {
-        let of = |rank: usize| {
-            let wanted = (0..self.atoms.len()).filter(|&n| wants(rank, n));
-            let wanted: Vec<u32> = wanted.map(|n| n as u32).collect();
+        let wanted_by = |rank: usize| {
+            let indices = (0..self.atoms.len()).filter(|&n| is_wanted(rank, n));
+            let indices: Vec<u32> = indices.map(|n| n as u32).collect();
             let Atoms { positions, kinds } = &self.atoms;
             IndexedAtoms {
                 atoms: Atoms {
-                    positions: wanted.iter().map(|&n| positions[n as usize]).collect(),
-                    kinds: wanted.iter().map(|&n| kinds[n as usize]).collect(),
+                    positions: indices.iter().map(|&n| positions[n as usize]).collect(),
+                    kinds: indices.iter().map(|&n| kinds[n as usize]).collect(),
                 },
-                indices: wanted.iter().map(|n| n + self.first_index as u32).collect(),
+                indices: indices
+                    .iter()
+                    .map(|n| n + self.first_index as u32)
+                    .collect(),
             }
         };
-        let others = |rank| match rank == group.rank() {
-            true => IndexedAtoms::default(),
-            false => of(rank),
+        let message = |rank| {
+            if rank == comm.rank() {
+                IndexedAtoms::default()
+            } else {
+                wanted_by(rank)
+            }
         };
-        let told = group.all_to_all(what, (0..group.size()).map(others).collect())?;
-        let mut all = IndexedAtoms::default();
-        for (rank, some) in told.into_iter().enumerate() {
-            // What is here need not be passed on.
-            let mut some = match rank == group.rank() {
-                true => of(rank),
-                false => some,
+        let received = comm.all_to_all(label, (0..comm.size()).map(message).collect())?;
+        let mut gathered = IndexedAtoms::default();
+        for (rank, atoms) in received.into_iter().enumerate() {
+            // The atoms of this rank need not be sent.
+            let mut atoms = if rank == comm.rank() {
+                wanted_by(rank)
+            } else {
+                atoms
             };
-            all.indices.append(&mut some.indices);
-            all.atoms.append(some.atoms);
+            gathered.indices.append(&mut atoms.indices);
+            gathered.atoms.append(atoms.atoms);
         }
-        Ok(all)
+        Ok(gathered)
     }
 }
 
 impl<const D: usize> IndexedAtoms<D> {
-    /// With those of a share, whose numbers are between the first `before` and the others.
-    pub fn insert_owned(mut self, share: &OwnedAtoms<D>, before: usize) -> Self {
-        let own = share.index_range().map(|n| n as u32);
+    /// Inserts owned atoms at `position`. Their indices must lie between those of the atoms before
+    /// and after.
+    pub fn insert_owned(mut self, owned: &OwnedAtoms<D>, position: usize) -> Self {
+        let indices = owned.index_range().map(|n| n as u32);
         let Atoms { positions, kinds } = &mut self.atoms;
-        self.indices.splice(before..before, own);
-        positions.splice(before..before, share.atoms.positions.iter().copied());
-        kinds.splice(before..before, share.atoms.kinds.iter().copied());
+        self.indices.splice(position..position, indices);
+        positions.splice(position..position, owned.atoms.positions.iter().copied());
+        kinds.splice(position..position, owned.atoms.kinds.iter().copied());
         self
     }
 }
 
 impl<const D: usize> Atoms<D> {
-    /// Some that follow one another.
+    /// Returns a copy of successive atoms.
     pub fn slice(&self, range: Range<usize>) -> Self {
         Self {
             positions: self.positions[range.clone()].to_vec(),
@@ -207,10 +220,10 @@ impl<const D: usize> Atoms<D> {
         }
     }
 
-    /// Takes others behind these.
-    pub fn append(&mut self, mut others: Self) {
-        self.positions.append(&mut others.positions);
-        self.kinds.append(&mut others.kinds);
+    /// Appends other atoms to these.
+    pub fn append(&mut self, mut other: Self) {
+        self.positions.append(&mut other.positions);
+        self.kinds.append(&mut other.kinds);
     }
 }
 
@@ -244,54 +257,54 @@ mod tests {
     }
 
     #[test]
-    fn shares_are_the_lattice_in_turn_and_go_to_all_or_to_the_first() {
+    fn ranks_own_successive_atoms_that_can_be_gathered_and_scattered() {
         for (count, atoms) in [
             (1, atoms(3000)),
             (3, atoms(7 * CHUNK_ATOMS + 5)),
             (4, atoms(2 * CHUNK_ATOMS)),
         ] {
-            let shares = run_threads(count, |group| {
-                let share = OwnedAtoms::from_global(atoms.clone(), group);
-                let first = share.clone().gather_to_root(group).unwrap();
-                assert!(share.clone().all_gather(group).unwrap() == atoms);
+            let shares = run_threads(count, |comm| {
+                let owned = OwnedAtoms::from_global(atoms.clone(), comm);
+                let on_root = owned.clone().gather_to_root(comm).unwrap();
+                assert!(owned.clone().all_gather(comm).unwrap() == atoms);
                 assert!(
-                    first
-                        == if group.rank() == 0 {
+                    on_root
+                        == if comm.rank() == 0 {
                             atoms.clone()
                         } else {
                             Atoms::default()
                         }
                 );
-                assert!(OwnedAtoms::scatter_from_root(first, group).unwrap() == share);
-                share
+                assert!(OwnedAtoms::scatter_from_root(on_root, comm).unwrap() == owned);
+                owned
             });
-            let mut all = Atoms::default();
-            for share in shares {
+            let mut gathered = Atoms::default();
+            for owned in shares {
                 assert_eq!(
-                    (share.first_index, share.global_count),
-                    (all.len(), atoms.len())
+                    (owned.first_index, owned.global_count),
+                    (gathered.len(), atoms.len())
                 );
-                all.append(share.atoms);
+                gathered.append(owned.atoms);
             }
-            assert!(all == atoms, "{count}");
+            assert!(gathered == atoms, "{count}");
         }
     }
 
     #[test]
-    fn each_gets_the_atoms_that_it_wants() {
+    fn ranks_receive_the_atoms_that_they_want() {
         let atoms = atoms(5 * CHUNK_ATOMS);
         for count in [1, 2, 5] {
-            run_threads(count, |group| {
-                let share = OwnedAtoms::from_global(atoms.clone(), group);
-                let wants = |rank: usize, n: usize| {
-                    let number = share.first_index + n;
-                    number.is_multiple_of(rank + 2)
+            run_threads(count, |comm| {
+                let owned = OwnedAtoms::from_global(atoms.clone(), comm);
+                let is_wanted = |rank: usize, n: usize| {
+                    let index = owned.first_index + n;
+                    index.is_multiple_of(rank + 2)
                 };
-                let got = share.exchange_wanted("atoms", wants, group).unwrap();
-                let every = (group.rank() + 2) as u32;
-                let numbers = (0..atoms.len() as u32).filter(|n| n % every == 0);
-                assert!(got.indices.iter().copied().eq(numbers));
-                for (&n, x) in got.indices.iter().zip(&got.atoms.positions) {
+                let received = owned.exchange_wanted("atoms", is_wanted, comm).unwrap();
+                let divisor = (comm.rank() + 2) as u32;
+                let expected = (0..atoms.len() as u32).filter(|n| n % divisor == 0);
+                assert!(received.indices.iter().copied().eq(expected));
+                for (&n, x) in received.indices.iter().zip(&received.atoms.positions) {
                     assert_eq!(*x, atoms.positions[n as usize]);
                 }
             });

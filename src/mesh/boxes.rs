@@ -1,15 +1,15 @@
-//! Meshes for tests: boxes of cubes, each cut into the tetrahedra (squares: triangles) about its
-//! diagonal.
+//! Meshes for tests: boxes of cubes, each cut into tetrahedra (in 2-D: squares cut into triangles)
+//! along its diagonal.
 
 use super::{Simplices, TetMesh};
 
-/// `n` cubes along each axis of a box from the origin to `extent`; inner nodes for which `moves`
-/// holds are shifted by up to `jitter` of a cube.
+/// Returns a box from the origin to `extent` with `n` cubes along each axis. Inner nodes for which
+/// `is_movable` returns true are shifted by up to `jitter` of a cube.
 pub fn jittered_box<const D: usize, M: Simplices<D>>(
     n: [usize; D],
     extent: [f64; D],
     jitter: f64,
-    moves: impl Fn([f64; D]) -> bool,
+    is_movable: impl Fn([f64; D]) -> bool,
 ) -> M {
     let mut state = 1u64;
     let mut noise = || {
@@ -18,29 +18,30 @@ pub fn jittered_box<const D: usize, M: Simplices<D>>(
             .wrapping_add(1_442_695_040_888_963_407);
         (state >> 33) as f64 / (1u64 << 30) as f64 - 1.0
     };
-    // The place of number `i` among `counts` along each axis, x fastest.
-    let place = |i: usize, counts: [usize; D]| -> [usize; D] {
-        let mut rest = i;
+    // Converts number `i` to an index along each axis, where the axes have `counts` entries and x
+    // varies fastest.
+    let multi_index = |i: usize, counts: [usize; D]| -> [usize; D] {
+        let mut remaining = i;
         counts.map(|count| {
-            let at = rest % count;
-            rest /= count;
-            at
+            let index = remaining % count;
+            remaining /= count;
+            index
         })
     };
-    let posts = n.map(|n| n + 1);
+    let node_counts = n.map(|n| n + 1);
     let mut nodes = Vec::new();
-    for i in 0..posts.iter().product() {
-        let at = place(i, posts);
-        let inside = (0..D).all(|c| at[c] > 0 && at[c] < n[c]);
-        let x: [f64; D] = std::array::from_fn(|c| at[c] as f64 * extent[c] / n[c] as f64);
-        let shift = if inside && moves(x) { jitter } else { 0.0 };
+    for i in 0..node_counts.iter().product() {
+        let index = multi_index(i, node_counts);
+        let inside = (0..D).all(|c| index[c] > 0 && index[c] < n[c]);
+        let x: [f64; D] = std::array::from_fn(|c| index[c] as f64 * extent[c] / n[c] as f64);
+        let shift = if inside && is_movable(x) { jitter } else { 0.0 };
         nodes.push(std::array::from_fn(|c| {
             x[c] + shift * noise() * extent[c] / n[c] as f64
         }));
     }
-    let node = |at: [usize; D]| (0..D).rev().fold(0, |i, c| i * posts[c] + at[c]) as u32;
-    // Each order of the axes is a path of edges from the near corner to the far one; those of the
-    // first half turn one way, the others the other.
+    let node_at = |at: [usize; D]| (0..D).rev().fold(0, |i, c| i * node_counts[c] + at[c]) as u32;
+    // Each permutation of the axes is a path of edges from the low corner of the cube to the high
+    // one. The first half of the permutations is even, the second half odd.
     let paths: &[[usize; 3]] = match D {
         2 => &[[0, 1, 2], [1, 0, 2]],
         _ => &[
@@ -55,11 +56,11 @@ pub fn jittered_box<const D: usize, M: Simplices<D>>(
     let mut corners = Vec::new();
     for i in 0..n.iter().product() {
         for (path, order) in paths.iter().enumerate() {
-            let mut at = place(i, n);
-            let mut cell = vec![node(at)];
+            let mut index = multi_index(i, n);
+            let mut cell = vec![node_at(index)];
             for &axis in &order[..D] {
-                at[axis] += 1;
-                cell.push(node(at));
+                index[axis] += 1;
+                cell.push(node_at(index));
             }
             if path >= paths.len() / 2 {
                 cell.swap(D - 1, D);
@@ -70,17 +71,18 @@ pub fn jittered_box<const D: usize, M: Simplices<D>>(
     M::from_parts(nodes, corners)
 }
 
-/// `n` cubes along each axis, each of side `size`, from the origin.
+/// Returns a box from the origin with `n` cubes of side `size` along each axis, cut into Kuhn's
+/// tetrahedra.
 pub fn kuhn_box(n: [usize; 3], size: f64) -> TetMesh {
     jittered_box(n, n.map(|n| size * n as f64), 0.0, |_| false)
 }
 
-/// Bits for the faces whose nodes all are on a surface.
+/// Returns for each cell the faces, as bits, whose nodes all lie on a surface.
 pub fn faces_on<const D: usize, M: Simplices<D>>(
     mesh: &M,
-    on: impl Fn([f64; D]) -> bool,
+    is_on_surface: impl Fn([f64; D]) -> bool,
 ) -> Vec<u8> {
-    let marked: Vec<bool> = mesh.nodes().iter().map(|&x| on(x)).collect();
+    let marked: Vec<bool> = mesh.nodes().iter().map(|&x| is_on_surface(x)).collect();
     let bits = |c: usize| {
         let is_on = |k: usize| mesh.face(c, k).iter().all(|&i| marked[i as usize]);
         (0..=D).filter(|&k| is_on(k)).map(|k| 1 << k).sum()

@@ -1,5 +1,5 @@
-//! The connection graph: cells, and what joins them. Flow and every exporter to a simulator start
-//! from here, whatever the cells are.
+//! The connection graph: cells, and the faces through which they are connected. Flow and the
+//! exporters to simulators use it, whatever the cells are.
 
 use crate::parallel::prelude::*;
 
@@ -8,22 +8,23 @@ use super::poly::{FaceNeighbour, PolyMesh};
 use crate::Result;
 use crate::geometry::dot;
 
-/// Cells and connections, in one space (lattice or physical; the owner says which).
+/// Cells and connections in one space: lattice or physical, as the code that owns the graph
+/// documents.
 ///
-/// Cells have the order of the mesh; connections that of its inner faces.
+/// Cells are in the order of the mesh, connections in the order of its inner faces.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Graph<const D: usize> {
     /// Volume of each cell (area in 2-D).
     pub volume: Vec<f64>,
-    /// The point at which the cell's unknowns are: its atom, or its centroid for tetrahedra.
+    /// Position of each cell's unknowns: its atom, or its centroid for tetrahedra.
     pub site: Vec<[f64; D]>,
-    /// Centre of each cell's volume.
+    /// Centroid of each cell.
     pub centroid: Vec<[f64; D]>,
     /// Region of each cell.
     pub region: Vec<i32>,
-    /// What joins two cells.
+    /// Faces between two cells.
     pub connections: Vec<Connection<D>>,
-    /// What a cell has in common with the boundary.
+    /// Faces of cells on the boundary.
     pub boundary: Vec<BoundaryFace<D>>,
 }
 
@@ -32,16 +33,16 @@ pub struct Graph<const D: usize> {
 pub struct Connection<const D: usize> {
     /// The cells a and b.
     pub cells: [u32; 2],
-    /// The face in the mesh of polyhedra.
+    /// Index of the face in the mesh of polyhedra.
     pub face: u32,
-    /// Whether the face lies on a feature of the image (a fault, say).
+    /// `true` if the face lies on a feature of the image (a fault, for example).
     pub on_feature: bool,
     /// Area of the face (length in 2-D).
     pub area: f64,
-    /// Distances from the sites of a and b to the plane of the face, square to it; both positive
-    /// when the plane lies between the sites.
+    /// Distances from the sites of a and b to the plane of the face. Both are positive if the plane
+    /// lies between the sites.
     pub distance: [f64; 2],
-    /// Where the line from site to site meets the plane of the face.
+    /// Point at which the line between the sites meets the plane of the face.
     pub point: [f64; D],
     /// Unit normal of the face, from a to b.
     pub normal: [f64; D],
@@ -52,10 +53,10 @@ pub struct Connection<const D: usize> {
 pub struct BoundaryFace<const D: usize> {
     /// The cell.
     pub cell: u32,
-    /// The side of the box: 2 axis for the lower one, 2 axis + 1 for the upper one, counted in
-    /// lattice space; `None` if the mesh does not say.
+    /// The side of the box, numbered in lattice space: 2 axis for the lower side, 2 axis + 1 for
+    /// the upper side. `None` if the mesh does not know it.
     pub side: Option<u8>,
-    /// The face in the mesh of polyhedra.
+    /// Index of the face in the mesh of polyhedra.
     pub face: u32,
     /// Area of the face (length in 2-D).
     pub area: f64,
@@ -63,13 +64,13 @@ pub struct BoundaryFace<const D: usize> {
     pub distance: f64,
     /// Centre of the face.
     pub point: [f64; D],
-    /// Unit normal, outwards.
+    /// Unit normal of the face, outwards.
     pub normal: [f64; D],
 }
 
 impl<const D: usize> Connection<D> {
-    /// The angle in degrees between the face's normal and the line from site to site: 0 where the
-    /// two-point flux is exact (for a permeability without direction).
+    /// Returns the angle in degrees between the face's normal and the line between the sites. Where
+    /// it is 0, the two-point flux is exact (for an isotropic permeability).
     pub fn angle_error(&self, site: &[[f64; D]]) -> f64 {
         let [a, b] = self.cells.map(|c| site[c as usize]);
         let line: [f64; D] = std::array::from_fn(|k| b[k] - a[k]);
@@ -78,19 +79,19 @@ impl<const D: usize> Connection<D> {
         dot(across, across).sqrt().atan2(along).to_degrees()
     }
 
-    /// Transmissibility for permeability 1 by two-point flux: area over the distance from site to
-    /// site square to the face.
+    /// Returns the transmissibility of the two-point flux for permeability 1: the face's area over
+    /// the distance between the sites along the face's normal.
     pub fn unit_transmissibility(&self) -> f64 {
         self.area / (self.distance[0] + self.distance[1])
     }
 }
 
 impl<const D: usize> Graph<D> {
-    /// The graph of a mesh of polyhedra (polygons in 2-D): Voronoi cells connect with `angle_error`
-    /// 0 in the space in which they were made.
+    /// Creates the graph of a mesh of polyhedra (in 2-D of polygons). Voronoi cells have an
+    /// `angle_error` of 0 in the space in which they were made.
     ///
-    /// Where cells stand in columns, a face between sites that are exactly above one another counts as
-    /// its shadow from above: what flows down a column passes that, however the face dips.
+    /// In columns, a face between two sites exactly above one another is replaced by its vertical
+    /// projection: flow along a column passes through that area, however the face dips.
     pub fn from_poly(mesh: &PolyMesh<D>) -> Self {
         let shapes = mesh.cell_shapes();
         let inner = mesh.inner_face_count();
@@ -150,30 +151,35 @@ impl<const D: usize> Graph<D> {
         }
     }
 
-    /// The cell that holds a point: the one beyond whose faces' planes the point is least, if that is
-    /// no more than rounding. Cells are taken to be convex.
+    /// Returns the cell that contains `point`, with a tolerance for rounding. The cell is the one
+    /// for which the point's largest offset beyond the faces' planes is smallest. Cells are assumed
+    /// to be convex. Takes time linear in the number of cells; see [`Locator`].
     pub fn cell_at(&self, point: [f64; D]) -> Option<usize> {
-        let mut outside = vec![f64::NEG_INFINITY; self.volume.len()];
-        let mut beyond = |cell: u32, off: f64| {
-            let outside = &mut outside[cell as usize];
-            *outside = outside.max(off);
+        let mut max_offset = vec![f64::NEG_INFINITY; self.volume.len()];
+        let mut raise = |cell: u32, offset: f64| {
+            let max_offset = &mut max_offset[cell as usize];
+            *max_offset = max_offset.max(offset);
         };
-        let off =
-            |on: [f64; D], normal: [f64; D]| dot(std::array::from_fn(|k| point[k] - on[k]), normal);
+        let offset = |on_plane: [f64; D], normal: [f64; D]| {
+            dot(std::array::from_fn(|k| point[k] - on_plane[k]), normal)
+        };
         for c in &self.connections {
-            let off = off(c.point, c.normal);
-            beyond(c.cells[0], off);
-            beyond(c.cells[1], -off);
+            let offset = offset(c.point, c.normal);
+            raise(c.cells[0], offset);
+            raise(c.cells[1], -offset);
         }
         for f in &self.boundary {
-            beyond(f.cell, off(f.point, f.normal));
+            raise(f.cell, offset(f.point, f.normal));
         }
-        let least = outside.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1));
-        let (cell, &off) = least?;
-        (off <= 1e-6 * self.volume[cell].powf(1.0 / D as f64)).then_some(cell)
+        let innermost = max_offset
+            .iter()
+            .enumerate()
+            .min_by(|a, b| a.1.total_cmp(b.1));
+        let (cell, &offset) = innermost?;
+        (offset <= 1e-6 * self.volume[cell].powf(1.0 / D as f64)).then_some(cell)
     }
 
-    /// The largest and the mean [`Connection::angle_error`], weighted by area.
+    /// Returns the largest [`Connection::angle_error`], and the mean weighted by area.
     pub fn angle_errors(&self) -> (f64, f64) {
         let (mut worst, mut sum, mut area) = (0.0f64, 0.0, 0.0);
         for connection in &self.connections {
@@ -186,20 +192,20 @@ impl<const D: usize> Graph<D> {
     }
 }
 
-/// Finds the cells that hold points: a little work for each point, once the faces of all cells are
-/// listed.
+/// Finds the cells that contain points. After the faces of all cells are listed once, each query is
+/// fast.
 pub struct Locator<'a, const D: usize> {
     graph: &'a Graph<D>,
-    /// Where the faces of each cell start in `faces`, and one more at the end.
+    /// Start of each cell's faces in `faces`, and one more entry for the end.
     starts: Vec<u32>,
-    /// Connections, then boundary faces.
+    /// Faces of the cells; connections are numbered first, then boundary faces.
     faces: Vec<u32>,
 }
 
 impl<'a, const D: usize> Locator<'a, D> {
-    /// Of the cells of a graph.
+    /// Creates a locator for the cells of a graph.
     pub fn new(graph: &'a Graph<D>) -> Self {
-        let sides = || {
+        let cells_of_faces = || {
             let inner = graph
                 .connections
                 .iter()
@@ -208,7 +214,7 @@ impl<'a, const D: usize> Locator<'a, D> {
             inner.chain(outer).zip(0u32..)
         };
         let mut starts = vec![0u32; graph.volume.len() + 2];
-        for ((a, b), _) in sides() {
+        for ((a, b), _) in cells_of_faces() {
             for cell in [Some(a), b].into_iter().flatten() {
                 starts[cell as usize + 2] += 1;
             }
@@ -217,12 +223,12 @@ impl<'a, const D: usize> Locator<'a, D> {
             starts[i] += starts[i - 1];
         }
         let mut faces = vec![0; starts[starts.len() - 1] as usize];
-        for ((a, b), face) in sides() {
+        for ((a, b), face) in cells_of_faces() {
             for cell in [Some(a), b].into_iter().flatten() {
-                // The start of the next cell counts up to its place.
-                let place = &mut starts[cell as usize + 1];
-                faces[*place as usize] = face;
-                *place += 1;
+                // The start of the next cell serves as the counter of this cell.
+                let slot = &mut starts[cell as usize + 1];
+                faces[*slot as usize] = face;
+                *slot += 1;
             }
         }
         starts.pop();
@@ -233,79 +239,82 @@ impl<'a, const D: usize> Locator<'a, D> {
         }
     }
 
-    /// As [`Graph::cell_at`], which looks at all cells.
+    /// Returns the same cell as [`Graph::cell_at`] in most cases, without visiting all cells.
     pub fn cell_at(&self, point: [f64; D]) -> Option<usize> {
-        let Some(found) = self.walk(point) else {
+        let Some(found_cell) = self.walk(point) else {
             return self.graph.cell_at(point);
         };
-        // Where faces are bent, a cell beside it may hold the point better.
-        let mut near = vec![found];
+        // Where faces are bent, a neighbour within two steps may contain the point better.
+        let mut candidates = vec![found_cell];
         for _ in 0..2 {
-            for i in 0..near.len() {
-                near.extend(
-                    self.face_distances(near[i], point)
+            for i in 0..candidates.len() {
+                candidates.extend(
+                    self.face_distances(candidates[i], point)
                         .filter_map(|(next, _)| next),
                 );
             }
-            near.sort_unstable();
-            near.dedup();
+            candidates.sort_unstable();
+            candidates.dedup();
         }
-        let outside = |cell: usize| {
-            let off = self.face_distances(cell, point).map(|(_, off)| off);
-            off.fold(f64::NEG_INFINITY, f64::max)
+        let max_offset = |cell: usize| {
+            let offsets = self.face_distances(cell, point).map(|(_, off)| off);
+            offsets.fold(f64::NEG_INFINITY, f64::max)
         };
-        let deepest = near.into_iter().map(|cell| (outside(cell), cell));
-        deepest
+        let candidates = candidates.into_iter().map(|cell| (max_offset(cell), cell));
+        candidates
             .min_by(|a, b| a.0.total_cmp(&b.0))
             .map(|(_, cell)| cell)
     }
 
-    /// What lies beyond each face of a cell, and how far a point is beyond the face's plane.
+    /// Returns for each face of a cell the cell beyond it (`None` on the boundary), and the offset
+    /// of `point` beyond the face's plane.
     fn face_distances(
         &self,
         cell: usize,
         point: [f64; D],
     ) -> impl Iterator<Item = (Option<usize>, f64)> + '_ {
         let [start, end] = [cell, cell + 1].map(|c| self.starts[c] as usize);
-        let off = move |on: [f64; D], normal: [f64; D]| {
-            dot(std::array::from_fn(|k| point[k] - on[k]), normal)
+        let offset = move |on_plane: [f64; D], normal: [f64; D]| {
+            dot(std::array::from_fn(|k| point[k] - on_plane[k]), normal)
         };
         self.faces[start..end].iter().map(move |&face| {
             let face = face as usize;
             let Some(c) = self.graph.connections.get(face) else {
                 let f = &self.graph.boundary[face - self.graph.connections.len()];
-                return (None, off(f.point, f.normal));
+                return (None, offset(f.point, f.normal));
             };
-            let off = off(c.point, c.normal);
+            let offset = offset(c.point, c.normal);
             if c.cells[0] as usize == cell {
-                (Some(c.cells[1] as usize), off)
+                (Some(c.cells[1] as usize), offset)
             } else {
-                (Some(c.cells[0] as usize), -off)
+                (Some(c.cells[0] as usize), -offset)
             }
         })
     }
 
-    /// Goes from a cell whose site is near through the faces that a point is farthest beyond, to the
-    /// cell that holds it, well inside. `None` where there is none, or the way leads nowhere.
+    /// Walks from a cell with a nearby site to the cell that contains the point well inside, each
+    /// time through the face beyond whose plane the point lies farthest. Returns `None` if the
+    /// point lies on a face or outside the mesh, or if the walk does not end.
     fn walk(&self, point: [f64; D]) -> Option<usize> {
         let cells = self.graph.volume.len();
-        let far = |cell: usize| {
+        let squared_distance = |cell: usize| {
             let site = self.graph.site[cell];
             (0..D).map(|k| (site[k] - point[k]).powi(2)).sum::<f64>()
         };
-        // About as many cells to begin from as there are then to go through.
-        let every = (cells as f64).powf(1.0 - 1.0 / (D as f64 + 1.0)) as usize;
-        let beginnings = (0..cells).step_by(every.max(1));
-        let mut cell = beginnings.min_by(|&a, &b| far(a).total_cmp(&far(b)))?;
+        // The stride makes the number of tested start cells about the length of the walk.
+        let stride = (cells as f64).powf(1.0 - 1.0 / (D as f64 + 1.0)) as usize;
+        let starts = (0..cells).step_by(stride.max(1));
+        let mut cell =
+            starts.min_by(|&a, &b| squared_distance(a).total_cmp(&squared_distance(b)))?;
         for _ in 0..cells {
-            let (beyond, off) = self
+            let (next_cell, offset) = self
                 .face_distances(cell, point)
                 .max_by(|a, b| a.1.total_cmp(&b.1))?;
             let size = self.graph.volume[cell].powf(1.0 / D as f64);
-            match beyond {
-                _ if off < -1e-9 * size => return Some(cell),
-                Some(next) if off > 1e-9 * size => cell = next,
-                // On a face, or outside.
+            match next_cell {
+                _ if offset < -1e-9 * size => return Some(cell),
+                Some(next) if offset > 1e-9 * size => cell = next,
+                // The point is on a face, or outside the mesh.
                 _ => return None,
             }
         }
@@ -314,21 +323,23 @@ impl<'a, const D: usize> Locator<'a, D> {
 }
 
 impl Graph<3> {
-    /// The graph of a mesh of tetrahedra: sites are centroids, so that both are on their own sides
-    /// of every face, and connections are not square to it; `angle_error` says by how much.
+    /// Creates the graph of a mesh of tetrahedra. Sites are centroids, so that each site is on its
+    /// own side of every face. Connections are not normal to the faces; `angle_error` measures the
+    /// deviation.
     ///
-    /// `feature_faces` has bit k of byte t set if face k of tetrahedron t lies on a feature; `region`
-    /// a number for each tetrahedron; either may be empty. `side` of boundary faces is `None`.
+    /// `feature_faces` has bit k of byte t set if face k of tetrahedron t lies on a feature.
+    /// `region` has a number for each tetrahedron. Either may be empty. The `side` of boundary
+    /// faces is `None`.
     ///
     /// # Errors
-    /// As [`PolyMesh::from_simplices`].
+    /// Returns the errors of [`PolyMesh::from_simplices`].
     pub fn from_tets(mesh: &TetMesh, feature_faces: &[u8], region: &[i32]) -> Result<Self> {
         let mesh = PolyMesh::from_simplices(mesh, feature_faces, region)?;
         Ok(Self::from_poly(&mesh))
     }
 }
 
-/// Length and direction of a vector.
+/// Returns the length and the direction of a vector; the direction of a zero vector is zero.
 fn length_and_direction<const D: usize>(v: [f64; D]) -> (f64, [f64; D]) {
     let length = dot(v, v).sqrt();
     (
@@ -338,7 +349,8 @@ fn length_and_direction<const D: usize>(v: [f64; D]) -> (f64, [f64; D]) {
 }
 
 impl<const D: usize> Connection<D> {
-    /// From the face's area vector (a to b) and centre, and the cells' sites.
+    /// Creates a connection from the face's area vector (from a to b) and centre, and the sites of
+    /// the two cells.
     fn new(
         cells: [u32; 2],
         [a, b]: [[f64; D]; 2],
@@ -347,7 +359,7 @@ impl<const D: usize> Connection<D> {
     ) -> Self {
         let (area, mut normal) = length_and_direction(area_vector);
         let (length, line) = length_and_direction(std::array::from_fn(|k| b[k] - a[k]));
-        // The normal of a face this small, or this narrow, is mere rounding.
+        // The normal of such a small or narrow face is dominated by rounding.
         if area < (1e-4 * length).powi(D as i32 - 1) {
             normal = line;
         }
@@ -355,14 +367,14 @@ impl<const D: usize> Connection<D> {
             dot(std::array::from_fn(|k| centre[k] - a[k]), normal),
             dot(std::array::from_fn(|k| b[k] - centre[k]), normal),
         ];
-        let share = distance[0] / (distance[0] + distance[1]);
+        let fraction = distance[0] / (distance[0] + distance[1]);
         Self {
             cells,
             face: 0,
             on_feature: false,
             area,
             distance,
-            point: std::array::from_fn(|k| a[k] + share * (b[k] - a[k])),
+            point: std::array::from_fn(|k| a[k] + fraction * (b[k] - a[k])),
             normal,
         }
     }
@@ -404,7 +416,7 @@ mod tests {
         point[0] = 0.75;
         let mut normal = [0.0; D];
         normal[0] = 1.0;
-        let want = Connection {
+        let expected = Connection {
             cells: [0, 1],
             face: 0,
             on_feature: true,
@@ -413,7 +425,7 @@ mod tests {
             point,
             normal,
         };
-        assert_eq!(connection, want);
+        assert_eq!(connection, expected);
         assert_eq!(graph.angle_errors(), (0.0, 0.0));
         assert_eq!(connection.unit_transmissibility(), 1.0);
         let lower = &graph.boundary[0];
@@ -429,7 +441,7 @@ mod tests {
 
     #[test]
     fn stretching_space_shows_as_an_angle() {
-        // The line from site to site is oblique in a sheared space.
+        // In a sheared space the line between the sites is oblique to the face.
         let sheared = two_cells::<3>(0.75).mapped(|[x, y, z]| [x, y + x, z], false);
         let (worst, mean) = Graph::from_poly(&sheared).angle_errors();
         assert!((worst - 45.0).abs() < 1e-12 && (mean - 45.0).abs() < 1e-12);
@@ -456,10 +468,12 @@ mod tests {
             panic!("one connection")
         };
         assert!(c.on_feature && c.face == 0);
-        let off = |a: f64, b: f64| (a - b).abs() < 1e-15;
-        assert!(off(c.area, 0.5) && off(c.distance[0], 0.25) && off(c.distance[1], 0.25));
+        let is_close = |a: f64, b: f64| (a - b).abs() < 1e-15;
+        assert!(
+            is_close(c.area, 0.5) && is_close(c.distance[0], 0.25) && is_close(c.distance[1], 0.25)
+        );
         assert_eq!(c.normal, [0.0, 0.0, -1.0]);
-        assert!((0..3).all(|k| off(c.point[k], [0.25, 0.25, 0.0][k])));
+        assert!((0..3).all(|k| is_close(c.point[k], [0.25, 0.25, 0.0][k])));
         assert_eq!(graph.angle_errors().0, 0.0);
         assert!(Graph::from_tets(&mesh, &[1], &[]).is_err());
     }

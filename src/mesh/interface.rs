@@ -1,5 +1,5 @@
-//! What every mesh answers, whatever its cells are ([`Mesh`]), and what only simplices do
-//! ([`Simplices`]).
+//! Interfaces of meshes: [`Mesh`] for all meshes, whatever their cells are, and [`Simplices`] for
+//! meshes of triangles or tetrahedra.
 //!
 //! ```text
 //!   Mesh<D>        nodes, faces cut into facets, the cells on either side, volumes and centres
@@ -21,17 +21,17 @@ use crate::error::cause;
 use crate::geometry::{cross, norm, sub, volume6};
 use crate::{Error, Result};
 
-/// A mesh of any cells: triangles or polygons in the plane, tetrahedra or polyhedra in space.
+/// A mesh of any cells: triangles or polygons in 2-D, tetrahedra or polyhedra in 3-D.
 ///
-/// Faces are numbered as in [`Connection::face`](super::graph::Connection::face): face k of simplex c
-/// is `(D + 1) c + k`, so that a face between two simplices has two numbers; those of polyhedra and
-/// polygons are the mesh's own.
+/// Faces are numbered as in [`Connection::face`](super::graph::Connection::face): face k of simplex
+/// c is `(D + 1) c + k`, so that a face between two simplices has two numbers. Polyhedra and
+/// polygons have one number for each face.
 pub trait Mesh<const D: usize>: Clone + Debug + Send + Sync + CellChecks<D> + 'static {
-    /// What the cells are called, in the plural.
+    /// Name of the cells, in the plural.
     const CELLS_NAME: &'static str;
-    /// What the size of a cell is called.
+    /// Name of the measure of a cell.
     const VOLUME_NAME: &'static str = if D == 2 { "area" } else { "volume" };
-    /// VTK's number of the cell.
+    /// VTK's cell type.
     const VTK_CELL: u8;
 
     /// Node positions.
@@ -40,74 +40,73 @@ pub trait Mesh<const D: usize>: Clone + Debug + Send + Sync + CellChecks<D> + 's
     /// Number of cells.
     fn len(&self) -> usize;
 
-    /// Whether there are no cells.
+    /// Returns `true` if there are no cells.
     fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// How many numbers of faces there are.
+    /// Returns the number of face numbers; a face between two simplices counts twice.
     fn face_count(&self) -> usize;
 
-    /// The facets of a face: triangles in space, edges in the plane. Their normals point out of its
-    /// first cell.
+    /// Calls `visit` for each facet of a face: triangles in 3-D, edges in 2-D. Their normals point
+    /// out of the face's first cell.
     fn facets(&self, face: usize, visit: impl FnMut([u32; D]));
 
-    /// Every face once: its nodes in order round it, and whether it is marked; `marks` by number of
-    /// face, or none at all.
+    /// Returns every face once: its nodes in order, and whether it is marked. `marks` has an entry
+    /// for each face number, or is empty.
     fn unique_faces(&self, marks: &[bool]) -> (Lists, Vec<bool>);
 
-    /// For each number of a face its cell and the cell beyond, `NONE` on the boundary. Where two
-    /// numbers mean one face, the second has `NONE` twice.
+    /// Returns for each face number its cell and the cell beyond it, `NONE` on the boundary. If two
+    /// numbers stand for one face, the second has `NONE` twice.
     ///
     /// # Errors
-    /// [`Error::Mesh`] if more than two cells share a face.
+    /// Returns [`Error::Mesh`] if more than two cells share a face.
     fn cells_of_faces(&self) -> Result<Vec<[u32; 2]>>;
 
-    /// Volume (area in the plane) and centre of each cell.
+    /// Returns the volume (area in 2-D) and the centroid of each cell.
     fn cell_volumes(&self) -> Vec<(f64, [f64; D])>;
 
-    /// The volumes of [`cell_volumes`](Self::cell_volumes) alone.
+    /// Returns only the volumes of [`cell_volumes`](Self::cell_volumes).
     fn volumes(&self) -> Vec<f64> {
         let shapes = self.cell_volumes().into_par_iter();
         shapes.map(|(volume, _)| volume).collect()
     }
 
-    /// The centre of a cell, as [`cell_volumes`](Self::cell_volumes) has it: of simplices it is computed
-    /// when asked for, since there may be a hundred million.
+    /// Returns a function from cell to centroid, as in [`cell_volumes`](Self::cell_volumes).
+    /// Centroids of simplices are computed on demand, since there may be a hundred million cells.
     fn centres(&self) -> Centres<'_, D>;
 
-    /// Exchanges all positions of the mesh for others, and `others` for those. If one of the two
-    /// spaces mirrors the other, every cell is turned round, so that all stay positively oriented.
+    /// Swaps all positions of the mesh with `others`. If one of the two spaces mirrors the other,
+    /// every cell is reversed, so that all stay positively oriented.
     fn swap_positions(&mut self, others: &mut Positions<D>, mirrored: bool);
 
-    /// All positions, each as `map` has it; `None` if it has none for one of them.
+    /// Returns all positions after `map`, or `None` if `map` returns `None` for one of them.
     fn mapped_positions(
         &self,
         map: impl Fn(&[f64; D]) -> Option<[f64; D]> + Sync + Send,
     ) -> Option<Positions<D>>;
 }
 
-/// The centre of each cell, by its number.
+/// Function that returns the centroid of a cell.
 pub type Centres<'a, const D: usize> = Box<dyn Fn(usize) -> [f64; D] + Sync + 'a>;
 
-/// Where a mesh is in some space.
+/// Positions of a mesh in one space.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Positions<const D: usize> {
     /// Node positions.
     pub nodes: Vec<[f64; D]>,
-    /// The points that polyhedra and polygons belong to; none for simplices.
+    /// Sites of polyhedra and polygons; empty for simplices.
     pub sites: Vec<[f64; D]>,
 }
 
-/// A mesh of D-simplices: triangles in the plane, tetrahedra in space. What is the same for both is
-/// written once, for this.
+/// A mesh of D-simplices: triangles in 2-D, tetrahedra in 3-D. Code for this trait works for both.
 ///
-/// Face k of a cell (an edge in the plane) is the face opposite its node k.
+/// Face k of a cell (an edge in 2-D) is the face opposite its node k.
 pub trait Simplices<const D: usize>: Mesh<D> {
-    /// What a file calls the smallest angle of each cell.
+    /// Name in files of the array with the smallest angle of each cell.
     const MIN_ANGLE_ARRAY: &'static str = if D == 2 { "min_angle" } else { "min_dihedral" };
-    /// What a file calls the bits of each cell's faces that lie on features: bit k for the face
-    /// opposite node k.
+    /// Name in files of the array that marks the faces on features: bit k of a cell's byte stands
+    /// for the face opposite node k.
     const FEATURE_FACES_ARRAY: &'static str = if D == 2 {
         "feature_edges"
     } else {
@@ -116,50 +115,50 @@ pub trait Simplices<const D: usize>: Mesh<D> {
     /// The cosines of a cell's angles.
     type Cosines: AsRef<[f64]>;
 
-    /// A mesh of the given nodes and cells; `corners` holds D + 1 node numbers a cell.
+    /// Creates a mesh from nodes and cells; `corners` has D + 1 node numbers for each cell.
     fn from_parts(nodes: Vec<[f64; D]>, corners: Vec<u32>) -> Self;
 
-    /// The same cells with other nodes.
+    /// Returns a mesh with the same cells and other nodes.
     fn with_nodes(&self, nodes: Vec<[f64; D]>) -> Self;
 
-    /// Node positions, and node numbers, D + 1 a cell, positively oriented.
+    /// Returns the node positions and the node numbers, D + 1 for each cell, positively oriented.
     fn parts(&self) -> (&[[f64; D]], &[u32]);
 
-    /// The same, to be changed.
+    /// Returns mutable [`parts`](Self::parts).
     fn parts_mut(&mut self) -> (&mut Vec<[f64; D]>, &mut [u32]);
 
-    /// Node numbers, D + 1 a cell, positively oriented.
+    /// Returns the node numbers, D + 1 for each cell, positively oriented.
     fn connectivity(&self) -> &[u32] {
         self.parts().1
     }
 
-    /// The node numbers of cell `c`.
+    /// Returns the node numbers of cell `c`.
     fn cell(&self, c: usize) -> &[u32] {
         &self.connectivity()[(D + 1) * c..(D + 1) * (c + 1)]
     }
 
-    /// The node numbers of face `k` of cell `c`, in the cell's order.
+    /// Returns the node numbers of face `k` of cell `c`, in the cell's order.
     fn face(&self, c: usize, k: usize) -> [u32; D] {
         let cell = self.cell(c);
         std::array::from_fn(|i| cell[i + usize::from(i >= k)])
     }
 
-    /// Signed volume (area) of cell `c`.
+    /// Returns the signed volume (area in 2-D) of cell `c`.
     fn volume(&self, c: usize) -> f64;
 
-    /// For every cell and face, in order, the cell on its other side, or `NONE`.
+    /// Returns for every cell and face, in order, the cell on its other side, or `NONE`.
     ///
     /// # Errors
-    /// The nodes of a face that more than two cells share.
+    /// Returns the nodes of a face that more than two cells share.
     fn neighbors(&self) -> std::result::Result<Vec<u32>, Vec<u32>>;
 
-    /// Area of a face (length of an edge).
+    /// Returns the area of a face (in 2-D: the length of an edge).
     fn face_area(face: &[[f64; D]; D]) -> f64;
 
-    /// Measures cell `c`.
+    /// Measures the shape of cell `c`.
     fn shape(&self, c: usize) -> SimplexShape<Self::Cosines>;
 
-    /// Measures cells, in their order.
+    /// Measures the shapes of a range of cells, in order.
     fn shapes(&self, cells: Range<usize>, mut visit: impl FnMut(SimplexShape<Self::Cosines>)) {
         for c in cells {
             visit(self.shape(c));
@@ -186,7 +185,7 @@ impl<const D: usize, M: Simplices<D>> Mesh<D> for M {
     fn facets(&self, face: usize, mut visit: impl FnMut([u32; D])) {
         let (cell, k) = (face / (D + 1), face % (D + 1));
         let mut facet = self.face(cell, k);
-        // Leaving out a node in an odd place turns the rest round.
+        // Removing a node at an odd position reverses the orientation of the others.
         if k % 2 == 1 {
             facet.swap(0, 1);
         }
@@ -195,12 +194,12 @@ impl<const D: usize, M: Simplices<D>> Mesh<D> for M {
 
     fn unique_faces(&self, marks: &[bool]) -> (Lists, Vec<bool>) {
         let mut faces: Vec<([u32; D], bool)> = Vec::with_capacity(self.face_count());
-        for number in 0..self.face_count() {
-            let mut face = self.face(number / (D + 1), number % (D + 1));
+        for index in 0..self.face_count() {
+            let mut face = self.face(index / (D + 1), index % (D + 1));
             face.sort_unstable();
-            faces.push((face, !marks.get(number).is_some_and(|on| *on)));
+            faces.push((face, !marks.get(index).is_some_and(|mark| *mark)));
         }
-        // Of the two sides of a face, one that is marked comes first.
+        // `false` (marked) sorts first, so deduplication keeps a marked side.
         faces.sort_unstable();
         faces.dedup_by_key(|(face, _)| *face);
         let lists = Lists {
@@ -220,7 +219,7 @@ impl<const D: usize, M: Simplices<D>> Mesh<D> for M {
         })?;
         let cells = neighbors.into_iter().enumerate().map(|(face, beyond)| {
             let cell = (face / (D + 1)) as u32;
-            // NONE is greater than all.
+            // NONE is greater than every cell number.
             if beyond > cell {
                 [cell, beyond]
             } else {
@@ -273,7 +272,7 @@ impl<const D: usize, M: Simplices<D>> Mesh<D> for M {
     }
 }
 
-/// Turns simplices round: the last two nodes of each change places.
+/// Reverses the orientation of simplices by exchanging the last two nodes of each.
 pub fn reverse_orientation<const D: usize>(corners: &mut [u32]) {
     for cell in corners.chunks_exact_mut(D + 1) {
         cell.swap(D - 1, D);
@@ -408,9 +407,10 @@ impl<const D: usize> Mesh<D> for PolyMesh<D> {
         if D == 2 {
             return visit(std::array::from_fn(|k| ring[k]));
         }
-        // A fan round the node of lowest number: the same whichever way the face turns.
-        let least = ring.iter().enumerate().min_by_key(|(_, node)| **node);
-        let first = least.map_or(0, |(at, _)| at);
+        // A fan round the node with the lowest number, which does not depend on the face's
+        // orientation.
+        let lowest = ring.iter().enumerate().min_by_key(|(_, node)| **node);
+        let first = lowest.map_or(0, |(index, _)| index);
         for i in 1..ring.len() - 1 {
             visit(std::array::from_fn(|k| {
                 let step = if k == 0 { 0 } else { i + k - 1 };
@@ -420,7 +420,7 @@ impl<const D: usize> Mesh<D> for PolyMesh<D> {
     }
 
     fn unique_faces(&self, marks: &[bool]) -> (Lists, Vec<bool>) {
-        let marked = |f: usize| marks.get(f).is_some_and(|on| *on);
+        let marked = |f: usize| marks.get(f).is_some_and(|mark| *mark);
         let count = self.face_cells.len();
         (self.faces.clone(), (0..count).map(marked).collect())
     }
@@ -464,8 +464,7 @@ impl<const D: usize> Mesh<D> for PolyMesh<D> {
     }
 }
 
-/// Marks for the faces of simplices, in the order of their numbers, from a byte a cell of which bit k
-/// stands for face k.
+/// Converts bits to marks of face numbers: bit k of a cell's byte stands for its face k.
 pub fn marks_from_bits<const D: usize>(bits: &[u8]) -> impl Iterator<Item = bool> {
     (bits.iter()).flat_map(|&bits| (0..=D).map(move |k| bits >> k & 1 == 1))
 }

@@ -1,18 +1,20 @@
-//! Meshes: topology, adjacency, checks, quality. Nothing here knows about images.
+//! Meshes: topology, adjacency, checks and quality. This module knows nothing about images.
 //!
-//! - `interface`: what every mesh answers, whatever its cells are
+//! - `interface`: the traits that every mesh implements, whatever its cells are
 //! - [`quality`]: dihedral angles and the measure that improvement maximises
 //! - `complex`: tetrahedra with neighbours, for local changes
 //! - `tri`: triangles in the plane
-//! - [`check`](mod@check): the one checker: is this a valid mesh that fills its box?
+//! - [`check`](mod@check): checks that a mesh is valid and fills its box
 //! - [`poly`]: meshes of polyhedra, or of polygons in 2-D
-//! - `piece`: tetrahedra that several processes hold, each some of them
-//! - `part`: all of a mesh or a piece of it, as seen by what measures it
-//! - `poly_columns`: what is known of cells that stand in columns
-//! - `poly_from`: those made from simplices, or by lifting polygons to prisms
+//! - `partition`: tetrahedra that are distributed over several MPI ranks
+//! - `view`: all of a mesh or one partition of it, for code that measures meshes
+//! - `poly_columns`: geometry of cells that stand in columns
+//! - `poly_convert`: polyhedra made from simplices, or by lifting polygons to prisms
 //! - [`graph`]: cells and connections, for flow and for simulators
-//! - [`delaunay`]: points -> tetrahedra by TetGen, triangles by spade; CGAL's opinion and refinement
+//! - [`delaunay`]: points -> tetrahedra by TetGen, triangles by spade; validation and refinement by
+//!   CGAL
 //! - [`voronoi`]: atoms in a box -> their Voronoi cells, cut exactly by the box
+//! - `boxes`: meshes of boxes, for tests
 //!
 //! The tetrahedron, its numbering and its orientation:
 //!
@@ -46,7 +48,7 @@ pub mod voronoi;
 pub use interface::{Mesh, Positions, Simplices};
 pub use tri::TriMesh;
 
-/// A tetrahedral mesh in one space (lattice or physical; the owner says which).
+/// A tetrahedral mesh in one space: lattice or physical, as the code that owns the mesh documents.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TetMesh {
     /// Node positions.
@@ -56,15 +58,15 @@ pub struct TetMesh {
 }
 
 impl TetMesh {
-    /// The four corner positions of tetrahedron `t`.
+    /// Returns the four corner positions of tetrahedron `t`.
     pub fn corners(&self, t: usize) -> [[f64; 3]; 4] {
         self.tets[t].map(|i| self.nodes[i as usize])
     }
 }
 
-/// Nodes of face k (opposite node k), ordered so that `(face, k)` is positively oriented; seen from
-/// inside the tetrahedron they turn anticlockwise.
+/// Nodes of face k (opposite node k), ordered so that `(face, k)` is positively oriented. Seen from
+/// inside the tetrahedron the nodes turn anticlockwise.
 pub const FACES: [[usize; 3]; 4] = [[1, 3, 2], [0, 2, 3], [0, 3, 1], [0, 1, 2]];
 
-/// The six edges as pairs of local nodes; edge e is opposite edge 5 - e.
+/// The six edges as pairs of local nodes. Edge e is opposite edge 5 - e.
 pub const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];

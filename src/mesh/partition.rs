@@ -1,33 +1,34 @@
-//! A mesh in pieces, each in another process: nobody holds all of it.
+//! A distributed mesh: each MPI rank has one partition, and no rank has the global mesh.
 
 use crate::parallel::prelude::*;
 
 use super::TetMesh;
 use super::complex::{NONE, NOT_LOCAL};
 
-/// Some of a mesh's tetrahedra, one after the other. Nodes and tetrahedra have numbers of their own in it.
+/// Consecutive tetrahedra of a global mesh, with local numbers of nodes and tetrahedra.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct MeshPartition {
-    /// Its tetrahedra, and the nodes of these.
+    /// The tetrahedra of the partition, and their nodes.
     pub mesh: TetMesh,
-    /// For each tetrahedron and face k (opposite node k) the tetrahedron on the other side: `NONE` outside the
-    /// mesh, `BEYOND` if it is in another piece.
+    /// For each tetrahedron and face k (opposite node k) the tetrahedron on the other side: `NONE`
+    /// outside the mesh, `NOT_LOCAL` if it is in another partition.
     pub neighbors: Vec<[u32; 4]>,
-    /// The whole mesh's number of each node, rising: pieces that have a node have it under this number.
+    /// Global number of each node, ascending. All partitions use the same global numbers.
     pub global_ids: Vec<u32>,
-    /// The whole's number of the first tetrahedron; the others follow.
+    /// Global number of the first tetrahedron; the others follow.
     pub first_cell: usize,
-    /// Nodes and tetrahedra of the whole.
+    /// Number of nodes and number of tetrahedra of the global mesh.
     pub global_counts: [usize; 2],
 }
 
 impl MeshPartition {
-    /// The nodes that other pieces may have too, rising: those at faces beyond which another goes on. (The
-    /// tetrahedra at a node hang together by faces: where some are in another piece, there is such a face.)
+    /// Returns the nodes that other partitions may have too, ascending: the nodes of faces to
+    /// another partition. This finds all of them, because the tetrahedra at a node are connected
+    /// through faces: where some are in another partition, there is such a face.
     pub fn shared_nodes(&self) -> Vec<u32> {
         let mut shared = Vec::new();
-        for (tet, around) in self.mesh.tets.iter().zip(&self.neighbors) {
-            for k in (0..4).filter(|&k| around[k] == NOT_LOCAL) {
+        for (tet, adjacent) in self.mesh.tets.iter().zip(&self.neighbors) {
+            for k in (0..4).filter(|&k| adjacent[k] == NOT_LOCAL) {
                 shared.extend((0..4).filter(|&i| i != k).map(|i| tet[i]));
             }
         }
@@ -36,44 +37,45 @@ impl MeshPartition {
         shared
     }
 
-    /// The numbers that neighbours have in a mesh of which this piece is all there is: outer faces are where
-    /// the mesh ends, or the piece.
+    /// Returns the neighbours with `NONE` on all outer faces of the partition, both on the boundary
+    /// of the mesh and towards other partitions.
     pub fn local_neighbors(&self) -> Vec<[u32; 4]> {
-        let here = |around: &[u32; 4]| around.map(|n| if n == NOT_LOCAL { NONE } else { n });
-        self.neighbors.par_iter().map(here).collect()
+        let without_nonlocal =
+            |adjacent: &[u32; 4]| adjacent.map(|n| if n == NOT_LOCAL { NONE } else { n });
+        self.neighbors.par_iter().map(without_nonlocal).collect()
     }
 
-    /// A mesh cut into so many pieces, of about as many tetrahedra each.
+    /// Cuts a mesh into `count` partitions with about as many tetrahedra each.
     #[cfg(test)]
     pub fn split(mesh: &TetMesh, neighbors: &[[u32; 4]], count: usize) -> Vec<Self> {
         let cells = mesh.tets.len();
-        let piece = |piece: usize| {
-            let own = piece * cells / count..(piece + 1) * cells / count;
-            let mut numbers = mesh.tets[own.clone()].as_flattened().to_vec();
-            numbers.sort_unstable();
-            numbers.dedup();
-            let local = |n: u32| numbers.binary_search(&n).unwrap() as u32;
-            let beyond = |n: u32| match n as usize {
-                n if own.contains(&n) => (n - own.start) as u32,
+        let partition = |piece: usize| {
+            let cells_of_part = piece * cells / count..(piece + 1) * cells / count;
+            let mut global_ids = mesh.tets[cells_of_part.clone()].as_flattened().to_vec();
+            global_ids.sort_unstable();
+            global_ids.dedup();
+            let local_id = |n: u32| global_ids.binary_search(&n).unwrap() as u32;
+            let local_neighbor = |n: u32| match n as usize {
+                n if cells_of_part.contains(&n) => (n - cells_of_part.start) as u32,
                 _ if n == NONE => NONE,
                 _ => NOT_LOCAL,
             };
             Self {
                 mesh: TetMesh {
-                    nodes: numbers.iter().map(|&n| mesh.nodes[n as usize]).collect(),
-                    tets: (mesh.tets[own.clone()].iter())
-                        .map(|tet| tet.map(local))
+                    nodes: global_ids.iter().map(|&n| mesh.nodes[n as usize]).collect(),
+                    tets: (mesh.tets[cells_of_part.clone()].iter())
+                        .map(|tet| tet.map(local_id))
                         .collect(),
                 },
-                neighbors: (neighbors[own.clone()].iter())
-                    .map(|around| around.map(beyond))
+                neighbors: (neighbors[cells_of_part.clone()].iter())
+                    .map(|adjacent| adjacent.map(local_neighbor))
                     .collect(),
-                first_cell: own.start,
+                first_cell: cells_of_part.start,
                 global_counts: [mesh.nodes.len(), cells],
-                global_ids: numbers,
+                global_ids,
             }
         };
-        (0..count).map(piece).collect()
+        (0..count).map(partition).collect()
     }
 }
 
@@ -84,22 +86,22 @@ mod tests {
     use crate::mesh::complex;
 
     #[test]
-    fn pieces_are_the_mesh_and_know_which_nodes_they_share() {
+    fn partitions_are_the_mesh_and_find_their_shared_nodes() {
         let mesh = kuhn_box([3, 2, 4], 1.0);
         let neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
-        let pieces = MeshPartition::split(&mesh, &neighbors, 3);
+        let partitions = MeshPartition::split(&mesh, &neighbors, 3);
         let mut tets = Vec::new();
-        for (i, piece) in pieces.iter().enumerate() {
-            assert_eq!(piece.first_cell, tets.len());
-            let whole = |tet: &[u32; 4]| tet.map(|n| piece.global_ids[n as usize]);
-            tets.extend(piece.mesh.tets.iter().map(whole));
-            let others = |n: &u32| {
-                let mut others = pieces.iter().enumerate().filter(|(j, _)| *j != i);
+        for (i, partition) in partitions.iter().enumerate() {
+            assert_eq!(partition.first_cell, tets.len());
+            let global_tet = |tet: &[u32; 4]| tet.map(|n| partition.global_ids[n as usize]);
+            tets.extend(partition.mesh.tets.iter().map(global_tet));
+            let is_elsewhere = |n: &u32| {
+                let mut others = partitions.iter().enumerate().filter(|(j, _)| *j != i);
                 others.any(|(_, other)| other.global_ids.binary_search(n).is_ok())
             };
-            let shared = (0..piece.global_ids.len() as u32)
-                .filter(|&n| others(&piece.global_ids[n as usize]));
-            assert!(piece.shared_nodes().into_iter().eq(shared), "piece {i}");
+            let shared = (0..partition.global_ids.len() as u32)
+                .filter(|&n| is_elsewhere(&partition.global_ids[n as usize]));
+            assert!(partition.shared_nodes().into_iter().eq(shared), "piece {i}");
         }
         assert_eq!(tets, mesh.tets);
     }

@@ -1,9 +1,9 @@
-//! Meshes of polyhedra (polygons in 2-D): every face once, with the cell on either side.
+//! Meshes of polyhedra (polygons in 2-D): every face is stored once, with the cell on either side.
 //!
 //! ```text
 //!            nodes of face f turn anticlockwise      a = face_cells[f][0], its owner
 //!    a       seen from b: its normal points          b = face_cells[f][1], a higher number,
-//!  -----▶ b  from a to b                                 or a side of the box: SIDE_0 + side
+//!  -----▶ b  from a to b                                 or a side of the box: FIRST_SIDE + side
 //! ```
 //!
 //! In 2-D a face is an edge (p, q), and its owner lies to the left of p -> q.
@@ -11,27 +11,27 @@
 use crate::geometry::dot;
 use crate::parallel::prelude::*;
 
-/// Numbers from here on in [`PolyMesh::face_cells`] are sides of the box: `SIDE_0 + 2 axis` is the lower
-/// one, `SIDE_0 + 2 axis + 1` the upper one.
+/// First number in [`PolyMesh::face_cells`] that stands for a side of the box: `FIRST_SIDE + 2
+/// axis` is the lower side of an axis, `FIRST_SIDE + 2 axis + 1` the upper side.
 pub const FIRST_SIDE: u32 = u32::MAX - 6;
 
-/// The names of the box's sides, in the order of their numbers.
+/// Names of the box's sides, in the order of their numbers.
 pub const SIDE_NAMES: [&str; 6] = ["xmin", "xmax", "ymin", "ymax", "zmin", "zmax"];
 
-/// Beyond a face on the boundary of a mesh that fills no box.
+/// Stands for the outside, beyond a boundary face of a mesh that fills no box.
 pub const NO_CELL: u32 = u32::MAX;
 
-/// Lists of numbers, one after the other: list i is `items[offsets[i]..offsets[i + 1]]`.
+/// Lists of numbers, stored one after the other: list i is `items[offsets[i]..offsets[i + 1]]`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Lists {
-    /// Where each list begins, and where the last one ends.
+    /// Start of each list, and the end of the last one.
     pub offsets: Vec<u32>,
-    /// What the lists hold.
+    /// Contents of the lists.
     pub items: Vec<u32>,
 }
 
 impl Default for Lists {
-    /// No lists.
+    /// Returns an empty sequence of lists.
     fn default() -> Self {
         Self {
             offsets: vec![0],
@@ -41,80 +41,81 @@ impl Default for Lists {
 }
 
 impl Lists {
-    /// Number of lists.
+    /// Returns the number of lists.
     pub fn len(&self) -> usize {
         self.offsets.len() - 1
     }
 
-    /// Whether there are none.
+    /// Returns `true` if there are no lists.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// List `i`.
+    /// Returns list `i`.
     #[inline]
     pub fn get(&self, i: usize) -> &[u32] {
         &self.items[self.offsets[i] as usize..self.offsets[i + 1] as usize]
     }
 
-    /// Puts a list behind the others.
+    /// Appends a list.
     pub fn push(&mut self, list: impl IntoIterator<Item = u32>) {
         self.items.extend(list);
         self.offsets.push(self.items.len() as u32);
     }
 }
 
-/// A mesh of convex cells in one space (lattice or physical; the owner says which), in flat arrays.
+/// A mesh of convex cells in one space (lattice or physical, as the code that owns it documents),
+/// in flat arrays.
 ///
-/// Faces between cells come first, ordered by owner and then by the cell beyond; then the faces on
-/// the sides of the box, ordered by owner and side.
+/// Faces between cells come first, sorted by owner and then by the cell beyond; then come the faces
+/// on the sides of the box, sorted by owner and side.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PolyMesh<const D: usize> {
     /// Node positions.
     pub nodes: Vec<[f64; D]>,
-    /// The nodes of each face, in order round it (two in 2-D).
+    /// The nodes of each face, in order (two in 2-D).
     pub faces: Lists,
     /// For each face its owner, and the cell or the side of the box beyond it.
     pub face_cells: Vec<[u32; 2]>,
-    /// The point that each cell belongs to (its atom).
+    /// The site of each cell (its atom).
     pub sites: Vec<[f64; D]>,
     /// The region of each cell.
     pub region: Vec<i32>,
-    /// Whether each face lies on a feature of the image.
+    /// `true` for each face that lies on a feature of the image.
     pub on_feature: Vec<bool>,
 }
 
-/// What is beyond a face.
+/// The object on the other side of a face.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FaceNeighbour {
     /// Another cell.
     Cell(usize),
-    /// A side of the box: 2 axis for the lower one, 2 axis + 1 for the upper one.
+    /// A side of the box: 2 axis for the lower side, 2 axis + 1 for the upper side.
     Side(usize),
-    /// Nothing that is known.
+    /// The side is not known.
     Unknown,
 }
 
-/// A face as the integral formulas see it: a fan of triangles (one edge in 2-D) round `apex`.
+/// Integrals over a face, which is taken as a fan of triangles (in 2-D: one edge) round `apex`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FaceShape<const D: usize> {
     /// The mean of the face's nodes.
     pub apex: [f64; D],
-    /// The normal, from the owner to what is beyond, times the area.
+    /// The normal, from the owner to the cell or side beyond, times the area.
     pub area_vector: [f64; D],
-    /// The centre of the area; the apex if there is no area.
+    /// The centroid of the area; `apex` if the area is 0.
     pub centroid: [f64; D],
 }
 
 impl<const D: usize> FaceShape<D> {
-    /// Length of the area vector: the area, as the face is flat.
+    /// Returns the length of the area vector, which is the area if the face is flat.
     pub fn area(&self) -> f64 {
         dot(self.area_vector, self.area_vector).sqrt()
     }
 }
 
 impl<const D: usize> PolyMesh<D> {
-    /// What is beyond face `f`.
+    /// Returns the object on the other side of face `f`.
     #[inline]
     pub fn face_neighbour(&self, f: usize) -> FaceNeighbour {
         match self.face_cells[f][1] {
@@ -124,16 +125,16 @@ impl<const D: usize> PolyMesh<D> {
         }
     }
 
-    /// The number of faces between cells; they come before the faces on the boundary.
+    /// Returns the number of faces between cells. They come before the faces on the boundary.
     pub fn inner_face_count(&self) -> usize {
         self.face_cells.partition_point(|c| c[1] < FIRST_SIDE)
     }
 
-    /// The faces of each cell, ascending.
+    /// Returns the faces of each cell, ascending.
     pub fn faces_of_cells(&self) -> Lists {
         let mut offsets = vec![0u32; self.sites.len() + 1];
-        let inside = |c: &[u32; 2]| [Some(c[0]), (c[1] < FIRST_SIDE).then_some(c[1])];
-        for cell in self.face_cells.iter().flat_map(inside).flatten() {
+        let cells_of_face = |c: &[u32; 2]| [Some(c[0]), (c[1] < FIRST_SIDE).then_some(c[1])];
+        for cell in self.face_cells.iter().flat_map(cells_of_face).flatten() {
             offsets[cell as usize + 1] += 1;
         }
         for i in 1..offsets.len() {
@@ -142,16 +143,16 @@ impl<const D: usize> PolyMesh<D> {
         let mut next = offsets.clone();
         let mut items = vec![0u32; offsets.last().map_or(0, |&n| n as usize)];
         for (f, cells) in self.face_cells.iter().enumerate() {
-            for cell in inside(cells).into_iter().flatten() {
-                let at = &mut next[cell as usize];
-                items[*at as usize] = f as u32;
-                *at += 1;
+            for cell in cells_of_face(cells).into_iter().flatten() {
+                let slot = &mut next[cell as usize];
+                items[*slot as usize] = f as u32;
+                *slot += 1;
             }
         }
         Lists { offsets, items }
     }
 
-    /// Area, normal and centre of face `f`.
+    /// Returns the area, normal and centroid of face `f`.
     pub fn face_shape(&self, f: usize) -> FaceShape<D> {
         let nodes = self.faces.get(f);
         let mut apex = [0.0; D];
@@ -171,17 +172,17 @@ impl<const D: usize> PolyMesh<D> {
             };
         }
         for i in 0..nodes.len() {
-            let part = self.fan_area(apex, nodes[i], nodes[(i + 1) % nodes.len()]);
-            area_vector = std::array::from_fn(|k| area_vector[k] + part[k]);
+            let triangle = self.fan_area(apex, nodes[i], nodes[(i + 1) % nodes.len()]);
+            area_vector = std::array::from_fn(|k| area_vector[k] + triangle[k]);
         }
         for i in 0..nodes.len() {
             let (p, q) = (nodes[i], nodes[(i + 1) % nodes.len()]);
-            // The signed area of this triangle seen along the face's normal.
-            let part = dot(self.fan_area(apex, p, q), area_vector);
+            // The signed area of this triangle, seen along the face's normal.
+            let weight_part = dot(self.fan_area(apex, p, q), area_vector);
             let (p, q) = (self.nodes[p as usize], self.nodes[q as usize]);
-            weight += part;
+            weight += weight_part;
             centroid = std::array::from_fn(|k| {
-                centroid[k] + part * (p[k] - apex[k] + q[k] - apex[k]) / 3.0
+                centroid[k] + weight_part * (p[k] - apex[k] + q[k] - apex[k]) / 3.0
             });
         }
         if weight > 0.0 {
@@ -196,7 +197,7 @@ impl<const D: usize> PolyMesh<D> {
         }
     }
 
-    /// The area vector of the triangle (apex, p, q), or in 2-D of the edge (p, q).
+    /// Returns the area vector of the triangle (apex, p, q), or in 2-D of the edge (p, q).
     #[inline]
     pub(super) fn fan_area(&self, apex: [f64; D], p: u32, q: u32) -> [f64; D] {
         let (p, q) = (&self.nodes[p as usize], &self.nodes[q as usize]);
@@ -215,10 +216,11 @@ impl<const D: usize> PolyMesh<D> {
         area
     }
 
-    /// Volume (area in 2-D) and centroid of a cell, given its faces.
+    /// Returns the volume (area in 2-D) and the centroid of a cell, given its faces.
     ///
-    /// The cell is a pyramid on every triangle of its faces' fans, with its top in the site. Each
-    /// face is the same fan for both cells, so that volumes add up whether it is flat or not.
+    /// The cell is the sum of pyramids with their tops in the site, one on every triangle of its
+    /// faces' fans. Both cells of a face use the same fan, so volumes add up exactly even if a face
+    /// is not flat.
     pub fn cell_shape(&self, cell: usize, faces: &[u32]) -> (f64, [f64; D]) {
         let site = self.sites[cell];
         let mut volume = 0.0;
@@ -235,16 +237,16 @@ impl<const D: usize> PolyMesh<D> {
                 apex = std::array::from_fn(|k| apex[k] + self.nodes[n as usize][k]);
             }
             apex = apex.map(|c| c / nodes.len() as f64);
-            let from: [f64; D] = std::array::from_fn(|k| apex[k] - site[k]);
+            let from_site: [f64; D] = std::array::from_fn(|k| apex[k] - site[k]);
             let triangles = if D == 2 { 1 } else { nodes.len() };
             for i in 0..triangles {
                 let (p, q) = (nodes[i], nodes[(i + 1) % nodes.len()]);
-                let part = sign * dot(from, self.fan_area(apex, p, q)) / D as f64;
-                volume += part;
+                let pyramid = sign * dot(from_site, self.fan_area(apex, p, q)) / D as f64;
+                volume += pyramid;
                 let (p, q) = (&self.nodes[p as usize], &self.nodes[q as usize]);
                 for k in 0..D {
-                    let sum = p[k] + q[k] - 2.0 * site[k] + if D == 2 { 0.0 } else { from[k] };
-                    moment[k] += part * sum / (D + 1) as f64;
+                    let sum = p[k] + q[k] - 2.0 * site[k] + if D == 2 { 0.0 } else { from_site[k] };
+                    moment[k] += pyramid * sum / (D + 1) as f64;
                 }
             }
         }
@@ -258,7 +260,7 @@ impl<const D: usize> PolyMesh<D> {
         (volume, centroid)
     }
 
-    /// Volume (area in 2-D) and centroid of every cell.
+    /// Returns the volume (area in 2-D) and the centroid of every cell.
     pub fn cell_shapes(&self) -> Vec<(f64, [f64; D])> {
         let faces = self.faces_of_cells();
         (0..self.sites.len())
@@ -267,25 +269,29 @@ impl<const D: usize> PolyMesh<D> {
             .collect()
     }
 
-    /// Assigns every face on the boundary to the side of the box `[low, high]` in which it lies; if it
-    /// lies in none (as the top and the base of columns do), to the one that looks the same way.
+    /// Assigns every face on the boundary to the side of the box `[low, high]` in which it lies. A
+    /// face that lies in no side (the top and the base of columns) gets the side whose outward
+    /// normal is nearest to its own.
     pub fn assign_sides(&mut self, low: [f64; D], high: [f64; D]) {
         let longest = (0..D).map(|k| high[k] - low[k]).fold(0.0, f64::max);
         for f in self.inner_face_count()..self.face_cells.len() {
             let normal = self.face_shape(f).area_vector;
-            let turned = |side: usize| normal[side / 2] * if side % 2 == 1 { 1.0 } else { -1.0 };
-            let off = |side: usize| {
+            let outward_component =
+                |side: usize| normal[side / 2] * if side % 2 == 1 { 1.0 } else { -1.0 };
+            let max_offset = |side: usize| {
                 let plane = if side.is_multiple_of(2) { low } else { high }[side / 2];
                 let nodes = self.faces.get(f).iter();
-                nodes.fold(0.0, |most: f64, &n| {
-                    most.max((self.nodes[n as usize][side / 2] - plane).abs())
+                nodes.fold(0.0, |max: f64, &n| {
+                    max.max((self.nodes[n as usize][side / 2] - plane).abs())
                 })
             };
             let sides = 0..2 * D;
-            let nearest = sides.clone().min_by(|&s, &t| off(s).total_cmp(&off(t)));
+            let nearest = sides
+                .clone()
+                .min_by(|&s, &t| max_offset(s).total_cmp(&max_offset(t)));
             let side = match nearest {
-                Some(side) if off(side) > 1e-6 * longest => {
-                    sides.max_by(|&s, &t| turned(s).total_cmp(&turned(t)))
+                Some(side) if max_offset(side) > 1e-6 * longest => {
+                    sides.max_by(|&s, &t| outward_component(s).total_cmp(&outward_component(t)))
                 }
                 nearest => nearest,
             };
@@ -293,13 +299,13 @@ impl<const D: usize> PolyMesh<D> {
         }
     }
 
-    /// The mesh with every position (nodes and sites) sent through an affine map; `mirrored` says
-    /// that the map turns left into right, and so all faces round.
+    /// Returns the mesh after an affine map of all nodes and sites. `mirrored` says that the map
+    /// reverses orientation, so that all faces are reversed too.
     pub fn mapped(&self, map: impl Fn([f64; D]) -> [f64; D] + Sync, mirrored: bool) -> Self {
-        let all = |points: &[[f64; D]]| points.par_iter().map(|&p| map(p)).collect();
+        let map_all = |points: &[[f64; D]]| points.par_iter().map(|&p| map(p)).collect();
         let mut mesh = Self {
-            nodes: all(&self.nodes),
-            sites: all(&self.sites),
+            nodes: map_all(&self.nodes),
+            sites: map_all(&self.sites),
             ..self.clone()
         };
         if mirrored {
@@ -308,7 +314,7 @@ impl<const D: usize> PolyMesh<D> {
         mesh
     }
 
-    /// Turns all faces round.
+    /// Reverses the orientation of all faces.
     pub(super) fn reverse_faces(&mut self) {
         for range in self.faces.offsets.windows(2) {
             self.faces.items[range[0] as usize..range[1] as usize].reverse();
@@ -321,14 +327,14 @@ impl<const D: usize> PolyMesh<D> {
 pub(crate) mod samples {
     use super::*;
 
-    /// The box `[0, 2] x [0, 1]^(D-1)`, cut at x = `cut` into two cells whose sites are half a unit
-    /// from the cut.
+    /// Returns the box `[0, 2] x [0, 1]^(D-1)`, cut at x = `cut` into two cells whose sites are
+    /// half a unit from the cut.
     pub fn two_cells<const D: usize>(cut: f64) -> PolyMesh<D> {
         let xs = [0.0, cut, 2.0];
-        let others = 1usize << (D - 1);
+        let corner_count = 1usize << (D - 1);
         let mut nodes = Vec::new();
         for x in xs {
-            for c in 0..others {
+            for c in 0..corner_count {
                 let mut p = [0.0; D];
                 p[0] = x;
                 for k in 1..D {
@@ -349,33 +355,33 @@ pub(crate) mod samples {
             region: vec![0, 1],
             ..PolyMesh::default()
         };
-        let mut put = |nodes: &[u32], cells: [u32; 2]| {
+        let mut add_face = |nodes: &[u32], cells: [u32; 2]| {
             mesh.faces.push(nodes.iter().copied());
             mesh.face_cells.push(cells);
             mesh.on_feature.push(cells[1] < FIRST_SIDE);
         };
         if D == 2 {
-            put(&[2, 3], [0, 1]);
-            put(&[1, 0], [0, FIRST_SIDE]);
-            put(&[0, 2], [0, FIRST_SIDE + 2]);
-            put(&[3, 1], [0, FIRST_SIDE + 3]);
-            put(&[4, 5], [1, FIRST_SIDE + 1]);
-            put(&[2, 4], [1, FIRST_SIDE + 2]);
-            put(&[5, 3], [1, FIRST_SIDE + 3]);
+            add_face(&[2, 3], [0, 1]);
+            add_face(&[1, 0], [0, FIRST_SIDE]);
+            add_face(&[0, 2], [0, FIRST_SIDE + 2]);
+            add_face(&[3, 1], [0, FIRST_SIDE + 3]);
+            add_face(&[4, 5], [1, FIRST_SIDE + 1]);
+            add_face(&[2, 4], [1, FIRST_SIDE + 2]);
+            add_face(&[5, 3], [1, FIRST_SIDE + 3]);
         } else {
-            put(&[4, 5, 7, 6], [0, 1]);
-            put(&[0, 2, 3, 1], [0, FIRST_SIDE]);
+            add_face(&[4, 5, 7, 6], [0, 1]);
+            add_face(&[0, 2, 3, 1], [0, FIRST_SIDE]);
             for (cell, low) in [(0, 0), (1, 4)] {
                 if cell == 1 {
-                    put(&[8, 9, 11, 10], [1, FIRST_SIDE + 1]);
+                    add_face(&[8, 9, 11, 10], [1, FIRST_SIDE + 1]);
                 }
-                put(&[low, low + 4, low + 6, low + 2], [cell, FIRST_SIDE + 2]);
-                put(
+                add_face(&[low, low + 4, low + 6, low + 2], [cell, FIRST_SIDE + 2]);
+                add_face(
                     &[low + 1, low + 3, low + 7, low + 5],
                     [cell, FIRST_SIDE + 3],
                 );
-                put(&[low, low + 1, low + 5, low + 4], [cell, FIRST_SIDE + 4]);
-                put(
+                add_face(&[low, low + 1, low + 5, low + 4], [cell, FIRST_SIDE + 4]);
+                add_face(
                     &[low + 2, low + 6, low + 7, low + 3],
                     [cell, FIRST_SIDE + 5],
                 );
@@ -401,7 +407,7 @@ mod tests {
         }
         for f in 0..mesh.face_cells.len() {
             let shape = mesh.face_shape(f);
-            // Owner's faces point away from its site.
+            // The faces of the owner point away from its site.
             let site = mesh.sites[mesh.face_cells[f][0] as usize];
             let out: [f64; D] = std::array::from_fn(|k| shape.centroid[k] - site[k]);
             assert!(dot(out, shape.area_vector) > 0.0, "face {f}");
@@ -413,7 +419,7 @@ mod tests {
         }
         assert_eq!(mesh.inner_face_count(), 1);
         assert_eq!(mesh.face_neighbour(0), FaceNeighbour::Cell(1));
-        // Twice as wide and mirrored along x.
+        // The map doubles the width and mirrors along x.
         let map = |p: [f64; D]| std::array::from_fn(|k| if k == 0 { -2.0 * p[0] } else { p[k] });
         let mirrored = mesh.mapped(map, true);
         assert_eq!(mirrored.cell_shapes()[0].0, 1.5);

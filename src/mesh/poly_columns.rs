@@ -1,10 +1,12 @@
-//! Cells that stand in columns, one above another: what they are known by, and what is under a point.
+//! Cells that stand in columns, one above another: how to recognise them, and the points of their
+//! faces above or below a site.
 
 use super::poly::PolyMesh;
 
 impl<const D: usize> PolyMesh<D> {
-    /// Whether the cells are columns (or prisms): every face between two cells is upright, on two
-    /// vertical lines, or lies between sites that are exactly above one another. Never in 2-D.
+    /// Returns `true` if the cells form columns (or prisms): every face between two cells is
+    /// upright, on two vertical lines, or lies between two sites exactly above one another. Always
+    /// `false` in 2-D.
     pub fn is_columnar(&self) -> bool {
         D == 3
             && (0..self.inner_face_count()).all(|f| {
@@ -13,17 +15,22 @@ impl<const D: usize> PolyMesh<D> {
             })
     }
 
-    /// Whether all nodes of a face are on two vertical lines.
+    /// Returns `true` if all nodes of a face lie on two vertical lines.
     pub fn is_upright(&self, f: usize) -> bool {
-        let on = |n: u32| &self.nodes[n as usize][..2];
+        let horizontal = |n: u32| &self.nodes[n as usize][..2];
         let ring = self.faces.get(f);
-        let first = on(ring[0]);
-        let other = ring.iter().map(|&n| on(n)).find(|x| *x != first);
-        D == 3 && other.is_some_and(|other| ring.iter().all(|&n| on(n) == first || on(n) == other))
+        let first = horizontal(ring[0]);
+        let other = ring.iter().map(|&n| horizontal(n)).find(|x| *x != first);
+        D == 3
+            && other.is_some_and(|other| {
+                ring.iter()
+                    .all(|&n| horizontal(n) == first || horizontal(n) == other)
+            })
     }
 
-    /// The point of face `f`, as the fan that it is, above or below `x`; `None` in 2-D and for upright
-    /// faces. Beyond the face's rim its nearest triangle goes on.
+    /// Returns the point of face `f`, taken as a fan of triangles, directly above or below `x`.
+    /// Outside the face its nearest triangle is extrapolated. Returns `None` in 2-D and for upright
+    /// faces.
     pub fn vertical_projection(&self, f: usize, x: [f64; D]) -> Option<[f64; D]> {
         let nodes = self.faces.get(f);
         let apex = self.face_shape(f).apex;
@@ -34,13 +41,13 @@ impl<const D: usize> PolyMesh<D> {
         for i in 0..if D == 3 { nodes.len() } else { 0 } {
             let (p, q) = (nodes[i], nodes[(i + 1) % nodes.len()]);
             let [p, q] = [p, q].map(|n| self.nodes[n as usize]);
-            let all = area(apex, p, q);
-            let shares = [area(x, p, q), area(apex, x, q), area(apex, p, x)].map(|a| a / all);
-            let least = shares[0].min(shares[1]).min(shares[2]);
-            if least > best.0 {
-                let height = shares[0] * apex[2] + shares[1] * p[2] + shares[2] * q[2];
+            let total = area(apex, p, q);
+            let weights = [area(x, p, q), area(apex, x, q), area(apex, p, x)].map(|a| a / total);
+            let min_weight = weights[0].min(weights[1]).min(weights[2]);
+            if min_weight > best.0 {
+                let height = weights[0] * apex[2] + weights[1] * p[2] + weights[2] * q[2];
                 best = (
-                    least,
+                    min_weight,
                     std::array::from_fn(|k| if k == 2 { height } else { x[k] }),
                 );
             }
@@ -48,11 +55,12 @@ impl<const D: usize> PolyMesh<D> {
         (best.0 > f64::NEG_INFINITY).then_some(best.1)
     }
 
-    /// The volume (area in 2-D) that the faces on the boundary enclose.
+    /// Returns the volume (area in 2-D) that the faces on the boundary enclose.
     pub fn enclosed_volume(&self) -> f64 {
         let last = D - 1;
         let mut volume = 0.0;
-        // The flux of (0, 0, z) out of it, from below and from the lowest node.
+        // By the divergence theorem, the volume is the flux of (0, 0, z - base) through the
+        // boundary.
         let base = self
             .nodes
             .iter()

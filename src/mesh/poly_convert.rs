@@ -1,4 +1,5 @@
-//! Meshes of polyhedra (polygons in 2-D) made from others: of simplices, and of prisms on polygons.
+//! Conversion to meshes of polyhedra (polygons in 2-D): from simplices, and by lifting polygons to
+//! prisms.
 
 use super::Simplices;
 use super::complex::NONE;
@@ -7,14 +8,15 @@ use crate::error::{Error, Result, cause};
 use crate::geometry::dot;
 
 impl<const D: usize> PolyMesh<D> {
-    /// The same cells as a mesh of simplices, in the same order; sites are centroids. Faces on the
-    /// boundary have [`NO_CELL`] beyond them.
+    /// Creates a mesh with the cells of a mesh of simplices, in the same order. Sites are
+    /// centroids. Faces on the boundary have [`NO_CELL`] beyond them.
     ///
-    /// `feature_faces` has bit k of byte c set if face k of cell c lies on a feature; `region` a
-    /// number for each cell; either may be empty.
+    /// `feature_faces` has bit k of byte c set if face k of cell c lies on a feature. `region` has
+    /// a number for each cell. Either may be empty.
     ///
     /// # Errors
-    /// [`Error::Mesh`] if three cells share a face, or there are too few bytes or regions.
+    /// Returns [`Error::Mesh`] if three cells share a face, or if the number of bytes or regions is
+    /// wrong.
     pub fn from_simplices<M: Simplices<D>>(
         mesh: &M,
         feature_faces: &[u8],
@@ -26,11 +28,11 @@ impl<const D: usize> PolyMesh<D> {
             ("feature bytes", feature_faces.len()),
             ("regions", region.len()),
         ];
-        if let Some((what, len)) = lengths.iter().find(|(_, len)| *len != 0 && *len != count) {
-            let problem = format!("{len} {what} for {count} {}", M::CELLS_NAME);
+        if let Some((noun, len)) = lengths.iter().find(|(_, len)| *len != 0 && *len != count) {
+            let problem = format!("{len} {noun} for {count} {}", M::CELLS_NAME);
             return Err(refuse(problem, "give one for each"));
         }
-        let around = mesh.neighbors().map_err(|face| {
+        let neighbors = mesh.neighbors().map_err(|face| {
             let problem = format!("face {face:?} belongs to more than two {}", M::CELLS_NAME);
             refuse(problem, "give a mesh that atomesh validate passes")
         })?;
@@ -51,15 +53,15 @@ impl<const D: usize> PolyMesh<D> {
         let size = D + 1;
         for inner in [true, false] {
             for c in 0..count {
-                let own = &around[size * c..size * (c + 1)];
-                let wanted = |&k: &usize| match own[k] {
+                let cell_neighbors = &neighbors[size * c..size * (c + 1)];
+                let is_selected = |&k: &usize| match cell_neighbors[k] {
                     NONE => !inner,
                     other => inner && c < other as usize,
                 };
-                let mut faces: Vec<usize> = (0..size).filter(wanted).collect();
-                faces.sort_unstable_by_key(|&k| own[k]);
+                let mut faces: Vec<usize> = (0..size).filter(is_selected).collect();
+                faces.sort_unstable_by_key(|&k| cell_neighbors[k]);
                 for k in faces {
-                    let beyond = if inner { own[k] } else { NO_CELL };
+                    let beyond = if inner { cell_neighbors[k] } else { NO_CELL };
                     poly.faces.push(mesh.face(c, k));
                     poly.face_cells.push([c as u32, beyond]);
                     let bits = feature_faces.get(c).copied().unwrap_or(0);
@@ -71,25 +73,25 @@ impl<const D: usize> PolyMesh<D> {
         Ok(poly)
     }
 
-    /// Appends the nodes of a polygon, in order round it, to `ring`; it lies to the left of its edges.
-    /// For meshes of the plane.
+    /// Appends the nodes of a polygon to `ring`, in anticlockwise order. For 2-D meshes.
     pub fn append_ring(&self, cell: usize, faces: &[u32], ring: &mut Vec<u32>) {
         let edge = |f: u32| {
             let nodes = self.faces.get(f as usize);
-            match self.face_cells[f as usize][0] as usize == cell {
-                true => [nodes[0], nodes[1]],
-                false => [nodes[1], nodes[0]],
+            if self.face_cells[f as usize][0] as usize == cell {
+                [nodes[0], nodes[1]]
+            } else {
+                [nodes[1], nodes[0]]
             }
         };
-        let mut at = faces.first().map_or(0, |&f| edge(f)[0]);
+        let mut node = faces.first().map_or(0, |&f| edge(f)[0]);
         for _ in faces {
-            ring.push(at);
+            ring.push(node);
             let mut edges = faces.iter().map(|&f| edge(f));
-            at = edges.find(|e| e[0] == at).map_or(at, |e| e[1]);
+            node = edges.find(|e| e[0] == node).map_or(node, |e| e[1]);
         }
     }
 
-    /// Turns the face pushed last round if its normal points to its owner's site.
+    /// Reverses the last face if its normal points to its owner's site.
     fn orient_last_face_outwards(&mut self) {
         let f = self.face_cells.len() - 1;
         let shape = self.face_shape(f);
@@ -103,8 +105,9 @@ impl<const D: usize> PolyMesh<D> {
 }
 
 impl PolyMesh<2> {
-    /// A layer of prisms between z = 0 and z = `thickness`, one on each polygon and in their order;
-    /// sites at half height. Edges become upright faces, on features where the edges are.
+    /// Returns a layer of prisms between z = 0 and z = `thickness`, one on each polygon and in the
+    /// same order, with sites at half height. Edges become upright faces, which lie on features if
+    /// the edges do.
     pub fn extrude(&self, thickness: f64) -> PolyMesh<3> {
         let count = self.nodes.len() as u32;
         let lift = |z: f64| move |&[x, y]: &[f64; 2]| [x, y, z];
@@ -117,25 +120,26 @@ impl PolyMesh<2> {
             ..PolyMesh::default()
         };
         let inner = self.inner_face_count();
-        let upright = |layer: &mut PolyMesh<3>, f: usize| {
+        let add_upright_face = |layer: &mut PolyMesh<3>, f: usize| {
             let [p, q] = [0, 1].map(|i| self.faces.get(f)[i]);
             layer.faces.push([p, q, q + count, p + count]);
             layer.face_cells.push(self.face_cells[f]);
             layer.on_feature.push(self.on_feature[f]);
         };
-        (0..inner).for_each(|f| upright(&mut layer, f));
+        (0..inner).for_each(|f| add_upright_face(&mut layer, f));
         let lists = self.faces_of_cells();
         let mut ring = Vec::new();
         for cell in 0..self.sites.len() {
-            let own = lists.get(cell);
-            let outer = own.iter().filter(|&&f| f as usize >= inner);
-            outer.for_each(|&f| upright(&mut layer, f as usize));
+            let cell_faces = lists.get(cell);
+            let outer = cell_faces.iter().filter(|&&f| f as usize >= inner);
+            outer.for_each(|&f| add_upright_face(&mut layer, f as usize));
             ring.clear();
-            self.append_ring(cell, own, &mut ring);
+            self.append_ring(cell, cell_faces, &mut ring);
             for (side, up) in [(4, false), (5, true)] {
-                match up {
-                    true => layer.faces.push(ring.iter().map(|&n| n + count)),
-                    false => layer.faces.push(ring.iter().rev().copied()),
+                if up {
+                    layer.faces.push(ring.iter().map(|&n| n + count))
+                } else {
+                    layer.faces.push(ring.iter().rev().copied())
                 }
                 layer.face_cells.push([cell as u32, FIRST_SIDE + side]);
                 layer.on_feature.push(false);
@@ -160,12 +164,12 @@ mod tests {
         let mut poly = PolyMesh::from_simplices(&mesh, &[1; 6], &[3; 6]).unwrap();
         assert_eq!((poly.inner_face_count(), poly.face_cells.len()), (6, 18));
         poly.assign_sides([0.0; 3], [1.0; 3]);
-        let found = check(&poly, [0.0; 3], [1.0; 3], 1e-12);
-        assert!(found.passed(), "{found:?}");
+        let report = check(&poly, [0.0; 3], [1.0; 3], 1e-12);
+        assert!(report.passed(), "{report:?}");
         assert_eq!(poly.region, [3; 6]);
-        // Face 0, opposite node 0, is on the boundary of each.
-        let marked = poly.on_feature.iter().filter(|on| **on).count();
-        assert!(marked == 6 && poly.on_feature[..6].iter().all(|on| !on));
+        // Face 0, opposite node 0, is on the boundary for each tetrahedron.
+        let marked = poly.on_feature.iter().filter(|mark| **mark).count();
+        assert!(marked == 6 && poly.on_feature[..6].iter().all(|mark| !mark));
         assert!(PolyMesh::from_simplices(&mesh, &[1], &[]).is_err());
     }
 
@@ -173,8 +177,8 @@ mod tests {
     fn prisms_on_polygons_and_triangles_fill_the_box() {
         let mesh = two_cells::<2>(0.75);
         let layer = mesh.extrude(3.0);
-        let found = check(&layer, [0.0; 3], [2.0, 1.0, 3.0], 1e-12);
-        assert!(found.passed(), "{found:?}");
+        let report = check(&layer, [0.0; 3], [2.0, 1.0, 3.0], 1e-12);
+        assert!(report.passed(), "{report:?}");
         assert!(layer.on_feature[0]);
         assert_eq!(Graph::from_poly(&layer).volume, [2.25, 3.75]);
 
@@ -184,7 +188,7 @@ mod tests {
         };
         let mut poly = PolyMesh::<2>::from_simplices(&square, &[], &[]).unwrap();
         poly.assign_sides([0.0; 2], [1.0; 2]);
-        let found = check(&poly.extrude(0.5), [0.0; 3], [1.0, 1.0, 0.5], 1e-12);
-        assert!(found.passed(), "{found:?}");
+        let report = check(&poly.extrude(0.5), [0.0; 3], [1.0, 1.0, 0.5], 1e-12);
+        assert!(report.passed(), "{report:?}");
     }
 }

@@ -4,11 +4,11 @@ use super::EDGES;
 use crate::geometry::simd::dispatch_simd;
 use crate::geometry::{cross, dot, sub, volume6};
 
-/// So many tetrahedra are measured side by side.
+/// Number of tetrahedra that are measured together.
 pub const BLOCK_SIZE: usize = 64;
 
-/// The corners of up to [`BLOCK_SIZE`] tetrahedra, side by side for vectors to measure: by node, axis and
-/// tetrahedron.
+/// The corners of up to [`BLOCK_SIZE`] tetrahedra, stored by node, axis and tetrahedron so that
+/// SIMD instructions can measure them.
 pub struct CornerBlock([[[f64; BLOCK_SIZE]; 3]; 4]);
 
 impl Default for CornerBlock {
@@ -18,8 +18,8 @@ impl Default for CornerBlock {
 }
 
 impl CornerBlock {
-    /// Copies together the corners of at most [`BLOCK_SIZE`] tetrahedra. Places without one keep what they
-    /// had.
+    /// Copies the corners of at most [`BLOCK_SIZE`] tetrahedra. Unused entries keep their old
+    /// values.
     pub fn gather(&mut self, nodes: &[[f64; 3]], tets: &[[u32; 4]]) {
         for (i, tet) in tets.iter().enumerate().take(BLOCK_SIZE) {
             for (corner, &node) in self.0.iter_mut().zip(tet) {
@@ -40,7 +40,7 @@ impl CornerBlock {
         ]
     }
 
-    /// [`min_sine`] of each.
+    /// Computes [`min_sine`] of each tetrahedron.
     pub fn min_sines(&self, sines: &mut [f64; BLOCK_SIZE]) {
         dispatch_simd(
             #[inline(always)]
@@ -53,10 +53,11 @@ impl CornerBlock {
     }
 }
 
-/// The six dihedral angles in degrees, in the order of [`EDGES`].
+/// Returns the six dihedral angles in degrees, in the order of [`EDGES`].
 pub fn dihedral_angles(p: &[[f64; 3]; 4]) -> [f64; 6] {
     EDGES.map(|[i, j]| {
-        // The two nodes off the edge; the angle between the faces' heights over the edge.
+        // The two nodes not on the edge. The dihedral angle is the angle between the normals m and
+        // n.
         let [k, l] = match (i, j) {
             (0, 1) => [2, 3],
             (0, 2) => [1, 3],
@@ -73,10 +74,10 @@ pub fn dihedral_angles(p: &[[f64; 3]; 4]) -> [f64; 6] {
     })
 }
 
-/// The smallest sine of the six dihedral angles; negative for an inverted tetrahedron.
+/// Returns the smallest sine of the six dihedral angles; negative for an inverted tetrahedron.
 ///
-/// This is what improvement maximises: small and large angles count alike, every angle lies in
-/// [30, 150] degrees exactly when it is at least 1/2, and it needs no trigonometry: the sine at an
+/// Improvement maximises this measure: small and large angles count alike, every angle lies in [30,
+/// 150] degrees exactly if the sine is at least 1/2, and it needs no trigonometry. The sine at an
 /// edge of length l between faces of areas A and B is 3 V l / (2 A B) (Klingner & Shewchuk 2007).
 #[inline(always)]
 pub fn min_sine(p: &[[f64; 3]; 4]) -> f64 {
@@ -89,8 +90,8 @@ pub fn min_sine(p: &[[f64; 3]; 4]) -> f64 {
     let n0 = cross(u, v);
     let volume = dot(c, n3);
     let (s0, s1, s2, s3) = (dot(n0, n0), dot(n1, n1), dot(n2, n2), dot(n3, n3));
-    // sin^2 = V^2 l^2 / (|n_i|^2 |n_j|^2); edge between nodes (i, j) borders the faces opposite the
-    // other two nodes.
+    // sin^2 = V^2 l^2 / (|n_i|^2 |n_j|^2). The edge between nodes (i, j) borders the faces opposite
+    // the other two nodes.
     let m = (dot(a, a) * s0 * s1)
         .min(dot(b, b) * s0 * s2)
         .min(dot(c, c) * s0 * s3)
@@ -103,8 +104,8 @@ pub fn min_sine(p: &[[f64; 3]; 4]) -> f64 {
     if denominator > 0.0 { signed } else { -1.0 }
 }
 
-/// Mean ratio: 12 (3 V)^(2/3) / (sum of squared edge lengths); 1 for the regular tetrahedron
-/// (Liu & Joe 1994).
+/// Returns the mean ratio 12 (3 V)^(2/3) / (sum of squared edge lengths): 1 for the regular
+/// tetrahedron, 0 for a flat or inverted one (Liu & Joe 1994).
 pub fn mean_ratio(p: &[[f64; 3]; 4]) -> f64 {
     let lengths: f64 = EDGES
         .iter()
@@ -120,7 +121,8 @@ pub fn mean_ratio(p: &[[f64; 3]; 4]) -> f64 {
     12.0 * (3.0 * volume).powf(2.0 / 3.0) / lengths
 }
 
-/// Radius of the circumscribed sphere over the shortest edge; 0.612 for the regular tetrahedron.
+/// Returns the radius of the circumscribed sphere over the length of the shortest edge: 0.612 for
+/// the regular tetrahedron.
 pub fn radius_edge_ratio(p: &[[f64; 3]; 4]) -> f64 {
     let shortest = EDGES
         .iter()
@@ -137,36 +139,35 @@ pub fn radius_edge_ratio(p: &[[f64; 3]; 4]) -> f64 {
     crate::geometry::norm(top) / (2.0 * volume6(p).abs()) / shortest
 }
 
-/// All figures of one simplex.
+/// All shape measures of one simplex.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SimplexShape<C = [f64; 6]> {
-    /// Of its angles; of a tetrahedron's dihedral angles, in the order of [`EDGES`], good to 1e-6
-    /// degrees near 0 and 180. An angle at a face without area is called 0.
+    /// Cosines of the angles; for a tetrahedron of the dihedral angles, in the order of [`EDGES`],
+    /// accurate to 1e-6 degrees near 0 and 180. The angle at a face without area is taken as 0.
     pub cosines: C,
-    /// See [`mean_ratio`], and `tri::shape`.
+    /// See [`mean_ratio`] and `tri::shape_quality`.
     pub mean_ratio: f64,
-    /// See [`radius_edge_ratio`], and
-    /// `tri::radius_edge_ratio`.
+    /// See [`radius_edge_ratio`] and `tri::radius_edge_ratio`.
     pub radius_edge: f64,
-    /// Signed volume (area in the plane).
+    /// Signed volume (area in 2-D).
     pub volume: f64,
 }
 
-/// A tetrahedron's figures, from what they share: a quarter of the cost of one by one.
+/// All measures together share subexpressions and cost a quarter of the single functions.
 impl SimplexShape {
-    /// Measures the tetrahedron with these corners.
+    /// Measures the tetrahedron with corners `p`.
     #[inline]
     pub fn from_corners(p: &[[f64; 3]; 4]) -> Self {
         Self::measure(p)
     }
 
-    /// The same, sure to become part of a loop for wide vectors: loops rather than maps of arrays,
-    /// no branches.
+    /// Measures the tetrahedron with corners `p`; always inlined. It is written for vectorised
+    /// loops: with loops instead of maps of arrays, and without branches.
     #[inline(always)]
     fn measure(p: &[[f64; 3]; 4]) -> Self {
         let (a, b, c) = (sub(p[1], p[0]), sub(p[2], p[0]), sub(p[3], p[0]));
         let (u, v, w) = (sub(p[2], p[1]), sub(p[3], p[1]), sub(p[3], p[2]));
-        // Of the faces opposite each node, all outward (or all inward).
+        // Normals of the faces opposite each node, all outward (or all inward).
         let normals = [cross(u, v), cross(c, b), cross(a, c), cross(b, a)];
         let mut inverses = [0.0; 4];
         for k in 0..4 {
@@ -193,7 +194,7 @@ impl SimplexShape {
         let [aa, bb, cc, uu, vv, ww] = squares;
         let sum = aa + bb + cc + uu + vv + ww;
         let shortest = aa.min(bb).min(cc).min(uu).min(vv).min(ww);
-        // Six times the volume; positive as in `volume6`.
+        // Six times the volume, with the sign of `volume6`.
         let volume6 = -dot(c, normals[3]);
         let ratio = 12.0 * cube_root(0.25 * volume6 * volume6) / sum;
         let mean_ratio = if volume6 > 0.0 { ratio } else { 0.0 };
@@ -210,26 +211,27 @@ impl SimplexShape {
         }
     }
 
-    /// The smallest dihedral angle, in degrees.
+    /// Returns the smallest dihedral angle, in degrees.
     #[inline]
     pub fn smallest_angle(&self) -> f64 {
-        let most = self.cosines.iter().copied().fold(-1.0, f64::max);
-        most.acos().to_degrees()
+        let max_cosine = self.cosines.iter().copied().fold(-1.0, f64::max);
+        max_cosine.acos().to_degrees()
     }
 
-    /// The largest dihedral angle, in degrees.
+    /// Returns the largest dihedral angle, in degrees.
     #[inline]
     pub fn largest_angle(&self) -> f64 {
-        let least = self.cosines.iter().copied().fold(1.0, f64::min);
-        least.acos().to_degrees()
+        let min_cosine = self.cosines.iter().copied().fold(1.0, f64::min);
+        min_cosine.acos().to_degrees()
     }
 }
 
-/// The cube root of a positive number, to 1e-13 of it, in steps that vectors can take.
+/// Returns the cube root of a positive number to a relative error of 1e-13, in steps that can be
+/// vectorised.
 #[inline(always)]
 fn cube_root(x: f64) -> f64 {
-    // A third of the exponent: good to five bits (as in FreeBSD's `cbrt`). Each of Halley's steps
-    // makes three times as many of them.
+    // A third of the exponent gives five correct bits (as in FreeBSD's `cbrt`). Each step of
+    // Halley's method triples their number.
     let high = (x.to_bits() >> 32) as u32 / 3 + 0x2A9F_7893;
     let mut y = f64::from_bits(u64::from(high) << 32);
     for _ in 0..2 {
@@ -239,7 +241,7 @@ fn cube_root(x: f64) -> f64 {
     y
 }
 
-/// The figures of up to [`BLOCK_SIZE`] tetrahedra, as those of [`SimplexShape`] side by side.
+/// Shape measures of up to [`BLOCK_SIZE`] tetrahedra, stored as arrays; see [`SimplexShape`].
 pub struct SimplexShapeBlock {
     cosines: [[f64; BLOCK_SIZE]; 6],
     mean_ratio: [f64; BLOCK_SIZE],
@@ -277,7 +279,7 @@ impl SimplexShapeBlock {
         );
     }
 
-    /// The figures of one of them.
+    /// Returns the measures of tetrahedron `i` of the block.
     #[inline]
     pub fn get(&self, i: usize) -> SimplexShape {
         SimplexShape {
@@ -348,10 +350,10 @@ mod tests {
             for (i, tet) in tets.iter().enumerate() {
                 let p = tet.map(|n| nodes[n as usize]);
                 prop_assert_eq!(sines[i].to_bits(), min_sine(&p).to_bits());
-                let (one, many) = (SimplexShape::from_corners(&p), shapes.get(i));
-                prop_assert_eq!(one.cosines, many.cosines);
-                prop_assert_eq!(one.mean_ratio.to_bits(), many.mean_ratio.to_bits());
-                prop_assert_eq!(one.volume.to_bits(), many.volume.to_bits());
+                let (single, block) = (SimplexShape::from_corners(&p), shapes.get(i));
+                prop_assert_eq!(single.cosines, block.cosines);
+                prop_assert_eq!(single.mean_ratio.to_bits(), block.mean_ratio.to_bits());
+                prop_assert_eq!(single.volume.to_bits(), block.volume.to_bits());
             }
         }
 
@@ -364,10 +366,10 @@ mod tests {
             for (cosine, exact) in shape.cosines.into_iter().zip(angles) {
                 prop_assert!((cosine.acos().to_degrees() - exact).abs() < 1e-5);
             }
-            let least = angles.into_iter().fold(f64::INFINITY, f64::min);
-            let most = angles.into_iter().fold(0.0, f64::max);
-            prop_assert!((shape.smallest_angle() - least).abs() < 1e-5);
-            prop_assert!((shape.largest_angle() - most).abs() < 1e-5);
+            let min = angles.into_iter().fold(f64::INFINITY, f64::min);
+            let max = angles.into_iter().fold(0.0, f64::max);
+            prop_assert!((shape.smallest_angle() - min).abs() < 1e-5);
+            prop_assert!((shape.largest_angle() - max).abs() < 1e-5);
             let close = |a: f64, b: f64| (a - b).abs() <= 1e-8 * b.abs();
             prop_assert!(close(shape.volume, volume6(&p) / 6.0));
             prop_assert!(close(shape.mean_ratio, mean_ratio(&p)));

@@ -1,4 +1,4 @@
-//! Triangles in the plane: topology, adjacency, shape. What a 2-D image is meshed with.
+//! Triangles in the plane: topology, adjacency and shape. Meshes of 2-D images consist of them.
 //!
 //! ```text
 //!        2             (x1 - x0) x (x2 - x0) > 0: nodes 0, 1, 2 turn anticlockwise
@@ -9,7 +9,7 @@
 
 use super::complex::NONE;
 
-/// A triangle mesh in one space (lattice or physical; the owner says which).
+/// A triangle mesh in one space: lattice or physical, as the code that owns the mesh documents.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TriMesh {
     /// Node positions.
@@ -19,7 +19,7 @@ pub struct TriMesh {
 }
 
 impl TriMesh {
-    /// The three corner positions of triangle `t`.
+    /// Returns the three corner positions of triangle `t`.
     pub fn corners(&self, t: usize) -> [[f64; 2]; 3] {
         self.triangles[t].map(|i| self.nodes[i as usize])
     }
@@ -28,33 +28,34 @@ impl TriMesh {
 /// Nodes of edge k (opposite node k), in the triangle's sense of rotation.
 pub const SIDES: [[usize; 2]; 3] = [[1, 2], [2, 0], [0, 1]];
 
-/// Twice the signed area of a triangle; positive for the module's orientation.
+/// Returns twice the signed area of a triangle; positive for the module's orientation.
 #[inline]
 pub fn double_area(p: &[[f64; 2]; 3]) -> f64 {
     (p[1][0] - p[0][0]) * (p[2][1] - p[0][1]) - (p[1][1] - p[0][1]) * (p[2][0] - p[0][0])
 }
 
-/// The squared lengths of the three edges.
+/// Returns the squared lengths of the three edges.
 #[inline]
 pub fn squared_sides(p: &[[f64; 2]; 3]) -> [f64; 3] {
     SIDES.map(|[i, j]| (p[j][0] - p[i][0]).powi(2) + (p[j][1] - p[i][1]).powi(2))
 }
 
-/// The three angles in degrees, at nodes 0, 1 and 2.
+/// Returns the three angles in degrees, at nodes 0, 1 and 2.
 pub fn angles(p: &[[f64; 2]; 3]) -> [f64; 3] {
     let area2 = double_area(p).abs();
     let [a, b, c] = squared_sides(p);
-    // The scalar product of the two edges that meet at the node opposite the first side.
-    let at = |opposite: f64, s: f64, t: f64| {
+    // The scalar product of the two edges that meet at a node, from the squared length `opposite`
+    // of the side opposite to it.
+    let angle_at = |opposite: f64, s: f64, t: f64| {
         let product = 0.5 * (s + t - opposite);
         area2.atan2(product).to_degrees()
     };
-    [at(a, b, c), at(b, c, a), at(c, a, b)]
+    [angle_at(a, b, c), angle_at(b, c, a), angle_at(c, a, b)]
 }
 
-/// The largest cotangent of the three angles, that is, the smallest angle's; infinite for a flat or
-/// inverted triangle. It needs no trigonometry: all angles are at least `a` (and so none is above
-/// 180 - 2 a) exactly when it is at most cot(a).
+/// Returns the largest cotangent of the three angles, which is that of the smallest angle; infinite
+/// for a flat or inverted triangle. It needs no trigonometry: all angles are at least `a` (and at
+/// most 180 degrees - 2 a) exactly if the result is at most cot(a).
 #[inline]
 pub fn worst_cotangent(p: &[[f64; 2]; 3]) -> f64 {
     let area2 = double_area(p);
@@ -62,12 +63,12 @@ pub fn worst_cotangent(p: &[[f64; 2]; 3]) -> f64 {
         return f64::INFINITY;
     }
     let [a, b, c] = squared_sides(p);
-    // The smallest angle lies opposite the shortest side.
+    // The smallest angle is opposite the shortest side.
     0.5 * (a + b + c - 2.0 * a.min(b).min(c)) / area2
 }
 
-/// Q = 4 sqrt(3) A / (l1^2 + l2^2 + l3^2): 1 for the equilateral triangle, 0 for a flat or inverted
-/// one (Fernandes & Gattass 2009).
+/// Returns Q = 4 sqrt(3) A / (l1^2 + l2^2 + l3^2): 1 for the equilateral triangle, 0 for a flat or
+/// inverted one (Fernandes & Gattass 2009).
 pub fn shape_quality(p: &[[f64; 2]; 3]) -> f64 {
     let sum: f64 = squared_sides(p).iter().sum();
     if sum > 0.0 {
@@ -77,25 +78,27 @@ pub fn shape_quality(p: &[[f64; 2]; 3]) -> f64 {
     }
 }
 
-/// Radius of the circumscribed circle over the shortest edge; 0.577 for the equilateral triangle.
+/// Returns the radius of the circumscribed circle over the length of the shortest edge: 0.577 for
+/// the equilateral triangle.
 pub fn radius_edge_ratio(p: &[[f64; 2]; 3]) -> f64 {
     let [a, b, c] = squared_sides(p).map(f64::sqrt);
     0.5 * a * b * c / double_area(p).abs() / a.min(b).min(c)
 }
 
-/// Neighbours of every triangle by matching edges, in time linear in their number.
+/// Returns the neighbours of every triangle, found by matching edges, in time linear in the number
+/// of triangles.
 ///
 /// # Errors
-/// The first edge (nodes ascending) that more than two triangles share, or that two cover in the
-/// same direction, so that they overlap.
+/// Returns the first edge (nodes ascending) that more than two triangles share, or that two
+/// triangles have in the same direction, so that they overlap.
 pub fn neighbors(node_count: usize, triangles: &[[u32; 3]]) -> Result<Vec<[u32; 3]>, [u32; 2]> {
     let side = |t: usize, k: usize| SIDES[k].map(|i| triangles[t][i]);
-    let low = |t: usize, k: usize| side(t, k).into_iter().min().unwrap_or(0) as usize;
-    // Edges in buckets by their smaller node: a counting sort, then tiny lists.
+    let lower_node = |t: usize, k: usize| side(t, k).into_iter().min().unwrap_or(0) as usize;
+    // A counting sort by the smaller node leaves only a few edges in each bucket.
     let mut start = vec![0u32; node_count + 1];
     for t in 0..triangles.len() {
         for k in 0..3 {
-            start[low(t, k) + 1] += 1;
+            start[lower_node(t, k) + 1] += 1;
         }
     }
     for i in 0..node_count {
@@ -106,9 +109,9 @@ pub fn neighbors(node_count: usize, triangles: &[[u32; 3]]) -> Result<Vec<[u32; 
     for t in 0..triangles.len() {
         for k in 0..3 {
             let [a, b] = side(t, k);
-            let at = &mut next[a.min(b) as usize];
-            bucket[*at as usize] = (a.max(b), (3 * t + k) as u32, a < b);
-            *at += 1;
+            let slot = &mut next[a.min(b) as usize];
+            bucket[*slot as usize] = (a.max(b), (3 * t + k) as u32, a < b);
+            *slot += 1;
         }
     }
     let mut result = vec![[NONE; 3]; triangles.len()];
@@ -117,17 +120,17 @@ pub fn neighbors(node_count: usize, triangles: &[[u32; 3]]) -> Result<Vec<[u32; 
         edges.sort_unstable();
         let mut j = 0;
         while j < edges.len() {
-            let other = edges[j].0;
-            let same = edges[j..].iter().take_while(|e| e.0 == other).count();
-            if same > 2 || same == 2 && edges[j].2 == edges[j + 1].2 {
-                return Err([i as u32, other]);
+            let other_node = edges[j].0;
+            let count = edges[j..].iter().take_while(|e| e.0 == other_node).count();
+            if count > 2 || count == 2 && edges[j].2 == edges[j + 1].2 {
+                return Err([i as u32, other_node]);
             }
-            if same == 2 {
+            if count == 2 {
                 let (p, q) = (edges[j].1, edges[j + 1].1);
                 result[(p / 3) as usize][(p % 3) as usize] = q / 3;
                 result[(q / 3) as usize][(q % 3) as usize] = p / 3;
             }
-            j += same;
+            j += count;
         }
     }
     Ok(result)
@@ -154,8 +157,8 @@ mod tests {
     #[test]
     fn half_a_square() {
         let p = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
-        for (got, want) in angles(&p).iter().zip([90.0, 45.0, 45.0]) {
-            assert!((got - want).abs() < 1e-12);
+        for (got, expected) in angles(&p).iter().zip([90.0, 45.0, 45.0]) {
+            assert!((got - expected).abs() < 1e-12);
         }
         assert!((shape_quality(&p) - 3f64.sqrt() / 2.0).abs() < 1e-15);
         assert_eq!(shape_quality(&[[0.0; 2]; 3]), 0.0);
@@ -164,9 +167,9 @@ mod tests {
     #[test]
     fn neighbours_are_across_the_edge_opposite_the_node() {
         let square = [[0, 1, 2], [2, 1, 3]];
-        let found = neighbors(4, &square).unwrap();
-        assert_eq!(found, [[1, NONE, NONE], [NONE, NONE, 0]]);
-        // A third triangle on the shared edge, and one that overlaps another.
+        let adjacent = neighbors(4, &square).unwrap();
+        assert_eq!(adjacent, [[1, NONE, NONE], [NONE, NONE, 0]]);
+        // A third triangle on the shared edge, then two triangles that overlap.
         assert_eq!(
             neighbors(5, &[[0, 1, 2], [2, 1, 3], [1, 2, 4]]),
             Err([1, 2])

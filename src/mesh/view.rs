@@ -1,29 +1,29 @@
-//! A mesh as those see it who measure it: all of it, or some cells, of which others hold the rest. So what is
-//! measured is written once.
+//! A view of a mesh for measurements: all of it, or the local part of a distributed mesh. With it
+//! each measurement is written once for both cases.
 
 use super::partition::MeshPartition;
 use super::{Simplices, TetMesh};
 use crate::comm::{Comm, LocalOrComm, SelfComm};
 use crate::files::codec::Codec;
 
-/// Some of a mesh's cells, one after the other, or all; and who holds the others.
+/// Consecutive cells of a mesh, or all of them, and the ranks that have the others.
 pub struct MeshView<'a, const D: usize, M, H: ?Sized> {
     /// The cells, and their nodes.
     pub mesh: &'a M,
-    /// The whole's number of each node, rising; `None` if this is the whole.
+    /// Global number of each node, ascending; `None` if local and global numbers are equal.
     global_ids: Option<&'a [u32]>,
-    /// The nodes that others may have too, rising.
+    /// Nodes that other ranks may have too, ascending.
     shared_nodes: Vec<u32>,
-    /// The whole's number of the first cell.
+    /// Global number of the first cell.
     pub first_cell: usize,
-    /// Nodes and cells of the whole.
+    /// Number of nodes and number of cells of the global mesh.
     pub global_counts: [usize; 2],
-    /// Who holds the parts.
+    /// The ranks that have the parts of the mesh.
     pub comm: &'a H,
 }
 
 impl<'a, const D: usize, M: Simplices<D>> MeshView<'a, D, M, SelfComm> {
-    /// All of a mesh.
+    /// Creates a view of a whole mesh.
     pub fn from_mesh(mesh: &'a M) -> Self {
         Self {
             mesh,
@@ -37,27 +37,28 @@ impl<'a, const D: usize, M: Simplices<D>> MeshView<'a, D, M, SelfComm> {
 }
 
 impl<'a> MeshView<'a, 3, TetMesh, dyn Comm + 'a> {
-    /// A piece of a mesh of which the group holds one each.
-    pub fn from_partition(piece: &'a MeshPartition, group: &'a (dyn Comm + 'a)) -> Self {
+    /// Creates a view of the partition of this rank, where each rank of `comm` has one partition.
+    pub fn from_partition(partition: &'a MeshPartition, comm: &'a (dyn Comm + 'a)) -> Self {
         Self {
-            mesh: &piece.mesh,
-            global_ids: Some(&piece.global_ids),
-            shared_nodes: piece.shared_nodes(),
-            first_cell: piece.first_cell,
-            global_counts: piece.global_counts,
-            comm: group,
+            mesh: &partition.mesh,
+            global_ids: Some(&partition.global_ids),
+            shared_nodes: partition.shared_nodes(),
+            first_cell: partition.first_cell,
+            global_counts: partition.global_counts,
+            comm,
         }
     }
 }
 
 impl<'a, const D: usize, M: Simplices<D>> MeshView<'a, D, M, dyn Comm + 'a> {
-    /// The cells that one of a group has, of which the `first` has this number in the whole: for what is measured cell
-    /// by cell. There are so many nodes and cells in the `whole`.
+    /// Creates a view of the cells of this rank for measurements cell by cell. `first_cell` is the
+    /// global number of the first cell; `global_counts` are the numbers of nodes and of cells of
+    /// the global mesh.
     pub fn from_cells(
         mesh: &'a M,
         first_cell: usize,
         global_counts: [usize; 2],
-        group: &'a (dyn Comm + 'a),
+        comm: &'a (dyn Comm + 'a),
     ) -> Self {
         Self {
             mesh,
@@ -65,33 +66,33 @@ impl<'a, const D: usize, M: Simplices<D>> MeshView<'a, D, M, dyn Comm + 'a> {
             shared_nodes: Vec::new(),
             first_cell,
             global_counts,
-            comm: group,
+            comm,
         }
     }
 }
 
 impl<'a, const D: usize, M: Simplices<D>, H: LocalOrComm + ?Sized> MeshView<'a, D, M, H> {
-    /// The same cells with nodes elsewhere.
+    /// Returns a view of the same cells with the nodes of another mesh.
     pub fn with_mesh(self, mesh: &'a M) -> Self {
         Self { mesh, ..self }
     }
 
-    /// The whole's number of a node.
+    /// Returns the global number of a node.
     #[inline]
     pub fn global_id(&self, node: u32) -> u32 {
         self.global_ids
-            .map_or(node, |numbers| numbers[node as usize])
+            .map_or(node, |global_ids| global_ids[node as usize])
     }
 
-    /// The node here that has this number in the whole.
-    pub fn local_node(&self, number: u32) -> Option<u32> {
+    /// Returns the local node with this global number, if there is one.
+    pub fn local_node(&self, global_id: u32) -> Option<u32> {
         match self.global_ids {
-            None => Some(number),
-            Some(numbers) => numbers.binary_search(&number).ok().map(|n| n as u32),
+            None => Some(global_id),
+            Some(global_ids) => global_ids.binary_search(&global_id).ok().map(|n| n as u32),
         }
     }
 
-    /// Whether others may have a node, for each.
+    /// Returns for each node whether other ranks may have it.
     pub fn shared_mask(&self) -> Vec<bool> {
         let mut is_shared = vec![false; self.mesh.nodes().len()];
         for &node in &self.shared_nodes {
@@ -100,52 +101,59 @@ impl<'a, const D: usize, M: Simplices<D>, H: LocalOrComm + ?Sized> MeshView<'a, 
         is_shared
     }
 
-    /// Marks the nodes here that are marked in any part.
+    /// Marks the local nodes that are marked on any rank. `message` names the communication in
+    /// error messages.
     ///
     /// # Errors
-    /// Those of the others.
-    pub fn combine_shared_marks(&self, what: &str, marks: &mut [bool]) -> Result<(), H::Error> {
+    /// Returns the errors of the communication.
+    pub fn combine_shared_marks(&self, message: &str, marks: &mut [bool]) -> Result<(), H::Error> {
         let owner = |node: u32| {
             self.comm
                 .owner_rank(self.global_id(node), self.global_counts[0])
         };
-        let mut to = vec![Vec::new(); self.comm.size()];
+        let mut by_rank = vec![Vec::new(); self.comm.size()];
         for &node in &self.shared_nodes {
-            to[owner(node)].push((self.global_id(node), marks[node as usize]));
+            by_rank[owner(node)].push((self.global_id(node), marks[node as usize]));
         }
-        let mut told = self.comm.try_all_to_all(what, to)?;
-        let marked = told.iter().flatten().filter(|(_, marked)| *marked);
-        let mut marked: Vec<u32> = marked.map(|(number, _)| *number).collect();
+        let mut received = self.comm.try_all_to_all(message, by_rank)?;
+        let marked = received.iter().flatten().filter(|(_, marked)| *marked);
+        let mut marked: Vec<u32> = marked.map(|(global_id, _)| *global_id).collect();
         marked.sort_unstable();
-        for (number, is_marked) in told.iter_mut().flatten() {
-            *is_marked = marked.binary_search(number).is_ok();
+        for (global_id, is_marked) in received.iter_mut().flatten() {
+            *is_marked = marked.binary_search(global_id).is_ok();
         }
-        for (number, is_marked) in self.comm.try_all_to_all(what, told)?.into_iter().flatten() {
-            if let Some(node) = self.local_node(number) {
+        for (global_id, is_marked) in self
+            .comm
+            .try_all_to_all(message, received)?
+            .into_iter()
+            .flatten()
+        {
+            if let Some(node) = self.local_node(global_id) {
                 marks[node as usize] |= is_marked;
             }
         }
         Ok(())
     }
 
-    /// What each part that has a node says of it, of the nodes that parts share: at one of them for each node, by
-    /// the whole's numbers, rising.
+    /// Gathers the values of shared nodes from all ranks that have them. The values of one node
+    /// arrive at one rank, its owner; the result is sorted by global number.
     ///
     /// # Errors
-    /// Those of the others.
+    /// Returns the errors of the communication.
     pub fn gather_shared<T: Codec>(
         &self,
-        what: &str,
-        of: impl Fn(u32) -> T,
+        message: &str,
+        value_of: impl Fn(u32) -> T,
     ) -> Result<Vec<(u32, T)>, H::Error> {
-        let mut to: Vec<Vec<(u32, T)>> = (0..self.comm.size()).map(|_| Vec::new()).collect();
+        let mut by_rank: Vec<Vec<(u32, T)>> = (0..self.comm.size()).map(|_| Vec::new()).collect();
         for &node in &self.shared_nodes {
-            let number = self.global_id(node);
-            to[self.comm.owner_rank(number, self.global_counts[0])].push((number, of(node)));
+            let global_id = self.global_id(node);
+            by_rank[self.comm.owner_rank(global_id, self.global_counts[0])]
+                .push((global_id, value_of(node)));
         }
-        let from = self.comm.try_all_to_all(what, to)?;
-        let mut said: Vec<(u32, T)> = from.into_iter().flatten().collect();
-        said.sort_by_key(|(number, _)| *number);
-        Ok(said)
+        let received = self.comm.try_all_to_all(message, by_rank)?;
+        let mut values: Vec<(u32, T)> = received.into_iter().flatten().collect();
+        values.sort_by_key(|(global_id, _)| *global_id);
+        Ok(values)
     }
 }

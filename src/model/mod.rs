@@ -1,12 +1,14 @@
-//! What users do with a mesh.
+//! Applications of a finished mesh: surfaces, regions, segmentation, columns, flow, edits and
+//! pictures.
 //!
-//! - [`surface`]: faces on features -> labelled surfaces, faults or horizons
-//! - [`paint`](mod@paint): blocks between surfaces; cells grown from seeds
-//! - [`segment`](mod@segment): object and background by a minimum cut
-//! - [`columns`]: cells of a map, drawn down between horizons
+//! - [`surface`]: surfaces made of the faces on features, labelled as faults or horizons
+//! - [`geodesics`]: shortest paths through a mesh
+//! - [`paint`](mod@paint): regions between surfaces, and regions grown from seeds
+//! - [`segment`](mod@segment): object and background, separated by a minimum cut
+//! - [`columns`]: the cells of a map, extended vertically between horizons
 //! - [`flow`]: steady flow
 //! - [`reservoir`]: a mesh as a reservoir model
-//! - [`edit`](mod@edit): atoms added, moved and removed
+//! - [`edit`](mod@edit): atoms that are added, moved and removed
 //! - [`slice`](mod@slice): pictures of a mesh over its image
 
 pub mod columns;

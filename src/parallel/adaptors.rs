@@ -1,10 +1,10 @@
-//! Loops made of other loops.
+//! Loops that are made from other loops.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::{Indexed, Parallel, PieceLimits};
 
-/// [`Parallel::map`].
+/// The loop of [`Parallel::map`].
 pub struct Map<P, F> {
     pub(super) base: P,
     pub(super) f: F,
@@ -33,7 +33,7 @@ impl<P: Parallel, R: Send, F: Fn(P::Item) -> R + Sync> Parallel for Map<P, F> {
 
 impl<P: Indexed, R: Send, F: Fn(P::Item) -> R + Sync> Indexed for Map<P, F> {}
 
-/// [`Parallel::map_init`].
+/// The loop of [`Parallel::map_init`].
 pub struct MapInit<P, I, F> {
     pub(super) base: P,
     pub(super) init: I,
@@ -78,7 +78,7 @@ where
 {
 }
 
-/// [`Parallel::filter`].
+/// The loop of [`Parallel::filter`].
 pub struct Filter<P, F> {
     pub(super) base: P,
     pub(super) f: F,
@@ -105,7 +105,7 @@ impl<P: Parallel, F: Fn(&P::Item) -> bool + Sync> Parallel for Filter<P, F> {
     }
 }
 
-/// [`Parallel::filter_map`].
+/// The loop of [`Parallel::filter_map`].
 pub struct FilterMap<P, F> {
     pub(super) base: P,
     pub(super) f: F,
@@ -132,7 +132,7 @@ impl<P: Parallel, R: Send, F: Fn(P::Item) -> Option<R> + Sync> Parallel for Filt
     }
 }
 
-/// [`Parallel::flat_map_iter`].
+/// The loop of [`Parallel::flat_map_iter`].
 pub struct FlatMap<P, F> {
     pub(super) base: P,
     pub(super) f: F,
@@ -165,7 +165,7 @@ where
     }
 }
 
-/// [`Parallel::take_any_while`].
+/// The loop of [`Parallel::take_any_while`].
 pub struct TakeAnyWhile<P, F> {
     pub(super) base: P,
     pub(super) f: F,
@@ -190,16 +190,16 @@ impl<P: Parallel, F: Fn(&P::Item) -> bool + Sync> Parallel for TakeAnyWhile<P, F
 
     fn items(&self, piece: P::Piece) -> impl Iterator<Item = P::Item> {
         self.base.items(piece).take_while(|item| {
-            let goes_on = !self.is_done.load(Ordering::Relaxed) && (self.f)(item);
-            if !goes_on {
+            let continues = !self.is_done.load(Ordering::Relaxed) && (self.f)(item);
+            if !continues {
                 self.is_done.store(true, Ordering::Relaxed);
             }
-            goes_on
+            continues
         })
     }
 }
 
-/// [`Indexed::enumerate`].
+/// The loop of [`Indexed::enumerate`].
 pub struct Enumerate<P> {
     pub(super) base: P,
 }
@@ -220,19 +220,19 @@ impl<P: Indexed> Parallel for Enumerate<P> {
         let pieces = self.base.pieces(size).into_iter();
         pieces
             .enumerate()
-            .map(|(number, piece)| (number * size, piece))
+            .map(|(index, piece)| (index * size, piece))
             .collect()
     }
 
     fn items(&self, (first, piece): (usize, P::Piece)) -> impl Iterator<Item = (usize, P::Item)> {
         let items = self.base.items(piece).enumerate();
-        items.map(move |(number, item)| (first + number, item))
+        items.map(move |(index, item)| (first + index, item))
     }
 }
 
 impl<P: Indexed> Indexed for Enumerate<P> {}
 
-/// [`Indexed::zip`].
+/// The loop of [`Indexed::zip`].
 pub struct Zip<A, B> {
     pub(super) a: A,
     pub(super) b: B,
@@ -266,7 +266,7 @@ impl<A: Indexed, B: Indexed> Parallel for Zip<A, B> {
 
 impl<A: Indexed, B: Indexed> Indexed for Zip<A, B> {}
 
-/// [`Indexed::with_min_len`] and [`Indexed::with_max_len`].
+/// The loop of [`Indexed::with_min_len`] and [`Indexed::with_max_len`].
 pub struct MinMaxLen<P> {
     pub(super) base: P,
     pub(super) limits: PieceLimits,

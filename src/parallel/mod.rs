@@ -1,16 +1,18 @@
 //! Loops on all threads, with the methods of rayon's parallel iterators.
 //!
-//! Rayon compiles its scheduler anew for each loop: some 6,000 lines of LLVM IR, which made a quarter of this
-//! crate. Here a loop is cut into pieces, each of which is an ordinary iterator, and one function, which is
-//! compiled once, hands out their numbers to rayon's threads. A call through a pointer for each piece, and none
-//! for each item, is the price.
+//! Rayon compiles its scheduler anew for each loop: some 6,000 lines of LLVM IR, which made up a
+//! quarter of this crate. Here a loop is cut into pieces, each of which is an ordinary iterator.
+//! One function, which is compiled once, distributes the numbers of the pieces to rayon's threads.
+//! The price is one call through a pointer for each piece, and none for each item.
 //!
-//! Import the traits, `use crate::parallel::prelude::*`, in place of rayon's. What differs:
+//! Import the traits with `use crate::parallel::prelude::*` in place of rayon's. There are two
+//! differences:
 //!
-//! - Items are collected piece by piece and then joined, in their order, so a large array exists twice for a
-//!   moment. Where that matters, write into an array that is there: `out.par_chunks_mut(n)`.
-//! - `map_init` and its like make their state once for each piece, of which there are some [`PIECES_PER_THREAD`] for
-//!   each thread.
+//! - Items are collected piece by piece and then concatenated in their order, so a large array
+//!   exists twice for a moment. Where that matters, write into an existing array:
+//!   `out.par_chunks_mut(n)`.
+//! - `map_init` and similar methods create their state once for each piece. There are some
+//!   [`PIECES_PER_THREAD`] pieces for each thread.
 
 mod adaptors;
 mod sort;
@@ -25,18 +27,20 @@ use adaptors::{Enumerate, Filter, FilterMap, FlatMap, Map, MapInit, MinMaxLen, T
 use rayon::iter::{IndexedParallelIterator as _, ParallelIterator as _};
 use sources::VecItems;
 
-/// The traits, for `use crate::parallel::prelude::*`.
+/// The traits, to be imported with `use crate::parallel::prelude::*`.
 pub mod prelude {
     pub use super::sort::ParallelSort as _;
     pub use super::sources::{ParallelSlice as _, ParallelSliceMut as _};
     pub use super::{Indexed, IntoParallel as _, Parallel, ParallelExtend as _};
 }
 
-/// Pieces for each thread: enough that threads end at about the same time though items take unequally long, and
-/// few enough that scratch space made for each piece pays.
+/// Number of pieces for each thread. It is large enough that threads end at about the same time
+/// although items take different times, and small enough that creating scratch space for each piece
+/// pays off.
 const PIECES_PER_THREAD: usize = 32;
 
-/// Calls `work` with each number below `count`, on all threads. The only place where loops meet rayon's scheduler.
+/// Calls `work` with each number below `count`, on all threads. This is the only function that uses
+/// rayon's scheduler.
 fn for_each_index(count: usize, work: &(dyn Fn(usize) + Sync)) {
     if count <= 1 || rayon::current_num_threads() == 1 {
         (0..count).for_each(work);
@@ -47,18 +51,18 @@ fn for_each_index(count: usize, work: &(dyn Fn(usize) + Sync)) {
     }
 }
 
-/// Returns what `work` makes of each piece, in the order of the pieces.
+/// Returns the result of `work` for each piece, in the order of the pieces.
 fn map_pieces<P: Send, R: Send>(pieces: Vec<P>, work: &(dyn Fn(P) -> R + Sync)) -> Vec<R> {
     let slots: Vec<Mutex<(Option<P>, Option<R>)>> = pieces
         .into_iter()
         .map(|piece| Mutex::new((Some(piece), None)))
         .collect();
-    for_each_index(slots.len(), &|number| {
-        let lock = || slots[number].lock().unwrap_or_else(PoisonError::into_inner);
+    for_each_index(slots.len(), &|index| {
+        let lock = || slots[index].lock().unwrap_or_else(PoisonError::into_inner);
         let piece = lock().0.take();
-        // The lock is not held meanwhile.
-        let done = piece.map(work);
-        lock().1 = done;
+        // The lock is released during the work.
+        let result = piece.map(work);
+        lock().1 = result;
     });
     slots
         .into_iter()
@@ -66,7 +70,7 @@ fn map_pieces<P: Send, R: Send>(pieces: Vec<P>, work: &(dyn Fn(P) -> R + Sync)) 
         .collect()
 }
 
-/// How many items a piece may have.
+/// Limits of the number of items in a piece.
 #[derive(Debug, Clone, Copy)]
 pub struct PieceLimits {
     min_len: usize,
@@ -74,7 +78,7 @@ pub struct PieceLimits {
 }
 
 impl PieceLimits {
-    /// Returns how many of `len` items a piece has.
+    /// Returns how many of `len` items one piece has.
     fn piece_len(self, len: usize) -> usize {
         let pieces = PIECES_PER_THREAD * rayon::current_num_threads();
         len.div_ceil(pieces)
@@ -86,18 +90,18 @@ impl PieceLimits {
 
 /// A loop over items that several threads can share.
 ///
-/// Its data are cut into pieces, each of which one thread runs through; what all pieces share, such as
-/// closures, stays in `self`.
+/// Its data are cut into pieces, and one thread runs through each piece. Whatever all pieces share,
+/// such as closures, stays in `self`.
 pub trait Parallel: Sized + Sync {
-    /// What the loop is over.
+    /// Type of the items.
     type Item: Send;
-    /// The data of a piece.
+    /// Data of one piece.
     type Piece: Send;
 
-    /// Returns the number of items that the loop starts from, before any are left out.
+    /// Returns the number of items that the loop starts from, before any are filtered out.
     fn len(&self) -> usize;
 
-    /// Returns how many items a piece may have.
+    /// Returns the limits of the number of items in a piece.
     fn limits(&self) -> PieceLimits {
         PieceLimits {
             min_len: 1,
@@ -111,12 +115,13 @@ pub trait Parallel: Sized + Sync {
     /// Returns the items of a piece, in their order.
     fn items(&self, piece: Self::Piece) -> impl Iterator<Item = Self::Item>;
 
-    /// Replaces each item by what `f` makes of it.
+    /// Replaces each item by the result of `f`.
     fn map<R: Send, F: Fn(Self::Item) -> R + Sync>(self, f: F) -> Map<Self, F> {
         Map { base: self, f }
     }
 
-    /// Replaces each item by what `f` makes of it with a state that `init` makes for each piece.
+    /// Replaces each item by the result of `f`, which also receives a state that `init` creates for
+    /// each piece.
     fn map_init<S, R, I, F>(self, init: I, f: F) -> MapInit<Self, I, F>
     where
         R: Send,
@@ -130,12 +135,12 @@ pub trait Parallel: Sized + Sync {
         }
     }
 
-    /// Keeps the items of which `f` is true.
+    /// Keeps the items for which `f` returns `true`.
     fn filter<F: Fn(&Self::Item) -> bool + Sync>(self, f: F) -> Filter<Self, F> {
         Filter { base: self, f }
     }
 
-    /// Keeps what `f` makes of items where it is something.
+    /// Replaces each item by the result of `f`, and drops the items for which that is `None`.
     fn filter_map<R: Send, F: Fn(Self::Item) -> Option<R> + Sync>(
         self,
         f: F,
@@ -143,7 +148,7 @@ pub trait Parallel: Sized + Sync {
         FilterMap { base: self, f }
     }
 
-    /// Replaces each item by several, one after the other.
+    /// Replaces each item by the items that `f` returns, in order.
     fn flat_map_iter<R, F>(self, f: F) -> FlatMap<Self, F>
     where
         R: IntoIterator,
@@ -153,7 +158,7 @@ pub trait Parallel: Sized + Sync {
         FlatMap { base: self, f }
     }
 
-    /// Ends the loop soon after `f` has been false of an item.
+    /// Ends the loop soon after `f` has returned `false` for an item.
     fn take_any_while<F: Fn(&Self::Item) -> bool + Sync>(self, f: F) -> TakeAnyWhile<Self, F> {
         TakeAnyWhile {
             base: self,
@@ -171,7 +176,7 @@ pub trait Parallel: Sized + Sync {
         self.map(|item| *item)
     }
 
-    /// Returns what `work` makes of each piece, in the order of the pieces.
+    /// Returns the result of `work` for each piece, in the order of the pieces.
     fn map_pieces<R: Send>(mut self, work: impl Fn(&Self, Self::Piece) -> R + Sync) -> Vec<R> {
         let size = self.limits().piece_len(self.len());
         let pieces = self.pieces(size);
@@ -180,21 +185,21 @@ pub trait Parallel: Sized + Sync {
 
     /// Calls `f` with each item.
     fn for_each<F: Fn(Self::Item) + Sync>(self, f: F) {
-        self.map_pieces(|all, piece| all.items(piece).for_each(&f));
+        self.map_pieces(|source, piece| source.items(piece).for_each(&f));
     }
 
-    /// Calls `f` with each item and a state that `init` makes for each piece.
+    /// Calls `f` with each item and a state that `init` creates for each piece.
     fn for_each_init<S>(self, init: impl Fn() -> S + Sync, f: impl Fn(&mut S, Self::Item) + Sync) {
-        self.map_pieces(|all, piece| {
+        self.map_pieces(|source, piece| {
             let mut state = init();
-            all.items(piece).for_each(|item| f(&mut state, item));
+            source.items(piece).for_each(|item| f(&mut state, item));
         });
     }
 
     /// Calls `f` with each item.
     ///
     /// # Errors
-    /// The error of the first item that has one, among those that were reached.
+    /// Returns the error of the first item for which `f` fails, among the items that were reached.
     fn try_for_each<E: Send>(
         self,
         f: impl Fn(Self::Item) -> Result<(), E> + Sync,
@@ -202,103 +207,105 @@ pub trait Parallel: Sized + Sync {
         self.try_for_each_init(|| (), |(), item| f(item))
     }
 
-    /// Calls `f` with each item and a state that `init` makes for each piece.
+    /// Calls `f` with each item and a state that `init` creates for each piece.
     ///
     /// # Errors
-    /// The error of the first item that has one, among those that were reached.
+    /// Returns the error of the first item for which `f` fails, among the items that were reached.
     fn try_for_each_init<S, E: Send>(
         self,
         init: impl Fn() -> S + Sync,
         f: impl Fn(&mut S, Self::Item) -> Result<(), E> + Sync,
     ) -> Result<(), E> {
         let failed = AtomicBool::new(false);
-        let ended = self.map_pieces(|all, piece| {
+        let results = self.map_pieces(|source, piece| {
             if failed.load(Ordering::Relaxed) {
                 return Ok(());
             }
             let mut state = init();
-            let ended = all.items(piece).try_for_each(|item| f(&mut state, item));
-            failed.fetch_or(ended.is_err(), Ordering::Relaxed);
-            ended
+            let result = source.items(piece).try_for_each(|item| f(&mut state, item));
+            failed.fetch_or(result.is_err(), Ordering::Relaxed);
+            result
         });
-        ended.into_iter().collect()
+        results.into_iter().collect()
     }
 
     /// Collects the items in their order.
     fn collect<C: Collect<Self::Item>>(self) -> C {
-        C::from_pieces(self.map_pieces(|all, piece| C::collect_piece(all.items(piece))))
+        C::from_pieces(self.map_pieces(|source, piece| C::collect_piece(source.items(piece))))
     }
 
-    /// Collects the two halves of the items, which are pairs.
+    /// Collects items that are pairs into two arrays.
     fn unzip<A: Send, B: Send>(self) -> (Vec<A>, Vec<B>)
     where
         Self: Parallel<Item = (A, B)>,
     {
-        let pieces = self.map_pieces(|all, piece| all.items(piece).unzip());
+        let pieces = self.map_pieces(|source, piece| source.items(piece).unzip());
         let (a, b): (Vec<Vec<A>>, Vec<Vec<B>>) = pieces.into_iter().unzip();
         (Vec::from_pieces(a), Vec::from_pieces(b))
     }
 
-    /// Sums the items of each piece, and then these sums: for numbers of which the order makes no difference.
+    /// Sums the items of each piece, and then these sums. Use it only for numbers whose order makes
+    /// no difference, such as integers.
     fn sum<S: std::iter::Sum<Self::Item> + std::iter::Sum<S> + Send>(self) -> S {
-        let sums = self.map_pieces(|all, piece| all.items(piece).sum::<S>());
+        let sums = self.map_pieces(|source, piece| source.items(piece).sum::<S>());
         sums.into_iter().sum()
     }
 
     /// Returns the number of items.
     fn count(self) -> usize {
-        let counts = self.map_pieces(|all, piece| all.items(piece).count());
+        let counts = self.map_pieces(|source, piece| source.items(piece).count());
         counts.into_iter().sum()
     }
 
-    /// Returns the least item, the first of several.
+    /// Returns the smallest item, and the first one if several are equal.
     fn min(self) -> Option<Self::Item>
     where
         Self::Item: Ord,
     {
-        let least = self.map_pieces(|all, piece| all.items(piece).min());
-        least.into_iter().flatten().min()
+        let minima = self.map_pieces(|source, piece| source.items(piece).min());
+        minima.into_iter().flatten().min()
     }
 
-    /// Returns the greatest item, the last of several.
+    /// Returns the largest item, and the last one if several are equal.
     fn max(self) -> Option<Self::Item>
     where
         Self::Item: Ord,
     {
-        let greatest = self.map_pieces(|all, piece| all.items(piece).max());
-        greatest.into_iter().flatten().max()
+        let maxima = self.map_pieces(|source, piece| source.items(piece).max());
+        maxima.into_iter().flatten().max()
     }
 
-    /// Combines all items into one, from `identity` on, in an order that depends on the number of threads.
+    /// Combines all items into one, starting from `identity`. The order depends on the number of
+    /// threads.
     fn reduce(
         self,
         identity: impl Fn() -> Self::Item + Sync,
         f: impl Fn(Self::Item, Self::Item) -> Self::Item + Sync,
     ) -> Self::Item {
-        let reduced = self.map_pieces(|all, piece| all.items(piece).fold(identity(), &f));
+        let reduced = self.map_pieces(|source, piece| source.items(piece).fold(identity(), &f));
         reduced.into_iter().fold(identity(), &f)
     }
 
-    /// Folds the items of each piece into one.
+    /// Folds the items of each piece into one, and returns a loop over the results.
     fn fold<T: Send>(
         self,
         identity: impl Fn() -> T + Sync,
         f: impl Fn(T, Self::Item) -> T + Sync,
     ) -> VecItems<T> {
-        let folded = self.map_pieces(|all, piece| all.items(piece).fold(identity(), &f));
+        let folded = self.map_pieces(|source, piece| source.items(piece).fold(identity(), &f));
         folded.into_par_iter()
     }
 
-    /// Returns whether `f` is true of all items.
+    /// Returns `true` if `f` returns `true` for all items.
     fn all(self, f: impl Fn(Self::Item) -> bool + Sync) -> bool {
         !self.any(|item| !f(item))
     }
 
-    /// Returns whether `f` is true of any item.
+    /// Returns `true` if `f` returns `true` for at least one item.
     fn any(self, f: impl Fn(Self::Item) -> bool + Sync) -> bool {
         let found = AtomicBool::new(false);
-        self.map_pieces(|all, piece| {
-            if !found.load(Ordering::Relaxed) && all.items(piece).any(&f) {
+        self.map_pieces(|source, piece| {
+            if !found.load(Ordering::Relaxed) && source.items(piece).any(&f) {
                 found.store(true, Ordering::Relaxed);
             }
         });
@@ -306,14 +313,14 @@ pub trait Parallel: Sized + Sync {
     }
 }
 
-/// A loop none of whose items are left out, so that each has a number.
+/// A loop that filters out no items, so that each item has an index.
 pub trait Indexed: Parallel {
-    /// Gives each item with its number.
+    /// Pairs each item with its index.
     fn enumerate(self) -> Enumerate<Self> {
         Enumerate { base: self }
     }
 
-    /// Gives each item with that of the same number of another loop; the shorter one says how many there are.
+    /// Pairs each item with the item of the same index of another loop; ends with the shorter loop.
     fn zip<O: IntoParallel>(self, other: O) -> Zip<Self, O::Loop> {
         Zip {
             a: self,
@@ -321,47 +328,47 @@ pub trait Indexed: Parallel {
         }
     }
 
-    /// Asks for pieces of at least so many items.
-    fn with_min_len(self, least: usize) -> MinMaxLen<Self> {
+    /// Requests pieces of at least `min_len` items.
+    fn with_min_len(self, min_len: usize) -> MinMaxLen<Self> {
         let limits = PieceLimits {
-            min_len: least,
+            min_len,
             ..self.limits()
         };
         MinMaxLen { base: self, limits }
     }
 
-    /// Asks for pieces of at most so many items.
-    fn with_max_len(self, most: usize) -> MinMaxLen<Self> {
+    /// Requests pieces of at most `max_len` items.
+    fn with_max_len(self, max_len: usize) -> MinMaxLen<Self> {
         let limits = PieceLimits {
-            max_len: most,
+            max_len,
             ..self.limits()
         };
         MinMaxLen { base: self, limits }
     }
 
-    /// Returns the number of the first item of which `f` is true.
+    /// Returns the index of the first item for which `f` returns `true`.
     fn position_first(self, f: impl Fn(Self::Item) -> bool + Sync) -> Option<usize> {
-        let found = self
+        let positions = self
             .enumerate()
-            .filter_map(|(number, item)| f(item).then_some(number));
-        found.min()
+            .filter_map(|(index, item)| f(item).then_some(index));
+        positions.min()
     }
 
-    /// Replaces what an array holds by the items.
+    /// Replaces the content of an array by the items.
     fn collect_into_vec(self, out: &mut Vec<Self::Item>) {
         *out = self.collect();
     }
 }
 
-/// What can be collected in pieces.
+/// A collection that can be collected in pieces.
 pub trait Collect<T>: Sized {
-    /// What is collected of a piece.
+    /// Collected items of one piece.
     type Piece: Send;
 
-    /// Collects a piece.
+    /// Collects the items of a piece.
     fn collect_piece(items: impl Iterator<Item = T>) -> Self::Piece;
 
-    /// Joins the pieces.
+    /// Concatenates the pieces.
     fn from_pieces(pieces: Vec<Self::Piece>) -> Self;
 }
 
@@ -376,10 +383,10 @@ impl<T: Send> Collect<T> for Vec<T> {
         if pieces.len() == 1 {
             return pieces.pop().unwrap_or_default();
         }
-        let mut all = Self::with_capacity(pieces.iter().map(Self::len).sum());
-        // Each goes as soon as it has been copied.
-        pieces.into_iter().for_each(|piece| all.extend(piece));
-        all
+        let mut joined = Self::with_capacity(pieces.iter().map(Self::len).sum());
+        // Each piece is freed as soon as it has been copied.
+        pieces.into_iter().for_each(|piece| joined.extend(piece));
+        joined
     }
 }
 
@@ -421,14 +428,14 @@ impl<T: Send> Collect<Option<T>> for Option<Vec<T>> {
     }
 }
 
-/// What becomes a loop that threads share.
+/// Conversion into a loop that threads can share.
 pub trait IntoParallel {
-    /// What the loop is over.
+    /// Type of the items.
     type Item: Send;
-    /// The loop.
+    /// Type of the loop.
     type Loop: Indexed<Item = Self::Item>;
 
-    /// Makes a loop of it.
+    /// Converts the value into a loop.
     fn into_par_iter(self) -> Self::Loop;
 }
 
@@ -441,7 +448,7 @@ impl<P: Indexed> IntoParallel for P {
     }
 }
 
-/// Appending what a loop gives.
+/// Extension of a collection by the items of a loop.
 pub trait ParallelExtend<T> {
     /// Appends the items in their order.
     fn par_extend(&mut self, items: impl Parallel<Item = T>);
@@ -449,7 +456,7 @@ pub trait ParallelExtend<T> {
 
 impl<T: Send> ParallelExtend<T> for Vec<T> {
     fn par_extend(&mut self, items: impl Parallel<Item = T>) {
-        let pieces = items.map_pieces(|all, piece| all.items(piece).collect::<Self>());
+        let pieces = items.map_pieces(|source, piece| source.items(piece).collect::<Self>());
         self.reserve(pieces.iter().map(Self::len).sum());
         pieces.into_iter().for_each(|piece| self.extend(piece));
     }

@@ -1,16 +1,16 @@
 //! Sorting on all threads.
 
-/// Sorting on all threads, by rayon.
+/// Methods that sort a slice on all threads, by rayon.
 pub trait ParallelSort<T: Send> {
-    /// Sorts; equal items may change places.
+    /// Sorts the slice; equal items may change places.
     fn par_sort_unstable(&mut self)
     where
         T: Ord;
 
-    /// Sorts by a comparison; equal items may change places.
+    /// Sorts the slice by a comparison; equal items may change places.
     fn par_sort_unstable_by(&mut self, compare: impl Fn(&T, &T) -> std::cmp::Ordering + Sync);
 
-    /// Sorts by a key; equal items keep their order.
+    /// Sorts the slice by a key; equal items keep their order.
     fn par_sort_by_key<K: Ord>(&mut self, key: impl Fn(&T) -> K + Sync);
 }
 

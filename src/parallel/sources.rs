@@ -1,11 +1,11 @@
-//! What loops are over: numbers, slices, chunks of slices, and items that the loop owns.
+//! Loops over numbers, slices, chunks of slices and owned items.
 
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
 use super::{Indexed, IntoParallel, Parallel};
 
-/// The ranges of `size` numbers that make up a range.
+/// Returns the ranges of `size` numbers that make up `0..len`.
 fn ranges(len: usize, size: usize) -> impl Iterator<Item = Range<usize>> {
     (0..len)
         .step_by(size)
@@ -15,7 +15,7 @@ fn ranges(len: usize, size: usize) -> impl Iterator<Item = Range<usize>> {
 /// A loop over whole numbers.
 pub struct RangeItems<T>(Range<T>);
 
-macro_rules! numbers {
+macro_rules! impl_range_items {
     ($number:ty) => {
         impl Parallel for RangeItems<$number> {
             type Item = $number;
@@ -26,9 +26,11 @@ macro_rules! numbers {
             }
 
             fn pieces(&mut self, size: usize) -> Vec<Range<$number>> {
-                let at = |i: usize| self.0.start + i as $number;
+                let number_at = |i: usize| self.0.start + i as $number;
                 let pieces = ranges(self.len(), size);
-                pieces.map(|part| at(part.start)..at(part.end)).collect()
+                pieces
+                    .map(|range| number_at(range.start)..number_at(range.end))
+                    .collect()
             }
 
             fn items(&self, piece: Range<$number>) -> impl Iterator<Item = $number> {
@@ -49,11 +51,11 @@ macro_rules! numbers {
     };
 }
 
-numbers!(usize);
-numbers!(u32);
-numbers!(u64);
+impl_range_items!(usize);
+impl_range_items!(u32);
+impl_range_items!(u64);
 
-/// A loop over the items of a slice.
+/// A loop over references to the items of a slice.
 pub struct Items<'a, T>(&'a [T]);
 
 impl<'a, T: Sync> Parallel for Items<'a, T> {
@@ -75,17 +77,17 @@ impl<'a, T: Sync> Parallel for Items<'a, T> {
 
 impl<T: Sync> Indexed for Items<'_, T> {}
 
-/// A loop over the items of a slice, which it may change.
+/// A loop over mutable references to the items of a slice.
 pub struct ItemsMut<'a, T> {
     len: usize,
     slice: Mutex<&'a mut [T]>,
 }
 
 impl<'a, T> ItemsMut<'a, T> {
-    fn new(all: &'a mut [T]) -> Self {
+    fn new(slice: &'a mut [T]) -> Self {
         Self {
-            len: all.len(),
-            slice: Mutex::new(all),
+            len: slice.len(),
+            slice: Mutex::new(slice),
         }
     }
 }
@@ -131,9 +133,9 @@ impl<'a, T: Sync> Parallel for Chunks<'a, T> {
 
 impl<T: Sync> Indexed for Chunks<'_, T> {}
 
-/// A loop over chunks of a slice, which it may change.
+/// A loop over mutable chunks of a slice.
 pub struct ChunksMut<'a, T> {
-    chunk: usize,
+    chunk_len: usize,
     items: ItemsMut<'a, T>,
 }
 
@@ -142,15 +144,15 @@ impl<'a, T: Send> Parallel for ChunksMut<'a, T> {
     type Piece = &'a mut [T];
 
     fn len(&self) -> usize {
-        self.items.len.div_ceil(self.chunk)
+        self.items.len.div_ceil(self.chunk_len)
     }
 
     fn pieces(&mut self, size: usize) -> Vec<&'a mut [T]> {
-        self.items.pieces(size * self.chunk)
+        self.items.pieces(size * self.chunk_len)
     }
 
     fn items(&self, piece: &'a mut [T]) -> impl Iterator<Item = &'a mut [T]> {
-        piece.chunks_mut(self.chunk)
+        piece.chunks_mut(self.chunk_len)
     }
 }
 
@@ -197,7 +199,7 @@ impl<T: Send> IntoParallel for Vec<T> {
     }
 }
 
-/// What a lock that nobody else has any more holds.
+/// Takes the value out of a lock that no other thread uses any more.
 fn take_inner<T: Default>(lock: &mut Mutex<T>) -> T {
     std::mem::take(lock.get_mut().unwrap_or_else(PoisonError::into_inner))
 }
@@ -238,12 +240,12 @@ impl<'a, T: Send> IntoParallel for &'a mut Vec<T> {
     }
 }
 
-/// Loops over a slice.
+/// Loops over a shared slice.
 pub trait ParallelSlice<T> {
-    /// Loops over the items.
+    /// Returns a loop over the items.
     fn par_iter(&self) -> Items<'_, T>;
 
-    /// Loops over chunks of `size` items, the last of which may be shorter.
+    /// Returns a loop over chunks of `size` items, the last of which may be shorter.
     fn par_chunks(&self, size: usize) -> Chunks<'_, T>;
 }
 
@@ -257,12 +259,12 @@ impl<T> ParallelSlice<T> for [T] {
     }
 }
 
-/// Loops that change a slice.
+/// Loops over a mutable slice.
 pub trait ParallelSliceMut<T> {
-    /// Loops over the items.
+    /// Returns a loop over the items.
     fn par_iter_mut(&mut self) -> ItemsMut<'_, T>;
 
-    /// Loops over chunks of `size` items, the last of which may be shorter.
+    /// Returns a loop over chunks of `size` items, the last of which may be shorter.
     fn par_chunks_mut(&mut self, size: usize) -> ChunksMut<'_, T>;
 }
 
@@ -273,7 +275,7 @@ impl<T> ParallelSliceMut<T> for [T] {
 
     fn par_chunks_mut(&mut self, size: usize) -> ChunksMut<'_, T> {
         ChunksMut {
-            chunk: size,
+            chunk_len: size,
             items: ItemsMut::new(self),
         }
     }

@@ -1,8 +1,9 @@
-//! Every loop gives what the ordinary iterator of the same name gives, for any number of threads and items.
+//! Every loop returns the result of the ordinary iterator of the same name, for any number of
+//! threads and items.
 
 use super::prelude::*;
 
-/// Calls `check` with numbers of items, on one thread and on three.
+/// Calls `check` with several numbers of items, on one thread and on three.
 fn for_counts(check: impl Fn(usize) + Sync) {
     for threads in [1, 3] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
@@ -15,7 +16,7 @@ fn for_counts(check: impl Fn(usize) + Sync) {
 }
 
 #[test]
-fn items_come_in_their_order() {
+fn items_keep_their_order() {
     for_counts(|count| {
         let items: Vec<usize> = (0..count).map(|i| i * i).collect();
         let squares: Vec<usize> = (0..count).into_par_iter().map(|i| i * i).collect();
@@ -36,12 +37,12 @@ fn items_come_in_their_order() {
 }
 
 #[test]
-fn numbers_partners_and_chunks_belong_together() {
+fn enumerate_zip_and_chunks_match_std() {
     for_counts(|count| {
         let items: Vec<usize> = (0..count).map(|i| 3 * i).collect();
         let numbered: Vec<(usize, &usize)> = items.par_iter().enumerate().collect();
         assert!(numbered.into_iter().eq(items.iter().enumerate()));
-        // The shorter of two says how many there are.
+        // The loop ends with the shorter one.
         let fewer = &items[..count / 2];
         let pairs: Vec<(&usize, &usize)> = items.par_iter().zip(fewer).collect();
         assert!(pairs.into_iter().eq(items.iter().zip(fewer)));
@@ -50,7 +51,7 @@ fn numbers_partners_and_chunks_belong_together() {
             assert!(chunks.into_iter().eq(items.chunks(size).enumerate()));
             let mut changed = items.clone();
             let chunks = changed.par_chunks_mut(size).enumerate();
-            chunks.for_each(|(number, chunk)| chunk.iter_mut().for_each(|i| *i += number));
+            chunks.for_each(|(index, chunk)| chunk.iter_mut().for_each(|i| *i += index));
             let expected = items.iter().enumerate().map(|(at, i)| i + at / size);
             assert!(changed.into_iter().eq(expected));
         }
@@ -61,7 +62,7 @@ fn numbers_partners_and_chunks_belong_together() {
 }
 
 #[test]
-fn items_are_left_out_and_added() {
+fn filters_and_flat_map_match_std() {
     for_counts(|count| {
         let even = |i: &usize| i.is_multiple_of(2);
         let kept: Vec<usize> = (0..count).into_par_iter().filter(even).collect();
@@ -85,7 +86,7 @@ fn items_are_left_out_and_added() {
 }
 
 #[test]
-fn items_become_one() {
+fn reductions_match_std() {
     for_counts(|count| {
         let items = || (0..count).into_par_iter().map(|i| (i * 7919) % 1009);
         let ordinary = || (0..count).map(|i| (i * 7919) % 1009);
@@ -115,25 +116,26 @@ fn items_become_one() {
 }
 
 #[test]
-fn the_first_error_is_told_and_states_are_made_for_each_piece() {
+fn the_first_error_is_returned_and_each_piece_has_its_own_state() {
     for_counts(|count| {
-        let fails_from = |least: usize| move |i: usize| if i < least { Ok(i) } else { Err(i) };
+        let fails_from =
+            |first_failure: usize| move |i: usize| if i < first_failure { Ok(i) } else { Err(i) };
         let all: Result<Vec<usize>, usize> =
             (0..count).into_par_iter().map(fails_from(count)).collect();
         assert!(all.unwrap().into_iter().eq(0..count));
         if count > 90 {
-            let some: Result<Vec<usize>, usize> =
+            let failed: Result<Vec<usize>, usize> =
                 (0..count).into_par_iter().map(fails_from(90)).collect();
-            assert_eq!(some, Err(90));
+            assert_eq!(failed, Err(90));
             let none: Option<Vec<usize>> = (0..count)
                 .into_par_iter()
                 .map(|i| (i < 90).then_some(i))
                 .collect();
             assert_eq!(none, None);
-            let tried = (0..count)
+            let result = (0..count)
                 .into_par_iter()
                 .try_for_each(|i| fails_from(0)(i).map(|_| ()));
-            assert!(tried.is_err());
+            assert!(result.is_err());
         }
         let state = |seen: &mut Vec<usize>, i: usize| {
             seen.push(i);
@@ -143,7 +145,7 @@ fn the_first_error_is_told_and_states_are_made_for_each_piece() {
             .into_par_iter()
             .map_init(Vec::new, state)
             .collect();
-        // A piece's state has seen the items of the piece only.
+        // The state of a piece has seen only the items of this piece.
         assert_eq!(seen.first().copied(), (count > 0).then_some(1));
         assert!(
             seen.windows(2)
@@ -153,7 +155,7 @@ fn the_first_error_is_told_and_states_are_made_for_each_piece() {
 }
 
 #[test]
-fn sorting_is_that_of_slices() {
+fn sorting_matches_std() {
     for_counts(|count| {
         let items: Vec<usize> = (0..count).map(|i| (i * 7919) % 101).collect();
         let mut sorted = items.clone();

@@ -1,18 +1,19 @@
-//! Acute lines: where two faces, each on a feature or a side of the box, meet at a small angle. No mesh
-//! that holds both has larger angles there.
+//! Finds acute lines: lines at which two faces, each on a feature or on a side of the box, meet at
+//! a small angle. No mesh that contains both faces has larger angles there.
 //!
-//! A line is made of *ridges*: edges in space, nodes in the plane. The faces on features around a ridge,
-//! and the sides of the box that it lies in, are rays in the plane square to it:
+//! A line consists of *ridges*: edges in 3-D, nodes in 2-D. The faces on features around a ridge,
+//! and the sides of the box that contain it, are rays in the plane perpendicular to it:
 //!
 //! ```text
-//!      \      / feature          The wedge between two rays with none in between, of which at least
-//!       \   /                    one is a feature, is acute if it is narrower than 30 degrees.
+//!      \      / feature       A wedge is the sector between two neighbouring rays, of which
+//!       \   /                 one or both are features. It is acute below 30 degrees.
 //!    ____\/____ side
 //! ```
 //!
-//! Claims may be wrong: a flat cell both of whose sides are said to lie on one feature, or a single face
-//! that stands off it. They shall explain nothing. So faces are joined into patches across all ridges
-//! that are not acute, and a feature at an acute line must be a patch of some size.
+//! Faces may be marked as feature faces wrongly: both sides of a flat cell, or a single face that
+//! sticks out of a feature. Such faces must not explain bad angles. So faces are joined into
+//! patches across all ridges that are not acute, and a feature at an acute line must be a patch of
+//! a minimum size.
 
 use crate::parallel::prelude::*;
 use serde::{Serialize, Serializer};
@@ -25,31 +26,33 @@ use crate::geometry::{add_scaled, cross, dot, norm, sub, to_3d, unit};
 use crate::mesh::Simplices;
 use crate::mesh::view::MeshView;
 
-/// A line at which faces meet at less than this on average, in degrees, is acute.
+/// Maximum mean angle of an acute line, in degrees.
 pub const MAX_MEAN_ANGLE: f64 = 30.0;
-/// A single edge of a rough surface may be this wide without an end of the line.
+/// Maximum angle of a single edge of a line, in degrees. On a rough surface, single edges may be
+/// wider than the mean.
 const MAX_EDGE_ANGLE: f64 = 35.0;
-/// The least length of a line in space, in units of d. One or two edges at which rough faces happen to
-/// be folded are no line.
+/// Minimum length of a line in 3-D, in units of d. One or two edges at which rough faces are folded
+/// by chance are not a line.
 const MIN_LENGTH: f64 = 2.0;
-/// The least size of a patch at an acute line: of area over d^2 (of length over d in the plane).
+/// Minimum size of a patch at an acute line: area over d^2, or in 2-D length over d.
 const MIN_PATCH_SIZE: f64 = 2.0;
-/// To either side of a place on a line, in units of d, its angle is averaged.
+/// Distance along a line, to either side, over which its angle is averaged, in units of d.
 const AVERAGING_RADIUS: f64 = 2.0;
-/// Nodes nearer to a side of the box than this, over its length, are in it: what rounding leaves.
+/// Maximum distance of a node from a side of the box that contains it, relative to the length of
+/// the box. It allows for rounding.
 const SIDE_TOLERANCE: f64 = 1e-7;
 
-/// What meets at an acute line.
+/// Pair of surfaces that meet at an acute line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum AcutePair {
     /// Two features.
     Features,
-    /// A feature and a side of the box: 2 k at the low end of axis k, 2 k + 1 at the high one.
+    /// Feature and side of the box: 2 k at the low end of axis k, 2 k + 1 at the high end.
     Side(u8),
 }
 
 impl AcutePair {
-    /// As a number: 0 for two features, else 1 more than the side's.
+    /// Returns the pair as a number: 0 for two features, otherwise 1 + the number of the side.
     pub fn code(self) -> u8 {
         match self {
             Self::Features => 0,
@@ -79,32 +82,32 @@ impl Serialize for AcutePair {
     }
 }
 
-/// Edges of a mesh one after the other, in the plane a single node, where the same pair meets at an
-/// acute angle. Lengths and angles are in the space that was measured.
+/// Chain of edges of a mesh (in 2-D a single node) at which the same pair meets at an acute angle.
+/// Lengths and angles are in the space that was measured.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AcuteLine {
-    /// What meets there.
+    /// Pair that meets there.
     pub pair: AcutePair,
-    /// Its length; 0 in the plane.
+    /// Length of the line; 0 in 2-D.
     pub length: f64,
-    /// The smallest angle of all its edges, in degrees.
+    /// Smallest angle of all edges, in degrees.
     pub min_angle: f64,
-    /// The mean angle by length.
+    /// Mean angle, weighted by length, in degrees.
     pub mean_angle: f64,
-    /// Its nodes in order; the last is the first where it is closed.
+    /// Nodes in order. The last node equals the first if the line is closed.
     #[serde(skip)]
     pub nodes: Vec<u32>,
-    /// The angle at each of its edges, in degrees; in the plane, at its node.
+    /// Angle at each edge (in 2-D at the node), in degrees.
     #[serde(skip)]
     pub angles: Vec<f64>,
 }
 
-/// A piece of a line, for whoever asks what is near it.
+/// Edge of an acute line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct AcuteEdge {
-    /// Its ends; one node twice in the plane.
+    /// Ends of the edge. In 2-D the same node twice.
     pub nodes: [u32; 2],
-    /// The angle of the line there, in degrees: the mean of what is near along it.
+    /// Angle of the line there, in degrees: the mean over the neighbourhood along the line.
     pub angle: f64,
 }
 
@@ -117,9 +120,10 @@ impl AcuteLine {
     ) -> Self {
         let lengths = lengths(&nodes, positions);
         let length: f64 = lengths.iter().sum();
-        let mean_angle = match length > 0.0 {
-            true => weighted_sum(&angles, &lengths) / length,
-            false => angles.iter().sum::<f64>() / angles.len() as f64,
+        let mean_angle = if length > 0.0 {
+            weighted_sum(&angles, &lengths) / length
+        } else {
+            angles.iter().sum::<f64>() / angles.len() as f64
         };
         Self {
             pair,
@@ -131,8 +135,8 @@ impl AcuteLine {
         }
     }
 
-    /// Its edges (its node in the plane), each with the mean angle of the edges near it along the line.
-    /// A single edge of a rough surface can be far off that.
+    /// Returns the edges (in 2-D the node), each with the mean angle of the line in its
+    /// neighbourhood. On a rough surface the angle of a single edge can be far from that mean.
     pub(super) fn edges<const D: usize>(
         &self,
         positions: &[[f64; D]],
@@ -146,20 +150,20 @@ impl AcuteLine {
             }];
         }
         let lengths = lengths(&self.nodes, positions);
-        let mut at = 0.0;
+        let mut position = 0.0;
         let middles: Vec<f64> = (lengths.iter())
             .map(|length| {
-                at += length;
-                at - 0.5 * length
+                position += length;
+                position - 0.5 * length
             })
             .collect();
         let pieces = (0..lengths.len()).map(|i| {
             let nodes = [self.nodes[i], self.nodes[i + 1]];
-            let reach = AVERAGING_RADIUS * 0.5 * nodes.map(distance).iter().sum::<f64>();
-            let from = middles.partition_point(|&m| m < middles[i] - reach);
-            let to = middles.partition_point(|&m| m <= middles[i] + reach);
-            let length: f64 = lengths[from..to].iter().sum();
-            let sum = weighted_sum(&self.angles[from..to], &lengths[from..to]);
+            let radius = AVERAGING_RADIUS * 0.5 * nodes.map(distance).iter().sum::<f64>();
+            let begin = middles.partition_point(|&m| m < middles[i] - radius);
+            let end = middles.partition_point(|&m| m <= middles[i] + radius);
+            let length: f64 = lengths[begin..end].iter().sum();
+            let sum = weighted_sum(&self.angles[begin..end], &lengths[begin..end]);
             let angle = if length > 0.0 {
                 sum / length
             } else {
@@ -172,57 +176,58 @@ impl AcuteLine {
 }
 
 fn lengths<const D: usize>(nodes: &[u32], positions: &[[f64; D]]) -> Vec<f64> {
-    let long = |ends: &[u32]| {
+    let segment_length = |ends: &[u32]| {
         let [a, b] = [ends[0], ends[1]].map(|n| positions[n as usize]);
         norm(sub(a, b))
     };
-    nodes.windows(2).map(long).collect()
+    nodes.windows(2).map(segment_length).collect()
 }
 
 fn weighted_sum(values: &[f64], weights: &[f64]) -> f64 {
     values.iter().zip(weights).map(|(v, w)| v * w).sum()
 }
 
-/// A face on a feature, seen from one of its ridges.
+/// Face on a feature, seen from one of its ridges.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct RidgeFace {
     ridge: [u32; 2],
     face: u32,
-    /// The node of the face off the ridge.
+    /// Node of the face that is not on the ridge.
     apex: u32,
 }
 
-/// A ridge that several parts may have, by the whole's numbers, and a face on a feature there.
+/// Face on a feature at a ridge that several ranks may have. Node numbers are global.
 #[derive(Debug, Clone, Copy)]
 struct SharedRidgeFace<const D: usize> {
     ridge: [u32; 2],
-    /// The face's nodes, rising, by which faces are in order; and its number among those of all.
+    /// Nodes of the face, ascending, by which faces are ordered, and its global number.
     nodes: [u32; D],
     face: u32,
-    /// Where the ends of the ridge are, and d there; and where the face's node off the ridge is.
+    /// Positions of the ends of the ridge, d at these ends, and the position of the node of the
+    /// face that is not on the ridge.
     ends: [[f64; D]; 2],
     distance: [f64; 2],
     apex: [f64; D],
 }
 
-/// A half-plane that ends at a ridge.
+/// Half-plane that ends at a ridge.
 struct Ray {
-    /// In radians, round the ridge.
+    /// Angle around the ridge, in radians.
     angle: f64,
-    /// A face on a feature, or a side of the box.
+    /// Face on a feature (`Ok`), or side of the box (`Err`).
     source: Result<u32, u8>,
 }
 
-/// A wedge between two rays.
+/// Wedge between two rays.
 #[derive(Debug, Clone, Copy)]
 struct Wedge<const D: usize> {
-    /// By the whole's numbers of its ends; where they are, and d there.
+    /// Global numbers of the ends of the ridge, their positions, and d there.
     ridge: [u32; 2],
     ends: [[f64; D]; 2],
     distance: [f64; 2],
     angle: f64,
     pair: AcutePair,
-    /// The numbers of the faces on features.
+    /// Global numbers of the faces on features.
     faces: [Option<u32>; 2],
 }
 
@@ -232,15 +237,15 @@ codec_fields! {
 }
 
 impl<const D: usize> Wedge<D> {
-    /// The least area of a patch that may be at it.
+    /// Returns the minimum area of a patch at this wedge.
     fn min_patch_area(&self) -> f64 {
         let d = 0.5 * self.distance.iter().sum::<f64>();
         MIN_PATCH_SIZE * d.powi(D as i32 - 1)
     }
 }
 
-/// The acute lines of a mesh, and of their nodes the whole's numbers, where they are, and d there: lines have the places
-/// of nodes among these.
+/// Acute lines of a mesh, and for their nodes the global numbers, the positions, and d. The nodes
+/// of lines are indices into these lists.
 pub(super) struct AcuteLines<const D: usize> {
     pub lines: Vec<AcuteLine>,
     pub global_nodes: Vec<u32>,
@@ -248,154 +253,172 @@ pub(super) struct AcuteLines<const D: usize> {
     pub distance: Vec<f64>,
 }
 
-/// The acute lines of a mesh in parts that fills the box `[0, extent]`, on all who hold one; the part has some
-/// [faces on features](sorted_feature_faces), each of which is one's, and `distance` is d at its nodes.
+/// Finds the acute lines of a distributed mesh that fills the box `[0, extent]`. Collective; every
+/// rank gets all lines. `surface` has the [faces on features](sorted_feature_faces) that this rank
+/// owns, and `distance` returns d at a local node.
 ///
 /// # Errors
-/// Those of the other holders.
+/// Returns the communication errors of `comm`.
 pub(super) fn acute_lines<const D: usize, M: Simplices<D>, H: LocalOrComm + ?Sized>(
-    part: &MeshView<'_, D, M, H>,
+    view: &MeshView<'_, D, M, H>,
     surface: &MeshFaces<'_, D>,
     extent: [f64; D],
     distance: &dyn Fn(u32) -> f64,
 ) -> Result<AcuteLines<D>, H::Error> {
-    let (nodes, faces, holders) = (surface.nodes, &surface.faces, part.comm);
-    let counts: Vec<u32> = holders.try_all_gather("faces on features", faces.len() as u32)?;
-    // The number of this part's first face among those of all.
-    let first: u32 = counts[..holders.rank()].iter().sum();
-    let mut seen: Vec<RidgeFace> = (0..)
+    let (nodes, faces, comm) = (surface.nodes, &surface.faces, view.comm);
+    let counts: Vec<u32> = comm.try_all_gather("faces on features", faces.len() as u32)?;
+    // Global number of the first face of this rank.
+    let first: u32 = counts[..comm.rank()].iter().sum();
+    let mut ridge_faces: Vec<RidgeFace> = (0..)
         .zip(faces)
         .flat_map(|(face, nodes)| (0..D).map(move |k| ridge_face(nodes, face, k)))
         .collect();
-    seen.par_sort_unstable();
+    ridge_faces.par_sort_unstable();
 
-    let is_shared = part.shared_mask();
-    let mut to = vec![Vec::new(); holders.size()];
+    let is_shared = view.shared_mask();
+    let mut outgoing = vec![Vec::new(); comm.size()];
     let mut patches = UnionFind::new(faces.len());
     let mut wedges = Vec::new();
-    for round in seen.chunk_by(|a, b| a.ridge == b.ridge) {
-        let here = round[0].ridge;
-        let ridge = here.map(|n| part.global_id(n));
-        let at = |n: u32| nodes[n as usize];
-        let (ends, d) = (here.map(at), here.map(distance));
-        if here.iter().all(|&n| is_shared[n as usize]) {
-            let owner = holders.owner_rank(ridge[0], part.global_counts[0]);
-            to[owner].extend(round.iter().map(|seen| SharedRidgeFace {
+    for group in ridge_faces.chunk_by(|a, b| a.ridge == b.ridge) {
+        let local_ridge = group[0].ridge;
+        let ridge = local_ridge.map(|n| view.global_id(n));
+        let position = |n: u32| nodes[n as usize];
+        let (ends, d) = (local_ridge.map(position), local_ridge.map(distance));
+        if local_ridge.iter().all(|&n| is_shared[n as usize]) {
+            let owner = comm.owner_rank(ridge[0], view.global_counts[0]);
+            outgoing[owner].extend(group.iter().map(|ridge_face| SharedRidgeFace {
                 ridge,
-                nodes: faces[seen.face as usize].map(|n| part.global_id(n)),
-                face: first + seen.face,
+                nodes: faces[ridge_face.face as usize].map(|n| view.global_id(n)),
+                face: first + ridge_face.face,
                 ends,
                 distance: d,
-                apex: at(seen.apex),
+                apex: position(ridge_face.apex),
             }));
             continue;
         }
-        let mut apexes = round.iter().map(|seen| (at(seen.apex), first + seen.face));
+        let mut apexes = group
+            .iter()
+            .map(|ridge_face| (position(ridge_face.apex), first + ridge_face.face));
         match narrowest_wedge(ridge, ends, d, &mut apexes, extent) {
             Some(wedge) => wedges.push(wedge),
-            None => (round.windows(2)).for_each(|pair| patches.unite(pair[0].face, pair[1].face)),
+            None => (group.windows(2)).for_each(|pair| patches.unite(pair[0].face, pair[1].face)),
         }
     }
-    drop(seen);
-    let mut shared = holders.try_all_to_all("ridges at cuts", to)?.concat();
-    shared.sort_unstable_by_key(|seen| (seen.ridge, seen.nodes));
-    let (mut at_cuts, mut united) = (Vec::new(), Vec::new());
-    for round in shared.chunk_by(|a, b| a.ridge == b.ridge) {
+    drop(ridge_faces);
+    let mut shared = comm.try_all_to_all("ridges at cuts", outgoing)?.concat();
+    shared.sort_unstable_by_key(|face| (face.ridge, face.nodes));
+    let (mut cut_wedges, mut united_faces) = (Vec::new(), Vec::new());
+    for group in shared.chunk_by(|a, b| a.ridge == b.ridge) {
         let SharedRidgeFace {
             ridge,
             ends,
             distance,
             ..
-        } = round[0];
-        let mut apexes = round.iter().map(|seen| (seen.apex, seen.face));
+        } = group[0];
+        let mut apexes = group
+            .iter()
+            .map(|ridge_face| (ridge_face.apex, ridge_face.face));
         match narrowest_wedge(ridge, ends, distance, &mut apexes, extent) {
-            Some(wedge) => at_cuts.push(wedge),
-            None => united.extend(round.windows(2).map(|pair| [pair[0].face, pair[1].face])),
+            Some(wedge) => cut_wedges.push(wedge),
+            None => united_faces.extend(group.windows(2).map(|pair| [pair[0].face, pair[1].face])),
         }
     }
-    let at_cuts: Vec<Wedge<D>> = holders.try_all_gather("wedges at cuts", at_cuts)?.concat();
-    let united: Vec<[u32; 2]> = holders.try_all_gather("patches at cuts", united)?.concat();
-    let parts = parts_per_unit_area(extent);
-    let areas = patch_areas::<D, M, H>(surface, &mut patches, first, &united, parts, holders)?;
-    let own = first..first + faces.len() as u32;
+    let cut_wedges: Vec<Wedge<D>> = comm.try_all_gather("wedges at cuts", cut_wedges)?.concat();
+    let united_faces: Vec<[u32; 2]> = comm
+        .try_all_gather("patches at cuts", united_faces)?
+        .concat();
+    let parts_per_area = parts_per_unit_area(extent);
+    let areas = patch_areas::<D, M, H>(
+        surface,
+        &mut patches,
+        first,
+        &united_faces,
+        parts_per_area,
+        comm,
+    )?;
+    let local_faces = first..first + faces.len() as u32;
     let is_large = |wedge: &Wedge<D>| {
         let faces = wedge.faces.iter().flatten();
-        let mut of_own = faces.filter(|&face| own.contains(face));
-        let area = |&face: &u32| areas[(face - first) as usize] as f64 / parts;
-        of_own.all(|face| area(face) >= wedge.min_patch_area())
+        let mut local = faces.filter(|&face| local_faces.contains(face));
+        let area = |&face: &u32| areas[(face - first) as usize] as f64 / parts_per_area;
+        local.all(|face| area(face) >= wedge.min_patch_area())
     };
     wedges.retain(is_large);
-    let small: Vec<bool> = at_cuts.iter().map(|wedge| !is_large(wedge)).collect();
-    let small: Vec<Vec<bool>> = holders.try_all_gather("small patches", small)?;
-    let mut wedges: Vec<Wedge<D>> = holders.try_all_gather("wedges", wedges)?.concat();
-    let large = |i: usize| !small.iter().any(|small| small[i]);
-    let large_at_cuts = at_cuts.iter().enumerate().filter(|(i, _)| large(*i));
-    wedges.extend(large_at_cuts.map(|(_, wedge)| *wedge));
+    let is_small: Vec<bool> = cut_wedges.iter().map(|wedge| !is_large(wedge)).collect();
+    let is_small: Vec<Vec<bool>> = comm.try_all_gather("small patches", is_small)?;
+    let mut wedges: Vec<Wedge<D>> = comm.try_all_gather("wedges", wedges)?.concat();
+    let is_large_everywhere = |i: usize| !is_small.iter().any(|of_rank| of_rank[i]);
+    let large_cut_wedges = cut_wedges
+        .iter()
+        .enumerate()
+        .filter(|(i, _)| is_large_everywhere(*i));
+    wedges.extend(large_cut_wedges.map(|(_, wedge)| *wedge));
     wedges.sort_by_key(|wedge| wedge.ridge);
     Ok(chain_lines(wedges))
 }
 
-/// Areas are counted in so many parts of a unit, so that it makes no difference in which order: 2^44 of the square of the
-/// longest side of the box, rounded up to a power of two.
+/// Returns the number of units in which one unit of area is counted: 2^44 per square of the longest
+/// side of the box, rounded up to a power of two. Sums of integers do not depend on their order.
 fn parts_per_unit_area<const D: usize>(extent: [f64; D]) -> f64 {
     let longest = extent.into_iter().fold(f64::MIN_POSITIVE, f64::max);
     (44.0 - (D - 1) as f64 * longest.log2().ceil()).exp2()
 }
 
-/// For each of a part's faces the area of the patch that it is in, of which a unit has so many `parts`. `patches` has those
-/// of the part, and `united` pairs of faces of all parts that are in one patch.
+/// Returns for each local face the area of its patch, in units of which `parts_per_area` make one
+/// unit of area. `patches` are the local patches, and `united_faces` the pairs of faces on all
+/// ranks that are in one patch. Collective.
 ///
 /// # Errors
-/// Those of the other holders.
+/// Returns the communication errors of `comm`.
 fn patch_areas<const D: usize, M: Simplices<D>, H: LocalOrComm + ?Sized>(
     surface: &MeshFaces<'_, D>,
     patches: &mut UnionFind,
     first: u32,
-    united: &[[u32; 2]],
-    parts: f64,
-    holders: &H,
+    united_faces: &[[u32; 2]],
+    parts_per_area: f64,
+    comm: &H,
 ) -> Result<Vec<u64>, H::Error> {
     let count = surface.faces.len();
     let mut area = vec![0u64; count];
     for face in 0..count {
-        let own = (parts * M::face_area(&surface.corners(face))).round();
-        area[patches.find(face as u32) as usize] += own as u64;
+        let face_area = (parts_per_area * M::face_area(&surface.corners(face))).round();
+        area[patches.find(face as u32) as usize] += face_area as u64;
     }
-    // The patches at cuts, by one of their faces each.
-    let here = |face: u32| {
-        let place = face.checked_sub(first)?;
-        ((place as usize) < count).then_some(place)
+    // Patches that cross partition boundaries, each with one of its faces.
+    let local_index = |face: u32| {
+        let index = face.checked_sub(first)?;
+        ((index as usize) < count).then_some(index)
     };
-    let mut met: Vec<(u32, (u32, u64))> = Vec::new();
-    for &face in united.as_flattened() {
-        if let Some(place) = here(face) {
-            let patch = patches.find(place);
-            met.push((face, (first + patch, area[patch as usize])));
+    let mut cut_faces: Vec<(u32, (u32, u64))> = Vec::new();
+    for &face in united_faces.as_flattened() {
+        if let Some(index) = local_index(face) {
+            let patch = patches.find(index);
+            cut_faces.push((face, (first + patch, area[patch as usize])));
         }
     }
-    met.sort_unstable();
-    met.dedup();
-    let mut met = holders.try_all_gather("areas of patches", met)?.concat();
-    met.sort_unstable();
-    let mut whole: Vec<(u32, u64)> = met.iter().map(|(_, patch)| *patch).collect();
-    whole.sort_unstable();
-    whole.dedup();
-    let place = |patch: u32| whole.partition_point(|&(other, _)| other < patch) as u32;
-    let of_face = |face: u32| {
-        let (_, (patch, _)) = met[met.partition_point(|&(other, _)| other < face)];
-        place(patch)
+    cut_faces.sort_unstable();
+    cut_faces.dedup();
+    let mut cut_faces = comm.try_all_gather("areas of patches", cut_faces)?.concat();
+    cut_faces.sort_unstable();
+    let mut cut_patches: Vec<(u32, u64)> = cut_faces.iter().map(|(_, patch)| *patch).collect();
+    cut_patches.sort_unstable();
+    cut_patches.dedup();
+    let patch_index = |patch: u32| cut_patches.partition_point(|&(other, _)| other < patch) as u32;
+    let patch_of_face = |face: u32| {
+        let (_, (patch, _)) = cut_faces[cut_faces.partition_point(|&(other, _)| other < face)];
+        patch_index(patch)
     };
-    let mut sets = UnionFind::new(whole.len());
-    for &[a, b] in united {
-        sets.unite(of_face(a), of_face(b));
+    let mut sets = UnionFind::new(cut_patches.len());
+    for &[a, b] in united_faces {
+        sets.unite(patch_of_face(a), patch_of_face(b));
     }
-    let mut sums = vec![0; whole.len()];
-    for (place, &(_, area)) in (0..).zip(&whole) {
-        sums[sets.find(place) as usize] += area;
+    let mut sums = vec![0; cut_patches.len()];
+    for (index, &(_, area)) in (0..).zip(&cut_patches) {
+        sums[sets.find(index) as usize] += area;
     }
-    for (place, &(patch, _)) in (0..).zip(&whole) {
-        if let Some(patch) = here(patch) {
-            area[patch as usize] = sums[sets.find(place) as usize];
+    for (index, &(patch, _)) in (0..).zip(&cut_patches) {
+        if let Some(patch) = local_index(patch) {
+            area[patch as usize] = sums[sets.find(index) as usize];
         }
     }
     Ok((0..count as u32)
@@ -403,7 +426,7 @@ fn patch_areas<const D: usize, M: Simplices<D>, H: LocalOrComm + ?Sized>(
         .collect())
 }
 
-/// Lines of wedges that are in the order of their ridges.
+/// Chains wedges, which are ordered by ridge, into lines.
 fn chain_lines<const D: usize>(mut wedges: Vec<Wedge<D>>) -> AcuteLines<D> {
     let ends = |wedge: &Wedge<D>| {
         let end = |k: usize| (wedge.ridge[k], (wedge.ends[k], wedge.distance[k]));
@@ -412,12 +435,12 @@ fn chain_lines<const D: usize>(mut wedges: Vec<Wedge<D>>) -> AcuteLines<D> {
     let mut ends: Vec<(u32, ([f64; D], f64))> = wedges.iter().flat_map(ends).collect();
     ends.sort_by_key(|(number, _)| *number);
     ends.dedup_by_key(|(number, _)| *number);
-    let (numbers, places): (Vec<u32>, Vec<_>) = ends.into_iter().unzip();
-    let (nodes, distance): (Vec<[f64; D]>, Vec<f64>) = places.into_iter().unzip();
-    let place = |n: u32| numbers.partition_point(|&number| number < n) as u32;
+    let (global_nodes, node_values): (Vec<u32>, Vec<_>) = ends.into_iter().unzip();
+    let (nodes, distance): (Vec<[f64; D]>, Vec<f64>) = node_values.into_iter().unzip();
+    let node_index = |n: u32| global_nodes.partition_point(|&number| number < n) as u32;
     wedges
         .iter_mut()
-        .for_each(|wedge| wedge.ridge = wedge.ridge.map(place));
+        .for_each(|wedge| wedge.ridge = wedge.ridge.map(node_index));
     let mut lines = chain_wedges(&wedges, &nodes);
     lines.retain(|line| {
         let d = line
@@ -430,14 +453,15 @@ fn chain_lines<const D: usize>(mut wedges: Vec<Wedge<D>>) -> AcuteLines<D> {
     });
     AcuteLines {
         lines,
-        global_nodes: numbers,
+        global_nodes,
         nodes,
         distance,
     }
 }
 
-/// The faces on features, each with its nodes rising. `feature_faces` has a byte for each cell, of which
-/// bit k stands for face k. Faces in a side of the box are that side.
+/// Returns the faces on features, each with its nodes ascending. `feature_faces` has a byte for
+/// each cell, in which bit k marks face k. Faces in a side of the box are omitted, because they
+/// belong to that side.
 pub(super) fn sorted_feature_faces<const D: usize, M: Simplices<D>>(
     mesh: &M,
     feature_faces: &[u8],
@@ -461,7 +485,7 @@ pub(super) fn sorted_feature_faces<const D: usize, M: Simplices<D>>(
     faces
 }
 
-/// The sides of the box in which all of these positions lie.
+/// Returns the sides of the box that contain all of these positions.
 pub(super) fn common_sides<const D: usize>(
     positions: &[[f64; D]],
     extent: [f64; D],
@@ -473,10 +497,10 @@ pub(super) fn common_sides<const D: usize>(
         } else {
             extent[axis]
         };
-        let off = |x: &[f64; D]| (x[axis] - plane).abs();
+        let distance = |x: &[f64; D]| (x[axis] - plane).abs();
         positions
             .iter()
-            .all(|x| off(x) <= SIDE_TOLERANCE * extent[axis])
+            .all(|x| distance(x) <= SIDE_TOLERANCE * extent[axis])
     })
 }
 
@@ -491,51 +515,56 @@ fn ridge_face<const D: usize>(face_nodes: &[u32; D], face: u32, k: usize) -> Rid
     }
 }
 
-/// The narrowest wedge at a ridge, if it is narrow enough for a line to pass, of the faces of which the nodes off it are
-/// there, with their numbers.
+/// Returns the narrowest wedge at a ridge, if it is narrow enough for a line. `faces` has the
+/// position of the node off the ridge, and the number, of each face at the ridge.
 fn narrowest_wedge<const D: usize>(
     ridge: [u32; 2],
     ends: [[f64; D]; 2],
     distance: [f64; 2],
-    round: &mut dyn Iterator<Item = ([f64; D], u32)>,
+    faces: &mut dyn Iterator<Item = ([f64; D], u32)>,
     extent: [f64; D],
 ) -> Option<Wedge<D>> {
     let [a, b] = ends.map(to_3d);
-    let along = if D == 2 {
+    let axis = if D == 2 {
         [0.0, 0.0, 1.0]
     } else {
         unit(sub(b, a))
     };
-    let square = |v: [f64; 3]| unit(add_scaled(v, -dot(v, along), along));
-    let mut directions: Vec<([f64; 3], Result<u32, u8>)> = round
-        .map(|(apex, face)| (square(sub(to_3d(apex), a)), Ok(face)))
+    let perpendicular = |v: [f64; 3]| unit(add_scaled(v, -dot(v, axis), axis));
+    let mut directions: Vec<([f64; 3], Result<u32, u8>)> = faces
+        .map(|(apex, face)| (perpendicular(sub(to_3d(apex), a)), Ok(face)))
         .collect();
     let sides: Vec<u8> = common_sides(&ends, extent).collect();
     if directions.len() + sides.len() < 2 {
         return None;
     }
-    // How far a direction leads out of a side.
-    let out = |v: [f64; 3], side: u8| {
+    // Component of a direction that points out of a side.
+    let outward_component = |v: [f64; 3], side: u8| {
         let c = v[usize::from(side / 2)];
         if side.is_multiple_of(2) { -c } else { c }
     };
     for &side in &sides {
         let mut normal = [0.0; 3];
         normal[usize::from(side / 2)] = 1.0;
-        let within = unit(cross(along, normal));
-        let both = [within, within.map(|c| -c)].into_iter();
-        let inside = both.filter(|&v| sides.iter().all(|&other| out(v, other) <= SIDE_TOLERANCE));
-        directions.extend(inside.map(|v| (v, Err(side))));
+        let in_plane = unit(cross(axis, normal));
+        let candidates = [in_plane, in_plane.map(|c| -c)].into_iter();
+        let inward = candidates.filter(|&v| {
+            sides
+                .iter()
+                .all(|&other| outward_component(v, other) <= SIDE_TOLERANCE)
+        });
+        directions.extend(inward.map(|v| (v, Err(side))));
     }
     let x = directions[0].0;
-    let y = cross(along, x);
+    let y = cross(axis, x);
     let mut rays: Vec<Ray> = (directions.iter())
-        .map(|&(v, of)| Ray {
+        .map(|&(v, source)| Ray {
             angle: dot(v, y).atan2(dot(v, x)),
-            source: of,
+            source,
         })
         .collect();
-    // Faces are in the order of their nodes, before sides.
+    // Faces are in the order of their nodes, before sides, so that the stable sort is
+    // deterministic.
     rays.sort_by(|a, b| a.angle.total_cmp(&b.angle));
     let wedge = |i: usize| {
         let (this, next) = (&rays[i], &rays[(i + 1) % rays.len()]);
@@ -559,8 +588,8 @@ fn narrowest_wedge<const D: usize>(
     wedges.min_by(|a, b| a.angle.total_cmp(&b.angle))
 }
 
-/// Wedges, in the order of their ridges, as lines: a line goes on where just one other ridge of the same
-/// pair begins.
+/// Chains wedges, which are ordered by ridge, into lines. A line continues at a node where exactly
+/// one other ridge of the same pair begins.
 fn chain_wedges<const D: usize>(wedges: &[Wedge<D>], positions: &[[f64; D]]) -> Vec<AcuteLine> {
     let line = |nodes, angles, pair| AcuteLine::new(nodes, angles, pair, positions);
     if D == 2 {
@@ -571,33 +600,33 @@ fn chain_wedges<const D: usize>(wedges: &[Wedge<D>], positions: &[[f64; D]]) -> 
         .flat_map(|(i, w)| w.ridge.map(|node| (node, w.pair, i)))
         .collect();
     ends.sort_unstable();
-    let at = |node: u32, pair: AcutePair| {
-        let from = ends.partition_point(|end| (end.0, end.1) < (node, pair));
-        let to = ends.partition_point(|end| (end.0, end.1) <= (node, pair));
-        &ends[from..to]
+    let ends_at = |node: u32, pair: AcutePair| {
+        let begin = ends.partition_point(|end| (end.0, end.1) < (node, pair));
+        let end = ends.partition_point(|end| (end.0, end.1) <= (node, pair));
+        &ends[begin..end]
     };
     let mut used = vec![false; wedges.len()];
-    let mut walk = |first: usize, from: u32| {
+    let mut walk = |first: usize, start_node: u32| {
         let pair = wedges[first].pair;
-        let (mut nodes, mut angles) = (vec![from], Vec::new());
+        let (mut nodes, mut angles) = (vec![start_node], Vec::new());
         let mut next = Some(first);
-        let mut node = from;
+        let mut node = start_node;
         while let Some(i) = next.filter(|&i| !used[i]) {
             used[i] = true;
             let [a, b] = wedges[i].ridge;
             node = if a == node { b } else { a };
             nodes.push(node);
             angles.push(wedges[i].angle);
-            next = match at(node, pair) {
-                [one, other] => Some(if one.2 == i { other.2 } else { one.2 }),
+            next = match ends_at(node, pair) {
+                [end_a, end_b] => Some(if end_a.2 == i { end_b.2 } else { end_a.2 }),
                 _ => None,
             };
         }
         (!angles.is_empty()).then(|| line(nodes, angles, pair))
     };
-    // Open lines from their ends, then what is closed from anywhere.
-    let from_ends = ends.iter().filter(|end| at(end.0, end.1).len() != 2);
-    let mut lines: Vec<AcuteLine> = from_ends.filter_map(|end| walk(end.2, end.0)).collect();
+    // Open lines are followed from their ends, then closed lines from any of their edges.
+    let open_ends = ends.iter().filter(|end| ends_at(end.0, end.1).len() != 2);
+    let mut lines: Vec<AcuteLine> = open_ends.filter_map(|end| walk(end.2, end.0)).collect();
     lines.extend((0..wedges.len()).filter_map(|i| walk(i, wedges[i].ridge[0])));
     lines
 }

@@ -1,12 +1,14 @@
-//! Which bad angles the features themselves explain.
+//! Assesses which bad angles are explained by the features themselves.
 //!
-//! Where two sheets, or a sheet and a side of the box, meet at theta, no mesh that holds both has all
-//! dihedral angles above theta. So what is promised is: every angle is in [30, 150], except in cells
-//! that touch an acute line or lie in its wedge, whose angles are in [s, 180 - s] with s = [`MIN_ANGLE_RATIO`]
-//! theta. Every other cell is *unexplained*. A cell lies in the wedge if all its nodes are on features or
-//! sides of the box and one is within [`INFLUENCE_RADIUS`] d of the line: farther away the wedge is wide enough for
-//! nodes between the two. (Beside a line no more cells are bad than anywhere else at features, as was
-//! seen on sheets at 25 degrees to a side: there, all that were bad touched the line.)
+//! If two feature surfaces, or a feature surface and a side of the box, meet at an angle theta, no
+//! mesh that contains both has all dihedral angles above theta. So the criterion is: every angle is
+//! in [30, 150] degrees, except in cells that touch an acute line or lie in its wedge. Their angles
+//! must be in [s, 180 - s] with s = [`MIN_ANGLE_RATIO`] theta. All other cells are *unexplained*. A
+//! cell lies in the wedge if all its nodes are on features or sides of the box and one of them is
+//! within [`INFLUENCE_RADIUS`] d of the line. Farther away, the wedge is wide enough for nodes
+//! between its two surfaces. (Outside the wedge, bad cells are no more frequent near a line than
+//! elsewhere at features. On feature surfaces at 25 degrees to a side, all bad cells near the line
+//! touched it.)
 
 use crate::parallel::prelude::*;
 use serde::Serialize;
@@ -22,46 +24,47 @@ use crate::geometry::{add_scaled, distance2, dot, sub};
 use crate::mesh::Simplices;
 use crate::mesh::view::MeshView;
 
-/// Angles shall be at least this, and at most 180 minus it, in degrees.
+/// Minimum angle in degrees. The maximum is 180 minus this.
 pub const MIN_ANGLE: f64 = 30.0;
-/// How far from the line its wedge is too narrow for nodes in between, in units of d.
+/// Distance from the line within which its wedge is too narrow for nodes inside, in units of d.
 pub const INFLUENCE_RADIUS: f64 = 2.0;
-/// The share of the line's angle that theirs must have. A wedge of theta is filled with cells of which
-/// some have a little less.
+/// Minimum ratio of a cell's angle to the angle of the line. Some of the cells that fill a wedge of
+/// theta have slightly less than theta.
 pub const MIN_ANGLE_RATIO: f64 = 0.7;
 
-/// What the cell data of a file say of a cell whose angles are all in [30, 150].
+/// Class of a cell whose angles are all in [30, 150] degrees, as stored in cell data.
 pub const OK: u8 = 0;
-/// Of one whose angles are not, but which is near an acute line that explains them.
+/// Class of a cell with other angles near an acute line that explains them.
 pub const NEAR_ACUTE_LINE: u8 = 1;
-/// Of any other.
+/// Class of any other cell.
 pub const UNEXPLAINED: u8 = 2;
 
-/// Angles beyond [30, 150], explained. Angles are dihedral in tetrahedra.
+/// Counts of cells with angles beyond [30, 150] degrees, explained or not. Angles of tetrahedra are
+/// dihedral.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Angles {
-    /// Cells all of whose angles are in [30, 150] degrees.
+    /// Number of cells whose angles are all in [30, 150] degrees.
     pub ok: usize,
-    /// Others near an acute line, whose angles are no worse than it explains.
+    /// Number of other cells near an acute line that explains their angles.
     pub near_acute_line: usize,
-    /// All other cells.
+    /// Number of all other cells.
     pub unexplained: usize,
-    /// The cell among these whose angles are farthest from 90 degrees.
+    /// Unexplained cell whose angles are farthest from 90 degrees.
     pub worst_unexplained: Option<Worst>,
-    /// Where features, or a feature and a side of the box, meet at less than 30 degrees.
+    /// Lines where features, or a feature and a side of the box, meet at less than 30 degrees.
     pub acute_lines: Vec<AcuteLine>,
 }
 
-/// The same with what it says of each cell.
+/// Assessment of the angles of a mesh, with the class of each cell.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct AngleAssessment {
-    /// In figures.
+    /// Counts and acute lines.
     pub angles: Angles,
-    /// For each cell 0 (fine), 1 (near an acute line) or 2 (unexplained).
+    /// Class of each cell: 0 (good), 1 (near an acute line) or 2 (unexplained).
     pub cell_classes: Vec<u8>,
 }
 
-/// A cell with an angle out of range, and what its angles need for a cosine of one, as in
+/// Cell with an angle out of range. Its extreme angles are stored as versines, as in
 /// [`quality`](super::quality()).
 struct BadCell {
     cell: usize,
@@ -75,88 +78,99 @@ impl BadCell {
     }
 }
 
-/// What that of an angle in degrees is.
+/// Returns the versine of an angle in degrees.
 fn versine(angle: f64) -> f64 {
     1.0 - angle.to_radians().cos()
 }
 
-/// Judges the angles of a mesh that fills the box `[0, extent]`. `feature_faces` has a byte for each cell,
-/// of which bit k says that face k lies on a feature; it may be empty. `distance` is d at each node.
+/// Assesses the angles of a mesh that fills the box `[0, extent]`. `feature_faces` has a byte for
+/// each cell, in which bit k marks that face k lies on a feature; it may be empty. `distance`
+/// returns d at a node.
 pub fn assess_angles<const D: usize, M: Simplices<D>>(
     mesh: &M,
     feature_faces: &[u8],
     extent: [f64; D],
     distance: impl Fn(u32) -> f64,
 ) -> AngleAssessment {
-    let Ok(found) =
+    let Ok(assessment) =
         assess_partition_angles(&MeshView::from_mesh(mesh), feature_faces, extent, &distance);
-    found
+    assessment
 }
 
-/// The same of a mesh in parts, on all who hold one; the cells are those of the part, the nodes of lines have the
-/// whole's numbers.
+/// Assesses the angles of a distributed mesh. Collective. The cell classes are those of the local
+/// cells, and the nodes of acute lines are global.
 ///
 /// # Errors
-/// Those of the other holders.
+/// Returns the communication errors of the mesh's `comm`.
 pub(crate) fn assess_partition_angles<const D: usize, M: Simplices<D>, H: LocalOrComm + ?Sized>(
-    part: &MeshView<'_, D, M, H>,
+    view: &MeshView<'_, D, M, H>,
     feature_faces: &[u8],
     extent: [f64; D],
     distance: &dyn Fn(u32) -> f64,
 ) -> Result<AngleAssessment, H::Error> {
-    let (mesh, nodes) = (part.mesh, part.mesh.nodes());
+    let (mesh, nodes) = (view.mesh, view.mesh.nodes());
     let faces = sorted_feature_faces(mesh, feature_faces, extent);
     let mut on_feature = vec![false; nodes.len()];
     for &node in faces.iter().flatten() {
         on_feature[node as usize] = true;
     }
-    part.combine_shared_marks("nodes on features", &mut on_feature)?;
+    view.combine_shared_marks("nodes on features", &mut on_feature)?;
     let faces = faces.into_iter().map(|face| (face, 1)).collect();
-    let surface = MeshFaces::owned_faces("faces on features", part, faces)?;
-    let mut found = acute_lines(part, &surface, extent, distance)?;
+    let surface = MeshFaces::owned_faces("faces on features", view, faces)?;
+    let mut acute = acute_lines(view, &surface, extent, distance)?;
     drop(surface);
-    let explained = AngleExplainer::from_lines(&found);
-    for line in &mut found.lines {
-        (line.nodes.iter_mut()).for_each(|n| *n = found.global_nodes[*n as usize]);
+    let explainer = AngleExplainer::from_lines(&acute);
+    for line in &mut acute.lines {
+        (line.nodes.iter_mut()).for_each(|n| *n = acute.global_nodes[*n as usize]);
     }
     let in_side = |n: u32| common_sides(&[nodes[n as usize]], extent).next().is_some();
-    let held = |n: &u32| on_feature[*n as usize] || in_side(*n);
+    let is_constrained = |n: &u32| on_feature[*n as usize] || in_side(*n);
     let mut cells = vec![OK; mesh.len()];
     let mut unexplained = Vec::new();
     for bad in bad_cells(mesh) {
         let cell = mesh.cell(bad.cell);
-        let corners = cell.iter().map(|&n| (part.global_id(n), nodes[n as usize]));
-        cells[bad.cell] =
-            match explained.explains(corners, cell.iter().all(held), bad.worst_versine()) {
-                true => NEAR_ACUTE_LINE,
-                false => UNEXPLAINED,
-            };
+        let corners = cell.iter().map(|&n| (view.global_id(n), nodes[n as usize]));
+        let is_explained = explainer.explains(
+            corners,
+            cell.iter().all(is_constrained),
+            bad.worst_versine(),
+        );
+        cells[bad.cell] = if is_explained {
+            NEAR_ACUTE_LINE
+        } else {
+            UNEXPLAINED
+        };
         if cells[bad.cell] == UNEXPLAINED {
             unexplained.push(bad);
         }
     }
-    let count = |verdict: u8| cells.iter().filter(|&&cell| cell == verdict).count();
+    let count = |class: u8| cells.iter().filter(|&&cell| cell == class).count();
     let worst = (unexplained.iter()).min_by(|a, b| a.worst_versine().total_cmp(&b.worst_versine()));
     let worst = worst.map(|bad| {
         let worst = Worst {
-            cell: part.first_cell + bad.cell,
+            cell: view.first_cell + bad.cell,
             centroid: centroid(mesh, bad.cell),
             smallest: angle_from_versine(f64::from(bad.small)),
             largest: 180.0 - angle_from_versine(f64::from(bad.large)),
         };
         (bad.worst_versine(), worst)
     });
-    let own = ([OK, NEAR_ACUTE_LINE, UNEXPLAINED].map(count), worst);
-    let all = part.comm.try_all_gather("verdicts on angles", own)?;
-    let count = |verdict: u8| all.iter().map(|own| own.0[usize::from(verdict)]).sum();
-    let worst = (all.iter().filter_map(|own| own.1.as_ref()))
+    let local = ([OK, NEAR_ACUTE_LINE, UNEXPLAINED].map(count), worst);
+    let gathered = view.comm.try_all_gather("verdicts on angles", local)?;
+    let count = |class: u8| {
+        gathered
+            .iter()
+            .map(|local| local.0[usize::from(class)])
+            .sum()
+    };
+    let worst = (gathered.iter().filter_map(|local| local.1.as_ref()))
         .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cell.cmp(&b.1.cell)));
     let angles = Angles {
         ok: count(OK),
         near_acute_line: count(NEAR_ACUTE_LINE),
         unexplained: count(UNEXPLAINED),
         worst_unexplained: worst.map(|(_, worst)| worst.clone()),
-        acute_lines: found.lines,
+        acute_lines: acute.lines,
     };
     Ok(AngleAssessment {
         angles,
@@ -164,12 +178,12 @@ pub(crate) fn assess_partition_angles<const D: usize, M: Simplices<D>, H: LocalO
     })
 }
 
-/// The cells with an angle out of range, rising.
+/// Returns the cells with an angle out of range, ascending.
 fn bad_cells<const D: usize, M: Simplices<D>>(mesh: &M) -> Vec<BadCell> {
     let limit = versine(MIN_ANGLE);
-    let of_chunk = |chunk: usize| {
+    let chunk_bad_cells = |chunk: usize| {
         let first = chunk * CELLS_PER_TASK;
-        let (mut found, mut cell) = (Vec::new(), first);
+        let (mut bad_cells, mut cell) = (Vec::new(), first);
         mesh.shapes(first..mesh.len().min(first + CELLS_PER_TASK), |shape| {
             let cosines = shape.cosines.as_ref();
             let bad = BadCell {
@@ -178,108 +192,111 @@ fn bad_cells<const D: usize, M: Simplices<D>>(mesh: &M) -> Vec<BadCell> {
                 large: (1.0 + min_value(cosines)) as f32,
             };
             if f64::from(bad.worst_versine()) < limit {
-                found.push(bad);
+                bad_cells.push(bad);
             }
             cell += 1;
         });
-        found
+        bad_cells
     };
     let chunks = (0..mesh.len().div_ceil(CELLS_PER_TASK)).into_par_iter();
-    chunks.flat_map_iter(of_chunk).collect()
+    chunks.flat_map_iter(chunk_bad_cells).collect()
 }
 
-/// A piece of a line.
+/// Edge of an acute line.
 struct AcuteSegment<const D: usize> {
-    /// The whole mesh's numbers of its ends, and where these are.
+    /// Global numbers of the ends, and their positions.
     nodes: [u32; 2],
     ends: [[f64; D]; 2],
-    /// The line's angle there, in degrees.
+    /// Angle of the line there, in degrees.
     angle: f64,
-    /// How far from it angles are explained.
+    /// Distance from the edge up to which angles are explained.
     reach: f64,
 }
 
 impl<const D: usize> AcuteSegment<D> {
-    /// The square of the distance of a point from it.
+    /// Returns the squared distance of a point from the edge.
     fn squared_distance(&self, x: [f64; D]) -> f64 {
         let [a, b] = self.ends;
-        let (along, off) = (sub(b, a), sub(x, a));
-        let long = dot(along, along);
-        let share = if long > 0.0 {
-            dot(off, along) / long
+        let (direction, offset) = (sub(b, a), sub(x, a));
+        let squared_length = dot(direction, direction);
+        let fraction = if squared_length > 0.0 {
+            dot(offset, direction) / squared_length
         } else {
             0.0
         };
-        distance2(&x, &add_scaled(a, share.clamp(0.0, 1.0), along))
+        distance2(&x, &add_scaled(a, fraction.clamp(0.0, 1.0), direction))
     }
 }
 
-/// The lines of a mesh, to be asked what they explain.
+/// Acute lines of a mesh, with a search structure to find the angles that they explain.
 struct AngleExplainer<const D: usize> {
     segments: Vec<AcuteSegment<D>>,
     midpoints: CellList<D>,
-    /// How far from the middle of any piece a place may be that is in its reach.
+    /// Maximum distance between the midpoint of an edge and a point within the reach of the edge.
     max_reach: f64,
 }
 
 impl<const D: usize> AngleExplainer<D> {
-    /// What lines explain.
-    fn from_lines(found: &AcuteLines<D>) -> Self {
-        let distance = |n: u32| found.distance[n as usize];
-        let pieces = (found.lines.iter()).flat_map(|line| line.edges(&found.nodes, &distance));
-        let stretch = |piece: AcuteEdge| AcuteSegment {
-            nodes: piece.nodes.map(|n| found.global_nodes[n as usize]),
-            ends: piece.nodes.map(|n| found.nodes[n as usize]),
-            angle: piece.angle,
-            reach: INFLUENCE_RADIUS * 0.5 * piece.nodes.map(distance).iter().sum::<f64>(),
+    /// Creates an explainer from acute lines.
+    fn from_lines(lines: &AcuteLines<D>) -> Self {
+        let distance = |n: u32| lines.distance[n as usize];
+        let edges = (lines.lines.iter()).flat_map(|line| line.edges(&lines.nodes, &distance));
+        let to_segment = |edge: AcuteEdge| AcuteSegment {
+            nodes: edge.nodes.map(|n| lines.global_nodes[n as usize]),
+            ends: edge.nodes.map(|n| lines.nodes[n as usize]),
+            angle: edge.angle,
+            reach: INFLUENCE_RADIUS * 0.5 * edge.nodes.map(distance).iter().sum::<f64>(),
         };
-        Self::new(pieces.map(stretch).collect())
+        Self::new(edges.map(to_segment).collect())
     }
 
     fn new(segments: Vec<AcuteSegment<D>>) -> Self {
-        let middle = |stretch: &AcuteSegment<D>| {
-            let [a, b] = stretch.ends;
+        let midpoint = |segment: &AcuteSegment<D>| {
+            let [a, b] = segment.ends;
             add_scaled(a, 0.5, sub(b, a))
         };
-        let middles: Vec<[f64; D]> = segments.iter().map(middle).collect();
-        let farthest = segments.iter().map(|stretch| {
-            let [a, b] = stretch.ends;
-            stretch.reach + 0.5 * distance2(&a, &b).sqrt()
+        let midpoints: Vec<[f64; D]> = segments.iter().map(midpoint).collect();
+        let reaches = segments.iter().map(|segment| {
+            let [a, b] = segment.ends;
+            segment.reach + 0.5 * distance2(&a, &b).sqrt()
         });
-        let max_reach = farthest.fold(0.0, f64::max);
+        let max_reach = reaches.fold(0.0, f64::max);
         Self {
-            midpoints: CellList::new(&middles, max_reach.max(1e-9)),
+            midpoints: CellList::new(&midpoints, max_reach.max(1e-9)),
             segments,
             max_reach,
         }
     }
 
-    /// Whether a cell is near a line that explains its angles, the worse of which has this versine: the whole's
-    /// number of each of its nodes, and where this is; `held` says that all are on features or sides of the box.
+    /// Returns `true` if a cell is near a line that explains its worst angle, whose versine is
+    /// `worst_versine`. `cell` has the global number and the position of each node.
+    /// `is_constrained` is `true` if all nodes are on features or sides of the box.
     fn explains(
         &self,
         mut cell: impl Iterator<Item = (u32, [f64; D])>,
-        held: bool,
-        versine_of_worse: f32,
+        is_constrained: bool,
+        worst_versine: f32,
     ) -> bool {
         if self.segments.is_empty() {
             return false;
         }
         cell.any(|(n, x)| {
-            let mut near = false;
+            let mut is_explained = false;
             self.midpoints.visit_within(x, self.max_reach, |i| {
-                let stretch = &self.segments[i];
-                let within = || held && stretch.squared_distance(x) <= stretch.reach.powi(2);
-                near = near
-                    || (f64::from(versine_of_worse) >= versine(MIN_ANGLE_RATIO * stretch.angle)
-                        && (stretch.nodes.contains(&n) || within()));
+                let segment = &self.segments[i];
+                let is_in_wedge =
+                    || is_constrained && segment.squared_distance(x) <= segment.reach.powi(2);
+                is_explained = is_explained
+                    || (f64::from(worst_versine) >= versine(MIN_ANGLE_RATIO * segment.angle)
+                        && (segment.nodes.contains(&n) || is_in_wedge()));
             });
-            near
+            is_explained
         })
     }
 }
 
-/// The mean length of the edges of cells at each node: what d is about, where a mesh does not say.
+/// Returns the mean length of the edges of cells at each node. It approximates d if the mesh does
+/// not store d.
 #[cfg(feature = "cli")]
 pub fn mean_edge_lengths<const D: usize, M: Simplices<D>>(mesh: &M) -> Vec<f64> {
     let nodes = mesh.nodes();

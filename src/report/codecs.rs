@@ -1,4 +1,4 @@
-//! Figures as bytes, for other ranks.
+//! Encodes report data as bytes, to send them to other ranks.
 
 use std::io::{self, Write};
 
@@ -39,8 +39,8 @@ impl Codec for AcutePair {
         self.code().encode(out)
     }
 
-    fn decode(from: &mut &[u8]) -> Option<Self> {
-        Some(match u8::decode(from)? {
+    fn decode(bytes: &mut &[u8]) -> Option<Self> {
+        Some(match u8::decode(bytes)? {
             0 => Self::Features,
             code => Self::Side(code - 1),
         })

@@ -1,4 +1,4 @@
-//! What a stage costs: seconds, processor seconds, memory.
+//! Measures the cost of each stage: seconds, processor seconds, memory.
 
 use std::time::Instant;
 
@@ -6,21 +6,21 @@ use serde::Serialize;
 
 use crate::progress::Stage;
 
-/// The cost of one stage of a job.
+/// Cost of one stage of a job.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct StageCost {
-    /// The stage.
+    /// Stage.
     pub stage: Stage,
-    /// Seconds by the clock.
+    /// Wall-clock seconds.
     pub seconds: f64,
-    /// Seconds of processor time in user mode, over all threads; to a hundredth.
+    /// User-mode processor seconds of all threads, with a resolution of 0.01 s.
     pub cpu_seconds: f64,
-    /// Largest memory of the process, with the processes that work for it, up to the stage's end, in MB (10^6 bytes); 0 where the system
-    /// does not tell.
+    /// Peak memory of the process and its helper processes up to the end of the stage, in MB (10^6
+    /// bytes). 0 if the system does not report it.
     pub peak_mb: f64,
 }
 
-/// Measures stages one after the other.
+/// Clock that measures stages one after the other.
 #[derive(Debug)]
 pub struct Clock {
     start: Instant,
@@ -30,7 +30,7 @@ pub struct Clock {
 }
 
 impl Clock {
-    /// A clock that measures nothing yet.
+    /// Creates a clock that measures nothing yet.
     pub fn new() -> Self {
         Self {
             start: Instant::now(),
@@ -40,7 +40,7 @@ impl Clock {
         }
     }
 
-    /// Ends the stage that is being measured, if any, and begins another.
+    /// Ends the current stage, if there is one, and begins another.
     pub fn begin(&mut self, stage: Stage) {
         self.end();
         self.current = Some(stage);
@@ -48,7 +48,7 @@ impl Clock {
         self.cpu_start = cpu_seconds();
     }
 
-    /// Ends the stage that is being measured.
+    /// Ends the current stage.
     pub fn end(&mut self) {
         if let Some(stage) = self.current.take() {
             self.finished_stages.push(StageCost {
@@ -60,7 +60,7 @@ impl Clock {
         }
     }
 
-    /// All stages measured so far.
+    /// Returns the costs of all stages that have ended.
     pub fn costs(&self) -> &[StageCost] {
         &self.finished_stages
     }
@@ -72,32 +72,37 @@ impl Default for Clock {
     }
 }
 
-/// User-mode processor seconds of this process, and of those that worked for it and have ended, so far; 0 where the system does not tell. Linux
-/// counts in ticks, of which it shows programs a hundred a second on every architecture.
+/// Returns the user-mode processor seconds of this process, and of its helper processes that have
+/// ended. Returns 0 if the system does not report them. Linux counts in ticks, 100 per second for
+/// programs on every architecture.
 pub fn cpu_seconds() -> f64 {
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    // The name in parentheses may hold spaces; utime is the 12th field after it, cutime the 14th.
+    // The process name in parentheses may contain spaces. utime is the 12th field after it, cutime
+    // the 14th.
     let fields = stat
         .rsplit(')')
         .next()
         .unwrap_or_default()
         .split_whitespace();
-    let ticks = fields.enumerate().filter(|(at, _)| [11, 13].contains(at));
+    let ticks = fields
+        .enumerate()
+        .filter(|(index, _)| [11, 13].contains(index));
     ticks
         .filter_map(|(_, word)| word.parse::<f64>().ok())
         .sum::<f64>()
         / 100.0
 }
 
-/// Largest resident memory of this process so far, with those that work for it, in MB; 0 where the system does not tell.
+/// Returns the peak resident memory of this process and its helper processes so far, in MB. Returns
+/// 0 if the system does not report it.
 pub fn peak_mb() -> f64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
-    let kilobytes = line.and_then(|rest| rest.split_whitespace().next()?.parse::<f64>().ok());
-    let own = kilobytes.unwrap_or(0.0) * 1024.0 / 1e6;
+    let kilobytes = line.and_then(|value| value.split_whitespace().next()?.parse::<f64>().ok());
+    let peak = kilobytes.unwrap_or(0.0) * 1024.0 / 1e6;
     #[cfg(feature = "tetgen")]
-    let own = own.max(crate::mesh::delaunay::peak_mb());
-    own
+    let peak = peak.max(crate::mesh::delaunay::peak_mb());
+    peak
 }
 
 #[cfg(all(test, target_os = "linux"))]
@@ -108,7 +113,7 @@ mod tests {
     fn work_and_memory_are_seen() {
         let mut clock = Clock::new();
         clock.begin(Stage::Features);
-        // Until the processor has worked, however busy the machine is; but not for ever.
+        // Works until processor time has passed, however busy the machine is, but for 20 s at most.
         let (start, cpu) = (Instant::now(), cpu_seconds());
         let mut memory = vec![0u8; 64 << 20];
         while cpu_seconds() < cpu + 0.05 && start.elapsed().as_secs() < 20 {

@@ -1,50 +1,52 @@
-//! Faces cut into small pieces, each of which is as far from the features as its centroid.
+//! Cuts faces into small pieces and measures the distance of each centroid from the features.
 
 use super::reference::Reference;
 use crate::geometry::dot;
 
-/// Faces are sampled by triangles with edges no longer than this, in samples.
+/// Maximum edge length of the pieces, in samples.
 const MAX_SAMPLE_EDGE: f64 = 2.0;
 
-/// Distance to the features and area of a small piece of a face.
+/// Distance from the features, and area, of a piece of a face.
 pub(super) type FaceSample = (f64, f64);
 
-/// The equal small pieces of a face, each measured at its centroid.
+/// Visits the equal small pieces of a face, each measured at its centroid.
 pub(super) fn sample_face<const D: usize>(
     face: &[[f64; D]; D],
     reference: &Reference<'_, D>,
     hint: &mut Option<usize>,
-    mut piece: impl FnMut(FaceSample),
+    mut visit: impl FnMut(FaceSample),
 ) {
-    // From corner 0 to the two others; in the plane there is one other.
+    // Vectors from corner 0 to the two other corners. In 2-D both are the same.
     let side = |i: usize| -> [f64; D] { std::array::from_fn(|k| face[i][k] - face[0][k]) };
     let (u, v) = (side(1), side(D - 1));
     let square = |w: [f64; D]| w.iter().map(|c| c * c).sum::<f64>();
     let third = std::array::from_fn(|k| v[k] - u[k]);
     let longest = square(u).max(square(v)).max(square(third)).sqrt();
     let n = (longest / MAX_SAMPLE_EDGE).ceil().clamp(1.0, 256.0) as usize;
-    let along = dot(u, v);
+    let dot_product = dot(u, v);
     let area = if D == 2 {
         square(u).sqrt()
     } else {
-        0.5 * (square(u) * square(v) - along * along).max(0.0).sqrt()
+        0.5 * (square(u) * square(v) - dot_product * dot_product)
+            .max(0.0)
+            .sqrt()
     };
-    let part = area / n.pow(D as u32 - 1) as f64;
-    let mut at = |i: f64, j: f64| {
+    let sample_area = area / n.pow(D as u32 - 1) as f64;
+    let mut visit_at = |i: f64, j: f64| {
         let (s, t) = (i / n as f64, j / n as f64);
         let x = std::array::from_fn(|k| face[0][k] + s * u[k] + t * v[k]);
-        piece((reference.distance(x, hint), part));
+        visit((reference.distance(x, hint), sample_area));
     };
     for i in 0..n {
         if D == 2 {
-            at(i as f64 + 0.5, 0.0);
+            visit_at(i as f64 + 0.5, 0.0);
             continue;
         }
         for j in 0..n - i {
             let (i, j) = (i as f64, j as f64);
-            at(i + 1.0 / 3.0, j + 1.0 / 3.0);
+            visit_at(i + 1.0 / 3.0, j + 1.0 / 3.0);
             if i + j + 1.0 < n as f64 {
-                at(i + 2.0 / 3.0, j + 2.0 / 3.0);
+                visit_at(i + 2.0 / 3.0, j + 2.0 / 3.0);
             }
         }
     }

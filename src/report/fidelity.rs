@@ -1,10 +1,9 @@
-//! How well a mesh's faces follow the features, both ways.
+//! Measures how well the faces of a mesh follow the features, in both directions.
 //!
-//! An *on-feature face* has all three nodes within 0.75 sample of a feature and its centroid
-//! within 1. These faces say how much of the features the mesh holds. They cannot show a surface
-//! that the mesh invents away from every feature, so the faces that the mesh itself *claims* (all
-//! three nodes declared on a feature) are measured beside them. In the plane faces are edges and
-//! areas lengths; nothing else differs.
+//! An *on-feature face* has all its nodes within 0.75 sample of a feature, and its centroid within
+//! 1 sample. These faces show how much of the features is in the mesh. They cannot show a surface
+//! that the mesh has away from every feature. So the *tagged faces*, which the mesh itself marks as
+//! faces on features, are measured separately. In 2-D, faces are edges and areas are lengths.
 
 use super::face_distances::distances_to_faces;
 use super::face_samples::{FaceSample, sample_face};
@@ -22,74 +21,79 @@ use crate::progress::CancelToken;
 use crate::{Error, Result, error::cause};
 use serde::Serialize;
 
-/// Largest distance of an on-feature face's nodes from the feature, in samples.
+/// Maximum distance of the nodes of an on-feature face from the feature, in samples.
 const MAX_NODE_DISTANCE: f64 = 0.75;
-/// Largest distance of its centroid; also what counts as *on* for precision.
+/// Maximum distance of its centroid, in samples. It is also the maximum distance of area that
+/// counts for precision.
 const MAX_CENTROID_DISTANCE: f64 = 1.0;
-/// Nodes or faces in one task: neighbours, so that one's nearest feature point is a hint for the next. Unit tests
-/// have few.
+/// Number of nodes or faces in one task. They are neighbours, so that the nearest feature point of
+/// one is a hint for the next. Unit tests have a small value.
 const ITEMS_PER_TASK: usize = if cfg!(test) { 64 } else { 4096 };
 
-/// How a set of faces compares with the features. What has no value (no faces, no features) is
-/// NaN or infinite, which JSON shows as null.
+/// Comparison of a set of faces with the features. Values that do not exist (without faces or
+/// features) are NaN or infinite, which is null in JSON.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FaceMatch {
     /// Number of faces.
     pub faces: usize,
-    /// Their area, in square samples.
+    /// Area of the faces, in square samples.
     pub area: f64,
-    /// Share of feature points within half a sample of a face.
+    /// Fraction of the feature points within half a sample of a face.
     pub coverage_half: f64,
-    /// Share of feature points within one sample of a face.
+    /// Fraction of the feature points within one sample of a face.
     pub coverage_one: f64,
-    /// Share of the faces' area within one sample of a feature.
+    /// Fraction of the area of the faces within one sample of a feature.
     pub precision: f64,
-    /// Symmetric Hausdorff distance, in samples. From faces to features it is cut off at
-    /// [`REACH`](crate::image::synth::truth::INFLUENCE_RADIUS).
+    /// Symmetric Hausdorff distance, in samples. The distance from faces to features is at most
+    /// [`MAX_DISTANCE`](crate::image::synth::truth::MAX_DISTANCE).
     pub hausdorff: f64,
-    /// The larger of the two directed 95 % points (by number of feature points, by area).
+    /// Larger of the two directed 95 % quantiles of distance (by number of feature points, by
+    /// area), in samples.
     pub hausdorff_95: f64,
-    /// Of networks with known truth: coverage by how far the next feature is.
+    /// Coverage by distance to the next feature, for feature networks with known truth.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub by_gap: Vec<GapClass>,
 }
 
-/// Coverage of the feature points at some distance from the next feature.
+/// Coverage of the feature points at certain distances from the next feature.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GapClass {
-    /// The next feature is at least this far away (samples) ...
+    /// Minimum distance to the next feature, in samples.
     pub from: f64,
-    /// ... and less than this; null for the farthest class.
+    /// Upper bound of the distance to the next feature, in samples. It is infinite (null in JSON)
+    /// for the last class.
     pub to: f64,
     /// Number of feature points.
     pub points: usize,
-    /// Share of them within half a sample of a face.
+    /// Fraction of the points within half a sample of a face.
     pub coverage_half: f64,
-    /// Share of them within one sample of a face.
+    /// Fraction of the points within one sample of a face.
     pub coverage_one: f64,
 }
 
-/// Where classes of distance to the next feature begin, in samples.
+/// Lower bounds of the classes of distance to the next feature, in samples.
 const GAP_BOUNDS: [f64; 6] = [0.0, 2.0, 3.0, 4.0, 6.0, 8.0];
 
 impl GapClass {
-    /// Of points of which `next` tells the distance (and angle) of the next feature and `to_faces` that of the nearest
-    /// face, those of each class: all, and those within half a sample of a face and within one.
-    fn count_by_gap(next: &[[f32; 2]], to_faces: &[f64]) -> [[u64; 3]; GAP_BOUNDS.len()] {
+    /// Counts points by class of distance to the next feature: all points, those within half a
+    /// sample of a face, and those within one sample. `next` has the distance (and angle) of the
+    /// next feature for each point, and `face_distances` the distance of the nearest face.
+    fn count_by_gap(next: &[[f32; 2]], face_distances: &[f64]) -> [[u64; 3]; GAP_BOUNDS.len()] {
         let mut counts = [[0; 3]; GAP_BOUNDS.len()];
-        for (next, far) in next.iter().zip(to_faces) {
+        for (next, distance) in next.iter().zip(face_distances) {
             let classes = GAP_BOUNDS
                 .iter()
                 .take_while(|&&from| f64::from(next[0]) >= from);
             if let Some(class) = classes.count().checked_sub(1) {
-                let counted = [true, *far <= 0.5, *far <= 1.0];
-                (counts[class].iter_mut().zip(counted)).for_each(|(n, is)| *n += u64::from(is));
+                let flags = [true, *distance <= 0.5, *distance <= 1.0];
+                (counts[class].iter_mut().zip(flags))
+                    .for_each(|(n, is_counted)| *n += u64::from(is_counted));
             }
         }
         counts
     }
 
-    /// The classes of so many.
+    /// Creates the classes from the counts of points.
     fn from_counts(counts: [[u64; 3]; GAP_BOUNDS.len()]) -> Vec<Self> {
         let ends = GAP_BOUNDS[1..].iter().copied().chain([f64::INFINITY]);
         let classes = GAP_BOUNDS.into_iter().zip(ends).zip(counts);
@@ -108,62 +112,63 @@ impl GapClass {
 /// Fidelity of a mesh to the features of an image.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Fidelity {
-    /// What the mesh was compared with: `truth`, `mask` or `detected`.
+    /// Source of the features: `truth`, `mask` or `detected`.
     pub reference: String,
     /// Number of feature points.
     pub feature_points: usize,
-    /// The faces that lie on features.
+    /// Match of the faces that lie on features.
     pub on_feature: FaceMatch,
-    /// The faces that the mesh says lie on features, if it says so.
+    /// Match of the faces that the mesh marks as faces on features, if it marks any.
     pub tagged_faces: Option<FaceMatch>,
 }
 
-/// Compares a mesh, in lattice space with a step of 1 (else divide its nodes by the step), with
-/// the features. `claimed` holds a byte for each cell: bit k says that the mesh holds face k
-/// (opposite node k) to lie on a feature.
+/// Compares a mesh with the features. The mesh is in lattice space with a step of 1 (otherwise
+/// divide its nodes by the step). `tagged` has a byte for each cell, in which bit k marks face k
+/// (opposite node k) as a face on a feature.
 ///
-/// Cost: a microsecond or less for each feature point and each two square samples of faces; the
-/// result does not depend on the number of threads.
+/// The cost is at most a microsecond for each feature point and for each two square samples of
+/// faces. The result does not depend on the number of threads.
 ///
 /// # Errors
-/// [`Error::Mesh`] if `claimed` has not one byte a cell.
+/// Returns [`Error::Mesh`] if `tagged` does not have one byte per cell.
 pub fn fidelity<const D: usize, M: Simplices<D>>(
     mesh: &M,
     reference: &Reference<'_, D>,
-    claimed: Option<&[u8]>,
+    tagged: Option<&[u8]>,
 ) -> Result<Fidelity> {
-    fidelity_with_cancel(mesh, reference, claimed, &CancelToken::never())
+    fidelity_with_cancel(mesh, reference, tagged, &CancelToken::never())
 }
 
-/// The same as long as `patience` lasts; once it is over, the figures are of no use.
+/// Compares a mesh with the features, as [`fidelity`] does, until `cancel` is cancelled. The result
+/// of a cancelled call is meaningless.
 ///
 /// # Errors
-/// Those of [`fidelity`].
+/// Returns the errors of [`fidelity`].
 pub(crate) fn fidelity_with_cancel<const D: usize, M: Simplices<D>>(
     mesh: &M,
     reference: &Reference<'_, D>,
-    claimed: Option<&[u8]>,
-    patience: &CancelToken<'_>,
+    tagged: Option<&[u8]>,
+    cancel: &CancelToken<'_>,
 ) -> Result<Fidelity> {
-    let claims = TaggedFaces::new(mesh, claimed)?;
-    let Ok(found) = fidelity_of_partition(&MeshView::from_mesh(mesh), reference, claims, patience);
-    Ok(found)
+    let tags = TaggedFaces::new(mesh, tagged)?;
+    let Ok(result) = fidelity_of_partition(&MeshView::from_mesh(mesh), reference, tags, cancel);
+    Ok(result)
 }
 
-/// The faces that a mesh holds to lie on features, if it says so.
+/// Marks of the faces that a mesh places on features, if it has such marks.
 #[derive(Clone, Copy)]
 pub(crate) struct TaggedFaces<'a>(Option<&'a [u8]>);
 
 impl<'a> TaggedFaces<'a> {
-    /// For each cell a byte, of which bit k stands for face k.
+    /// Checks the marks: one byte per cell, in which bit k marks face k.
     ///
     /// # Errors
-    /// [`Error::Mesh`] if there are not as many.
+    /// Returns [`Error::Mesh`] if there is not one byte per cell.
     pub fn new<const D: usize, M: Simplices<D>>(
         mesh: &M,
-        claimed: Option<&'a [u8]>,
+        tagged: Option<&'a [u8]>,
     ) -> Result<Self> {
-        if let Some(flags) = claimed
+        if let Some(flags) = tagged
             && flags.len() != mesh.len()
         {
             return Err(Error::Mesh(cause(
@@ -172,27 +177,29 @@ impl<'a> TaggedFaces<'a> {
                 "give one byte per cell",
             )));
         }
-        Ok(Self(claimed))
+        Ok(Self(tagged))
     }
 }
 
-/// [`fidelity_with_cancel`] of a mesh in parts, on all who hold one; the claims are those of the part.
+/// Compares a distributed mesh with the features, as [`fidelity_with_cancel`] does. Collective. The
+/// marks are those of the local cells.
 ///
 /// # Errors
-/// Those of the other holders.
+/// Returns the communication errors of the mesh's `comm`.
 pub(crate) fn fidelity_of_partition<const D: usize, M: Simplices<D>, H: LocalOrComm + ?Sized>(
-    part: &MeshView<'_, D, M, H>,
+    view: &MeshView<'_, D, M, H>,
     reference: &Reference<'_, D>,
-    claims: TaggedFaces<'_>,
-    patience: &CancelToken<'_>,
+    tags: TaggedFaces<'_>,
+    cancel: &CancelToken<'_>,
 ) -> std::result::Result<Fidelity, H::Error> {
-    let faces = face_sets(part.mesh, reference, claims.0, patience);
-    let surface = MeshFaces::owned_faces("faces near features", part, faces)?;
-    compare_faces(&surface, claims.0.is_some(), reference, part.comm, patience)
+    let faces = face_sets(view.mesh, reference, tags.0, cancel);
+    let surface = MeshFaces::owned_faces("faces near features", view, faces)?;
+    compare_faces(&surface, tags.0.is_some(), reference, view.comm, cancel)
 }
 
-/// [`fidelity`] of polyhedra (polygons), by the same rules: their faces are fans of triangles about
-/// their means, and the faces that the mesh claims are those that it says lie on features.
+/// Compares polyhedra (polygons) with the features, by the rules of [`fidelity`]. Faces are cut
+/// into fans of triangles around their mean, and the tagged faces are those that the mesh marks as
+/// faces on features.
 pub fn fidelity_of_cells<const D: usize>(
     mesh: &PolyMesh<D>,
     reference: &Reference<'_, D>,
@@ -200,20 +207,21 @@ pub fn fidelity_of_cells<const D: usize>(
     fidelity_of_cells_with_cancel(mesh, reference, &CancelToken::never())
 }
 
-/// The same as long as `patience` lasts; once it is over, the figures are of no use.
+/// Compares polyhedra with the features, as [`fidelity_of_cells`] does, until `cancel` is
+/// cancelled. The result of a cancelled call is meaningless.
 pub(crate) fn fidelity_of_cells_with_cancel<const D: usize>(
     mesh: &PolyMesh<D>,
     reference: &Reference<'_, D>,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Fidelity {
-    let near = nodes_near_features(&mesh.nodes, reference, patience);
+    let is_near = nodes_near_features(&mesh.nodes, reference, cancel);
     let sets_of_faces: Vec<u8> = (0..mesh.inner_face_count())
         .into_par_iter()
         .map(|f| {
-            let all_near = mesh.faces.get(f).iter().all(|&n| near[n as usize]);
-            let on =
-                all_near && reference.is_within(mesh.face_shape(f).centroid, MAX_CENTROID_DISTANCE);
-            (u8::from(on) * ON_FEATURE) | (u8::from(mesh.on_feature[f]) * TAGGED)
+            let is_face_near = mesh.faces.get(f).iter().all(|&n| is_near[n as usize]);
+            let is_on_feature = is_face_near
+                && reference.is_within(mesh.face_shape(f).centroid, MAX_CENTROID_DISTANCE);
+            (u8::from(is_on_feature) * ON_FEATURE) | (u8::from(mesh.on_feature[f]) * TAGGED)
         })
         .collect();
     let mut nodes = mesh.nodes.clone();
@@ -238,168 +246,180 @@ pub(crate) fn fidelity_of_cells_with_cancel<const D: usize>(
         faces: triangles,
         sets,
     };
-    let Ok(mut found) = compare_faces(&surface, true, reference, &SelfComm, patience);
+    let Ok(mut result) = compare_faces(&surface, true, reference, &SelfComm, cancel);
     let count = |set: u8| sets_of_faces.iter().filter(|&&s| s & set != 0).count();
-    found.on_feature.faces = count(ON_FEATURE);
-    if let Some(found) = &mut found.tagged_faces {
-        found.faces = count(TAGGED);
+    result.on_feature.faces = count(ON_FEATURE);
+    if let Some(tagged) = &mut result.tagged_faces {
+        tagged.faces = count(TAGGED);
     }
-    found
+    result
 }
 
-/// Whether each node is as near to a feature as those of on-feature faces.
+/// Returns for each node `true` if it is as near to a feature as the nodes of on-feature faces.
 fn nodes_near_features<const D: usize>(
     nodes: &[[f64; D]],
     reference: &Reference<'_, D>,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Vec<bool> {
-    let mut near = vec![false; nodes.len()];
-    let parts = near
+    let mut is_near = vec![false; nodes.len()];
+    let chunks = is_near
         .par_chunks_mut(ITEMS_PER_TASK)
         .zip(nodes.par_chunks(ITEMS_PER_TASK));
-    parts.for_each(|(near, nodes)| {
-        if !patience.is_cancelled() {
-            let within = nodes
+    chunks.for_each(|(is_near, nodes)| {
+        if !cancel.is_cancelled() {
+            let flags = nodes
                 .iter()
                 .map(|&p| reference.is_within(p, MAX_NODE_DISTANCE));
-            near.iter_mut().zip(within).for_each(|(n, w)| *n = w);
+            is_near.iter_mut().zip(flags).for_each(|(n, w)| *n = w);
         }
     });
-    near
+    is_near
 }
 
-/// Compares the faces that holders have with the features: each measures its own, and some points.
+/// Compares the faces of all ranks with the features. Each rank measures its own faces and some of
+/// the feature points. Collective.
 fn compare_faces<const D: usize, H: LocalOrComm + ?Sized>(
     surface: &MeshFaces<'_, D>,
-    claims: bool,
+    has_tags: bool,
     reference: &Reference<'_, D>,
-    holders: &H,
-    patience: &CancelToken<'_>,
+    comm: &H,
+    cancel: &CancelToken<'_>,
 ) -> std::result::Result<Fidelity, H::Error> {
-    let wanted = [ON_FEATURE, TAGGED];
-    let own = reference.owned_points(holders);
-    let points = &reference.points[own.clone()];
-    let to_faces = distances_to_faces(surface, points, wanted, holders, patience)?;
-    let next = reference.next_feature.as_ref().map(|next| &next[own]);
-    let own = LocalMatch {
-        faces: wanted.map(|set| surface.sets.iter().filter(|&&s| s & set != 0).count()),
-        max_corner_distances: find_farthest_corners(surface, wanted, reference, patience),
+    let queried_sets = [ON_FEATURE, TAGGED];
+    let local_points = reference.owned_points(comm);
+    let points = &reference.points[local_points.clone()];
+    let face_distances = distances_to_faces(surface, points, queried_sets, comm, cancel)?;
+    let next = reference
+        .next_feature
+        .as_ref()
+        .map(|next| &next[local_points]);
+    let local = LocalMatch {
+        faces: queried_sets.map(|set| surface.sets.iter().filter(|&&s| s & set != 0).count()),
+        max_corner_distances: find_farthest_corners(surface, queried_sets, reference, cancel),
         gap_counts: next.map(|next| {
-            to_faces
+            face_distances
                 .each_ref()
-                .map(|far| GapClass::count_by_gap(next, far))
+                .map(|distances| GapClass::count_by_gap(next, distances))
         }),
     };
-    let all: Vec<LocalMatch> = holders.try_all_gather("faces and features", own)?;
+    let gathered: Vec<LocalMatch> = comm.try_all_gather("faces and features", local)?;
     let by_gap = |set: usize| -> Vec<GapClass> {
         if reference.next_feature.is_none() {
             return Vec::new();
         }
         let mut sums = [[0; 3]; GAP_BOUNDS.len()];
-        for counts in all.iter().filter_map(|own| own.gap_counts) {
-            let both = sums.as_flattened_mut().iter_mut();
-            both.zip(counts[set].as_flattened())
+        for counts in gathered.iter().filter_map(|local| local.gap_counts) {
+            let totals = sums.as_flattened_mut().iter_mut();
+            totals
+                .zip(counts[set].as_flattened())
                 .for_each(|(sum, count)| *sum += count);
         }
         GapClass::from_counts(sums)
     };
-    let pieces = face_samples(surface, reference, patience);
-    let [on, claimed] = wanted.map(|set| {
-        let of_set = pieces.iter().filter(|(sets, _)| sets & set != 0);
-        WeightedDistances::from_weighted(of_set.map(|(_, piece)| *piece).collect())
+    let samples = face_samples(surface, reference, cancel);
+    let [on_feature, tagged] = queried_sets.map(|set| {
+        let set_samples = samples.iter().filter(|(sets, _)| sets & set != 0);
+        WeightedDistances::from_weighted(set_samples.map(|(_, sample)| *sample).collect())
     });
-    drop(pieces);
-    let [to_on, to_claimed] = to_faces.map(WeightedDistances::from_distances);
-    let [on_points, claimed_points] = summaries([&to_on, &to_claimed], [0.5, 1.0], holders)?;
-    let [on_faces, claimed_faces] = summaries([&on, &claimed], [MAX_CENTROID_DISTANCE], holders)?;
-    // Up to where 95 % of them are.
-    let of_points = |all: &DistanceShares<2>| (0.95 * all.count as f64) as u64 + 1;
-    let of_faces =
-        |all: &DistanceShares<1>| ((0.95 * all.total_weight as f64).ceil() as u64).max(1);
-    let most = quantiles(
-        [&to_on, &to_claimed, &on, &claimed],
+    drop(samples);
+    let [to_on_feature, to_tagged] = face_distances.map(WeightedDistances::from_distances);
+    let [on_feature_points, tagged_points] =
+        summaries([&to_on_feature, &to_tagged], [0.5, 1.0], comm)?;
+    let [on_feature_faces, tagged_faces] =
+        summaries([&on_feature, &tagged], [MAX_CENTROID_DISTANCE], comm)?;
+    // Ranks up to which there are 95 % of the points, and of the area.
+    let point_rank = |shares: &DistanceShares<2>| (0.95 * shares.count as f64) as u64 + 1;
+    let face_weight =
+        |shares: &DistanceShares<1>| ((0.95 * shares.total_weight as f64).ceil() as u64).max(1);
+    let percentiles = quantiles(
+        [&to_on_feature, &to_tagged, &on_feature, &tagged],
         [
-            of_points(&on_points),
-            of_points(&claimed_points),
-            of_faces(&on_faces),
-            of_faces(&claimed_faces),
+            point_rank(&on_feature_points),
+            point_rank(&tagged_points),
+            face_weight(&on_feature_faces),
+            face_weight(&tagged_faces),
         ],
-        holders,
+        comm,
     )?;
-    let found = |set: usize, points: &DistanceShares<2>, faces: &DistanceShares<1>| {
-        let corner = all
+    let face_match = |set: usize, points: &DistanceShares<2>, faces: &DistanceShares<1>| {
+        let corner = gathered
             .iter()
-            .map(|own| own.max_corner_distances[set])
+            .map(|local| local.max_corner_distances[set])
             .fold(0.0, f64::max);
         let farthest = points.largest.zip(faces.largest);
         let is_any = points.count > 0 && faces.total_weight > 0;
         FaceMatch {
-            faces: all.iter().map(|own| own.faces[set]).sum(),
+            faces: gathered.iter().map(|local| local.faces[set]).sum(),
             area: faces.area(),
             coverage_half: points.share(0),
             coverage_one: points.share(1),
             precision: faces.share(0),
             hausdorff: farthest.map_or(f64::INFINITY, |(a, b)| a.max(b).max(corner)),
-            hausdorff_95: match is_any {
-                true => most[set].max(most[2 + set]),
-                false => f64::INFINITY,
+            hausdorff_95: if is_any {
+                percentiles[set].max(percentiles[2 + set])
+            } else {
+                f64::INFINITY
             },
             by_gap: by_gap(set),
         }
     };
     Ok(Fidelity {
         reference: reference.source.to_string(),
-        feature_points: on_points.count as usize,
-        on_feature: found(0, &on_points, &on_faces),
-        tagged_faces: claims.then(|| found(1, &claimed_points, &claimed_faces)),
+        feature_points: on_feature_points.count as usize,
+        on_feature: face_match(0, &on_feature_points, &on_feature_faces),
+        tagged_faces: has_tags.then(|| face_match(1, &tagged_points, &tagged_faces)),
     })
 }
 
-/// What one of the holders has of both sets of faces.
+/// Measures of one rank for both sets of faces.
 struct LocalMatch {
-    /// How many.
+    /// Number of faces.
     faces: [usize; 2],
-    /// How far the farthest corners are from the features.
+    /// Maximum distance of corners from the features.
     max_corner_distances: [f64; 2],
-    /// Of networks with known truth: points by the next feature.
+    /// Counts of points by distance to the next feature, for networks with known truth.
     gap_counts: Option<[[[u64; 3]; GAP_BOUNDS.len()]; 2]>,
 }
 
 codec_fields! { LocalMatch as LocalMatch { faces, max_corner_distances, gap_counts } }
 
-/// The set of on-feature faces, as a bit.
+/// Bit of the set of on-feature faces.
 const ON_FEATURE: u8 = 1;
-/// The set of claimed faces, as a bit.
+/// Bit of the set of tagged faces.
 const TAGGED: u8 = 2;
 
-/// The faces of either set, nodes ascending, and the sets that each belongs to. One between two cells is there once
-/// or twice; one cell may claim a face that the other does not.
+/// Returns the faces of either set, with their nodes ascending, and the sets of each face. A face
+/// between two cells is returned once, even if only one of the cells marks it.
 fn face_sets<const D: usize>(
     mesh: &impl Simplices<D>,
     reference: &Reference<'_, D>,
-    claimed: Option<&[u8]>,
-    patience: &CancelToken<'_>,
+    tagged: Option<&[u8]>,
+    cancel: &CancelToken<'_>,
 ) -> Vec<([u32; D], u8)> {
-    let near = nodes_near_features(mesh.nodes(), reference, patience);
-    let mut found: Vec<([u32; D], u8)> = (0..mesh.len())
+    let is_near = nodes_near_features(mesh.nodes(), reference, cancel);
+    let mut candidates: Vec<([u32; D], u8)> = (0..mesh.len())
         .into_par_iter()
         .flat_map_iter(|c| {
-            let near = &near;
-            let claims = claimed.map_or(0, |flags| flags[c]);
-            let count = mesh.cell(c).iter().filter(|&&n| near[n as usize]).count();
-            let faces = if claims != 0 || count >= D { D + 1 } else { 0 };
+            let is_near = &is_near;
+            let tags = tagged.map_or(0, |flags| flags[c]);
+            let count = mesh
+                .cell(c)
+                .iter()
+                .filter(|&&n| is_near[n as usize])
+                .count();
+            let faces = if tags != 0 || count >= D { D + 1 } else { 0 };
             (0..faces).filter_map(move |k| {
                 let mut face = mesh.face(c, k);
-                let all_near = face.iter().all(|&n| near[n as usize]);
-                let claim = claims >> k & 1 == 1;
-                let sets = (u8::from(all_near) * ON_FEATURE) | (u8::from(claim) * TAGGED);
+                let is_face_near = face.iter().all(|&n| is_near[n as usize]);
+                let is_tagged = tags >> k & 1 == 1;
+                let sets = (u8::from(is_face_near) * ON_FEATURE) | (u8::from(is_tagged) * TAGGED);
                 face.sort_unstable();
                 (sets != 0).then_some((face, sets))
             })
         })
         .collect();
-    merge_equal_faces(&mut found);
-    found
+    merge_equal_faces(&mut candidates);
+    candidates
         .into_par_iter()
         .map(|(face, mut sets)| {
             let corners = face.map(|n| mesh.nodes()[n as usize]);
@@ -414,12 +434,12 @@ fn face_sets<const D: usize>(
         .collect()
 }
 
-/// How far the farthest corners of the faces of each set are from the features.
+/// Returns the maximum distance of the corners of the faces of each set from the features.
 fn find_farthest_corners<const D: usize>(
     surface: &MeshFaces<'_, D>,
-    wanted: [u8; 2],
+    queried_sets: [u8; 2],
     reference: &Reference<'_, D>,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> [f64; 2] {
     let mut sets = vec![0; surface.nodes.len()];
     for (face, set) in surface.faces.iter().zip(&surface.sets) {
@@ -429,46 +449,46 @@ fn find_farthest_corners<const D: usize>(
         .nodes
         .par_chunks(ITEMS_PER_TASK)
         .zip(sets.par_chunks(ITEMS_PER_TASK));
-    let of_chunk = |(nodes, sets): (&[[f64; D]], &[u8])| {
-        let (mut hint, mut most) = (None, [0.0f64; 2]);
+    let chunk_max = |(nodes, sets): (&[[f64; D]], &[u8])| {
+        let (mut hint, mut max) = (None, [0.0f64; 2]);
         for (&x, &set) in nodes.iter().zip(sets) {
-            if set == 0 || patience.is_cancelled() {
+            if set == 0 || cancel.is_cancelled() {
                 continue;
             }
-            let far = reference.distance(x, &mut hint);
-            for (most, wanted) in most.iter_mut().zip(wanted) {
-                *most = if set & wanted != 0 {
-                    most.max(far)
+            let distance = reference.distance(x, &mut hint);
+            for (max, queried) in max.iter_mut().zip(queried_sets) {
+                *max = if set & queried != 0 {
+                    max.max(distance)
                 } else {
-                    *most
+                    *max
                 };
             }
         }
-        most
+        max
     };
-    let larger = |a: [f64; 2], b: [f64; 2]| [a[0].max(b[0]), a[1].max(b[1])];
-    chunks.map(of_chunk).reduce(|| [0.0; 2], larger)
+    let elementwise_max = |a: [f64; 2], b: [f64; 2]| [a[0].max(b[0]), a[1].max(b[1])];
+    chunks.map(chunk_max).reduce(|| [0.0; 2], elementwise_max)
 }
 
-/// The small pieces of every face, with the face's sets.
+/// Returns the small pieces of every face, with the sets of the face.
 fn face_samples<const D: usize>(
     surface: &MeshFaces<'_, D>,
     reference: &Reference<'_, D>,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Vec<(u8, FaceSample)> {
     let count = surface.faces.len();
     let chunks = (0..count.div_ceil(ITEMS_PER_TASK)).into_par_iter();
     chunks
-        .take_any_while(|_| !patience.is_cancelled())
+        .take_any_while(|_| !cancel.is_cancelled())
         .flat_map_iter(|chunk| {
-            let mut found = Vec::new();
+            let mut samples = Vec::new();
             let mut hint = None;
             for f in chunk * ITEMS_PER_TASK..count.min((chunk + 1) * ITEMS_PER_TASK) {
-                sample_face(&surface.corners(f), reference, &mut hint, |piece| {
-                    found.push((surface.sets[f], piece));
+                sample_face(&surface.corners(f), reference, &mut hint, |sample| {
+                    samples.push((surface.sets[f], sample));
                 });
             }
-            found
+            samples
         })
         .collect()
 }

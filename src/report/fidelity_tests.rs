@@ -5,7 +5,8 @@ use crate::mesh::TriMesh;
 use crate::mesh::boxes::kuhn_box;
 use crate::mesh::tri::SIDES;
 
-/// Truth of a feature given by its closest point and normal.
+/// Returns the truth of a feature for which `closest` gives the distance and the direction to its
+/// closest point.
 fn truth_of(dims: [usize; 3], closest: impl Fn([f64; 3]) -> (f64, [f64; 3])) -> Truth {
     let mut truth = Truth {
         dims,
@@ -25,7 +26,7 @@ fn truth_of(dims: [usize; 3], closest: impl Fn([f64; 3]) -> (f64, [f64; 3])) -> 
     truth
 }
 
-/// The plane x = at.
+/// Returns the truth of the plane x = at.
 fn plane(at: f64) -> Truth {
     truth_of([17, 17, 17], |p| {
         (
@@ -38,34 +39,42 @@ fn plane(at: f64) -> Truth {
 #[test]
 fn a_plane_of_nodes_is_matched_entirely() {
     let mesh = kuhn_box([8, 8, 8], 2.0);
-    let found = fidelity(&mesh, &Reference::from_truth(&plane(8.0)), None).unwrap();
-    let on = &found.on_feature;
-    assert_eq!(found.feature_points, 17 * 17);
-    assert_eq!(on.faces, 2 * 8 * 8);
-    assert!((on.area - 256.0).abs() < 1e-9);
-    assert_eq!((on.coverage_half, on.coverage_one), (1.0, 1.0));
-    assert!((on.precision - 1.0).abs() < 1e-12);
-    assert!(on.hausdorff < 1e-6 && on.hausdorff_95 < 1e-6);
-    assert!(found.tagged_faces.is_none());
+    let result = fidelity(&mesh, &Reference::from_truth(&plane(8.0)), None).unwrap();
+    let on_feature = &result.on_feature;
+    assert_eq!(result.feature_points, 17 * 17);
+    assert_eq!(on_feature.faces, 2 * 8 * 8);
+    assert!((on_feature.area - 256.0).abs() < 1e-9);
+    assert_eq!(
+        (on_feature.coverage_half, on_feature.coverage_one),
+        (1.0, 1.0)
+    );
+    assert!((on_feature.precision - 1.0).abs() < 1e-12);
+    assert!(on_feature.hausdorff < 1e-6 && on_feature.hausdorff_95 < 1e-6);
+    assert!(result.tagged_faces.is_none());
 }
 
 #[test]
 fn a_shifted_plane_is_covered_only_at_the_larger_tolerance() {
     let mesh = kuhn_box([8, 8, 8], 2.0);
     let truth = plane(8.7);
-    let on = fidelity(&mesh, &Reference::from_truth(&truth), None)
+    let on_feature = fidelity(&mesh, &Reference::from_truth(&truth), None)
         .unwrap()
         .on_feature;
-    assert_eq!((on.coverage_half, on.coverage_one), (0.0, 1.0));
-    assert!((on.precision - 1.0).abs() < 1e-12);
-    assert!((on.hausdorff - 0.7).abs() < 1e-5 && (on.hausdorff_95 - 0.7).abs() < 1e-5);
+    assert_eq!(
+        (on_feature.coverage_half, on_feature.coverage_one),
+        (0.0, 1.0)
+    );
+    assert!((on_feature.precision - 1.0).abs() < 1e-12);
+    assert!(
+        (on_feature.hausdorff - 0.7).abs() < 1e-5 && (on_feature.hausdorff_95 - 0.7).abs() < 1e-5
+    );
     // Beyond 0.75 no face is on the feature any more.
     let truth = plane(8.8);
-    let on = fidelity(&mesh, &Reference::from_truth(&truth), None)
+    let on_feature = fidelity(&mesh, &Reference::from_truth(&truth), None)
         .unwrap()
         .on_feature;
-    assert_eq!((on.faces, on.coverage_one), (0, 0.0));
-    assert!(on.precision.is_nan() && on.hausdorff.is_infinite());
+    assert_eq!((on_feature.faces, on_feature.coverage_one), (0, 0.0));
+    assert!(on_feature.precision.is_nan() && on_feature.hausdorff.is_infinite());
 }
 
 #[test]
@@ -74,29 +83,29 @@ fn missing_faces_lower_coverage_by_their_share() {
     let nodes = mesh.nodes.clone();
     mesh.tets
         .retain(|tet| tet.iter().all(|&n| nodes[n as usize][2] <= 8.0));
-    let on = fidelity(&mesh, &Reference::from_truth(&plane(8.0)), None)
+    let on_feature = fidelity(&mesh, &Reference::from_truth(&plane(8.0)), None)
         .unwrap()
         .on_feature;
-    // Of the rows z = 0 ..= 16, those up to 8 lie on faces and row 9 one sample off.
-    assert!((on.coverage_half - 9.0 / 17.0).abs() < 1e-12);
-    assert!((on.coverage_one - 10.0 / 17.0).abs() < 1e-12);
-    assert!((on.hausdorff - 8.0).abs() < 1e-6);
-    assert!((on.precision - 1.0).abs() < 1e-12);
+    // Of the rows z = 0 ..= 16, those up to 8 lie on faces and row 9 is one sample off.
+    assert!((on_feature.coverage_half - 9.0 / 17.0).abs() < 1e-12);
+    assert!((on_feature.coverage_one - 10.0 / 17.0).abs() < 1e-12);
+    assert!((on_feature.hausdorff - 8.0).abs() < 1e-6);
+    assert!((on_feature.precision - 1.0).abs() < 1e-12);
 }
 
 #[test]
-fn claims_away_from_every_feature_lower_precision() {
+fn tags_away_from_every_feature_lower_precision() {
     let mesh = kuhn_box([8, 8, 8], 2.0);
     let truth = plane(8.0);
     let reference = Reference::from_truth(&truth);
-    let claim = |at: &dyn Fn([f64; 3]) -> bool| {
+    let tagged = |is_tagged: &dyn Fn([f64; 3]) -> bool| {
         let flags: Vec<u8> = mesh
             .tets
             .iter()
             .map(|tet| {
-                let on = tet.map(|n| at(mesh.nodes[n as usize]));
+                let is_on_feature = tet.map(|n| is_tagged(mesh.nodes[n as usize]));
                 (0..4)
-                    .filter(|&k| (0..4).all(|i| i == k || on[i]))
+                    .filter(|&k| (0..4).all(|i| i == k || is_on_feature[i]))
                     .fold(0, |bits, k| bits | 1 << k)
             })
             .collect();
@@ -105,18 +114,18 @@ fn claims_away_from_every_feature_lower_precision() {
             .tagged_faces
             .unwrap()
     };
-    let both = claim(&|p| p[0] == 8.0 || p[0] == 12.0);
+    let both = tagged(&|p| p[0] == 8.0 || p[0] == 12.0);
     assert!((both.precision - 0.5).abs() < 1e-12 && both.coverage_half == 1.0);
     assert!((both.hausdorff - 4.0).abs() < 1e-6);
-    let half = claim(&|p| p[0] == 8.0 && p[1] <= 8.0);
+    let half = tagged(&|p| p[0] == 8.0 && p[1] <= 8.0);
     assert!((half.precision - 1.0).abs() < 1e-12);
     assert!((half.coverage_half - 9.0 / 17.0).abs() < 1e-12);
-    let none = claim(&|_| false);
+    let none = tagged(&|_| false);
     assert_eq!((none.faces, none.coverage_one), (0, 0.0));
     assert!(fidelity(&mesh, &reference, Some(&[1])).is_err());
 }
 
-fn for_each_random_point(count: usize, mut each: impl FnMut(&mut dyn FnMut() -> f64)) {
+fn for_each_random_point(count: usize, mut visit: impl FnMut(&mut dyn FnMut() -> f64)) {
     let mut state = 9u64;
     let mut next = || {
         state = state
@@ -125,7 +134,7 @@ fn for_each_random_point(count: usize, mut each: impl FnMut(&mut dyn FnMut() -> 
         (state >> 33) as f64 / (1u64 << 31) as f64
     };
     for _ in 0..count {
-        each(&mut next);
+        visit(&mut next);
     }
 }
 
@@ -146,9 +155,9 @@ fn distance_between_samples_matches_a_sphere_and_crossing_planes() {
     for_each_random_point(20_000, |next| {
         let v: [f64; 3] = std::array::from_fn(|_| next() - 0.5);
         let length = v.iter().map(|c| c * c).sum::<f64>().sqrt();
-        let off = 4.0 * next() - 2.0;
-        let p = std::array::from_fn(|k| 50.0 + v[k] / length * (40.0 + off));
-        worst = worst.max((reference.distance(p, &mut None) - off.abs()).abs());
+        let offset = 4.0 * next() - 2.0;
+        let p = std::array::from_fn(|k| 50.0 + v[k] / length * (40.0 + offset));
+        worst = worst.max((reference.distance(p, &mut None) - offset.abs()).abs());
     });
     assert!(worst < 2e-3, "sphere of radius 40: {worst}");
 
@@ -220,10 +229,10 @@ fn detected_points_stand_in_for_truth() {
     let reference = Reference::from_features(&features);
     assert!((reference.distance([8.4, 3.5, 3.5], &mut None) - 0.4).abs() < 1e-9);
     assert_eq!(reference.distance([18.5, 3.0, 3.0], &mut None), 10.0);
-    let found = fidelity(&kuhn_box([8, 8, 8], 2.0), &reference, None).unwrap();
-    assert_eq!(found.reference, "detected");
-    assert_eq!(found.on_feature.coverage_half, 1.0);
-    assert!((found.on_feature.precision - 1.0).abs() < 1e-12);
+    let result = fidelity(&kuhn_box([8, 8, 8], 2.0), &reference, None).unwrap();
+    assert_eq!(result.reference, "detected");
+    assert_eq!(result.on_feature.coverage_half, 1.0);
+    assert!((result.on_feature.precision - 1.0).abs() < 1e-12);
 }
 
 #[test]
@@ -236,19 +245,19 @@ fn the_figures_do_not_depend_on_the_number_of_threads() {
     let truth = make(SyntheticKind::Faults, &options).unwrap().truth;
     let reference = Reference::from_truth(&truth);
     let mesh = kuhn_box([39, 35, 31], 1.0);
-    let all = fidelity(&mesh, &reference, None).unwrap();
-    assert!(all.on_feature.faces > 1000);
+    let parallel = fidelity(&mesh, &reference, None).unwrap();
+    assert!(parallel.on_feature.faces > 1000);
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(1)
         .build()
         .unwrap();
     assert_eq!(
         pool.install(|| fidelity(&mesh, &reference, None).unwrap()),
-        all
+        parallel
     );
 }
 
-/// A square of small squares, each cut into two triangles.
+/// Returns a square of small squares, each cut into two triangles.
 fn squares(count: usize, size: f64) -> TriMesh {
     let node = |x: usize, y: usize| (y * (count + 1) + x) as u32;
     let mut mesh = TriMesh::default();
@@ -281,32 +290,32 @@ fn in_the_plane_edges_take_the_place_of_faces() {
         is_smooth: true,
         next_feature: None,
     };
-    let found = fidelity(&mesh, &Reference::from_truth(&line(8.0)), None).unwrap();
-    assert_eq!((found.feature_points, found.on_feature.faces), (17, 8));
-    assert!((found.on_feature.area - 16.0).abs() < 1e-12);
-    assert_eq!(found.on_feature.coverage_half, 1.0);
-    assert!(found.on_feature.hausdorff < 1e-6);
-    let off = fidelity(&mesh, &Reference::from_truth(&line(8.7)), None)
+    let result = fidelity(&mesh, &Reference::from_truth(&line(8.0)), None).unwrap();
+    assert_eq!((result.feature_points, result.on_feature.faces), (17, 8));
+    assert!((result.on_feature.area - 16.0).abs() < 1e-12);
+    assert_eq!(result.on_feature.coverage_half, 1.0);
+    assert!(result.on_feature.hausdorff < 1e-6);
+    let shifted = fidelity(&mesh, &Reference::from_truth(&line(8.7)), None)
         .unwrap()
         .on_feature;
-    assert_eq!((off.coverage_half, off.coverage_one), (0.0, 1.0));
-    assert!((off.hausdorff - 0.7).abs() < 1e-5);
-    // Every second edge of a line away from every feature, claimed beside those of the feature.
-    let on = |n: u32, at: f64| mesh.nodes[n as usize][0] == at;
+    assert_eq!((shifted.coverage_half, shifted.coverage_one), (0.0, 1.0));
+    assert!((shifted.hausdorff - 0.7).abs() < 1e-5);
+    // Edges on a line away from every feature are tagged, in addition to those on the feature.
+    let is_at = |n: u32, at: f64| mesh.nodes[n as usize][0] == at;
     let bits = |t: &[u32; 3]| {
         (0..3u8)
             .filter(|&k| {
                 let face = SIDES[usize::from(k)].map(|i| t[i]);
-                face.iter().all(|&n| on(n, 8.0)) || face.iter().all(|&n| on(n, 12.0))
+                face.iter().all(|&n| is_at(n, 8.0)) || face.iter().all(|&n| is_at(n, 12.0))
             })
             .fold(0u8, |bits, k| bits | 1 << k)
     };
     let flags: Vec<u8> = mesh.triangles.iter().map(bits).collect();
     let truth = line(8.0);
-    let claimed = fidelity(&mesh, &Reference::from_truth(&truth), Some(&flags))
+    let tagged = fidelity(&mesh, &Reference::from_truth(&truth), Some(&flags))
         .unwrap()
         .tagged_faces;
-    let claimed = claimed.unwrap();
-    assert_eq!(claimed.faces, 16);
-    assert!((claimed.precision - 0.5).abs() < 1e-12 && (claimed.hausdorff - 4.0).abs() < 1e-6);
+    let tagged = tagged.unwrap();
+    assert_eq!(tagged.faces, 16);
+    assert!((tagged.precision - 0.5).abs() < 1e-12 && (tagged.hausdorff - 4.0).abs() < 1e-6);
 }

@@ -1,4 +1,4 @@
-//! Faces of a mesh in parts, each of which is one holder's: nobody knows them all.
+//! Faces of a distributed mesh. Each face is owned by one rank, and no rank has all of them.
 
 use crate::parallel::prelude::*;
 
@@ -8,84 +8,91 @@ use crate::mesh::view::MeshView;
 
 /// Some faces of a mesh.
 pub(super) struct MeshFaces<'a, const D: usize> {
-    /// Where the mesh's nodes are.
+    /// Positions of the local nodes.
     pub nodes: &'a [[f64; D]],
-    /// The nodes of each face, rising.
+    /// Nodes of each face, ascending.
     pub faces: Vec<[u32; D]>,
-    /// The sets that each belongs to, as bits.
+    /// Sets of each face, as bits.
     pub sets: Vec<u8>,
 }
 
 impl<'a, const D: usize> MeshFaces<'a, D> {
-    /// Of the faces that the parts of a mesh have, with nodes rising, those that this part is the first to have. What
-    /// several have, or one has twice, belongs to the sets of all.
+    /// Keeps each face, of those that the ranks pass in, on the lowest rank that has it. The nodes
+    /// of the faces are ascending. A face that occurs several times gets the sets of all its
+    /// copies. Collective; `description` names the exchange.
     ///
     /// # Errors
-    /// Those of the other holders.
+    /// Returns the communication errors of the mesh's `comm`.
     pub fn owned_faces<M: Simplices<D>, H: LocalOrComm + ?Sized>(
-        what: &str,
-        part: &MeshView<'a, D, M, H>,
+        description: &str,
+        view: &MeshView<'a, D, M, H>,
         mut faces: Vec<([u32; D], u8)>,
     ) -> Result<Self, H::Error> {
         merge_equal_faces(&mut faces);
-        let (holders, is_shared) = (part.comm, part.shared_mask());
-        // Whoever answers for its first node hears of a face from all that may have it.
-        let mut places = vec![Vec::new(); holders.size()];
-        let mut to = vec![Vec::new(); holders.size()];
-        for (place, (face, sets)) in faces.iter().enumerate() {
+        let (comm, is_shared) = (view.comm, view.shared_mask());
+        // The owner of the first node of a shared face receives the face from all ranks that have
+        // it.
+        let mut sent_indices = vec![Vec::new(); comm.size()];
+        let mut outgoing = vec![Vec::new(); comm.size()];
+        for (index, (face, sets)) in faces.iter().enumerate() {
             if face.iter().all(|&n| is_shared[n as usize]) {
-                // Numbers in the whole rise with those in the part.
-                let numbers = face.map(|n| part.global_id(n));
-                let owner = holders.owner_rank(numbers[0], part.global_counts[0]);
-                places[owner].push(place);
-                to[owner].push((numbers, *sets));
+                // Global numbers are in the order of local numbers, so the first node is the same
+                // on all ranks.
+                let global_nodes = face.map(|n| view.global_id(n));
+                let owner = comm.owner_rank(global_nodes[0], view.global_counts[0]);
+                sent_indices[owner].push(index);
+                outgoing[owner].push((global_nodes, *sets));
             }
         }
-        let told = holders.try_all_to_all(what, to)?;
-        let mut answers: Vec<Vec<u8>> = told.iter().map(|told| vec![0; told.len()]).collect();
-        let mut all = Vec::new();
-        for (from, told) in told.iter().enumerate() {
-            all.extend(
-                told.iter()
+        let received = comm.try_all_to_all(description, outgoing)?;
+        let mut answers: Vec<Vec<u8>> = received.iter().map(|faces| vec![0; faces.len()]).collect();
+        let mut entries = Vec::new();
+        for (rank, faces_of_rank) in received.iter().enumerate() {
+            entries.extend(
+                faces_of_rank
+                    .iter()
                     .enumerate()
-                    .map(|(at, of)| (of.0, from, at, of.1)),
+                    .map(|(index, face)| (face.0, rank, index, face.1)),
             );
         }
-        all.sort_unstable();
-        for same in all.chunk_by(|a, b| a.0 == b.0) {
-            let (_, from, at, _) = same[0];
-            answers[from][at] = same.iter().fold(0, |sets, of| sets | of.3);
+        entries.sort_unstable();
+        for group in entries.chunk_by(|a, b| a.0 == b.0) {
+            let (_, rank, index, _) = group[0];
+            answers[rank][index] = group.iter().fold(0, |sets, entry| sets | entry.3);
         }
-        for (places, answers) in places.iter().zip(holders.try_all_to_all(what, answers)?) {
-            for (&place, sets) in places.iter().zip(answers) {
-                faces[place].1 = sets;
+        for (indices, answers) in sent_indices
+            .iter()
+            .zip(comm.try_all_to_all(description, answers)?)
+        {
+            for (&index, sets) in indices.iter().zip(answers) {
+                faces[index].1 = sets;
             }
         }
         faces.retain(|(_, sets)| *sets != 0);
         let (faces, sets) = faces.into_iter().unzip();
         Ok(Self {
-            nodes: part.mesh.nodes(),
+            nodes: view.mesh.nodes(),
             faces,
             sets,
         })
     }
 
-    /// Where the nodes of a face are.
+    /// Returns the positions of the nodes of a face.
     #[inline]
     pub fn corners(&self, face: usize) -> [[f64; D]; D] {
         self.faces[face].map(|n| self.nodes[n as usize])
     }
 }
 
-/// Sorts faces, and makes one of those that are the same: it belongs to the sets of all of these.
+/// Sorts faces and merges equal ones. A merged face gets the sets of all its copies.
 pub(super) fn merge_equal_faces<const D: usize>(faces: &mut Vec<([u32; D], u8)>) {
     faces.par_sort_unstable();
     faces.dedup_by(|next, kept| {
-        let same = next.0 == kept.0;
-        if same {
+        let is_equal = next.0 == kept.0;
+        if is_equal {
             kept.1 |= next.1;
         }
-        same
+        is_equal
     });
 }
 
@@ -98,7 +105,7 @@ mod tests {
     use crate::mesh::partition::MeshPartition;
 
     #[test]
-    fn each_face_is_one_holders() {
+    fn each_face_has_one_owner() {
         let mesh = kuhn_box([5, 4, 6], 1.0);
         let around = neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
         // All faces of some cells, in two sets.
@@ -113,25 +120,28 @@ mod tests {
             }
             faces
         };
-        let part = MeshView::from_mesh(&mesh);
-        let Ok(all) = MeshFaces::owned_faces("faces", &part, faces(&mesh, 0));
-        let all: Vec<_> = all.faces.into_iter().zip(all.sets).collect();
-        assert!(all.iter().any(|face| face.1 == 3));
+        let view = MeshView::from_mesh(&mesh);
+        let Ok(expected) = MeshFaces::owned_faces("faces", &view, faces(&mesh, 0));
+        let expected: Vec<_> = expected.faces.into_iter().zip(expected.sets).collect();
+        assert!(expected.iter().any(|face| face.1 == 3));
         for count in [1, 2, 5] {
-            let pieces = MeshPartition::split(&mesh, &around, count);
-            let found = run_threads(count, |group: &dyn Comm| {
-                let piece = &pieces[group.rank()];
-                let part = MeshView::from_partition(piece, group);
-                let own =
-                    MeshFaces::owned_faces("faces", &part, faces(&piece.mesh, piece.first_cell))
-                        .unwrap();
-                let number = |n: u32| piece.global_ids[n as usize];
-                let faces = own.faces.iter().map(|face| face.map(number));
-                faces.zip(own.sets).collect::<Vec<_>>()
+            let partitions = MeshPartition::split(&mesh, &around, count);
+            let owned_faces = run_threads(count, |comm: &dyn Comm| {
+                let partition = &partitions[comm.rank()];
+                let view = MeshView::from_partition(partition, comm);
+                let owned = MeshFaces::owned_faces(
+                    "faces",
+                    &view,
+                    faces(&partition.mesh, partition.first_cell),
+                )
+                .unwrap();
+                let global_id = |n: u32| partition.global_ids[n as usize];
+                let faces = owned.faces.iter().map(|face| face.map(global_id));
+                faces.zip(owned.sets).collect::<Vec<_>>()
             });
-            let mut found = found.concat();
-            found.sort_unstable();
-            assert!(found == all, "{count}");
+            let mut owned_faces = owned_faces.concat();
+            owned_faces.sort_unstable();
+            assert!(owned_faces == expected, "{count}");
         }
     }
 }

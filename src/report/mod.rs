@@ -1,18 +1,19 @@
-//! What is measured about a mesh and about the run that made it.
+//! Measures meshes and the runs that made them.
 //!
-//! - `quality`: shapes of the tetrahedra
+//! - `quality`: shapes of cells
 //! - `acute`: lines at which features, or a feature and a side of the box, meet at a small angle
-//! - `angles`: which bad angles these explain
-//! - `fidelity`: how well the mesh's faces follow the features
-//! - `pieces`: faces cut into small pieces
-//! - `reach`: how far feature points are from the faces
-//! - `reference`: where the features really are
-//! - `surface`: faces of a mesh in parts, each of which is one holder's
-//! - `tally`: distances of which several have some each
-//! - `kept`: figures as bytes
+//! - `angles`: bad angles that these lines explain
+//! - `fidelity`: how well the faces of the mesh follow the features
+//! - `face_samples`: faces cut into small pieces
+//! - `face_distances`: distances of feature points from faces
+//! - `nearest`: searches for the nearest point or face
+//! - `reference`: the features with which a mesh is compared
+//! - `mesh_faces`: faces of a distributed mesh
+//! - `tally`: statistics of distributed distances
+//! - `codecs`: report data as bytes
 //! - `lattice`: how evenly the atoms are spread
-//! - `cells`: Voronoi cells, as flow simulators see them
-//! - `regions`: what became of the labels of an image
+//! - `cells`: Voronoi cells, as flow simulators need them
+//! - `regions`: regions that the labels of an image become
 //! - [`cost`]: seconds and memory of each stage
 //! - `table`: a report on one screen
 //! - `verdict`: a report in three lines
@@ -59,60 +60,59 @@ use crate::improve;
 use crate::mesh::check::Check;
 use serde::Serialize;
 
-/// Everything that is known about a run or a mesh. Sections that were not measured are `None`, and
-/// are null in JSON.
+/// Report on a run or a mesh. Sections that were not measured are `None`, which is null in JSON.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Report {
     /// Version of atomesh.
     pub version: String,
-    /// What the mesh was made from.
+    /// Input from which the mesh was made.
     pub input: Option<Input>,
-    /// The parameters of the run, as they took effect.
+    /// Parameters of the run, with all defaults filled in.
     pub parameters: serde_json::Value,
-    /// What each stage cost, in the order in which they ran.
+    /// Cost of each stage, in the order in which they ran.
     pub stages: Vec<StageCost>,
-    /// The atoms.
+    /// Atoms of the lattice.
     pub lattice: Option<LatticeReport>,
-    /// The lattice as it moved, where it was traced.
+    /// Lattice at steps of the optimisation, if it was traced.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub trace: Vec<TracedLattice>,
-    /// Shapes in lattice space, in which cells are meant to be well shaped.
+    /// Shapes in lattice space, in which cells should be well shaped.
     pub quality: Option<Quality>,
-    /// Shapes in physical space, where it differs and all its axes are lengths.
+    /// Shapes in physical space, if it differs and all its axes are lengths.
     pub quality_physical: Option<Quality>,
-    /// Whether users work in physical space, as with scans, so that shapes there decide. In a survey cells are as
-    /// flat as the layers.
+    /// `true` if users work in physical space, as with scans, so that the shapes there decide. In a
+    /// seismic survey cells are as flat as the layers.
     #[serde(skip)]
     pub used_in_physical_space: bool,
-    /// What the image leaves open, where the kind of feature was chosen by it.
+    /// Doubt about the kind of feature, if it was chosen from the image.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub doubt: Option<Doubt>,
-    /// What was found of each kind of feature, and what of it the mesh follows.
+    /// For each kind of feature, the points that were found, and those that the mesh follows.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub outcomes: Vec<KindOutcome>,
-    /// The samples that hold no data, if there are any.
+    /// Samples without data, if there are any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub missing: Option<MissingData>,
     /// Fidelity to the features.
     pub fidelity: Option<Fidelity>,
-    /// Whether the mesh is valid and fills its box.
+    /// Check that the mesh is valid and fills its box.
     #[serde(rename = "box")]
     pub box_check: Option<Check>,
-    /// The cells of a Voronoi mesh, of which the above says nothing.
+    /// Cells of a Voronoi mesh, which the sections above do not describe.
     pub voronoi: Option<Voronoi>,
-    /// The regions that the labels of the image became.
+    /// Regions that the labels of the image became.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub regions: Option<RegionSummary>,
-    /// What was improved, and what stands in the way of the rest.
+    /// Improvement, and the constraints that prevent more of it.
     pub improvement: Option<Improvement>,
-    /// What the other method makes of the same atoms, where the two are compared.
+    /// Result of the other method for the same atoms, if the two are compared.
     pub baseline: Option<Baseline>,
-    /// Lines that whoever reads the report should know.
+    /// Notes for the reader of the report.
     pub notes: Vec<String>,
 }
 
 impl Default for Report {
-    /// A report of this version, with nothing measured.
+    /// Creates a report of this version without measures.
     fn default() -> Self {
         Self {
             version: env!("CARGO_PKG_VERSION").to_string(),
@@ -138,10 +138,10 @@ impl Default for Report {
     }
 }
 
-/// What a mesh was made from.
+/// Input from which a mesh was made.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Input {
-    /// The file.
+    /// Path of the file.
     pub file: String,
     /// Number of samples along each axis, x first.
     pub dims: Vec<usize>,
@@ -149,32 +149,32 @@ pub struct Input {
     pub hash: String,
 }
 
-/// What was improved, and what stands in the way of the rest.
+/// Improvement of a mesh, and the constraints that prevent more of it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Improvement {
-    /// Tetrahedra below the target before.
+    /// Number of tetrahedra below the target before.
     pub below_target_before: usize,
-    /// Tetrahedra below the target after.
+    /// Number of tetrahedra below the target after.
     pub below_target_after: usize,
-    /// Changes made.
+    /// Number of changes of each kind.
     pub counts: improve::OperationCounts,
     /// Holes in the faces on features that were closed.
     pub sealed: improve::SealReport,
-    /// The tetrahedra still below the target, grouped by what holds their nodes; largest group
-    /// first.
+    /// Tetrahedra that are still below the target, grouped by the constraints on their nodes, the
+    /// largest group first.
     pub blockers: Vec<Blocker>,
-    /// The worst of them.
+    /// Worst of these tetrahedra.
     pub worst: Vec<improve::BlockedCell>,
 }
 
-/// A mesh of the same atoms by another method of improvement.
+/// Mesh of the same atoms by another method of improvement.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Baseline {
-    /// The method.
+    /// Method.
     pub method: improve::SliverMethod,
-    /// Its shapes in lattice space.
+    /// Shapes in lattice space.
     pub quality: Quality,
-    /// Its fidelity to the features.
+    /// Fidelity to the features.
     pub fidelity: Option<Fidelity>,
 }
 
@@ -199,16 +199,16 @@ impl std::fmt::Display for Baseline {
     }
 }
 
-/// Tetrahedra below the target that are held in the same way.
+/// Tetrahedra below the target whose nodes have the same constraints.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Blocker {
-    /// How many.
+    /// Number of tetrahedra.
     pub tets: usize,
-    /// Nodes of each that lie in a side of the box.
+    /// Number of nodes of each that lie in a side of the box.
     pub nodes_on_sides: usize,
-    /// Nodes of each that lie on a feature.
+    /// Number of nodes of each that lie on a feature.
     pub nodes_on_features: usize,
-    /// Nodes of each that lie on several features at once.
+    /// Number of nodes of each that lie on several features.
     pub nodes_on_crossings: usize,
     /// Smallest dihedral angle among them, in degrees.
     pub smallest: f64,
@@ -220,20 +220,20 @@ impl From<&improve::ImproveReport> for Improvement {
     fn from(outcome: &improve::ImproveReport) -> Self {
         let mut blockers: Vec<Blocker> = Vec::new();
         for b in &outcome.blocked {
-            let held = (b.nodes_on_sides, b.nodes_on_features, b.nodes_on_crossings);
-            let same = |k: &&mut Blocker| {
-                (k.nodes_on_sides, k.nodes_on_features, k.nodes_on_crossings) == held
+            let node_counts = (b.nodes_on_sides, b.nodes_on_features, b.nodes_on_crossings);
+            let has_same_counts = |k: &&mut Blocker| {
+                (k.nodes_on_sides, k.nodes_on_features, k.nodes_on_crossings) == node_counts
             };
-            if let Some(group) = blockers.iter_mut().find(same) {
+            if let Some(group) = blockers.iter_mut().find(has_same_counts) {
                 group.tets += 1;
                 group.smallest = group.smallest.min(b.min_angle);
                 group.largest = group.largest.max(b.max_angle);
             } else {
                 blockers.push(Blocker {
                     tets: 1,
-                    nodes_on_sides: held.0,
-                    nodes_on_features: held.1,
-                    nodes_on_crossings: held.2,
+                    nodes_on_sides: node_counts.0,
+                    nodes_on_features: node_counts.1,
+                    nodes_on_crossings: node_counts.2,
                     smallest: b.min_angle,
                     largest: b.max_angle,
                 });

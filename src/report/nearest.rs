@@ -1,14 +1,14 @@
-//! Nearest-item queries: points in cells, a tree of bounding boxes, and the distance from a point to a
-//! triangle or a segment.
+//! Nearest-neighbour searches: points in the cells of a grid, a tree of bounding boxes, and the
+//! distance from a point to a triangle or a segment.
 
 use crate::geometry::counting_sort::sort_by_group;
 use crate::geometry::{dot, sub, to_3d};
 
 type Point3 = [f64; 3];
 
-/// Squared distance from a point to a triangle, exact for all seven regions of its plane (the
-/// inside, three edges, three corners), also for a degenerate triangle. After Ericson, Real-Time
-/// Collision Detection, 5.1.5.
+/// Returns the squared distance from a point to a triangle. It is exact in all seven regions of the
+/// plane (the inside, three edges, three corners), and for degenerate triangles. Source: Ericson,
+/// Real-Time Collision Detection, 5.1.5.
 #[inline]
 pub(super) fn squared_distance_to_triangle(p: Point3, [a, b, c]: [Point3; 3]) -> f64 {
     let (ab, ac, ap) = (sub(b, a), sub(c, a), sub(p, a));
@@ -49,29 +49,32 @@ pub(super) fn squared_distance_to_triangle(p: Point3, [a, b, c]: [Point3; 3]) ->
     square(vb / sum, vc / sum)
 }
 
-/// Squared distance from a point to a face of a mesh: a triangle in space, a segment in the plane
-/// (which is a flat triangle in space).
+/// Returns the squared distance from a point to a face of a mesh: a triangle in 3-D, a segment
+/// (which is a degenerate triangle) in 2-D.
 pub(crate) fn squared_distance_to_face<const D: usize>(p: [f64; D], face: &[[f64; D]; D]) -> f64 {
     squared_distance_to_triangle(to_3d(p), [face[0], face[1], face[D - 1]].map(to_3d))
 }
 
-/// Points in the cells of a grid: for nearest points of which most are within a cell or two.
+/// Points in the cells of a grid, for searches in which most nearest points are within a cell or
+/// two.
 pub(super) struct PointGrid<const D: usize> {
-    /// In the order of their cells.
+    /// Points in the order of their cells.
     sorted: Vec<[f32; D]>,
-    /// Where each cell's points start; x fastest, one more at the end.
+    /// Index of the first point of each cell, x fastest, and the number of points at the end.
     start: Vec<u32>,
     dims: [usize; D],
     /// Side of a cell.
     side: f64,
 }
 
-/// Side of a cell, or, where there would be more cells than this, twice or four times as much.
+/// Minimum side of a cell, and maximum number of cells. The side is doubled until there are no more
+/// cells than that.
 const MIN_CELL_SIDE: f64 = 2.0;
 const MAX_CELLS: usize = 1 << 24;
 
 impl<const D: usize> PointGrid<D> {
-    /// Sorts points in or near the box `[0, extent]`; also gives their numbers in the new order.
+    /// Sorts points in or near the box `[0, extent]` into cells. Also returns the original number
+    /// of each sorted point.
     pub(super) fn new(points: &[[f32; D]], extent: [f64; D]) -> (Self, Vec<u32>) {
         let mut side = MIN_CELL_SIDE;
         let dims = loop {
@@ -82,8 +85,10 @@ impl<const D: usize> PointGrid<D> {
             side *= 2.0;
         };
         let cell = |p: &[f32; D]| {
-            let along = |k: usize| ((f64::from(p[k]) / side) as usize).min(dims[k] - 1);
-            (0..D).rev().fold(0, |cell, k| cell * dims[k] + along(k))
+            let coordinate = |k: usize| ((f64::from(p[k]) / side) as usize).min(dims[k] - 1);
+            (0..D)
+                .rev()
+                .fold(0, |cell, k| cell * dims[k] + coordinate(k))
         };
         let (start, order) = sort_by_group(dims.iter().product(), points.iter().map(cell));
         let sorted = order.iter().map(|&i| points[i as usize]).collect();
@@ -103,7 +108,7 @@ impl<const D: usize> PointGrid<D> {
         ((x / self.side) as usize).min(self.dims[k] - 1)
     }
 
-    /// Where point `i` of the new order is.
+    /// Returns the position of sorted point `i`.
     pub(super) fn position(&self, i: usize) -> [f32; D] {
         self.sorted[i]
     }
@@ -119,149 +124,157 @@ impl<const D: usize> PointGrid<D> {
         sum
     }
 
-    /// The nearest point, by its number in the new order (of equally near ones the first), and its squared distance; none
-    /// if all are `limit` away or farther. `hint` may be a point that is likely to be near, to save time.
+    /// Returns the sorted index of the nearest point (the first of several at the same distance),
+    /// and its squared distance. Returns `None` if no point is closer than `limit`. `hint` may be
+    /// the index of a point that is probably near; it saves time.
     pub(super) fn nearest(
         &self,
         p: [f64; D],
         limit: f64,
         hint: Option<usize>,
     ) -> Option<(usize, f64)> {
-        // Some point is as near as this.
-        let mut near = hint.map_or(f64::INFINITY, |i| self.squared_distance(p, i));
-        let known = near.sqrt() * (1.0 + 1e-9);
-        // Every point within the radius is looked at: it grows until the nearest is among them.
-        let mut radius = known.min(self.side).min(limit);
+        // Upper bound of the squared distance of the nearest point.
+        let mut upper_bound = hint.map_or(f64::INFINITY, |i| self.squared_distance(p, i));
+        let known_distance = upper_bound.sqrt() * (1.0 + 1e-9);
+        // All points within the radius are examined. The radius grows until the nearest point is
+        // inside.
+        let mut radius = known_distance.min(self.side).min(limit);
         loop {
-            let best = self.nearest_within(p, radius, limit, near);
-            near = best.map_or(near, |(_, square)| square.min(near));
-            if near <= radius * radius || radius >= limit {
+            let best = self.nearest_within(p, radius, limit, upper_bound);
+            upper_bound = best.map_or(upper_bound, |(_, square)| square.min(upper_bound));
+            if upper_bound <= radius * radius || radius >= limit {
                 return best;
             }
             radius = (2.0 * radius).max(1e-3).min(limit);
         }
     }
 
-    /// The square of how far at least the points in cells of that number along an axis are away along
-    /// it. The outermost cells have all points outside the box, too.
+    /// Returns a lower bound of the squared distance, along axis `k`, between `x` and the points in
+    /// the cells with the given index. The outermost cells contain also all points outside the box.
     #[inline]
-    fn squared_distance_to_slab(&self, k: usize, along: usize, x: f64) -> f64 {
+    fn squared_distance_to_slab(&self, k: usize, index: usize, x: f64) -> f64 {
         let mut gap = 0f64;
-        if along > 0 {
-            gap = gap.max(self.side * along as f64 - x);
+        if index > 0 {
+            gap = gap.max(self.side * index as f64 - x);
         }
-        if along + 1 < self.dims[k] {
-            gap = gap.max(x - self.side * (along + 1) as f64);
+        if index + 1 < self.dims[k] {
+            gap = gap.max(x - self.side * (index + 1) as f64);
         }
         gap * gap
     }
 
-    /// The points in each row of cells that touch a box, with the place of the row's first cell.
+    /// Visits the rows of cells that touch a box: the coordinates of the first cell of the row, and
+    /// the range of its points.
     #[inline]
     fn visit_rows(
         &self,
         low: [f64; D],
         high: [f64; D],
-        mut row: impl FnMut([usize; D], std::ops::Range<usize>),
+        mut visit: impl FnMut([usize; D], std::ops::Range<usize>),
     ) {
         let (mut first, mut last) = ([0; D], [0; D]);
         for k in 0..D {
             first[k] = self.cell_coordinate(k, low[k]);
             last[k] = self.cell_coordinate(k, high[k]);
         }
-        let mut at = first;
+        let mut coordinates = first;
         loop {
             let mut cell = 0;
             for k in (1..D).rev() {
-                cell = (cell + at[k]) * self.dims[k - 1];
+                cell = (cell + coordinates[k]) * self.dims[k - 1];
             }
-            let [from, to] = [self.start[cell + first[0]], self.start[cell + last[0] + 1]];
-            row(at, from as usize..to as usize);
-            // The next row, the last axis slowest.
+            let [begin, end] = [self.start[cell + first[0]], self.start[cell + last[0] + 1]];
+            visit(coordinates, begin as usize..end as usize);
+            // Proceeds to the next row. The last axis is slowest.
             let mut k = 1;
-            while k < D && at[k] == last[k] {
-                at[k] = first[k];
+            while k < D && coordinates[k] == last[k] {
+                coordinates[k] = first[k];
                 k += 1;
             }
             if k >= D {
                 return;
             }
-            at[k] += 1;
+            coordinates[k] += 1;
         }
     }
 
-    /// The points in a box, by their numbers in the new order.
-    pub(super) fn visit_box(&self, low: [f64; D], high: [f64; D], mut each: impl FnMut(usize)) {
+    /// Visits the sorted indices of the points in a box.
+    pub(super) fn visit_box(&self, low: [f64; D], high: [f64; D], mut visit: impl FnMut(usize)) {
         self.visit_rows(low, high, |_, points| {
             for i in points {
                 let q = &self.sorted[i];
-                let mut inside = true;
+                let mut is_inside = true;
                 for k in 0..D {
                     let x = f64::from(q[k]);
-                    inside &= low[k] <= x && x <= high[k];
+                    is_inside &= low[k] <= x && x <= high[k];
                 }
-                if inside {
-                    each(i);
+                if is_inside {
+                    visit(i);
                 }
             }
         });
     }
 
-    /// The nearest of the points in the cells within `radius` of `p`, if it is less than `limit` away; the square of the
-    /// distance to some point is known to be `near`.
+    /// Returns the nearest of the points in the cells within `radius` of `p`, if it is closer than
+    /// `limit`. `upper_bound` is an upper bound of the squared distance of the nearest point.
     fn nearest_within(
         &self,
         p: [f64; D],
         radius: f64,
         limit: f64,
-        near: f64,
+        upper_bound: f64,
     ) -> Option<(usize, f64)> {
-        let (mut which, mut least) = (usize::MAX, limit * limit);
-        // It lets far rows be passed over. Rounding must not lose equally near ones, of which the first is taken.
-        let mut near = near.min(least);
+        let (mut nearest, mut min_square) = (usize::MAX, limit * limit);
+        // The upper bound excludes distant rows. Rounding must not exclude points at the same
+        // distance, of which the first is returned.
+        let mut upper_bound = upper_bound.min(min_square);
         self.visit_rows(p, p, |_, points| {
-            near = points.fold(near, |near, i| near.min(self.squared_distance(p, i)));
+            upper_bound = points.fold(upper_bound, |bound, i| {
+                bound.min(self.squared_distance(p, i))
+            });
         });
-        near *= 1.0 + 1e-9;
+        upper_bound *= 1.0 + 1e-9;
         let (mut low, mut high) = (p, p);
-        let reach = radius.min(near.sqrt());
+        let search_radius = radius.min(upper_bound.sqrt());
         for k in 0..D {
-            low[k] -= reach;
-            high[k] += reach;
+            low[k] -= search_radius;
+            high[k] += search_radius;
         }
-        self.visit_rows(low, high, |at, points| {
-            let mut away = 0.0;
+        self.visit_rows(low, high, |coordinates, points| {
+            let mut row_square = 0.0;
             for k in 1..D {
-                away += self.squared_distance_to_slab(k, at[k], p[k]);
+                row_square += self.squared_distance_to_slab(k, coordinates[k], p[k]);
             }
-            if away > near {
+            if row_square > upper_bound {
                 return;
             }
             for i in points {
                 let square = self.squared_distance(p, i);
-                if square < least {
-                    (which, least) = (i, square);
+                if square < min_square {
+                    (nearest, min_square) = (i, square);
                 }
             }
         });
-        (which != usize::MAX).then_some((which, least))
+        (nearest != usize::MAX).then_some((nearest, min_square))
     }
 }
 
-/// Items in a leaf.
+/// Maximum number of items in a leaf.
 const LEAF_SIZE: usize = 4;
-/// What is in a box may seem nearer than the box by what is rounded away: so much farther ones are looked into.
+/// Rounding can make an item seem closer than its box. So boxes that are farther by this factor are
+/// examined, too.
 const ROUNDING_SLACK: f64 = 1.0 + 1e-9;
 
 struct TreeNode<const D: usize> {
     low: [f64; D],
     high: [f64; D],
-    /// Items `start..end` of the order; a leaf if there are at most [`LEAF_SIZE`].
+    /// Range `start..end` of the item order. The node is a leaf if it has at most [`LEAF_SIZE`]
+    /// items.
     start: u32,
     end: u32,
-    /// The second child; the first follows its parent.
+    /// Index of the second child. The first child follows its parent.
     second_child: u32,
-    /// The sets that its items belong to, as bits.
+    /// Union of the sets of its items, as bits.
     sets: u8,
 }
 
@@ -272,7 +285,7 @@ impl<const D: usize> TreeNode<D> {
     }
 }
 
-/// Squared distance from a point to a box.
+/// Returns the squared distance from a point to a box.
 #[inline]
 fn squared_distance_to_box<const D: usize>(p: [f64; D], low: &[f64; D], high: &[f64; D]) -> f64 {
     let mut sum = 0.0;
@@ -283,8 +296,8 @@ fn squared_distance_to_box<const D: usize>(p: [f64; D], low: &[f64; D], high: &[
     sum
 }
 
-/// A tree of bounding boxes over items that are known by their index, each of which belongs to the
-/// sets of its bits.
+/// Tree of bounding boxes over items, which are identified by their index. The bits of an item are
+/// the sets to which it belongs.
 pub(super) struct BoxTree<'a, const D: usize> {
     nodes: Vec<TreeNode<D>>,
     order: Vec<u32>,
@@ -293,8 +306,8 @@ pub(super) struct BoxTree<'a, const D: usize> {
 }
 
 impl<'a, const D: usize> BoxTree<'a, D> {
-    /// A tree over items with the given boxes (low and high corner) and sets, split at the median of
-    /// the longest axis.
+    /// Builds a tree over items with the given boxes (low and high corner) and sets, split at the
+    /// median of the longest axis.
     pub(super) fn new(boxes: &'a [[[f64; D]; 2]], sets: &'a [u8]) -> Self {
         let mut order: Vec<u32> = (0..boxes.len() as u32).collect();
         let mut nodes = Vec::with_capacity(boxes.len());
@@ -309,35 +322,36 @@ impl<'a, const D: usize> BoxTree<'a, D> {
         }
     }
 
-    /// The nearest item of the `wanted` sets and its squared distance, `square(item)` being the exact
-    /// squared distance from `p` to an item; none if that is not below `limit` for any. Branches
-    /// without a wanted item are not looked into: of sets with few items the search is as quick as
-    /// in a tree of their own. `hint` may be an item that is likely to be near, to save time; of
-    /// equally near items it may change which one is found, but not how near it is.
+    /// Returns the nearest item of the queried sets and its squared distance, or `None` if no item
+    /// is closer than `limit` (a squared distance). `square(item)` returns the exact squared
+    /// distance from `p` to an item. Branches without queried items are skipped, so for sets with
+    /// few items the search is as fast as in a tree of their own. `hint` may be an item that is
+    /// probably near; it saves time. Of several items at the same distance it may change which one
+    /// is returned, but not the distance.
     pub(super) fn nearest(
         &self,
         p: [f64; D],
-        wanted: u8,
+        queried_sets: u8,
         limit: f64,
         hint: Option<usize>,
         square: impl Fn(usize) -> f64,
     ) -> Option<(usize, f64)> {
-        let is_wanted = |item: usize| self.sets[item] & wanted != 0;
+        let is_queried = |item: usize| self.sets[item] & queried_sets != 0;
         let mut best = hint
-            .filter(|&item| is_wanted(item))
+            .filter(|&item| is_queried(item))
             .map(|item| (item, square(item)))
             .filter(|(_, d)| *d < limit);
-        let mut least = best.map_or(limit, |(_, d)| d);
+        let mut min_square = best.map_or(limit, |(_, d)| d);
         let mut stack = [(0u32, 0f64); 64];
         let mut depth = usize::from(!self.nodes.is_empty());
         while depth > 0 {
             depth -= 1;
-            let (at, bound) = stack[depth];
-            if bound >= least * ROUNDING_SLACK {
+            let (index, bound) = stack[depth];
+            if bound >= min_square * ROUNDING_SLACK {
                 continue;
             }
-            let node = &self.nodes[at as usize];
-            if node.sets & wanted == 0 {
+            let node = &self.nodes[index as usize];
+            if node.sets & queried_sets == 0 {
                 continue;
             }
             let items = &self.order[node.start as usize..node.end as usize];
@@ -345,30 +359,33 @@ impl<'a, const D: usize> BoxTree<'a, D> {
                 for &item in items {
                     let item = item as usize;
                     let [low, high] = &self.boxes[item];
-                    if !is_wanted(item)
-                        || squared_distance_to_box(p, low, high) >= least * ROUNDING_SLACK
+                    if !is_queried(item)
+                        || squared_distance_to_box(p, low, high) >= min_square * ROUNDING_SLACK
                     {
                         continue;
                     }
                     let d = square(item);
-                    if d < least {
-                        (best, least) = (Some((item, d)), d);
+                    if d < min_square {
+                        (best, min_square) = (Some((item, d)), d);
                     }
                 }
             } else {
-                let first = (at + 1, self.nodes[at as usize + 1].squared_distance(p));
+                let first = (
+                    index + 1,
+                    self.nodes[index as usize + 1].squared_distance(p),
+                );
                 let second = (
                     node.second_child,
                     self.nodes[node.second_child as usize].squared_distance(p),
                 );
                 // The nearer child is on top of the stack.
-                let (far, near) = if first.1 <= second.1 {
+                let (farther, nearer) = if first.1 <= second.1 {
                     (second, first)
                 } else {
                     (first, second)
                 };
-                stack[depth] = far;
-                stack[depth + 1] = near;
+                stack[depth] = farther;
+                stack[depth + 1] = nearer;
                 depth += 2;
             }
         }
@@ -376,7 +393,8 @@ impl<'a, const D: usize> BoxTree<'a, D> {
     }
 }
 
-/// Appends the nodes over `order`, whose first item is item `start` of the whole.
+/// Appends the tree nodes for the items in `order`, the first of which has the index `start` in the
+/// whole order.
 fn build<const D: usize>(
     boxes: &[[[f64; D]; 2]],
     sets: &[u8],
@@ -385,16 +403,16 @@ fn build<const D: usize>(
     nodes: &mut Vec<TreeNode<D>>,
 ) {
     let (mut low, mut high) = ([f64::INFINITY; D], [f64::NEG_INFINITY; D]);
-    let mut all = 0;
+    let mut all_sets = 0;
     for &item in order.iter() {
-        all |= sets[item as usize];
+        all_sets |= sets[item as usize];
         let [l, h] = boxes[item as usize];
         for k in 0..D {
             low[k] = low[k].min(l[k]);
             high[k] = high[k].max(h[k]);
         }
     }
-    let at = nodes.len();
+    let index = nodes.len();
     let end = (start + order.len()) as u32;
     nodes.push(TreeNode {
         low,
@@ -402,7 +420,7 @@ fn build<const D: usize>(
         start: start as u32,
         end,
         second_child: 0,
-        sets: all,
+        sets: all_sets,
     });
     if order.len() <= LEAF_SIZE {
         return;
@@ -416,7 +434,7 @@ fn build<const D: usize>(
     });
     let (left, right) = order.split_at_mut(half);
     build(boxes, sets, left, start, nodes);
-    nodes[at].second_child = nodes.len() as u32;
+    nodes[index].second_child = nodes.len() as u32;
     build(boxes, sets, right, start + half, nodes);
 }
 
@@ -475,7 +493,7 @@ mod tests {
     }
 
     #[test]
-    fn cells_find_what_a_scan_finds() {
+    fn grid_and_scan_find_the_same_points() {
         let mut seed = 3;
         let extent = [20.0, 9.0, 14.0];
         let points: Vec<[f32; 3]> = (0..400)
@@ -490,8 +508,8 @@ mod tests {
             };
             let scanned = (0..points.len()).map(square).fold(UNLIMITED, f64::min);
             for hint in [None, Some(7)] {
-                let (i, found) = grid.nearest(p, 50.0, hint).unwrap();
-                assert!((found - scanned).abs() < 1e-12);
+                let (i, actual) = grid.nearest(p, 50.0, hint).unwrap();
+                assert!((actual - scanned).abs() < 1e-12);
                 assert!((square(order[i] as usize) - scanned).abs() < 1e-12);
                 assert_eq!(grid.position(i), points[order[i] as usize]);
                 assert!(grid.nearest(p, 0.999 * scanned.sqrt(), hint).is_none());
@@ -501,25 +519,25 @@ mod tests {
         for _ in 0..100 {
             let low: Point3 = extent.map(|e| e * (1.4 * random(&mut seed) - 0.4));
             let high = low.map(|c| c + 6.0 * random(&mut seed));
-            let mut found = Vec::new();
-            grid.visit_box(low, high, |i| found.push(order[i]));
-            found.sort_unstable();
+            let mut indices = Vec::new();
+            grid.visit_box(low, high, |i| indices.push(order[i]));
+            indices.sort_unstable();
             let inside = |q: &[f32; 3]| (0..3).all(|k| (low[k]..=high[k]).contains(&q[k].into()));
             let scanned = (0..).zip(&points).filter(|(_, q)| inside(q));
-            assert!(found.into_iter().eq(scanned.map(|(i, _)| i)));
+            assert!(indices.into_iter().eq(scanned.map(|(i, _)| i)));
         }
-        let (none, _) = PointGrid::new(&[], extent);
-        assert!(none.nearest([1.0; 3], 9.0, None).is_none());
+        let (empty_grid, _) = PointGrid::new(&[], extent);
+        assert!(empty_grid.nearest([1.0; 3], 9.0, None).is_none());
     }
 
     #[test]
-    fn the_tree_finds_what_a_scan_finds() {
+    fn tree_and_scan_find_the_same_items() {
         let mut seed = 2;
         let points: Vec<Point3> = (0..500)
             .map(|_| std::array::from_fn(|_| random(&mut seed)))
             .collect();
         let boxes: Vec<[Point3; 2]> = points.iter().map(|&p| [p, p]).collect();
-        // One set of every item, one of every third, one of the last.
+        // The sets contain every item, every third item, and the last item.
         let last = points.len() - 1;
         let sets: Vec<u8> = (0..=last)
             .map(|i| 1 | u8::from(i % 3 == 0) << 1 | u8::from(i == last) << 2)
@@ -528,18 +546,19 @@ mod tests {
         for _ in 0..200 {
             let p: Point3 = std::array::from_fn(|_| 2.0 * random(&mut seed) - 0.5);
             let square = |i: usize| dot(sub(p, points[i]), sub(p, points[i]));
-            for wanted in [1, 2, 4, 6, 7] {
-                let of_sets = (0..points.len()).filter(|&i| sets[i] & wanted != 0);
-                let scanned = of_sets.map(square).fold(f64::INFINITY, f64::min);
-                let nearest = |limit, hint| tree.nearest(p, wanted, limit, hint, square);
+            for queried_sets in [1, 2, 4, 6, 7] {
+                let set_items = (0..points.len()).filter(|&i| sets[i] & queried_sets != 0);
+                let scanned = set_items.map(square).fold(f64::INFINITY, f64::min);
+                let nearest = |limit, hint| tree.nearest(p, queried_sets, limit, hint, square);
                 assert_eq!(nearest(UNLIMITED, None).unwrap().1, scanned);
                 assert_eq!(nearest(UNLIMITED, Some(7)).unwrap().1, scanned);
                 assert!(nearest(scanned, Some(7)).is_none());
             }
         }
-        let none = BoxTree::<3>::new(&[], &[]);
+        let empty_tree = BoxTree::<3>::new(&[], &[]);
         assert!(
-            none.nearest([0.0; 3], 1, UNLIMITED, None, |_| 0.0)
+            empty_tree
+                .nearest([0.0; 3], 1, UNLIMITED, None, |_| 0.0)
                 .is_none()
         );
     }
@@ -551,14 +570,14 @@ mod tests {
             .collect();
         let sets: Vec<u8> = (0..4096).map(|i| 1 | u8::from(i == 77) << 1).collect();
         let tree = BoxTree::new(&boxes, &sets);
-        for (wanted, most) in [(4, 0), (2, 1)] {
-            let looked_at = std::cell::Cell::new(0);
+        for (queried_sets, max_visits) in [(4, 0), (2, 1)] {
+            let visits = std::cell::Cell::new(0);
             let square = |i: usize| {
-                looked_at.set(looked_at.get() + 1);
+                visits.set(visits.get() + 1);
                 distance2(&boxes[i][0], &[60.2, 60.1, 5.0])
             };
-            tree.nearest([60.2, 60.1, 5.0], wanted, UNLIMITED, None, square);
-            assert_eq!(looked_at.get(), most);
+            tree.nearest([60.2, 60.1, 5.0], queried_sets, UNLIMITED, None, square);
+            assert_eq!(visits.get(), max_visits);
         }
     }
 }

@@ -1,5 +1,4 @@
-//! The shapes of a mesh's cells, in figures: tetrahedra by their dihedral angles, triangles by their
-//! angles.
+//! Measures the shapes of cells: tetrahedra by their dihedral angles, triangles by their angles.
 
 use super::Angles;
 use crate::comm::LocalOrComm;
@@ -12,95 +11,96 @@ use crate::progress::CancelToken;
 use serde::Serialize;
 use std::borrow::Cow;
 
-/// Bins of the histogram of angles, of 10 degrees each.
+/// Number of bins of the histogram of angles, of 10 degrees each.
 pub const BINS: usize = 18;
-/// Cells in one task; fixed, so that sums do not depend on the number of threads.
+/// Number of cells in one task. It is fixed, so that sums do not depend on the number of threads.
 pub(super) const CELLS_PER_TASK: usize = 1 << 14;
-/// How many of the worst cells are listed.
+/// Number of worst cells that are listed.
 const MAX_LISTED_CELLS: usize = 10;
 
-/// The worst value of all cells, and the values that 0.1, 1 and 50 % of them do not reach or
-/// are worse than.
+/// Worst value of all cells, and the values than which 0.1, 1 and 50 % of the cells are worse.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Quantiles {
-    /// The worst of all.
+    /// Worst value.
     pub worst: f64,
-    /// Only one in a thousand is worse.
+    /// Value than which one cell in a thousand is worse.
     pub permille: f64,
-    /// Only one in a hundred is worse.
+    /// Value than which one cell in a hundred is worse.
     pub percent: f64,
-    /// Half are worse.
+    /// Median.
     pub median: f64,
 }
 
 /// One of the worst cells.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Worst {
-    /// Its number in the mesh.
+    /// Number of the cell in the mesh.
     pub cell: usize,
-    /// Its centroid, in the space that was measured.
+    /// Centroid of the cell, in the space that was measured.
     pub centroid: Vec<f64>,
-    /// Its smallest angle, in degrees.
+    /// Smallest angle of the cell, in degrees.
     pub smallest: f64,
-    /// Its largest angle, in degrees.
+    /// Largest angle of the cell, in degrees.
     pub largest: f64,
 }
 
-/// The shapes of all cells: tetrahedra or triangles. Angles are in degrees, and dihedral in
-/// tetrahedra. Of an empty mesh, figures without a value are NaN (null in JSON).
+/// Shapes of all cells: tetrahedra or triangles. Angles are in degrees, and dihedral in tetrahedra.
+/// For an empty mesh, values that do not exist are NaN (null in JSON).
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Quality {
     /// Number of nodes.
     pub nodes: usize,
     /// Number of cells.
     pub cells: usize,
-    /// What they are: `tetrahedra` or `triangles`.
+    /// Kind of cells: `tetrahedra` or `triangles`.
     pub kind: Cow<'static, str>,
-    /// Each cell's smallest angle; the worst is the smallest.
+    /// Smallest angle of each cell. The worst is the smallest.
     pub smallest_angle: Quantiles,
-    /// Each cell's largest angle; the worst is the largest.
+    /// Largest angle of each cell. The worst is the largest.
     pub largest_angle: Quantiles,
-    /// Cells with an angle below 20 degrees.
+    /// Number of cells with an angle below 20 degrees.
     pub below_20: usize,
-    /// Cells with an angle below 30 degrees.
+    /// Number of cells with an angle below 30 degrees.
     pub below_30: usize,
-    /// Cells with an angle above 120 degrees, which only a triangle below 30 has.
+    /// Number of cells with an angle above 120 degrees. In a triangle, the smallest angle is then
+    /// below 30 degrees.
     pub above_120: usize,
-    /// Cells with an angle above 150 degrees.
+    /// Number of cells with an angle above 150 degrees.
     pub above_150: usize,
-    /// Cells with an angle above 160 degrees.
+    /// Number of cells with an angle above 160 degrees.
     pub above_160: usize,
-    /// Number of angles (six a tetrahedron, three a triangle) in each bin of 10 degrees.
+    /// Number of angles (six per tetrahedron, three per triangle) in each bin of 10 degrees.
     pub histogram: [u64; BINS],
-    /// Mean ratio, 1 for the regular cell, 0 for a flat one; in the plane this is
-    /// Q = 4 sqrt(3) A / (l1^2 + l2^2 + l3^2).
+    /// Mean ratio: 1 for the regular cell, 0 for a flat one. In 2-D this is Q = 4 sqrt(3) A / (l1^2
+    /// + l2^2 + l3^2).
     pub mean_ratio: Quantiles,
-    /// Circumradius over shortest edge, 0.612 for the regular tetrahedron, 0.577 for the equilateral
-    /// triangle; the worst is the largest.
+    /// Circumradius over shortest edge: 0.612 for the regular tetrahedron, 0.577 for the
+    /// equilateral triangle. The worst is the largest.
     pub radius_edge: Quantiles,
     /// Mean of all mean ratios.
     pub mean_ratio_mean: f64,
-    /// Sum of the (signed) volumes; areas in the plane.
+    /// Sum of the signed volumes; in 2-D of areas.
     pub volume: f64,
-    /// The smallest (signed) volume.
+    /// Smallest signed volume.
     pub smallest_volume: f64,
-    /// The largest volume.
+    /// Largest volume.
     pub largest_volume: f64,
-    /// The cells whose angles are farthest from 90 degrees, worst first.
+    /// Cells whose angles are farthest from 90 degrees, worst first.
     pub worst: Vec<Worst>,
-    /// Which angles beyond [30, 150] the features explain, where that was asked.
+    /// Assessment of angles beyond [30, 150] degrees that the features explain, if it was
+    /// requested.
     pub angles: Option<Angles>,
 }
 
-/// The smallest angle of every cell, in degrees.
+/// Returns the smallest angle of every cell, in degrees.
 pub fn smallest_angles<const D: usize, M: Simplices<D>>(mesh: &M) -> Vec<f32> {
     let mut angles = vec![0.0f32; mesh.len()];
     let chunks = angles.par_chunks_mut(CELLS_PER_TASK).enumerate();
     chunks.for_each(|(chunk, angles)| {
         let first = chunk * CELLS_PER_TASK;
-        let mut places = angles.iter_mut();
-        mesh.shapes(first..first + places.len(), |shape| {
-            if let Some(angle) = places.next() {
+        let mut slots = angles.iter_mut();
+        mesh.shapes(first..first + slots.len(), |shape| {
+            if let Some(angle) = slots.next() {
                 *angle = max_value(shape.cosines.as_ref()).acos().to_degrees() as f32;
             }
         });
@@ -108,26 +108,26 @@ pub fn smallest_angles<const D: usize, M: Simplices<D>>(mesh: &M) -> Vec<f32> {
     angles
 }
 
-/// What is kept of a cell. Angles are kept as what they need for a cosine of one, which grows with them
-/// and tells the smallest apart: no arc cosine for each of millions of cells.
+/// Shape of a cell. Angles are stored as versines (1 - cos), which grow with the angle and are
+/// precise for small angles. So no arc cosine is needed for each of millions of cells.
 #[derive(Clone, Copy, Default)]
 struct CellShape {
-    /// 1 - cos of the smallest angle.
+    /// Versine of the smallest angle: 1 - cos.
     smallest: f32,
-    /// 1 + cos of the largest angle, 1 - cos of what it lacks of 180 degrees.
+    /// Versine of 180 degrees minus the largest angle: 1 + cos of the largest angle.
     largest: f32,
     mean_ratio: f32,
     radius_edge: f32,
 }
 
 impl CellShape {
-    /// What is kept of the angle that is farther from 90 degrees.
+    /// Returns the versine of the angle that is farther from 90 degrees, measured from 0 or 180.
     fn worst_versine(&self) -> f32 {
         self.smallest.min(self.largest)
     }
 }
 
-/// The sums of the cells of one task.
+/// Sums over the cells of one task.
 struct ShapeSums {
     histogram: [u64; BINS],
     ratio_sum: f64,
@@ -135,56 +135,60 @@ struct ShapeSums {
     volume_range: [f64; 2],
 }
 
-/// Measures every cell in the space in which the mesh's nodes are given.
+/// Measures every cell in the space in which the nodes of the mesh are given.
 pub fn quality<const D: usize, M: Simplices<D>>(mesh: &M) -> Quality {
     quality_with_cancel(mesh, &CancelToken::never())
 }
 
-/// The same as long as `patience` lasts; once it is over, the figures are of no use.
+/// Measures every cell, as [`quality`] does, until `cancel` is cancelled. The result of a cancelled
+/// call is meaningless.
 pub(crate) fn quality_with_cancel<const D: usize, M: Simplices<D>>(
     mesh: &M,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Quality {
-    let Ok(found) = quality_of_partition(&MeshView::from_mesh(mesh), patience);
-    found
+    let Ok(result) = quality_of_partition(&MeshView::from_mesh(mesh), cancel);
+    result
 }
 
-/// The same of a mesh in parts, on all who hold one.
+/// Measures a distributed mesh. Collective.
 ///
 /// # Errors
-/// Those of the other holders.
+/// Returns the communication errors of the mesh's `comm`.
 pub(crate) fn quality_of_partition<const D: usize, M: Simplices<D>, H: LocalOrComm + ?Sized>(
-    part: &MeshView<'_, D, M, H>,
-    patience: &CancelToken<'_>,
+    view: &MeshView<'_, D, M, H>,
+    cancel: &CancelToken<'_>,
 ) -> Result<Quality, H::Error> {
-    let mesh = part.mesh;
-    let mut of_cells = vec![CellShape::default(); mesh.len()];
-    let sums: Vec<ShapeSums> = (of_cells.par_chunks_mut(CELLS_PER_TASK).enumerate())
-        .take_any_while(|_| !patience.is_cancelled())
-        .map(|(chunk, of_cells)| measure_shapes(mesh, chunk * CELLS_PER_TASK, of_cells))
+    let mesh = view.mesh;
+    let mut shapes = vec![CellShape::default(); mesh.len()];
+    let sums: Vec<ShapeSums> = (shapes.par_chunks_mut(CELLS_PER_TASK).enumerate())
+        .take_any_while(|_| !cancel.is_cancelled())
+        .map(|(chunk, chunk_shapes)| measure_shapes(mesh, chunk * CELLS_PER_TASK, chunk_shapes))
         .collect();
-    let all = (part.comm).try_all_gather("shapes", LocalQuality::new(part, &of_cells, &sums))?;
+    let gathered = (view.comm).try_all_gather("shapes", LocalQuality::new(view, &shapes, &sums))?;
     let series: [ShapeMeasure; 4] = [
         |c| c.smallest,
         |c| c.largest,
         |c| c.mean_ratio,
         |c| c.radius_edge,
     ];
-    let series = series.map(|of| of_cells.iter().map(of));
+    let series = series.map(|measure| shapes.iter().map(measure));
     let [smallest, largest, mean_ratio, radius_edge] = quantiles(
         series,
         [BadEnd::Small, BadEnd::Small, BadEnd::Small, BadEnd::Large],
-        part.comm,
+        view.comm,
     )?;
-    let count = |k: usize| all.iter().map(|own| own.counts[k]).sum::<u64>();
+    let count = |k: usize| gathered.iter().map(|local| local.counts[k]).sum::<u64>();
     let [below_20, below_30, above_120, above_150, above_160] =
         [0, 1, 2, 3, 4].map(|k| count(k) as usize);
-    let sum = |k: usize| all.iter().map(|own| own.sums[k]).sum::<f64>();
-    let mut worst: Vec<(f32, Worst)> = all.iter().flat_map(|own| own.worst.clone()).collect();
+    let sum = |k: usize| gathered.iter().map(|local| local.sums[k]).sum::<f64>();
+    let mut worst: Vec<(f32, Worst)> = gathered
+        .iter()
+        .flat_map(|local| local.worst.clone())
+        .collect();
     worst.sort_by_key(|(_, worst)| worst.cell);
     Ok(Quality {
-        nodes: part.global_counts[0],
-        cells: part.global_counts[1],
+        nodes: view.global_counts[0],
+        cells: view.global_counts[1],
         kind: M::CELLS_NAME.into(),
         smallest_angle: smallest.map(angle_from_versine),
         largest_angle: largest.map(|v| 180.0 - angle_from_versine(v)),
@@ -201,17 +205,20 @@ pub(crate) fn quality_of_partition<const D: usize, M: Simplices<D>, H: LocalOrCo
         angles: None,
         mean_ratio,
         radius_edge,
-        mean_ratio_mean: sum(0) / part.global_counts[1] as f64,
+        mean_ratio_mean: sum(0) / view.global_counts[1] as f64,
         volume: sum(1),
-        smallest_volume: (all.iter().map(|own| own.volume_range[0])).fold(f64::NAN, f64::min),
-        largest_volume: (all.iter().map(|own| own.volume_range[1])).fold(f64::NAN, f64::max),
+        smallest_volume: (gathered.iter().map(|local| local.volume_range[0]))
+            .fold(f64::NAN, f64::min),
+        largest_volume: (gathered.iter().map(|local| local.volume_range[1]))
+            .fold(f64::NAN, f64::max),
     })
 }
 
-/// A figure of a cell.
+/// Function that returns a measure of a cell.
 type ShapeMeasure = fn(&CellShape) -> f32;
 
-/// What is counted: cells with the smallest angle, or with what the largest lacks of 180 degrees, below a limit.
+/// Limits for the counts of cells, in degrees: cells are counted if the smallest angle, or 180
+/// degrees minus the largest angle, is below the limit.
 const ANGLE_LIMITS: [(ShapeMeasure, f64); 5] = [
     (|c| c.smallest, 20.0),
     (|c| c.smallest, 30.0),
@@ -220,15 +227,15 @@ const ANGLE_LIMITS: [(ShapeMeasure, f64); 5] = [
     (|c| c.largest, 20.0),
 ];
 
-/// What is told of the cells of a part.
+/// Measures of the local cells, which each rank sends to the others.
 struct LocalQuality {
-    /// Of [`ANGLE_LIMITS`], then the bins of the histogram.
+    /// Counts for [`ANGLE_LIMITS`], then the bins of the histogram.
     counts: Vec<u64>,
-    /// Of mean ratios, and of volumes.
+    /// Sum of mean ratios, and sum of volumes.
     sums: [f64; 2],
-    /// The smallest volume and the largest.
+    /// Smallest and largest volume.
     volume_range: [f64; 2],
-    /// The cells whose angles are farthest from 90 degrees, with their [`CellShape::worst_versine`].
+    /// Cells whose angles are farthest from 90 degrees, with their [`CellShape::worst_versine`].
     worst: Vec<(f32, Worst)>,
 }
 
@@ -236,27 +243,27 @@ codec_fields! { LocalQuality as LocalQuality { counts, sums, volume_range, worst
 
 impl LocalQuality {
     fn new<const D: usize, M: Simplices<D>, H: LocalOrComm + ?Sized>(
-        part: &MeshView<'_, D, M, H>,
-        of_cells: &[CellShape],
+        view: &MeshView<'_, D, M, H>,
+        shapes: &[CellShape],
         sums: &[ShapeSums],
     ) -> Self {
-        let below = |(of, angle): (ShapeMeasure, f64)| {
+        let count_below = |(measure, angle): (ShapeMeasure, f64)| {
             let limit = 1.0 - angle.to_radians().cos();
-            let values = of_cells.par_iter().map(of);
+            let values = shapes.par_iter().map(measure);
             values.filter(|&v| f64::from(v) < limit).count() as u64
         };
-        let mut counts = ANGLE_LIMITS.map(below).to_vec();
+        let mut counts = ANGLE_LIMITS.map(count_below).to_vec();
         counts.extend((0..BINS).map(|bin| sums.iter().map(|s| s.histogram[bin]).sum::<u64>()));
-        let worst = worst_cells(of_cells.iter().map(CellShape::worst_versine).zip(0..));
-        let listed = |(worse, c): (f32, usize)| {
-            let cell = &of_cells[c];
+        let worst = worst_cells(shapes.iter().map(CellShape::worst_versine).zip(0..));
+        let to_listed_cell = |(versine, c): (f32, usize)| {
+            let cell = &shapes[c];
             let worst = Worst {
-                cell: part.first_cell + c,
-                centroid: centroid(part.mesh, c),
+                cell: view.first_cell + c,
+                centroid: centroid(view.mesh, c),
                 smallest: angle_from_versine(cell.smallest.into()),
                 largest: 180.0 - angle_from_versine(cell.largest.into()),
             };
-            (worse, worst)
+            (versine, worst)
         };
         Self {
             counts,
@@ -268,20 +275,20 @@ impl LocalQuality {
                 (sums.iter().map(|s| s.volume_range[0])).fold(f64::NAN, f64::min),
                 (sums.iter().map(|s| s.volume_range[1])).fold(f64::NAN, f64::max),
             ],
-            worst: worst.into_iter().map(listed).collect(),
+            worst: worst.into_iter().map(to_listed_cell).collect(),
         }
     }
 }
 
-/// Measures the cells from one on.
+/// Measures the cells from `first` on, one for each item of `shapes`.
 fn measure_shapes<const D: usize>(
     mesh: &impl Simplices<D>,
     first: usize,
-    of_cells: &mut [CellShape],
+    shapes: &mut [CellShape],
 ) -> ShapeSums {
-    let cells = first..first + of_cells.len();
-    let mut places = of_cells.iter_mut();
-    let mut found = ShapeSums {
+    let cells = first..first + shapes.len();
+    let mut slots = shapes.iter_mut();
+    let mut sums = ShapeSums {
         histogram: [0; BINS],
         ratio_sum: 0.0,
         volume: 0.0,
@@ -291,9 +298,9 @@ fn measure_shapes<const D: usize>(
     mesh.shapes(cells, |shape| {
         let cosines = shape.cosines.as_ref();
         for &cosine in cosines {
-            found.histogram[bins.bin_index(cosine)] += 1;
+            sums.histogram[bins.bin_index(cosine)] += 1;
         }
-        if let Some(cell) = places.next() {
+        if let Some(cell) = slots.next() {
             *cell = CellShape {
                 smallest: (1.0 - max_value(cosines)) as f32,
                 largest: (1.0 + min_value(cosines)) as f32,
@@ -301,17 +308,17 @@ fn measure_shapes<const D: usize>(
                 radius_edge: shape.radius_edge as f32,
             };
         }
-        found.ratio_sum += shape.mean_ratio;
-        found.volume += shape.volume;
-        found.volume_range = [
-            found.volume_range[0].min(shape.volume),
-            found.volume_range[1].max(shape.volume),
+        sums.ratio_sum += shape.mean_ratio;
+        sums.volume += shape.volume;
+        sums.volume_range = [
+            sums.volume_range[0].min(shape.volume),
+            sums.volume_range[1].max(shape.volume),
         ];
     });
-    found
+    sums
 }
 
-/// The angle, in degrees, whose cosine is that much below one.
+/// Returns the angle, in degrees, with the given versine.
 pub(super) fn angle_from_versine(versine: f64) -> f64 {
     (1.0 - versine).acos().to_degrees()
 }
@@ -324,11 +331,11 @@ pub(super) fn min_value(values: &[f64]) -> f64 {
     values.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
-/// The bins of the histogram, for cosines: no arc cosine for each of millions of angles.
+/// Bins of the histogram, for cosines. So no arc cosine is needed for each of millions of angles.
 struct AngleBins {
-    /// Cosines of the bins' upper ends; the last is never reached.
+    /// Cosines of the upper ends of the bins. The last end is never reached.
     upper_ends: [f64; BINS],
-    /// The bin of the largest cosine in each of the equal parts of [-1, 1], none of which holds
+    /// Bin of the largest cosine in each of the equal intervals of [-1, 1]. No interval contains
     /// more than one end.
     bin_of_interval: [u8; COSINE_INTERVALS + 1],
 }
@@ -341,8 +348,8 @@ impl AngleBins {
         let mut upper_ends: [f64; BINS] =
             std::array::from_fn(|bin| ((bin + 1) as f64 * width).cos());
         upper_ends[BINS - 1] = -2.0;
-        let bin_of_interval = std::array::from_fn(|part| {
-            let top = 2.0 * (part + 1) as f64 / COSINE_INTERVALS as f64 - 1.0;
+        let bin_of_interval = std::array::from_fn(|interval| {
+            let top = 2.0 * (interval + 1) as f64 / COSINE_INTERVALS as f64 - 1.0;
             upper_ends.iter().filter(|&&end| top <= end).count() as u8
         });
         Self {
@@ -351,16 +358,16 @@ impl AngleBins {
         }
     }
 
-    /// The bin of an angle with that cosine: the number of ends that it has reached.
+    /// Returns the bin of an angle with the given cosine: the number of ends that it has reached.
     #[inline]
     fn bin_index(&self, cosine: f64) -> usize {
-        let part = ((cosine + 1.0) * (0.5 * COSINE_INTERVALS as f64)) as usize;
-        let bin = usize::from(self.bin_of_interval[part.min(COSINE_INTERVALS)]);
+        let interval = ((cosine + 1.0) * (0.5 * COSINE_INTERVALS as f64)) as usize;
+        let bin = usize::from(self.bin_of_interval[interval.min(COSINE_INTERVALS)]);
         bin + usize::from(cosine <= self.upper_ends[bin])
     }
 }
 
-/// Which end of a range is bad.
+/// Bad end of a range of values.
 #[derive(Clone, Copy)]
 enum BadEnd {
     Small,
@@ -378,25 +385,25 @@ impl Quantiles {
     }
 }
 
-/// Of each series of values these of all holders.
+/// Returns the quantiles of each series of values over all ranks. Collective.
 fn quantiles<const N: usize, H: LocalOrComm + ?Sized>(
     series: [impl Iterator<Item = f32> + Clone + Sync; N],
     bad: [BadEnd; N],
-    holders: &H,
+    comm: &H,
 ) -> Result<[Quantiles; N], H::Error> {
     let ranks = bad.map(|bad| {
         move |total: usize| {
             let last = total - 1;
-            let ranks = [0.0, 0.001, 0.01, 0.5].map(|share| (share * last as f64) as usize);
+            let ranks = [0.0, 0.001, 0.01, 0.5].map(|fraction| (fraction * last as f64) as usize);
             match bad {
                 BadEnd::Small => ranks,
                 BadEnd::Large => ranks.map(|rank| last - rank),
             }
         }
     });
-    let found = order_statistics(&series, &ranks, holders)?;
+    let values = order_statistics(&series, &ranks, comm)?;
     Ok(std::array::from_fn(|i| {
-        let [worst, permille, percent, median] = std::array::from_fn(|of| found[i][of]);
+        let [worst, permille, percent, median] = std::array::from_fn(|rank| values[i][rank]);
         Quantiles {
             worst,
             permille,
@@ -406,26 +413,26 @@ fn quantiles<const N: usize, H: LocalOrComm + ?Sized>(
     }))
 }
 
-/// The mean of a cell's corners.
+/// Returns the mean of the corners of a cell.
 pub(super) fn centroid<const D: usize>(mesh: &impl Simplices<D>, c: usize) -> Vec<f64> {
     let corners = mesh.cell(c);
     let sum = |k: usize| -> f64 { corners.iter().map(|&n| mesh.nodes()[n as usize][k]).sum() };
     (0..D).map(|k| sum(k) / corners.len() as f64).collect()
 }
 
-/// The few cells whose angles are farthest from 90 degrees, worst first, of all in the order of their numbers: each
-/// with its [`CellShape::worst_versine`].
+/// Returns the few cells whose angles are farthest from 90 degrees, worst first, each with its
+/// [`CellShape::worst_versine`]. `cells` must be in the order of cell numbers.
 fn worst_cells<T>(cells: impl IntoIterator<Item = (f32, T)>) -> Vec<(f32, T)> {
-    let mut found: Vec<(f32, T)> = Vec::with_capacity(MAX_LISTED_CELLS + 1);
-    for (worse, cell) in cells {
-        if found.len() == MAX_LISTED_CELLS && found.last().is_some_and(|last| worse >= last.0) {
+    let mut worst: Vec<(f32, T)> = Vec::with_capacity(MAX_LISTED_CELLS + 1);
+    for (versine, cell) in cells {
+        if worst.len() == MAX_LISTED_CELLS && worst.last().is_some_and(|last| versine >= last.0) {
             continue;
         }
-        let place = found.partition_point(|other| other.0 <= worse);
-        found.insert(place, (worse, cell));
-        found.truncate(MAX_LISTED_CELLS);
+        let index = worst.partition_point(|other| other.0 <= versine);
+        worst.insert(index, (versine, cell));
+        worst.truncate(MAX_LISTED_CELLS);
     }
-    found
+    worst
 }
 
 #[cfg(test)]

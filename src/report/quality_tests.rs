@@ -3,9 +3,9 @@ use crate::comm::SelfComm;
 use crate::mesh::boxes::kuhn_box;
 use crate::mesh::{TetMesh, TriMesh};
 
-fn points(values: impl Iterator<Item = f32> + Clone + Sync, bad: BadEnd) -> Quantiles {
-    let Ok([points]) = super::quantiles([values], [bad], &SelfComm);
-    points
+fn quantiles_of(values: impl Iterator<Item = f32> + Clone + Sync, bad: BadEnd) -> Quantiles {
+    let Ok([quantiles]) = super::quantiles([values], [bad], &SelfComm);
+    quantiles
 }
 
 #[test]
@@ -16,19 +16,19 @@ fn the_regular_tetrahedron() {
         [1.0, -1.0, -1.0],
         [-1.0, -1.0, 1.0],
     ];
-    let found = quality(&TetMesh {
+    let result = quality(&TetMesh {
         nodes,
         tets: vec![[0, 1, 2, 3]],
     });
     let regular = (1f64 / 3.0).acos().to_degrees();
     assert!((regular - 70.53).abs() < 0.01);
-    assert!((found.smallest_angle.worst - regular).abs() < 1e-5);
-    assert!((found.largest_angle.median - regular).abs() < 1e-5);
-    assert_eq!(found.histogram.iter().sum::<u64>(), 6);
-    assert_eq!(found.histogram[7], 6);
-    assert!((found.mean_ratio.worst - 1.0).abs() < 1e-6);
-    assert!((found.radius_edge.worst - 0.6124).abs() < 1e-4);
-    assert!((found.volume - 8.0 / 3.0).abs() < 1e-12);
+    assert!((result.smallest_angle.worst - regular).abs() < 1e-5);
+    assert!((result.largest_angle.median - regular).abs() < 1e-5);
+    assert_eq!(result.histogram.iter().sum::<u64>(), 6);
+    assert_eq!(result.histogram[7], 6);
+    assert!((result.mean_ratio.worst - 1.0).abs() < 1e-6);
+    assert!((result.radius_edge.worst - 0.6124).abs() < 1e-4);
+    assert!((result.volume - 8.0 / 3.0).abs() < 1e-12);
 }
 
 #[test]
@@ -38,22 +38,22 @@ fn the_equilateral_triangle_and_half_a_square() {
         nodes,
         triangles: vec![[0, 1, 2]],
     };
-    let found = quality(&mesh);
-    assert_eq!((found.cells, &*found.kind), (1, "triangles"));
-    assert!((found.smallest_angle.worst - 60.0).abs() < 1e-5);
-    assert_eq!(found.histogram[5] + found.histogram[6], 3);
-    assert!((found.mean_ratio_mean - 1.0).abs() < 1e-12);
-    assert!((found.volume - 3f64.sqrt()).abs() < 1e-12);
+    let result = quality(&mesh);
+    assert_eq!((result.cells, &*result.kind), (1, "triangles"));
+    assert!((result.smallest_angle.worst - 60.0).abs() < 1e-5);
+    assert_eq!(result.histogram[5] + result.histogram[6], 3);
+    assert!((result.mean_ratio_mean - 1.0).abs() < 1e-12);
+    assert!((result.volume - 3f64.sqrt()).abs() < 1e-12);
     mesh.nodes[2] = [0.0, 2.0];
-    let found = quality(&mesh);
-    assert!((found.smallest_angle.worst - 45.0).abs() < 1e-5);
-    assert!((found.mean_ratio.worst - 0.75f64.sqrt()).abs() < 1e-6);
-    assert_eq!(found.worst[0].centroid, [2.0 / 3.0; 2]);
-    // 10, 10 and 160 degrees.
+    let result = quality(&mesh);
+    assert!((result.smallest_angle.worst - 45.0).abs() < 1e-5);
+    assert!((result.mean_ratio.worst - 0.75f64.sqrt()).abs() < 1e-6);
+    assert_eq!(result.worst[0].centroid, [2.0 / 3.0; 2]);
+    // The angles are 10, 10 and 160 degrees.
     mesh.nodes[2] = [1.0, 10f64.to_radians().tan()];
-    let found = quality(&mesh);
+    let result = quality(&mesh);
     assert_eq!(
-        (found.below_20, found.above_120, found.above_150),
+        (result.below_20, result.above_120, result.above_150),
         (1, 1, 1)
     );
 }
@@ -61,26 +61,26 @@ fn the_equilateral_triangle_and_half_a_square() {
 #[test]
 fn a_box_of_cut_cubes() {
     let mesh = kuhn_box([5, 4, 3], 2.0);
-    let found = quality(&mesh);
-    assert_eq!((found.nodes, found.cells), (6 * 5 * 4, 6 * 60));
+    let result = quality(&mesh);
+    assert_eq!((result.nodes, result.cells), (6 * 5 * 4, 6 * 60));
     // Kuhn's tetrahedron has the angles 45 (twice), 60 and 90 (three times).
-    assert!((found.smallest_angle.worst - 45.0).abs() < 1e-5);
-    assert!((found.largest_angle.worst - 90.0).abs() < 1e-5);
+    assert!((result.smallest_angle.worst - 45.0).abs() < 1e-5);
+    assert!((result.largest_angle.worst - 90.0).abs() < 1e-5);
     assert_eq!(
-        found.histogram[4] + found.histogram[6] + found.histogram[5],
+        result.histogram[4] + result.histogram[6] + result.histogram[5],
         360 * 3
     );
-    assert_eq!(found.histogram[8] + found.histogram[9], 360 * 3);
-    assert!((found.volume - 480.0).abs() < 1e-9);
-    assert!((found.smallest_volume - 8.0 / 6.0).abs() < 1e-12);
+    assert_eq!(result.histogram[8] + result.histogram[9], 360 * 3);
+    assert!((result.volume - 480.0).abs() < 1e-9);
+    assert!((result.smallest_volume - 8.0 / 6.0).abs() < 1e-12);
     let counts = (
-        found.below_20,
-        found.below_30,
-        found.above_150,
-        found.above_160,
+        result.below_20,
+        result.below_30,
+        result.above_150,
+        result.above_160,
     );
     assert_eq!(counts, (0, 0, 0, 0));
-    assert_eq!(found.worst.len(), 10);
+    assert_eq!(result.worst.len(), 10);
 }
 
 #[test]
@@ -88,21 +88,21 @@ fn flat_tetrahedra_are_counted_listed_and_do_not_break_the_figures() {
     let mut mesh = kuhn_box([4, 4, 4], 1.0);
     let t = 100;
     let [a, b, c, _] = mesh.corners(t);
-    // Almost in the middle of its own face: angles near 0 and 180.
+    // The node is nearly in the middle of the opposite face: angles near 0 and 180.
     let middle: [f64; 3] = std::array::from_fn(|k| (a[k] + b[k] + c[k]) / 3.0 + 1e-3);
     mesh.nodes.push(middle);
     mesh.tets[t][3] = mesh.nodes.len() as u32 - 1;
-    // And one without any volume or area.
+    // A tetrahedron without volume and area.
     mesh.tets.push([0, 0, 1, 1]);
-    let found = quality(&mesh);
-    assert_eq!(found.worst.len(), 10);
-    let listed: Vec<usize> = found.worst.iter().map(|w| w.cell).collect();
+    let result = quality(&mesh);
+    assert_eq!(result.worst.len(), 10);
+    let listed: Vec<usize> = result.worst.iter().map(|w| w.cell).collect();
     assert!(listed[..2].contains(&t) && listed[..2].contains(&(mesh.tets.len() - 1)));
-    assert_eq!((found.below_20, found.above_160), (2, 1));
-    assert_eq!(found.smallest_angle.worst, 0.0);
-    assert_eq!(found.mean_ratio.worst, 0.0);
+    assert_eq!((result.below_20, result.above_160), (2, 1));
+    assert_eq!(result.smallest_angle.worst, 0.0);
+    assert_eq!(result.mean_ratio.worst, 0.0);
     assert_eq!(
-        found.histogram.iter().sum::<u64>(),
+        result.histogram.iter().sum::<u64>(),
         6 * mesh.tets.len() as u64
     );
 
@@ -126,12 +126,12 @@ fn bins_are_those_of_the_angles() {
 #[test]
 fn points_are_the_ranks_of_the_sorted_values() {
     let values: Vec<f32> = (0..1001).map(|i| ((i * 617) % 1001) as f32).collect();
-    let low = points(values.iter().copied(), BadEnd::Small);
+    let low = quantiles_of(values.iter().copied(), BadEnd::Small);
     assert_eq!(
         (low.worst, low.permille, low.percent, low.median),
         (0.0, 1.0, 10.0, 500.0)
     );
-    let high = points(values.iter().copied(), BadEnd::Large);
-    let found = (high.worst, high.permille, high.percent, high.median);
-    assert_eq!(found, (1000.0, 999.0, 990.0, 500.0));
+    let high = quantiles_of(values.iter().copied(), BadEnd::Large);
+    let high_values = (high.worst, high.permille, high.percent, high.median);
+    assert_eq!(high_values, (1000.0, 999.0, 990.0, 500.0));
 }

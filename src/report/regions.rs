@@ -1,38 +1,39 @@
-//! What became of the labels of an image.
+//! Reports the regions that the labels of an image become.
 
 use crate::image::LabelValue;
 use serde::Serialize;
 
-/// The regions of a mesh.
+/// Regions of a mesh.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RegionSummary {
-    /// One for each label, in ascending order.
+    /// Region of each label, in ascending order of labels.
     pub regions: Vec<RegionReport>,
-    /// Pairs of labels that touch in the mesh and nowhere in the image, the largest contact first.
+    /// Pairs of labels that touch in the mesh but nowhere in the image, the largest contact first.
     pub holes: Vec<Hole>,
-    /// Connected parts of labels that the mesh does not have, by label.
+    /// Connected parts of labels that are not in the mesh, by label.
     pub lost: Vec<LostParts>,
-    /// Connected parts of labels of which much is missing, by label.
+    /// Connected parts of labels that are largely missing in the mesh, by label.
     pub damaged: Vec<LostParts>,
 }
 
-/// Two labels that touch in the mesh although something lies between them in the image, which so has holes.
+/// Pair of labels that touch in the mesh although something lies between them in the image. So the
+/// thing between them has holes in the mesh.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Hole {
     /// The two labels.
     pub labels: [LabelValue; 2],
-    /// The area over which they touch, in square samples (in the plane the length, in samples).
+    /// Area of the contact, in square samples (in 2-D length, in samples).
     pub area: f64,
 }
 
-/// A region of the mesh.
+/// Region of a mesh.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RegionReport {
-    /// The value that its samples have.
+    /// Value of its samples.
     pub label: LabelValue,
-    /// The value that its cells have.
+    /// Value of its cells.
     pub region: i32,
-    /// What it is called.
+    /// Name of the label.
     pub name: Option<String>,
     /// Number of connected parts in the image.
     pub parts: usize,
@@ -40,69 +41,74 @@ pub struct RegionReport {
     pub samples: usize,
     /// Number of cells.
     pub cells: usize,
-    /// Volume (area in 2-D) of its cells, in the image's units.
+    /// Volume (in 2-D area) of its cells, in the units of the image.
     pub volume: f64,
-    /// Volume of its samples, as far as they lie in the box through the outermost samples.
+    /// Volume of its samples inside the box through the outermost samples.
     pub sample_volume: f64,
-    /// By how much the volume is off that of the samples, in percent.
+    /// Difference of the volume from that of the samples, in percent.
     pub volume_error_percent: f64,
-    /// The distance between atoms, in samples, that suits its thickness; `None` if it has that already.
+    /// Distance between atoms, in samples, that suits its thickness. `None` if atoms are close
+    /// enough already.
     pub distance: Option<f64>,
 }
 
-/// The share of the largest part's volume that is missing where it is damaged.
+/// Fraction of the volume of a part that is missing if the part counts as damaged.
 pub const MIN_MISSING_SHARE: f64 = 0.25;
 
-/// Parts of a label that the mesh does not have.
+/// Parts of a label that are not in the mesh, or largely missing.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LostParts {
-    /// The label.
+    /// Label.
     pub label: LabelValue,
-    /// What it is called.
+    /// Name of the label.
     pub name: Option<String>,
-    /// How many parts.
+    /// Number of parts.
     pub parts: usize,
-    /// Whether that is all of the label.
+    /// `true` if these are all parts of the label.
     pub is_whole_label: bool,
-    /// Their samples.
+    /// Number of samples of these parts.
     pub samples: usize,
-    /// The samples of the largest.
+    /// Number of samples of the largest part.
     pub largest_samples: usize,
-    /// Where its first sample is, in the image's coordinates.
+    /// Position of the first sample of the largest part, in the coordinates of the image.
     pub first_sample: Vec<f64>,
-    /// The distance between atoms, in samples, that would keep it; `None` if it has that already.
+    /// Distance between atoms, in samples, that would keep the largest part. `None` if no distance
+    /// would.
     pub distance: Option<f64>,
 }
 
 impl LostParts {
-    /// The option that would keep the largest, if one would.
+    /// Returns the option that would keep the largest part, if there is one.
     pub fn remedy(&self) -> Option<String> {
         distance_option(self.label, self.distance)
     }
 
-    /// What to say of parts that are lost.
+    /// Returns the message about lost parts.
     pub fn message(&self) -> String {
         self.message_with_fate("LOST")
     }
 
-    fn message_with_fate(&self, what_became: &str) -> String {
+    fn message_with_fate(&self, fate: &str) -> String {
         let name = self
             .name
             .as_ref()
             .map_or(String::new(), |name| format!(" ({name})"));
-        let at: Vec<String> = self
+        let coordinates: Vec<String> = self
             .first_sample
             .iter()
             .map(|x| format!("{x:.4}"))
             .collect();
-        let at = at
+        let coordinates = coordinates
             .iter()
             .map(|x| x.trim_end_matches('0').trim_end_matches('.'));
-        let at = at.collect::<Vec<_>>().join(", ");
-        let what = match self.parts {
-            1 => format!("a part of {} samples at ({at})", self.largest_samples),
+        let coordinates = coordinates.collect::<Vec<_>>().join(", ");
+        let description = match self.parts {
+            1 => format!(
+                "a part of {} samples at ({coordinates})",
+                self.largest_samples
+            ),
             parts => format!(
-                "{parts} parts of {} samples, the largest of {} at ({at})",
+                "{parts} parts of {} samples, the largest of {} at ({coordinates})",
                 self.samples, self.largest_samples
             ),
         };
@@ -111,25 +117,25 @@ impl LostParts {
             None => RESAMPLING_ADVICE.to_string(),
         };
         format!(
-            "{what_became} of label {}{name}: {what}; {remedy}",
+            "{fate} of label {}{name}: {description}; {remedy}",
             self.label
         )
     }
 }
 
-/// What helps where atoms cannot be nearer together.
-pub const RESAMPLING_ADVICE: &str = "an image of twice as many samples along each axis keeps it";
+/// Advice if a smaller distance between atoms does not help.
+pub const RESAMPLING_ADVICE: &str = "an image with twice as many samples along each axis keeps it";
 
-/// The option that gives a label a distance.
+/// Returns the option that sets the distance of a label.
 pub fn distance_option(label: LabelValue, distance: Option<f64>) -> Option<String> {
     Some(format!("--label {label}:distance={}", distance?))
 }
 
-/// How many regions are shown.
+/// Maximum number of regions that are shown.
 const MAX_SHOWN_REGIONS: usize = 40;
 
 impl RegionSummary {
-    /// The lines of the table.
+    /// Returns the lines of the table.
     pub(super) fn lines(&self) -> Vec<String> {
         let mut lines = vec![format!(
             "{:>8} {:>9} {:>14} {:>14} {:>8}  name",
@@ -172,7 +178,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_lost_is_named_with_its_size_and_what_keeps_it() {
+    fn lost_parts_are_reported_with_size_and_remedy() {
         let lost = LostParts {
             label: LabelValue::Whole(13),
             name: Some("cyst".into()),

@@ -1,19 +1,19 @@
-//! A report on one screen.
+//! Formats a report for one screen.
 
 use super::quality::{Quality, Quantiles};
 use super::{Angles, FaceMatch, Fidelity, Report, TracedLattice, Verdict, Voronoi};
 use crate::improve::SealReport;
 
-/// Characters beside the heading of a line of prose.
+/// Maximum width of a line of prose, in characters, beside its heading.
 const PROSE_WIDTH: usize = 88;
-/// How many groups of blocked tetrahedra are shown.
+/// Maximum number of groups of blocked tetrahedra that are shown.
 const MAX_SHOWN_GROUPS: usize = 4;
-/// How many lattices of a trace are shown, about evenly chosen from the first to the last.
+/// Maximum number of lattices of a trace that are shown, evenly chosen from the first to the last.
 const MAX_SHOWN_LATTICES: usize = 10;
 
 impl Report {
-    /// The report as a table of plain lines, about 80 columns wide; sections without figures are
-    /// left out.
+    /// Returns the report as a table of plain lines, about 80 columns wide. Sections without
+    /// measures are omitted.
     pub fn table(&self) -> String {
         let mut lines = Vec::new();
         let mut line = |name: &str, text: String| lines.push(format!("{name:<12}{text}"));
@@ -97,16 +97,19 @@ impl Report {
             }
         }
         for outcome in &self.outcomes {
-            let out = outcome.dropped;
+            let dropped = outcome.dropped;
             let parts = [
-                (out.near_another_surface, "too near another sheet"),
-                (out.in_small_pieces, "in small pieces"),
-                (out.in_narrow_parts, "in narrow parts"),
-                (out.weak, "weak"),
+                (dropped.near_another_surface, "too near another surface"),
+                (dropped.in_small_pieces, "in small pieces"),
+                (dropped.in_narrow_parts, "in narrow parts"),
+                (dropped.weak, "weak"),
             ];
-            let said = parts.map(|(count, why)| format!("{} {why}", group_digits(count)));
+            let reasons = parts.map(|(count, why)| format!("{} {why}", group_digits(count)));
             let kind = outcome.kind;
-            line("left out", format!("points of {kind}: {}", said.join(", ")));
+            line(
+                "dropped",
+                format!("points of {kind}: {}", reasons.join(", ")),
+            );
         }
         if let Some(fidelity) = &self.fidelity {
             add_matches(&mut line, fidelity);
@@ -142,20 +145,20 @@ impl Report {
             let SealReport {
                 faces,
                 area,
-                compartments: rooms,
+                compartments,
                 ..
             } = improvement.sealed;
             line(
-                "rooms",
+                "sealing",
                 format!(
-                    "{} between the faces on features, of which {} (area {area:.0}) close holes",
-                    group_digits(rooms),
+                    "{} compartments between the faces on features; {} faces (area {area:.0}) close holes",
+                    group_digits(compartments),
                     group_digits(faces)
                 ),
             );
         }
-        if let Some(rival) = &self.baseline {
-            line("", rival.to_string());
+        if let Some(baseline) = &self.baseline {
+            line("", baseline.to_string());
         }
         self.add_costs(&mut line);
         for note in &self.notes {
@@ -192,7 +195,7 @@ impl Report {
         let seconds: f64 = self.stages.iter().map(|s| s.seconds).sum();
         let cpu: f64 = self.stages.iter().map(|s| s.cpu_seconds).sum();
         let peak = self.stages.iter().map(|s| s.peak_mb).fold(0.0, f64::max);
-        line("", row(&"all", seconds, cpu, peak));
+        line("", row(&"total", seconds, cpu, peak));
         if let (Some(quality), true) = (&self.quality, seconds > 0.0 && cpu > 0.0) {
             let rate = |count: usize, time: f64| group_digits((count as f64 / time) as usize);
             line(
@@ -210,7 +213,7 @@ impl Report {
     }
 }
 
-/// Lattices on their way, as Fernandes & Gattass (2009) show them in their table 3.
+/// Adds the traced lattices, in the form of table 3 of Fernandes & Gattass (2009).
 fn add_trace(line: &mut impl FnMut(&str, String), trace: &[TracedLattice]) {
     let Some(last) = trace.len().checked_sub(1) else {
         return;
@@ -286,11 +289,11 @@ fn add_cells(line: &mut impl FnMut(&str, String), voronoi: &Voronoi) {
         ),
     );
     let angle = |[worst, mean]: [f64; 2]| format!("worst {worst:.1e}, mean {mean:.1e}");
-    let mut off = format!("off their connections (degrees): {}", angle(voronoi.angle));
+    let mut angles = format!("off their connections (degrees): {}", angle(voronoi.angle));
     if let Some(physical) = voronoi.angle_physical {
-        off += &format!("; in physical space {}", angle(physical));
+        angles += &format!("; in physical space {}", angle(physical));
     }
-    line("", off);
+    line("", angles);
 }
 
 fn add_shapes(line: &mut impl FnMut(&str, String), space: &str, quality: &Quality) {
@@ -307,8 +310,8 @@ fn add_shapes(line: &mut impl FnMut(&str, String), space: &str, quality: &Qualit
             "worst", "0.1 %", "1 %", "50 %"
         ),
     );
-    let flat = quality.kind == "triangles";
-    let angle = if flat { "angle" } else { "dihedral angle" };
+    let is_planar = quality.kind == "triangles";
+    let angle = if is_planar { "angle" } else { "dihedral angle" };
     for (end, points) in [
         ("smallest", &quality.smallest_angle),
         ("largest", &quality.largest_angle),
@@ -332,7 +335,7 @@ fn add_shapes(line: &mut impl FnMut(&str, String), space: &str, quality: &Qualit
         group_digits(quality.below_20),
         group_digits(quality.below_30)
     );
-    if flat {
+    if is_planar {
         counts += &format!(", above 120: {}", group_digits(quality.above_120));
     }
     counts += &format!(
@@ -350,11 +353,12 @@ fn add_shapes(line: &mut impl FnMut(&str, String), space: &str, quality: &Qualit
     );
 }
 
-/// What bad angles are due to.
+/// Adds the causes of bad angles.
 fn add_angles(line: &mut impl FnMut(&str, String), angles: &Angles) {
-    let [ok, near, rest] =
+    let [ok, near_line, unexplained] =
         [angles.ok, angles.near_acute_line, angles.unexplained].map(group_digits);
-    let mut counts = format!("in [30, 150]: {ok}, near an acute line: {near}, unexplained: {rest}");
+    let mut counts =
+        format!("in [30, 150]: {ok}, near an acute line: {near_line}, unexplained: {unexplained}");
     if let Some(worst) = &angles.worst_unexplained {
         counts += &format!(" ({:.1} to {:.1})", worst.smallest, worst.largest);
     }
@@ -364,16 +368,17 @@ fn add_angles(line: &mut impl FnMut(&str, String), angles: &Angles) {
         return;
     }
     let length: f64 = lines.iter().map(|line| line.length).sum();
-    let least = lines.iter().map(|line| line.min_angle);
-    let least = least.fold(f64::INFINITY, f64::min);
-    let text = match length > 0.0 {
-        true => format!(
+    let min_angles = lines.iter().map(|line| line.min_angle);
+    let min_angle = min_angles.fold(f64::INFINITY, f64::min);
+    let text = if length > 0.0 {
+        format!(
             "acute lines: {}, {length:.0} long in all",
             group_digits(lines.len())
-        ),
-        false => format!("acute corners: {}", group_digits(lines.len())),
+        )
+    } else {
+        format!("acute corners: {}", group_digits(lines.len()))
     };
-    line("", format!("{text}; least angle {least:.1}"));
+    line("", format!("{text}; smallest angle {min_angle:.1}"));
 }
 
 fn add_matches(line: &mut impl FnMut(&str, String), fidelity: &Fidelity) {
@@ -410,9 +415,9 @@ fn add_matches(line: &mut impl FnMut(&str, String), fidelity: &Fidelity) {
             ),
         );
     };
-    row("on it", &fidelity.on_feature);
-    if let Some(claimed) = &fidelity.tagged_faces {
-        row("claimed", claimed);
+    row("coincident", &fidelity.on_feature);
+    if let Some(tagged) = &fidelity.tagged_faces {
+        row("tagged", tagged);
     }
 }
 
@@ -448,7 +453,7 @@ fn wrap_text(text: &str) -> Vec<String> {
     lines
 }
 
-/// 1234567 as 1,234,567.
+/// Formats a number with commas: 1234567 as 1,234,567.
 pub(super) fn group_digits(count: usize) -> String {
     let digits = count.to_string();
     let mut text = String::new();
@@ -461,12 +466,13 @@ pub(super) fn group_digits(count: usize) -> String {
     text
 }
 
-/// A bar for each bin, as high as its share of the largest; a bin that holds anything shows.
+/// Returns a bar for each bin, with a height relative to the largest bin. Every non-empty bin is
+/// visible.
 fn bar_chart(bins: &[u64]) -> String {
     const BARS: [char; 9] = [' ', '▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
-    let most = bins.iter().copied().max().unwrap_or(0).max(1);
+    let max = bins.iter().copied().max().unwrap_or(0).max(1);
     bins.iter()
-        .map(|&n| BARS[(n * 8).div_ceil(most) as usize])
+        .map(|&n| BARS[(n * 8).div_ceil(max) as usize])
         .collect()
 }
 
@@ -489,7 +495,7 @@ mod tests {
         )
         .unwrap()
         .truth;
-        let claimed = vec![0u8; mesh.tets.len()];
+        let tags = vec![0u8; mesh.tets.len()];
         let blocked = improve::BlockedCell {
             centroid: [1.0; 3],
             min_angle: 12.0,
@@ -498,7 +504,7 @@ mod tests {
             nodes_on_features: 3,
             nodes_on_crossings: 0,
         };
-        let other = improve::BlockedCell {
+        let on_sides = improve::BlockedCell {
             nodes_on_sides: 4,
             ..blocked.clone()
         };
@@ -507,7 +513,7 @@ mod tests {
             below_target_after: 3,
             counts: improve::OperationCounts::default(),
             blocked: vec![
-                other,
+                on_sides,
                 blocked.clone(),
                 improve::BlockedCell {
                     min_angle: 9.0,
@@ -515,8 +521,8 @@ mod tests {
                 },
             ],
         };
-        let mut found = measure_lattice(&mesh, |_| 2.0);
-        found.optimisation = Some(Optimisation {
+        let mut lattice = measure_lattice(&mesh, |_| 2.0);
+        lattice.optimisation = Some(Optimisation {
             energy_lattice: -0.3,
             energy_image: -0.1,
             energy: -0.2,
@@ -547,12 +553,10 @@ mod tests {
                     peak_mb: 80.0,
                 },
             ],
-            lattice: Some(found),
+            lattice: Some(lattice),
             quality: Some(quality(&mesh)),
             quality_physical: Some(quality(&mesh)),
-            fidelity: Some(
-                fidelity(&mesh, &Reference::from_truth(&truth), Some(&claimed)).unwrap(),
-            ),
+            fidelity: Some(fidelity(&mesh, &Reference::from_truth(&truth), Some(&tags)).unwrap()),
             box_check: Some(check(&mesh, [0.0; 3], [16.0; 3], 1e-9)),
             improvement: Some(Improvement::from(&outcome)),
             notes: vec!["threshold 0.4 from the image".into()],
@@ -580,7 +584,7 @@ mod tests {
             text.contains("2 with 1 nodes on sides, 3 on features"),
             "{text}"
         );
-        // 1.5 s in all: 486 atoms a second, and the largest peak.
+        // 1.5 s in total: 486 atoms per second, and the largest peak.
         assert!(
             text.contains("486 atoms/s") && text.contains("90"),
             "{text}"
@@ -594,8 +598,8 @@ mod tests {
         assert_eq!(json["quality"]["cells"], 3072);
         assert_eq!(json["parameters"]["seed"], 1);
         assert_eq!(json["box"]["problems"].as_array().unwrap().len(), 0);
-        assert_eq!(json["fidelity"]["claimed"]["faces"], 0);
-        assert!(json["fidelity"]["claimed"]["precision"].is_null());
+        assert_eq!(json["fidelity"]["tagged_faces"]["faces"], 0);
+        assert!(json["fidelity"]["tagged_faces"]["precision"].is_null());
         assert_eq!(json["improvement"]["blockers"][0]["smallest"], 9.0);
         assert_eq!(json["stages"][0]["seconds"], 1.0);
         assert_eq!(json["version"], env!("CARGO_PKG_VERSION"));

@@ -1,23 +1,23 @@
-//! How far things are from others, where several have some each: shares, largest, and up to where a share of them is.
-//! Counts and areas are whole numbers, so that it makes no difference who has what.
+//! Statistics of distances that are distributed over ranks: fractions within a distance, maxima and
+//! quantiles. Counts and areas are integers, so that results do not depend on the distribution.
 
 use crate::comm::LocalOrComm;
 use crate::parallel::prelude::*;
 
-/// Areas are counted in these parts of a square sample.
+/// Number of units in which a square sample of area is counted.
 const PARTS_PER_AREA: f64 = (1u64 << 24) as f64;
 
-/// Distances, none negative, each with a weight.
+/// Non-negative distances, each with a weight.
 #[derive(Debug, Default)]
 pub(super) struct WeightedDistances {
-    /// Rising.
+    /// Distances, ascending.
     sorted: Vec<f64>,
-    /// The weights up to each; none where all weigh one.
+    /// Cumulative weights. Empty if all weights are one.
     cumulative_weights: Vec<u64>,
 }
 
 impl WeightedDistances {
-    /// Of as many things.
+    /// Creates distances with weight one.
     pub fn from_distances(mut distances: Vec<f64>) -> Self {
         distances.par_sort_unstable_by(f64::total_cmp);
         Self {
@@ -26,21 +26,25 @@ impl WeightedDistances {
         }
     }
 
-    /// Of things with areas.
-    pub fn from_weighted(mut all: Vec<(f64, f64)>) -> Self {
-        all.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    /// Creates distances with areas as weights.
+    pub fn from_weighted(mut samples: Vec<(f64, f64)>) -> Self {
+        samples.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
         let mut sum = 0;
-        let weigh = |area: f64| {
+        let cumulative_weight = |area: f64| {
             sum += (area * PARTS_PER_AREA).round() as u64;
             sum
         };
         Self {
-            cumulative_weights: all.iter().map(|(_, area)| *area).map(weigh).collect(),
-            sorted: all.into_iter().map(|(distance, _)| distance).collect(),
+            cumulative_weights: samples
+                .iter()
+                .map(|(_, area)| *area)
+                .map(cumulative_weight)
+                .collect(),
+            sorted: samples.into_iter().map(|(distance, _)| distance).collect(),
         }
     }
 
-    /// The weight of the first.
+    /// Returns the weight of the first `count` distances.
     fn prefix_weight(&self, count: usize) -> u64 {
         match count.checked_sub(1) {
             Some(last) => *self.cumulative_weights.get(last).unwrap_or(&(count as u64)),
@@ -48,106 +52,108 @@ impl WeightedDistances {
         }
     }
 
-    /// The weight of all.
+    /// Returns the total weight.
     fn total_weight(&self) -> u64 {
         self.prefix_weight(self.sorted.len())
     }
 
-    /// The weight of those up to a distance.
+    /// Returns the weight of the distances up to `distance`.
     fn weight_within(&self, distance: f64) -> u64 {
         self.prefix_weight(self.sorted.partition_point(|&d| d <= distance))
     }
 
-    /// The weight of those that come before one whose bits are these: distances are in the order of their bits.
+    /// Returns the weight of the distances whose bits are less than `bits`. Non-negative numbers
+    /// are in the order of their bits.
     fn weight_before(&self, bits: u64) -> u64 {
         self.prefix_weight(self.sorted.partition_point(|&d| d.to_bits() < bits))
     }
 }
 
-/// What all holders have of some distances together.
+/// Summary of the distances on all ranks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct DistanceShares<const N: usize> {
-    /// How many there are.
+    /// Number of distances.
     pub count: u64,
-    /// Their weight, and that of those up to each of the distances that were asked for.
+    /// Total weight, and weight of the distances up to each of the limits.
     pub total_weight: u64,
     pub weights_within: [u64; N],
-    /// The largest, if there is any.
+    /// Maximum, if there are any distances.
     pub largest: Option<f64>,
 }
 
 impl<const N: usize> DistanceShares<N> {
-    /// The share of the weight that is up to one of the distances; NaN if there is none.
+    /// Returns the fraction of the weight within limit `i`; NaN if there is no weight.
     pub fn share(&self, i: usize) -> f64 {
         self.weights_within[i] as f64 / self.total_weight as f64
     }
 
-    /// The weight as an area.
+    /// Returns the total weight as an area.
     pub fn area(&self) -> f64 {
         self.total_weight as f64 / PARTS_PER_AREA
     }
 }
 
-/// For each of some distances what all holders have together; `up_to` is what the weight is asked for.
+/// Returns for each of the given lists the summary over all ranks, with the weight within each of
+/// the `limits`. Collective.
 ///
 /// # Errors
-/// Those of the other holders.
+/// Returns the communication errors of `comm`.
 pub(super) fn summaries<const M: usize, const N: usize, H: LocalOrComm + ?Sized>(
-    own: [&WeightedDistances; M],
-    up_to: [f64; N],
-    holders: &H,
+    local: [&WeightedDistances; M],
+    limits: [f64; N],
+    comm: &H,
 ) -> Result<[DistanceShares<N>; M], H::Error> {
-    let of = |own: &WeightedDistances| {
-        let figures = [own.sorted.len() as u64, own.total_weight()];
-        let within = up_to.map(|distance| own.weight_within(distance));
-        (figures, (within, own.sorted.last().copied()))
+    let summarize = |distances: &WeightedDistances| {
+        let figures = [distances.sorted.len() as u64, distances.total_weight()];
+        let within = limits.map(|distance| distances.weight_within(distance));
+        (figures, (within, distances.sorted.last().copied()))
     };
-    let told = holders.try_all_gather("distances", own.map(of))?;
-    let of_all = |i: usize| {
-        let mut all = DistanceShares {
+    let gathered = comm.try_all_gather("distances", local.map(summarize))?;
+    let combine = |i: usize| {
+        let mut shares = DistanceShares {
             count: 0,
             total_weight: 0,
             weights_within: [0; N],
             largest: None,
         };
-        for ([count, weight], (within, largest)) in told.iter().map(|told| told[i]) {
-            all.count += count;
-            all.total_weight += weight;
-            all.weights_within = std::array::from_fn(|k| all.weights_within[k] + within[k]);
-            all.largest = all
+        for ([count, weight], (within, largest)) in gathered.iter().map(|of_rank| of_rank[i]) {
+            shares.count += count;
+            shares.total_weight += weight;
+            shares.weights_within = std::array::from_fn(|k| shares.weights_within[k] + within[k]);
+            shares.largest = shares
                 .largest
                 .into_iter()
                 .chain(largest)
                 .max_by(f64::total_cmp);
         }
-        all
+        shares
     };
-    Ok(std::array::from_fn(of_all))
+    Ok(std::array::from_fn(combine))
 }
 
-/// For each of some distances the least up to which all holders' have so much weight together, which is more than none
-/// and at most all.
+/// Returns for each of the given lists the smallest distance up to which all ranks together have
+/// the weight `weights[i]`, which is at least 1 and at most the total weight. Collective.
 ///
 /// # Errors
-/// Those of the other holders.
+/// Returns the communication errors of `comm`.
 pub(super) fn quantiles<const M: usize, H: LocalOrComm + ?Sized>(
-    own: [&WeightedDistances; M],
+    local: [&WeightedDistances; M],
     weights: [u64; M],
-    holders: &H,
+    comm: &H,
 ) -> Result<[f64; M], H::Error> {
-    // Bit by bit: the largest before which there is less.
-    let mut found = [0u64; M];
+    // The result is found bit by bit: it is the largest value before which there is less weight.
+    let mut bits = [0u64; M];
     for bit in (0..63).rev() {
-        let tried = found.map(|found| found | 1 << bit);
-        let before: [u64; M] = std::array::from_fn(|i| own[i].weight_before(tried[i]));
-        let told = holders.try_all_gather("distances before one", before)?;
+        let candidates = bits.map(|bits| bits | 1 << bit);
+        let before: [u64; M] = std::array::from_fn(|i| local[i].weight_before(candidates[i]));
+        let gathered = comm.try_all_gather("distances before one", before)?;
         for i in 0..M {
-            if told.iter().map(|before| before[i]).sum::<u64>() < weights[i] {
-                found[i] = tried[i];
+            if gathered.iter().map(|before| before[i]).sum::<u64>() < weights[i] {
+                bits[i] = candidates[i];
             }
         }
     }
-    Ok(found.map(f64::from_bits))
+    Ok(bits.map(f64::from_bits))
 }
 
 #[cfg(test)]
@@ -157,68 +163,81 @@ mod tests {
     use crate::geometry::random::Random;
 
     #[test]
-    fn several_have_the_figures_of_one() {
+    fn figures_do_not_depend_on_the_number_of_ranks() {
         let mut random = Random::new(3);
-        let mut some = |count: usize| -> Vec<(f64, f64)> {
-            let mut one = || {
-                let far = random.range(0.0, 3.0);
-                let far = match far {
+        let mut random_samples = |count: usize| -> Vec<(f64, f64)> {
+            let mut draw = || {
+                let distance = random.range(0.0, 3.0);
+                let distance = match distance {
                     2.9.. => f64::INFINITY,
                     ..0.3 => 0.0,
-                    _ => (8.0 * far).round() / 8.0,
+                    _ => (8.0 * distance).round() / 8.0,
                 };
-                (far, random.range(0.0, 2.0))
+                (distance, random.range(0.0, 2.0))
             };
-            (0..count).map(|_| one()).collect()
+            (0..count).map(|_| draw()).collect()
         };
         for count in [1, 5, 300] {
-            let all = some(count);
+            let samples = random_samples(count);
             let distances =
-                |of: &[(f64, f64)]| -> Vec<f64> { of.iter().map(|one| one.0).collect() };
-            let counted = WeightedDistances::from_distances(distances(&all));
-            let weighted = WeightedDistances::from_weighted(all.clone());
-            let both = [&counted, &weighted];
-            let Ok(found) = summaries(both, [0.5, 1.0], &SelfComm);
-            let within = |far: f64| all.iter().filter(move |one| one.0 <= far);
-            assert_eq!(found[0].share(0), within(0.5).count() as f64 / count as f64);
-            let area = |far: f64| within(far).map(|one| one.1).sum::<f64>();
-            let whole = area(f64::INFINITY);
-            assert!((found[1].area() - whole).abs() < 1e-7 * whole.max(1.0));
-            assert!((found[1].share(1) - area(1.0) / whole).abs() < 1e-7);
-            let mut sorted = distances(&all);
+                |samples: &[(f64, f64)]| -> Vec<f64> { samples.iter().map(|one| one.0).collect() };
+            let counted = WeightedDistances::from_distances(distances(&samples));
+            let weighted = WeightedDistances::from_weighted(samples.clone());
+            let series = [&counted, &weighted];
+            let Ok(expected) = summaries(series, [0.5, 1.0], &SelfComm);
+            let within = |limit: f64| samples.iter().filter(move |sample| sample.0 <= limit);
+            assert_eq!(
+                expected[0].share(0),
+                within(0.5).count() as f64 / count as f64
+            );
+            let area = |limit: f64| within(limit).map(|sample| sample.1).sum::<f64>();
+            let total_area = area(f64::INFINITY);
+            assert!((expected[1].area() - total_area).abs() < 1e-7 * total_area.max(1.0));
+            assert!((expected[1].share(1) - area(1.0) / total_area).abs() < 1e-7);
+            let mut sorted = distances(&samples);
             sorted.sort_by(f64::total_cmp);
             assert!(
-                found
+                expected
                     .iter()
                     .all(|found| found.largest == sorted.last().copied())
             );
             let weights = [
                 1 + (0.95 * count as f64) as u64,
-                (0.5 * found[1].total_weight as f64) as u64,
+                (0.5 * expected[1].total_weight as f64) as u64,
             ];
             let weights = weights.map(|weight| weight.clamp(1, u64::MAX));
-            let Ok(reach) = quantiles(both, [weights[0].min(count as u64), weights[1]], &SelfComm);
-            assert_eq!(reach[0], sorted[weights[0].min(count as u64) as usize - 1]);
-            let before = sorted.iter().rev().find(|&&far| far < reach[1]);
-            assert!(area(reach[1]) >= 0.5 * whole - 1e-6);
-            assert!(before.is_none_or(|&far| area(far) < 0.5 * whole + 1e-6));
-            for holders in [2, 7] {
-                run_threads(holders, |group: &dyn Comm| {
-                    let own = group.range_of_rank(count, group.rank());
-                    let own = &all[own];
-                    let own = [
-                        WeightedDistances::from_distances(distances(own)),
-                        WeightedDistances::from_weighted(own.to_vec()),
+            let Ok(expected_quantiles) = quantiles(
+                series,
+                [weights[0].min(count as u64), weights[1]],
+                &SelfComm,
+            );
+            assert_eq!(
+                expected_quantiles[0],
+                sorted[weights[0].min(count as u64) as usize - 1]
+            );
+            let previous = sorted
+                .iter()
+                .rev()
+                .find(|&&far| far < expected_quantiles[1]);
+            assert!(area(expected_quantiles[1]) >= 0.5 * total_area - 1e-6);
+            assert!(previous.is_none_or(|&far| area(far) < 0.5 * total_area + 1e-6));
+            for ranks in [2, 7] {
+                run_threads(ranks, |comm: &dyn Comm| {
+                    let range = comm.range_of_rank(count, comm.rank());
+                    let local = &samples[range];
+                    let local = [
+                        WeightedDistances::from_distances(distances(local)),
+                        WeightedDistances::from_weighted(local.to_vec()),
                     ];
-                    let own = own.each_ref();
-                    assert_eq!(summaries(own, [0.5, 1.0], group).unwrap(), found);
+                    let local = local.each_ref();
+                    assert_eq!(summaries(local, [0.5, 1.0], comm).unwrap(), expected);
                     let weights = [weights[0].min(count as u64), weights[1]];
-                    assert_eq!(quantiles(own, weights, group).unwrap(), reach);
+                    assert_eq!(quantiles(local, weights, comm).unwrap(), expected_quantiles);
                 });
             }
         }
-        let none = WeightedDistances::default();
-        let Ok([nothing]) = summaries([&none], [0.5], &SelfComm);
-        assert!(nothing.share(0).is_nan() && nothing.largest.is_none() && nothing.area() == 0.0);
+        let empty = WeightedDistances::default();
+        let Ok([shares]) = summaries([&empty], [0.5], &SelfComm);
+        assert!(shares.share(0).is_nan() && shares.largest.is_none() && shares.area() == 0.0);
     }
 }

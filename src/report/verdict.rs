@@ -1,4 +1,4 @@
-//! A report in three lines: is the mesh sound, does it have the features, what is it good for.
+//! Summarises a report in three lines: the validity of the mesh, its features, and its use.
 
 use serde::Serialize;
 
@@ -7,77 +7,84 @@ use super::table::group_digits;
 use super::{Fidelity, Quality, Report, Voronoi};
 use crate::feature::{FeatureKind, KindOutcome, MIN_FAULT_DIP};
 
-/// Smaller shares of the features covered by faces, or of faces that are on features, are an issue.
+/// Minimum fraction of the features that have faces, and of the faces that are on features. Less is
+/// an issue.
 const MIN_FEATURE_SHARE: f64 = 0.9;
 
-/// A larger share of the features of one kind that the mesh does not follow is an issue.
+/// Maximum fraction of the features of one kind that the mesh may drop. More is an issue.
 const MAX_DROPPED_SHARE: f64 = 0.1;
 
-/// Features whose typical strength is a smaller multiple of the noise may be noise.
+/// Minimum ratio of the typical strength of features to the noise. Weaker features may be noise.
 const MIN_SIGNAL_TO_NOISE: f32 = 2.5;
 
-/// Ratios of strength to noise above this are not given in figures.
+/// Maximum ratio of strength to noise that is shown as a number.
 const MAX_SHOWN_RATIO: f32 = 100.0;
 
-/// A larger share of faults that dip as layers do is an issue.
+/// Maximum fraction of faults that dip as gently as layers. More is an issue.
 const MAX_GENTLE_FAULT_SHARE: f64 = 0.25;
 
-/// Angles within this distance, in degrees, of 0 or 180 are an issue, unless a smaller target was given.
+/// Default minimum distance of angles from 0 and 180 degrees. Closer angles are an issue, unless a
+/// smaller target was given.
 const DEFAULT_MIN_ANGLE: f64 = 20.0;
 
-/// A share of faces narrower than the least of [`TINY`](super::cell_output::TINY_FACE_RATIOS) that is worth a word.
+/// Maximum fraction of faces below the first of
+/// [`TINY_FACE_RATIOS`](super::cells::TINY_FACE_RATIOS). More is an issue.
 const MAX_TINY_FACE_SHARE: f64 = 0.01;
 
-/// Parts of labels of fewer samples are no loss, unless nothing else has the label.
+/// Minimum number of samples of a lost part of a label that is an issue, unless the label is lost
+/// completely.
 const FRAGMENT_SAMPLES: usize = 8;
 
-/// Regions of at least so many samples ...
+/// Minimum number of samples of a region whose volume is checked.
 const MIN_MEASURED_SAMPLES: usize = 50;
 
-/// ... are an issue if their volumes are off by more than this, in percent.
+/// Maximum error of the volume of a region, in percent. More is an issue.
 const MAX_VOLUME_ERROR_PERCENT: f64 = 2.0;
 
-/// Contacts of labels that do not touch in the image are an issue if they are larger than this, in square samples.
+/// Maximum area, in square samples, of contacts between labels that do not touch in the image. More
+/// is an issue.
 const MAX_CONTACT_AREA: f64 = 10.0;
 
-/// Interfaces that stray farther from where labels change, in samples, have spikes.
+/// Maximum deviation of interfaces from the places where labels change, in samples. Interfaces that
+/// deviate more have spikes.
 const MAX_INTERFACE_DEVIATION: f64 = 1.5;
 
-/// A distance between atoms below this, in samples, adds no detail of the image, and is not suggested.
+/// Minimum distance between atoms that is suggested, in samples. A smaller one adds no detail of
+/// the image.
 const MIN_ATOM_DISTANCE: f64 = 1.0;
 
-/// How good a mesh is.
+/// Grade of a mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Grade {
-    /// Valid, well shaped, and it has the features.
+    /// Valid, well shaped, with the features.
     Good,
-    /// Valid, but there is an issue.
+    /// Valid, with an issue.
     Fair,
-    /// Of no use to a simulator.
+    /// Invalid, and useless for simulators.
     Bad,
 }
 
-/// What a newcomer should know of a report.
+/// Summary of a report for new users.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Verdict {
-    /// How good the mesh is.
+    /// Grade of the mesh.
     pub grade: Grade,
-    /// Whether it is valid, and its angles.
+    /// Validity and angles.
     pub mesh: String,
-    /// How complete and how credible its features are, and what became of regions.
+    /// Completeness and credibility of the features, and the state of regions.
     pub features: String,
-    /// What it is fit for.
+    /// Suitable use.
     pub fit_for: String,
-    /// The worst issue.
+    /// Worst issue.
     pub issue: Option<String>,
-    /// What would help, in words.
+    /// Effect of the change that would help, in words.
     pub suggestion: Option<String>,
-    /// The option to type for that, if there is one.
+    /// Option to type for that change, if there is one.
     pub option: Option<String>,
 }
 
-/// Something that is not as it should be, and what helps.
+/// Issue of a mesh, and the change that helps.
 struct Issue {
     message: String,
     option: Option<String>,
@@ -85,18 +92,18 @@ struct Issue {
 }
 
 impl Verdict {
-    /// Returns the verdict on a report; `None` if it has no figures of a mesh.
+    /// Returns the verdict on a report, or `None` if the report has no check of a mesh.
     pub fn from_report(report: &Report) -> Option<Self> {
         let check = report.box_check.as_ref();
         let check = check.or(report.voronoi.as_ref().map(|v| &v.check))?;
         let issue = match check.problems.first() {
             Some(problem) => Some(Issue {
                 message: problem.clone(),
-                option: report.job_options().map(|asked| {
-                    let seed = asked["rng-seed"].as_u64().unwrap_or(1);
+                option: report.job_options().map(|options| {
+                    let seed = options["rng-seed"].as_u64().unwrap_or(1);
                     format!("--rng-seed {}", seed + 1)
                 }),
-                suggestion: "makes the mesh again; other random numbers may avoid it",
+                suggestion: "meshes again with other random numbers, which may avoid it",
             }),
             None => report.worst_issue(),
         };
@@ -111,8 +118,8 @@ impl Verdict {
         };
         let fit_for = match grade {
             Grade::Good => simulation,
-            Grade::Fair => "viewing, and for simulation if that does not matter",
-            Grade::Bad => "nothing but finding out why",
+            Grade::Fair => "viewing, and for simulation if this issue does not matter",
+            Grade::Bad => "nothing but finding the cause",
         };
         let mut mesh = vec![String::from(if check.passed() {
             "valid"
@@ -150,11 +157,11 @@ impl Verdict {
             Grade::Fair => "fair",
             Grade::Bad => "bad",
         };
-        let mut used = format!("{word}: fit for {}", self.fit_for);
+        let mut text = format!("{word}: fit for {}", self.fit_for);
         if let Some(issue) = &self.issue {
-            used = format!("{word}: {issue}; fit for {}", self.fit_for);
+            text = format!("{word}: {issue}; fit for {}", self.fit_for);
         }
-        used += &match (&self.option, &self.suggestion) {
+        text += &match (&self.option, &self.suggestion) {
             (Some(option), Some(why)) => format!(". Try {option}: {why}"),
             (None, Some(why)) => format!(". What helps: {why}"),
             _ => String::new(),
@@ -162,17 +169,17 @@ impl Verdict {
         [
             ("mesh", self.mesh.clone()),
             ("features", self.features.clone()),
-            ("use", used),
+            ("use", text),
         ]
     }
 }
 
-/// Returns the least and the largest angle that shapes have.
+/// Returns the smallest and the largest angle.
 fn angle_range(quality: &Quality) -> [f64; 2] {
     [quality.smallest_angle.worst, quality.largest_angle.worst]
 }
 
-/// Returns a share as percent, no better than it is.
+/// Returns a fraction as text in percent.
 fn percent(share: f64) -> String {
     match 100.0 * share {
         p if p < 1.0 => format!("{p:.2}"),
@@ -186,15 +193,15 @@ impl Report {
         let mut json = serde_json::Map::new();
         let verdict = serde_json::to_value(Verdict::from_report(self));
         json.insert("verdict".into(), verdict.unwrap_or_default());
-        if let Ok(serde_json::Value::Object(rest)) = serde_json::to_value(self) {
-            json.extend(rest);
+        if let Ok(serde_json::Value::Object(fields)) = serde_json::to_value(self) {
+            json.extend(fields);
         }
         json.into()
     }
 
     /// Returns the worst issue of a valid mesh.
     fn worst_issue(&self) -> Option<Issue> {
-        // What was followed decides on all the rest.
+        // The kind of feature comes first, because everything else depends on it.
         self.no_feature_issue()
             .or_else(|| self.doubt_issue())
             .or_else(|| self.quality.as_ref().and_then(|q| self.shape_issue(q)))
@@ -210,26 +217,26 @@ impl Report {
             .or_else(|| self.physical_shape_issue())
     }
 
-    /// Returns the range of the angles, in each space in which they mean something.
+    /// Returns the range of the angles, in each space in which angles are meaningful.
     fn angle_summary(&self) -> Option<String> {
-        let [least, most] = angle_range(self.quality.as_ref()?);
-        let text = format!("angles {least:.0} to {most:.0} degrees");
+        let [min, max] = angle_range(self.quality.as_ref()?);
+        let text = format!("angles {min:.0} to {max:.0} degrees");
         Some(match &self.quality_physical {
             Some(quality) => {
-                let [least, most] = angle_range(quality);
-                format!("{text} in lattice space, {least:.0} to {most:.0} in physical space")
+                let [min, max] = angle_range(quality);
+                format!("{text} in lattice space, {min:.0} to {max:.0} in physical space")
             }
             None => text,
         })
     }
 
-    /// Returns what to say of features, the most important first.
+    /// Returns the statements about features, the most important first.
     fn feature_lines(&self) -> Vec<String> {
-        let mut said: Vec<String> = self
+        let mut lines: Vec<String> = self
             .feature_shares()
             .map(|(cover, _)| {
                 let percent = (100.0 * cover).floor();
-                format!("{percent:.0} % of those that the mesh follows have faces on them")
+                format!("faces cover {percent:.0} % of the features that the mesh follows")
             })
             .into_iter()
             .collect();
@@ -237,32 +244,32 @@ impl Report {
             let KindOutcome {
                 kind,
                 points,
-                dropped: left_out,
+                dropped,
                 ..
             } = outcome;
             if *points == 0 {
-                let count = group_digits(left_out.strong_count() + left_out.weak);
-                said.push(format!(
+                let count = group_digits(dropped.strong_count() + dropped.weak);
+                lines.push(format!(
                     "no {kind} are followed; {count} signs of them are too weak or too small"
                 ));
                 continue;
             }
             if outcome.dropped_share() >= 0.005 {
                 let reasons = [
-                    (left_out.near_another_surface, "too near stronger ones"),
-                    (left_out.in_small_pieces, "in small pieces"),
-                    (left_out.in_narrow_parts, "in narrow strips"),
+                    (dropped.near_another_surface, "too near stronger ones"),
+                    (dropped.in_small_pieces, "in small pieces"),
+                    (dropped.in_narrow_parts, "in narrow strips"),
                 ];
-                let main = reasons.iter().max_by_key(|reason| reason.0);
-                let why = main.map_or("", |reason| reason.1);
+                let main_reason = reasons.iter().max_by_key(|reason| reason.0);
+                let why = main_reason.map_or("", |reason| reason.1);
                 let share = percent(outcome.dropped_share());
-                said.push(format!(
+                lines.push(format!(
                     "{share} % of the {kind} found are dropped, most {why}"
                 ));
             }
-            let weak = left_out.weak as f64 / (left_out.weak + points).max(1) as f64;
+            let weak = dropped.weak as f64 / (dropped.weak + points).max(1) as f64;
             if weak > MAX_DROPPED_SHARE {
-                said.push(format!(
+                lines.push(format!(
                     "{} % of the signs of {kind} are too weak",
                     percent(weak)
                 ));
@@ -272,83 +279,84 @@ impl Report {
                     r if r > MAX_SHOWN_RATIO => format!("over {MAX_SHOWN_RATIO:.0}"),
                     r => format!("{r:.1}"),
                 };
-                said.push(format!("{kind} are {ratio} times as strong as noise"));
+                lines.push(format!("{kind} are {ratio} times as strong as noise"));
             }
             if let Some(gentle) = outcome
                 .gently_dipping
                 .filter(|share| *share > MAX_DROPPED_SHARE)
             {
-                said.push(format!(
+                lines.push(format!(
                     "{} % of the {kind} dip below {MIN_FAULT_DIP:.0} degrees",
                     percent(gentle)
                 ));
             }
         }
         if let Some(missing) = &self.missing {
-            let all = percent(missing.bridged + missing.without_features);
+            let total = percent(missing.bridged + missing.without_features);
             let gaps = match missing.without_features {
                 0.0 => "in gaps so small that they are bridged".to_string(),
                 share => format!("{} % lie in gaps too large for features", percent(share)),
             };
-            said.push(format!("{all} % of the samples hold no data, {gaps}"));
+            lines.push(format!("{total} % of the samples hold no data, {gaps}"));
         }
-        said.extend(self.region_summary());
-        said.extend(
+        lines.extend(self.region_summary());
+        lines.extend(
             (self.interface_deviation())
-                .map(|far| format!("faces between regions up to {far:.1} samples off")),
+                .map(|distance| format!("faces between regions up to {distance:.1} samples off")),
         );
-        said.extend((self.doubt.as_ref()).map(|doubt| format!("doubtful: {}", doubt.question)));
-        if said.is_empty() {
-            let nothing = self.job_options().is_some() && !self.is_stopped();
-            said.push(String::from(match nothing {
-                true => "none was found",
-                false => "not compared with an image",
+        lines.extend((self.doubt.as_ref()).map(|doubt| format!("doubtful: {}", doubt.question)));
+        if lines.is_empty() {
+            let was_compared = self.job_options().is_some() && !self.is_stopped();
+            lines.push(String::from(if was_compared {
+                "no feature was found"
+            } else {
+                "not compared with an image"
             }));
         }
-        said
+        lines
     }
 
-    /// Returns the issue of a mesh of an image in which no feature was found.
+    /// Returns the issue of a mesh without any detected feature.
     fn no_feature_issue(&self) -> Option<Issue> {
-        let asked = self.job_options()?;
-        // Without a mesh's measures, nothing is known.
+        let options = self.job_options()?;
+        // Without measures of the mesh, nothing is known.
         if self.fidelity.is_some() || self.is_stopped() {
             return None;
         }
         let issue = "no feature was found, so the mesh follows none".to_string();
-        if let Some(threshold) = asked["threshold"].as_f64() {
+        if let Some(threshold) = options["threshold"].as_f64() {
             return Some(Issue {
                 message: issue,
                 option: Some(format!("--threshold {}", 0.5 * threshold)),
-                suggestion: "weaker features count, too",
+                suggestion: "accepts weaker features, too",
             });
         }
         let was_sought = |kind: &FeatureKind| {
-            asked["feature"] == kind.to_string() || self.outcomes.iter().any(|o| o.kind == *kind)
+            options["feature"] == kind.to_string() || self.outcomes.iter().any(|o| o.kind == *kind)
         };
         let kinds = [FeatureKind::Edges, FeatureKind::Ridges];
         let other = kinds.into_iter().find(|kind| !was_sought(kind));
         Some(Issue {
             message: issue,
             option: other.map(|kind| format!("--feature {kind}")),
-            suggestion: "another kind of feature; or a --threshold below the one in the notes",
+            suggestion: "looks for another kind of feature; or use a --threshold below the one in the notes",
         })
     }
 
-    /// Returns the least angle that is as it should be.
+    /// Returns the minimum allowed angle.
     fn min_allowed_angle(&self) -> f64 {
-        let asked = self
+        let target = self
             .job_options()
-            .and_then(|asked| asked["min-dihedral"].as_f64());
-        asked.map_or(DEFAULT_MIN_ANGLE, |asked| asked.min(DEFAULT_MIN_ANGLE))
+            .and_then(|options| options["min-dihedral"].as_f64());
+        target.map_or(DEFAULT_MIN_ANGLE, |asked| asked.min(DEFAULT_MIN_ANGLE))
     }
 
     /// Returns the issue of angles with which simulators fail or are slow.
     fn shape_issue(&self, quality: &Quality) -> Option<Issue> {
         let worst = quality.below_20.max(quality.above_160);
-        let least = self.min_allowed_angle();
+        let min_allowed = self.min_allowed_angle();
         let [smallest, largest] = angle_range(quality);
-        if worst == 0 || (smallest >= least && largest <= 180.0 - least) {
+        if worst == 0 || (smallest >= min_allowed && largest <= 180.0 - min_allowed) {
             return None;
         }
         let issue = format!(
@@ -357,8 +365,8 @@ impl Report {
             group_digits(quality.cells),
             quality.kind
         );
-        let left = |asked: &serde_json::Value| asked["slivers"] == "none";
-        if self.job_options().is_some_and(left) {
+        let keeps_slivers = |options: &serde_json::Value| options["slivers"] == "none";
+        if self.job_options().is_some_and(keeps_slivers) {
             return Some(Issue {
                 message: issue,
                 option: Some("--slivers joe".into()),
@@ -366,33 +374,34 @@ impl Report {
             });
         }
         let explained = |a: &super::Angles| a.near_acute_line > a.unexplained;
-        Some(match quality.angles.as_ref().is_some_and(explained) {
-            true => Issue {
+        Some(if quality.angles.as_ref().is_some_and(explained) {
+            Issue {
                 message: format!("{issue}, most where features meet at a small angle"),
                 option: self.finer_distance_option(),
-                suggestion: "cells there become smaller, and fewer of them poor",
-            },
-            false => Issue {
+                suggestion: "makes cells there smaller, and fewer of them bad",
+            }
+        } else {
+            Issue {
                 message: issue,
                 option: self.finer_distance_option(),
-                suggestion: "atoms nearer together have more room between features",
-            },
+                suggestion: "smaller cells fit better between features",
+            }
         })
     }
 
     /// Returns the issue of angles in physical space, if users work in it.
     fn physical_shape_issue(&self) -> Option<Issue> {
         let quality = self.quality_physical.as_ref()?;
-        let least = self.min_allowed_angle();
+        let min_allowed = self.min_allowed_angle();
         let [smallest, largest] = angle_range(quality);
-        let is_within = smallest >= least && largest <= 180.0 - least;
+        let is_within = smallest >= min_allowed && largest <= 180.0 - min_allowed;
         (self.used_in_physical_space && !is_within).then(|| Issue {
             message: format!(
                 "cells have the shape of the samples, so that angles in physical space are {smallest:.0} to \
                  {largest:.0} degrees"
             ),
             option: Some("--metric shape".into()),
-            suggestion: "cells are well shaped in physical space",
+            suggestion: "gives cells a good shape in physical space",
         })
     }
 
@@ -405,7 +414,7 @@ impl Report {
                     group_digits(voronoi.non_positive_connections)
                 ),
                 option: Some("--metric physical".into()),
-                suggestion: "makes cells in the world's units, in which simulators compute",
+                suggestion: "makes cells in physical units, in which simulators compute",
             });
         }
         (voronoi.tiny_faces[0] > MAX_TINY_FACE_SHARE).then(|| Issue {
@@ -414,11 +423,11 @@ impl Report {
                 100.0 * voronoi.tiny_faces[0]
             ),
             option: Some("--weld 0.001".into()),
-            suggestion: "merges nodes that are next to one another",
+            suggestion: "merges nodes that are very close to each other",
         })
     }
 
-    /// Returns the issue of features without faces, or of faces off the features.
+    /// Returns the issue of features without faces, or of tagged faces off the features.
     fn coverage_issue(&self) -> Option<Issue> {
         let (cover, precision) = self.feature_shares()?;
         if cover < MIN_FEATURE_SHARE {
@@ -428,7 +437,7 @@ impl Report {
                     (100.0 * (1.0 - cover)).ceil()
                 ),
                 option: self.finer_distance_option(),
-                suggestion: "atoms nearer together reach more of them, with more cells",
+                suggestion: "closer atoms cover more of them, with more cells",
             });
         }
         (precision < MIN_FEATURE_SHARE).then(|| Issue {
@@ -437,11 +446,11 @@ impl Report {
                 (100.0 * (1.0 - precision)).ceil()
             ),
             option: self.finer_distance_option(),
-            suggestion: "smaller faces follow bends more closely, with more cells",
+            suggestion: "smaller faces follow curved features more closely, with more cells",
         })
     }
 
-    /// Returns the issue of features that were found and that the mesh does not follow.
+    /// Returns the issue of features that were found but that the mesh does not follow.
     fn dropped_feature_issue(&self) -> Option<Issue> {
         let worst = (self.outcomes.iter())
             .max_by(|a, b| a.dropped_share().total_cmp(&b.dropped_share()))?;
@@ -455,7 +464,7 @@ impl Report {
                 percent(worst.dropped_share())
             ),
             option: self.finer_distance_option(),
-            suggestion: "atoms nearer together have room for features that are smaller or nearer to others",
+            suggestion: "closer atoms can follow features that are smaller or nearer to others",
         })
     }
 
@@ -492,14 +501,14 @@ impl Report {
         })
     }
 
-    /// Returns the issue of parts of labels that the mesh does not have.
+    /// Returns the issue of parts of labels that are not in the mesh.
     fn lost_part_issue(&self) -> Option<Issue> {
         let lost = &self.regions.as_ref()?.lost;
         let largest = lost
             .iter()
             .max_by_key(|of_label| of_label.largest_samples)?;
-        let whole = lost.iter().any(|lost| lost.is_whole_label);
-        if !whole && largest.largest_samples < FRAGMENT_SAMPLES {
+        let is_label_lost = lost.iter().any(|lost| lost.is_whole_label);
+        if !is_label_lost && largest.largest_samples < FRAGMENT_SAMPLES {
             return None;
         }
         let parts: usize = lost.iter().map(|of_label| of_label.parts).sum();
@@ -515,24 +524,26 @@ impl Report {
             ),
             option: largest.remedy(),
             suggestion: match largest.remedy() {
-                Some(_) => "cells of that label become smaller, and the part is kept",
+                Some(_) => "makes cells of that label smaller, which keeps the part",
                 None => regions::RESAMPLING_ADVICE,
             },
         })
     }
 
-    /// Returns the issue of labels that touch through holes in what lies between them.
+    /// Returns the issue of labels that touch through holes in the thing between them.
     fn hole_issue(&self) -> Option<Issue> {
         let worst = self.regions.as_ref()?.holes.first()?;
         let [a, b] = worst.labels;
         (worst.area > MAX_CONTACT_AREA).then(|| Issue {
-            message: format!("what lies between the labels {a} and {b} has holes, over which they touch"),
+            message: format!(
+                "the labels {a} and {b} touch through holes in the layer between them"
+            ),
             option: self.finer_distance_option(),
-            suggestion: "cells of the size of what is thin keep it whole; or an image of more samples",
+            suggestion: "smaller cells keep thin layers closed; or use an image with more samples",
         })
     }
 
-    /// Returns the issue of parts of labels of which much is missing.
+    /// Returns the issue of parts of labels that are largely missing.
     fn damage_issue(&self) -> Option<Issue> {
         let damaged = &self.regions.as_ref()?.damaged;
         let largest = damaged
@@ -540,24 +551,24 @@ impl Report {
             .max_by_key(|of_label| of_label.largest_samples)?;
         Some(Issue {
             message: format!(
-                "of a part of label {}, {} samples large, more than {:.0} % is missing",
+                "a part of label {} with {} samples lacks more than {:.0} % of its volume",
                 largest.label,
                 group_digits(largest.largest_samples),
                 100.0 * regions::MIN_MISSING_SHARE
             ),
             option: largest.remedy(),
             suggestion: match largest.remedy() {
-                Some(_) => "cells of that label become smaller, and the part is kept",
+                Some(_) => "makes cells of that label smaller, which keeps the part",
                 None => regions::RESAMPLING_ADVICE,
             },
         })
     }
 
-    /// Returns the issue of the region whose volume is farthest off that of its samples.
+    /// Returns the issue of the region with the largest volume error.
     fn volume_issue(&self) -> Option<Issue> {
-        let all = self.regions.as_ref()?.regions.iter();
-        let of_size = all.filter(|region| region.samples >= MIN_MEASURED_SAMPLES);
-        let worst = of_size.max_by(|a, b| {
+        let candidates = self.regions.as_ref()?.regions.iter();
+        let measured = candidates.filter(|region| region.samples >= MIN_MEASURED_SAMPLES);
+        let worst = measured.max_by(|a, b| {
             a.volume_error_percent
                 .abs()
                 .total_cmp(&b.volume_error_percent.abs())
@@ -566,9 +577,9 @@ impl Report {
             return None;
         }
         let option = regions::distance_option(worst.label, worst.distance);
-        let change = match option {
-            Some(_) => "cells of that label become smaller, and follow it",
-            None => "a smaller --distance everywhere, or an image of more samples",
+        let suggestion = match option {
+            Some(_) => "makes cells of that label smaller, so that they follow it",
+            None => "use a smaller --distance everywhere, or an image with more samples",
         };
         Some(Issue {
             message: format!(
@@ -582,11 +593,12 @@ impl Report {
                 }
             ),
             option,
-            suggestion: change,
+            suggestion,
         })
     }
 
-    /// Returns how far, in samples, interfaces of labels stray from where labels change.
+    /// Returns the deviation, in samples, of interfaces from the places where labels change, if it
+    /// is too large.
     fn interface_deviation(&self) -> Option<f64> {
         self.regions.as_ref()?;
         let farthest = self.fidelity.as_ref()?.tagged_faces.as_ref()?.hausdorff;
@@ -599,22 +611,22 @@ impl Report {
         Some(Issue {
             message: format!("faces between regions have spikes, up to {farthest:.1} samples long"),
             option: self.finer_distance_option(),
-            suggestion: "cells that are smaller than what is thin have none",
+            suggestion: "cells smaller than thin layers have no spikes",
         })
     }
 
-    /// Returns what the line on features says of regions.
+    /// Returns the statement about regions for the line on features.
     fn region_summary(&self) -> Option<String> {
         let regions = self.regions.as_ref()?;
-        let of_size = regions
+        let measured = regions
             .regions
             .iter()
             .filter(|region| region.samples >= MIN_MEASURED_SAMPLES);
-        let worst = of_size
+        let worst = measured
             .map(|region| region.volume_error_percent.abs())
             .fold(0.0, f64::max);
         let lost: usize = regions.lost.iter().map(|lost| lost.parts).sum();
-        let said = match lost {
+        let text = match lost {
             0 => format!("regions within {worst:.1} % of their volumes"),
             1 => format!("regions within {worst:.1} % of their volumes, a part lost"),
             _ => format!(
@@ -623,49 +635,51 @@ impl Report {
             ),
         };
         let area: f64 = regions.holes.iter().map(|hole| hole.area).sum();
-        Some(match area > MAX_CONTACT_AREA {
-            true => format!("{said}, holes of {area:.0} square samples between them"),
-            false => said,
+        Some(if area > MAX_CONTACT_AREA {
+            format!("{text}, holes of {area:.0} square samples between them")
+        } else {
+            text
         })
     }
 
-    /// Returns the issue of a kind of feature that was chosen although the image leaves it open.
+    /// Returns the issue of a kind of feature that was chosen although the image is ambiguous.
     fn doubt_issue(&self) -> Option<Issue> {
         let doubt = self.doubt.as_ref()?;
-        let change = if doubt.assumed == FeatureKind::Labels {
-            "follows the middle of what is painted; --feature labels confirms solid objects"
+        let suggestion = if doubt.assumed == FeatureKind::Labels {
+            "follows the middle of painted lines; --feature labels confirms solid objects"
         } else {
-            "follows the sheets; --feature edges confirms the sides of solid objects"
+            "follows the surfaces themselves; --feature edges confirms the sides of solid objects"
         };
         Some(Issue {
             message: format!("doubtful: {}", doubt.question),
             option: Some(format!("--feature {}", doubt.other)),
-            suggestion: change,
+            suggestion,
         })
     }
 
-    /// Returns the share of features with faces, and the share of faces on features: of the faces that the mesh
-    /// marks as such, if it marks any.
+    /// Returns the fraction of the features that have faces, and the fraction of the faces that are
+    /// on features. It uses the tagged faces if there are any.
     fn feature_shares(&self) -> Option<(f64, f64)> {
         let Fidelity {
-            tagged_faces: claimed,
+            tagged_faces: tagged,
             on_feature,
             ..
         } = self.fidelity.as_ref()?;
-        let found = claimed.as_ref().unwrap_or(on_feature);
+        let faces = tagged.as_ref().unwrap_or(on_feature);
         let number = |share: f64| if share.is_finite() { share } else { 0.0 };
-        Some((number(found.coverage_one), number(found.precision)))
+        Some((number(faces.coverage_one), number(faces.precision)))
     }
 
-    /// Returns half the distance that was asked for, unless atoms would be nearer together than samples.
+    /// Returns the option for half the current distance, unless atoms would be closer together than
+    /// samples.
     fn finer_distance_option(&self) -> Option<String> {
-        let Some(asked) = self.job_options() else {
+        let Some(options) = self.job_options() else {
             return Some("--distance, smaller".into());
         };
-        if asked["seeding"] == "canny" {
+        if options["seeding"] == "canny" {
             return Some("--seeding fcc".into());
         }
-        let text = asked["distance"].as_str().unwrap_or("2.7:8");
+        let text = options["distance"].as_str().unwrap_or("2.7:8");
         let half = |number: &str| Some(0.5 * number.trim().parse::<f64>().ok()?);
         let halves: Option<Vec<f64>> = text.split(':').map(half).collect();
         let halves = halves?;
@@ -681,16 +695,16 @@ impl Report {
         ))
     }
 
-    /// Returns whether an option is another one than was given.
+    /// Returns `true` if an option differs from those that were given.
     fn is_new_option(&self, option: &str) -> bool {
         let Some((name, value)) = option.strip_prefix("--").and_then(|o| o.split_once(' ')) else {
             return true;
         };
-        let given = self.job_options().map(|asked| &asked[name]);
-        !given.is_some_and(|given| match given {
+        let current = self.job_options().map(|options| &options[name]);
+        !current.is_some_and(|current| match current {
             serde_json::Value::String(text) => text == value,
             serde_json::Value::Number(number) => value.parse::<f64>().ok() == number.as_f64(),
-            serde_json::Value::Array(all) => all.iter().any(|one| one == value),
+            serde_json::Value::Array(values) => values.iter().any(|item| item == value),
             _ => false,
         })
     }
@@ -716,10 +730,10 @@ mod tests {
     use crate::mesh::check::check;
     use crate::report::{FaceMatch, quality};
 
-    /// Of a mesh that is valid, with one figure after the other made poor.
+    /// Returns the report on a valid mesh. Tests then make one measure after the other bad.
     fn report(cover: f64) -> Report {
         let mesh = kuhn_box([4, 4, 4], 1.0);
-        let found = FaceMatch {
+        let face_match = FaceMatch {
             faces: 10,
             area: 5.0,
             coverage_half: cover,
@@ -736,7 +750,7 @@ mod tests {
             fidelity: Some(Fidelity {
                 reference: "detected".into(),
                 feature_points: 100,
-                on_feature: found,
+                on_feature: face_match,
                 tagged_faces: None,
             }),
             ..Report::default()
@@ -744,48 +758,52 @@ mod tests {
     }
 
     #[test]
-    fn the_worst_fault_is_named_with_the_option_that_helps() {
-        let of = |report: &Report| Verdict::from_report(report).unwrap();
-        let good = of(&report(0.97));
+    fn worst_issue_is_named_with_the_option_that_helps() {
+        let verdict_of = |report: &Report| Verdict::from_report(report).unwrap();
+        let good = verdict_of(&report(0.97));
         assert_eq!(
             (good.grade, good.issue, good.option),
             (Grade::Good, None, None)
         );
         assert_eq!(good.mesh, "valid; angles 45 to 90 degrees");
 
-        let far = of(&report(0.704));
-        assert_eq!(far.grade, Grade::Fair);
-        let issue = far.issue.unwrap();
+        let uncovered = verdict_of(&report(0.704));
+        assert_eq!(uncovered.grade, Grade::Fair);
+        let issue = uncovered.issue.unwrap();
         assert_eq!(issue, "30 % of the features have no face within a sample");
-        assert_eq!(far.option.as_deref(), Some("--distance 1.5:4"));
+        assert_eq!(uncovered.option.as_deref(), Some("--distance 1.5:4"));
 
         let mut flat = report(0.7);
         flat.quality.as_mut().unwrap().below_20 = 3;
         flat.quality.as_mut().unwrap().smallest_angle.worst = 12.0;
-        let issue = of(&flat).issue.unwrap();
+        let issue = verdict_of(&flat).issue.unwrap();
         assert!(issue.starts_with("3 of 384 tetrahedra"), "{issue}");
         flat.parameters = json!({ "slivers": "none" });
-        assert_eq!(of(&flat).option.as_deref(), Some("--slivers joe"));
+        assert_eq!(verdict_of(&flat).option.as_deref(), Some("--slivers joe"));
 
-        let mut none = report(1.0);
-        none.fidelity = None;
-        assert_eq!(of(&none).option.as_deref(), Some("--feature edges"));
+        let mut featureless = report(1.0);
+        featureless.fidelity = None;
+        assert_eq!(
+            verdict_of(&featureless).option.as_deref(),
+            Some("--feature edges")
+        );
 
-        let mut torn = report(1.0);
+        let mut invalid = report(1.0);
         let problem = "two cells overlap".to_string();
-        torn.box_check
+        invalid
+            .box_check
             .as_mut()
             .unwrap()
             .problems
             .push(problem.clone());
-        torn.parameters = json!({ "rng-seed": 4 });
-        let torn = of(&torn);
-        assert_eq!((torn.grade, torn.issue), (Grade::Bad, Some(problem)));
-        assert_eq!(torn.option.as_deref(), Some("--rng-seed 5"));
+        invalid.parameters = json!({ "rng-seed": 4 });
+        let invalid = verdict_of(&invalid);
+        assert_eq!((invalid.grade, invalid.issue), (Grade::Bad, Some(problem)));
+        assert_eq!(invalid.option.as_deref(), Some("--rng-seed 5"));
     }
 
     #[test]
-    fn it_leads_table_and_json() {
+    fn verdict_leads_table_and_json() {
         let report = report(0.7);
         let table = report.table();
         let heads: Vec<&str> = table
@@ -803,8 +821,8 @@ mod tests {
     }
 
     #[test]
-    fn what_is_dropped_or_not_credible_is_said() {
-        let of = |report: &Report| Verdict::from_report(report).unwrap();
+    fn dropped_and_doubtful_features_are_reported() {
+        let verdict_of = |report: &Report| Verdict::from_report(report).unwrap();
         let outcome = KindOutcome {
             kind: FeatureKind::Faults,
             points: 900,
@@ -817,31 +835,31 @@ mod tests {
             signal_to_noise: Some(6.0),
             gently_dipping: Some(0.05),
         };
-        let with = |outcome: KindOutcome| Report {
+        let report_with = |outcome: KindOutcome| Report {
             outcomes: vec![outcome],
             ..report(0.97)
         };
-        let kept = of(&with(outcome));
-        assert_eq!(kept.grade, Grade::Good, "{kept:?}");
-        let said = "9 % of the faults found are dropped, most too near stronger ones; 25 % of the signs of faults \
+        let verdict = verdict_of(&report_with(outcome));
+        assert_eq!(verdict.grade, Grade::Good, "{verdict:?}");
+        let expected = "9 % of the faults found are dropped, most too near stronger ones; 25 % of the signs of faults \
                     are too weak; faults are 6.0 times as strong as noise";
-        assert!(kept.features.ends_with(said), "{}", kept.features);
+        assert!(verdict.features.ends_with(expected), "{}", verdict.features);
 
-        let mut near = outcome;
-        near.dropped.near_another_surface = 100;
-        let near = of(&with(near));
-        let issue = near.issue.unwrap();
+        let mut crowded = outcome;
+        crowded.dropped.near_another_surface = 100;
+        let crowded = verdict_of(&report_with(crowded));
+        let issue = crowded.issue.unwrap();
         assert_eq!(issue, "the mesh does not follow 13 % of the faults found");
-        assert_eq!(near.option.as_deref(), Some("--distance 1.5:4"));
+        assert_eq!(crowded.option.as_deref(), Some("--distance 1.5:4"));
 
-        for (noise, gentle, words) in [(2.1, 0.1, "2.1 times as strong"), (6.0, 0.6, "60 %")] {
+        for (noise, gentle, expected) in [(2.1, 0.1, "2.1 times as strong"), (6.0, 0.6, "60 %")] {
             let doubtful = KindOutcome {
                 signal_to_noise: Some(noise),
                 gently_dipping: Some(gentle),
                 ..outcome
             };
-            let issue = of(&with(doubtful)).issue.unwrap();
-            assert!(issue.contains(words), "{issue}");
+            let issue = verdict_of(&report_with(doubtful)).issue.unwrap();
+            assert!(issue.contains(expected), "{issue}");
         }
 
         let gaps = Report {
@@ -851,8 +869,12 @@ mod tests {
             }),
             ..report(0.97)
         };
-        let said = "32 % of the samples hold no data, 27 % lie in gaps too large for features";
-        assert!(of(&gaps).features.ends_with(said), "{}", of(&gaps).features);
+        let expected = "32 % of the samples hold no data, 27 % lie in gaps too large for features";
+        assert!(
+            verdict_of(&gaps).features.ends_with(expected),
+            "{}",
+            verdict_of(&gaps).features
+        );
     }
 
     #[test]
@@ -875,41 +897,44 @@ mod tests {
     }
 
     #[test]
-    fn no_option_is_named_that_was_given_or_makes_atoms_denser_than_samples() {
-        let mut far = report(0.7);
-        far.parameters = json!({ "distance": "1.9:4" });
-        assert_eq!(Verdict::from_report(&far).unwrap().option, None);
-        let mut none = report(1.0);
-        none.fidelity = None;
-        for (asked, option) in [
+    fn given_or_too_fine_options_are_not_suggested() {
+        let mut uncovered = report(0.7);
+        uncovered.parameters = json!({ "distance": "1.9:4" });
+        assert_eq!(Verdict::from_report(&uncovered).unwrap().option, None);
+        let mut featureless = report(1.0);
+        featureless.fidelity = None;
+        for (options, option) in [
             (json!({ "feature": "edges" }), Some("--feature ridges")),
             (json!({ "feature": "ridges" }), Some("--feature edges")),
             (json!({ "threshold": 0.5 }), Some("--threshold 0.25")),
         ] {
-            none.parameters = asked;
+            featureless.parameters = options;
             assert_eq!(
-                Verdict::from_report(&none).unwrap().option.as_deref(),
+                Verdict::from_report(&featureless)
+                    .unwrap()
+                    .option
+                    .as_deref(),
                 option
             );
         }
-        // Edges are what `auto` chose.
-        none.parameters = json!({ "feature": "auto" });
-        none.outcomes = vec![KindOutcome {
+        // `auto` chose edges.
+        featureless.parameters = json!({ "feature": "auto" });
+        featureless.outcomes = vec![KindOutcome {
             kind: FeatureKind::Edges,
             points: 0,
             dropped: DroppedPoints::default(),
             signal_to_noise: None,
             gently_dipping: None,
         }];
-        let option = Verdict::from_report(&none).unwrap().option;
+        let option = Verdict::from_report(&featureless).unwrap().option;
         assert_eq!(option.as_deref(), Some("--feature ridges"));
-        // A doubt about what to follow comes before what came of it.
-        far.doubt = Some(Doubt {
+        // A doubt about the kind of feature comes before the results.
+        uncovered.doubt = Some(Doubt {
             question: "objects may be paint".into(),
             assumed: FeatureKind::Labels,
             other: FeatureKind::Mask,
         });
-        let option = Verdict::from_report(&far).unwrap().option;
+        let option = Verdict::from_report(&uncovered).unwrap().option;
         assert_eq!(option.as_deref(), Some("--feature mask"));
     }
 }

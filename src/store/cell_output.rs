@@ -1,4 +1,4 @@
-//! From a job's Voronoi cells to a file.
+//! Converts a job's Voronoi cells to a mesh file.
 
 use crate::parallel::prelude::*;
 
@@ -11,7 +11,7 @@ use crate::job::horizons::horizon_flags;
 use crate::job::{MeshSpace, Meshing, Outcome};
 use crate::mesh::poly::PolyMesh;
 
-/// The outcome of a job where the image lies in the world, with all that is known of each cell.
+/// Returns the Voronoi cells of a job in world coordinates, with the data of each cell.
 pub fn cell_mesh_file<const D: usize>(
     outcome: &Outcome<D>,
     lattice: &PolyMesh<D>,

@@ -1,4 +1,4 @@
-//! The regions of a mesh that are labels of its image, as its file keeps them.
+//! The regions of a mesh that are labels of its image, as the file stores them.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,25 +6,27 @@ use super::{FieldValue, MeshFile};
 use crate::feature::LabelMap;
 use crate::image::LabelValue;
 
-/// The name under which a file keeps them.
+/// Name of the field that stores the labels.
 const LABELS_FIELD: &str = "labels";
 
 /// A region that is a label of the image.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LabelledRegion {
-    /// The value that its cells have.
+    /// Region number of its cells.
     pub region: i32,
-    /// The value that its samples have.
+    /// Label of its samples.
     pub label: LabelValue,
-    /// What it is called.
+    /// Name of the label.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
 }
 
-/// What a file says of labels.
-pub(super) fn labels_field<const D: usize>(labelled: &LabelMap<D>) -> Option<(String, FieldValue)> {
-    let regions: Vec<LabelledRegion> = (labelled.labels.iter().zip(&labelled.names))
-        .zip(labelled.regions())
+/// Returns the field that stores the labels of an image.
+pub(super) fn labels_field<const D: usize>(
+    label_map: &LabelMap<D>,
+) -> Option<(String, FieldValue)> {
+    let regions: Vec<LabelledRegion> = (label_map.labels.iter().zip(&label_map.names))
+        .zip(label_map.regions())
         .map(|((&label, name), region)| LabelledRegion {
             region,
             label,
@@ -34,18 +36,18 @@ pub(super) fn labels_field<const D: usize>(labelled: &LabelMap<D>) -> Option<(St
     regions_field(&regions)
 }
 
-/// The field that says it.
+/// Returns the field that stores labelled regions.
 pub(super) fn regions_field(regions: &[LabelledRegion]) -> Option<(String, FieldValue)> {
     let text = serde_json::to_string(regions).ok()?;
     Some((LABELS_FIELD.into(), FieldValue::Text(text)))
 }
 
-/// Regions that are set anew are no labels any more.
+/// Removes the labels from a file whose regions are replaced.
 pub(super) fn remove_labels<M>(file: &mut MeshFile<M>) {
     file.field_data.retain(|(name, _)| name != LABELS_FIELD);
 }
 
-/// The labels of a file; none if its regions are no labels.
+/// Returns the labels of a file; empty if its regions are no labels.
 pub fn read_labels<M>(file: &MeshFile<M>) -> Vec<LabelledRegion> {
     match file.field_value(LABELS_FIELD) {
         Some(FieldValue::Text(text)) => serde_json::from_str(text.trim()).unwrap_or_default(),

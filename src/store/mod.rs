@@ -1,19 +1,20 @@
-//! Meshes in files: what a file holds and says of itself, in and out. Physical coordinates only;
-//! [`to_physical`] makes them.
+//! Reads and writes mesh files, with the data that belong to a mesh. Files are in physical
+//! coordinates; [`to_physical`] converts to them.
 //!
 //! - `vtu`: VTK unstructured grids, our own mesh format
-//! - `polyhedra`: the same for polyhedra and polygons
-//! - `parts`: the same in several files
+//! - `polyhedra`: VTK unstructured grids of polyhedra and polygons
+//! - `pvtu`: meshes in several files
 //! - `lines`: acute lines as VTK poly data
 //! - `pvd`: the lattice after each round, for ParaView
-//! - `file`: from a job's outcome to a file
-//! - `cells`: the same for Voronoi cells
+//! - `output`: converts a job's outcome to a file
+//! - `cell_output`: converts a job's Voronoi cells to a file
 //! - `foreign`: meshes of other programs
-//! - `named`: surfaces that have names in those
+//! - `named_surfaces`: surfaces that have names in files of other programs
 //! - `labels`: regions that are labels of an image
-//! - `depth`: meshes in depth that were made in two-way time
-//! - `solids`: cells of several shapes as polyhedra
-//! - `stored`: meshes that files hold, whatever their cells are, and the way back to lattice space
+//! - `depth`: meshes converted from two-way time to depth
+//! - `mixed_elements`: cells of several shapes as polyhedra
+//! - `stored_mesh`: meshes from files, whatever their cells are, and the conversion back to lattice
+//!   space
 
 pub(crate) mod cell_output;
 pub(crate) mod depth;
@@ -46,10 +47,10 @@ use crate::image::Geometry;
 use crate::mesh::Simplices;
 use crate::mesh::interface::reverse_orientation;
 
-/// A mesh in lattice space (sample index times `step`) as a mesh in physical space.
+/// Converts a mesh from lattice space (sample index times `step`) to physical space.
 ///
-/// Nodes and cells keep their order. Where the geometry mirrors space (depth downwards, say), the
-/// last two nodes of every cell change places, so that all stay positively oriented.
+/// Nodes and cells keep their order. If the geometry mirrors space (depth downwards, for example),
+/// the last two nodes of every cell are exchanged, so that all cells stay positively oriented.
 pub fn to_physical<const D: usize, M: Simplices<D>>(
     mesh: &M,
     step: [f64; D],
@@ -60,8 +61,8 @@ pub fn to_physical<const D: usize, M: Simplices<D>>(
     replace_nodes(mesh, nodes, geometry)
 }
 
-/// The same cells with other nodes; where the geometry mirrors space, the last two nodes of every
-/// cell change places.
+/// Returns a mesh with the same cells and other nodes. If the geometry mirrors space, the last two
+/// nodes of every cell are exchanged.
 pub fn replace_nodes<const D: usize, M: Simplices<D>>(
     mesh: &M,
     nodes: Vec<[f64; D]>,
@@ -74,15 +75,16 @@ pub fn replace_nodes<const D: usize, M: Simplices<D>>(
     mesh
 }
 
-/// Bits for the faces of cells (bit k: the face opposite node k) as [`to_physical`] turns their
-/// nodes, there and back, if it mirrors space.
+/// Converts the bits of cells' faces (bit k: the face opposite node k) between lattice and physical
+/// space, in either direction: if [`to_physical`] mirrors space, it exchanges the last two nodes.
 pub fn face_bits_to_physical<const D: usize>(bits: &[u8], mirrored: bool) -> Vec<u8> {
     if !mirrored {
         return bits.to_vec();
     }
-    let (last, before) = (1 << D, 1 << (D - 1));
-    let turn = |b: u8| (b & !(last | before)) | (b & before) << 1 | (b & last) >> 1;
-    bits.iter().map(|&b| turn(b)).collect()
+    let (last, second_last) = (1 << D, 1 << (D - 1));
+    let swap_last_two =
+        |b: u8| (b & !(last | second_last)) | (b & second_last) << 1 | (b & last) >> 1;
+    bits.iter().map(|&b| swap_last_two(b)).collect()
 }
 
 #[cfg(test)]
@@ -113,12 +115,12 @@ mod tests {
             nodes: vec![[0.0; 2], [2.0, 0.0], [0.0, 3.0]],
             triangles: vec![[0, 1, 2]],
         };
-        for down in [5.0, -5.0] {
-            let geometry = Geometry::with_spacing([10.0, 20.0], [1.0, down]);
+        for sample_interval in [5.0, -5.0] {
+            let geometry = Geometry::with_spacing([10.0, 20.0], [1.0, sample_interval]);
             let physical = to_physical(&mesh, [1.0, 0.5], &geometry);
-            assert_eq!(physical.nodes[2], [10.0, 20.0 + 6.0 * down]);
+            assert_eq!(physical.nodes[2], [10.0, 20.0 + 6.0 * sample_interval]);
             assert_eq!(physical.volume(0), 30.0);
-            // The edge between nodes 0 and 1, opposite node 2.
+            // The edge between nodes 0 and 1 is opposite node 2.
             let mirrored = geometry.determinant() < 0.0;
             let bits = face_bits_to_physical::<2>(&[4], mirrored);
             let k = bits[0].trailing_zeros() as usize;

@@ -1,44 +1,44 @@
-//! Surfaces that have names in the file of another program, as our files keep them.
+//! Surfaces that have names in the file of another program, as our files store them.
 
 use super::{FieldValue, MeshFile};
 
-/// The name under which a file keeps the names, and that of the faces: for each three numbers, that of its
-/// surface, from 1 on, and those of its two cells.
+/// Field with the names of the surfaces, one per line.
 pub const SURFACE_NAMES_FIELD: &str = "surface_names";
-/// See [`SURFACE_NAMES_FIELD`].
+/// Field with the faces of named surfaces, three numbers each: the number of the surface, from 1,
+/// and its two cells.
 pub const SURFACE_FACES_FIELD: &str = "surface_faces";
 
-/// Surfaces by name.
+/// Named surfaces and their faces.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct NamedSurfaces {
-    /// The name of surface 1, 2 ...
+    /// Names of surfaces 1, 2 and so on.
     pub names: Vec<String>,
     /// The two cells of each face, ascending, and the number of its surface; sorted.
     pub faces: Vec<([u32; 2], u32)>,
 }
 
 impl NamedSurfaces {
-    /// Surfaces by name in their order, each face with the place of its name among them; of a face with two
-    /// names the first holds, and names that no face has are left out.
+    /// Creates named surfaces from faces with the index of a name. Of a face with two names, the
+    /// first name counts. Names without faces are removed.
     pub fn new(names: &[String], mut faces: Vec<([u32; 2], u32)>) -> Self {
         faces.sort_unstable();
         faces.dedup_by_key(|(cells, _)| *cells);
         let mut used: Vec<u32> = faces.iter().map(|face| face.1).collect();
         used.sort_unstable();
         used.dedup();
-        let number = |place: u32| used.partition_point(|&other| other < place) as u32 + 1;
+        let surface_number = |index: u32| used.partition_point(|&other| other < index) as u32 + 1;
         Self {
             faces: (faces.iter())
-                .map(|&(cells, place)| (cells, number(place)))
+                .map(|&(cells, index)| (cells, surface_number(index)))
                 .collect(),
             names: used
                 .iter()
-                .map(|&place| names[place as usize].clone())
+                .map(|&index| names[index as usize].clone())
                 .collect(),
         }
     }
 
-    /// The fields that say it; none if there are no surfaces.
+    /// Returns the fields that store the surfaces; empty if there are none.
     pub fn into_fields(self) -> Vec<(String, FieldValue)> {
         if self.names.is_empty() {
             return Vec::new();
@@ -46,7 +46,7 @@ impl NamedSurfaces {
         let numbers = self
             .faces
             .iter()
-            .flat_map(|&([a, b], number)| [number, a, b]);
+            .flat_map(|&([a, b], surface)| [surface, a, b]);
         let numbers = numbers.map(i64::from).collect();
         vec![
             (
@@ -57,7 +57,7 @@ impl NamedSurfaces {
         ]
     }
 
-    /// Those of a file.
+    /// Reads the surfaces of a file.
     pub(super) fn from_file<M>(file: &MeshFile<M>) -> Self {
         let (Some(FieldValue::Text(names)), Some(FieldValue::Ints(numbers))) = (
             file.field_value(SURFACE_NAMES_FIELD),
@@ -66,19 +66,19 @@ impl NamedSurfaces {
             return Self::default();
         };
         let names: Vec<String> = names.lines().map(str::to_string).collect();
-        let face = |&[number, a, b]: &[i64; 3]| {
-            let place = u32::try_from(number).ok()?.checked_sub(1)?;
+        let face = |&[surface, a, b]: &[i64; 3]| {
+            let index = u32::try_from(surface).ok()?.checked_sub(1)?;
             let cells = [u32::try_from(a).ok()?, u32::try_from(b).ok()?];
-            ((place as usize) < names.len()).then_some((cells, place))
+            ((index as usize) < names.len()).then_some((cells, index))
         };
         let faces = numbers.as_chunks::<3>().0.iter().filter_map(face);
         Self::new(&names, faces.collect())
     }
 
-    /// The number of the surface on which the face between two cells lies.
+    /// Returns the number of the surface on which the face between two cells lies.
     pub fn surface_between(&self, mut cells: [u32; 2]) -> Option<u32> {
         cells.sort_unstable();
-        let at = self.faces.binary_search_by_key(&cells, |face| face.0);
-        at.ok().map(|at| self.faces[at].1)
+        let found = self.faces.binary_search_by_key(&cells, |face| face.0);
+        found.ok().map(|at| self.faces[at].1)
     }
 }

@@ -1,4 +1,5 @@
-//! From a job's mesh of simplices to a file: physical coordinates, and what each node and cell is.
+//! Converts a job's mesh of simplices to a mesh file: physical coordinates, and the data of each
+//! node and cell.
 
 use std::path::Path;
 
@@ -25,20 +26,23 @@ use crate::store::{
 };
 use crate::{Error, Result, comm};
 
-/// The outcome of a job where the image lies in the world, with all that is known of each node and
-/// cell.
+/// Returns the mesh of a job in world coordinates, with the data of each node and cell.
 pub fn simplex_mesh_file<const D: usize, M: Simplices<D>>(
     outcome: &Outcome<D>,
-    made: &AnnotatedMesh<M>,
+    annotated: &AnnotatedMesh<M>,
 ) -> MeshFile<M>
 where
     MeshSpace<D>: Meshing<D, Mesh = M>,
 {
     let geometry = &outcome.geometry;
-    let lattice = &made.mesh;
+    let lattice = &annotated.mesh;
     let nodes = lattice.nodes();
     let mesh = to_physical(lattice, outcome.step, geometry);
-    let kinds: Vec<u8> = made.node_kinds.iter().map(|&kind| kind as u8).collect();
+    let kinds: Vec<u8> = annotated
+        .node_kinds
+        .iter()
+        .map(|&kind| kind as u8)
+        .collect();
     let potential = &outcome.features.potential;
     let feature: Vec<f32> = nodes
         .par_iter()
@@ -51,7 +55,7 @@ where
     let cells = || (0..lattice.len()).into_par_iter();
     let smallest = smallest_angles(lattice);
     let volume: Vec<f32> = cells().map(|c| mesh.volume(c) as f32).collect();
-    let horizons = horizon_bits(lattice, &made.feature_faces, &outcome.features);
+    let horizons = horizon_bits(lattice, &annotated.feature_faces, &outcome.features);
     let mirrored = geometry.determinant() < 0.0;
     let mut file = MeshFile {
         mesh,
@@ -63,18 +67,22 @@ where
         cell_data: vec![
             DataArray::scalars(
                 "region",
-                match made.regions.is_empty() {
-                    true => vec![0i32; lattice.len()],
-                    false => made.regions.clone(),
+                if annotated.regions.is_empty() {
+                    vec![0i32; lattice.len()]
+                } else {
+                    annotated.regions.clone()
                 },
             ),
             DataArray::scalars(M::MIN_ANGLE_ARRAY, smallest),
             DataArray::scalars(M::VOLUME_NAME, volume),
             DataArray::scalars(
                 M::FEATURE_FACES_ARRAY,
-                face_bits_to_physical::<D>(&made.feature_faces, mirrored),
+                face_bits_to_physical::<D>(&annotated.feature_faces, mirrored),
             ),
-            DataArray::scalars(ANGLES_ARRAY, made.angle_assessment.cell_classes.clone()),
+            DataArray::scalars(
+                ANGLES_ARRAY,
+                annotated.angle_assessment.cell_classes.clone(),
+            ),
         ],
         field_data: {
             let mut fields =
@@ -84,7 +92,7 @@ where
             fields
         },
     };
-    // A rank without cells has the arrays that others have.
+    // The rank without cells also needs the arrays that the other ranks have.
     if outcome.features.point_counts().on_horizon > 0 {
         let bits = face_bits_to_physical::<D>(&horizons, mirrored);
         file.cell_data
@@ -97,15 +105,15 @@ impl<const D: usize> Outcome<D>
 where
     MeshSpace<D>: Meshing<D>,
 {
-    /// The mesh with all that is known of it, where the image lies in the world, as
-    /// [`Self::write_with_image`] writes it; `None` unless the image has two axes or three.
+    /// Returns the mesh with all its data in world coordinates, as [`Self::write_with_image`]
+    /// writes it. Returns `None` unless the image has two or three axes.
     ///
     /// # Errors
-    /// That of reading the image.
+    /// Returns the error of reading the image.
     pub fn mesh_file(&self, image: ImageSource<'_, D>) -> Result<Option<AnyMesh>> {
         Ok(AnyMesh::from_any(match &self.mesh {
-            MeshResult::Simplices(made) => {
-                Box::new(with_image(simplex_mesh_file(self, made), image)?)
+            MeshResult::Simplices(annotated) => {
+                Box::new(with_image(simplex_mesh_file(self, annotated), image)?)
             }
             MeshResult::Voronoi { mesh, weld } => {
                 Box::new(with_image(cell_mesh_file(self, mesh, *weld), image)?)
@@ -113,20 +121,22 @@ where
         }))
     }
 
-    /// Writes the mesh with all that is known of it, where the image lies in the world, as a VTU file:
-    /// wholly or not at all. To a `.pvtu` file each rank writes its share of the tetrahedra or triangles; where ranks
-    /// have but a part each, nothing else can be written.
+    /// Writes the mesh with all its data in world coordinates as a VTU file. The file is written
+    /// completely or not at all. If `path` ends in `.pvtu`, each rank writes its part of the
+    /// tetrahedra or triangles; a distributed mesh can be written only so.
     ///
     /// # Errors
-    /// [`Error::Io`] if it cannot be written, [`Error::Job`] for Voronoi cells in parts.
+    /// Returns [`Error::Io`] if the file cannot be written, and [`Error::Job`] for distributed
+    /// Voronoi cells.
     pub fn write(&self, path: &Path) -> Result<()> {
         self.write_file(path, None)
     }
 
-    /// The same with the image's value at each node and in the middle of each cell, as arrays `image`.
+    /// Writes the mesh as [`write`](Self::write) does, and the image's value at each node and at
+    /// each cell's centroid as arrays `image`.
     ///
     /// # Errors
-    /// As [`write`](Self::write), and that of reading the image.
+    /// Returns the errors of [`write`](Self::write) and of reading the image.
     pub fn write_with_image(&self, path: &Path, image: ImageSource<'_, D>) -> Result<()> {
         self.write_file(path, Some(image))
     }
@@ -134,18 +144,18 @@ where
     fn write_file(&self, path: &Path, image: Option<ImageSource<'_, D>>) -> Result<()> {
         let in_parts = is_pvtu(path);
         match &self.mesh {
-            MeshResult::Simplices(made) if in_parts => {
+            MeshResult::Simplices(annotated) if in_parts => {
                 let (part, count) = (comm::rank(), comm::size());
-                let file = simplex_mesh_file(self, made);
+                let file = simplex_mesh_file(self, annotated);
                 let file = match &self.share {
                     Some(share) => with_global_nodes(file, &share.nodes),
                     None => extract_partition(file, part, count),
                 };
                 write_partition(path, &with_optional_image(file, image)?, part, count)
             }
-            MeshResult::Simplices(made) => write_vtu(
+            MeshResult::Simplices(annotated) => write_vtu(
                 path,
-                &with_optional_image(simplex_mesh_file(self, made), image)?,
+                &with_optional_image(simplex_mesh_file(self, annotated), image)?,
             ),
             MeshResult::Voronoi { .. } if in_parts => Err(no_partitions_error(path)),
             MeshResult::Voronoi { mesh, weld } => {
@@ -155,19 +165,19 @@ where
         }
     }
 
-    /// The shapes of tetrahedra or triangles where the image lies in the world, if they are other ones there. Where ranks
-    /// have a part each, all must ask.
+    /// Returns the quality of tetrahedra or triangles in world coordinates, if it differs from that
+    /// in lattice space. If the mesh is distributed, all ranks must call this.
     ///
     /// # Errors
-    /// Those of other ranks.
+    /// Returns the errors of other ranks.
     pub fn quality_in_world(&self) -> Result<Option<Quality>> {
-        let Some(made) = self.simplices() else {
+        let Some(annotated) = self.simplices() else {
             return Ok(None);
         };
         if self.geometry.preserves_shapes(self.step) || !self.geometry.has_uniform_units() {
             return Ok(None);
         }
-        let mesh = to_physical(&made.mesh, self.step, &self.geometry);
+        let mesh = to_physical(&annotated.mesh, self.step, &self.geometry);
         Ok(Some(match &self.share {
             None => quality(&mesh),
             Some(share) => quality_of_partition(
@@ -177,16 +187,19 @@ where
         }))
     }
 
-    /// Writes the acute lines of tetrahedra or triangles, where the image lies in the world, as
-    /// [`write_lines`] does; Voronoi cells have none.
+    /// Writes the acute lines of tetrahedra or triangles in world coordinates, as [`write_lines`]
+    /// does. Voronoi cells have none.
     ///
     /// # Errors
-    /// [`Error::Io`](crate::Error::Io) if the file cannot be written.
+    /// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
     pub fn write_lines(&self, path: &Path) -> Result<()> {
-        let none = Vec::new();
+        let no_lines = Vec::new();
         let (lines, nodes) = match self.simplices() {
-            Some(made) => (&made.angle_assessment.angles.acute_lines, made.mesh.nodes()),
-            None => (&none, &[][..]),
+            Some(annotated) => (
+                &annotated.angle_assessment.angles.acute_lines,
+                annotated.mesh.nodes(),
+            ),
+            None => (&no_lines, &[][..]),
         };
         write_lines(path, lines, |n| {
             let x = nodes[n as usize];
@@ -196,7 +209,7 @@ where
     }
 }
 
-/// Voronoi cells, of which no parts are written.
+/// Returns the error for Voronoi cells, which cannot be written in parts.
 pub(crate) fn no_partitions_error(path: &Path) -> Error {
     let problem = "is for tetrahedra and triangles: Voronoi cells are not written in parts";
     Error::Job(cause(
@@ -206,7 +219,7 @@ pub(crate) fn no_partitions_error(path: &Path) -> Error {
     ))
 }
 
-/// The same, if there is an image.
+/// Adds the image's values as [`with_image`] does, if there is an image.
 fn with_optional_image<const D: usize, M: Mesh<D>>(
     file: MeshFile<M>,
     image: Option<ImageSource<'_, D>>,
@@ -217,11 +230,11 @@ fn with_optional_image<const D: usize, M: Mesh<D>>(
     }
 }
 
-/// A mesh with the image's value at each node and in the middle of each cell, interpolated linearly, as
+/// Adds the image's value at each node and at each cell's centroid, interpolated linearly, as
 /// arrays `image`.
 ///
 /// # Errors
-/// That of reading the image.
+/// Returns the error of reading the image.
 pub fn with_image<const D: usize, M: Mesh<D>>(
     mut file: MeshFile<M>,
     image: ImageSource<'_, D>,
@@ -229,29 +242,31 @@ pub fn with_image<const D: usize, M: Mesh<D>>(
     let space = LatticeSpace::from_file(&file, file.mesh.nodes()).filter(|space| space.is_stored);
     let geometry = space.map_or_else(|| image.geometry().clone(), |space| space.geometry);
     let (nodes, centre) = (file.mesh.nodes(), file.mesh.centres());
-    let on_nodes = image.interpolate_linear(nodes.len(), |n| geometry.to_index(nodes[n]))?;
-    let in_cells = image.interpolate_linear(file.mesh.len(), |c| geometry.to_index(centre(c)))?;
+    let node_values = image.interpolate_linear(nodes.len(), |n| geometry.to_index(nodes[n]))?;
+    let cell_values =
+        image.interpolate_linear(file.mesh.len(), |c| geometry.to_index(centre(c)))?;
     drop(centre);
     let arrays = &mut file.point_data;
-    arrays.push(DataArray::scalars(IMAGE_ARRAY, on_nodes));
+    arrays.push(DataArray::scalars(IMAGE_ARRAY, node_values));
     let arrays = &mut file.cell_data;
-    arrays.push(DataArray::scalars(IMAGE_ARRAY, in_cells));
+    arrays.push(DataArray::scalars(IMAGE_ARRAY, cell_values));
     Ok(file)
 }
 
-/// The arrays of the image's values.
+/// Name of the arrays with the image's values.
 pub(crate) const IMAGE_ARRAY: &str = "image";
-/// The array that says which cells have angles beyond [30, 150], and whether features explain them.
+/// Name of the array that marks cells with angles outside [30, 150] degrees, and tells whether
+/// features explain them.
 pub(crate) const ANGLES_ARRAY: &str = "angles";
-/// The array that says which faces on features lie on horizons, which are no barriers to flow: bits
-/// of cells as in `feature_faces`, or for polyhedra and polygons pairs of cells.
+/// Name of the array that marks faces on horizons, which are no barriers to flow: bits of cells as
+/// in `feature_faces`, or pairs of cells for polyhedra and polygons.
 pub(crate) const HORIZON_FACES_ARRAY: &str = "horizon_faces";
-/// The array of d at each node.
+/// Name of the array with the nominal distance d at each node.
 pub(crate) const DISTANCE_ARRAY: &str = "distance";
-/// Field data of welded Voronoi cells: the share of their size within which nodes are one.
+/// Field of welded Voronoi cells: the fraction of their size within which nodes are merged.
 pub(crate) const WELD_FIELD: &str = "weld";
-/// The unit of the numbers of an array of ours, by its name and the units of the coordinates; empty for
-/// numbers without unit and where it is not known.
+/// Returns the unit of one of our arrays, from its name and the units of the coordinates; empty for
+/// numbers without unit, or if the unit is not known.
 pub(crate) fn array_unit<const D: usize>(array: &str, units: &[String; D]) -> String {
     match array {
         "min_dihedral" | "min_angle" => "degrees".to_string(),
@@ -266,18 +281,19 @@ pub(crate) fn array_unit<const D: usize>(array: &str, units: &[String; D]) -> St
         _ => String::new(),
     }
 }
-/// The field of units of the coordinates, commas between them.
+/// Field with the units of the coordinates, separated by commas.
 pub(super) const UNITS_FIELD: &str = "units";
-/// The name under which a file keeps what feature detection settled on.
+/// Field with the options that feature detection used.
 const FEATURES_FIELD: &str = "features";
 
-/// What feature detection settled on, so that a part of the mesh can be made again alike.
-pub fn resolved_options_field(settled: &[ResolvedOptions]) -> Option<(String, FieldValue)> {
-    let text = serde_json::to_string(settled).ok()?;
+/// Returns the field with the options that feature detection used, so that a part of the mesh can
+/// be rebuilt in the same way.
+pub fn resolved_options_field(options: &[ResolvedOptions]) -> Option<(String, FieldValue)> {
+    let text = serde_json::to_string(options).ok()?;
     Some((FEATURES_FIELD.into(), FieldValue::Text(text)))
 }
 
-/// The same, of a file; `None` if it does not say.
+/// Reads the options that feature detection used from a file; `None` if it does not have them.
 pub fn resolved_options<M>(file: &MeshFile<M>) -> Option<Vec<ResolvedOptions>> {
     let mut fields = file.field_data.iter();
     fields.find_map(|(name, value)| match value {
@@ -286,7 +302,7 @@ pub fn resolved_options<M>(file: &MeshFile<M>) -> Option<Vec<ResolvedOptions>> {
     })
 }
 
-/// What every file says of itself: what made it, and where its lattice space is.
+/// Returns the fields of every mesh file: provenance, and the position of lattice space.
 pub(crate) fn common_fields<const D: usize>(
     geometry: &Geometry<D>,
     step: [f64; D],

@@ -1,8 +1,9 @@
-//! VTK unstructured grids of polyhedra (cell type 42) or, in the plane, polygons (7).
+//! Reads and writes VTK unstructured grids of polyhedra (cell type 42) or, in 2-D, polygons (7).
 //!
-//! VTK stores the faces of every polyhedron with it, outwards, so each face between two cells is in
-//! the file twice; reading joins them again and brings back the same faces in the same order. Sites
-//! and regions are cell data; faces on features are a list of pairs of cells in the field data.
+//! VTK stores the faces of every polyhedron with it, oriented outwards, so each face between two
+//! cells is in the file twice. Reading joins the two copies and restores the same faces in the same
+//! order. Sites and regions are cell data. Faces on features are a list of pairs of cells in the
+//! field data.
 
 use std::path::Path;
 
@@ -19,27 +20,27 @@ use crate::files::vtk::{ArrayPacking, ArraySource, DataArray, Document, VtkFile}
 use crate::mesh::poly::{FaceNeighbour, Lists, NO_CELL, PolyMesh};
 use crate::mesh::{Mesh, TriMesh};
 
-/// The cell array of sites.
+/// Cell array of sites.
 const SITE_ARRAY: &str = "site";
-/// The cell array of regions.
+/// Cell array of regions.
 const REGION_ARRAY: &str = "region";
-/// The field array of faces on features: pairs of cells.
+/// Field of faces on features: pairs of cells.
 const FEATURE_FACES_FIELD: &str = "feature_faces";
 
-/// VTK's number of the quadrilateral.
+/// VTK's type of quadrilaterals.
 const VTK_QUADRILATERAL: u8 = 9;
 
-/// Cells in one task.
+/// Number of cells in one parallel task.
 const CHUNK_CELLS: usize = 4096;
-/// Tasks whose results are in memory at once.
+/// Number of tasks whose results are in memory at the same time.
 const CHUNKS_PER_BATCH: usize = 16;
 
-/// Writes a mesh of polyhedra or polygons; the file appears whole or not at all. `site`, `region` and
-/// `feature_faces` come from the mesh; `point_data` and `cell_data` are what else there is.
+/// Writes a mesh of polyhedra or polygons, completely or not at all. `site`, `region` and
+/// `feature_faces` come from the mesh; `point_data` and `cell_data` are additional arrays.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) if the file cannot be written, [`Error::Mesh`](crate::Error::Mesh)
-/// if an array does not have a tuple per node or cell.
+/// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written, and
+/// [`Error::Mesh`](crate::Error::Mesh) if an array does not have one tuple for each node or cell.
 pub fn write_cells_vtu<const D: usize>(path: &Path, file: &MeshFile<PolyMesh<D>>) -> Result<()> {
     let mut batch = Batch::default();
     let (points, cells) = (&file.point_data, &file.cell_data);
@@ -55,10 +56,11 @@ pub fn write_cells_vtu<const D: usize>(path: &Path, file: &MeshFile<PolyMesh<D>>
     batch.commit()
 }
 
-/// The same as one of several files that belong together, stored in either way.
+/// Writes a mesh as [`write_cells_vtu`] does, as one of several files of a batch, with the given
+/// packing.
 ///
 /// # Errors
-/// As [`write_cells_vtu`].
+/// Returns the errors of [`write_cells_vtu`].
 pub fn add_cells_vtu<const D: usize>(
     batch: &mut Batch,
     path: &Path,
@@ -110,21 +112,22 @@ pub fn add_cells_vtu<const D: usize>(
     batch.write(path, |out| document.write(out))
 }
 
-/// The cells as VTK lists them.
+/// The arrays in which VTK stores polyhedra or polygons.
 #[derive(Debug, Default)]
 pub struct CellStreams {
-    /// The nodes of each cell; in the plane in order round it.
+    /// The nodes of each cell, ascending; in 2-D in anticlockwise order.
     pub corners: Vec<u32>,
-    /// Where those of each cell end.
+    /// End of each cell's nodes in `corners`.
     pub corner_ends: Vec<u64>,
-    /// For each cell the number of its faces, and for each of those the number of its nodes and them.
+    /// For each cell the number of its faces, and for each face the number of its nodes followed by
+    /// the nodes.
     pub faces: Vec<u32>,
-    /// Where those of each cell end.
+    /// End of each cell's faces in `faces`.
     pub face_ends: Vec<u64>,
 }
 
 impl CellStreams {
-    /// Of a mesh.
+    /// Creates the arrays of a mesh.
     pub fn new<const D: usize>(mesh: &PolyMesh<D>) -> Self {
         let lists = mesh.faces_of_cells();
         let cells = mesh.sites.len();
@@ -137,10 +140,10 @@ impl CellStreams {
         };
         let mut all = Self::default();
         let chunks = cells.div_ceil(CHUNK_CELLS);
-        // A few parts at a time, so that little is in memory twice.
+        // Only a few parts are computed at a time, to save memory.
         for first in (0..chunks).step_by(CHUNKS_PER_BATCH) {
-            let few = first..chunks.min(first + CHUNKS_PER_BATCH);
-            let parts: Vec<Self> = few.into_par_iter().map(part).collect();
+            let batch_chunks = first..chunks.min(first + CHUNKS_PER_BATCH);
+            let parts: Vec<Self> = batch_chunks.into_par_iter().map(part).collect();
             parts.iter().for_each(|part| all.append(part));
         }
         all
@@ -157,7 +160,7 @@ impl CellStreams {
     }
 
     fn add<const D: usize>(&mut self, mesh: &PolyMesh<D>, cell: usize, faces: &[u32]) {
-        let own = |f: u32| mesh.face_cells[f as usize][0] as usize == cell;
+        let is_first_cell = |f: u32| mesh.face_cells[f as usize][0] as usize == cell;
         let start = self.corners.len();
         if D == 2 {
             mesh.append_ring(cell, faces, &mut self.corners);
@@ -168,7 +171,7 @@ impl CellStreams {
         for &f in faces {
             let ring = mesh.faces.get(f as usize);
             self.faces.push(ring.len() as u32);
-            if own(f) {
+            if is_first_cell(f) {
                 self.faces.extend_from_slice(ring);
             } else {
                 self.faces.extend(ring.iter().rev());
@@ -189,12 +192,13 @@ impl CellStreams {
     }
 }
 
-/// Reads a mesh of polyhedra or polygons: ours, or one that VTK or ParaView wrote. Faces on the
-/// boundary have [`NO_CELL`] beyond them. Cells without stored sites have the mean of their nodes.
+/// Reads a mesh of polyhedra or polygons that atomesh, VTK or ParaView wrote. Faces on the boundary
+/// have [`NO_CELL`] beyond them. If the file has no sites, each cell's site is the mean of its
+/// nodes.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) if the file is damaged, holds other cells, or three cells share a
-/// face.
+/// Returns [`Error::Io`](crate::Error::Io) if the file is damaged, has cells of other types, or if
+/// three cells share a face.
 pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<PolyMesh<D>>> {
     let piece = file.piece()?;
     let points = vtu::read_count(file, piece, "NumberOfPoints")?;
@@ -203,19 +207,19 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
     let element = file.child(piece, "Cells")?;
     let types = read_cell_integers(file, element, "types")?;
     let kind = i64::from(PolyMesh::<D>::VTK_CELL);
-    let fits = |t: i64| if D == 2 { is_polygon(t) } else { t == kind };
-    if let Some(cell) = types.iter().position(|&t| !fits(t)) {
+    let is_expected = |t: i64| if D == 2 { is_polygon(t) } else { t == kind };
+    if let Some(cell) = types.iter().position(|&t| !is_expected(t)) {
         let problem = format!(
             "cell {cell} is of VTK's type {}, not {kind} like the first",
             types[cell]
         );
         return Err(file.error(problem, "give a mesh of one kind of cells"));
     }
-    let broken = |what: &str| damaged_error(file, what);
-    // Every face of every cell: the cell, and its nodes in the cell's stream.
+    let damaged = |part: &str| damaged_error(file, part);
+    // The stream has the nodes of all faces of all cells.
     let numbers = |name: &str| {
         let numbers = read_cell_values(file, element, name)?.to_u32();
-        numbers.ok_or_else(|| broken("their nodes"))
+        numbers.ok_or_else(|| damaged("their nodes"))
     };
     let (stream, ends) = if D == 2 {
         (
@@ -227,7 +231,7 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
     };
     let too_many = points.max(stream.len()) >= u32::MAX as usize;
     if types.len() != count || ends.len() != count || too_many {
-        return Err(broken("their number"));
+        return Err(damaged("their number"));
     }
     let mut sides = CellFaces::default();
     let mut start = 0;
@@ -235,22 +239,22 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
         let end = usize::try_from(end)
             .ok()
             .filter(|&end| end <= stream.len() && end >= start);
-        let own = &stream[start..end.ok_or_else(|| broken("their ends"))?];
-        start += own.len();
-        let added = sides.push_stream::<D>(cell as u32, own);
-        added.ok_or_else(|| broken("their faces"))?;
+        let cell_stream = &stream[start..end.ok_or_else(|| damaged("their ends"))?];
+        start += cell_stream.len();
+        let added = sides.push_stream::<D>(cell as u32, cell_stream);
+        added.ok_or_else(|| damaged("their faces"))?;
     }
     drop(stream);
     if sides.rings.items.iter().any(|&n| n as usize >= points) {
-        return Err(broken("their nodes"));
+        return Err(damaged("their nodes"));
     }
     let mut mesh =
-        (sides.into_mesh::<D>(nodes, count)).ok_or_else(|| broken("a face with three cells"))?;
+        (sides.into_mesh::<D>(nodes, count)).ok_or_else(|| damaged("a face with three cells"))?;
 
     let mut cell_data = read_arrays(file, piece, "CellData", count)?;
     let mut take = |name: &str| {
-        let at = cell_data.iter().position(|a| a.name == name)?;
-        Some(cell_data.remove(at).values)
+        let index = cell_data.iter().position(|a| a.name == name)?;
+        Some(cell_data.remove(index).values)
     };
     if let Some(values) = take(REGION_ARRAY) {
         mesh.region = values.to_i64().iter().map(|&r| r as i32).collect();
@@ -263,8 +267,8 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
         _ => mesh.sites = node_means(&mesh, count),
     }
     let mut field_data = read_fields(file)?;
-    if let Some(at) = field_data.iter().position(|f| f.0 == FEATURE_FACES_FIELD)
-        && let (_, FieldValue::Ints(pairs)) = field_data.remove(at)
+    if let Some(index) = field_data.iter().position(|f| f.0 == FEATURE_FACES_FIELD)
+        && let (_, FieldValue::Ints(pairs)) = field_data.remove(index)
     {
         let inner = mesh.inner_face_count();
         for pair in pairs.chunks_exact(2) {
@@ -282,12 +286,13 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
     })
 }
 
-fn damaged_error(file: &VtkFile, what: &str) -> Error {
-    let problem = format!("its cells are damaged ({what})");
+fn damaged_error(file: &VtkFile, part: &str) -> Error {
+    let problem = format!("its cells are damaged ({part})");
     file.error(problem, "write it again")
 }
 
-/// The faces of polyhedra in a stream, and where those of each cell end; other cells have none.
+/// Returns the faces of polyhedra as a stream, and the end of each cell's faces in it. Other cells
+/// have none.
 pub(super) fn face_streams(file: &VtkFile, element: &Element) -> Result<(Vec<u32>, Vec<i64>)> {
     let numbers = |name: &str| {
         let numbers = read_cell_values(file, element, name)?.to_u32();
@@ -307,7 +312,7 @@ pub(super) fn face_streams(file: &VtkFile, element: &Element) -> Result<(Vec<u32
     ))
 }
 
-/// Whether cells of VTK's type are polygons, whatever VTK calls them.
+/// Returns `true` if cells of this VTK type are polygons.
 pub(super) fn is_polygon(kind: i64) -> bool {
     let kinds = [
         TriMesh::VTK_CELL,
@@ -317,24 +322,24 @@ pub(super) fn is_polygon(kind: i64) -> bool {
     kinds.map(i64::from).contains(&kind)
 }
 
-/// Polyhedra as VTK writes them since version 9.4, each a list of faces that are lists of nodes, as
-/// they were before: a stream of counts and nodes, and where each polyhedron ends in it.
+/// Converts polyhedra as VTK writes them since version 9.4 (lists of faces, which are lists of
+/// nodes) to the older form: a stream of counts and nodes, and the end of each polyhedron in it.
 fn read_face_lists(
     nodes: &[u32],
     node_ends: &[u32],
     faces: &[u32],
     face_ends: &[u32],
 ) -> Option<(Vec<u32>, Vec<i64>)> {
-    let part = |ends: &[u32], i: usize| {
+    let range = |ends: &[u32], i: usize| {
         let begin = if i == 0 { 0 } else { *ends.get(i - 1)? };
         Some(begin as usize..*ends.get(i)? as usize)
     };
     let (mut stream, mut ends) = (Vec::new(), Vec::new());
     for cell in 0..face_ends.len() {
-        let own = faces.get(part(face_ends, cell)?)?;
-        stream.push(own.len() as u32);
-        for &face in own {
-            let ring = nodes.get(part(node_ends, face as usize)?)?;
+        let cell_faces = faces.get(range(face_ends, cell)?)?;
+        stream.push(cell_faces.len() as u32);
+        for &face in cell_faces {
+            let ring = nodes.get(range(node_ends, face as usize)?)?;
             stream.push(ring.len() as u32);
             stream.extend(ring);
         }
@@ -343,12 +348,12 @@ fn read_face_lists(
     Some((stream, ends))
 }
 
-/// The faces of all cells as a file has them: those between two cells twice.
+/// The faces of all cells of a file; faces between two cells appear twice.
 #[derive(Default)]
 pub(super) struct CellFaces {
-    /// The cell of each.
+    /// The cell of each face.
     face_cell: Vec<u32>,
-    /// The nodes of each, in order round it.
+    /// The nodes of each face, in order.
     pub rings: Lists,
 }
 
@@ -359,51 +364,52 @@ impl CellFaces {
         self.face_cell.push(cell);
     }
 
-    /// Adds the faces in a cell's stream; `None` if it makes no sense.
+    /// Adds the faces in a cell's stream; `None` if the stream is invalid.
     fn push_stream<const D: usize>(&mut self, cell: u32, stream: &[u32]) -> Option<()> {
-        let mut put = |ring: &[u32]| self.push(cell, ring);
+        let mut add_face = |ring: &[u32]| self.push(cell, ring);
         if D == 2 {
             let (&[first, _, ..], &[.., last]) = (stream, stream) else {
                 return None;
             };
-            stream.windows(2).for_each(&mut put);
-            put(&[last, first]);
+            stream.windows(2).for_each(&mut add_face);
+            add_face(&[last, first]);
             return (stream.len() >= 3).then_some(());
         }
-        let (&count, mut rest) = stream.split_first()?;
+        let (&count, mut remaining) = stream.split_first()?;
         for _ in 0..count {
-            let (&size, after) = rest.split_first()?;
-            put(after.get(..size as usize).filter(|ring| ring.len() >= 3)?);
-            rest = &after[size as usize..];
+            let (&size, tail) = remaining.split_first()?;
+            add_face(tail.get(..size as usize).filter(|ring| ring.len() >= 3)?);
+            remaining = &tail[size as usize..];
         }
-        rest.is_empty().then_some(())
+        remaining.is_empty().then_some(())
     }
 
-    /// The least three nodes of a face (of an edge both), ascending: hardly two faces have the same.
+    /// Returns the three lowest nodes of a face (both nodes of an edge), ascending. Different faces
+    /// rarely have the same key.
     fn sort_key(&self, side: usize) -> [u32; 3] {
-        let mut least = [u32::MAX; 3];
+        let mut smallest = [u32::MAX; 3];
         for &n in self.rings.get(side) {
-            if n < least[2] {
-                least[2] = n;
-                if n < least[1] {
-                    least.swap(1, 2);
+            if n < smallest[2] {
+                smallest[2] = n;
+                if n < smallest[1] {
+                    smallest.swap(1, 2);
                 }
-                if n < least[0] {
-                    least.swap(0, 1);
+                if n < smallest[0] {
+                    smallest.swap(0, 1);
                 }
             }
         }
-        least
+        smallest
     }
 
-    /// The nodes of a face, ascending.
+    /// Returns the nodes of a face, ascending.
     fn sorted_nodes(&self, side: u32) -> Vec<u32> {
-        let mut set = self.rings.get(side as usize).to_vec();
-        set.sort_unstable();
-        set
+        let mut nodes = self.rings.get(side as usize).to_vec();
+        nodes.sort_unstable();
+        nodes
     }
 
-    /// The mesh; `None` if three cells share a face.
+    /// Returns the mesh, or `None` if three cells share a face.
     pub fn into_mesh<const D: usize>(
         &self,
         nodes: Vec<[f64; D]>,
@@ -415,28 +421,34 @@ impl CellFaces {
             .map(|i| (self.sort_key(i), i as u32))
             .collect();
         order.par_sort_unstable();
-        // Whether on the boundary, the cells, and the place in the file: the order of faces.
+        // The sort order of faces: inner faces first, then by cells, then by position in the file.
         let mut faces: Vec<(bool, [u32; 2], u32)> = Vec::with_capacity(order.len() / 2);
-        let mut put = |one: u32, other: Option<u32>| {
-            let beyond = other.map_or(NO_CELL, |other| self.face_cell[other as usize]);
-            faces.push((other.is_none(), [self.face_cell[one as usize], beyond], one));
+        let mut add_face = |first: u32, second: Option<u32>| {
+            let beyond = second.map_or(NO_CELL, |other| self.face_cell[other as usize]);
+            faces.push((
+                second.is_none(),
+                [self.face_cell[first as usize], beyond],
+                first,
+            ));
         };
         for group in order.chunk_by(|a, b| a.0 == b.0) {
             match *group {
-                [(_, one)] => put(one, None),
-                [(_, one), (_, other)] if self.sorted_nodes(one) == self.sorted_nodes(other) => {
-                    put(one, Some(other))
+                [(_, side)] => add_face(side, None),
+                [(_, first), (_, second)]
+                    if self.sorted_nodes(first) == self.sorted_nodes(second) =>
+                {
+                    add_face(first, Some(second))
                 }
                 _ => {
-                    let mut sets: Vec<(Vec<u32>, u32)> = group
+                    let mut sorted: Vec<(Vec<u32>, u32)> = group
                         .iter()
                         .map(|&(_, i)| (self.sorted_nodes(i), i))
                         .collect();
-                    sets.sort_unstable();
-                    for same in sets.chunk_by(|a, b| a.0 == b.0) {
+                    sorted.sort_unstable();
+                    for same in sorted.chunk_by(|a, b| a.0 == b.0) {
                         match *same {
-                            [(_, one)] => put(one, None),
-                            [(_, one), (_, other)] => put(one, Some(other)),
+                            [(_, side)] => add_face(side, None),
+                            [(_, first), (_, second)] => add_face(first, Some(second)),
                             _ => return None,
                         }
                     }
@@ -451,8 +463,8 @@ impl CellFaces {
             on_feature: vec![false; faces.len()],
             ..PolyMesh::default()
         };
-        for (_, cells, at) in faces {
-            let ring = self.rings.get(at as usize);
+        for (_, cells, side) in faces {
+            let ring = self.rings.get(side as usize);
             mesh.faces.push(ring.iter().copied());
             mesh.face_cells.push(cells);
         }
@@ -460,7 +472,8 @@ impl CellFaces {
     }
 }
 
-/// The mean of each cell's nodes (each as often as it has faces there).
+/// Returns the mean of each cell's nodes; a node counts once for each face of the cell that uses
+/// it.
 pub(super) fn node_means<const D: usize>(mesh: &PolyMesh<D>, cells: usize) -> Vec<[f64; D]> {
     let mut sums = vec![([0.0; D], 0.0); cells];
     for (f, owners) in mesh.face_cells.iter().enumerate() {
@@ -496,18 +509,18 @@ mod tests {
         };
         write_cells_vtu(&path, &file).unwrap();
         let read = read_cells::<D>(&VtkFile::read(&path, "UnstructuredGrid").unwrap()).unwrap();
-        let mut back = read.mesh;
-        assert!(back.face_cells[1..].iter().all(|c| c[1] == NO_CELL));
+        let mut mesh = read.mesh;
+        assert!(mesh.face_cells[1..].iter().all(|c| c[1] == NO_CELL));
         let mut high = [1.0; D];
         high[0] = 2.0;
-        back.assign_sides([0.0; D], high);
-        // Polygons begin with another edge, and with it the order of the boundary may change.
+        mesh.assign_sides([0.0; D], high);
+        // Reading may start a polygon with another edge, which changes the order of boundary faces.
         if D == 3 {
-            assert_eq!(back, file.mesh);
+            assert_eq!(mesh, file.mesh);
         } else {
-            let found = crate::mesh::check::check(&back, [0.0; D], high, 1e-12);
-            assert!(found.passed(), "{found:?}");
-            assert_eq!((&back.sites, back.on_feature[0]), (&file.mesh.sites, true));
+            let report = crate::mesh::check::check(&mesh, [0.0; D], high, 1e-12);
+            assert!(report.passed(), "{report:?}");
+            assert_eq!((&mesh.sites, mesh.on_feature[0]), (&file.mesh.sites, true));
         }
         assert_eq!(
             (read.cell_data, &read.field_data),
@@ -521,9 +534,9 @@ mod tests {
         file.cell_data.push(DataArray::scalars("short", vec![1u8]));
         assert!(write_cells_vtu(&path, &file).is_err());
 
-        let good = std::fs::read(&path).unwrap();
-        for end in (0..good.len() - 40).step_by(31) {
-            std::fs::write(&path, &good[..end]).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        for end in (0..bytes.len() - 40).step_by(31) {
+            std::fs::write(&path, &bytes[..end]).unwrap();
             assert!(read_any_vtu(&path).is_err(), "cut at {end}");
         }
     }
@@ -537,14 +550,14 @@ mod tests {
     #[test]
     fn streams_that_make_no_sense_are_refused() {
         let add = |stream: &[u32]| CellFaces::default().push_stream::<3>(0, stream);
-        for wrong in [
+        for stream in [
             &[][..],
             &[1, 3, 0, 1],
             &[1, 2, 0, 1],
             &[1, u32::MAX, 0, 1],
             &[1, 3, 0, 1, 2, 9],
         ] {
-            assert!(add(wrong).is_none(), "{wrong:?}");
+            assert!(add(stream).is_none(), "{stream:?}");
         }
         let mut sides = CellFaces::default();
         assert!(sides.push_stream::<3>(7, &[1, 4, 5, 0, 9, 2]).is_some());
@@ -573,7 +586,7 @@ mod tests {
 
     #[test]
     fn faces_with_the_same_least_nodes_are_told_apart() {
-        // Two faces of one cell each, and one of two cells, all with the nodes 0, 1, 2.
+        // Two faces of one cell each, and one face of two cells; all have the nodes 0, 1, 2.
         let mut sides = CellFaces::default();
         sides
             .push_stream::<3>(0, &[2, 4, 0, 1, 2, 3, 3, 0, 1, 2])

@@ -1,5 +1,5 @@
-//! The lattice after each round as a ParaView time series: a `.pvd` collection and a `.vtu` file a round
-//! beside it, of the lattice's cells.
+//! Writes the lattice after each round as a ParaView time series: a `.pvd` collection, and in the
+//! same folder one `.vtu` file per round.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,8 @@ use crate::files::vtk::xml::escape;
 use crate::mesh::Simplices;
 use crate::store::{MeshFile, write_vtu};
 
-/// Writes a trace; after every [`add`](Self::add) the files on disk are complete and consistent.
+/// Writes a time series. After every [`add`](Self::add) the files on disk are complete and
+/// consistent.
 #[derive(Debug, Clone)]
 pub struct PvdSeries {
     path: PathBuf,
@@ -19,23 +20,23 @@ pub struct PvdSeries {
 }
 
 impl PvdSeries {
-    /// Begins a trace with an empty collection at `path`.
+    /// Starts a series with an empty collection at `path`.
     ///
     /// # Errors
-    /// [`Error::Io`](crate::Error::Io) if it cannot be written.
+    /// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
     pub fn create(path: &Path) -> Result<Self> {
-        let trace = Self {
+        let series = Self {
             path: path.to_path_buf(),
             rounds: Vec::new(),
         };
-        trace.write_collection()?;
-        Ok(trace)
+        series.write_collection()?;
+        Ok(series)
     }
 
-    /// Adds a round: the lattice's cells in physical coordinates, and what is known of them.
+    /// Adds a round: the lattice's cells in physical coordinates, with their data.
     ///
     /// # Errors
-    /// As [`write_vtu`].
+    /// Returns the errors of [`write_vtu`].
     pub fn add<const D: usize, M: Simplices<D>>(
         &mut self,
         time: f64,
@@ -78,7 +79,7 @@ mod tests {
     fn every_round_is_listed_and_readable() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("run & co.pvd");
-        let mut trace = PvdSeries::create(&path).unwrap();
+        let mut series = PvdSeries::create(&path).unwrap();
         for round in 0..3u8 {
             let lattice = MeshFile {
                 mesh: TetMesh {
@@ -94,16 +95,16 @@ mod tests {
                 cell_data: Vec::new(),
                 field_data: vec![("energy".into(), FieldValue::F64s(vec![-0.5]))],
             };
-            trace.add(f64::from(round), &lattice).unwrap();
+            series.add(f64::from(round), &lattice).unwrap();
             let text = std::fs::read_to_string(&path).unwrap();
             let root = crate::files::vtk::xml::parse(text.as_bytes()).unwrap();
             let sets = &root.child("Collection").unwrap().children;
             assert_eq!(sets.len(), usize::from(round) + 1);
             let name = sets[usize::from(round)].attribute("file").unwrap();
             assert_eq!(name, format!("run & co_000{round}.vtu"));
-            let found = read_vtu(&folder.path().join(name)).unwrap();
+            let read = read_vtu(&folder.path().join(name)).unwrap();
             assert_eq!(
-                (found.mesh, found.field_data),
+                (read.mesh, read.field_data),
                 (lattice.mesh, lattice.field_data)
             );
         }

@@ -1,6 +1,6 @@
-//! Meshes in parts: a `.pvtu` file that names `.vtu` files, each with some of the cells one after the other
-//! and with the nodes of these, so that nobody need hold all. Nodes keep their numbers in the array `node`:
-//! put together in order, the parts are the mesh.
+//! Meshes in several files: a `.pvtu` file that lists `.vtu` files. Each of these has consecutive
+//! cells and their nodes, so that no process needs the whole mesh. The array `node` has the global
+//! numbers of nodes: concatenated in order, the parts are the mesh.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -14,24 +14,24 @@ use crate::files::vtk::{DataArray, Values, VtkFile};
 use crate::mesh::Simplices;
 use crate::{Error, Result};
 
-/// The array of the nodes' numbers in the whole mesh.
+/// Array of the global node numbers.
 const GLOBAL_NODE_ARRAY: &str = "node";
 
-/// Whether a file of this name is to be one of parts.
+/// Returns `true` if a file of this name is a mesh in several files.
 pub fn is_pvtu(path: &Path) -> bool {
     path.extension()
         .is_some_and(|ending| ending.eq_ignore_ascii_case("pvtu"))
 }
 
-/// The same mesh as a part of one in which its nodes have these numbers.
-pub fn with_global_nodes<M>(mut file: MeshFile<M>, numbers: &[u32]) -> MeshFile<M> {
-    let numbers: Vec<i64> = numbers.iter().map(|&node| node.into()).collect();
+/// Adds the global numbers of nodes, for a part of a mesh.
+pub fn with_global_nodes<M>(mut file: MeshFile<M>, global_ids: &[u32]) -> MeshFile<M> {
+    let global_ids: Vec<i64> = global_ids.iter().map(|&node| node.into()).collect();
     file.point_data
-        .push(DataArray::scalars(GLOBAL_NODE_ARRAY, numbers));
+        .push(DataArray::scalars(GLOBAL_NODE_ARRAY, global_ids));
     file
 }
 
-/// The cells of one of `count` parts of a mesh, their nodes and all that is known of both.
+/// Returns the cells of one of `count` parts of a mesh with their nodes and the data of both.
 pub fn extract_partition<const D: usize, M: Simplices<D>>(
     mut file: MeshFile<M>,
     part: usize,
@@ -44,43 +44,46 @@ pub fn extract_partition<const D: usize, M: Simplices<D>>(
         return file;
     }
     let cells = file.mesh.len();
-    let own = part * cells / count..(part + 1) * cells / count;
+    let cells_of_part = part * cells / count..(part + 1) * cells / count;
     let size = D + 1;
-    let corners = &file.mesh.connectivity()[own.start * size..own.end * size];
+    let corners = &file.mesh.connectivity()[cells_of_part.start * size..cells_of_part.end * size];
     let mut nodes = corners.to_vec();
     nodes.sort_unstable();
     nodes.dedup();
-    let mut number = vec![0; file.mesh.nodes().len()];
+    let mut new_index = vec![0; file.mesh.nodes().len()];
     for (i, &node) in nodes.iter().enumerate() {
-        number[node as usize] = i as u32;
+        new_index[node as usize] = i as u32;
     }
-    let own: Vec<u32> = own.map(|cell| cell as u32).collect();
-    let some = |arrays: &[DataArray], which: &[u32]| -> Vec<DataArray> {
-        let of = |array: &DataArray| DataArray {
-            values: array.values.select_tuples(which, array.components),
+    let cells_of_part: Vec<u32> = cells_of_part.map(|cell| cell as u32).collect();
+    let select = |arrays: &[DataArray], indices: &[u32]| -> Vec<DataArray> {
+        let select_array = |array: &DataArray| DataArray {
+            values: array.values.select_tuples(indices, array.components),
             ..array.clone()
         };
-        arrays.iter().map(of).collect()
+        arrays.iter().map(select_array).collect()
     };
-    let mut point_data = some(&file.point_data, &nodes);
+    let mut point_data = select(&file.point_data, &nodes);
     let numbers: Vec<i64> = nodes.iter().map(|&node| node.into()).collect();
     point_data.push(DataArray::scalars(GLOBAL_NODE_ARRAY, numbers));
-    let at = |&node: &u32| file.mesh.nodes()[node as usize];
+    let position = |&node: &u32| file.mesh.nodes()[node as usize];
     MeshFile {
         mesh: M::from_parts(
-            nodes.iter().map(at).collect(),
-            corners.iter().map(|&node| number[node as usize]).collect(),
+            nodes.iter().map(position).collect(),
+            corners
+                .iter()
+                .map(|&node| new_index[node as usize])
+                .collect(),
         ),
         point_data,
-        cell_data: some(&file.cell_data, &own),
+        cell_data: select(&file.cell_data, &cells_of_part),
         field_data: file.field_data,
     }
 }
 
-/// Writes one of `count` parts, and with the first the file that names all.
+/// Writes one of `count` parts, and with the first part the file that lists all.
 ///
 /// # Errors
-/// As [`write_vtu`](super::write_vtu).
+/// Returns the errors of [`write_vtu`](super::write_vtu).
 pub fn write_partition<const D: usize, M: Simplices<D>>(
     path: &Path,
     file: &MeshFile<M>,
@@ -133,16 +136,16 @@ pub fn write_partition<const D: usize, M: Simplices<D>>(
     batch.commit()
 }
 
-/// The name of a part's file, which lies beside that which names all.
+/// Returns the file name of a part, which is in the same folder as the `.pvtu` file.
 fn partition_path(path: &Path, part: usize) -> PathBuf {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     format!("{stem}_{part:04}.vtu").into()
 }
 
-/// Reads a mesh in parts.
+/// Reads a mesh in several files.
 ///
 /// # Errors
-/// As [`read_any_vtu`]; [`Error::Mesh`] for parts that do not fit together.
+/// Returns the errors of [`read_any_vtu`], and [`Error::Mesh`] for parts that do not match.
 pub fn read_pvtu(path: &Path) -> Result<AnyMesh> {
     let file = VtkFile::read(path, "PUnstructuredGrid")?;
     let pieces = file
@@ -150,78 +153,79 @@ pub fn read_pvtu(path: &Path) -> Result<AnyMesh> {
         .children
         .iter()
         .filter(|c| c.name == "Piece");
-    let (mut plane, mut space, mut count) = (Vec::new(), Vec::new(), 0);
+    let (mut triangles, mut tetrahedra, mut count) = (Vec::new(), Vec::new(), 0);
     for piece in pieces {
         let Some(source) = piece.attribute("Source") else {
             return Err(file.error("has a piece without a Source", "write it again"));
         };
         count += 1;
         match read_any_vtu(&path.with_file_name("").join(source))? {
-            AnyMesh::Triangles(part) => plane.push(part),
-            AnyMesh::Tetrahedra(part) => space.push(part),
+            AnyMesh::Triangles(part) => triangles.push(part),
+            AnyMesh::Tetrahedra(part) => tetrahedra.push(part),
             AnyMesh::Polygons(_) | AnyMesh::Polyhedra(_) => {}
         }
     }
-    match (plane.len(), space.len()) {
-        (0, 0) if count == 0 => Err(file.error("names no parts", "write it again")),
-        (all, 0) if all == count => concatenate(path, plane).map(AnyMesh::Triangles),
-        (0, all) if all == count => concatenate(path, space).map(AnyMesh::Tetrahedra),
+    match (triangles.len(), tetrahedra.len()) {
+        (0, 0) if count == 0 => Err(file.error("lists no parts", "write it again")),
+        (parts, 0) if parts == count => concatenate(path, triangles).map(AnyMesh::Triangles),
+        (0, parts) if parts == count => concatenate(path, tetrahedra).map(AnyMesh::Tetrahedra),
         _ => Err(file.error(
-            "has parts that are neither all of tetrahedra nor all of triangles",
+            "has parts with different cells, or cells other than tetrahedra and triangles",
             "merge them into one .vtu (ParaView: Merge Blocks)",
         )),
     }
 }
 
-/// The parts put together.
+/// Concatenates the parts.
 fn concatenate<const D: usize, M: Simplices<D> + Storable<D>>(
     path: &Path,
     parts: Vec<MeshFile<M>>,
 ) -> Result<MeshFile<M>> {
-    let fault = |problem: &str| {
+    let error = |problem: &str| {
         let remedy = "give the file that atomesh wrote with its parts beside it, or merge the parts into \
                       one .vtu (ParaView: Merge Blocks, Clean to Grid)";
         Error::Mesh(cause(path.display(), problem, remedy))
     };
     let (mut corners, mut fields) = (Vec::new(), None);
-    // Of all parts' nodes one after the other.
-    let (mut numbers, mut positions) = (Vec::<usize>::new(), Vec::new());
+    // Global numbers and positions of the nodes of all parts, one part after the other.
+    let (mut global_ids, mut positions) = (Vec::<usize>::new(), Vec::new());
     let (mut point_data, mut cell_data) = (None, None);
     for mut part in parts {
-        let named = |array: &DataArray| array.name == GLOBAL_NODE_ARRAY && array.components == 1;
-        let Some(at) = part.point_data.iter().position(named) else {
-            return Err(fault(
+        let is_global_node =
+            |array: &DataArray| array.name == GLOBAL_NODE_ARRAY && array.components == 1;
+        let Some(index) = part.point_data.iter().position(is_global_node) else {
+            return Err(error(
                 "has a part without the array 'node' of its nodes' numbers",
             ));
         };
-        let own = part.point_data.remove(at).values.to_i64();
-        let fits = |&node: &i64| (0..i64::from(u32::MAX)).contains(&node);
-        if !own.iter().all(fits) {
-            return Err(fault("has a node whose number is none"));
+        let part_ids = part.point_data.remove(index).values.to_i64();
+        let is_valid = |&node: &i64| (0..i64::from(u32::MAX)).contains(&node);
+        if !part_ids.iter().all(is_valid) {
+            return Err(error("has an invalid node number"));
         }
         corners.extend(
             part.mesh
                 .connectivity()
                 .iter()
-                .map(|&i| own[i as usize] as u32),
+                .map(|&i| part_ids[i as usize] as u32),
         );
-        numbers.extend(own.iter().map(|&node| node as usize));
+        global_ids.extend(part_ids.iter().map(|&node| node as usize));
         positions.extend_from_slice(part.mesh.nodes());
         append_arrays(&mut point_data, part.point_data)
             .and_then(|()| append_arrays(&mut cell_data, part.cell_data))
-            .ok_or_else(|| fault("has parts with different arrays"))?;
+            .ok_or_else(|| error("has parts with different arrays"))?;
         fields.get_or_insert(part.field_data);
     }
-    let count = numbers.iter().max().map_or(0, |most| most + 1);
-    if count > numbers.len() {
-        return Err(fault("lacks some of its nodes: a part is missing"));
+    let count = global_ids.iter().max().map_or(0, |max| max + 1);
+    if count > global_ids.len() {
+        return Err(error("lacks some of its nodes: a part is missing"));
     }
     let mut first = vec![u32::MAX; count];
-    for (i, &node) in numbers.iter().enumerate().rev() {
+    for (i, &node) in global_ids.iter().enumerate().rev() {
         first[node] = i as u32;
     }
     if first.contains(&u32::MAX) {
-        return Err(fault("lacks some of its nodes: a part is missing"));
+        return Err(error("lacks some of its nodes: a part is missing"));
     }
     let mut point_data = point_data.unwrap_or_default();
     for array in &mut point_data {
@@ -238,7 +242,7 @@ fn concatenate<const D: usize, M: Simplices<D> + Storable<D>>(
     })
 }
 
-/// Puts the next part's arrays behind those of the others; `None` if they are not the same.
+/// Appends the arrays of the next part; `None` if it has other arrays.
 fn append_arrays(all: &mut Option<Vec<DataArray>>, next: Vec<DataArray>) -> Option<()> {
     let Some(all) = all else {
         *all = Some(next);
@@ -248,8 +252,8 @@ fn append_arrays(all: &mut Option<Vec<DataArray>>, next: Vec<DataArray>) -> Opti
         return None;
     }
     for (all, next) in all.iter_mut().zip(next) {
-        let alike = all.name == next.name && all.components == next.components;
-        if !(alike && Values::append(&mut all.values, next.values)) {
+        let is_same = all.name == next.name && all.components == next.components;
+        if !(is_same && Values::append(&mut all.values, next.values)) {
             return None;
         }
     }
@@ -262,7 +266,7 @@ mod tests {
     use crate::mesh::TetMesh;
     use crate::store::write_vtu;
 
-    /// A strip of tetrahedra, with arrays of all kinds.
+    /// Returns a strip of tetrahedra, with arrays of several types.
     fn mesh() -> MeshFile {
         let node = |i: i32| {
             let t = 0.9 * f64::from(i);
@@ -286,33 +290,33 @@ mod tests {
     #[test]
     fn parts_put_together_are_the_mesh() {
         let folder = tempfile::tempdir().unwrap();
-        let whole = mesh();
+        let global = mesh();
         for count in [1, 2, 3, 8, 11] {
             let path = folder.path().join(format!("mesh{count}.pvtu"));
             for part in (0..count).rev() {
-                let piece = extract_partition(whole.clone(), part, count);
-                write_partition(&path, &piece, part, count).unwrap();
+                let partition = extract_partition(global.clone(), part, count);
+                write_partition(&path, &partition, part, count).unwrap();
             }
             let read = read_any_vtu(&path).unwrap();
-            assert!(read == AnyMesh::Tetrahedra(whole.clone()), "{count}");
+            assert!(read == AnyMesh::Tetrahedra(global.clone()), "{count}");
         }
         std::fs::remove_file(folder.path().join("mesh3_0001.vtu")).unwrap();
         let missing = read_any_vtu(&folder.path().join("mesh3.pvtu")).unwrap_err();
         assert!(missing.to_string().contains("mesh3_0001.vtu"), "{missing}");
         // Parts of another mesh.
-        let few = extract_partition(whole.clone(), 0, 8);
+        let other_mesh = extract_partition(global.clone(), 0, 8);
         for part in 1..5 {
             let path = folder.path().join(format!("mesh8_000{part}.vtu"));
-            write_vtu(&path, &few).unwrap();
+            write_vtu(&path, &other_mesh).unwrap();
         }
-        let lacks = read_any_vtu(&folder.path().join("mesh8.pvtu")).unwrap_err();
-        assert!(lacks.to_string().contains("a part is missing"), "{lacks}");
-        let other = MeshFile {
+        let error = read_any_vtu(&folder.path().join("mesh8.pvtu")).unwrap_err();
+        assert!(error.to_string().contains("a part is missing"), "{error}");
+        let without_arrays = MeshFile {
             cell_data: Vec::new(),
-            ..few
+            ..other_mesh
         };
-        write_vtu(&folder.path().join("mesh2_0001.vtu"), &other).unwrap();
-        let unlike = read_any_vtu(&folder.path().join("mesh2.pvtu")).unwrap_err();
-        assert!(unlike.to_string().contains("different arrays"), "{unlike}");
+        write_vtu(&folder.path().join("mesh2_0001.vtu"), &without_arrays).unwrap();
+        let error = read_any_vtu(&folder.path().join("mesh2.pvtu")).unwrap_err();
+        assert!(error.to_string().contains("different arrays"), "{error}");
     }
 }

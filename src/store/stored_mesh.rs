@@ -1,4 +1,4 @@
-//! Meshes that files hold, whatever their cells are, and the way back to lattice space.
+//! Meshes from files, whatever their cells are, and the conversion back to lattice space.
 
 use std::path::Path;
 
@@ -17,15 +17,16 @@ use crate::mesh::poly::PolyMesh;
 use crate::mesh::{Mesh, Positions, Simplices, TetMesh};
 use crate::{Error, Result};
 
-/// The cell array of regions.
+/// Cell array of regions.
 const REGION_ARRAY: &str = "region";
 
-/// A mesh read from a file, in lattice space; where the file has it is kept as positions only.
+/// A mesh read from a file. The mesh is in lattice space; of the file's coordinates only the positions
+/// are kept.
 ///
 /// ```
 /// use atomesh::image::{Geometry, Image};
 /// use atomesh::job::{self, Params, Spacing};
-/// use atomesh::observer::Unobserved;
+/// use atomesh::progress::NoProgress;
 /// use atomesh::store::{AnyMesh, StoredMesh, read_any_vtu};
 ///
 /// // A disc, on samples 25 m apart.
@@ -35,79 +36,83 @@ const REGION_ARRAY: &str = "region";
 /// let image = Image::new([40, 36], disc.collect(), geometry);
 /// let params = Params { spacing: Spacing::Constant(5.0), ..Params::default() };
 /// let path = std::env::temp_dir().join("atomesh-stored-mesh.vtu");
-/// job::run(&image, &params, &mut Unobserved)?.write(&path)?;
+/// job::run(&image, &params, &mut NoProgress)?.write(&path)?;
 ///
-/// let AnyMesh::Plane(file) = read_any_vtu(&path)? else { unreachable!("an image of the plane") };
+/// let AnyMesh::Triangles(file) = read_any_vtu(&path)? else { unreachable!("the image is 2-D") };
 /// let stored = StoredMesh::new(file, "the disc")?;
 /// assert_eq!(stored.space.extent, [39.0, 35.0]);
 /// assert_eq!(stored.space.to_world([39.0, 35.0]), [975.0, 875.0]);
-/// assert!(stored.marks().is_some_and(|marks| marks.contains(&true)));
+/// assert!(stored.feature_marks().is_some_and(|marks| marks.contains(&true)));
 /// # std::fs::remove_file(&path).ok();
 /// # Ok::<(), atomesh::Error>(())
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct StoredMesh<const D: usize = 3, M = TetMesh> {
-    /// In lattice space, in the box `[0, extent]`.
+    /// The mesh in lattice space, in the box `[0, extent]`.
     pub lattice: M,
-    /// Its positions in the file.
+    /// The positions in the file.
     pub world: Positions<D>,
-    /// Where lattice space is.
+    /// The position of lattice space in the world.
     pub space: LatticeSpace<D>,
-    /// For each simplex, bit k: face k of `lattice` lies on a feature, the file says.
+    /// For each simplex, bit k is set if face k of `lattice` lies on a feature according to the
+    /// file.
     pub feature_faces: Option<Vec<u8>>,
-    /// For each number of a face of `lattice` whether it lies on a horizon; empty if none does.
+    /// For each face number of `lattice`, `true` if the face lies on a horizon; empty if none does.
     pub is_horizon_face: Vec<bool>,
-    /// Share of the cells' size within which nodes of Voronoi cells are welded, the file says.
+    /// Fraction of the cells' size within which nodes of Voronoi cells are welded, according to the
+    /// file.
     pub weld: f64,
     /// Surfaces that have names in the file.
     pub named_surfaces: NamedSurfaces,
-    /// What else the file holds.
+    /// The other data of the file.
     pub arrays: MeshFile<()>,
 }
 
-/// Where the lattice space of a mesh is.
+/// The position of the lattice space of a mesh in the world.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LatticeSpace<const D: usize> {
-    /// The far corner of the box.
+    /// The upper corner of the box.
     pub extent: [f64; D],
     /// Length of one sample along each axis of lattice space.
     pub step: [f64; D],
-    /// From samples to physical coordinates.
+    /// Map from samples to physical coordinates.
     pub geometry: Geometry<D>,
-    /// Whether the file says it. If not, lattice space is the file's own, moved so that the mesh begins
-    /// at the origin.
+    /// `true` if the file contains the position. Otherwise lattice space is the file's own space,
+    /// moved so that the mesh begins at the origin.
     pub is_stored: bool,
-    /// The file of velocities by which the mesh lies in depth, if it does by one: the image that was meshed
-    /// is not the one in its file then.
+    /// Name of the velocity file that converted the mesh to depth, if there is one. Then the image
+    /// that was meshed is not the image in its file.
     pub velocities: Option<String>,
 }
 
-/// How a file holds a mesh of some kind of cells.
+/// A mesh type that files can store.
 pub trait Storable<const D: usize>: Mesh<D> {
-    /// For each simplex the bits of its faces on features; `mirrored` says that cells will be turned
-    /// round. `None` if the file does not say, and for polyhedra and polygons, which know it.
+    /// Returns for each simplex the bits of its faces on features. `mirrored` says that cells will
+    /// be reversed. Returns `None` if the file does not have the bits, and for polyhedra and
+    /// polygons, which store the marks themselves.
     fn feature_faces(file: &MeshFile<Self>, mirrored: bool) -> Option<Vec<u8>>;
 
-    /// For each number of a face whether it lies on a horizon, likewise; empty if none does.
+    /// Returns for each face number whether the face lies on a horizon; empty if none does.
+    /// `mirrored` says that cells will be reversed.
     fn horizons(file: &MeshFile<Self>, mirrored: bool) -> Vec<bool>;
 
-    /// Which faces of a mesh in lattice space lie on features, by number, from what the file says of
-    /// them; `None` if it does not.
+    /// Returns for each face number whether the face lies on a feature, from the bits in the file;
+    /// `None` if the file does not have them. The mesh is in lattice space.
     fn feature_marks(&self, feature_faces: Option<&[u8]>) -> Option<Vec<bool>>;
 
-    /// Finds the sides of the box, `[0, extent]`, on which faces lie, if they know them.
+    /// Assigns boundary faces to the sides of the box `[0, extent]`, for meshes that store sides.
     fn find_sides(&mut self, extent: [f64; D]);
 
-    /// The region of each cell; `None` if the file does not say.
+    /// Returns the region of each cell; `None` if the file does not have regions.
     fn regions(&self, arrays: &MeshFile<()>) -> Option<Vec<i32>>;
 
-    /// Says which region each cell belongs to.
+    /// Sets the region of each cell, and removes the labels.
     fn set_regions(file: &mut MeshFile<Self>, regions: Vec<i32>);
 
     /// Writes a file.
     ///
     /// # Errors
-    /// As [`write_vtu`].
+    /// Returns the errors of [`write_vtu`].
     fn write(path: &Path, file: &MeshFile<Self>) -> Result<()>;
 }
 
@@ -146,7 +151,7 @@ impl<const D: usize, M: Simplices<D>> Storable<D> for M {
     }
 }
 
-/// Bits for the faces of simplices that a file holds.
+/// Returns the bits of simplices' faces that a file stores.
 fn bits<const D: usize, M>(file: &MeshFile<M>, name: &str, mirrored: bool) -> Option<Vec<u8>> {
     match &file.cell_array(name)?.values {
         Values::U8(bits) => Some(face_bits_to_physical::<D>(bits, mirrored)),
@@ -163,7 +168,7 @@ impl<const D: usize> Storable<D> for PolyMesh<D> {
         let Some(FieldValue::Ints(pairs)) = file.field_value(HORIZON_FACES_ARRAY) else {
             return Vec::new();
         };
-        // In the order of their cells; then come the faces on sides.
+        // Inner faces come first, in the order of their cells; the faces on sides follow.
         let face_cells = &file.mesh.face_cells[..file.mesh.inner_face_count()];
         let mut horizons = vec![false; file.mesh.face_cells.len()];
         for pair in pairs.as_chunks::<2>().0 {
@@ -197,7 +202,8 @@ impl<const D: usize> Storable<D> for PolyMesh<D> {
 }
 
 impl<const D: usize> LatticeSpace<D> {
-    /// Of a mesh with these nodes; `None` if the file says it only in part.
+    /// Reads the position of lattice space of a mesh with these nodes. Returns `None` if the file
+    /// has only some of the fields.
     pub(super) fn from_file<M>(file: &MeshFile<M>, nodes: &[[f64; D]]) -> Option<Self> {
         let array = |name: &str| match file.field_value(name) {
             Some(FieldValue::F64s(values)) => Some(values.as_slice()),
@@ -236,61 +242,64 @@ impl<const D: usize> LatticeSpace<D> {
         })
     }
 
-    /// A position of lattice space in the world.
+    /// Converts a position from lattice space to the world.
     pub fn to_world(&self, x: [f64; D]) -> [f64; D] {
         let index = std::array::from_fn(|k| x[k] / self.step[k]);
         self.geometry.to_physical(index)
     }
 
-    /// A position of the world in lattice space; `None` if the axes do not span space.
+    /// Converts a position from the world to lattice space; `None` if the axes are linearly
+    /// dependent.
     pub fn to_lattice(&self, point: [f64; D]) -> Option<[f64; D]> {
         let index = self.geometry.to_index(point)?;
         Some(std::array::from_fn(|k| index[k] * self.step[k]))
     }
 
-    /// How exactly the mesh fills its box, relative to it: as exactly as one is made, but no more than a
-    /// file can say, whose coordinates may be large against the cells (metres of a national grid).
+    /// Returns the tolerance with which the mesh fills its box, relative to the box: that of a new
+    /// mesh, or the rounding of the coordinates in the file if that is larger (coordinates can be
+    /// large compared with the cells, in metres of a national grid for example).
     pub fn tolerance(&self) -> f64 {
         let corner = |c: usize| -> [f64; D] {
             std::array::from_fn(|k| if c >> k & 1 == 1 { self.extent[k] } else { 0.0 })
         };
         let corners = (0..1 << D).flat_map(|c| self.to_world(corner(c)));
-        let rounding = f64::EPSILON * corners.fold(0.0, |most, x| x.abs().max(most));
-        let here = Geometry {
+        let rounding = f64::EPSILON * corners.fold(0.0, |max, x| x.abs().max(max));
+        let without_origin = Geometry {
             origin: [0.0; D],
             ..self.geometry.clone()
         };
-        let of_axis =
-            |c: usize| here.to_index(std::array::from_fn(|k| f64::from(u8::from(k == c))));
-        let columns: Option<Vec<[f64; D]>> = (0..D).map(of_axis).collect();
-        let moved = |k: usize| -> f64 {
+        let axis_column = |c: usize| {
+            without_origin.to_index(std::array::from_fn(|k| f64::from(u8::from(k == c))))
+        };
+        let columns: Option<Vec<[f64; D]>> = (0..D).map(axis_column).collect();
+        let error_along = |k: usize| -> f64 {
             let columns = columns.iter().flatten();
             columns.map(|column| column[k].abs()).sum::<f64>() * self.step[k] * rounding
         };
-        let off: f64 = (0..D).map(|k| moved(k) / self.extent[k]).sum();
-        (4.0 * off).clamp(BOX_TOLERANCE, 1e-3)
+        let error: f64 = (0..D).map(|k| error_along(k) / self.extent[k]).sum();
+        (4.0 * error).clamp(BOX_TOLERANCE, 1e-3)
     }
 
-    /// Number of samples along each axis of the image that was meshed, if it was one.
+    /// Returns the number of samples along each axis of the image that was meshed.
     pub fn dims(&self) -> [f64; D] {
         std::array::from_fn(|k| self.extent[k] / self.step[k] + 1.0)
     }
 
-    /// Whether the world is a mirror image of it.
+    /// Returns `true` if the map to the world mirrors space.
     pub fn is_mirrored(&self) -> bool {
         self.geometry.determinant() < 0.0
     }
 
-    /// Whether an image of these dims fills the box.
+    /// Returns `true` if an image of these dimensions fills the box.
     pub fn fits_dims(&self, dims: [usize; D]) -> bool {
-        let own = self.dims();
-        (0..D).all(|k| (dims[k] as f64 - own[k]).abs() <= 1e-6)
+        let own_dims = self.dims();
+        (0..D).all(|k| (dims[k] as f64 - own_dims[k]).abs() <= 1e-6)
     }
 
-    /// Checks that an image of these dims fills the box; `place` names it in errors.
+    /// Checks that an image of these dimensions fills the box. `place` names the image in errors.
     ///
     /// # Errors
-    /// [`Error::Image`] if it does not.
+    /// Returns [`Error::Image`] if it does not.
     pub fn check_dims(&self, dims: [usize; D], place: &str) -> Result<()> {
         if self.fits_dims(dims) {
             return Ok(());
@@ -304,12 +313,11 @@ impl<const D: usize> LatticeSpace<D> {
 }
 
 impl<const D: usize, M: Storable<D>> StoredMesh<D, M> {
-    /// Finds the way back from a file's coordinates; `place` names the file in errors. Faces of
-    /// polyhedra and polygons on the boundary are assigned to the sides of the box that they are
-    /// nearest to.
+    /// Converts a file to lattice space. `place` names the file in errors. Boundary faces of
+    /// polyhedra and polygons are assigned to the nearest sides of the box.
     ///
     /// # Errors
-    /// [`Error::Mesh`] for a mesh without cells, or one whose geometry makes no sense.
+    /// Returns [`Error::Mesh`] for a mesh without cells, or with an invalid geometry.
     pub fn new(file: MeshFile<M>, place: &str) -> Result<Self> {
         let refuse = |problem: &str| {
             let remedy = "give a mesh that atomesh mesh wrote";
@@ -347,20 +355,20 @@ impl<const D: usize, M: Storable<D>> StoredMesh<D, M> {
         })
     }
 
-    /// Refuses cells that overlap, and those that leave a hole in their box: a simulator would take it
-    /// for a wall and say nothing. `place` names the file in errors.
+    /// Checks that cells neither overlap nor leave a hole in their box: a simulator would take a
+    /// hole for a wall, without a message. `place` names the file in errors.
     ///
     /// # Errors
-    /// [`Error::Mesh`] for either. Cells without a positive volume are not looked for.
+    /// Returns [`Error::Mesh`] for overlaps and holes. Flat or inverted cells are not reported.
     pub fn check_filled(&self, place: &str) -> Result<()> {
-        let share = check::filled_share(&self.lattice, self.space.extent);
-        let problem = match share {
-            Some(share) if share > 1.0 + VOLUME_TOLERANCE => {
-                format!("some of its cells overlap: they fill {share:.4} times their box")
+        let fraction = check::filled_share(&self.lattice, self.space.extent);
+        let problem = match fraction {
+            Some(fraction) if fraction > 1.0 + VOLUME_TOLERANCE => {
+                format!("some of its cells overlap: they fill {fraction:.4} times their box")
             }
-            Some(share) if share < 1.0 - VOLUME_TOLERANCE => {
+            Some(fraction) if fraction < 1.0 - VOLUME_TOLERANCE => {
                 format!(
-                    "cells are missing: they fill {share:.4} of their box, and fluid would flow around the rest"
+                    "cells are missing: they fill {fraction:.4} of their box, and fluid would flow around the hole"
                 )
             }
             _ => return Ok(()),
@@ -369,27 +377,28 @@ impl<const D: usize, M: Storable<D>> StoredMesh<D, M> {
         Err(Error::Mesh(cause(place, problem, remedy)))
     }
 
-    /// Which faces of `lattice` lie on features, by number; `None` if the file does not say.
+    /// Returns for each face number of `lattice` whether the face lies on a feature; `None` if the
+    /// file does not have the marks.
     pub fn feature_marks(&self) -> Option<Vec<bool>> {
         self.lattice.feature_marks(self.feature_faces.as_deref())
     }
 
-    /// The region of each cell; `None` if the file does not say.
+    /// Returns the region of each cell; `None` if the file does not have regions.
     pub fn regions(&self) -> Option<Vec<i32>> {
         self.lattice.regions(&self.arrays)
     }
 
-    /// What `look` finds in the mesh where the file has it. Faces of simplices have other numbers there
-    /// if the world mirrors the lattice.
-    pub fn with_world_mesh<T>(&mut self, look: impl FnOnce(&M) -> T) -> T {
+    /// Calls `f` with the mesh in the positions of the file, and returns its result. If the world
+    /// mirrors lattice space, faces of simplices have other numbers there.
+    pub fn with_world_mesh<T>(&mut self, f: impl FnOnce(&M) -> T) -> T {
         let mirrored = self.space.is_mirrored();
         self.lattice.swap_positions(&mut self.world, mirrored);
-        let found = look(&self.lattice);
+        let result = f(&self.lattice);
         self.lattice.swap_positions(&mut self.world, mirrored);
-        found
+        result
     }
 
-    /// The file again.
+    /// Converts back to a file.
     pub fn into_file(mut self) -> MeshFile<M> {
         let mirrored = self.space.is_mirrored();
         self.lattice.swap_positions(&mut self.world, mirrored);
@@ -397,10 +406,10 @@ impl<const D: usize, M: Storable<D>> StoredMesh<D, M> {
     }
 }
 
-/// Cells may fill this much less or more than their box.
+/// Largest relative difference between the volume of the cells and that of their box.
 const VOLUME_TOLERANCE: f64 = 1e-6;
 
-/// The smallest box that holds all points.
+/// Returns the smallest box that contains all points.
 pub fn bounding_box<const D: usize>(points: &[[f64; D]]) -> ([f64; D], [f64; D]) {
     points.iter().fold(
         ([f64::INFINITY; D], [f64::NEG_INFINITY; D]),
@@ -419,13 +428,14 @@ pub(super) mod tests {
     use crate::mesh::TriMesh;
     use crate::mesh::poly::samples::two_cells;
 
-    /// A file of a mesh in lattice space, in a world that mirrors it or does not.
+    /// Returns a file of a mesh in lattice space. With a negative `sample_interval` the world
+    /// mirrors lattice space.
     pub fn file<const D: usize, M: Storable<D>>(
         mesh: M,
-        down: f64,
+        sample_interval: f64,
     ) -> (MeshFile<M>, LatticeSpace<D>) {
         let mut spacing = [2.0; D];
-        spacing[D - 1] = down;
+        spacing[D - 1] = sample_interval;
         let geometry = Geometry::with_spacing([10.0; D], spacing);
         let space = LatticeSpace {
             extent: [2.0; D],
@@ -450,29 +460,33 @@ pub(super) mod tests {
         (arrays.with_mesh(mesh), space)
     }
 
-    /// Reads a file back, looks at the mesh in both spaces, and gives the file again.
+    /// Reads a file, compares the mesh in both spaces, and converts it back to a file.
     fn check_round_trip<const D: usize, M: Storable<D> + PartialEq>(lattice: M) {
-        for down in [3.0, -3.0] {
-            let (file, space) = file(lattice.clone(), down);
+        for sample_interval in [3.0, -3.0] {
+            let (file, space) = file(lattice.clone(), sample_interval);
             let mut stored = StoredMesh::new(file.clone(), "mesh").unwrap();
             assert_eq!(stored.space, space);
             assert_eq!(stored.world.nodes, file.mesh.nodes());
             assert_eq!(stored.lattice.nodes(), lattice.nodes());
-            let positive = |mesh: &M| mesh.volumes().iter().all(|v| *v > 0.0);
-            assert!(positive(&stored.lattice), "{down}");
-            assert!(stored.with_world_mesh(positive), "{down}");
+            let all_positive = |mesh: &M| mesh.volumes().iter().all(|v| *v > 0.0);
+            assert!(all_positive(&stored.lattice), "{sample_interval}");
+            assert!(stored.with_world_mesh(all_positive), "{sample_interval}");
             let lattice_again = stored.lattice.clone();
             assert!(stored.with_world_mesh(|mesh| mesh.nodes() == file.mesh.nodes()));
             assert_eq!(stored.lattice, lattice_again);
-            let again = stored.into_file();
-            assert_eq!(again.mesh.nodes(), file.mesh.nodes());
-            assert_eq!(again.field_data, file.field_data);
+            let written = stored.into_file();
+            assert_eq!(written.mesh.nodes(), file.mesh.nodes());
+            assert_eq!(written.field_data, file.field_data);
             let facets = |mesh: &M| {
                 let mut facets = Vec::new();
                 (0..mesh.face_count()).for_each(|f| mesh.facets(f, |facet| facets.push(facet)));
                 facets
             };
-            assert_eq!(facets(&again.mesh), facets(&file.mesh), "{down}");
+            assert_eq!(
+                facets(&written.mesh),
+                facets(&file.mesh),
+                "{sample_interval}"
+            );
         }
     }
 
@@ -492,7 +506,7 @@ pub(super) mod tests {
 
     #[test]
     fn faces_on_horizons_are_found_among_faces_on_sides() {
-        // A row of 40 boxes, each neighbour's face on a horizon: more faces lie on sides.
+        // A row of 40 boxes, where every inner face is on a horizon: there are more faces on sides.
         let mut row = two_cells::<3>(1.0);
         let side = row.face_cells[1];
         row.face_cells = (0..39).map(|c| [c, c + 1]).collect();
@@ -501,12 +515,12 @@ pub(super) mod tests {
         let pairs = FieldValue::Ints(pairs.collect());
         let mut file = MeshFile::<()>::default().with_mesh(row);
         file.field_data.push((HORIZON_FACES_ARRAY.into(), pairs));
-        let found = PolyMesh::<3>::horizons(&file, false);
-        assert_eq!(found, [[true; 39].as_slice(), &[false; 40]].concat());
+        let horizons = PolyMesh::<3>::horizons(&file, false);
+        assert_eq!(horizons, [[true; 39].as_slice(), &[false; 40]].concat());
     }
 
     #[test]
-    fn files_that_say_half_of_where_they_lie_are_refused() {
+    fn files_with_only_a_part_of_their_position_are_refused() {
         let mesh = two_cells::<3>(0.75);
         let (mut file, _) = file(mesh, 1.0);
         file.field_data.remove(0);

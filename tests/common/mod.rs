@@ -12,7 +12,7 @@ pub fn atomesh(folder: &Path) -> Command {
 }
 
 /// Runs and asserts exit code 0; gives standard output.
-pub fn succeed(folder: &Path, arguments: &[&str]) -> String {
+pub fn run_args(folder: &Path, arguments: &[&str]) -> String {
     let output = atomesh(folder).args(arguments).output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(
@@ -26,8 +26,8 @@ pub fn succeed(folder: &Path, arguments: &[&str]) -> String {
 
 /// Runs and asserts what every refused job shares: exit code 1, one line on standard error, nothing
 /// on standard output, no file made or changed. Gives the line.
-pub fn refused(folder: &Path, arguments: &[&str]) -> String {
-    let before = files(folder);
+pub fn expect_refusal(folder: &Path, arguments: &[&str]) -> String {
+    let before = files_below(folder);
     let output = atomesh(folder)
         .args(arguments)
         .arg("--quiet")
@@ -43,7 +43,7 @@ pub fn refused(folder: &Path, arguments: &[&str]) -> String {
         "no place, problem, remedy: {shown}"
     );
     assert!(output.stdout.is_empty(), "{shown}");
-    assert_eq!(files(folder), before, "something was left behind: {shown}");
+    assert_eq!(files_below(folder), before, "something was left behind: {shown}");
     said[0].clone()
 }
 
@@ -55,12 +55,12 @@ fn lines(output: &Output) -> Vec<String> {
 }
 
 /// Every file below a folder, with its bytes.
-pub fn files(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+pub fn files_below(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let mut all = Vec::new();
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
         if path.is_dir() {
-            all.extend(files(&path));
+            all.extend(files_below(&path));
         } else {
             let bytes = std::fs::read(&path).unwrap();
             all.push((path, bytes));
@@ -71,19 +71,19 @@ pub fn files(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
 }
 
 /// Writes a NumPy file of float32, shape `(nz, ny, nx)`.
-pub fn npy(path: &Path, dims: [usize; 3], mut value: impl FnMut([usize; 3]) -> f32) {
+pub fn write_npy(path: &Path, dims: [usize; 3], mut value: impl FnMut([usize; 3]) -> f32) {
     let [nx, ny, nz] = dims;
     let samples = (0..nx * ny * nz).map(|i| value([i % nx, i / nx % ny, i / (nx * ny)]));
-    write_npy(path, &format!("{nz}, {ny}, {nx}"), samples);
+    write_npy_samples(path, &format!("{nz}, {ny}, {nx}"), samples);
 }
 
 /// Writes a NumPy file of float32, shape `(ny, nx)`.
-pub fn npy_2d(path: &Path, [nx, ny]: [usize; 2], mut value: impl FnMut([usize; 2]) -> f32) {
+pub fn write_npy_2d(path: &Path, [nx, ny]: [usize; 2], mut value: impl FnMut([usize; 2]) -> f32) {
     let samples = (0..nx * ny).map(|i| value([i % nx, i / nx]));
-    write_npy(path, &format!("{ny}, {nx}"), samples);
+    write_npy_samples(path, &format!("{ny}, {nx}"), samples);
 }
 
-fn write_npy(path: &Path, shape: &str, samples: impl Iterator<Item = f32>) {
+fn write_npy_samples(path: &Path, shape: &str, samples: impl Iterator<Item = f32>) {
     let mut header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({shape}), }}");
     while (10 + header.len() + 1) % 64 != 0 {
         header.push(' ');
@@ -97,7 +97,7 @@ fn write_npy(path: &Path, shape: &str, samples: impl Iterator<Item = f32>) {
 }
 
 /// A fault image with one bright sheet, slightly tilted, across the middle of the box.
-pub fn sheet(dims: [usize; 3]) -> impl Fn([usize; 3]) -> f32 {
+pub fn planar_fault(dims: [usize; 3]) -> impl Fn([usize; 3]) -> f32 {
     let middle = dims[0] as f32 / 2.0;
     move |[x, y, z]| {
         let off = x as f32 - middle - 0.1 * y as f32 + 0.1 * z as f32;
@@ -125,12 +125,12 @@ impl Survey {
 }
 
 /// Writes a SEG-Y file, rev 1, IEEE floats, inline-sorted. `value` takes sample, crossline, inline.
-pub fn segy(path: &Path, survey: &Survey, value: impl FnMut([usize; 3]) -> f32) {
-    segy_with(path, survey, |_, _| false, value);
+pub fn write_segy(path: &Path, survey: &Survey, value: impl FnMut([usize; 3]) -> f32) {
+    write_segy_without(path, survey, |_, _| false, value);
 }
 
 /// The same without the traces that the survey `lacks` at a crossline and an inline.
-pub fn segy_with(
+pub fn write_segy_without(
     path: &Path,
     survey: &Survey,
     lacks: impl Fn(usize, usize) -> bool,
@@ -174,23 +174,23 @@ pub fn segy_with(
 }
 
 /// Opens files with VTK itself: what a Python program prints, as JSON.
-pub fn vtk(program: &str, arguments: &[&Path]) -> serde_json::Value {
+pub fn run_vtk_program(program: &str, arguments: &[&Path]) -> serde_json::Value {
     let mut all: Vec<&OsStr> = vec!["-c".as_ref(), program.as_ref()];
     all.extend(arguments.iter().map(|path| path.as_os_str()));
-    serde_json::from_str(&python("VTK", &all)).unwrap()
+    serde_json::from_str(&run_python("VTK", &all)).unwrap()
 }
 
 /// What a script of tests/data/export prints, as JSON. `needs` names the modules that it imports.
-pub fn judged(needs: &str, script: &str, arguments: &[&OsStr]) -> serde_json::Value {
+pub fn run_validator(needs: &str, script: &str, arguments: &[&OsStr]) -> serde_json::Value {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/export");
     let script = folder.join(script);
     let all = [&[script.as_os_str()], arguments].concat();
-    serde_json::from_str(&python(needs, &all)).unwrap()
+    serde_json::from_str(&run_python(needs, &all)).unwrap()
 }
 
 /// What Python prints, run from the environment that `make validators` makes. `needs` names the modules that
 /// the program imports.
-pub fn python(needs: &str, arguments: &[&OsStr]) -> String {
+pub fn run_python(needs: &str, arguments: &[&OsStr]) -> String {
     let python = Path::new(env!("CARGO_MANIFEST_DIR")).join(".venv/bin/python");
     let output = Command::new(python).args(arguments).output();
     let output =
@@ -201,7 +201,7 @@ pub fn python(needs: &str, arguments: &[&OsStr]) -> String {
 }
 
 /// What a simulator that `make validators` installs prints. Its exit code must be 0.
-pub fn simulator(command: &mut Command) -> String {
+pub fn run_simulator(command: &mut Command) -> String {
     let name = command.get_program().to_string_lossy().into_owned();
     let output = command.output();
     let output =
@@ -214,7 +214,7 @@ pub fn simulator(command: &mut Command) -> String {
 
 /// A file or folder of images made by others, which are not kept here: in the folder that the variable
 /// `ATOMESH_DATA` names, else in `../shared/data`. Tests that use it are ignored unless asked for.
-pub fn data(name: &str) -> PathBuf {
+pub fn data_path(name: &str) -> PathBuf {
     let root = std::env::var_os("ATOMESH_DATA").map_or_else(
         || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
         PathBuf::from,
@@ -230,16 +230,16 @@ pub fn data(name: &str) -> PathBuf {
 
 /// Runs a line of words; gives standard output.
 pub fn run(folder: &Path, line: &str) -> String {
-    succeed(folder, &line.split_whitespace().collect::<Vec<_>>())
+    run_args(folder, &line.split_whitespace().collect::<Vec<_>>())
 }
 
 /// Samples of the image in [`sheet_folder`].
-pub const SHEET: [usize; 3] = [40, 36, 32];
+pub const FAULT_DIMS: [usize; 3] = [40, 36, 32];
 
 /// Files that several tests start from: made once, and copied for each of them.
-pub struct Made(OnceLock<Vec<(PathBuf, Vec<u8>)>>);
+pub struct SharedFiles(OnceLock<Vec<(PathBuf, Vec<u8>)>>);
 
-impl Made {
+impl SharedFiles {
     pub const fn new() -> Self {
         Self(OnceLock::new())
     }
@@ -250,7 +250,7 @@ impl Made {
             let folder = tempfile::tempdir().unwrap();
             make(folder.path());
             let name = |path: PathBuf| path.strip_prefix(folder.path()).unwrap().to_path_buf();
-            let files = files(folder.path()).into_iter();
+            let files = files_below(folder.path()).into_iter();
             files.map(|(path, bytes)| (name(path), bytes)).collect()
         });
         let folder = tempfile::tempdir().unwrap();
@@ -262,10 +262,10 @@ impl Made {
 }
 
 /// A folder with meshes of a sheet across the box: `cells.vtu` of Voronoi cells, `tets.vtu`.
-pub fn sheet_folder() -> tempfile::TempDir {
-    static MADE: Made = Made::new();
+pub fn folder_with_meshes() -> tempfile::TempDir {
+    static MADE: SharedFiles = SharedFiles::new();
     MADE.folder(|folder| {
-        npy(&folder.join("sheet.npy"), SHEET, sheet(SHEET));
+        write_npy(&folder.join("sheet.npy"), FAULT_DIMS, planar_fault(FAULT_DIMS));
         let mesh = "mesh sheet.npy --distance 6 --quiet -o";
         run(folder, &format!("{mesh} cells.vtu --cells voronoi"));
         run(folder, &format!("{mesh} tets.vtu"));
@@ -279,6 +279,6 @@ pub fn numbers(value: &serde_json::Value) -> Vec<f64> {
 }
 
 /// Whether two numbers agree to a share of the larger.
-pub fn near(a: f64, b: f64, tolerance: f64) -> bool {
+pub fn is_close(a: f64, b: f64, tolerance: f64) -> bool {
     (a - b).abs() <= tolerance * a.abs().max(b.abs())
 }

@@ -1,9 +1,9 @@
 // See tetgen_shim.h.
 //
-// TetGen reports errors by calling terminatetetgen, which frees the mesh and then throws an int;
-// unwinding runs the mesh's destructor, which frees it again and crashes. The symbol is weak in
-// libtet and called through the PLT, so the definition below replaces it: it only throws, and the
-// destructor frees once. The header has an inline definition of the same name, hence the renaming.
+// TetGen reports errors by calling terminatetetgen, which frees the mesh and then throws an int.
+// Unwinding runs the mesh's destructor, which frees the mesh again and crashes. The symbol is weak in
+// libtet and called through the PLT, so the definition below replaces it: it only throws, and only the
+// destructor frees. The header has an inline definition of the same name, which is renamed here.
 
 #define TETLIBRARY
 #define terminatetetgen terminatetetgen_of_the_header
@@ -24,7 +24,7 @@ static_assert(sizeof(REAL) == sizeof(double), "Debian's libtet computes in doubl
 
 namespace {
 
-// Lends the caller's points to TetGen, and takes them back before tetgenio would delete them.
+// Lends the caller's points to TetGen, and removes them before tetgenio would delete them.
 struct BorrowedPoints {
   tetgenio input;
   BorrowedPoints(const double *points, int count) {

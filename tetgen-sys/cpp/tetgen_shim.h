@@ -1,4 +1,4 @@
-/* The plain-C face of TetGen: one call makes one mesh. Rust's bindings are generated from this
+/* The plain-C interface of TetGen: one call makes one mesh. Rust's bindings are generated from this
  * header alone; TetGen's own header (classes, exceptions) stays in tetgen_shim.cpp. */
 #ifndef ATOMESH_TETGEN_SHIM_H
 #define ATOMESH_TETGEN_SHIM_H
@@ -9,13 +9,13 @@
 extern "C" {
 #endif
 
-/* What tetgen_shim_run returns. Values below 100 are TetGen's own, as it throws them. */
+/* Status that tetgen_shim_run returns. Values below 100 are TetGen's own, which it throws. */
 enum tetgen_shim_status {
   TETGEN_SHIM_OK = 0,
   TETGEN_SHIM_OUT_OF_MEMORY = 1,
   TETGEN_SHIM_INTERNAL_ERROR = 2,
   TETGEN_SHIM_BAD_INPUT = 10,       /* e.g. all points in one plane */
-  TETGEN_SHIM_BAD_SWITCHES = 100,   /* the switch string was not understood */
+  TETGEN_SHIM_BAD_SWITCHES = 100,   /* the switches are invalid */
   TETGEN_SHIM_OTHER_EXCEPTION = 101 /* a C++ exception that is not TetGen's */
 };
 
@@ -26,7 +26,7 @@ typedef struct tetgen_shim_mesh {
   int64_t count;       /* number of tetrahedra */
 } tetgen_shim_mesh;
 
-/* Runs TetGen on `point_count` points (x, y, z each), which are read only. On any status other
+/* Runs TetGen on `point_count` points (x, y, z each), which are only read. On any status other
  * than TETGEN_SHIM_OK nothing is allocated. `switches` must be zero-terminated.
  *
  * The caller guarantees: at least four points, all coordinates finite, extent > 0 along every axis
@@ -35,13 +35,13 @@ typedef struct tetgen_shim_mesh {
 int tetgen_shim_run(const double *points, int32_t point_count, const char *switches,
                     tetgen_shim_mesh *mesh);
 
-/* The switches with which atomesh runs TetGen. z: count from zero; Q: quiet; N, F: no copies of nodes
- * and hull faces come back; J: do not renumber the nodes when one is left out; n, if asked for: hand
- * over neighbours. The default insertion order is the fastest. */
+/* Returns the switches with which atomesh runs TetGen. z: count from zero; Q: quiet; N, F: return no
+ * copies of nodes and hull faces; J: do not renumber the nodes if one is left out; n (only with
+ * neighbours): return neighbours. The default insertion order is the fastest. */
 const char *tetgen_shim_switches(int with_neighbors);
 
-/* Reads points from standard input, runs TetGen, writes tetrahedra on standard output (worker.cpp) and ends
- * the process; returns an exit code if it cannot. */
+/* Reads points from standard input, runs TetGen, writes tetrahedra to standard output (worker.cpp) and
+ * ends the process. If that fails, it returns an exit code. */
 int tetgen_shim_serve(void);
 
 /* Frees what tetgen_shim_run allocated; does nothing on an empty mesh. */

@@ -1,11 +1,13 @@
-// TetGen in a process of its own: points on standard input, tetrahedra on standard output, then the end.
+// Runs TetGen once in its own process: reads points from standard input, writes tetrahedra to standard
+// output, and exits.
 //
-// What a program runs that cannot hold TetGen itself (a shared library hides terminatetetgen, see
-// tetgen_shim.cpp), would not have TetGen's end be its own, or wants several at once. All numbers as this
-// machine has them:
+// A program uses this worker if it cannot contain TetGen itself (a shared library hides terminatetetgen,
+// see tetgen_shim.cpp), if it must survive a crash of TetGen, or if it runs several triangulations at the
+// same time. Numbers are in the byte order of this machine:
 //
-//   in   uint64 points, uint64 whether neighbours are asked for, 3 doubles a point
-//   out  int64 status (tetgen_shim.h), uint64 tetrahedra, 4 int32 each, and if asked for 4 neighbours each
+//   in   uint64 number of points, uint64 1 if neighbours are requested, else 0; 3 doubles for each point
+//   out  int64 status (tetgen_shim.h), uint64 number of tetrahedra; 4 int32 nodes for each tetrahedron,
+//        and 4 int32 neighbours for each if requested
 
 #include <csignal>
 #include <cstdio>
@@ -50,12 +52,12 @@ bool write_all(int to, const void *from, size_t bytes) {
 
 extern "C" int tetgen_shim_serve(void) {
 #ifdef __linux__
-  // Who asked has gone: so does this.
+  // The worker ends when its parent process ends.
   prctl(PR_SET_PDEATHSIG, SIGKILL);
 #endif
-  // Ctrl-C is for who asked, who may want an answer all the same.
+  // Ctrl-C is handled by the parent process, which may still need the result.
   signal(SIGINT, SIG_IGN);
-  // TetGen writes on standard output.
+  // TetGen itself prints to standard output, so the result uses a copy of that descriptor.
   const int out = dup(STDOUT_FILENO);
   const int nowhere = open("/dev/null", O_WRONLY);
   if (out < 0 || nowhere < 0 || dup2(nowhere, STDOUT_FILENO) < 0) {
@@ -83,7 +85,7 @@ extern "C" int tetgen_shim_serve(void) {
   const bool told = write_all(out, answer, sizeof answer) &&
                     (mesh.tetrahedra == nullptr || write_all(out, mesh.tetrahedra, bytes)) &&
                     (mesh.neighbors == nullptr || write_all(out, mesh.neighbors, bytes));
-  // The operating system takes memory back faster.
+  // Exiting is faster than freeing all memory.
   _exit(told ? 0 : 5);
 }
 

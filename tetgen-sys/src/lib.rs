@@ -1,8 +1,8 @@
 //! Raw bindings to Debian's libtet 1.5 (TetGen, AGPL-3.0) through the plain-C shim
-//! `cpp/tetgen_shim.h`: a point array and TetGen's switches in, owned arrays and a status out.
+//! `cpp/tetgen_shim.h`: a point array and TetGen's switches go in, owned arrays and a status come out.
 //!
-//! TetGen itself is neither re-entrant nor safe on degenerate input; the shim's header says what a
-//! caller must guarantee. Safe code uses `atomesh::delaunay::tetgen`.
+//! TetGen itself is neither re-entrant nor safe on degenerate input; the shim's header lists what a
+//! caller must guarantee. Safe code uses `atomesh::mesh::delaunay`.
 
 #![allow(non_camel_case_types)]
 
@@ -19,7 +19,7 @@ mod tests {
             neighbors: null,
             count: 0,
         };
-        // SAFETY: the tests keep to what the header demands and run in one thread (one test).
+        // SAFETY: the test fulfils the requirements of the header, and runs in one thread.
         let status = unsafe {
             tetgen_shim_run(
                 points.as_ptr().cast(),
@@ -31,8 +31,8 @@ mod tests {
         (status, mesh)
     }
 
-    /// TetGen throws on flat points. Were our terminatetetgen not the one it calls, it would free
-    /// its pools twice; hence many times over, and a good run afterwards.
+    /// TetGen throws on flat points. If it did not call our terminatetetgen, it would free its pools
+    /// twice and crash. Therefore the test repeats this many times, and ends with a valid run.
     #[test]
     fn exceptions_come_back_as_statuses_and_leave_tetgen_usable() {
         let plane: Vec<[f64; 3]> = (0..400)
@@ -51,7 +51,7 @@ mod tests {
         let (status, mut mesh) = run(&corners, c"zQNFJn");
         assert_eq!((status, mesh.count), (TETGEN_SHIM_OK as i32, 1));
         assert!(!mesh.tetrahedra.is_null() && !mesh.neighbors.is_null());
-        // SAFETY: filled by tetgen_shim_run; a second call on the emptied mesh does nothing.
+        // SAFETY: tetgen_shim_run filled the mesh; a second call on the emptied mesh does nothing.
         unsafe {
             tetgen_shim_free(&mut mesh);
             tetgen_shim_free(&mut mesh);

@@ -341,8 +341,8 @@ class Mesh:
         with tempfile.TemporaryDirectory(prefix="atomesh-") as folder:
             words: dict[str, Any] = {"output": path, **options}
             if words.get("figures") is None and "verdict" in self._said:
-                words["figures"] = Path(folder) / "report.json"
-                words["figures"].write_text(json.dumps(self._said))
+                words["solver"] = Path(folder) / "report.json"
+                words["solver"].write_text(json.dumps(self._said))
             return self._call("report", [NAME, MESH], words, {NAME: image._native}).report
 
     # What is made of it

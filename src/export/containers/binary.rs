@@ -1,5 +1,5 @@
-//! Numbers as bytes: filled by all threads, written in order. For the containers that are put together
-//! here: [`mat`](super::mat), [`hdf5`](super::hdf5), [`netcdf`](super::netcdf).
+//! Arrays of numbers as bytes, computed by all threads and written in order. The containers
+//! [`mat`](super::mat), [`hdf5`](super::hdf5) and [`netcdf`](super::netcdf) are built on them.
 
 use std::io::{self, Write};
 use std::ops::Range;
@@ -8,33 +8,33 @@ use crate::parallel::prelude::*;
 
 use crate::files::vtk::VtkScalar;
 
-/// Numbers in one task.
+/// Number of values in one task.
 const NUMBERS_PER_TASK: usize = 1 << 15;
-/// Tasks whose bytes are in memory at once.
+/// Number of tasks whose bytes are in memory at once.
 const TASKS_IN_MEMORY: usize = 16;
 
-/// Appends the bytes of a range of an array's numbers.
+/// Function that appends the bytes of a range of an array.
 type FillFn<'a> = Box<dyn Fn(Range<usize>, &mut Vec<u8>) + Sync + 'a>;
 
-/// Numbers that are made when they are written.
+/// Array whose values are computed when they are written.
 pub struct LazyArray<'a> {
-    /// VTK's name of their type.
+    /// Name of the value type in VTK.
     pub vtk_type: &'static str,
-    /// How many there are.
+    /// Number of values.
     pub len: usize,
     element_size: usize,
     fill: FillFn<'a>,
 }
 
 impl<'a> LazyArray<'a> {
-    /// `len` numbers, number `i` by `value(i)`.
+    /// Creates an array of `len` values. Value `i` is `value(i)`.
     pub fn from_fn<T: VtkScalar>(len: usize, value: impl Fn(usize) -> T + Sync + 'a) -> Self {
         Self::from_fill::<T>(len, move |range, bytes| {
             range.for_each(|i| value(i).append_bytes(bytes));
         })
     }
 
-    /// `len` numbers, any range of them by `fill`.
+    /// Creates an array of `len` values. `fill` appends the bytes of any range of them.
     pub fn from_fill<T: VtkScalar>(
         len: usize,
         fill: impl Fn(Range<usize>, &mut Vec<u8>) + Sync + 'a,
@@ -47,47 +47,52 @@ impl<'a> LazyArray<'a> {
         }
     }
 
-    /// Numbers that are in memory.
+    /// Creates an array from values in memory.
     pub fn from_slice<T: VtkScalar>(values: &'a [T]) -> Self {
         Self::from_fn(values.len(), |i| values[i])
     }
 
-    /// How many bytes they take.
+    /// Returns the size of the array in bytes.
     pub fn byte_len(&self) -> u64 {
         (self.len * self.element_size) as u64
     }
 
-    /// Writes them, little endian.
+    /// Writes the values in little-endian order.
     ///
     /// # Errors
-    /// If `out` cannot be written.
+    /// Returns an error if `out` cannot be written.
     pub fn write(&self, out: &mut impl Write) -> io::Result<()> {
         self.write_parts(out, |_| ())
     }
 
-    /// Writes them, big endian.
+    /// Writes the values in big-endian order.
     ///
     /// # Errors
-    /// If `out` cannot be written.
+    /// Returns an error if `out` cannot be written.
     pub fn write_big_endian(&self, out: &mut impl Write) -> io::Result<()> {
-        let turn = |part: &mut [u8]| {
-            part.chunks_exact_mut(self.element_size)
+        let reverse_bytes = |chunk: &mut [u8]| {
+            chunk
+                .chunks_exact_mut(self.element_size)
                 .for_each(<[u8]>::reverse)
         };
-        self.write_parts(out, turn)
+        self.write_parts(out, reverse_bytes)
     }
 
-    fn write_parts(&self, out: &mut impl Write, last: impl Fn(&mut [u8]) + Sync) -> io::Result<()> {
+    fn write_parts(
+        &self,
+        out: &mut impl Write,
+        transform: impl Fn(&mut [u8]) + Sync,
+    ) -> io::Result<()> {
         let tasks = TASKS_IN_MEMORY.min(self.len.div_ceil(NUMBERS_PER_TASK));
-        let mut parts: Vec<Vec<u8>> = vec![Vec::new(); tasks];
+        let mut chunks: Vec<Vec<u8>> = vec![Vec::new(); tasks];
         for start in (0..self.len).step_by(TASKS_IN_MEMORY * NUMBERS_PER_TASK) {
-            parts.par_iter_mut().enumerate().for_each(|(task, part)| {
-                part.clear();
+            chunks.par_iter_mut().enumerate().for_each(|(task, chunk)| {
+                chunk.clear();
                 let first = (start + task * NUMBERS_PER_TASK).min(self.len);
-                (self.fill)(first..self.len.min(first + NUMBERS_PER_TASK), part);
-                last(part);
+                (self.fill)(first..self.len.min(first + NUMBERS_PER_TASK), chunk);
+                transform(chunk);
             });
-            parts.iter().try_for_each(|part| out.write_all(part))?;
+            chunks.iter().try_for_each(|chunk| out.write_all(chunk))?;
         }
         Ok(())
     }
@@ -98,7 +103,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_come_in_order() {
+    fn numbers_are_written_in_order() {
         for len in [
             0,
             1,
@@ -110,8 +115,8 @@ mod tests {
             numbers.write(&mut bytes).unwrap();
             assert_eq!(bytes.len() as u64, numbers.byte_len());
             let (numbers, _) = bytes.as_chunks();
-            let at = |i: usize| u32::from_le_bytes(numbers[i]);
-            assert!((0..len).all(|i| at(i) == 3 * i as u32));
+            let number = |i: usize| u32::from_le_bytes(numbers[i]);
+            assert!((0..len).all(|i| number(i) == 3 * i as u32));
         }
     }
 }

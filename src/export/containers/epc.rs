@@ -1,5 +1,5 @@
-//! The package of a RESQML model (EPC, a zip archive of XML parts that refer to each other) and its
-//! companion in HDF5.
+//! Writes the package of a RESQML model (EPC: a zip archive of XML parts that refer to each other).
+//! Its arrays are in a companion HDF5 file.
 
 use std::fmt::Write as _;
 use std::io::{self, Seek, Write};
@@ -8,31 +8,32 @@ use sha2::{Digest, Sha256};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, ZipWriter};
 
-/// An object of the model.
+/// Object of the model.
 pub struct EpcObject {
-    /// Its type, without `obj_`.
+    /// RESQML type of the object, without `obj_`.
     pub kind: &'static str,
-    /// Its name among all objects that there ever were.
+    /// UUID of the object.
     pub uuid: String,
-    /// Its title.
+    /// Title of the object.
     pub title: String,
-    /// What is in it after the citation.
+    /// XML content after the citation.
     pub body: String,
-    /// Places of the objects that it refers to.
+    /// Indices of the objects to which this object refers.
     pub references: Vec<usize>,
-    /// Whether it has arrays in the HDF5 file.
+    /// `true` if the object has arrays in the HDF5 file.
     pub has_arrays: bool,
 }
 
-/// The object that stands for the HDF5 file.
+/// Type of the object that represents the HDF5 file.
 pub const PROXY_KIND: &str = "EpcExternalPartReference";
 const EML_NAMESPACE: &str = "http://www.energistics.org/energyml/data/commonv2";
 const RESQML_NAMESPACE: &str = "http://www.energistics.org/energyml/data/resqmlv2";
 const RELATIONSHIP_NAMESPACE: &str = "http://schemas.energistics.org/package/2012/relationships/";
-/// The moment that files are said to be made at: the same model is the same bytes.
+/// Fixed creation time, so that the same model gives the same bytes.
 const CREATION_TIME: &str = "2000-01-01T00:00:00Z";
 
-/// A UUID that follows from what is named: the same for the same, as version 5 is.
+/// Returns a UUID that is computed from a digest and a name, like a version 5 UUID. Equal input
+/// gives equal UUIDs.
 pub fn uuid(digest: &Sha256, name: &str) -> String {
     let hash = digest.clone().chain_update(name).finalize();
     let mut bytes = [0u8; 16];
@@ -61,7 +62,7 @@ impl EpcObject {
         format!("obj_{}_{}.xml", self.kind, self.uuid)
     }
 
-    /// How another object refers to this one, as the element `name`.
+    /// Returns the element `name` by which another object refers to this one.
     pub fn reference(&self, name: &str) -> String {
         format!(
             "<{name} xsi:type=\"eml:DataObjectReference\"><eml:ContentType>{}</eml:ContentType>\
@@ -89,10 +90,10 @@ impl EpcObject {
     }
 }
 
-/// Writes the package; the first object is the proxy of the HDF5 file `companion`.
+/// Writes the package. The first object is the proxy of the HDF5 file `companion`.
 ///
 /// # Errors
-/// If `out` cannot be written.
+/// Returns an error if `out` cannot be written.
 pub fn write(
     out: &mut (impl Write + Seek),
     objects: &[EpcObject],
@@ -112,36 +113,40 @@ pub fn write(
             types,
             "<Override PartName=\"/{part}\" ContentType=\"{kind}\"/>"
         );
-        let mut relations = String::new();
-        let mut relate = |id: &str, kind: &str, target: &str, mode: &str| {
+        let mut relationships = String::new();
+        let mut add_relationship = |id: &str, kind: &str, target: &str, mode: &str| {
             let _ = writeln!(
-                relations,
+                relationships,
                 "<Relationship Id=\"{id}\" Type=\"{RELATIONSHIP_NAMESPACE}{kind}\" Target=\"{target}\"{mode}/>"
             );
         };
         if i == 0 {
-            relate(
+            add_relationship(
                 "Hdf5File",
                 "externalResource",
                 companion,
                 " TargetMode=\"External\"",
             );
         }
-        for (j, other) in objects.iter().enumerate() {
-            let mut to =
-                |kind: &str| relate(&format!("_{}", other.uuid), kind, &other.part_name(), "");
+        for (j, target) in objects.iter().enumerate() {
+            let mut add_target = |kind: &str| {
+                add_relationship(&format!("_{}", target.uuid), kind, &target.part_name(), "")
+            };
             if object.references.contains(&j) {
-                to("destinationObject");
-            } else if other.references.contains(&i) {
-                to("sourceObject");
-            } else if i == 0 && other.has_arrays {
-                to("externalPartProxyToMl");
+                add_target("destinationObject");
+            } else if target.references.contains(&i) {
+                add_target("sourceObject");
+            } else if i == 0 && target.has_arrays {
+                add_target("externalPartProxyToMl");
             } else if j == 0 && object.has_arrays {
-                to("mlToExternalPartProxy");
+                add_target("mlToExternalPartProxy");
             }
         }
         parts.push((part.clone(), object.xml()));
-        parts.push((format!("_rels/{part}.rels"), relationships_xml(&relations)));
+        parts.push((
+            format!("_rels/{part}.rels"),
+            relationships_xml(&relationships),
+        ));
     }
     types.push_str("</Types>\n");
     let core = format!(
@@ -169,7 +174,7 @@ fn relationships_xml(lines: &str) -> String {
     )
 }
 
-/// A zip archive of texts, stored as they are.
+/// Writes a zip archive of texts without compression.
 fn zip(out: &mut (impl Write + Seek), parts: &[(String, String)]) -> io::Result<()> {
     let options = SimpleFileOptions::DEFAULT
         .compression_method(CompressionMethod::Stored)
@@ -188,7 +193,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_same_has_the_same_name() {
+    fn equal_names_have_equal_uuids() {
         let digest = Sha256::new();
         let name = uuid(&digest, "grid");
         assert_eq!(name, uuid(&digest, "grid"));

@@ -1,36 +1,37 @@
-//! HDF5 files of groups, which may have attributes, and plain datasets, written in one go: what every HDF5
-//! library since 1.8 reads. No chunks, no compression.
+//! Writes HDF5 files of groups, which may have attributes, and contiguous datasets, without chunks
+//! and compression. Every HDF5 library since 1.8 reads them.
 //!
-//! A superblock of version 0, object headers of version 1, groups that list their links in their
-//! headers. Layout: "HDF5 File Format Specification", version 3.0, sections II.A, IV.A.1.a and IV.A.2.
+//! The superblock has version 0, and the object headers have version 1. Groups list their links in
+//! their headers. Source: "HDF5 File Format Specification", version 3.0, sections II.A, IV.A.1.a
+//! and IV.A.2.
 
 use std::io::{self, Write};
 
 use super::binary::LazyArray;
 
-/// A group or a dataset.
+/// Group or dataset.
 pub enum Hdf5Node<'a> {
-    /// Named nodes; names have less than 256 bytes.
+    /// Group of named nodes. Names have less than 256 bytes.
     Group(Vec<(String, Hdf5Node<'a>)>),
-    /// The same with attributes.
+    /// Group of named nodes with attributes.
     GroupWithAttributes(Vec<(String, Hdf5Attribute)>, Vec<(String, Hdf5Node<'a>)>),
-    /// Lengths along all axes, the slowest first, and the numbers.
+    /// Dataset: lengths along all axes, the slowest first, and the values.
     Dataset(Vec<u64>, LazyArray<'a>),
 }
 
-/// What is said of a group.
+/// Value of an attribute of a group.
 pub enum Hdf5Attribute {
-    /// A text in so many bytes, the last of which are 0 if it is shorter.
+    /// Text and its length in bytes. Shorter text is filled with zeros.
     Text(String, usize),
-    /// Whole numbers.
+    /// Integers.
     Ints(Vec<i32>),
 }
 
-/// Things by name.
+/// Named items.
 type NamedList<T> = [(String, T)];
 
 impl Hdf5Node<'_> {
-    /// The attributes and the nodes of a group.
+    /// Returns the attributes and the nodes of a group, or `None` for a dataset.
     fn as_group(&self) -> Option<(&NamedList<Hdf5Attribute>, &NamedList<Self>)> {
         match self {
             Self::Group(links) => Some((&[], links)),
@@ -42,7 +43,7 @@ impl Hdf5Node<'_> {
 
 const SUPERBLOCK_SIZE: u64 = 96;
 const UNDEFINED_ADDRESS: [u8; 8] = [0xff; 8];
-/// Types of messages in headers.
+/// Types of header messages.
 const DATASPACE: u16 = 1;
 const LINK_INFO: u16 = 2;
 const DATATYPE: u16 = 3;
@@ -52,15 +53,15 @@ const LAYOUT: u16 = 8;
 const GROUP_INFO: u16 = 10;
 const ATTRIBUTE: u16 = 12;
 
-/// A message: its type, and its content.
+/// Header message: type and content.
 type Message = (u16, Vec<u8>);
 
-/// Writes the file whose root group is this.
+/// Writes the file with the given root group.
 ///
 /// # Errors
-/// If `out` cannot be written.
+/// Returns an error if `out` cannot be written.
 pub fn write(out: &mut impl Write, root: &Hdf5Node) -> io::Result<()> {
-    // Headers first, then data; so that all addresses are known.
+    // All headers come before the data, so that all addresses are known.
     let mut headers = SUPERBLOCK_SIZE;
     count_headers(root, &mut headers);
     let mut data = headers;
@@ -102,9 +103,10 @@ fn count_headers(node: &Hdf5Node, end: &mut u64) {
     }
 }
 
-/// Appends the header of a node and those below it, from `next` on; their data goes to `data`.
+/// Appends the headers of a node and of the nodes below it. `next` is the address of the next
+/// header, and `data` the address of the next values. Both are advanced.
 fn append_headers(node: &Hdf5Node, next: &mut u64, data: &mut u64, bytes: &mut Vec<u8>) {
-    let put = |messages: &[Message], bytes: &mut Vec<u8>| {
+    let append_header = |messages: &[Message], bytes: &mut Vec<u8>| {
         let size = header_size(messages) - 16;
         bytes.extend([1, 0]);
         bytes.extend((messages.len() as u16).to_le_bytes());
@@ -123,19 +125,19 @@ fn append_headers(node: &Hdf5Node, next: &mut u64, data: &mut u64, bytes: &mut V
     if let Some((attributes, links)) = node.as_group() {
         let names = links.iter().map(|(name, _)| (name.as_str(), 0));
         *next += header_size(&group_messages(attributes, names));
-        let (mut addresses, mut below) = (Vec::new(), Vec::new());
+        let (mut addresses, mut children) = (Vec::new(), Vec::new());
         for (name, node) in links {
             addresses.push((name.as_str(), *next));
-            append_headers(node, next, data, &mut below);
+            append_headers(node, next, data, &mut children);
         }
-        put(&group_messages(attributes, addresses.into_iter()), bytes);
-        bytes.extend(below);
+        append_header(&group_messages(attributes, addresses.into_iter()), bytes);
+        bytes.extend(children);
     }
     if let Hdf5Node::Dataset(dims, numbers) = node {
         let messages = dataset_messages(dims, numbers, *data);
         *next += header_size(&messages);
         *data += padded(numbers.byte_len());
-        put(&messages, bytes);
+        append_header(&messages, bytes);
     }
 }
 
@@ -153,8 +155,8 @@ fn write_data(node: &Hdf5Node, out: &mut impl Write) -> io::Result<()> {
     Ok(())
 }
 
-/// The messages of a group with these attributes and links, which are numbered in their order: some readers
-/// ask for them so.
+/// Returns the messages of a group with the given attributes and links. Links have a creation
+/// order, which some readers need.
 fn group_messages<'a>(
     attributes: &[(String, Hdf5Attribute)],
     links: impl Iterator<Item = (&'a str, u64)>,
@@ -186,13 +188,13 @@ fn group_messages<'a>(
     messages
 }
 
-/// The content of an attribute's message.
+/// Returns the content of an attribute message.
 fn attribute_message(name: &str, value: &Hdf5Attribute) -> Vec<u8> {
     let (kind, space, bytes) = match value {
         Hdf5Attribute::Text(text, size) => {
             let mut bytes = text.as_bytes().to_vec();
             bytes.resize(*size, 0);
-            // Text that ends with a 0, of ASCII.
+            // The text ends with a zero and is ASCII.
             let mut kind = vec![0x13, 0, 0, 0];
             kind.extend((*size as u32).to_le_bytes());
             (kind, vec![1, 0, 0, 0, 0, 0, 0, 0], bytes)
@@ -223,7 +225,7 @@ fn attribute_message(name: &str, value: &Hdf5Attribute) -> Vec<u8> {
     content
 }
 
-/// The messages of a dataset whose numbers are at an address.
+/// Returns the messages of a dataset whose values are at `address`.
 fn dataset_messages(dims: &[u64], numbers: &LazyArray, address: u64) -> Vec<Message> {
     let mut space = vec![1, dims.len() as u8, 0, 0, 0, 0, 0, 0];
     dims.iter().for_each(|n| space.extend(n.to_le_bytes()));
@@ -233,29 +235,29 @@ fn dataset_messages(dims: &[u64], numbers: &LazyArray, address: u64) -> Vec<Mess
     vec![
         (DATASPACE, space),
         (DATATYPE, datatype(numbers.vtk_type)),
-        // Written with the rest; no value of its own.
+        // Version 2; space is allocated early; no fill value is defined.
         (FILL_VALUE, vec![2, 1, 2, 0]),
         (LAYOUT, layout),
     ]
 }
 
-/// The type that VTK calls `kind`, little endian.
+/// Returns the little-endian HDF5 datatype for the VTK type `kind`.
 fn datatype(kind: &str) -> Vec<u8> {
-    let whole = |bytes: u8, signed: bool| {
+    let integer = |bytes: u8, signed: bool| {
         let mut content = vec![0x10, if signed { 8 } else { 0 }, 0, 0, bytes, 0, 0, 0];
         content.extend([0, 0, 8 * bytes, 0]);
         content
     };
     match kind {
-        "Int8" => whole(1, true),
-        "UInt8" => whole(1, false),
-        "Int16" => whole(2, true),
-        "UInt16" => whole(2, false),
-        "Int32" => whole(4, true),
-        "UInt32" => whole(4, false),
-        "Int64" => whole(8, true),
-        "UInt64" => whole(8, false),
-        // IEEE: place of the sign; bits in all; exponent, mantissa; bias.
+        "Int8" => integer(1, true),
+        "UInt8" => integer(1, false),
+        "Int16" => integer(2, true),
+        "UInt16" => integer(2, false),
+        "Int32" => integer(4, true),
+        "UInt32" => integer(4, false),
+        "Int64" => integer(8, true),
+        "UInt64" => integer(8, false),
+        // IEEE: position of the sign; number of bits; exponent, mantissa; bias.
         "Float32" => vec![
             0x11, 0x20, 31, 0, 4, 0, 0, 0, 0, 0, 32, 0, 23, 8, 0, 23, 127, 0, 0, 0,
         ],
@@ -270,24 +272,24 @@ mod tests {
     use super::*;
 
     #[test]
-    fn data_is_where_headers_say() {
+    fn data_is_at_the_addresses_in_the_headers() {
         let numbers = [1.5, -2.0, 3.0];
         let data = Hdf5Node::Dataset(vec![3], LazyArray::from_slice(&numbers));
         let bytes = Hdf5Node::Dataset(vec![5], LazyArray::from_fn(5, |i| i as u8));
         let inner = Hdf5Node::Group(vec![("numbers".into(), data)]);
-        let said = vec![("Version".into(), Hdf5Attribute::Ints(vec![2, 3]))];
+        let attributes = vec![("Version".into(), Hdf5Attribute::Ints(vec![2, 3]))];
         let root = Hdf5Node::GroupWithAttributes(
-            said,
+            attributes,
             vec![("inner".into(), inner), ("bytes".into(), bytes)],
         );
         let mut file = Vec::new();
         write(&mut file, &root).unwrap();
-        // End of file, and the data at the end.
+        // The end-of-file address is the length of the file, and the data is at the end.
         assert_eq!(file[40..48], (file.len() as u64).to_le_bytes());
         assert_eq!(file[file.len() - 8..], [0, 1, 2, 3, 4, 0, 0, 0]);
-        let at = file.len() - 32;
-        assert_eq!(file[at..at + 8], 1.5f64.to_le_bytes());
-        let address = (at as u64).to_le_bytes();
+        let position = file.len() - 32;
+        assert_eq!(file[position..position + 8], 1.5f64.to_le_bytes());
+        let address = (position as u64).to_le_bytes();
         assert_eq!(file.windows(8).filter(|w| *w == address).count(), 1);
     }
 }

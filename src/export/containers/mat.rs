@@ -1,8 +1,8 @@
-//! MATLAB's MAT-files, version 5, as MATLAB, Octave and SciPy read them: structures, cell arrays, text
-//! and matrices. Nothing is compressed.
+//! Writes MATLAB MAT-files, version 5, which MATLAB, Octave and SciPy read: structures, cell
+//! arrays, text and matrices, without compression.
 //!
-//! All matrices are of class double, but numbers may be stored in a smaller type, as MATLAB itself
-//! does. Layout: "MAT-File Format", The MathWorks, chapter 1.
+//! All matrices are of class double. Their numbers may be stored in a smaller type, as MATLAB does.
+//! Source: "MAT-File Format", The MathWorks, chapter 1.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -11,17 +11,17 @@ use super::binary::LazyArray;
 use crate::error::cause;
 use crate::{Error, Result};
 
-/// A value of a variable or a field.
+/// Value of a variable or a field.
 pub enum MatValue<'a> {
-    /// A matrix: number of rows and of columns, and its numbers column by column.
+    /// Matrix: number of rows, number of columns, and the values column by column.
     Matrix(usize, usize, LazyArray<'a>),
-    /// A row of characters (ASCII).
+    /// Row of ASCII characters.
     Text(&'a str),
-    /// A row of values.
+    /// Row of values.
     CellArray(Vec<MatValue<'a>>),
-    /// Named values; names have at most 31 letters.
+    /// Named values. Names have at most 31 characters.
     Struct(MatFields<'a>),
-    /// A column of such, all with the same names.
+    /// Column of structures with the same field names.
     StructArray(Vec<MatFields<'a>>),
 }
 
@@ -34,18 +34,18 @@ const UINT16: u32 = 4;
 const INT32: u32 = 5;
 const UINT32: u32 = 6;
 const MATRIX: u32 = 14;
-/// Bytes for the name of a field.
+/// Size of a field name in bytes.
 const FIELD_NAME_BYTES: usize = 32;
-/// No variable may have more bytes.
+/// Maximum size of a variable in bytes.
 const MAX_VARIABLE_BYTES: u64 = (1 << 31) - 1;
 
 impl<'a> MatValue<'a> {
-    /// A column of numbers.
+    /// Creates a column of numbers.
     pub fn column(numbers: LazyArray<'a>) -> Self {
         Self::Matrix(numbers.len, 1, numbers)
     }
 
-    /// One number.
+    /// Creates a single number.
     pub fn scalar(value: f64) -> Self {
         Self::column(LazyArray::from_fn(1, move |_| value))
     }
@@ -65,11 +65,11 @@ impl<'a> MatValue<'a> {
             Self::Text(text) => [1, text.len()],
             Self::CellArray(values) => [1, values.len()],
             Self::Struct(_) => [1, 1],
-            Self::StructArray(all) => [all.len(), 1],
+            Self::StructArray(elements) => [elements.len(), 1],
         }
     }
 
-    /// Bytes of the element without its tag.
+    /// Returns the size of the element in bytes, without its tag.
     fn content_size(&self, name: &str) -> u64 {
         let head = 16 + 16 + 8 + padded(name.len() as u64);
         head + match self {
@@ -77,7 +77,7 @@ impl<'a> MatValue<'a> {
             Self::Text(text) => 8 + padded(2 * text.len() as u64),
             Self::CellArray(values) => values.iter().map(|value| 8 + value.content_size("")).sum(),
             Self::Struct(fields) => structs_size(std::slice::from_ref(fields)),
-            Self::StructArray(all) => structs_size(all),
+            Self::StructArray(elements) => structs_size(elements),
         }
     }
 
@@ -103,32 +103,32 @@ impl<'a> MatValue<'a> {
             }
             Self::CellArray(values) => values.iter().try_for_each(|value| value.write("", out)),
             Self::Struct(fields) => write_structs(std::slice::from_ref(fields), out),
-            Self::StructArray(all) => write_structs(all, out),
+            Self::StructArray(elements) => write_structs(elements, out),
         }
     }
 }
 
-/// Bytes of structures' names and values.
-fn structs_size(all: &[MatFields<'_>]) -> u64 {
-    let names = 8 + padded((FIELD_NAME_BYTES * all.first().map_or(0, Vec::len)) as u64);
-    let values = all
+/// Returns the size of the names and values of structures in bytes.
+fn structs_size(elements: &[MatFields<'_>]) -> u64 {
+    let names = 8 + padded((FIELD_NAME_BYTES * elements.first().map_or(0, Vec::len)) as u64);
+    let values = elements
         .iter()
         .flatten()
         .map(|(_, value)| 8 + value.content_size(""));
     8 + names + values.sum::<u64>()
 }
 
-fn write_structs(all: &[MatFields<'_>], out: &mut impl Write) -> io::Result<()> {
-    // Packed with its tag, as readers (Octave) ask for it here.
+fn write_structs(elements: &[MatFields<'_>], out: &mut impl Write) -> io::Result<()> {
+    // This element is packed with its tag, because readers such as Octave expect that here.
     out.write_all(&(INT32 | 4 << 16).to_le_bytes())?;
     out.write_all(&(FIELD_NAME_BYTES as u32).to_le_bytes())?;
-    let fields = all.first().map_or(&[][..], Vec::as_slice);
+    let fields = elements.first().map_or(&[][..], Vec::as_slice);
     let mut names = vec![0; FIELD_NAME_BYTES * fields.len()];
-    for (room, (name, _)) in names.chunks_mut(FIELD_NAME_BYTES).zip(fields) {
-        room[..name.len()].copy_from_slice(name.as_bytes());
+    for (slot, (name, _)) in names.chunks_mut(FIELD_NAME_BYTES).zip(fields) {
+        slot[..name.len()].copy_from_slice(name.as_bytes());
     }
     element(out, INT8, &names)?;
-    let mut values = all.iter().flatten();
+    let mut values = elements.iter().flatten();
     values.try_for_each(|(_, value)| value.write("", out))
 }
 
@@ -151,7 +151,7 @@ fn element(out: &mut impl Write, kind: u32, bytes: &[u8]) -> io::Result<()> {
     pad(out, bytes.len() as u64)
 }
 
-/// The number of a type that VTK calls `kind`.
+/// Returns the number of the VTK type `kind`.
 fn type_number(kind: &str) -> u32 {
     match kind {
         "Int8" => INT8,
@@ -167,27 +167,30 @@ fn type_number(kind: &str) -> u32 {
     }
 }
 
-/// Whether a name can be one of a field or variable.
+/// Returns `true` if a field or a variable can have this name.
 pub fn is_valid_name(name: &str) -> bool {
-    let plain = |c: char| c.is_ascii_alphanumeric() || c == '_';
+    let is_valid_char = |c: char| c.is_ascii_alphanumeric() || c == '_';
     name.len() < FIELD_NAME_BYTES
         && name.starts_with(|c: char| c.is_ascii_alphabetic())
-        && name.chars().all(plain)
+        && name.chars().all(is_valid_char)
 }
 
 /// Checks that all variables fit, before any is written to the file at `path`.
 ///
 /// # Errors
-/// [`Error::Export`] for one of 2 GiB or more, which the format does not hold.
+/// Returns [`Error::Export`] if a variable has 2 GiB or more, which the format cannot hold.
 pub fn check(path: &Path, variables: &[(&str, MatValue)]) -> Result<()> {
-    let large = |(name, value): &&(&str, MatValue)| value.content_size(name) > MAX_VARIABLE_BYTES;
-    let Some((name, value)) = variables.iter().find(large) else {
+    let is_too_large =
+        |(name, value): &&(&str, MatValue)| value.content_size(name) > MAX_VARIABLE_BYTES;
+    let Some((name, value)) = variables.iter().find(is_too_large) else {
         return Ok(());
     };
     let size = value.content_size(name) as f64 / f64::from(1 << 30);
     Err(Error::Export(cause(
         path.display(),
-        format!("would have a variable {name} of {size:.1} GiB, and MAT-files hold less than 2"),
+        format!(
+            "would have a variable {name} of {size:.1} GiB, but MAT-files hold less than 2 GiB"
+        ),
         "export a coarser mesh",
     )))
 }
@@ -195,7 +198,7 @@ pub fn check(path: &Path, variables: &[(&str, MatValue)]) -> Result<()> {
 /// Writes the file.
 ///
 /// # Errors
-/// If `out` cannot be written.
+/// Returns an error if `out` cannot be written.
 pub fn write(out: &mut impl Write, variables: &[(&str, MatValue)]) -> io::Result<()> {
     let mut head = [b' '; 128];
     let text = format!("MATLAB 5.0 MAT-file, atomesh {}", env!("CARGO_PKG_VERSION"));
@@ -213,7 +216,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sizes_are_those_of_what_is_written() {
+    fn computed_sizes_match_written_bytes() {
         let numbers = [1.0, 2.5, -3.0];
         let fields = vec![
             ("a", MatValue::column(LazyArray::from_slice(&numbers))),
@@ -252,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn names_are_matlabs() {
+    fn names_follow_matlab_rules() {
         assert!(
             is_valid_name("sw_2")
                 && !is_valid_name("2_sw")

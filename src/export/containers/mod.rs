@@ -1,9 +1,9 @@
-//! Numbers as text and as bytes, and the containers that hold them.
+//! Writes numbers as text and as bytes, and container files.
 //!
 //! - `text`: numbers as text, fast
 //! - `binary`: numbers as bytes
 //! - `mat`: MATLAB's container
-//! - `hdf5`, `epc`: the containers of RESQML; VTKHDF, XDMF and CGNS are HDF5, too
+//! - `hdf5`, `epc`: the containers of RESQML. VTKHDF, XDMF and CGNS use HDF5, too.
 //! - `netcdf`: the container of Exodus
 
 pub(crate) mod binary;

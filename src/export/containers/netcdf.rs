@@ -1,17 +1,18 @@
-//! NetCDF's classic format with 64-bit offsets (CDF-2), written in one go: what every NetCDF library since
-//! 3.6 reads. One record at most.
+//! Writes NetCDF's classic format with 64-bit offsets (CDF-2) and at most one record. Every NetCDF
+//! library since 3.6 reads it.
 //!
-//! Layout: "NetCDF Classic Format Specification" (Unidata): a header of dimensions, attributes and
-//! variables, big endian, names padded to 4 bytes; then the numbers of each variable.
+//! A file has a header of dimensions, attributes and variables, big-endian, with names padded to 4
+//! bytes. The values of each variable follow. Source: "NetCDF Classic Format Specification"
+//! (Unidata).
 
 use std::io::{self, Write};
 
 use super::binary::LazyArray;
 
-/// The numbers of a variable may take so many bytes.
+/// Maximum size of a variable in bytes.
 pub const MAX_VARIABLE_BYTES: u64 = u32::MAX as u64 - 3;
 
-/// The words for a list of dimensions, of variables, of attributes.
+/// Tags of the lists of dimensions, variables and attributes, and numbers of value types.
 const DIMENSION_TAG: u32 = 10;
 const VARIABLE_TAG: u32 = 11;
 const ATTRIBUTE_TAG: u32 = 12;
@@ -20,54 +21,55 @@ const INT: u32 = 4;
 const FLOAT: u32 = 5;
 const DOUBLE: u32 = 6;
 
-/// What an attribute says.
+/// Value of an attribute.
 pub enum NetcdfAttribute {
-    /// A text.
+    /// Text.
     Text(String),
-    /// A whole number.
+    /// Integer.
     Int(i32),
-    /// A number.
+    /// Floating-point number.
     Float(f32),
 }
 
-/// A file.
+/// Contents of a file.
 #[derive(Default)]
 pub struct NetcdfFile<'a> {
-    /// Dimensions by name; one of no length counts records, of which there is one.
+    /// Dimensions: name and length. Length 0 marks the record dimension, which has one record.
     pub dimensions: Vec<(String, usize)>,
-    /// What is said of the whole.
+    /// Attributes of the file.
     pub attributes: Vec<(String, NetcdfAttribute)>,
-    /// Variables; those of records come after the others.
+    /// Variables. Record variables come after the others.
     pub variables: Vec<NetcdfVariable<'a>>,
 }
 
-/// Numbers or text on some dimensions.
+/// Array of numbers or text with named dimensions.
 pub struct NetcdfVariable<'a> {
-    /// Its name.
+    /// Name of the variable.
     pub name: String,
-    /// Names of dimensions, the slowest first.
+    /// Names of its dimensions, the slowest first.
     pub dimensions: Vec<String>,
-    /// What is said of it.
+    /// Attributes of the variable.
     pub attributes: Vec<(String, NetcdfAttribute)>,
-    /// Whole numbers of 32 bits, numbers of 64, or bytes of text.
+    /// Values: 32-bit integers, 64-bit floating-point numbers, or bytes of text.
     pub values: LazyArray<'a>,
 }
 
 impl<'a> NetcdfVariable<'a> {
-    /// Without attributes.
-    pub fn new(name: impl Into<String>, on: &[&str], values: LazyArray<'a>) -> Self {
+    /// Creates a variable without attributes.
+    pub fn new(name: impl Into<String>, dimensions: &[&str], values: LazyArray<'a>) -> Self {
         Self {
             name: name.into(),
-            dimensions: on.iter().map(|&name| name.into()).collect(),
+            dimensions: dimensions.iter().map(|&name| name.into()).collect(),
             attributes: Vec::new(),
             values,
         }
     }
 
-    /// Texts, each in `length` bytes, the last of which are 0.
+    /// Creates a variable from texts. Each text has `length` bytes and is filled with zeros. Longer
+    /// texts are cut.
     pub fn from_texts(
         name: impl Into<String>,
-        on: &[&str],
+        dimensions: &[&str],
         length: usize,
         texts: &[String],
     ) -> Self {
@@ -77,16 +79,17 @@ impl<'a> NetcdfVariable<'a> {
             row[..count].copy_from_slice(&text.as_bytes()[..count]);
         }
         let values = LazyArray::from_fn(bytes.len(), move |i| bytes[i]);
-        Self::new(name, on, values)
+        Self::new(name, dimensions, values)
     }
 }
 
 /// Writes the file.
 ///
 /// # Errors
-/// If `out` cannot be written, or a variable names a dimension that there is not.
+/// Returns an error if `out` cannot be written, or if a variable names a dimension that does not
+/// exist.
 pub fn write(out: &mut impl Write, file: &NetcdfFile) -> io::Result<()> {
-    // The header's length does not depend on the offsets in it.
+    // The length of the header does not depend on the offsets in it.
     let mut next = header(file, &vec![0; file.variables.len()])?.len() as u64;
     let mut offsets = Vec::with_capacity(file.variables.len());
     for variable in &file.variables {
@@ -104,8 +107,8 @@ pub fn write(out: &mut impl Write, file: &NetcdfFile) -> io::Result<()> {
 
 fn header(file: &NetcdfFile, offsets: &[u64]) -> io::Result<Vec<u8>> {
     let mut bytes = b"CDF\x02".to_vec();
-    let records = file.dimensions.iter().any(|(_, length)| *length == 0);
-    push_int(&mut bytes, u32::from(records));
+    let has_records = file.dimensions.iter().any(|(_, length)| *length == 0);
+    push_int(&mut bytes, u32::from(has_records));
     push_list_header(&mut bytes, DIMENSION_TAG, file.dimensions.len());
     for (label, length) in &file.dimensions {
         push_name(&mut bytes, label);
@@ -116,9 +119,13 @@ fn header(file: &NetcdfFile, offsets: &[u64]) -> io::Result<Vec<u8>> {
     for (variable, offset) in file.variables.iter().zip(offsets) {
         push_name(&mut bytes, &variable.name);
         push_int(&mut bytes, variable.dimensions.len() as u32);
-        for on in &variable.dimensions {
-            let number = file.dimensions.iter().position(|(name, _)| name == on);
-            let number = number.ok_or_else(|| io::Error::other(format!("no dimension {on}")))?;
+        for dimension in &variable.dimensions {
+            let number = file
+                .dimensions
+                .iter()
+                .position(|(name, _)| name == dimension);
+            let number =
+                number.ok_or_else(|| io::Error::other(format!("no dimension {dimension}")))?;
             push_int(&mut bytes, number as u32);
         }
         push_attributes(&mut bytes, &variable.attributes);
@@ -132,7 +139,7 @@ fn header(file: &NetcdfFile, offsets: &[u64]) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// NetCDF's number of the type that VTK calls `kind`.
+/// Returns NetCDF's number of the VTK type `kind`.
 fn type_number(kind: &str) -> u32 {
     match kind {
         "UInt8" => CHAR,
@@ -145,8 +152,8 @@ fn push_int(bytes: &mut Vec<u8>, value: u32) {
     bytes.extend(value.to_be_bytes());
 }
 
-fn push_list_header(bytes: &mut Vec<u8>, of: u32, length: usize) {
-    push_int(bytes, if length == 0 { 0 } else { of });
+fn push_list_header(bytes: &mut Vec<u8>, tag: u32, length: usize) {
+    push_int(bytes, if length == 0 { 0 } else { tag });
     push_int(bytes, length as u32);
 }
 
@@ -184,7 +191,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_are_where_the_header_says_and_big_endian() {
+    fn numbers_are_big_endian_at_the_header_offsets() {
         let dimensions = vec![("three".into(), 3), ("time".into(), 0)];
         let file = NetcdfFile {
             dimensions,
@@ -200,16 +207,16 @@ mod tests {
         };
         let mut bytes = Vec::new();
         write(&mut bytes, &file).unwrap();
-        let at = bytes.len() - 28;
-        assert_eq!(&bytes[at..at + 4], b"ab\0\0");
-        assert_eq!(bytes[at + 4..at + 12], 1.5f64.to_be_bytes());
-        for offset in [at as u64, at as u64 + 4] {
+        let position = bytes.len() - 28;
+        assert_eq!(&bytes[position..position + 4], b"ab\0\0");
+        assert_eq!(bytes[position + 4..position + 12], 1.5f64.to_be_bytes());
+        for offset in [position as u64, position as u64 + 4] {
             let offset = offset.to_be_bytes();
             assert_eq!(bytes.windows(8).filter(|w| *w == offset).count(), 1);
         }
-        let nowhere = NetcdfVariable::new("y", &["four"], LazyArray::from_slice(&[1.0]));
+        let variable = NetcdfVariable::new("y", &["four"], LazyArray::from_slice(&[1.0]));
         let file = NetcdfFile {
-            variables: vec![nowhere],
+            variables: vec![variable],
             ..NetcdfFile::default()
         };
         assert!(write(&mut Vec::new(), &file).is_err());

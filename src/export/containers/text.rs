@@ -1,44 +1,45 @@
-//! Numbers as text, fast: no allocation a number, lines formatted by all threads and written in
-//! order.
+//! Writes numbers as text, fast: without an allocation per number. All threads format lines, which
+//! are written in order.
 
 use std::io::{self, Write};
 use std::ops::Range;
 
 use crate::parallel::prelude::*;
 
-/// Lines in one task.
+/// Number of lines in one task.
 const LINES_PER_TASK: usize = 4096;
-/// Tasks whose text is in memory at once.
+/// Number of tasks whose text is in memory at once.
 const TASKS_IN_MEMORY: usize = 32;
 
-/// Text that is being put together.
+/// Builder of text.
 #[derive(Debug, Default)]
 pub struct TextBuilder {
     bytes: Vec<u8>,
 }
 
 impl TextBuilder {
-    /// Adds words as they are.
+    /// Adds text as it is.
     #[inline]
     pub fn word(&mut self, word: &str) -> &mut Self {
         self.bytes.extend_from_slice(word.as_bytes());
         self
     }
 
-    /// Adds a whole number.
+    /// Adds an integer.
     #[inline]
     pub fn int(&mut self, number: impl itoa::Integer) -> &mut Self {
         self.word(itoa::Buffer::new().format(number))
     }
 
-    /// Adds a number with as few digits as bring it back exactly; infinities and NaN as `inf`, `NaN`.
+    /// Adds a number with the fewest digits that identify it exactly. Infinities and NaN are `inf`
+    /// and `NaN`.
     #[inline]
     pub fn real(&mut self, number: f64) -> &mut Self {
         self.word(zmij::Buffer::new().format(number))
     }
 
-    /// Adds a number in at most `width` characters (12 or more): as [`real`](Self::real) does if that
-    /// fits, else with as many digits as do.
+    /// Adds a number in at most `width` characters (12 or more). It is written as by
+    /// [`real`](Self::real) if that fits, otherwise with as many digits as fit.
     pub fn real_in_width(&mut self, number: f64, width: usize) -> &mut Self {
         let start = self.bytes.len();
         self.real(number);
@@ -47,25 +48,25 @@ impl TextBuilder {
                 break;
             }
             self.bytes.truncate(start);
-            // Memory takes all that is written to it.
+            // Writing to memory does not fail.
             let _ = write!(self.bytes, "{number:.decimals$e}");
         }
         self
     }
 
-    /// Adds a number, a space before it.
+    /// Adds a space and an integer.
     #[inline]
     pub fn spaced_int(&mut self, number: impl itoa::Integer) -> &mut Self {
         self.word(" ").int(number)
     }
 
-    /// Adds a number as [`real`](Self::real) does, a space before it.
+    /// Adds a space and a number as [`real`](Self::real) does.
     #[inline]
     pub fn spaced_real(&mut self, number: f64) -> &mut Self {
         self.word(" ").real(number)
     }
 
-    /// Adds coordinates, a space before each.
+    /// Adds coordinates, with a space before each.
     #[inline]
     pub fn point(&mut self, point: [f64; 3]) -> &mut Self {
         point.iter().for_each(|&x| {
@@ -81,25 +82,26 @@ impl TextBuilder {
     }
 }
 
-/// Writes `count` items, `put` adding the text of each; in order, however many threads there are.
+/// Writes `count` items in order. `format_item` adds the text of an item, given its index. The
+/// result does not depend on the number of threads.
 ///
 /// # Errors
-/// If `out` cannot be written.
+/// Returns an error if `out` cannot be written.
 pub fn write_items(
     out: &mut impl Write,
     count: usize,
-    put: impl Fn(&mut TextBuilder, usize) + Sync,
+    format_item: impl Fn(&mut TextBuilder, usize) + Sync,
 ) -> io::Result<()> {
     write_ranges(out, count, &|text, items| {
-        items.for_each(|item| put(text, item))
+        items.for_each(|item| format_item(text, item))
     })
 }
 
-/// Writes ranges of items, in their order: `put` is given a range at a time.
+/// Writes ranges of items in order. `format_range` adds the text of a range.
 fn write_ranges(
     out: &mut dyn Write,
     count: usize,
-    put: &(dyn Fn(&mut TextBuilder, Range<usize>) + Sync),
+    format_range: &(dyn Fn(&mut TextBuilder, Range<usize>) + Sync),
 ) -> io::Result<()> {
     let mut texts: Vec<TextBuilder> = Vec::new();
     texts.resize_with(
@@ -111,7 +113,7 @@ fn write_ranges(
         texts.par_iter_mut().enumerate().for_each(|(task, text)| {
             text.bytes.clear();
             let first = start + task * LINES_PER_TASK;
-            put(text, first..count.min(first + LINES_PER_TASK));
+            format_range(text, first..count.min(first + LINES_PER_TASK));
         });
         texts.iter().try_for_each(|t| out.write_all(&t.bytes))?;
         start += TASKS_IN_MEMORY * LINES_PER_TASK;
@@ -119,10 +121,10 @@ fn write_ranges(
     Ok(())
 }
 
-/// Writes numbers, several a line.
+/// Writes numbers, five per line.
 ///
 /// # Errors
-/// If `out` cannot be written.
+/// Returns an error if `out` cannot be written.
 pub fn write_numbers(
     out: &mut impl Write,
     count: usize,
@@ -154,14 +156,14 @@ mod tests {
             let mut text = TextBuilder::default();
             text.real_in_width(number, 20);
             let text = String::from_utf8(text.bytes).unwrap();
-            let read: f64 = text.parse().unwrap();
+            let parsed: f64 = text.parse().unwrap();
             assert!(text.len() <= 20, "{text}");
-            assert!((read - number).abs() <= 1e-11 * number.abs(), "{text}");
+            assert!((parsed - number).abs() <= 1e-11 * number.abs(), "{text}");
         }
     }
 
     #[test]
-    fn items_come_in_order_and_numbers_come_back() {
+    fn items_keep_their_order_and_numbers_their_value() {
         let count = TASKS_IN_MEMORY * LINES_PER_TASK + 5;
         let value = |i: usize| (i as f64 - 1e4) / 3.0 * 1e-7;
         let mut bytes = Vec::new();
@@ -172,8 +174,8 @@ mod tests {
         let text = String::from_utf8(bytes).unwrap();
         let mut lines = 0;
         for (i, line) in text.lines().enumerate() {
-            let (at, number) = line.split_once(' ').unwrap();
-            assert_eq!(at.parse(), Ok(i));
+            let (index, number) = line.split_once(' ').unwrap();
+            assert_eq!(index.parse(), Ok(i));
             assert_eq!(number.parse(), Ok(value(i)));
             lines += 1;
         }

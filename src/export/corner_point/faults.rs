@@ -1,20 +1,22 @@
-//! The surfaces of a model as faces between the cells of a corner-point grid: FAULTS with MULTFLT, and
-//! where the factor is not the same all over a surface, MULTX, MULTY and MULTZ.
+//! Writes the surfaces of a model as faces between the cells of a corner-point grid: FAULTS with
+//! MULTFLT. If the multiplier of a surface varies, MULTX, MULTY and MULTZ are written instead of
+//! MULTFLT.
 //!
-//! Two cells are neighbours if they share some of a face. Where a pillar is split, a cell has several
-//! neighbours on one side of it, in other layers than its own, and a simulator makes a connection to
-//! each. A connection is on a surface if the line between the cells' centres crosses the surface, so
-//! that two cells on two sides of a surface without holes are never joined past it.
+//! Two cells are neighbours if they share a part of a face. At a split pillar, a cell has several
+//! neighbours on one side, in other layers than its own, and a simulator makes a connection to
+//! each. A connection crosses a surface if the line between the centres of its two cells does. So
+//! no connection bypasses a surface without holes.
 //!
-//! A record of FAULTS multiplies all connections of one face of one cell. So that each connection is
-//! multiplied once, and only if it is on the surface, faces are chosen like this, group by group of
-//! connections that share faces:
+//! A record of FAULTS multiplies all connections of one face of one cell. Each connection must be
+//! multiplied exactly once, and only if it crosses the surface. Connections that share faces form a
+//! group, and for each group the faces are chosen as follows:
 //!
-//! 1. the faces of the lower cells (`X`, `Y`, `Z`), if all that passes them crosses a surface, or several
-//!    that resist alike;
-//! 2. else the faces of the upper cells (`X-`, `Y-`);
-//! 3. else those faces of lower cells of which that holds, and for every connection that is left a factor
-//!    of its own: EDITNNC, and MULTIPLY of TRANX or TRANY between cells of one layer, which are no NNC.
+//! 1. the faces of the lower cells (`X`, `Y`, `Z`), if all connections of these faces cross one
+//!    surface, or several surfaces with equal multipliers
+//! 2. otherwise, on the same condition, the faces of the upper cells (`X-`, `Y-`)
+//! 3. otherwise those faces of lower cells that meet the condition. Every other connection gets a
+//!    multiplier of its own: EDITNNC, or MULTIPLY of TRANX or TRANY between cells of one layer,
+//!    which are not NNCs.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -30,47 +32,49 @@ use crate::geometry::union_find::UnionFind;
 use crate::model::reservoir::Model;
 use crate::model::surface::SurfaceKind;
 
-/// Factors that are nearer to each other are the same.
+/// Multipliers that differ by less than this are equal.
 const FACTOR_TOLERANCE: f64 = 1e-9;
-/// Cells whose common face is no higher than this share of the grid's height share none.
+/// Minimum height of a common face, relative to the height of the grid. Cells with a lower common
+/// face share none.
 const MIN_CONTACT_HEIGHT_RATIO: f64 = 1e-9;
 
-/// The connection of a cell to one of the next column along an axis, or of the next layer.
+/// Connection of a cell to a cell of the next column along an axis, or of the next layer.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct GridConnection {
     axis: usize,
     lower: [usize; 3],
     upper: [usize; 3],
-    /// Whether the cells share some of a face; if not, they are only of one layer.
+    /// `true` if the cells share a part of a face. Otherwise they are only in the same layer.
     shares_face: bool,
-    /// The surface that lies between the centres, and its factor.
+    /// Surface between the centres of the cells, and its multiplier.
     crossed_surface: Option<(u32, f64)>,
 }
 
-/// A face of a cell that is on a surface.
+/// Face of a cell that lies on a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct FaultCellFace {
     surface: u32,
     axis: usize,
-    /// Whether it is the face towards the cell before, not towards the one behind.
+    /// `true` if the face is on the negative side of the cell along the axis, `false` if on the
+    /// positive side.
     is_negative_side: bool,
     cell: [usize; 3],
     factor: f64,
 }
 
-/// What resists flow between the cells of a corner-point grid.
+/// Fault multipliers of the cells of a corner-point grid.
 pub struct FaultResistances {
     faces: Vec<FaultCellFace>,
-    /// Surfaces whose factor is not the same all over them.
+    /// Surfaces whose multiplier varies, ascending.
     varying_surfaces: Vec<u32>,
-    /// Connections that no face stands for, with their factors.
+    /// Connections that no face represents, with their multipliers.
     edits: Vec<([[usize; 3]; 2], f64)>,
 }
 
 impl FaultResistances {
     /// Finds all faces on surfaces.
-    pub fn new(model: &Model, walk: &CellWalker, grid: &CornerPointGrid) -> Self {
-        let mut connections = find_connections(model, walk, grid);
+    pub fn new(model: &Model, walker: &CellWalker, grid: &CornerPointGrid) -> Self {
+        let mut connections = find_connections(model, walker, grid);
         connections.retain(|c| c.shares_face || c.crossed_surface.is_some());
         let mut range: BTreeMap<u32, [f64; 2]> = BTreeMap::new();
         for (surface, factor) in connections.iter().filter_map(|c| c.crossed_surface) {
@@ -80,14 +84,14 @@ impl FaultResistances {
         let varying = range
             .iter()
             .filter(|(_, [low, high])| high - low > FACTOR_TOLERANCE);
-        let mut found = Self {
+        let mut resistances = Self {
             faces: Vec::new(),
             varying_surfaces: varying.map(|(&surface, _)| surface).collect(),
             edits: Vec::new(),
         };
-        found.choose_faces(grid, &connections);
-        // Scraps last.
-        (found.faces).sort_by_key(|f| {
+        resistances.choose_faces(grid, &connections);
+        // Fragments (surface 0) come last.
+        (resistances.faces).sort_by_key(|f| {
             (
                 f.surface.wrapping_sub(1),
                 f.axis,
@@ -95,64 +99,76 @@ impl FaultResistances {
                 f.cell,
             )
         });
-        found.edits.sort_by_key(|edit| edit.0);
-        found
+        resistances.edits.sort_by_key(|edit| edit.0);
+        resistances
     }
 
-    /// Chooses the faces that stand for connections on surfaces.
+    /// Chooses the faces that represent the connections across surfaces.
     fn choose_faces(&mut self, grid: &CornerPointGrid, connections: &[GridConnection]) {
         let cells: usize = grid.dims().iter().product();
-        let lower = |c: &GridConnection| c.axis * cells + grid.cell_index(c.lower);
-        let upper = |c: &GridConnection| (3 + c.axis) * cells + grid.cell_index(c.upper);
-        // Of each face the connections.
-        let mut of_face: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-        for (at, c) in connections.iter().enumerate() {
-            of_face.entry(lower(c)).or_default().push(at);
-            of_face.entry(upper(c)).or_default().push(at);
+        let lower_face = |c: &GridConnection| c.axis * cells + grid.cell_index(c.lower);
+        let upper_face = |c: &GridConnection| (3 + c.axis) * cells + grid.cell_index(c.upper);
+        // Connections of each face.
+        let mut face_connections: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+        for (index, c) in connections.iter().enumerate() {
+            face_connections
+                .entry(lower_face(c))
+                .or_default()
+                .push(index);
+            face_connections
+                .entry(upper_face(c))
+                .or_default()
+                .push(index);
         }
         let touching = |face: usize| {
-            of_face[&face]
+            face_connections[&face]
                 .iter()
                 .filter(|&&at| connections[at].shares_face)
         };
-        // All connections of the face are on surfaces: on one, or on several that resist alike.
+        // All connections of the face cross surfaces: one surface, or several with equal
+        // multipliers.
         let is_pure = |face: usize| {
-            let mut all = touching(face).map(|&at| connections[at].crossed_surface);
-            let Some(Some(first)) = all.next() else {
+            let mut surfaces = touching(face).map(|&at| connections[at].crossed_surface);
+            let Some(Some(first)) = surfaces.next() else {
                 return false;
             };
-            let alike = |other: (u32, f64)| {
+            let is_equivalent = |other: (u32, f64)| {
                 other.0 == first.0 || (other.1 - first.1).abs() <= FACTOR_TOLERANCE
             };
-            all.all(|other| other.is_some_and(alike))
+            surfaces.all(|other| other.is_some_and(is_equivalent))
         };
-        let on: Vec<&GridConnection> = (connections.iter())
+        let on_surface: Vec<&GridConnection> = (connections.iter())
             .filter(|c| c.shares_face && c.crossed_surface.is_some())
             .collect();
-        let mut number: BTreeMap<usize, u32> = BTreeMap::new();
-        for c in &on {
-            for face in [lower(c), upper(c)] {
-                let next = number.len() as u32;
-                number.entry(face).or_insert(next);
+        let mut face_number: BTreeMap<usize, u32> = BTreeMap::new();
+        for c in &on_surface {
+            for face in [lower_face(c), upper_face(c)] {
+                let next = face_number.len() as u32;
+                face_number.entry(face).or_insert(next);
             }
         }
-        let mut sets = UnionFind::new(number.len());
-        for c in &on {
-            sets.unite(number[&lower(c)], number[&upper(c)]);
+        let mut sets = UnionFind::new(face_number.len());
+        for c in &on_surface {
+            sets.unite(face_number[&lower_face(c)], face_number[&upper_face(c)]);
         }
         let mut groups: BTreeMap<u32, Vec<&GridConnection>> = BTreeMap::new();
-        for c in on {
+        for c in on_surface {
             groups
-                .entry(sets.find(number[&lower(c)]))
+                .entry(sets.find(face_number[&lower_face(c)]))
                 .or_default()
                 .push(c);
         }
         for group in groups.values() {
-            let front = group.iter().all(|c| is_pure(lower(c)));
-            let back = !front && group[0].axis < 2 && group.iter().all(|c| is_pure(upper(c)));
+            let use_lower = group.iter().all(|c| is_pure(lower_face(c)));
+            let use_upper =
+                !use_lower && group[0].axis < 2 && group.iter().all(|c| is_pure(upper_face(c)));
             let mut factors: BTreeMap<usize, f64> = BTreeMap::new();
             for c in group {
-                let face = if back { upper(c) } else { lower(c) };
+                let face = if use_upper {
+                    upper_face(c)
+                } else {
+                    lower_face(c)
+                };
                 let Some((surface, factor)) = c.crossed_surface else {
                     continue;
                 };
@@ -160,29 +176,30 @@ impl FaultResistances {
                     self.edits.push(([c.lower, c.upper], factor));
                     continue;
                 }
-                // The face has the greatest factor, and what resists more is edited.
-                let all = touching(face).filter_map(|&at| connections[at].crossed_surface);
-                let most = all.map(|(_, factor)| factor).fold(0.0, f64::max);
-                if factors.insert(face, most).is_none() {
+                // The face gets the largest multiplier, and connections with smaller ones are
+                // edited.
+                let face_factors = touching(face).filter_map(|&at| connections[at].crossed_surface);
+                let max_factor = face_factors.map(|(_, factor)| factor).fold(0.0, f64::max);
+                if factors.insert(face, max_factor).is_none() {
                     self.faces.push(FaultCellFace {
                         surface,
                         axis: c.axis,
-                        is_negative_side: back,
-                        cell: if back { c.upper } else { c.lower },
-                        factor: most,
+                        is_negative_side: use_upper,
+                        cell: if use_upper { c.upper } else { c.lower },
+                        factor: max_factor,
                     });
                 }
-                if factor < most - FACTOR_TOLERANCE {
-                    self.edits.push(([c.lower, c.upper], factor / most));
+                if factor < max_factor - FACTOR_TOLERANCE {
+                    self.edits.push(([c.lower, c.upper], factor / max_factor));
                 }
             }
         }
-        // Cells of one layer that share nothing are named if that multiplies no other connection.
+        // Cells of one layer that share no face get a record if it multiplies no other connection.
         for c in connections.iter().filter(|c| !c.shares_face) {
             let Some((surface, factor)) = c.crossed_surface else {
                 continue;
             };
-            if touching(lower(c)).next().is_none() {
+            if touching(lower_face(c)).next().is_none() {
                 self.faces.push(FaultCellFace {
                     surface,
                     axis: c.axis,
@@ -196,7 +213,7 @@ impl FaultResistances {
             .retain(|(_, factor)| *factor < 1.0 - FACTOR_TOLERANCE);
     }
 
-    /// Writes the surfaces, and how they resist flow, for a deck's section GRID.
+    /// Writes the surfaces and their multipliers for the GRID section of a deck.
     pub fn write(&self, out: FileWriter, model: &Model, grid: &CornerPointGrid) -> WriteResult {
         if self.faces.is_empty() {
             return Ok(());
@@ -209,66 +226,67 @@ impl FaultResistances {
                 let ([i, j, k], last) =
                     (run[0].cell.map(|n| n + 1), run[run.len() - 1].cell[2] + 1);
                 let side = ["X", "Y", "Z"][run[0].axis];
-                let back = if run[0].is_negative_side { "-" } else { "" };
-                writeln!(out, " '{name}' {i} {i} {j} {j} {k} {last} '{side}{back}' /")?;
+                let sign = if run[0].is_negative_side { "-" } else { "" };
+                writeln!(out, " '{name}' {i} {i} {j} {j} {k} {last} '{side}{sign}' /")?;
             }
         }
         writeln!(out, "/\n")?;
         let varies = |surface: u32| self.varying_surfaces.binary_search(&surface).is_ok();
-        let mut alike = Vec::new();
+        let mut multipliers = Vec::new();
         for faces in self.faces.chunk_by(|a, b| a.surface == b.surface) {
             let FaultCellFace {
                 surface, factor, ..
             } = faces[0];
             if factor < 1.0 - FACTOR_TOLERANCE && !varies(surface) {
-                alike.push((&names[surface as usize], factor));
+                multipliers.push((&names[surface as usize], factor));
             }
         }
-        if !alike.is_empty() {
+        if !multipliers.is_empty() {
             writeln!(out, "MULTFLT")?;
-            for (name, factor) in alike {
+            for (name, factor) in multipliers {
                 writeln!(out, " '{name}' {factor} /")?;
             }
             writeln!(out, "/\n")?;
         }
-        let others: Vec<&FaultCellFace> = (self.faces.iter())
+        let varying_faces: Vec<&FaultCellFace> = (self.faces.iter())
             .filter(|face| varies(face.surface))
             .collect();
-        if others.is_empty() {
+        if varying_faces.is_empty() {
             return Ok(());
         }
-        for back in [false, true] {
-            if back && !others.iter().any(|face| face.is_negative_side) {
+        for is_negative in [false, true] {
+            if is_negative && !varying_faces.iter().any(|face| face.is_negative_side) {
                 continue;
             }
             for (axis, keyword) in ["MULTX", "MULTY", "MULTZ"].into_iter().enumerate() {
-                let mut all = vec![1.0; grid.dims().iter().product()];
-                let own =
-                    |face: &&&FaultCellFace| face.axis == axis && face.is_negative_side == back;
-                for face in others.iter().filter(own) {
-                    all[grid.cell_index(face.cell)] = face.factor;
+                let mut factors = vec![1.0; grid.dims().iter().product()];
+                let is_selected = |face: &&&FaultCellFace| {
+                    face.axis == axis && face.is_negative_side == is_negative
+                };
+                for face in varying_faces.iter().filter(is_selected) {
+                    factors[grid.cell_index(face.cell)] = face.factor;
                 }
-                writeln!(out, "{keyword}{}", if back { "-" } else { "" })?;
-                write_numbers(out, all.len(), |at| all[at])?;
+                writeln!(out, "{keyword}{}", if is_negative { "-" } else { "" })?;
+                write_numbers(out, factors.len(), |at| factors[at])?;
                 writeln!(out, "/\n")?;
             }
         }
         Ok(())
     }
 
-    /// Whether there is something to write for a deck's section EDIT.
+    /// Returns `true` if there are multipliers for the EDIT section of a deck.
     pub fn has_edits(&self) -> bool {
         !self.edits.is_empty()
     }
 
-    /// Writes the factors of single connections, for a deck's section EDIT.
+    /// Writes the multipliers of single connections for the EDIT section of a deck.
     pub fn write_edits(&self, out: FileWriter) -> WriteResult {
         let is_neighbour = |[a, b]: &[[usize; 3]; 2]| a[2] == b[2];
-        let (near, far): (Vec<_>, Vec<_>) =
+        let (neighbours, non_neighbours): (Vec<_>, Vec<_>) =
             (self.edits.iter()).partition(|(cells, _)| is_neighbour(cells));
-        if !near.is_empty() {
+        if !neighbours.is_empty() {
             writeln!(out, "MULTIPLY")?;
-            for ([lower, upper], factor) in near {
+            for ([lower, upper], factor) in neighbours {
                 let keyword = if upper[0] > lower[0] {
                     "TRANX"
                 } else {
@@ -279,9 +297,9 @@ impl FaultResistances {
             }
             writeln!(out, "/\n")?;
         }
-        if !far.is_empty() {
+        if !non_neighbours.is_empty() {
             writeln!(out, "EDITNNC")?;
-            for (cells, factor) in far {
+            for (cells, factor) in non_neighbours {
                 for [i, j, k] in cells.map(|cell| cell.map(|n| n + 1)) {
                     write!(out, " {i} {j} {k}")?;
                 }
@@ -293,8 +311,8 @@ impl FaultResistances {
     }
 }
 
-/// Whether one record holds two faces: those of a cell and of the one below it. Faces towards the next
-/// layer have a record each, which OPM Flow insists on.
+/// Returns `true` if one record can hold both faces: `b` belongs to the cell below the cell of `a`.
+/// Faces towards the next layer need a record each, as OPM Flow requires.
 fn is_continued_by(a: &FaultCellFace, b: &FaultCellFace) -> bool {
     let [i, j, k] = a.cell;
     a.axis < 2
@@ -302,11 +320,11 @@ fn is_continued_by(a: &FaultCellFace, b: &FaultCellFace) -> bool {
         && b.cell == [i, j, k + 1]
 }
 
-/// The letters that a name may have.
+/// Maximum length of a name in characters.
 const MAX_NAME_LEN: usize = 8;
 
-/// The names of surfaces 1, 2 ...; that of 0, no more than scraps, is the first. What parts regions 1 and 11
-/// is `I1_11`, if that is short enough and no other surface would be called so.
+/// Returns the names of all surfaces. The first name is that of surface 0, the fragments. The
+/// interface of regions 1 and 11 is `I1_11` if that is short enough and unique.
 fn surface_names(model: &Model) -> Vec<String> {
     let surfaces = &model.surfaces;
     let short = |at: usize| {
@@ -325,11 +343,12 @@ fn surface_names(model: &Model) -> Vec<String> {
             (short(at).filter(|name| uses[name] == 1)).unwrap_or_else(|| format!("INTER{}", at + 1))
         }
     };
-    let all = surfaces.kinds.iter().enumerate().map(name);
-    std::iter::once("SCRAPS".into()).chain(all).collect()
+    let names = surfaces.kinds.iter().enumerate().map(name);
+    std::iter::once("SCRAPS".into()).chain(names).collect()
 }
 
-/// The layers of the next column along an axis whose cells share some of a face with a cell.
+/// Returns the layers of the next column along an axis whose cells share a part of a face with the
+/// given cell.
 fn adjacent_layers(grid: &CornerPointGrid, axis: usize, [i, j, k]: [usize; 3]) -> Vec<usize> {
     let [n, m, layers] = grid.dims();
     let mut next = [i, j];
@@ -337,23 +356,24 @@ fn adjacent_layers(grid: &CornerPointGrid, axis: usize, [i, j, k]: [usize; 3]) -
     if next[axis] == [n, m][axis] {
         return Vec::new();
     }
-    // The corners on the two pillars between the columns.
+    // Corners on the two pillars between the columns.
     let corners = [[(1, 0), (3, 2)], [(2, 0), (3, 1)]][axis];
-    let [own, other] = [[i, j], next].map(|[i, j]| j * n + i);
-    let pillars = corners.map(|(here, there)| {
+    let [this_column, next_column] = [[i, j], next].map(|[i, j]| j * n + i);
+    let pillars = corners.map(|(this_corner, next_corner)| {
         [
-            grid.layers.corner_depths(own, here),
-            grid.layers.corner_depths(other, there),
+            grid.layers.corner_depths(this_column, this_corner),
+            grid.layers.corner_depths(next_column, next_corner),
         ]
     });
     let [high, low] = grid.pillars.z;
-    let least = MIN_CONTACT_HEIGHT_RATIO * (high - low);
+    let min_height = MIN_CONTACT_HEIGHT_RATIO * (high - low);
     let touches = |l: usize| {
-        // How high the common face is on both pillars, and where tops or bottoms cross between these.
-        let at = |share: f64| {
+        // The height of the common face is measured on both pillars, and where tops or bottoms
+        // cross between them.
+        let contact_height = |fraction: f64| {
             let z = |column: usize, k: usize| {
                 let [a, b] = pillars.map(|pillar| pillar[column][k]);
-                a + share * (b - a)
+                a + fraction * (b - a)
             };
             z(0, k).min(z(1, l)) - z(0, k + 1).max(z(1, l + 1))
         };
@@ -363,15 +383,16 @@ fn adjacent_layers(grid: &CornerPointGrid, axis: usize, [i, j, k]: [usize; 3]) -
         };
         [0.0, 1.0, crossing(k, l), crossing(k + 1, l + 1)]
             .into_iter()
-            .any(|share| at(share) > least)
+            .any(|fraction| contact_height(fraction) > min_height)
     };
     (0..layers).filter(|&l| touches(l)).collect()
 }
 
-/// All connections near surfaces, with what they cross: axis by axis, layer by layer, row by row.
+/// Returns all connections near surfaces, with the surface that each crosses, ordered by axis,
+/// layer and row.
 fn find_connections(
     model: &Model,
-    walk: &CellWalker,
+    walker: &CellWalker,
     grid: &CornerPointGrid,
 ) -> Vec<GridConnection> {
     let surfaces = &model.surfaces;
@@ -383,10 +404,10 @@ fn find_connections(
         return Vec::new();
     }
     let dims = grid.dims();
-    let of_row = |row: usize| {
+    let row_connections = |row: usize| {
         let (axis, row) = (row / (dims[1] * dims[2]), row % (dims[1] * dims[2]));
-        let mut from = 0;
-        let mut found = Vec::new();
+        let mut start_cell = 0;
+        let mut connections = Vec::new();
         for i in 0..dims[0] {
             let cell = [i, row % dims[1], row / dims[1]];
             let mut next = cell;
@@ -395,23 +416,25 @@ fn find_connections(
                 continue;
             }
             let p = grid.point(cell, [0.5; 3]);
-            from = walk.cell_at(p, from);
+            start_cell = walker.cell_at(p, start_cell);
             let crosses = |other: [usize; 3]| {
-                let line = walk.trace_line(p, sub(grid.point(other, [0.5; 3]), p), from);
-                let between = line.iter().filter(|piece| (0.0..1.0).contains(&piece.end));
-                // A rough face is crossed more than once: the tightest counts.
-                let on = between.filter_map(|piece| {
-                    let connection = piece.exit_connection? as usize;
+                let line = walker.trace_line(p, sub(grid.point(other, [0.5; 3]), p), start_cell);
+                let crossings = line
+                    .iter()
+                    .filter(|segment| (0.0..1.0).contains(&segment.end));
+                // A line can cross a rough surface more than once. The smallest multiplier counts.
+                let crossed = crossings.filter_map(|segment| {
+                    let connection = segment.exit_connection? as usize;
                     match surfaces.connection_surfaces[connection] {
                         0 => None,
                         surface => Some((model.fault_factor(connection), surface)),
                     }
                 });
-                let (factor, surface) = on.min_by(|a, b| a.0.total_cmp(&b.0))?;
-                let scrap = surface as usize > surfaces.kept_count;
-                Some((if scrap { 0 } else { surface }, factor))
+                let (factor, surface) = crossed.min_by(|a, b| a.0.total_cmp(&b.0))?;
+                let is_fragment = surface as usize > surfaces.kept_count;
+                Some((if is_fragment { 0 } else { surface }, factor))
             };
-            let beyond = if axis < 2 {
+            let adjacent = if axis < 2 {
                 adjacent_layers(grid, axis, cell)
             } else {
                 vec![next[2]]
@@ -423,13 +446,16 @@ fn find_connections(
                 shares_face: touches,
                 crossed_surface: crosses(upper),
             };
-            found.push(connection(next, beyond.contains(&next[2])));
-            for &layer in beyond.iter().filter(|&&layer| layer != next[2]) {
-                found.push(connection([next[0], next[1], layer], true));
+            connections.push(connection(next, adjacent.contains(&next[2])));
+            for &layer in adjacent.iter().filter(|&&layer| layer != next[2]) {
+                connections.push(connection([next[0], next[1], layer], true));
             }
         }
-        found
+        connections
     };
     let rows = 3 * dims[1] * dims[2];
-    (0..rows).into_par_iter().flat_map_iter(of_row).collect()
+    (0..rows)
+        .into_par_iter()
+        .flat_map_iter(row_connections)
+        .collect()
 }

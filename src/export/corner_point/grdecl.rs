@@ -1,9 +1,11 @@
-//! A corner-point grid (Eclipse's GRDECL) for simulators that take no connections of their own: a model
-//! resampled on [`pillars`](super::pillars) and [`layers`](super::layers).
+//! Writes a corner-point grid (Eclipse GRDECL) for simulators that cannot read unstructured
+//! connections. The model is resampled on [`pillars`](super::pillars) and
+//! [`layers`](super::layers).
 //!
-//! `NAME.GRDECL` is for a deck's section GRID, `NAME-regions.GRDECL` with FIPNUM for REGIONS; of a model
-//! whose rock is known `NAME.DATA` is a deck that includes both. `NAME-edit.GRDECL`, for EDIT, is there
-//! where faults need it (see [`faults`](super::faults)). METRIC units; z is depth.
+//! `NAME.GRDECL` is for the GRID section of a deck, and `NAME-regions.GRDECL` with FIPNUM is for
+//! REGIONS. If the rock of the model is known, `NAME.DATA` is a deck that includes both.
+//! `NAME-edit.GRDECL`, for the EDIT section, is written if faults need it (see
+//! [`faults`](super::faults)). Units are METRIC, and z is depth.
 
 use std::io::{BufRead, Read, Write};
 use std::path::{Path, PathBuf};
@@ -25,13 +27,13 @@ use crate::files::Batch;
 use crate::model::reservoir::{BAR, Fluid, MILLIDARCY, Model};
 use crate::{Result, memory};
 
-/// Lines through a column along i and j, on which cells are averaged.
+/// Number of lines through a column along i and along j, on which cells are averaged.
 const LINES_PER_AXIS: usize = 3;
 const ERROR_PLACE: &str = "a corner-point grid";
-/// The end of the first line of a deck with a corner-point grid.
+/// End of the first line of a deck with a corner-point grid.
 const DECK_TITLE_SUFFIX: &str = "a corner-point grid";
 
-/// Whether a file is a deck with a corner-point grid that was written here.
+/// Returns `true` if a file is a deck with a corner-point grid that this module wrote.
 pub fn is_corner_point_deck(path: &Path) -> bool {
     let file = std::fs::File::open(path).map(std::io::BufReader::new);
     let mut first = String::new();
@@ -39,8 +41,8 @@ pub fn is_corner_point_deck(path: &Path) -> bool {
     line.is_ok() && first.trim_end().ends_with(DECK_TITLE_SUFFIX)
 }
 
-/// The deck beside a corner-point grid: `NAME.DATA`, but `NAME-grid.DATA` if there is a file of that name
-/// that is something else.
+/// Returns the path of the deck beside a corner-point grid: `NAME.DATA`, or `NAME-grid.DATA` if
+/// another file has that name.
 pub fn deck_path(path: &Path) -> PathBuf {
     let usual = path.with_extension("DATA");
     if !usual.exists() || is_corner_point_deck(&usual) {
@@ -50,38 +52,47 @@ pub fn deck_path(path: &Path) -> PathBuf {
     path.with_file_name(format!("{stem}-grid.DATA"))
 }
 
-/// What a cell of the grid holds.
+/// Sums over the contents of one cell of the grid.
 #[derive(Clone, Default)]
 struct CellSum {
-    /// How much of it there is, and how much of that is active.
+    /// Total weight (length of lines in the cell), and the weight of active cells.
     weight: f64,
     active_weight: f64,
     porosity: f64,
-    /// Logarithms of the permeability along i, j and z.
+    /// Weighted sums of the logarithms of the permeability along i, j and z.
     permeability: [f64; 3],
     regions: Vec<(i32, f64)>,
 }
 
-/// Writes the grid, of the model's [`grid`](Model::grid) columns and layers.
+/// Writes the grid. Its numbers of columns and layers are the [`grid`](Model::grid) of the model.
 ///
 /// # Errors
-/// [`Error::Export`](crate::Error::Export) for a mesh without upright sides,
+/// Returns [`Error::Export`](crate::Error::Export) if the mesh has no vertical sides, and
 /// [`Error::Io`](crate::Error::Io) if a file cannot be written.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let graph = &model.graph;
     let outline = Outline::new(graph, &model.mesh.nodes, ERROR_PLACE)?;
     let [n, m, layers] = model.grid.unwrap_or_else(|| default_dims(model, &outline));
     let cells = [n, m, layers].iter().map(|&n| n as f64).product::<f64>();
-    let what = format!("a grid of {cells} cells");
-    memory::ensure_available("grid", 250.0 * cells, what, "ask for fewer cells")?;
+    let description = format!("a grid of {cells} cells");
+    memory::ensure_available("grid", 250.0 * cells, description, "ask for fewer cells")?;
     let pillars = Pillars::new(&outline, [n, m], graph);
-    let walk = CellWalker::new(&model.mesh, graph);
-    let layers = GridLayers::new(model, &walk, &pillars, layers);
+    let walker = CellWalker::new(&model.mesh, graph);
+    let layers = GridLayers::new(model, &walker, &pillars, layers);
     let columns: Vec<Vec<CellSum>> = (0..m)
         .into_par_iter()
         .flat_map_iter(|j| {
-            let mut from = 0;
-            let sums = |i| column_sums(model, &walk, &pillars, &layers, j * n + i, &mut from);
+            let mut start_cell = 0;
+            let sums = |i| {
+                column_sums(
+                    model,
+                    &walker,
+                    &pillars,
+                    &layers,
+                    j * n + i,
+                    &mut start_cell,
+                )
+            };
             (0..n).map(sums).collect::<Vec<_>>()
         })
         .collect();
@@ -89,7 +100,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         pillars: &pillars,
         layers: &layers,
     };
-    let resistances = FaultResistances::new(model, &walk, &grid);
+    let resistances = FaultResistances::new(model, &walker, &grid);
     let cells = n * m * layers.count;
     let cell = |at: usize| &columns[at % (n * m)][at / (n * m)];
     let mean = |at: usize, sum: f64| match cell(at).weight {
@@ -98,19 +109,19 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     };
 
     batch.write(path, |out| {
-        let faults = if pillars.ends.iter().any(|[top, bottom]| top != bottom) {
+        let inclination = if pillars.ends.iter().any(|[top, bottom]| top != bottom) {
             "inclined along features"
         } else {
             "upright"
         };
-        let how = if layers.follows_regions {
+        let layering = if layers.follows_regions {
             "between regions"
         } else {
             "of equal thickness"
         };
         writeln!(
             out,
-            "-- atomesh {}: {} cells of a mesh on {n} x {m} columns; pillars {faults}, layers {how}",
+            "-- atomesh {}: {} cells of a mesh on {n} x {m} columns; pillars {inclination}, layers {layering}",
             env!("CARGO_PKG_VERSION"),
             model.len()
         )?;
@@ -123,7 +134,8 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             text.end_line();
         })?;
         writeln!(out, "/\n\nZCORN")?;
-        // Layer after layer its top and its bottom; of each, row after row of corners.
+        // ZCORN has for each layer its top and its bottom, and for each of these the rows of
+        // corners.
         let rows = 2 * m;
         write_items(out, 2 * layers.count * rows, |text, item| {
             let (level, row) = (item / rows, item % rows);
@@ -160,10 +172,10 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     batch.write(&regions, |out| {
         writeln!(out, "FIPNUM")?;
         write_ints(out, cells, |at| {
-            // The region with most of the cell.
+            // The region with the largest part of the cell counts.
             let regions = cell(at).regions.iter();
-            let most = regions.max_by(|a, b| a.1.total_cmp(&b.1));
-            most.map_or(1, |(region, _)| i64::from(*region) + shift)
+            let largest = regions.max_by(|a, b| a.1.total_cmp(&b.1));
+            largest.map_or(1, |(region, _)| i64::from(*region) + shift)
         })
     })?;
     let edits = path.with_file_name(format!("{stem}-edit.{ending}"));
@@ -175,15 +187,15 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     };
     deck::check(model, porosity)?;
     let rock = |at: [usize; 3]| cell(grid.cell_index(at)).mean_permeability();
-    let open: Vec<Vec<WellConnection>> = (model.case.wells.iter())
+    let connections: Vec<Vec<WellConnection>> = (model.case.wells.iter())
         .map(|well| wells::well_connections(well, &grid, rock))
         .collect::<Result<_>>()?;
     let [name, regions, edits] =
         [path, &regions, &edits].map(|p| p.file_name().unwrap_or_default());
     let top = model.top_depth();
     batch.write(&deck_path(path), |out| {
-        let says = DECK_TITLE_SUFFIX;
-        deck::write_runspec(out, &model.case, says, grid.dims(), &open)?;
+        let title = DECK_TITLE_SUFFIX;
+        deck::write_runspec(out, &model.case, title, grid.dims(), &connections)?;
         let include = |out: FileWriter, name: &std::ffi::OsStr| {
             writeln!(out, "INCLUDE\n '{}' /\n", name.to_string_lossy())
         };
@@ -204,11 +216,11 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         if model.case.fluid == Fluid::OilWater {
             writeln!(out, "SWAT\n {cells}*{CONNATE_WATER_SATURATION} /")?;
         }
-        deck::write_schedule(out, &model.case, &open)
+        deck::write_schedule(out, &model.case, &connections)
     })
 }
 
-/// Whole numbers, many a line, and the slash at their end.
+/// Writes integers, 30 per line, and the final slash.
 fn write_ints(out: FileWriter, count: usize, value: impl Fn(usize) -> i64 + Sync) -> WriteResult {
     const NUMBERS_PER_LINE: usize = 30;
     write_items(out, count, |text: &mut TextBuilder, i| {
@@ -220,55 +232,68 @@ fn write_ints(out: FileWriter, count: usize, value: impl Fn(usize) -> i64 + Sync
     writeln!(out, "/\n")
 }
 
-/// As many cells as the mesh has, shaped as those are on average.
+/// Returns grid dimensions with about as many cells as the mesh has, and with the mean proportions
+/// of these cells.
 fn default_dims(model: &Model, outline: &Outline) -> [usize; 3] {
     let lengths = outline.lengths();
     let axes = [0, 1].map(|k| outline.edges[k].map(|e| e / lengths[k]));
-    let along = |p: [f64; 3]| {
+    let axis_coordinates = |p: [f64; 3]| {
         let [i, j] = axes.map(|a| a[0] * p[0] + a[1] * p[1]);
         [i, j, p[2]]
     };
-    // Mean distance between the sites of neighbours, along each axis.
-    let mut apart = [0.0; 3];
+    // Sums of the distances between the sites of neighbours, along each axis.
+    let mut distances = [0.0; 3];
     for c in &model.graph.connections {
-        let [a, b] = c.cells.map(|cell| along(model.graph.site[cell as usize]));
-        (0..3).for_each(|k| apart[k] += (a[k] - b[k]).abs());
+        let [a, b] = c
+            .cells
+            .map(|cell| axis_coordinates(model.graph.site[cell as usize]));
+        (0..3).for_each(|k| distances[k] += (a[k] - b[k]).abs());
     }
-    // Along an axis on which no two cells are apart (a mesh of the plane is one layer) there is one.
-    let most = apart.iter().copied().fold(0.0, f64::max);
-    let shares: [f64; 3] = std::array::from_fn(|k| match apart[k] > 1e-9 * most {
-        true => lengths[k] / apart[k],
-        false => 1.0,
+    // An axis along which no two cells are apart gets one cell. (The mesh of a 2-D image is one
+    // layer.)
+    let max_distance = distances.iter().copied().fold(0.0, f64::max);
+    let ratios: [f64; 3] = std::array::from_fn(|k| {
+        if distances[k] > 1e-9 * max_distance {
+            lengths[k] / distances[k]
+        } else {
+            1.0
+        }
     });
-    let axes = apart.iter().filter(|&&a| a > 1e-9 * most).count();
-    let scale = model.len() as f64 / shares.iter().product::<f64>();
+    let axes = distances
+        .iter()
+        .filter(|&&a| a > 1e-9 * max_distance)
+        .count();
+    let scale = model.len() as f64 / ratios.iter().product::<f64>();
     let scale = match axes {
         3 => scale.cbrt(),
         2 => scale.sqrt(),
         _ => scale,
     };
-    std::array::from_fn(|k| match apart[k] > 1e-9 * most {
-        true => ((shares[k] * scale).round() as usize).max(1),
-        false => 1,
+    std::array::from_fn(|k| {
+        if distances[k] > 1e-9 * max_distance {
+            ((ratios[k] * scale).round() as usize).max(1)
+        } else {
+            1
+        }
     })
 }
 
-/// What is in the cells of a column.
+/// Returns the sums over the contents of each cell of a column.
 fn column_sums(
     model: &Model,
-    walk: &CellWalker,
+    walker: &CellWalker,
     pillars: &Pillars,
     layers: &GridLayers,
     column: usize,
-    from: &mut u32,
+    start_cell: &mut u32,
 ) -> Vec<CellSum> {
     let mut sums = vec![CellSum::default(); layers.count];
-    let at = |k: usize| (k as f64 + 0.5) / LINES_PER_AXIS as f64;
-    let places: Vec<[f64; 2]> = (0..LINES_PER_AXIS * LINES_PER_AXIS)
-        .map(|k| [at(k % LINES_PER_AXIS), at(k / LINES_PER_AXIS)])
+    let position = |k: usize| (k as f64 + 0.5) / LINES_PER_AXIS as f64;
+    let positions: Vec<[f64; 2]> = (0..LINES_PER_AXIS * LINES_PER_AXIS)
+        .map(|k| [position(k % LINES_PER_AXIS), position(k / LINES_PER_AXIS)])
         .collect();
-    let lines = column_lines(walk, pillars, column, &places, from);
-    for (line, [u, v]) in lines.iter().zip(places) {
+    let lines = column_lines(walker, pillars, column, &positions, start_cell);
+    for (line, [u, v]) in lines.iter().zip(positions) {
         let weights = [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v];
         let tops: Vec<f64> = (0..=layers.count)
             .map(|k| {
@@ -278,15 +303,15 @@ fn column_sums(
             })
             .collect();
         let mut k = 0;
-        for piece in &line.segments {
-            let (top, bottom) = (line.z(piece.start), line.z(piece.end));
+        for segment in &line.segments {
+            let (top, bottom) = (line.z(segment.start), line.z(segment.end));
             while k > 0 && tops[k] < top {
                 k -= 1;
             }
             loop {
                 let length = top.min(tops[k]) - bottom.max(tops[k + 1]);
                 if length > 0.0 {
-                    sums[k].add(model, pillars, piece.cell, length);
+                    sums[k].add(model, pillars, segment.cell, length);
                 }
                 if k + 1 < layers.count && tops[k + 1] > bottom {
                     k += 1;
@@ -300,7 +325,8 @@ fn column_sums(
 }
 
 impl CellSum {
-    /// The geometric mean along i, j and z; `None` without rock.
+    /// Returns the geometric mean of the permeability along i, j and z, or `None` if there is no
+    /// rock.
     fn mean_permeability(&self) -> Option<[f64; 3]> {
         let mean = || self.permeability.map(|k| (k / self.active_weight).exp());
         (self.active_weight > 0.0).then(mean)
@@ -335,7 +361,7 @@ mod tests {
     use crate::mesh::poly::PolyMesh;
     use crate::mesh::{TriMesh, voronoi};
 
-    /// The numbers of columns and layers in a grid of a mesh of the plane, one unit thick.
+    /// Returns the numbers of columns and layers in the grid of a 2-D mesh, one unit thick.
     fn grid_dims(mesh: &PolyMesh<2>) -> [usize; 3] {
         let model = Model::new(mesh.extrude(1.0), None);
         let folder = tempfile::tempdir().unwrap();
@@ -344,8 +370,8 @@ mod tests {
         write(&model, &mut batch, &path).unwrap();
         batch.commit().unwrap();
         let text = std::fs::read_to_string(&path).unwrap();
-        let after = text.split("SPECGRID\n").nth(1).unwrap();
-        let mut numbers = after.split_whitespace().map(|word| word.parse().unwrap());
+        let tail = text.split("SPECGRID\n").nth(1).unwrap();
+        let mut numbers = tail.split_whitespace().map(|word| word.parse().unwrap());
         std::array::from_fn(|_| numbers.next().unwrap())
     }
 

@@ -1,41 +1,43 @@
-//! The cells of a corner-point grid: pillars, and layers between them.
+//! Geometry of the cells of a corner-point grid: pillars, and layers between them.
 
 use super::layers::GridLayers;
 use super::pillars::Pillars;
 use crate::geometry::{norm, sub};
 
-/// Steps of Newton's method to the place of a point in a column; a column is nearly a parallelogram.
+/// Number of Newton steps that find the coordinates of a point in a column. A column is nearly a
+/// parallelogram, so few are enough.
 const MAX_NEWTON_STEPS: usize = 8;
 
-/// A corner-point grid.
+/// Corner-point grid.
 pub struct CornerPointGrid<'a> {
-    /// Its pillars.
+    /// Pillars of the grid.
     pub pillars: &'a Pillars,
-    /// Its layers.
+    /// Layers of the grid.
     pub layers: &'a GridLayers,
 }
 
 impl CornerPointGrid<'_> {
-    /// Number of cells along i, j and k.
+    /// Returns the number of cells along i, j and k.
     pub fn dims(&self) -> [usize; 3] {
         let [n, m] = self.pillars.columns;
         [n, m, self.layers.count]
     }
 
-    /// The place of a cell in arrays: i is fastest, k slowest.
+    /// Returns the index of a cell in arrays. i is fastest, k slowest.
     pub fn cell_index(&self, [i, j, k]: [usize; 3]) -> usize {
         let [n, m, _] = self.dims();
         i + n * (j + m * k)
     }
 
-    /// z at a share of a column along i and j, at the top of layer `k` (or the bottom of the last).
+    /// Returns z at fractions of a column along i and j, at the top of layer `k` (or the bottom of
+    /// the last layer).
     fn layer_top_z(&self, column: usize, [u, v]: [f64; 2], k: usize) -> f64 {
         let weights = [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v];
         let corner = |c: usize| weights[c] * self.layers.corner_depths(column, c)[k];
         (0..4).map(corner).sum()
     }
 
-    /// A point in a cell, at shares of it along i, j and k.
+    /// Returns the point in a cell at fractions of it along i, j and k.
     pub fn point(&self, [i, j, k]: [usize; 3], [u, v, w]: [f64; 3]) -> [f64; 3] {
         let column = j * self.pillars.columns[0] + i;
         let z = (1.0 - w) * self.layer_top_z(column, [u, v], k)
@@ -43,35 +45,35 @@ impl CornerPointGrid<'_> {
         self.point_at_z(column, [u, v], z)
     }
 
-    /// The point at z on the line through a column at a share of it.
-    fn point_at_z(&self, column: usize, share: [f64; 2], z: f64) -> [f64; 3] {
-        let [top, bottom] = self.pillars.line_ends(column, share);
-        let down = (z - top[2]) / (bottom[2] - top[2]);
-        std::array::from_fn(|k| top[k] + down * (bottom[k] - top[k]))
+    /// Returns the point at `z` on the line through a column at fractions of it along i and j.
+    fn point_at_z(&self, column: usize, fractions: [f64; 2], z: f64) -> [f64; 3] {
+        let [top, bottom] = self.pillars.line_ends(column, fractions);
+        let fraction = (z - top[2]) / (bottom[2] - top[2]);
+        std::array::from_fn(|k| top[k] + fraction * (bottom[k] - top[k]))
     }
 
-    /// Lengths of a cell along i, j and k, through its middle.
+    /// Returns the lengths of a cell along i, j and k, through its centre.
     pub fn cell_lengths(&self, cell: [usize; 3]) -> [f64; 3] {
         std::array::from_fn(|axis| {
-            let end = |share: f64| {
-                let mut shares = [0.5; 3];
-                shares[axis] = share;
-                self.point(cell, shares)
+            let end = |fraction: f64| {
+                let mut fractions = [0.5; 3];
+                fractions[axis] = fraction;
+                self.point(cell, fractions)
             };
             norm(sub(end(1.0), end(0.0)))
         })
     }
 
-    /// The cell that holds a point; `from` is a column to begin with.
-    pub fn find_cell(&self, point: [f64; 3], from: usize) -> Option<[usize; 3]> {
+    /// Returns the cell that contains a point. The search begins at the column `start_column`.
+    pub fn find_cell(&self, point: [f64; 3], start_column: usize) -> Option<[usize; 3]> {
         let [n, m, layers] = self.dims();
-        let columns = (from..n * m).chain(0..from.min(n * m));
+        let columns = (start_column..n * m).chain(0..start_column.min(n * m));
         for column in columns {
-            let Some(share) = self.column_coordinates(column, point) else {
+            let Some(fractions) = self.column_coordinates(column, point) else {
                 continue;
             };
             let tops: Vec<f64> = (0..=layers)
-                .map(|k| self.layer_top_z(column, share, k))
+                .map(|k| self.layer_top_z(column, fractions, k))
                 .collect();
             let k = (0..layers).find(|&k| tops[k] >= point[2] && point[2] >= tops[k + 1]);
             return k.map(|k| [column % n, column / n, k]);
@@ -79,27 +81,28 @@ impl CornerPointGrid<'_> {
         None
     }
 
-    /// Where a point is in a column along i and j, if it is in it.
+    /// Returns the fractions of a column along i and j at which a point lies, or `None` if the
+    /// point is outside the column.
     fn column_coordinates(&self, column: usize, point: [f64; 3]) -> Option<[f64; 2]> {
-        let at = |share: [f64; 2]| {
-            let [x, y, _] = self.point_at_z(column, share, point[2]);
+        let point_at = |fractions: [f64; 2]| {
+            let [x, y, _] = self.point_at_z(column, fractions, point[2]);
             [x, y]
         };
-        let mut share = [0.5; 2];
+        let mut fractions = [0.5; 2];
         for _ in 0..MAX_NEWTON_STEPS {
-            let here = at(share);
-            let off = [point[0] - here[0], point[1] - here[1]];
-            // Shares are linear along i and along j.
-            let [u, v] = share;
-            let along_i = sub(at([1.0, v]), at([0.0, v]));
-            let along_j = sub(at([u, 1.0]), at([u, 0.0]));
+            let position = point_at(fractions);
+            let offset = [point[0] - position[0], point[1] - position[1]];
+            // The position is linear in the fraction along i and in the fraction along j.
+            let [u, v] = fractions;
+            let along_i = sub(point_at([1.0, v]), point_at([0.0, v]));
+            let along_j = sub(point_at([u, 1.0]), point_at([u, 0.0]));
             let area = along_i[0] * along_j[1] - along_i[1] * along_j[0];
-            share[0] += (off[0] * along_j[1] - off[1] * along_j[0]) / area;
-            share[1] += (along_i[0] * off[1] - along_i[1] * off[0]) / area;
+            fractions[0] += (offset[0] * along_j[1] - offset[1] * along_j[0]) / area;
+            fractions[1] += (along_i[0] * offset[1] - along_i[1] * offset[0]) / area;
         }
-        share
+        fractions
             .iter()
             .all(|s| (-1e-9..=1.0 + 1e-9).contains(s))
-            .then_some(share)
+            .then_some(fractions)
     }
 }

@@ -1,11 +1,11 @@
-//! Corner-point grids, sampled from any cells.
+//! Resamples models of any cells on corner-point grids.
 //!
 //! - `grdecl`: the files
-//! - `pillars`, `layers`: the grid
-//! - `corners`: its cells
+//! - `pillars`, `layers`: the parts of the grid
+//! - `grid`: the geometry of its cells
 //! - `faults`: surfaces as faces between its cells
-//! - `wells`: the cells that wells are open to
-//! - `walk`: lines through cells, by which both are found
+//! - `wells`: the cells to which wells are connected
+//! - `cell_walk`: lines through the cells of a model, along which layers and faults are found
 
 pub(crate) mod cell_walk;
 pub(crate) mod faults;

@@ -1,8 +1,9 @@
-//! The pillars of a corner-point grid: straight lines from the top of a model to its bottom, over a
-//! parallelogram seen from above. Near steep features they stand as the features do, and on them.
+//! Pillars of a corner-point grid: straight lines from the top of a model to its bottom, over a
+//! parallelogram in map view. Near steep features, pillars have the dip of the features and lie on
+//! them.
 //!
-//! Where features are too flat, or too near to each other, for that, the pillars stand upright again:
-//! no column is ever turned inside out.
+//! Pillars are made vertical again where features are too flat or too close to each other. So no
+//! column is turned inside out.
 
 use crate::parallel::prelude::*;
 
@@ -13,48 +14,48 @@ use crate::{Error, Result};
 
 type Point2 = [f64; 2];
 
-/// Least angle from the vertical, as the normal's share in z, that is too flat for a pillar (60 degrees
-/// of dip).
+/// Normals with a larger z component are too flat for a pillar. The value means 60 degrees of dip.
 const MAX_PILLAR_NORMAL_Z: f64 = 0.5;
-/// Least area of a column in a section, as a share of what it would be without features.
+/// Minimum area of a column in a horizontal section, relative to its area without features.
 const MIN_COLUMN_AREA_RATIO: f64 = 0.25;
 
-/// Pillars, those along i first.
+/// Pillars of a grid, ordered along i first.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pillars {
-    /// Number of columns along i and j; there is one more pillar along each.
+    /// Number of columns along i and j. There is one more pillar along each.
     pub columns: [usize; 2],
-    /// Where their tops and their bottoms are in z.
+    /// z of the tops and of the bottoms.
     pub z: [f64; 2],
-    /// The top and the bottom of each.
+    /// Top and bottom of each pillar in map view.
     pub ends: Vec<[Point2; 2]>,
     /// Unit vectors along i and j.
     pub axes: [Point2; 2],
 }
 
-/// A model seen from above: a parallelogram between four upright sides.
+/// Outline of a model in map view: a parallelogram between four vertical sides.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outline {
-    /// The corner from which i and j grow.
+    /// Corner at which i and j begin.
     origin: Point2,
-    /// From there to the next corner along i, and along j.
+    /// Vectors from the origin to the next corner along i and along j.
     pub edges: [Point2; 2],
-    /// The highest and the lowest z.
+    /// Largest and smallest z.
     pub z: [f64; 2],
 }
 
-/// The area between two vectors; positive if the second is to the left of the first.
+/// Returns the area of the parallelogram of two vectors. It is positive if the second vector is to
+/// the left of the first.
 fn signed_area([a, b]: Point2, [c, d]: Point2) -> f64 {
     a * d - b * c
 }
 
 impl Outline {
-    /// From the sides of the mesh's box; `place` is whose name errors have.
+    /// Finds the outline from the sides of the box of the mesh. `place` begins error messages.
     ///
     /// # Errors
-    /// [`Error::Export`] if the mesh has no upright sides.
+    /// Returns [`Error::Export`] if the mesh does not have four vertical sides.
     pub fn new(graph: &Graph<3>, nodes: &[[f64; 3]], place: &str) -> Result<Self> {
-        // Of each side the area vector, and its middle times its area.
+        // Area vector, area-weighted centre and area of each side.
         let mut sides = [([0.0; 3], [0.0; 3], 0.0); 6];
         for face in &graph.boundary {
             if let Some(side) = face.side {
@@ -79,7 +80,7 @@ impl Outline {
                 "mesh an image with one vertical axis, and say which way is down",
             )));
         };
-        // The line of a side seen from above: normal and distance.
+        // Line of a side in map view: normal and distance.
         let line = |side: usize| {
             let (normal, middle, area) = sides[side];
             let normal = [normal[0], normal[1]];
@@ -95,7 +96,7 @@ impl Outline {
             sub(corner(2 * i + 1, 2 * j), origin),
             sub(corner(2 * i, 2 * j + 1), origin),
         ];
-        // Seen from above, from i to j is to the left, as simulators have it.
+        // In map view, the turn from i to j is to the left, as simulators expect.
         if signed_area(edges[0], edges[1]) < 0.0 {
             edges.swap(0, 1);
         }
@@ -107,24 +108,24 @@ impl Outline {
         Ok(Self { origin, edges, z })
     }
 
-    /// Lengths along i, j and z.
+    /// Returns the lengths along i, j and z.
     pub fn lengths(&self) -> [f64; 3] {
         let [i, j] = self.edges.map(|e| dot(e, e).sqrt());
         [i, j, self.z[0] - self.z[1]]
     }
 }
 
-/// A steep feature face: where it is, how far it goes sideways a unit of z, and its area.
+/// Steep face on a feature.
 struct SteepFace {
     point: Point2,
     z: f64,
-    /// Unit normal in the plane.
+    /// Unit normal in map view.
     normal: Point2,
     slope: Point2,
     area: f64,
 }
 
-/// Whether a pillar can stand in a face with this normal.
+/// Returns `true` if a pillar can lie in a face with this normal.
 pub fn is_steep(normal: [f64; 3]) -> bool {
     normal[2].abs() < MAX_PILLAR_NORMAL_Z
 }
@@ -132,14 +133,14 @@ pub fn is_steep(normal: [f64; 3]) -> bool {
 impl SteepFace {
     fn new(c: &Connection<3>) -> Option<Self> {
         let [x, y, z] = c.normal;
-        let level = x.hypot(y);
+        let horizontal = x.hypot(y);
         (c.on_feature && is_steep(c.normal)).then(|| {
-            let normal = [x / level, y / level];
+            let normal = [x / horizontal, y / horizontal];
             Self {
                 point: [c.point[0], c.point[1]],
                 z: c.point[2],
                 normal,
-                slope: normal.map(|n| -n * z / level),
+                slope: normal.map(|n| -n * z / horizontal),
                 area: c.area,
             }
         })
@@ -147,7 +148,7 @@ impl SteepFace {
 }
 
 impl Pillars {
-    /// Pillars for so many columns along i and j.
+    /// Creates pillars for the given number of columns along i and j.
     pub fn new(outline: &Outline, columns: [usize; 2], graph: &Graph<3>) -> Self {
         let [n, m] = columns;
         let lengths = outline.lengths();
@@ -159,13 +160,13 @@ impl Pillars {
             axes,
         };
         let upright = |p: usize| {
-            let share = [
+            let fractions = [
                 (p % (n + 1)) as f64 / n as f64,
                 (p / (n + 1)) as f64 / m as f64,
             ];
             add_scaled(
-                add_scaled(outline.origin, share[0], outline.edges[0]),
-                share[1],
+                add_scaled(outline.origin, fractions[0], outline.edges[0]),
+                fractions[1],
                 outline.edges[1],
             )
         };
@@ -177,40 +178,49 @@ impl Pillars {
             .filter_map(SteepFace::new)
             .collect();
         let spacing = [lengths[0] / n as f64, lengths[1] / m as f64];
-        let leaning = |p: usize| pillars.pillar_adjustment(p, middle[p], &steep, spacing, lengths);
-        // How far the middle of each pillar is moved, and how it leans.
+        let adjustment =
+            |p: usize| pillars.pillar_adjustment(p, middle[p], &steep, spacing, lengths);
+        // Shift of the centre of each pillar, and its slope.
         let mut moves: Vec<[Point2; 2]> = if steep.is_empty() {
             vec![[[0.0; 2]; 2]; count]
         } else {
-            (0..count).into_par_iter().map(leaning).collect()
+            (0..count).into_par_iter().map(adjustment).collect()
         };
-        let half = 0.5 * (outline.z[0] - outline.z[1]);
+        let half_height = 0.5 * (outline.z[0] - outline.z[1]);
         let ends = |moves: &[[Point2; 2]]| -> Vec<[Point2; 2]> {
-            let both = |(p, [shift, slope]): (&Point2, &[Point2; 2])| {
-                [half, -half].map(|z| add_scaled(add_scaled(*p, 1.0, *shift), z, *slope))
+            let pillar_ends = |(p, [shift, slope]): (&Point2, &[Point2; 2])| {
+                [half_height, -half_height]
+                    .map(|z| add_scaled(add_scaled(*p, 1.0, *shift), z, *slope))
             };
-            middle.iter().zip(moves).map(both).collect()
+            middle.iter().zip(moves).map(pillar_ends).collect()
         };
         pillars.ends = ends(&moves);
-        let whole = signed_area(outline.edges[0], outline.edges[1]) / (n * m) as f64;
-        // Where a column would become too narrow, its pillars give way.
+        let column_area = signed_area(outline.edges[0], outline.edges[1]) / (n * m) as f64;
+        // If a column becomes too narrow, the shifts and slopes of its pillars are halved until it
+        // is wide enough.
         loop {
-            let narrow = pillars.narrow_pillars(MIN_COLUMN_AREA_RATIO * whole);
+            let narrow = pillars.narrow_pillars(MIN_COLUMN_AREA_RATIO * column_area);
             if narrow.is_empty() {
                 return pillars;
             }
             for p in narrow {
-                let calm = |v: f64| if v.abs() < 1e-3 * half { 0.0 } else { 0.5 * v };
+                let halve = |v: f64| {
+                    if v.abs() < 1e-3 * half_height {
+                        0.0
+                    } else {
+                        0.5 * v
+                    }
+                };
                 moves[p] = [
-                    moves[p][0].map(calm),
-                    moves[p][1].map(|v| calm(v * half) / half),
+                    moves[p][0].map(halve),
+                    moves[p][1].map(|v| halve(v * half_height) / half_height),
                 ];
             }
             pillars.ends = ends(&moves);
         }
     }
 
-    /// The four pillars of a column: (0, 0), (1, 0), (0, 1), (1, 1) along (i, j).
+    /// Returns the four pillars of a column: (0, 0), (1, 0), (0, 1), (1, 1) along (i, j).
     pub fn column_pillars(&self, column: usize) -> [usize; 4] {
         let (i, j) = (column % self.columns[0], column / self.columns[0]);
         let row = self.columns[0] + 1;
@@ -218,7 +228,8 @@ impl Pillars {
         [first, first + 1, first + row, first + row + 1]
     }
 
-    /// Top and bottom of the line through a column at the shares (u, v) along i and j.
+    /// Returns the top and the bottom of the line through a column at the fractions (u, v) along i
+    /// and j.
     pub fn line_ends(&self, column: usize, [u, v]: Point2) -> [[f64; 3]; 2] {
         let pillars = self.column_pillars(column);
         let weights = [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v];
@@ -231,20 +242,20 @@ impl Pillars {
         })
     }
 
-    /// The pillars of columns one of whose corners, at top or bottom, spans a parallelogram of less
-    /// than this area.
-    fn narrow_pillars(&self, least: f64) -> Vec<usize> {
+    /// Returns the pillars of all narrow columns. In such a column, the parallelogram at one of the
+    /// corners, at top or bottom, has less than `min_area`.
+    fn narrow_pillars(&self, min_area: f64) -> Vec<usize> {
         let mut narrow = Vec::new();
         for column in 0..self.columns[0] * self.columns[1] {
             let [a, b, c, d] = self.column_pillars(column);
-            let bad = (0..2).any(|end| {
+            let is_narrow = (0..2).any(|end| {
                 let ring = [a, b, d, c].map(|p| self.ends[p][end]);
                 (0..4).any(|k| {
-                    let [before, at, after] = [k + 3, k, k + 1].map(|k| ring[k % 4]);
-                    signed_area(sub(after, at), sub(before, at)) < least
+                    let [previous, corner, next] = [k + 3, k, k + 1].map(|k| ring[k % 4]);
+                    signed_area(sub(next, corner), sub(previous, corner)) < min_area
                 })
             });
-            if bad {
+            if is_narrow {
                 narrow.extend([a, b, c, d]);
             }
         }
@@ -253,11 +264,12 @@ impl Pillars {
         narrow
     }
 
-    /// How far the middle of a pillar is to be moved, and how it is to lean, for steep features.
+    /// Returns the shift of the centre of a pillar, and its slope, for the steep features around
+    /// it.
     fn pillar_adjustment(
         &self,
         pillar: usize,
-        at: Point2,
+        position: Point2,
         steep: &[SteepFace],
         spacing: Point2,
         lengths: [f64; 3],
@@ -265,39 +277,51 @@ impl Pillars {
         let row = self.columns[0] + 1;
         let index = [pillar % row, pillar / row];
         let middle = 0.5 * (self.z[0] + self.z[1]);
-        let near = spacing[0] * spacing[1];
-        // As the features round it do, the nearer the more.
+        let softening = spacing[0] * spacing[1];
+        // The slope is the mean slope of all steep faces, with weights that decrease with distance.
         let (mut slope, mut weight) = ([0.0; 2], 0.0);
         for face in steep {
-            let off = sub(add_scaled(face.point, middle - face.z, face.slope), at);
-            let w = face.area / (dot(off, off) + near).powi(2);
+            let offset = sub(
+                add_scaled(face.point, middle - face.z, face.slope),
+                position,
+            );
+            let w = face.area / (dot(offset, offset) + softening).powi(2);
             slope = add_scaled(slope, w, face.slope);
             weight += w;
         }
         slope = slope.map(|s| s / weight);
-        // Less towards the sides, which are upright.
-        let mut along = [0, 1].map(|k| {
+        // The slope is reduced towards the sides of the grid, which are vertical.
+        let mut components = [0, 1].map(|k| {
             let other = self.axes[1 - k];
             signed_area(slope, other) / signed_area(self.axes[k], other)
         });
         for k in 0..2 {
-            let off = index[k].min(self.columns[k] - index[k]) as f64 * spacing[k];
-            let room = 0.75 * along[k].abs() * lengths[2];
-            along[k] *= if off < room { off / room } else { 1.0 };
+            let distance = index[k].min(self.columns[k] - index[k]) as f64 * spacing[k];
+            let required = 0.75 * components[k].abs() * lengths[2];
+            components[k] *= if distance < required {
+                distance / required
+            } else {
+                1.0
+            };
         }
-        let slope = add_scaled(self.axes[0].map(|a| a * along[0]), along[1], self.axes[1]);
-        // Onto the feature, if it is the nearest pillar of its row: a line through where faces are.
+        let slope = add_scaled(
+            self.axes[0].map(|a| a * components[0]),
+            components[1],
+            self.axes[1],
+        );
+        // The pillar is moved onto the feature if it is the nearest pillar of its row: a line is
+        // fitted to the faces.
         let mut sums = [[0.0; 5]; 2];
         for face in steep {
-            let off = sub(face.point, add_scaled(at, face.z - middle, slope));
+            let offset = sub(face.point, add_scaled(position, face.z - middle, slope));
             let reach = [0, 1].map(|k| dot(face.normal, self.axes[k]) * spacing[k]);
             let k = usize::from(reach[1].abs() > reach[0].abs());
-            let share = dot(face.normal, off) / reach[k];
-            let aside = dot(off, self.axes[1 - k]).abs();
-            if share.abs() <= 1.0 && aside < spacing[1 - k].max(face.area.sqrt()) {
+            let fraction = dot(face.normal, offset) / reach[k];
+            let lateral_distance = dot(offset, self.axes[1 - k]).abs();
+            if fraction.abs() <= 1.0 && lateral_distance < spacing[1 - k].max(face.area.sqrt()) {
                 let z = face.z - middle;
-                let add = [1.0, z, z * z, share, share * z];
-                (0..5).for_each(|i| sums[k][i] += face.area * add[i]);
+                let terms = [1.0, z, z * z, fraction, fraction * z];
+                (0..5).for_each(|i| sums[k][i] += face.area * terms[i]);
             }
         }
         let k = usize::from(sums[1][0] > sums[0][0]);
@@ -305,18 +329,18 @@ impl Pillars {
         if w == 0.0 || index[k] == 0 || index[k] == self.columns[k] {
             return [[0.0; 2], slope];
         }
-        let spread = zz / w - (z / w).powi(2);
-        let lean = if spread > (lengths[2] / 6.0).powi(2) {
-            (sz / w - s * z / (w * w)) / spread
+        let variance = zz / w - (z / w).powi(2);
+        let lean = if variance > (lengths[2] / 6.0).powi(2) {
+            (sz / w - s * z / (w * w)) / variance
         } else {
             0.0
         };
-        let share = s / w - lean * z / w;
-        if share.abs() > 0.5 {
+        let fraction = s / w - lean * z / w;
+        if fraction.abs() > 0.5 {
             return [[0.0; 2], slope];
         }
         [
-            self.axes[k].map(|a| a * share * spacing[k]),
+            self.axes[k].map(|a| a * fraction * spacing[k]),
             add_scaled(slope, lean * spacing[k], self.axes[k]),
         ]
     }

@@ -1,11 +1,12 @@
-//! CGNS in HDF5 (version 3.4 of the format; with polyhedra 4.2): one base and one unstructured zone. Tetrahedra or triangles in one section, with a
-//! section of faces, a family and a boundary condition for each name; of other cells, polygons (NGON_n) and polyhedra
-//! of them (NFACE_n), and a boundary condition with a list of faces for each name. What is known of cells is a
-//! solution at their centres.
+//! Writes CGNS in HDF5 (version 3.4 of the format; with polyhedra 4.2), with one base and one
+//! unstructured zone. Tetrahedra or triangles are in one section, and each name has a section of
+//! faces, a family and a boundary condition. Other cells are polygons (NGON_n) and polyhedra made
+//! of them (NFACE_n), and each name has a boundary condition with a list of faces. The values of
+//! cells are a solution at their centres.
 //!
-//! Layout: "CGNS Standard Interface Data Structures", version 4.2, chapters 6, 7 and 9; "CGNS HDF5 node
-//! mapping": a node is a group with the attributes name, label, type and flags, whose numbers are its dataset
-//! " data", with the lengths along the axes the other way round.
+//! Source: "CGNS Standard Interface Data Structures", version 4.2, chapters 6, 7 and 9; "CGNS HDF5
+//! node mapping". A node is a group with the attributes name, label, type and flags. Its values are
+//! the dataset " data", whose axes are in reverse order.
 
 use std::path::Path;
 
@@ -19,25 +20,26 @@ use crate::files::Batch;
 use crate::mesh::poly::Lists;
 use crate::model::reservoir::Model;
 
-/// Numbers of element types: linear and quadratic simplices, by their number of corners; others.
+/// Element types of linear and of quadratic simplices, by their number of corners.
 const SIMPLEX_TYPES: [[i32; 2]; 5] = [[0, 0], [0, 0], [3, 4], [5, 6], [10, 11]];
 const NGON_TYPE: i32 = 22;
 const NFACE_TYPE: i32 = 23;
-/// Bytes of a name or a label, with the 0 at its end.
+/// Size of a name or a label in bytes, with the final zero.
 const NAME_BYTES: usize = 33;
 
-/// A named node.
+/// Named node.
 type NamedNode<'a> = (String, Hdf5Node<'a>);
 
 /// Writes the mesh.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) if it cannot be written.
+/// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let faces = model.mesh.faces_of_cells();
-    let simplices = match model.tets.is_some() || model.triangles.is_some() {
-        true => Some(SimplexMesh::new(model, "CGNS")?),
-        false => None,
+    let simplices = if model.tets.is_some() || model.triangles.is_some() {
+        Some(SimplexMesh::new(model, "CGNS")?)
+    } else {
+        None
     };
     let (dim, nodes) = match &simplices {
         Some(mesh) => (mesh.corner_count - 1, mesh.node_count()),
@@ -82,15 +84,15 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         zone,
     );
     let dims = vec![dim as i32, 3];
-    let below = [zone].into_iter().chain(families).collect();
+    let children = [zone].into_iter().chain(families).collect();
     let base = data_node(
         "Base",
         "CGNSBase_t",
         "I4",
         Some((vec![2], int_array(dims))),
-        below,
+        children,
     );
-    // Polygons have their offsets since version 4; what else there is, older libraries read.
+    // Polygons need version 4, in which they have offsets. Older libraries can read the rest.
     let version: f32 = if simplices.is_some() { 3.4 } else { 4.2 };
     let version = LazyArray::from_fn(1, move |_| version);
     let version = data_node(
@@ -100,7 +102,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         Some((vec![1], version)),
         Vec::new(),
     );
-    let said = vec![
+    let attributes = vec![
         (
             "name".into(),
             Hdf5Attribute::Text("HDF5 MotherNode".into(), NAME_BYTES),
@@ -112,7 +114,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         ("type".into(), Hdf5Attribute::Text("MT".into(), 3)),
     ];
     let root = Hdf5Node::GroupWithAttributes(
-        said,
+        attributes,
         vec![
             (" format".into(), chars_node("IEEE_LITTLE_32", 15)),
             (
@@ -126,7 +128,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     batch.write(path, |out| hdf5::write(out, &root))
 }
 
-/// A node of some type of numbers.
+/// Returns a node with data of the type `kind`.
 fn data_node<'a>(
     name: &str,
     label: &str,
@@ -141,7 +143,7 @@ fn data_node<'a>(
             .find(|&at| name.is_char_boundary(at))
             .unwrap_or(0),
     );
-    let said = vec![
+    let attributes = vec![
         ("name".into(), Hdf5Attribute::Text(name.clone(), NAME_BYTES)),
         (
             "label".into(),
@@ -155,10 +157,10 @@ fn data_node<'a>(
         links.push((" data".into(), Hdf5Node::Dataset(dims, numbers)));
     }
     links.extend(children);
-    (name, Hdf5Node::GroupWithAttributes(said, links))
+    (name, Hdf5Node::GroupWithAttributes(attributes, links))
 }
 
-/// A node without numbers.
+/// Returns a node without data.
 fn group_node<'a>(name: &str, label: &str, children: Vec<NamedNode<'a>>) -> NamedNode<'a> {
     data_node(name, label, "MT", None, children)
 }
@@ -176,7 +178,7 @@ fn text_node<'a>(name: &str, label: &str, text: &str) -> NamedNode<'a> {
     text_parent_node(name, label, text, Vec::new())
 }
 
-/// A text with nodes below it.
+/// Returns a text node with child nodes.
 fn text_parent_node<'a>(
     name: &str,
     label: &str,
@@ -193,7 +195,7 @@ fn int_array<'a>(values: Vec<i32>) -> LazyArray<'a> {
     LazyArray::from_fn(values.len(), move |i| values[i])
 }
 
-/// A list of numbers.
+/// Returns an array node.
 fn array_node<'a>(name: &str, numbers: LazyArray<'a>) -> NamedNode<'a> {
     let kind = if numbers.vtk_type == "Int32" {
         "I4"
@@ -204,7 +206,7 @@ fn array_node<'a>(name: &str, numbers: LazyArray<'a>) -> NamedNode<'a> {
     data_node(name, "DataArray_t", kind, Some((dims, numbers)), Vec::new())
 }
 
-/// Elements of one type, numbered from `first` on.
+/// Returns a section of elements of one type, numbered from `first`.
 fn element_section<'a>(
     name: &str,
     kind: i32,
@@ -225,16 +227,18 @@ fn element_section<'a>(
     data_node(name, "Elements_t", "I4", Some((vec![2], kind)), children)
 }
 
-/// What has a name: numbers of faces, a list of them or the first and last.
+/// Returns a boundary condition: the numbers of its faces as a list, or the first and the last
+/// number as a range.
 fn boundary_condition<'a>(
     name: &str,
-    place: &str,
+    location: &str,
     points: Vec<i32>,
     is_range: bool,
 ) -> NamedNode<'a> {
-    let (list, label) = match is_range {
-        true => ("PointRange", "IndexRange_t"),
-        false => ("PointList", "IndexArray_t"),
+    let (list, label) = if is_range {
+        ("PointRange", "IndexRange_t")
+    } else {
+        ("PointList", "IndexArray_t")
     };
     let dims = vec![points.len() as u64, 1];
     let points = data_node(
@@ -244,16 +248,16 @@ fn boundary_condition<'a>(
         Some((dims, int_array(points))),
         Vec::new(),
     );
-    let place = text_node("GridLocation", "GridLocation_t", place);
+    let location = text_node("GridLocation", "GridLocation_t", location);
     let family = text_node("FamilyName", "FamilyName_t", name);
-    let children = vec![points, place, family];
+    let children = vec![points, location, family];
     text_parent_node(name, "BC_t", "FamilySpecified", children)
 }
 
-/// Sections, and boundary conditions.
+/// Returns the sections and the boundary conditions of a simplex mesh.
 fn simplex_sections<'a>(mesh: &SimplexMesh) -> (Vec<NamedNode<'a>>, Vec<NamedNode<'a>>) {
     let order = usize::from(mesh.is_quadratic());
-    let place = if mesh.corner_count == 4 {
+    let location = if mesh.corner_count == 4 {
         "FaceCenter"
     } else {
         "EdgeCenter"
@@ -270,28 +274,29 @@ fn simplex_sections<'a>(mesh: &SimplexMesh) -> (Vec<NamedNode<'a>>, Vec<NamedNod
         connectivity(nodes),
     )];
     let (mut conditions, mut next) = (Vec::new(), mesh.len() + 1);
-    for named in &mesh.named_sides {
-        let (count, mut nodes) = (named.cells.len(), Vec::new());
-        (0..count).for_each(|i| mesh.visit_nodes(named.sides.get(i), |n| nodes.push(n as i32 + 1)));
+    for group in &mesh.named_sides {
+        let (count, mut nodes) = (group.cells.len(), Vec::new());
+        (0..count).for_each(|i| mesh.visit_nodes(group.sides.get(i), |n| nodes.push(n as i32 + 1)));
         let kind = SIMPLEX_TYPES[mesh.corner_count - 1][order];
         sections.push(element_section(
-            &named.name,
+            &group.name,
             kind,
             next,
             count,
             connectivity(nodes),
         ));
         let range = vec![next as i32, (next + count - 1) as i32];
-        conditions.push(boundary_condition(&named.name, place, range, true));
+        conditions.push(boundary_condition(&group.name, location, range, true));
         next += count;
     }
     (sections, conditions)
 }
 
-/// The same of polyhedra: all faces, then the cells, whose faces have a minus where they turn inwards.
+/// Returns the sections and the boundary conditions of polyhedra: first all faces, then the cells.
+/// A face has a negative number in the cell into which it points.
 fn polyhedron_sections<'a>(
     model: &'a Model,
-    of_cells: &'a Lists,
+    cell_faces: &'a Lists,
 ) -> (Vec<NamedNode<'a>>, Vec<NamedNode<'a>>) {
     let mesh = &model.mesh;
     let offsets = |list: &'a Lists| {
@@ -305,17 +310,17 @@ fn polyhedron_sections<'a>(
         array_node("ElementConnectivity", nodes),
     ];
     let polygons = element_section("Faces", NGON_TYPE, 1, faces, lists);
-    let mut signed = Vec::with_capacity(of_cells.items.len());
+    let mut signed_faces = Vec::with_capacity(cell_faces.items.len());
     for cell in 0..model.len() {
-        for &face in of_cells.get(cell) {
+        for &face in cell_faces.get(cell) {
             let owner = mesh.face_cells[face as usize][0] as usize;
             let number = face as i32 + 1;
-            signed.push(if owner == cell { number } else { -number });
+            signed_faces.push(if owner == cell { number } else { -number });
         }
     }
     let lists = vec![
-        offsets(of_cells),
-        array_node("ElementConnectivity", int_array(signed)),
+        offsets(cell_faces),
+        array_node("ElementConnectivity", int_array(signed_faces)),
     ];
     let cells = element_section("Cells", NFACE_TYPE, faces + 1, model.len(), lists);
     let groups = FaceNames::new(model).groups().into_iter();

@@ -1,39 +1,41 @@
-//! The faces of a mesh that have names: each side of the box, each surface, and what parts two regions.
+//! Names the faces of a mesh: each side of the box, each surface, and each interface of two
+//! regions.
 
 use crate::mesh::poly::{FaceNeighbour, Lists};
 use crate::model::reservoir::{Model, reserved_names};
 use crate::model::surface::names::{add_names, interface_name};
 use crate::model::surface::stored_surfaces::region_label;
 
-/// The number of what is on the boundary, but on no side of the box.
+/// Number of the faces on the boundary that are on no side of the box.
 const BOUNDARY_NUMBER: u32 = 7;
-/// The number of what lies on features, but is too small for a surface.
+/// Number of the faces on surface fragments, which are too small to be surfaces of their own.
 const SCRAPS_NUMBER: u32 = 8;
 
-/// The names of a mesh's faces.
+/// Names of the faces of a mesh.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FaceNames {
-    /// By number, from 1 on: the sides `xmin` ... `zmax`, `boundary`, `scraps`; then the surfaces `fault1`,
-    /// `horizon2` ..., or as the mesh's file calls them, number 8 + theirs; then `interface_1_2` between regions 1 and 2, where that is on no
-    /// surface, or where regions are labels.
+    /// Names by number, from 1: the sides `xmin` ... `zmax`, `boundary`, `scraps`; then the
+    /// surfaces with number 8 + their own (`fault1`, `horizon2` ..., or their names in the mesh
+    /// file); then interfaces such as `interface_1_2` between regions 1 and 2, for faces on no
+    /// surface, or if regions are labels.
     pub names: Vec<String>,
-    /// The number of each face's name; 0 for none.
+    /// Number of the name of each face; 0 for none.
     pub face_numbers: Vec<u32>,
 }
 
-/// Faces of one name.
+/// Faces with the same name.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FaceGroup {
-    /// As in [`FaceNames::surface_names`].
+    /// Name of the group, one of [`FaceNames::names`].
     pub name: String,
-    /// Number of the name, from 1 on.
+    /// Number of the name, from 1.
     pub number: usize,
-    /// The faces.
+    /// Faces of the group.
     pub faces: Vec<u32>,
 }
 
 impl FaceNames {
-    /// The names of a model's faces.
+    /// Names the faces of a model.
     pub fn new(model: &Model) -> Self {
         let (mesh, surfaces) = (&model.mesh, &model.surfaces);
         let mut names = reserved_names();
@@ -44,20 +46,22 @@ impl FaceNames {
             pair.sort_unstable();
             (pair[0] != pair[1]).then_some(pair)
         };
-        // What parts labels has their names, unless it has one of its own.
-        let labelled = !model.labels.is_empty() && model.split_mesh.is_none();
+        // Interfaces of labels are named after the labels, unless their surface has a name of its
+        // own.
+        let uses_labels = !model.labels.is_empty() && model.split_mesh.is_none();
         let surface_of = |f: usize| {
             let surface = surfaces.connection_surfaces.get(f).copied().unwrap_or(0);
-            match labelled && surface as usize > surfaces.names.len() {
-                true => 0,
-                false => surface,
+            if uses_labels && surface as usize > surfaces.names.len() {
+                0
+            } else {
+                surface
             }
         };
-        let bare = (0..mesh.inner_face_count()).filter(|&f| surface_of(f) == 0);
-        let mut pairs: Vec<[i32; 2]> = bare.filter_map(regions).collect();
+        let unnamed_faces = (0..mesh.inner_face_count()).filter(|&f| surface_of(f) == 0);
+        let mut pairs: Vec<[i32; 2]> = unnamed_faces.filter_map(regions).collect();
         pairs.sort_unstable();
         pairs.dedup();
-        let before = names.len() as u32;
+        let known_count = names.len() as u32;
         let interfaces = pairs.iter().map(|pair| {
             let [a, b] = pair.map(|region| region_label(&model.labels, region));
             interface_name([&a, &b])
@@ -69,7 +73,7 @@ impl FaceNames {
             FaceNeighbour::Unknown => BOUNDARY_NUMBER,
             FaceNeighbour::Cell(_) => match surface_of(f) {
                 0 => regions(f).map_or(0, |pair| {
-                    before + 1 + pairs.partition_point(|known| *known < pair) as u32
+                    known_count + 1 + pairs.partition_point(|known| *known < pair) as u32
                 }),
                 surface if surface as usize <= surfaces.kept_count => SCRAPS_NUMBER + surface,
                 _ => SCRAPS_NUMBER,
@@ -81,21 +85,22 @@ impl FaceNames {
         }
     }
 
-    /// The number of a surface's name, as [`FaceSurfaces`](crate::model::reservoir::FaceSurfaces) counts
-    /// surfaces.
+    /// Returns the number of the name of a surface. Surfaces are numbered as in
+    /// [`FaceSurfaces`](crate::model::reservoir::FaceSurfaces).
     pub fn surface_number(&self, model: &Model, surface: u32) -> u32 {
-        match surface as usize <= model.surfaces.kept_count {
-            true => SCRAPS_NUMBER + surface,
-            false => SCRAPS_NUMBER,
+        if surface as usize <= model.surfaces.kept_count {
+            SCRAPS_NUMBER + surface
+        } else {
+            SCRAPS_NUMBER
         }
     }
 
-    /// The name of a number, from 1 on.
+    /// Returns the name with the given number, from 1.
     pub fn name(&self, number: u32) -> &str {
         &self.names[number as usize - 1]
     }
 
-    /// The groups that have faces.
+    /// Returns the groups that have faces.
     pub fn groups(&self) -> Vec<FaceGroup> {
         let mut faces: Vec<Vec<u32>> = vec![Vec::new(); self.names.len()];
         for (f, &number) in self
@@ -106,8 +111,8 @@ impl FaceNames {
         {
             faces[number as usize - 1].push(f as u32);
         }
-        let named = (1..).zip(&self.names).zip(faces);
-        named
+        let numbered = (1..).zip(&self.names).zip(faces);
+        numbered
             .filter(|(_, faces)| !faces.is_empty())
             .map(|((number, name), faces)| FaceGroup {
                 name: name.clone(),
@@ -118,26 +123,26 @@ impl FaceNames {
     }
 }
 
-/// The groups of a model that have faces.
+/// Returns the groups of a model that have faces.
 pub fn face_groups(model: &Model) -> Vec<FaceGroup> {
     FaceNames::new(model).groups()
 }
 
 /// Sides of cells that have a name.
 pub struct NamedSides {
-    /// As [`FaceNames`] has it; the two sides of a surface along which the mesh is torn end in `_a` (the lower
-    /// one) and `_b`.
+    /// Name as in [`FaceNames`]. The names of the two sides of a surface along which the mesh is
+    /// split end in `_a` (the lower side) and `_b`.
     pub name: String,
-    /// Its number, from 1 on; no other name has it.
+    /// Number of the name, from 1, which is unique.
     pub number: usize,
-    /// The nodes of each side, turning anticlockwise seen from outside its cell.
+    /// Nodes of each side, anticlockwise seen from outside its cell.
     pub sides: Lists,
-    /// The cell that each is seen from: of a surface the one below it.
+    /// Cell of each side. On a surface it is the cell below.
     pub cells: Vec<u32>,
 }
 
 impl NamedSides {
-    /// A name that has nothing yet.
+    /// Creates a group without sides.
     pub fn new(name: String, number: usize) -> Self {
         Self {
             name,
@@ -147,35 +152,41 @@ impl NamedSides {
         }
     }
 
-    /// All that have a name in a model, as its cells of any shape have them.
+    /// Returns the named sides of a model, for its cells of any shape.
     pub fn from_model(model: &Model) -> Vec<Self> {
-        let rises = model.second_cell_is_upper();
-        let named = |group: FaceGroup| {
-            let mut named = Self::new(group.name, group.number);
+        let is_upward = model.second_cell_is_upper();
+        let to_sides = |group: FaceGroup| {
+            let mut result = Self::new(group.name, group.number);
             for f in group.faces {
-                let (cell, ring) = face_from_below(model, &rises, f);
-                named.sides.push(ring);
-                named.cells.push(cell);
+                let (cell, ring) = face_from_below(model, &is_upward, f);
+                result.sides.push(ring);
+                result.cells.push(cell);
             }
-            named
+            result
         };
-        face_groups(model).into_iter().map(named).collect()
+        face_groups(model).into_iter().map(to_sides).collect()
     }
 }
 
-/// A face as one of its cells has it, anticlockwise seen from outside that: of a surface the cell below it,
-/// else the first. `rises` are those of [`Model::second_cell_is_upper`].
-pub fn face_from_below(model: &Model, rises: &[bool], face: u32) -> (u32, Vec<u32>) {
+/// Returns a face as the side of one of its cells: the cell, and the nodes, anticlockwise seen from
+/// outside the cell. On a surface it is the cell below, otherwise the first cell. `is_upward` is
+/// the result of [`Model::second_cell_is_upper`].
+pub fn face_from_below(model: &Model, is_upward: &[bool], face: u32) -> (u32, Vec<u32>) {
     let mesh = &model.mesh;
     let mut ring = mesh.faces.get(face as usize).to_vec();
-    let above = rises.get(face as usize).is_some_and(|rises| !rises);
-    if above {
+    let first_is_upper = is_upward
+        .get(face as usize)
+        .is_some_and(|&is_upward| !is_upward);
+    if first_is_upper {
         ring.reverse();
     }
-    (mesh.face_cells[face as usize][usize::from(above)], ring)
+    (
+        mesh.face_cells[face as usize][usize::from(first_is_upper)],
+        ring,
+    )
 }
 
-/// The regions of a model, ascending.
+/// Returns the regions of a model, ascending.
 pub fn sorted_regions(model: &Model) -> Vec<i32> {
     let mut regions = model.mesh.region.clone();
     regions.sort_unstable();
@@ -183,26 +194,27 @@ pub fn sorted_regions(model: &Model) -> Vec<i32> {
     regions
 }
 
-/// What is added to regions where numbers begin with 1: nothing if they do.
+/// Returns the shift of region numbers in formats where they begin with 1. It is 0 if the regions
+/// already do.
 pub fn region_shift(model: &Model) -> i64 {
-    let least = model.mesh.region.iter().min().copied().unwrap_or(1);
-    (1 - i64::from(least)).max(0)
+    let min_region = model.mesh.region.iter().min().copied().unwrap_or(1);
+    (1 - i64::from(min_region)).max(0)
 }
 
-/// A name of a region for formats that take letters, digits and _ only.
+/// Returns a region name of letters, digits and _ only.
 pub fn region_name(model: &Model, region: i32) -> String {
     let name = label_name(model, region).map(String::from);
     name.unwrap_or_else(|| format!("region{region}"))
         .replace('-', "_")
 }
 
-/// What the label that a region is is called.
+/// Returns the name of the label of a region.
 fn label_name(model: &Model, region: i32) -> Option<&str> {
     let label = model.labels.iter().find(|label| label.region == region);
     label.and_then(|label| label.name.as_deref())
 }
 
-/// The nodes of faces, ascending, each once.
+/// Returns the nodes of faces, ascending, without duplicates.
 pub fn face_nodes(model: &Model, faces: &[u32]) -> Vec<u32> {
     let rings = faces.iter().flat_map(|&f| model.mesh.faces.get(f as usize));
     let mut nodes: Vec<u32> = rings.copied().collect();
@@ -221,36 +233,36 @@ mod tests {
     #[test]
     fn every_face_between_regions_and_on_the_box_has_a_name() {
         let mut model = Model::new(two_cells::<3>(0.75), None);
-        let named = |model: &Model| {
+        let summaries = |model: &Model| {
             let groups = face_groups(model);
-            let named: Vec<(String, usize, usize)> = groups
+            let groups: Vec<(String, usize, usize)> = groups
                 .into_iter()
                 .map(|g| (g.name, g.number, g.faces.len()))
                 .collect();
-            named
+            groups
         };
-        let fault = named(&model);
+        let fault = summaries(&model);
         let sides = SIDE_NAMES.iter().zip([1, 1, 2, 2, 2, 2]);
-        for ((side, faces), (at, found)) in sides.zip(fault.iter().enumerate()) {
-            assert_eq!(found, &(side.to_string(), at + 1, faces));
+        for ((side, faces), (index, actual)) in sides.zip(fault.iter().enumerate()) {
+            assert_eq!(actual, &(side.to_string(), index + 1, faces));
         }
         assert_eq!(fault[6], ("fault1".into(), 9, 1));
         model.surfaces.kinds = vec![SurfaceKind::Horizon];
-        assert_eq!(named(&model)[6], ("horizon1".into(), 9, 1));
+        assert_eq!(summaries(&model)[6], ("horizon1".into(), 9, 1));
         model.surfaces.kept_count = 0;
-        assert_eq!(named(&model)[6], ("scraps".into(), 8, 1));
+        assert_eq!(summaries(&model)[6], ("scraps".into(), 8, 1));
         model.surfaces.connection_surfaces = vec![0];
-        assert_eq!(named(&model)[6], ("interface_0_1".into(), 9, 1));
+        assert_eq!(summaries(&model)[6], ("interface_0_1".into(), 9, 1));
         model.mesh.region = vec![4, -3];
-        assert_eq!(named(&model)[6], ("interface__3_4".into(), 9, 1));
+        assert_eq!(summaries(&model)[6], ("interface__3_4".into(), 9, 1));
         model.mesh.region = vec![4, 4];
-        assert_eq!(named(&model).len(), 6);
-        // Surfaces that have names of their own keep them, but for those of others.
+        assert_eq!(summaries(&model).len(), 6);
+        // Surfaces keep names of their own, changed only where other faces have the same name.
         model.surfaces.connection_surfaces = vec![1];
         model.surfaces.kept_count = 1;
-        for (own, name) in [("Main-fault", "Main_fault"), ("xmin", "xmin_")] {
-            model.surfaces.names = vec![own.into()];
-            assert_eq!(named(&model)[6], (name.into(), 9, 1));
+        for (stored_name, name) in [("Main-fault", "Main_fault"), ("xmin", "xmin_")] {
+            model.surfaces.names = vec![stored_name.into()];
+            assert_eq!(summaries(&model)[6], (name.into(), 9, 1));
         }
     }
 }

@@ -1,10 +1,11 @@
-//! Abaqus' and CalculiX' input: nodes and C3D4 elements, an element set for each region, and for each
-//! named group of faces a node set and a surface. To be included (`*INCLUDE`) by a file with materials
-//! and steps. Of a mesh of the plane, CPE3 elements (S3, without surfaces, where it does not lie in
-//! z = constant). Quadratic ones are C3D10, CPE6 and S6.
+//! Writes input for Abaqus and CalculiX: nodes and C3D4 elements, an element set for each region,
+//! and a node set and a surface for each named group of faces. A file with materials and steps
+//! includes it (`*INCLUDE`). A 2-D mesh has CPE3 elements, or S3 elements without surfaces if it is
+//! not in a plane z = constant. Quadratic elements are C3D10, CPE6 and S6.
 //!
-//! Of a mesh that is torn along surfaces, the cohesive elements between their two sides (COH3D6) are in a
-//! second file, `NAME-cohesive.inp`: CalculiX, which has none, joins the two sides in its own ways.
+//! If the mesh is split along surfaces, the cohesive elements between the two sides (COH3D6) are in
+//! a second file, `NAME-cohesive.inp`. CalculiX has no such elements and connects the two sides by
+//! other means.
 
 use std::io::Write;
 use std::path::Path;
@@ -18,27 +19,28 @@ use crate::model::reservoir::Model;
 
 type FileWriter<'a> = &'a mut std::io::BufWriter<std::fs::File>;
 
-/// Characters of a number: the most that is read.
+/// Maximum number of characters that are read of a number.
 const NUMBER_WIDTH: usize = 20;
-/// Numbers in a line of a set.
+/// Number of values in a line of a set.
 const NUMBERS_PER_LINE: usize = 16;
-/// The local nodes of faces S1 to S4, from 0 on.
+/// Local nodes of the faces S1 to S4 of a tetrahedron, from 0.
 const FACE_NODES: [&[usize]; 4] = [&[0, 1, 2], &[0, 3, 1], &[1, 3, 2], &[2, 3, 0]];
-/// Of a triangle's edges.
+/// Local nodes of the edges S1 to S3 of a triangle, from 0.
 const EDGE_NODES: [&[usize]; 3] = [&[0, 1], &[1, 2], &[2, 0]];
 
-/// Writes the mesh; numbers begin with 1.
+/// Writes the mesh. Numbers begin with 1.
 ///
 /// # Errors
-/// [`Error::Export`](crate::Error::Export) if the cells are neither tetrahedra nor triangles.
+/// Returns [`Error::Export`](crate::Error::Export) if the cells are neither tetrahedra nor
+/// triangles.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let mesh = &SimplexMesh::new(model, "Abaqus' format")?;
-    let level = mesh.nodes.iter().all(|p| p[2] == mesh.nodes[0][2]);
+    let is_horizontal = mesh.nodes.iter().all(|p| p[2] == mesh.nodes[0][2]);
     let kind = match (mesh.corner_count, mesh.is_quadratic()) {
         (4, false) => "C3D4",
         (4, true) => "C3D10",
-        (_, false) if level => "CPE3",
-        (_, true) if level => "CPE6",
+        (_, false) if is_horizontal => "CPE3",
+        (_, true) if is_horizontal => "CPE6",
         (_, false) => "S3",
         (_, true) => "S6",
     };
@@ -61,17 +63,17 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             text.end_line();
         })?;
         for region in sorted_regions(model) {
-            let of = |t: &u32| mesh.region[*t as usize] == region;
-            let own: Vec<u32> = (0..mesh.len() as u32).filter(of).collect();
+            let is_in_region = |t: &u32| mesh.region[*t as usize] == region;
+            let region_cells: Vec<u32> = (0..mesh.len() as u32).filter(is_in_region).collect();
             let name = region_name(model, region).to_uppercase();
             writeln!(out, "*ELSET, ELSET={name}")?;
-            write_set(out, &own)?;
+            write_set(out, &region_cells)?;
         }
-        for named in &mesh.named_sides {
-            let name = named.name.to_uppercase();
+        for group in &mesh.named_sides {
+            let name = group.name.to_uppercase();
             let mut nodes = Vec::new();
-            (0..named.sides.len())
-                .for_each(|i| mesh.visit_nodes(named.sides.get(i), |n| nodes.push(n)));
+            (0..group.sides.len())
+                .for_each(|i| mesh.visit_nodes(group.sides.get(i), |n| nodes.push(n)));
             nodes.sort_unstable();
             nodes.dedup();
             writeln!(out, "*NSET, NSET=N{name}")?;
@@ -85,11 +87,11 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
                 &EDGE_NODES
             };
             writeln!(out, "*SURFACE, NAME=S{name}, TYPE=ELEMENT")?;
-            write_items(out, named.cells.len(), |text, i| {
-                let cell = named.cells[i] as usize;
-                let (ring, corners) = (named.sides.get(i), mesh.get(cell));
-                let of_face = |face: &&[usize]| face.iter().all(|&k| ring.contains(&corners[k]));
-                let side = faces.iter().position(of_face).map_or(0, |k| k + 1);
+            write_items(out, group.cells.len(), |text, i| {
+                let cell = group.cells[i] as usize;
+                let (ring, corners) = (group.sides.get(i), mesh.get(cell));
+                let is_side = |face: &&[usize]| face.iter().all(|&k| ring.contains(&corners[k]));
+                let side = faces.iter().position(is_side).map_or(0, |k| k + 1);
                 text.int(cell + 1).word(", S").int(side).end_line();
             })?;
         }
@@ -99,8 +101,8 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     write_cohesive(mesh, batch, path)
 }
 
-/// The elements between the two sides of what the mesh is torn along, with numbers that follow those of the
-/// others.
+/// Writes the elements between the two sides of the surfaces along which the mesh is split. Their
+/// numbers follow those of the other elements.
 fn write_cohesive(mesh: &SimplexMesh, batch: &mut Batch, path: &Path) -> Result<()> {
     if mesh.torn_surfaces.is_empty() {
         return Ok(());
@@ -127,7 +129,7 @@ fn write_cohesive(mesh: &SimplexMesh, batch: &mut Batch, path: &Path) -> Result<
     )
 }
 
-/// The numbers of a set, from 1 on.
+/// Writes the numbers of a set, which begin with 1 in the file.
 fn write_set(out: FileWriter, numbers: &[u32]) -> std::io::Result<()> {
     write_items(
         out,

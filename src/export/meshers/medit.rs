@@ -1,5 +1,5 @@
-//! Medit's `.mesh` in text (INRIA, MMG, FreeFem++): tetrahedra with their regions, triangles with the
-//! numbers of their names. Of a mesh of the plane, triangles and edges.
+//! Writes Medit's `.mesh` in text (INRIA, MMG, FreeFem++): tetrahedra with their regions, and
+//! triangles with the numbers of their names. A 2-D mesh has triangles and edges.
 
 use std::io::Write;
 use std::path::Path;
@@ -10,13 +10,14 @@ use crate::export::containers::text::write_items;
 use crate::files::Batch;
 use crate::model::reservoir::Model;
 
-/// Writes the mesh; numbers of nodes begin with 1.
+/// Writes the mesh. Node numbers begin with 1.
 ///
 /// # Errors
-/// [`Error::Export`](crate::Error::Export) if the cells are neither tetrahedra nor triangles.
+/// Returns [`Error::Export`](crate::Error::Export) if the cells are neither tetrahedra nor
+/// triangles.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let mesh = &SimplexMesh::new(model, "Medit's format")?;
-    let (names, of_side) = match mesh.corner_count {
+    let (cell_keyword, side_keyword) = match mesh.corner_count {
         3 => ("Triangles", "Edges"),
         _ => ("Tetrahedra", "Triangles"),
     };
@@ -34,16 +35,16 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
                 .word(" 0")
                 .end_line();
         })?;
-        writeln!(out, "{of_side}\n{}", mesh.named_side_count())?;
-        for named in &mesh.named_sides {
-            write_items(out, named.sides.len(), |text, i| {
-                for &n in named.sides.get(i) {
+        writeln!(out, "{side_keyword}\n{}", mesh.named_side_count())?;
+        for group in &mesh.named_sides {
+            write_items(out, group.sides.len(), |text, i| {
+                for &n in group.sides.get(i) {
                     text.int(n + 1).word(" ");
                 }
-                text.int(named.number).end_line();
+                text.int(group.number).end_line();
             })?;
         }
-        writeln!(out, "{names}\n{}", mesh.len())?;
+        writeln!(out, "{cell_keyword}\n{}", mesh.len())?;
         write_items(out, mesh.len(), |text, t| {
             for n in mesh.get(t) {
                 text.int(n + 1).word(" ");

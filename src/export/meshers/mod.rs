@@ -1,7 +1,8 @@
-//! Triangles and tetrahedra (VTKHDF and CGNS: any cells) with named faces, one format a file.
+//! Writes triangles and tetrahedra (VTKHDF, CGNS and Exodus: cells of any shape) with named faces,
+//! one module per format.
 //!
 //! - `groups`: the named faces
-//! - `simplices`: what the writers share
+//! - `simplices`: the mesh that the writers share
 //! - `msh`: meshes for Gmsh
 //! - `inp`: Abaqus and CalculiX
 //! - `medit`: meshes for Medit

@@ -1,11 +1,12 @@
-//! Gmsh's mesh format, versions 2.2 and 4.1, in text: tetrahedra in a physical volume for each region,
-//! triangles in a physical surface for each side of the box, each surface, and what parts two regions. Of a
-//! mesh of the plane, triangles and edges. Between the two sides of a surface along which the mesh is torn,
-//! prisms of no thickness, in a physical volume that has its name.
+//! Writes Gmsh's mesh format, versions 2.2 and 4.1, in text. Tetrahedra are in a physical volume
+//! for each region, and triangles in a physical surface for each side of the box, each surface, and
+//! each interface of two regions. A 2-D mesh has triangles and edges. Between the two sides of a
+//! surface along which the mesh is split, prisms without thickness are in a physical volume with
+//! the name of the surface.
 //!
-//! Numbers of nodes and of tetrahedra are those of the mesh plus 1; triangles and prisms come after. No two
-//! physical groups have the same number, whatever their dimension, since some readers (DARTS) do not look at
-//! that.
+//! The numbers of nodes and tetrahedra are those of the mesh plus 1. The numbers of triangles and
+//! prisms follow. All physical groups have different numbers, whatever their dimension, since some
+//! readers (DARTS) ignore the dimension.
 
 use std::io::Write;
 use std::path::Path;
@@ -22,9 +23,9 @@ use crate::model::reservoir::Model;
 type FileWriter<'a> = &'a mut std::io::BufWriter<std::fs::File>;
 type WriteResult = std::io::Result<()>;
 
-/// Gmsh's numbers of element types, by their number of corners; and of quadratic ones.
+/// Gmsh types of linear and of quadratic simplices, by their number of corners.
 const ELEMENT_TYPES: [[u8; 2]; 5] = [[0, 0], [0, 0], [1, 8], [2, 9], [4, 11]];
-/// Its number of prisms.
+/// Gmsh type of prisms.
 const PRISM_TYPE: u8 = 6;
 
 fn write_header(
@@ -52,13 +53,14 @@ fn write_header(
     writeln!(out, "$EndPhysicalNames")
 }
 
-/// The types of the cells, and of their sides.
+/// Returns the types of the cells and of their sides.
 fn element_types(mesh: &SimplexMesh) -> [u8; 2] {
     let order = usize::from(mesh.is_quadratic());
     [mesh.corner_count, mesh.corner_count - 1].map(|size| ELEMENT_TYPES[size][order])
 }
 
-/// Ends a line with the nodes of a cell or side. Gmsh has the last two nodes of ten the other way round.
+/// Ends a line with the nodes of a cell or side. In Gmsh, the last two of ten nodes are in reverse
+/// order.
 fn end_with_nodes(mesh: &SimplexMesh, text: &mut TextBuilder, corners: &[u32]) {
     let (mut nodes, mut count) = ([0; 10], 0);
     mesh.visit_nodes(corners, |n| {
@@ -74,7 +76,7 @@ fn end_with_nodes(mesh: &SimplexMesh, text: &mut TextBuilder, corners: &[u32]) {
     text.end_line();
 }
 
-/// Number of prisms between torn faces.
+/// Returns the number of prisms between split faces.
 fn prism_count(mesh: &SimplexMesh) -> usize {
     mesh.torn_surfaces
         .iter()
@@ -82,10 +84,11 @@ fn prism_count(mesh: &SimplexMesh) -> usize {
         .sum()
 }
 
-/// Version 2.2.
+/// Writes version 2.2.
 ///
 /// # Errors
-/// [`Error::Export`](crate::Error::Export) if the cells are neither tetrahedra nor triangles.
+/// Returns [`Error::Export`](crate::Error::Export) if the cells are neither tetrahedra nor
+/// triangles.
 pub fn write_v2(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let mesh = &SimplexMesh::new(model, "Gmsh's format")?;
     let regions = sorted_regions(model);
@@ -100,10 +103,10 @@ pub fn write_v2(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         let count = mesh.len() + mesh.named_side_count() + prism_count(mesh);
         writeln!(out, "$EndNodes\n$Elements\n{count}")?;
         let mut next = mesh.len() + 1;
-        let [kind, of_side] = element_types(mesh);
+        let [kind, side_kind] = element_types(mesh);
         for NamedSides { number, sides, .. } in &mesh.named_sides {
             write_items(out, sides.len(), |text, i| {
-                let text = text.int(next + i).spaced_int(of_side).word(" 2");
+                let text = text.int(next + i).spaced_int(side_kind).word(" 2");
                 text.spaced_int(*number).spaced_int(*number);
                 end_with_nodes(mesh, text, sides.get(i));
             })?;
@@ -136,10 +139,11 @@ pub fn write_v2(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     })
 }
 
-/// Version 4.1.
+/// Writes version 4.1.
 ///
 /// # Errors
-/// [`Error::Export`](crate::Error::Export) if the cells are neither tetrahedra nor triangles.
+/// Returns [`Error::Export`](crate::Error::Export) if the cells are neither tetrahedra nor
+/// triangles.
 pub fn write_v4(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let mesh = &SimplexMesh::new(model, "Gmsh's format")?;
     let regions = sorted_regions(model);
@@ -148,7 +152,7 @@ pub fn write_v4(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     mesh.write_face_pairs(batch, path, 1)?;
     batch.write(path, |out| {
         write_header(out, "4.1", &names, mesh)?;
-        let (dim, [kind, of_side]) = (mesh.corner_count - 1, element_types(mesh));
+        let (dim, [kind, side_kind]) = (mesh.corner_count - 1, element_types(mesh));
         let (sides, cells) = (
             mesh.named_sides.len(),
             regions.len() + mesh.torn_surfaces.len(),
@@ -184,7 +188,7 @@ pub fn write_v4(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         writeln!(out, "$EndNodes\n$Elements\n{blocks} {count} 1 {count}")?;
         let mut next = mesh.len() + 1;
         for NamedSides { number, sides, .. } in &mesh.named_sides {
-            writeln!(out, "{} {number} {of_side} {}", dim - 1, sides.len())?;
+            writeln!(out, "{} {number} {side_kind} {}", dim - 1, sides.len())?;
             write_items(out, sides.len(), |text, i| {
                 text.int(next + i);
                 end_with_nodes(mesh, text, sides.get(i));
@@ -208,12 +212,12 @@ pub fn write_v4(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             next += pairs.len();
         }
         for (number, &region) in (first_region..).zip(&regions) {
-            let of = |t: &u32| mesh.region[*t as usize] == region;
-            let own: Vec<u32> = (0..mesh.len() as u32).filter(of).collect();
-            writeln!(out, "{dim} {number} {kind} {}", own.len())?;
-            write_items(out, own.len(), |text, i| {
-                text.int(own[i] + 1);
-                end_with_nodes(mesh, text, mesh.get(own[i] as usize));
+            let is_in_region = |t: &u32| mesh.region[*t as usize] == region;
+            let region_cells: Vec<u32> = (0..mesh.len() as u32).filter(is_in_region).collect();
+            writeln!(out, "{dim} {number} {kind} {}", region_cells.len())?;
+            write_items(out, region_cells.len(), |text, i| {
+                text.int(region_cells[i] + 1);
+                end_with_nodes(mesh, text, mesh.get(region_cells[i] as usize));
             })?;
         }
         writeln!(out, "$EndElements")

@@ -1,4 +1,5 @@
-//! Surfaces as Wavefront OBJ: a group for each, triangles as faces, segments of a 2-D mesh as lines.
+//! Writes surfaces as Wavefront OBJ: a group for each surface, with triangles as faces, or segments
+//! of a 2-D mesh as lines.
 
 use std::io::Write;
 use std::path::Path;
@@ -8,20 +9,20 @@ use crate::export::containers::text::write_items;
 use crate::export::surfaces::file::SurfaceFile;
 use crate::files::Batch;
 
-/// Writes surfaces; coordinates to the last digit.
+/// Writes surfaces. Coordinates have all digits.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) if the file cannot be written.
+/// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
 pub fn write_obj<const D: usize>(path: &Path, file: &SurfaceFile<D>) -> Result<()> {
     let mut batch = Batch::default();
     add_obj(&mut batch, path, file)?;
     batch.commit()
 }
 
-/// The same as one of several files that belong together.
+/// Adds surfaces, as [`write_obj`] writes them, to a batch of files.
 ///
 /// # Errors
-/// As [`write_obj`].
+/// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
 pub fn add_obj<const D: usize>(
     batch: &mut Batch,
     path: &Path,

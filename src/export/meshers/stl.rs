@@ -1,5 +1,5 @@
-//! The named surfaces of a mesh, of whatever cells, as triangles: STL in text (survey coordinates do
-//! not fit the single precision of its binary form), or OBJ.
+//! Writes the named surfaces of a mesh of any cells as triangles: STL in text (its binary form has
+//! single precision, which is not enough for survey coordinates), or OBJ.
 
 use std::io::Write;
 use std::path::Path;
@@ -13,14 +13,14 @@ use crate::files::Batch;
 use crate::geometry::{cross, norm, sub};
 use crate::model::reservoir::Model;
 
-/// Every named group of faces, in triangles.
+/// Returns the named groups of faces, cut into triangles.
 fn named_surfaces(model: &Model) -> SurfaceFile<3> {
     let mesh = &model.mesh;
     let groups = face_groups(model);
     let (mut facets, mut start) = (Vec::new(), vec![0]);
     for group in &groups {
         for &f in &group.faces {
-            // Faces are convex.
+            // Faces are convex, so a fan of triangles fills them.
             let ring = mesh.faces.get(f as usize);
             facets.extend((2..ring.len()).map(|i| [ring[0], ring[i - 1], ring[i]]));
         }
@@ -31,10 +31,10 @@ fn named_surfaces(model: &Model) -> SurfaceFile<3> {
     file
 }
 
-/// STL in text, a solid for each group.
+/// Writes STL in text, with a solid for each group.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) if it cannot be written.
+/// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let file = named_surfaces(model);
     batch.write(path, |out| {
@@ -61,10 +61,10 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     })
 }
 
-/// OBJ, a group for each.
+/// Writes OBJ, with a group for each group of faces.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) if it cannot be written.
+/// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
 pub fn write_obj(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     add_obj(batch, path, &named_surfaces(model))
 }

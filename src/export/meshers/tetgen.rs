@@ -1,5 +1,5 @@
-//! TetGen's `.node`, `.ele` and `.face`: nodes, tetrahedra with their regions, triangles with the
-//! numbers of their names. Numbers begin with 1.
+//! Writes TetGen's `.node`, `.ele` and `.face`: nodes, tetrahedra with their regions, and triangles
+//! with the numbers of their names. Numbers begin with 1.
 
 use std::io::Write;
 use std::path::Path;
@@ -10,10 +10,10 @@ use crate::export::containers::text::write_items;
 use crate::files::Batch;
 use crate::model::reservoir::Model;
 
-/// Writes all three; `path` is the `.node` file.
+/// Writes the three files. `path` is the `.node` file.
 ///
 /// # Errors
-/// [`Error::Export`](crate::Error::Export) if the cells are no tetrahedra.
+/// Returns [`Error::Export`](crate::Error::Export) if the cells are not tetrahedra.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let tets = &model.need_tets("TetGen's format")?.tets;
     let mesh = &model.mesh;

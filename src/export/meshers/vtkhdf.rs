@@ -1,7 +1,9 @@
-//! VTKHDF (version 2.3 of the format, VTK 9.4 and later; simplices are read by 9.1 too): cells of any shape in
-//! one HDF5 file, with what is known of them. What has a name is an array of nodes, 1 where they are in it.
+//! Writes VTKHDF (version 2.3 of the format, for VTK 9.4 and later; VTK 9.1 can read simplices,
+//! too): cells of any shape with their values in one HDF5 file. Each name is a node array, which is
+//! 1 for the nodes on the named faces.
 //!
-//! Of a mesh torn along surfaces there are wedges of no thickness, too, of region 0 and without values.
+//! If the mesh is split along surfaces, it has also wedges without thickness, in region 0 and
+//! without values.
 
 use std::path::Path;
 
@@ -16,23 +18,23 @@ use crate::files::vtk::DataArray;
 use crate::mesh::poly::Lists;
 use crate::model::reservoir::Model;
 
-/// VTK's numbers of cells: of linear simplices by their number of corners, of quadratic ones; of others.
+/// VTK cell types of linear and of quadratic simplices, by their number of corners.
 const SIMPLEX_TYPES: [[u8; 2]; 5] = [[0, 0], [0, 0], [0, 0], [5, 22], [10, 24]];
 const WEDGE_TYPE: u8 = 13;
 const POLYHEDRON_TYPE: u8 = 42;
 
-/// Named nodes.
+/// Named nodes of an HDF5 file.
 type NamedNodes<'a> = Vec<(String, Hdf5Node<'a>)>;
 
 /// Writes the mesh.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) if it cannot be written.
+/// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
-    let simplices = model.tets.is_some() || model.triangles.is_some();
-    let simplices = match simplices {
-        true => Some(SimplexMesh::new(model, "VTKHDF")?),
-        false => None,
+    let simplices = if model.tets.is_some() || model.triangles.is_some() {
+        Some(SimplexMesh::new(model, "VTKHDF")?)
+    } else {
+        None
     };
     let arrays = cell_arrays(model);
     let faces = model.mesh.faces_of_cells();
@@ -40,14 +42,14 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         Some(mesh) => simplex_grid(mesh),
         None => polyhedron_grid(model, &faces),
     };
-    let rows = |array: &DataArray| {
+    let cell_array = |array: &DataArray| {
         let mut values = array.values.to_f64();
-        let empty = if array.name == "region" {
+        let fill_value = if array.name == "region" {
             0.0
         } else {
             f64::NAN
         };
-        values.resize(cells * array.components, empty);
+        values.resize(cells * array.components, fill_value);
         let dims = match array.components {
             1 => vec![cells as u64],
             n => vec![cells as u64, n as u64],
@@ -60,29 +62,29 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     };
     nodes.push((
         "CellData".into(),
-        Hdf5Node::Group(arrays.iter().map(rows).collect()),
+        Hdf5Node::Group(arrays.iter().map(cell_array).collect()),
     ));
     let points = simplices
         .as_ref()
         .map_or(model.mesh.nodes.len(), SimplexMesh::node_count);
     let set = |(name, members): (String, Vec<u32>)| {
-        let mut within = vec![0u8; points];
-        members.iter().for_each(|&n| within[n as usize] = 1);
+        let mut membership = vec![0u8; points];
+        members.iter().for_each(|&n| membership[n as usize] = 1);
         (
             name,
-            array_node(LazyArray::from_fn(points, move |i| within[i])),
+            array_node(LazyArray::from_fn(points, move |i| membership[i])),
         )
     };
     let sets = sets.into_iter().map(set).collect();
     nodes.push(("PointData".into(), Hdf5Node::Group(sets)));
     let kind = "UnstructuredGrid";
-    let said = vec![
+    let attributes = vec![
         ("Version".into(), Hdf5Attribute::Ints(vec![2, 3])),
         ("Type".into(), Hdf5Attribute::Text(kind.into(), kind.len())),
     ];
     let root = Hdf5Node::Group(vec![(
         "VTKHDF".into(),
-        Hdf5Node::GroupWithAttributes(said, nodes),
+        Hdf5Node::GroupWithAttributes(attributes, nodes),
     )]);
     batch.write(path, |out| hdf5::write(out, &root))
 }
@@ -98,7 +100,8 @@ fn count_node<'a>(name: &str, value: usize) -> (String, Hdf5Node<'a>) {
     )
 }
 
-/// Points, cells' nodes and types; the offsets of the cells' nodes.
+/// Returns the points, the nodes of the cells with their offsets, and the cell types, as HDF5
+/// nodes.
 fn grid_nodes<'a>(
     points: LazyArray<'a>,
     connectivity: LazyArray<'a>,
@@ -120,10 +123,10 @@ fn grid_nodes<'a>(
     ]
 }
 
-/// Sets of nodes by name.
+/// Named node sets.
 type NodeSets = Vec<(String, Vec<u32>)>;
 
-/// The grid, its number of cells, and its sets of nodes.
+/// Returns the grid of a simplex mesh, its number of cells, and its node sets.
 fn simplex_grid<'a>(mesh: &'a SimplexMesh) -> (NamedNodes<'a>, usize, NodeSets) {
     let mut connectivity: Vec<i64> = Vec::new();
     (0..mesh.len()).for_each(|i| mesh.visit_nodes(mesh.get(i), |n| connectivity.push(n.into())));
@@ -132,41 +135,52 @@ fn simplex_grid<'a>(mesh: &'a SimplexMesh) -> (NamedNodes<'a>, usize, NodeSets) 
     for &pair in wedges {
         connectivity.extend(pair.as_flattened().iter().map(|&n| i64::from(n)));
     }
-    let (own, all) = (
+    let (simplex_count, cell_count) = (
         mesh.len(),
         (connectivity.len() - mesh.len() * size) / 6 + mesh.len(),
     );
     let kind = SIMPLEX_TYPES[mesh.corner_count][usize::from(mesh.is_quadratic())];
     let points = LazyArray::from_fn(3 * mesh.node_count(), |i| mesh.point(i / 3)[i % 3]);
-    let offset = move |i: usize| (i.min(own) * size + i.saturating_sub(own) * 6) as i64;
-    let types = LazyArray::from_fn(all, move |i| if i < own { kind } else { WEDGE_TYPE });
-    let ids = LazyArray::from_fn(connectivity.len(), move |i| connectivity[i]);
-    let nodes = grid_nodes(points, ids, LazyArray::from_fn(all + 1, offset), types);
-    let sets = mesh.named_sides.iter().map(|named| {
-        let mut members = Vec::new();
-        (0..named.cells.len())
-            .for_each(|i| mesh.visit_nodes(named.sides.get(i), |n| members.push(n)));
-        (named.name.clone(), members)
+    let offset =
+        move |i: usize| (i.min(simplex_count) * size + i.saturating_sub(simplex_count) * 6) as i64;
+    let types = LazyArray::from_fn(cell_count, move |i| {
+        if i < simplex_count { kind } else { WEDGE_TYPE }
     });
-    (nodes, all, sets.collect())
+    let ids = LazyArray::from_fn(connectivity.len(), move |i| connectivity[i]);
+    let nodes = grid_nodes(
+        points,
+        ids,
+        LazyArray::from_fn(cell_count + 1, offset),
+        types,
+    );
+    let sets = mesh.named_sides.iter().map(|group| {
+        let mut members = Vec::new();
+        (0..group.cells.len())
+            .for_each(|i| mesh.visit_nodes(group.sides.get(i), |n| members.push(n)));
+        (group.name.clone(), members)
+    });
+    (nodes, cell_count, sets.collect())
 }
 
-/// The same of polyhedra, whose faces are each in the file once.
-fn polyhedron_grid<'a>(model: &'a Model, of_cells: &'a Lists) -> (NamedNodes<'a>, usize, NodeSets) {
+/// Returns the grid of polyhedra, its number of cells, and its node sets. Each face is stored once.
+fn polyhedron_grid<'a>(
+    model: &'a Model,
+    cell_faces: &'a Lists,
+) -> (NamedNodes<'a>, usize, NodeSets) {
     let mesh = &model.mesh;
     let (mut connectivity, mut offsets): (Vec<i64>, Vec<i64>) = (Vec::new(), vec![0]);
-    let mut own: Vec<u32> = Vec::new();
+    let mut cell_nodes: Vec<u32> = Vec::new();
     for cell in 0..model.len() {
-        own.clear();
-        own.extend(
-            of_cells
+        cell_nodes.clear();
+        cell_nodes.extend(
+            cell_faces
                 .get(cell)
                 .iter()
                 .flat_map(|&f| mesh.faces.get(f as usize)),
         );
-        own.sort_unstable();
-        own.dedup();
-        connectivity.extend(own.iter().map(|&n| i64::from(n)));
+        cell_nodes.sort_unstable();
+        cell_nodes.dedup();
+        connectivity.extend(cell_nodes.iter().map(|&n| i64::from(n)));
         offsets.push(connectivity.len() as i64);
     }
     let types = LazyArray::from_fn(model.len(), |_| POLYHEDRON_TYPE);
@@ -183,16 +197,19 @@ fn polyhedron_grid<'a>(model: &'a Model, of_cells: &'a Lists) -> (NamedNodes<'a>
     nodes.extend([
         count_node("NumberOfFaces", faces),
         count_node("NumberOfFaceConnectivityIds", mesh.faces.items.len()),
-        count_node("NumberOfPolyhedronToFaceIds", of_cells.items.len()),
+        count_node("NumberOfPolyhedronToFaceIds", cell_faces.items.len()),
         (
             "FaceConnectivity".into(),
             array_node(int(&mesh.faces.items)),
         ),
         ("FaceOffsets".into(), array_node(int(&mesh.faces.offsets))),
-        ("PolyhedronToFaces".into(), array_node(int(&of_cells.items))),
+        (
+            "PolyhedronToFaces".into(),
+            array_node(int(&cell_faces.items)),
+        ),
         (
             "PolyhedronOffsets".into(),
-            array_node(int(&of_cells.offsets)),
+            array_node(int(&cell_faces.offsets)),
         ),
     ]);
     let groups = FaceNames::new(model).groups().into_iter();

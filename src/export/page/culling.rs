@@ -1,34 +1,35 @@
-//! The faces that the page's cut can show.
+//! Selects the faces that the cutting plane of the page can show.
 
 use crate::mesh::complex::NONE;
 use crate::model::slice::DrawableFaces;
 
-/// What a page holds of a mesh.
+/// Part of a mesh that a page holds.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct PageMesh {
     /// Faces, in the order of their first cells in the page.
     pub faces: Vec<u32>,
-    /// The cells of these faces, by their number in the page, the lower first.
+    /// Cells on the two sides of each face, by their number in the page, the lower number first.
     pub sides: Vec<[u32; 2]>,
-    /// The cells, neighbours near each other, by their number in the mesh.
+    /// Cells, by their number in the mesh. Neighbours are near each other in this order.
     pub cells: Vec<u32>,
-    /// Between which places of the cut the middle of each of these cells lies.
+    /// Bin of the centre of each cell along each axis, between two positions of the cutting plane.
     pub bins: Vec<[u8; 3]>,
 }
 
-/// Between which of the `steps - 1` places of the cut the middle of each cell lies.
+/// Returns the bin of the centre of each cell along each axis. The `steps - 1` positions of the
+/// cutting plane divide an axis into `steps` bins.
 fn bins(faces: &DrawableFaces, steps: usize) -> Vec<[u8; 3]> {
     let bin = |x: f64| ((x * steps as f64) as usize).min(steps - 1) as u8;
     faces.cell_centres.iter().map(|m| m.map(bin)).collect()
 }
 
-/// Whether a page keeps a face.
+/// Returns `true` if a page keeps the face.
 fn is_kept(faces: &DrawableFaces, bins: &[[u8; 3]], face: usize) -> bool {
     let [a, b] = faces.cells[face];
     b == NONE || faces.surfaces[face] > 0 || bins[a as usize] != bins[b as usize]
 }
 
-/// How many faces a page with so many steps keeps, and how many cells these have.
+/// Returns the number of faces that a page with `steps` steps keeps, and the number of their cells.
 pub(super) fn count(faces: &DrawableFaces, steps: usize) -> (usize, usize) {
     let bins = bins(faces, steps);
     let mut seen = vec![false; faces.cell_centres.len() + 1];
@@ -46,8 +47,9 @@ pub(super) fn count(faces: &DrawableFaces, steps: usize) -> (usize, usize) {
 }
 
 impl PageMesh {
-    /// The faces on the boundary, those on features, and those whose cells are parted by one of the
-    /// `steps - 1` places, evenly spread along each axis, at which the cut stops.
+    /// Selects the faces on the boundary, the faces on features, and the faces whose two cells are
+    /// separated by a position of the cutting plane. There are `steps - 1` such positions, evenly
+    /// spread along each axis.
     pub(super) fn new(faces: &DrawableFaces, steps: usize) -> Self {
         let bins = bins(faces, steps);
         let mut kept: Vec<u32> = (0..faces.len())
@@ -65,14 +67,14 @@ impl PageMesh {
             .filter(|&c| seen[c as usize])
             .collect();
         cells.sort_by_cached_key(|&c| (curve_index(faces.cell_centres[c as usize]), c));
-        let mut place = vec![NONE; seen.len()];
-        for (at, &cell) in cells.iter().enumerate() {
-            place[cell as usize] = at as u32;
+        let mut page_index = vec![NONE; seen.len()];
+        for (index, &cell) in cells.iter().enumerate() {
+            page_index[cell as usize] = index as u32;
         }
         let sides_of = |face: u32| {
             let mut sides = faces.cells[face as usize].map(|cell| match cell {
                 NONE => NONE,
-                cell => place[cell as usize],
+                cell => page_index[cell as usize],
             });
             sides.sort_unstable();
             sides
@@ -87,11 +89,12 @@ impl PageMesh {
     }
 }
 
-/// Where a point of the unit cube lies on a curve on which neighbours are near each other: Morton's.
+/// Returns the index of a point of the unit cube along Morton's curve, on which neighbours are near
+/// each other.
 fn curve_index(point: [f64; 3]) -> u64 {
-    let places = point.map(|x| (x * 1024.0) as u64);
+    let coordinates = point.map(|x| (x * 1024.0) as u64);
     let bit = |b: u32| {
-        let bits = (0..3).map(|k| (places[k] >> b & 1) << (3 * b + k as u32));
+        let bits = (0..3).map(|k| (coordinates[k] >> b & 1) << (3 * b + k as u32));
         bits.sum::<u64>()
     };
     (0..11).map(bit).sum()

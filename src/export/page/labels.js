@@ -1,11 +1,11 @@
-// What is written over the scene: axes, legends, a scale, the cell that was asked for.
+// Draws text and lines over the scene: axes, legends, a scale bar, the selected cell.
 
 class Labels {
   constructor(canvas, facts, mesh) {
     Object.assign(this, { canvas, facts, mesh, pen: canvas.getContext('2d') });
   }
 
-  /** Draws everything; `page` knows what is shown, `way` where. */
+  /** Draws everything. `page` is the state of the page, `way` the projection to the screen. */
   draw(page, way) {
     const { pen, canvas } = this;
     const ratio = page.ratio;
@@ -31,7 +31,7 @@ class Labels {
     this.scale(page, way);
   }
 
-  /** Text with a rim of the ground's colour. */
+  /** Draws text with an outline in the background colour. */
   text(text, x, y, align = 'left', color = this.ink) {
     const { pen } = this;
     pen.textAlign = align;
@@ -66,7 +66,7 @@ class Labels {
     }
   }
 
-  /** The edges of the cell that was asked for, through everything. */
+  /** Draws the edges of the selected cell in front of everything. */
   pickedCell(page) {
     if (!page.picked || page.picked.cell === undefined) return;
     const { owner, beyond, first, corners } = this.mesh;
@@ -85,7 +85,7 @@ class Labels {
     this.pen.fill();
   }
 
-  /** Each axis along that of its four edges which is on the outline, low and to the left. */
+  /** Draws each axis along one of its four edges: an edge on the outline, low and to the left. */
   axes(page, way) {
     const { frame } = this.facts;
     for (let k = 0; k < (page.flat ? 2 : 3); k++) {
@@ -93,7 +93,7 @@ class Labels {
       const others = [(k + 1) % 3, (k + 2) % 3];
       let edge = null;
       for (const [u, v] of page.flat ? [[0, 0], [0, 1], [1, 0]] : [[0, 0], [0, 1], [1, 0], [1, 1]]) {
-        // On the outline one of the two sides at the edge faces us and one does not.
+        // At an edge on the outline, one of the two sides faces the viewer and the other does not.
         const faces = [u, v].map((share, i) => (share ? 1 : -1) * row[others[i]] > 0);
         if (!page.flat && faces[0] === faces[1]) continue;
         if (page.flat && [u, v][others.indexOf(2)] === 1) continue;
@@ -111,7 +111,7 @@ class Labels {
   axis(ruler, { ends: [a, b], middle }) {
     const long = Math.hypot(b[0] - a[0], b[1] - a[1]);
     if (long < 40) return;
-    // Away from the middle of the box.
+    // Labels are placed away from the middle of the box.
     let out = [(b[1] - a[1]) / long, -(b[0] - a[0]) / long];
     const centre = this.screen([0.5, 0.5, this.facts.dimensions === 2 ? 0 : 0.5]);
     if (out[0] * (middle[0] - centre[0]) + out[1] * (middle[1] - centre[1]) < 0) out = out.map(c => -c);
@@ -135,7 +135,7 @@ class Labels {
     const half = this.pen.measureText(ruler.label).width / 2;
     const clamp = x => Math.min(Math.max(x, half + 4), this.width - half - 4);
     if (Math.abs(b[1] - a[1]) > 2 * Math.abs(b[0] - a[0])) {
-      // Above the upper end of what stands upright.
+      // The title of a vertical axis is above its upper end.
       const top = a[1] < b[1] ? a : b;
       return this.text(ruler.label, clamp(top[0]), Math.max(top[1] - 16, 10), 'center');
     }
@@ -144,7 +144,7 @@ class Labels {
     this.text(ruler.label, clamp(x), Math.min(Math.max(y, 10), this.height - 10), 'center');
   }
 
-  /** What colours mean. */
+  /** Draws the legends of the colours. */
   legends(page) {
     let x = 14;
     const bottom = this.height - 48;
@@ -209,7 +209,7 @@ class Labels {
     return x + wide + 22;
   }
 
-  /** A length of the world, where the first two coordinates have one unit. */
+  /** Draws a scale bar in physical units, if the first two coordinates have the same unit. */
   scale(page, way) {
     const { frame } = this.facts;
     const unit = frame.units[0];

@@ -1,15 +1,16 @@
-//! A page to look at: one HTML file with a mesh, its image and its figures, which any browser opens
-//! without a network.
+//! Writes a page for the browser: one HTML file with a mesh, its image and its report. It needs no
+//! network.
 //!
-//! - `keep`: the faces that the page's cut can show
+//! - `culling`: the faces that the cutting plane of the page can show
 //! - `pack`: numbers as bytes, and bytes as text
-//! - `values`: what the page colours cells by
-//! - `picture`: the image as a texture
-//! - `page.html`, `style.css` and the scripts: what the browser gets, put together here
+//! - `values`: values by which the page colours cells
+//! - `texture`: the image as a texture
+//! - `page.html`, `style.css` and the scripts: the parts of the page, which are joined here
 //!
-//! The browser shows a face when just one of its two cells is shown, so that a cut anywhere is a
-//! closed surface of whole cells. The cut of an axis stops at `steps - 1` places at most, and a face
-//! whose cells no such place parts is never seen: it is left out. Large meshes get fewer places.
+//! The browser shows a face if exactly one of its two cells is shown. So the mesh has a closed
+//! surface of whole cells wherever it is cut. The cutting plane of an axis has at most `steps - 1`
+//! positions. A face whose two cells are never separated by such a position cannot be seen, and is
+//! omitted. Large meshes get fewer positions.
 
 mod culling;
 mod pack;
@@ -33,53 +34,54 @@ use crate::{Error, Result};
 use culling::PageMesh;
 use pack::{ByteStreams, PackedStreams};
 
-/// What else the page says.
+/// Information for the page besides the mesh.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct PageInfo {
-    /// The page's heading.
+    /// Heading of the page.
     pub title: String,
-    /// The run's [`Report`](crate::report::Report).
+    /// [`Report`](crate::report::Report) of the run.
     pub report: Value,
-    /// The parameters of the run, as a configuration file has them; empty if unknown.
+    /// Parameters of the run, as a configuration file has them. Empty if unknown.
     pub parameters: String,
-    /// The hash of the image's file, with its kind; empty if unknown.
+    /// Hash of the image file, with its kind. Empty if unknown.
     pub input_hash: String,
 }
 
-/// What was written.
+/// Size and contents of a page that was written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct PageStats {
-    /// Size of the file.
+    /// Size of the file in bytes.
     pub bytes: usize,
-    /// Into how many parts the places at which the cut can stop divide each axis.
+    /// Number of steps into which the positions of the cutting plane divide each axis.
     pub cut_steps: usize,
-    /// Whether the page has fewer places than a browser can show, to be small enough.
+    /// `true` if the page has fewer positions of the cutting plane than a browser can show, because
+    /// of its size.
     pub is_thinned: bool,
-    /// Faces in the page.
+    /// Number of faces in the page.
     pub faces: usize,
-    /// Faces of the mesh.
+    /// Number of faces of the mesh.
     pub total_faces: usize,
 }
 
-/// The largest page, in bytes.
+/// Maximum size of a page in bytes.
 pub const MAX_PAGE_BYTES: usize = 10_000_000;
-/// Into how many parts places of the cut divide an axis: the most, as a byte keeps the part, and fewer
-/// down to a cut through the middle.
+/// Numbers of steps along an axis that are tried, from the largest (a bin is stored as a byte) to
+/// two (one cut through the middle).
 const CUT_STEPS: [usize; 24] = [
     256, 192, 128, 96, 80, 64, 56, 48, 40, 32, 28, 24, 20, 16, 14, 12, 10, 8, 7, 6, 5, 4, 3, 2,
 ];
 
-/// Writes a page; the file appears whole or not at all.
+/// Writes a page of at most `max_bytes` bytes. The file appears complete or not at all.
 ///
 /// # Errors
-/// [`Error::Export`] for a mesh that does not fit into `largest` bytes however few places its cut
-/// has; [`Error::Io`] if the file cannot be written.
+/// Returns [`Error::Export`] if the mesh does not fit even with one position of the cutting plane,
+/// and [`Error::Io`] if the file cannot be written.
 pub fn write<const D: usize, M: Storable<D>>(
     path: &Path,
     image: Option<&Image<D>>,
     stored: &StoredMesh<D, M>,
-    about: &PageInfo,
-    largest: usize,
+    info: &PageInfo,
+    max_bytes: usize,
 ) -> Result<PageStats> {
     let surfaces = stored
         .feature_marks()
@@ -91,29 +93,32 @@ pub fn write<const D: usize, M: Storable<D>>(
     let frame = BoxFrame::new(&stored.space, image.map(|image| &image.geometry));
     let kinds: Vec<_> = surfaces.kinds.iter().map(|kind| kind.name()).collect();
 
-    // Bytes of what every page has, and of a face and of a cell: guessed, and corrected by each page made.
-    let rest = 120_000.0
+    // Estimates of the bytes that every page has, and of the bytes of a face and of a cell. Each
+    // page that is made corrects them.
+    let fixed_bytes = 120_000.0
         + texture
             .as_ref()
             .map_or(0.0, |t| 1.35 * t.bytes.len() as f64);
-    let by_cell = 3.0 + 2.6 * arrays.len() as f64;
-    let guess = |steps: usize| {
+    let bytes_per_cell = 3.0 + 2.6 * arrays.len() as f64;
+    let estimate = |steps: usize| {
         let (kept, cells) = culling::count(&faces, steps);
-        5.5 * kept as f64 + by_cell * cells as f64
+        5.5 * kept as f64 + bytes_per_cell * cells as f64
     };
     let mut correction = 1.0;
-    // The finest steps that fit are searched: those before `finest` are too fine, those from `coarsest` on
-    // no finer than those of the page that is there.
+    // Search for the finest steps that fit. Steps before `finest` give pages that are too large.
+    // Steps from `coarsest` on are not finer than those of the page found so far.
     let (mut finest, mut coarsest) = (0, CUT_STEPS.len());
-    let (mut fits, mut too_large) = (None, 0);
+    let (mut fitting_page, mut too_large) = (None, 0);
     while finest < coarsest {
-        let enough = |&at: &usize| rest + correction * guess(CUT_STEPS[at]) <= largest as f64;
-        let at = match (finest..coarsest).find(enough) {
-            Some(at) => at,
-            None if fits.is_some() => break,
+        let is_small_enough = |&index: &usize| {
+            fixed_bytes + correction * estimate(CUT_STEPS[index]) <= max_bytes as f64
+        };
+        let index = match (finest..coarsest).find(is_small_enough) {
+            Some(index) => index,
+            None if fitting_page.is_some() => break,
             None => coarsest - 1,
         };
-        let steps = CUT_STEPS[at];
+        let steps = CUT_STEPS[index];
         let kept = PageMesh::new(&faces, steps);
         let mut streams = ByteStreams::default();
         streams.add_faces(&faces, &kept);
@@ -124,8 +129,8 @@ pub fn write<const D: usize, M: Storable<D>>(
             streams.add_image(texture);
         }
         let PackedStreams { base64, layout } = streams.pack();
-        let facts = json!({
-            "about": about,
+        let metadata = json!({
+            "about": info,
             "dimensions": D,
             "cells": M::CELLS_NAME,
             "counts": {
@@ -143,40 +148,40 @@ pub fn write<const D: usize, M: Storable<D>>(
             "image": texture.as_ref().map(|texture| &texture.metadata),
             "streams": layout,
         });
-        let page = html(&about.title, &facts, &base64);
-        correction = 1.01 * (page.len() as f64 - rest).max(0.0) / guess(steps);
-        if page.len() > largest {
-            finest = at + 1;
+        let page = html(&info.title, &metadata, &base64);
+        correction = 1.01 * (page.len() as f64 - fixed_bytes).max(0.0) / estimate(steps);
+        if page.len() > max_bytes {
+            finest = index + 1;
             too_large = page.len();
         } else {
-            coarsest = at;
-            let written = PageStats {
+            coarsest = index;
+            let stats = PageStats {
                 bytes: page.len(),
                 cut_steps: steps,
                 is_thinned: steps < CUT_STEPS[0],
                 faces: kept.faces.len(),
                 total_faces: faces.len(),
             };
-            fits = Some((page, written));
+            fitting_page = Some((page, stats));
         }
     }
-    let Some((page, written)) = fits else {
+    let Some((page, stats)) = fitting_page else {
         return Err(Error::Export(cause(
             path.display(),
             format!(
-                "would be of {:.1} MB even with no more than the sides, the features and one cut, and \
-                 browsers are given {:.1} MB at most",
+                "would have {:.1} MB even with only the sides, the features and one cut, but the limit is \
+                 {:.1} MB",
                 too_large as f64 * 1e-6,
-                largest as f64 * 1e-6
+                max_bytes as f64 * 1e-6
             ),
-            "mesh a part of the image, or with a larger distance",
+            "mesh a part of the image, or use a larger distance",
         )));
     };
     atomic_write(path, |out| out.write_all(page.as_bytes()))?;
-    Ok(written)
+    Ok(stats)
 }
 
-/// The scripts, in the order in which they build on each other.
+/// Scripts of the page. Later scripts use earlier ones.
 const SCRIPTS: [&str; 6] = [
     include_str!("unpack.js"),
     include_str!("maths.js"),
@@ -186,39 +191,42 @@ const SCRIPTS: [&str; 6] = [
     include_str!("view.js"),
 ];
 
-/// Puts the page together.
-fn html(title: &str, facts: &Value, base64: &str) -> String {
-    // Nothing in the facts may end the element that holds them.
-    let facts = facts.to_string().replace('<', "\\u003c");
+/// Fills in the template of the page.
+fn html(title: &str, metadata: &Value, base64: &str) -> String {
+    // No text in the metadata may end the element that holds it.
+    let metadata = metadata.to_string().replace('<', "\\u003c");
     let escaped = title
         .replace('&', "&amp;")
         .replace('<', "&lt;")
         .replace('>', "&gt;");
     let scripts = SCRIPTS.concat();
-    let parts = [
+    let replacements = [
         ("{{title}}", escaped.as_str()),
         ("{{style}}", include_str!("style.css")),
-        ("{{facts}}", facts.as_str()),
+        ("{{facts}}", metadata.as_str()),
         ("{{data}}", base64),
         ("{{script}}", scripts.as_str()),
     ];
-    let mut page = String::with_capacity(base64.len() + facts.len() + (1 << 17));
-    let mut rest = include_str!("page.html");
-    while let Some(start) = rest.find("{{") {
-        page.push_str(&rest[..start]);
-        rest = &rest[start..];
-        match parts.iter().find(|(mark, _)| rest.starts_with(mark)) {
-            Some((mark, text)) => {
+    let mut page = String::with_capacity(base64.len() + metadata.len() + (1 << 17));
+    let mut remaining = include_str!("page.html");
+    while let Some(start) = remaining.find("{{") {
+        page.push_str(&remaining[..start]);
+        remaining = &remaining[start..];
+        match replacements
+            .iter()
+            .find(|(placeholder, _)| remaining.starts_with(placeholder))
+        {
+            Some((placeholder, text)) => {
                 page.push_str(text);
-                rest = &rest[mark.len()..];
+                remaining = &remaining[placeholder.len()..];
             }
             None => {
                 page.push_str("{{");
-                rest = &rest[2..];
+                remaining = &remaining[2..];
             }
         }
     }
-    page.push_str(rest);
+    page.push_str(remaining);
     page
 }
 

@@ -1,6 +1,6 @@
-// The tables beside the mesh: figures, histograms, where it comes from.
+// Fills the tables beside the mesh: measures, histograms, provenance.
 
-/** Rows of a name and a value; a third item that is true marks what is poor. */
+/** Fills a table with rows of a name and a value. A third item that is true marks a bad value. */
 function fill(table, rows) {
   table.replaceChildren(...rows.filter(row => row && row[1] !== undefined && row[1] !== '').map(([name, value, bad]) => {
     const row = document.createElement('tr');
@@ -15,7 +15,7 @@ function fill(table, rows) {
 
 const percent = share => share === null || share === undefined ? '–' : `${(100 * share).toFixed(1)} %`;
 
-/** The figures of the mesh, from its report where that has them. */
+/** Returns the rows with the measures of the mesh, as far as its report has them. */
 function figures(facts) {
   const { report } = facts.about;
   const rows = [];
@@ -47,7 +47,7 @@ function figures(facts) {
     if (cells.conforming !== null) rows.push(['Surfaces that are faces', percent(cells.conforming)]);
     rows.push(['Faces below 1 % of mean area', percent(cells.tiny_faces[3])]);
     rows.push(['Off orthogonal, worst', `${(cells.angle_physical || cells.angle)[0].toFixed(2)}°`]);
-    rows.push(['Connections not positive', written(cells.not_positive), cells.not_positive > 0]);
+    rows.push(['Connections not positive', written(cells.non_positive_connections), cells.non_positive_connections > 0]);
   }
   if (report.lattice) rows.push(['Spacing over d, median', written(report.lattice.spacing[1], 0.01)]);
   const seconds = (report.stages || []).reduce((sum, stage) => sum + stage.seconds, 0);
@@ -58,12 +58,12 @@ function figures(facts) {
   return rows;
 }
 
-/** Fidelity as rows, and as bars of shares. */
+/** Shows the fidelity as rows, and its fractions as bars. */
 function showFidelity(fidelity) {
   const section = document.getElementById('fidelity-section');
   section.hidden = !fidelity;
   if (!fidelity) return;
-  const match = fidelity.claimed || fidelity.on_feature;
+  const match = fidelity.tagged_faces || fidelity.on_feature;
   const against = { truth: 'the known truth', mask: 'a mask', detected: 'features found in the image' };
   fill(document.getElementById('fidelity'), [
     ['Compared with', against[fidelity.reference] || fidelity.reference],
@@ -86,7 +86,7 @@ function showFidelity(fidelity) {
   }));
 }
 
-/** Counts of a cell array's values in bins, or the report's of all angles. */
+/** Returns the histogram of a cell array, or of all angles from the report. */
 function histogramOf(array, report) {
   if ((!array || array.name.startsWith('min_')) && report.quality) {
     const counts = report.quality.histogram;
@@ -139,20 +139,20 @@ function drawHistogram(array, report) {
   canvas.setAttribute('aria-label', `Histogram of ${data.title}: ${data.counts.join(', ')}`);
 }
 
-/** Puts a text where it can be pasted from. */
+/** Copies text to the clipboard. */
 async function copy(text, button) {
   const done = () => { button.textContent = 'Copied'; setTimeout(() => { button.textContent = 'Copy'; }, 1500); };
   try {
     await navigator.clipboard.writeText(text);
     done();
   } catch {
-    // Files may not write to the clipboard everywhere: select it instead.
+    // Some browsers do not let local files write to the clipboard. The text is selected instead.
     getSelection().selectAllChildren(button.previousElementSibling);
     if (document.execCommand('copy')) done();
   }
 }
 
-/** Fills all that does not change. */
+/** Fills the parts of the panel that do not change. */
 function fillPanel(facts, notes) {
   const { about } = facts, { report } = about;
   fill(document.getElementById('figures'), figures(facts));

@@ -1,6 +1,6 @@
-// Faces and sections by WebGL2.
+// Draws faces and sections with WebGL2.
 
-/** The places of the corners that a face's triangles have, and which of their sides are edges. */
+/** Vertex shader of faces: positions of the corners of triangles, and marks of the sides that are edges of the face. */
 const FACE_SHADER = `#version 300 es
 uniform vec4 across, up, towards;
 uniform vec3 halfSize;
@@ -23,7 +23,7 @@ void main() {
   tint = color;
   edges = int(sides + 0.5);
 }`;
-/** The colour of the image at a place in the box. */
+/** Shader code that returns the colour of the image at a position in the box. */
 const imageColor = flat => `
 uniform highp ${flat ? 'sampler2D' : 'sampler3D'} samples;
 uniform sampler2D colors;
@@ -82,7 +82,7 @@ in vec3 p;
 out vec4 result;
 void main() { result = line; }`;
 
-/** The twelve edges of the box, as places of their ends. */
+/** The twelve edges of the box, as positions of their ends. */
 const BOX = [0, 1, 2].flatMap(k => [[0, 0], [0, 1], [1, 0], [1, 1]].map(([u, v]) => {
   const end = share => { const p = [0, 0, 0]; p[k] = share; p[(k + 1) % 3] = u; p[(k + 2) % 3] = v; return p; };
   return [end(0), end(1)];
@@ -97,14 +97,14 @@ function sectionCorners(axis, share) {
   });
 }
 
-/** Bytes of a corner: three places, sides, a colour. */
+/** Bytes of a corner: three coordinates, marks of sides, a colour. */
 const CORNER = 12;
 
-/** Triangles on the screen, and which face and cell each belongs to. */
+/** Triangles on the screen, with the face and the cell of each. */
 class Triangles {
   constructor() { this.count = 0; this.room = 0; }
 
-  /** Makes room, with what is there given up. */
+  /** Allocates space. Existing triangles are discarded. */
   clear(triangles) {
     this.count = 0;
     if (triangles <= this.room) return;
@@ -116,7 +116,7 @@ class Triangles {
     this.cell = new Uint32Array(this.room);
   }
 
-  /** Adds a face as a fan. */
+  /** Adds a face as a fan of triangles. */
   add(mesh, face, cell, [r, g, b]) {
     const { first, corners, nodes } = mesh;
     const start = first[face], size = first[face + 1] - start;
@@ -140,7 +140,7 @@ class Triangles {
 
 class Scene {
   constructor(canvas, facts, mesh) {
-    // Kept, so that what is drawn can be read back.
+    // The drawing buffer is preserved, so that the image can be read back.
     const gl = canvas.getContext('webgl2', { antialias: true, preserveDrawingBuffer: true });
     if (!gl) throw new Error('This browser has no WebGL2, which draws the mesh; the figures beside it are complete.');
     Object.assign(this, { canvas, gl, facts, mesh });
@@ -151,7 +151,7 @@ class Scene {
     this.features = this.layer();
     this.box = this.places(BOX.flat(2));
     this.section = this.places(new Array(24).fill(0));
-    // Without an image a texture of one byte: what is not used must be complete all the same.
+    // Without an image, the texture has one byte, because even an unused texture must be complete.
     this.loadImage(facts.image || { dims: [1, 1, 1], colors: null });
     this.hasImage = !!facts.image;
     gl.enable(gl.DEPTH_TEST);
@@ -178,7 +178,7 @@ class Scene {
     return { program, uniforms };
   }
 
-  /** Triangles in a buffer. */
+  /** Creates the vertex array of triangles. */
   layer() {
     const gl = this.gl, array = gl.createVertexArray(), buffer = gl.createBuffer();
     gl.bindVertexArray(array);
@@ -192,7 +192,7 @@ class Scene {
     return { array, buffer, triangles: new Triangles() };
   }
 
-  /** Places in a buffer. */
+  /** Creates the vertex array of positions. */
   places(numbers) {
     const gl = this.gl, array = gl.createVertexArray(), buffer = gl.createBuffer();
     gl.bindVertexArray(array);
@@ -224,7 +224,7 @@ class Scene {
     this.sectionProgram = this.program(SECTION_SHADER, sectionColor(this.flat));
   }
 
-  /** Which cells the cut leaves, as a byte for each. */
+  /** Returns a byte for each cell: 1 if the cuts leave it visible. */
   shownCells(cut) {
     const { bins } = this.mesh, { steps } = this.facts;
     const count = bins.length / 3;
@@ -235,7 +235,7 @@ class Scene {
     for (let c = 0; c < count; c++) {
       let beyond = 0;
       for (const k of active) {
-        // The far side goes, or the near one.
+        // Either the far side or the near side is hidden.
         const bin = cut.turned[k] ? steps - 1 - bins[3 * c + k] : bins[3 * c + k];
         if (bin >= cut.at[k]) beyond++;
       }
@@ -244,7 +244,7 @@ class Scene {
     return shown;
   }
 
-  /** Makes the triangles: faces of which just one cell is shown, and those on features. */
+  /** Makes the triangles of the faces with exactly one visible cell, and of the faces on features. */
   build(cut, colorOfCell, colorOfSurface) {
     const { mesh } = this;
     const { owner, beyond, surfaces, first } = mesh;
@@ -273,7 +273,7 @@ class Scene {
     this.visibleFaces = visible.length;
   }
 
-  /** Draws what `look` says, as `way` has it. */
+  /** Draws the scene with the settings `look` and the projection `way`. */
   draw(way, look) {
     const { gl, canvas } = this;
     gl.viewport(0, 0, canvas.width, canvas.height);
@@ -328,14 +328,14 @@ class Scene {
     const { gl } = this;
     gl.bindVertexArray(this.section.array);
     gl.bindBuffer(gl.ARRAY_BUFFER, this.section.buffer);
-    // The section, and then its frame.
+    // First the section, then its frame.
     const [a, b, c, d] = sectionCorners(axis, share);
     gl.bufferSubData(gl.ARRAY_BUFFER, 0, new Float32Array([a, b, c, d, a, b, d, c].flat()));
     gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
   }
 
-  /** What lies under a point of the screen (pixels from its middle, upwards): the nearest triangle of
-   *  what is drawn, or a section; null if nothing. */
+  /** Returns what is drawn at a point of the screen (pixels from its centre, upwards): the nearest triangle,
+   *  or a section. Returns null if there is nothing. */
   pick(x, y, way, look) {
     const { nodes, corners, first } = this.mesh;
     let best = null;
@@ -373,7 +373,7 @@ class Scene {
     return best && { ...best, place: fromScreen([x, y, best.z], way.rows) };
   }
 
-  /** The sample of the texture nearest to a place, as a value of the image. */
+  /** Returns the value of the image at the nearest sample of the texture. */
   imageAt(place) {
     const { dims, low, high } = this.facts.image;
     const [i, j, k] = dims.map((n, axis) => Math.round(Math.min(Math.max(place[axis], 0), 1) * (n - 1)));
@@ -381,7 +381,7 @@ class Scene {
   }
 }
 
-/** How near a triangle is under a point, if it is there. */
+/** Returns the depth of a triangle at a point of the screen, if it covers the point. */
 function depthInside(x, y, a, b, c) {
   const area = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]);
   if (area === 0) return null;
@@ -390,14 +390,14 @@ function depthInside(x, y, a, b, c) {
   return u < 0 || v < 0 || u + v > 1 ? null : a[2] + u * (b[2] - a[2]) + v * (c[2] - a[2]);
 }
 
-/** The place in the box that is drawn at a point of the screen: Cramer's rule. */
+/** Returns the position in the box that is drawn at a point of the screen, by Cramer's rule. */
 function fromScreen(point, rows) {
   const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
   const [a, b, c] = rows;
   const [p, q, r] = rows.map((row, k) => point[k] - row[3]);
   const whole = dot(a, cross(b, c));
   if (whole === 0) {
-    // The plane: no third edge.
+    // In 2-D there is no third edge.
     const flat = a[0] * b[1] - a[1] * b[0];
     return [(p * b[1] - q * a[1]) / flat, (q * a[0] - p * b[0]) / flat, 0];
   }

@@ -9,7 +9,7 @@ use crate::store::MeshFile;
 use std::collections::BTreeMap;
 use std::io::Read;
 
-/// A page taken apart again, as unpack.js does it.
+/// Contents of a page, unpacked as unpack.js does it.
 struct Unpacked {
     metadata: Value,
     streams: BTreeMap<String, (usize, Vec<u8>)>,
@@ -17,12 +17,12 @@ struct Unpacked {
 
 impl Unpacked {
     fn from_html(html: &str) -> Self {
-        let between = |start: &str| {
-            let from = html.find(start).unwrap() + start.len();
-            &html[from..from + html[from..].find("</script>").unwrap()]
+        let element_text = |start: &str| {
+            let begin = html.find(start).unwrap() + start.len();
+            &html[begin..begin + html[begin..].find("</script>").unwrap()]
         };
-        let metadata: Value = serde_json::from_str(between("id=\"facts\">")).unwrap();
-        let letters = between("id=\"data\">").trim();
+        let metadata: Value = serde_json::from_str(element_text("id=\"facts\">")).unwrap();
+        let letters = element_text("id=\"data\">").trim();
         let value = |letter: u8| match letter {
             b'A'..=b'Z' => letter - b'A',
             b'a'..=b'z' => letter - b'a' + 26,
@@ -32,58 +32,59 @@ impl Unpacked {
             _ => 0,
         };
         let mut packed = Vec::new();
-        for four in letters.as_bytes().chunks(4) {
-            let word = (four.iter()).fold(0u32, |word, &l| word << 6 | u32::from(value(l)));
+        for chunk in letters.as_bytes().chunks(4) {
+            let word = (chunk.iter()).fold(0u32, |word, &l| word << 6 | u32::from(value(l)));
             let bytes = word.to_be_bytes();
-            let padding = four.iter().filter(|&&l| l == b'=').count();
+            let padding = chunk.iter().filter(|&&l| l == b'=').count();
             packed.extend_from_slice(&bytes[1..4 - padding]);
         }
-        let mut all = Vec::new();
+        let mut decompressed = Vec::new();
         let mut decoder = flate2::read::ZlibDecoder::new(&packed[..]);
-        decoder.read_to_end(&mut all).unwrap();
+        decoder.read_to_end(&mut decompressed).unwrap();
         let mut streams = BTreeMap::new();
         let mut start = 0;
         for stream in metadata["streams"].as_array().unwrap() {
             let number = |k: usize| stream[k].as_u64().unwrap() as usize;
-            let bytes = all[start..start + number(2)].to_vec();
+            let bytes = decompressed[start..start + number(2)].to_vec();
             start += number(2);
             streams.insert(stream[0].as_str().unwrap().to_string(), (number(1), bytes));
         }
-        assert_eq!(start, all.len());
+        assert_eq!(start, decompressed.len());
         Self { metadata, streams }
     }
 
     fn numbers(&self, name: &str) -> Vec<u32> {
         let (count, bytes) = &self.streams[name];
-        let mut found = Vec::new();
+        let mut numbers = Vec::new();
         let (mut number, mut shift) = (0u32, 0);
         for &byte in bytes {
             number |= u32::from(byte & 127) << shift;
             shift += 7;
             if byte < 128 {
-                found.push(number);
+                numbers.push(number);
                 (number, shift) = (0, 0);
             }
         }
-        assert_eq!(found.len(), *count);
-        found
+        assert_eq!(numbers.len(), *count);
+        numbers
     }
 
-    /// Each face as its nodes' places, with its cells by their numbers in the mesh, and its surface.
+    /// Returns each face as the coordinates of its nodes, the numbers of its cells in the mesh, and
+    /// its surface.
     fn faces(&self) -> Vec<(Vec<[u16; 3]>, [u32; 2], u32)> {
         let signed = |n: u32| (n >> 1) as i64 ^ -i64::from(n & 1);
-        let mut place = [0i64; 3];
+        let mut position = [0i64; 3];
         let nodes: Vec<[u16; 3]> = (self.numbers("nodes").chunks(3))
             .map(|step| {
-                place = std::array::from_fn(|k| place[k] + signed(step[k]));
-                place.map(|c| u16::try_from(c).unwrap())
+                position = std::array::from_fn(|k| position[k] + signed(step[k]));
+                position.map(|c| u16::try_from(c).unwrap())
             })
             .collect();
         let mut newest = 0;
         let corners: Vec<u32> = (self.numbers("corners").into_iter())
-            .map(|back| {
-                let node = newest - back;
-                newest += u32::from(back == 0);
+            .map(|offset| {
+                let node = newest - offset;
+                newest += u32::from(offset == 0);
                 node
             })
             .collect();
@@ -96,21 +97,21 @@ impl Unpacked {
             .collect();
         let (mut start, mut owner) = (0, 0);
         let sizes = self.numbers("sizes").into_iter();
-        let rest = (self.numbers("owners").into_iter())
+        let sides = (self.numbers("owners").into_iter())
             .zip(self.numbers("beyond"))
             .zip(self.numbers("surfaces"));
         sizes
-            .zip(rest)
+            .zip(sides)
             .map(|(size, ((step, beyond), surface))| {
                 let ring = &corners[start..start + size as usize];
                 start += size as usize;
                 owner += step;
-                let other = match beyond {
+                let neighbour = match beyond {
                     0 => NONE,
                     step => numbers[(owner + step) as usize],
                 };
-                let places = ring.iter().map(|&n| nodes[n as usize]).collect();
-                (places, [numbers[owner as usize], other], surface)
+                let positions = ring.iter().map(|&n| nodes[n as usize]).collect();
+                (positions, [numbers[owner as usize], neighbour], surface)
             })
             .collect()
     }
@@ -126,26 +127,26 @@ fn stored<const D: usize, M: Storable<D>>(mesh: M, cell_data: Vec<DataArray>) ->
     StoredMesh::new(file, "mesh").unwrap()
 }
 
-/// Writes a page and takes it apart.
+/// Writes a page and unpacks it.
 fn write_page<const D: usize, M: Storable<D>>(
     stored: &StoredMesh<D, M>,
     image: Option<&Image<D>>,
-    largest: usize,
+    max_bytes: usize,
 ) -> Result<(PageStats, Unpacked, String)> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("page.html");
-    let about = PageInfo {
+    let info = PageInfo {
         title: "<b> & </script>".to_string(),
         report: json!({ "note": "</script><script>alert(1)</script>" }),
         ..PageInfo::default()
     };
-    let written = write(&path, image, stored, &about, largest)?;
+    let stats = write(&path, image, stored, &info, max_bytes)?;
     let html = std::fs::read_to_string(&path).unwrap();
-    assert_eq!(html.len(), written.bytes);
-    Ok((written, Unpacked::from_html(&html), html))
+    assert_eq!(html.len(), stats.bytes);
+    Ok((stats, Unpacked::from_html(&html), html))
 }
 
-/// A box of cubes, six tetrahedra each.
+/// Returns a box of cubes, each cut into six tetrahedra.
 fn cubes(count: usize) -> crate::mesh::TetMesh {
     let side = count + 1;
     let node = |x: usize, y: usize, z: usize| ((z * side + y) * side + x) as u32;
@@ -164,7 +165,7 @@ fn cubes(count: usize) -> crate::mesh::TetMesh {
 }
 
 #[test]
-fn faces_cells_and_values_come_back() {
+fn faces_cells_and_values_are_recovered() {
     let mesh = cubes(4);
     let count = mesh.tets.len();
     let values: Vec<f32> = (0..count).map(|c| (c as f32 * 0.7).sin()).collect();
@@ -179,33 +180,38 @@ fn faces_cells_and_values_come_back() {
             DataArray::scalars("feature_faces", bits),
         ],
     );
-    let (written, page, html) = write_page(&stored, None, MAX_PAGE_BYTES).unwrap();
-    // 256 places part the middles of all cells that share a face.
+    let (stats, page, html) = write_page(&stored, None, MAX_PAGE_BYTES).unwrap();
+    // With 256 steps, the cutting plane separates the centres of all cells that share a face.
     let (sides, inside) = (6 * 4 * 4 * 2, (4 * count - 6 * 4 * 4 * 2) / 2);
     assert_eq!(
-        (written.faces, written.total_faces),
+        (stats.faces, stats.total_faces),
         (sides + inside, sides + inside)
     );
-    assert!(!written.is_thinned && written.cut_steps == 256);
+    assert!(!stats.is_thinned && stats.cut_steps == 256);
 
     let faces = page.faces();
-    let mut owned = vec![0; count];
-    for (places, cells, _) in &faces {
-        assert_eq!(places.len(), 3);
+    let mut face_counts = vec![0; count];
+    for (positions, cells, _) in &faces {
+        assert_eq!(positions.len(), 3);
         for &cell in cells.iter().filter(|&&c| c != NONE) {
-            owned[cell as usize] += 1;
-            // All nodes of the face are nodes of its cells, at the same place to 1/65535.
+            face_counts[cell as usize] += 1;
+            // All nodes of the face are nodes of its cells, at the same position up to 1/65535 of
+            // the box.
             let corners = stored.lattice.corners(cell as usize);
-            let near = |p: &[u16; 3], q: &[f64; 3]| {
+            let is_close = |p: &[u16; 3], q: &[f64; 3]| {
                 (0..3).all(|k| (f64::from(p[k]) / 65535.0 * 4.0 - q[k]).abs() < 1e-4)
             };
-            assert!(places.iter().all(|p| corners.iter().any(|q| near(p, q))));
+            assert!(
+                positions
+                    .iter()
+                    .all(|p| corners.iter().any(|q| is_close(p, q)))
+            );
         }
     }
-    assert!(owned.iter().all(|&faces| faces == 4));
+    assert!(face_counts.iter().all(|&faces| faces == 4));
     assert_eq!(faces.iter().filter(|face| face.2 > 0).count(), 1);
 
-    // Values by the order of cells in the page.
+    // Values are in the order of the cells in the page.
     let numbers: Vec<u32> = {
         let mut cell = 0i64;
         let steps = page.numbers("numbers").into_iter();
@@ -227,22 +233,22 @@ fn faces_cells_and_values_come_back() {
         let words = (0..*count).map(|i| u16::from_le_bytes([bytes[i], bytes[count + i]]));
         words.map(|word| low + step * f64::from(word)).collect()
     };
-    for (at, &cell) in numbers.iter().enumerate() {
+    for (index, &cell) in numbers.iter().enumerate() {
         let cell = cell as usize;
-        assert!((read("min_dihedral")[at] - f64::from(values[cell])).abs() < 2.0 / 65534.0);
-        assert_eq!(read("label")[at], f64::from(labels[cell]));
+        assert!((read("min_dihedral")[index] - f64::from(values[cell])).abs() < 2.0 / 65534.0);
+        assert_eq!(read("label")[index], f64::from(labels[cell]));
     }
     assert!(!arrays.iter().any(|array| array["name"] == "feature_faces"));
     assert_eq!(arrays[0]["unit"], "degrees");
 
-    // What the user says cannot leave its place in the page.
+    // Text of the user cannot end its element in the page.
     assert_eq!(html.matches("</script>").count(), 3);
     assert!(html.contains("<title>&lt;b&gt; &amp; &lt;/script&gt;</title>"));
     assert!(!html.contains("{{") && !html.contains("://"));
 }
 
 #[test]
-fn polyhedra_triangles_and_polygons_come_too() {
+fn polyhedra_triangles_and_polygons_are_written() {
     let (_, page_of_cells, _) =
         write_page(&stored(two_cells::<3>(0.75), vec![]), None, MAX_PAGE_BYTES).unwrap();
     let faces = page_of_cells.faces();
@@ -259,9 +265,10 @@ fn polyhedra_triangles_and_polygons_come_too() {
         nodes: vec![[0.0; 2], [2.0, 0.0], [0.0, 2.0], [2.0, 2.0]],
         triangles: vec![[0, 1, 2], [2, 1, 3]],
     };
-    let marked = vec![DataArray::scalars("feature_edges", vec![1u8, 0])];
+    let edge_flags = vec![DataArray::scalars("feature_edges", vec![1u8, 0])];
     let image = Image::new([3, 3], vec![0.5; 9], Geometry::default());
-    let (_, flat, _) = write_page(&stored(square, marked), Some(&image), MAX_PAGE_BYTES).unwrap();
+    let (_, flat, _) =
+        write_page(&stored(square, edge_flags), Some(&image), MAX_PAGE_BYTES).unwrap();
     assert_eq!(flat.faces().len(), 2);
     assert_eq!(flat.numbers("lines"), [1]);
     assert_eq!(flat.numbers("ends").len(), 2);
@@ -272,30 +279,35 @@ fn polyhedra_triangles_and_polygons_come_too() {
     assert_eq!(sizes, [4, 4]);
 }
 
-/// Faces between cells that no place of the cut parts are left out, and no others.
+/// A page omits exactly the faces whose cells are not separated by any position of the cutting
+/// plane.
 #[test]
-fn fewer_places_thin_the_mesh_to_what_they_show() {
+fn fewer_cut_positions_keep_fewer_faces() {
     let mut mesh = cubes(12);
-    // Off the places of the cut, which would be ties.
+    // The nodes are moved off the positions of the cutting plane, where comparisons would be ties.
     for node in &mut mesh.nodes {
         *node = node.map(|c| c + 0.013 * (c * (12.0 - c)) / 36.0);
     }
     let stored = stored(mesh, vec![]);
     let faces = DrawableFaces::from_mesh(&stored, &[]).unwrap();
-    let mut before = faces.len();
+    let mut previous = faces.len();
     for steps in [8, 4, 2] {
         let kept = PageMesh::new(&faces, steps);
-        assert!(kept.faces.len() < before);
-        before = kept.faces.len();
+        assert!(kept.faces.len() < previous);
+        previous = kept.faces.len();
         let kept: std::collections::BTreeSet<u32> = kept.faces.into_iter().collect();
         for (face, &[a, b]) in faces.cells.iter().enumerate() {
-            let parted = b == NONE
+            let is_separated = b == NONE
                 || (1..steps).any(|place| {
-                    let at = place as f64 / steps as f64;
+                    let position = place as f64 / steps as f64;
                     let [p, q] = [a, b].map(|c| faces.cell_centres[c as usize]);
-                    (0..3).any(|k| (p[k] < at) != (q[k] < at))
+                    (0..3).any(|k| (p[k] < position) != (q[k] < position))
                 });
-            assert_eq!(kept.contains(&(face as u32)), parted, "{steps} {face}");
+            assert_eq!(
+                kept.contains(&(face as u32)),
+                is_separated,
+                "{steps} {face}"
+            );
         }
     }
     for steps in [CUT_STEPS[0], 8, 4, 2] {
@@ -303,22 +315,22 @@ fn fewer_places_thin_the_mesh_to_what_they_show() {
         let counted = culling::count(&faces, steps);
         assert_eq!(counted, (kept.faces.len(), kept.cells.len()));
     }
-    let (whole, _, _) = write_page(&stored, None, MAX_PAGE_BYTES).unwrap();
-    let (thinned, unpacked, _) = write_page(&stored, None, whole.bytes - 40_000).unwrap();
-    assert!(thinned.is_thinned && thinned.bytes <= whole.bytes - 40_000);
-    assert!(thinned.faces < whole.faces && unpacked.faces().len() == thinned.faces);
+    let (full, _, _) = write_page(&stored, None, MAX_PAGE_BYTES).unwrap();
+    let (thinned, unpacked, _) = write_page(&stored, None, full.bytes - 40_000).unwrap();
+    assert!(thinned.is_thinned && thinned.bytes <= full.bytes - 40_000);
+    assert!(thinned.faces < full.faces && unpacked.faces().len() == thinned.faces);
     assert_eq!(unpacked.metadata["thinned"], true);
 }
 
 #[test]
-fn what_does_not_fit_is_refused() {
+fn too_large_page_is_an_error() {
     let error = write_page(&stored(cubes(12), vec![]), None, 60_000)
         .err()
         .unwrap();
-    let said = error.to_string();
+    let message = error.to_string();
     assert!(
-        said.contains("would be of 0.") && said.contains("0.1 MB at most"),
-        "{said}"
+        message.contains("would have 0.") && message.contains("the limit is 0.1 MB"),
+        "{message}"
     );
 }
 
@@ -334,12 +346,12 @@ fn a_page_is_the_same_every_time() {
         *node = std::array::from_fn(|k| node[k] * [19.0, 17.0, 15.0][k] / 4.0);
     }
     let stored = stored(mesh, vec![]);
-    let (written, unpacked, first) = write_page(&stored, Some(&image), MAX_PAGE_BYTES).unwrap();
+    let (stats, unpacked, first) = write_page(&stored, Some(&image), MAX_PAGE_BYTES).unwrap();
     assert_eq!(
         first,
         write_page(&stored, Some(&image), MAX_PAGE_BYTES).unwrap().2
     );
-    assert!(written.bytes < 200_000);
+    assert!(stats.bytes < 200_000);
     assert_eq!(unpacked.metadata["image"]["dims"], json!([20, 18, 16]));
     assert_eq!(unpacked.streams["image"].0, 20 * 18 * 16);
     let names: Vec<&Value> = (unpacked.metadata["arrays"].as_array().unwrap().iter())

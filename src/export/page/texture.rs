@@ -1,4 +1,4 @@
-//! The image as a texture.
+//! Converts the image to a texture.
 
 use crate::parallel::prelude::*;
 use serde_json::{Value, json};
@@ -7,39 +7,44 @@ use super::pack::base64;
 use crate::image::Image;
 use crate::model::slice::ColorMap;
 
-/// The largest texture, in bytes.
+/// Maximum size of a texture in bytes.
 const MAX_TEXTURE_BYTES: usize = 128 * 128 * 128;
-/// The longest side of a texture in space, and in the plane, that every browser can draw.
+/// Maximum length of the longest side of a texture, in 3-D and in 2-D, that every browser can draw.
 const MAX_SIDES: [usize; 2] = [256, 2048];
 
-/// An image as bytes, x fastest.
+/// Image as bytes, x fastest.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Texture {
-    /// Number of bytes along each axis; 1 along z in the plane.
+    /// Number of bytes along each axis. In 2-D it is 1 along z.
     pub dims: [usize; 3],
     pub bytes: Vec<u8>,
-    /// What the page needs to know of it.
+    /// Description of the texture for the page.
     pub metadata: Value,
 }
 
-/// The image, each byte the mean of a block of samples where there are more samples than bytes.
+/// Converts an image. Where there are more samples than bytes, each byte is the mean of a block of
+/// samples.
 pub(super) fn from_image<const D: usize>(image: &Image<D>) -> Texture {
     let dims = image.dims();
-    let from: [usize; 3] = std::array::from_fn(|k| dims.get(k).copied().unwrap_or(1));
-    let to = fitted_dims(from, if D == 2 { MAX_SIDES[1] } else { MAX_SIDES[0] });
+    let image_dims: [usize; 3] = std::array::from_fn(|k| dims.get(k).copied().unwrap_or(1));
+    let texture_dims = fitted_dims(image_dims, if D == 2 { MAX_SIDES[1] } else { MAX_SIDES[0] });
     let samples = image.as_slice();
-    let shades = ColorMap::from_samples(samples);
-    let [low, high] = shades.range();
+    let color_map = ColorMap::from_samples(samples);
+    let [low, high] = color_map.range();
     let block = |k: usize, i: usize| {
-        let first = i * from[k] / to[k];
-        first..((i + 1) * from[k] / to[k]).max(first + 1)
+        let first = i * image_dims[k] / texture_dims[k];
+        first..((i + 1) * image_dims[k] / texture_dims[k]).max(first + 1)
     };
-    let byte = |at: usize| {
-        let [x, y, z] = [at % to[0], at / to[0] % to[1], at / (to[0] * to[1])];
+    let byte = |index: usize| {
+        let [x, y, z] = [
+            index % texture_dims[0],
+            index / texture_dims[0] % texture_dims[1],
+            index / (texture_dims[0] * texture_dims[1]),
+        ];
         let (mut sum, mut count) = (0.0f64, 0u32);
         for k in block(2, z) {
             for j in block(1, y) {
-                let row = (k * from[1] + j) * from[0];
+                let row = (k * image_dims[1] + j) * image_dims[0];
                 for i in block(0, x) {
                     let sample = samples[row + i];
                     if sample.is_finite() {
@@ -54,34 +59,40 @@ pub(super) fn from_image<const D: usize>(image: &Image<D>) -> Texture {
             .clamp(0.0, 255.0)
             .round() as u8
     };
-    let bytes = (0..to.iter().product()).into_par_iter().map(byte).collect();
+    let bytes = (0..texture_dims.iter().product())
+        .into_par_iter()
+        .map(byte)
+        .collect();
     let colors: Vec<u8> = (0..=255u8)
         .flat_map(|byte| {
-            let [r, g, b, _] = shades.color(low + (high - low) * f32::from(byte) / 255.0);
+            let [r, g, b, _] = color_map.color(low + (high - low) * f32::from(byte) / 255.0);
             [r, g, b]
         })
         .collect();
     Texture {
-        dims: to,
+        dims: texture_dims,
         bytes,
         metadata: json!({
-            "dims": to,
-            "samples": from,
+            "dims": texture_dims,
+            "samples": image_dims,
             "low": low,
             "high": high,
             "colors": base64(&colors),
-            "line": shades.mesh_color(),
+            "line": color_map.mesh_color(),
         }),
     }
 }
 
-/// As many bytes along each axis as there are samples, or fewer: no side is longer than `longest`, and
-/// all make [`MAX_PAGE_BYTES`] at most. The longest side gives way first.
-fn fitted_dims(samples: [usize; 3], longest: usize) -> [usize; 3] {
-    let mut dims = samples.map(|n| n.min(longest));
+/// Returns the number of bytes along each axis. It is at most the number of samples and at most
+/// `max_side`, and all bytes are at most [`MAX_TEXTURE_BYTES`]. The longest side is reduced first.
+fn fitted_dims(samples: [usize; 3], max_side: usize) -> [usize; 3] {
+    let mut dims = samples.map(|n| n.min(max_side));
     while dims.iter().product::<usize>() > MAX_TEXTURE_BYTES {
-        let most = (0..3).fold(0, |most, k| if dims[k] > dims[most] { k } else { most });
-        dims[most] -= 1;
+        let longest_axis = (0..3).fold(
+            0,
+            |longest, k| if dims[k] > dims[longest] { k } else { longest },
+        );
+        dims[longest_axis] -= 1;
     }
     dims
 }
@@ -107,7 +118,7 @@ mod tests {
 
     #[test]
     fn bytes_are_means_of_blocks() {
-        // Twice as many samples as bytes along x.
+        // There are twice as many samples as bytes along x.
         let samples: Vec<f32> = (0..4096 * 2).map(|i| (i % 4096) as f32).collect();
         let texture = from_image(&Image::new([4096, 2], samples, Geometry::default()));
         assert_eq!(texture.dims, [2048, 2, 1]);

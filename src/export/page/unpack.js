@@ -1,6 +1,6 @@
-// From the text in the page to the mesh: the way back of pack.rs.
+// Unpacks the mesh from the text in the page, which pack.rs has written.
 
-/** The bytes that Base64 stands for. */
+/** Decodes Base64. */
 function fromBase64(text) {
   if (Uint8Array.fromBase64) return Uint8Array.fromBase64(text);
   const letters = atob(text);
@@ -9,13 +9,13 @@ function fromBase64(text) {
   return bytes;
 }
 
-/** The bytes that zlib has packed. */
+/** Decompresses bytes that zlib has compressed. */
 async function inflate(bytes) {
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream('deflate'));
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-/** Numbers of seven bits a byte. */
+/** Decodes numbers with seven bits per byte. */
 function numbers(bytes, count) {
   const found = new Uint32Array(count);
   let at = 0;
@@ -33,7 +33,7 @@ function numbers(bytes, count) {
 
 const unzigzag = number => (number >>> 1) ^ -(number & 1);
 
-/** The mesh and its values, as the page uses them. */
+/** Returns the mesh and its values as the page uses them. */
 async function unpack(facts, text) {
   const bytes = await inflate(fromBase64(text));
   const streams = {};
@@ -95,6 +95,6 @@ async function unpack(facts, text) {
   };
 }
 
-/** The value of a cell in an array; NaN where there is none. */
+/** Returns the value of a cell in an array, or NaN if it is missing. */
 const valueOf = (array, cell) =>
   array.words[cell] === 65535 ? NaN : array.low + array.step * array.words[cell];

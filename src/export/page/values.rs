@@ -1,4 +1,4 @@
-//! What the page colours cells by.
+//! Collects the values by which the page colours cells.
 
 use serde_json::{Value, json};
 
@@ -11,29 +11,29 @@ use crate::model::slice::DrawableFaces;
 use crate::store::output::{ANGLES_ARRAY, HORIZON_FACES_ARRAY, IMAGE_ARRAY, array_unit};
 use crate::store::{Storable, StoredMesh};
 
-/// Stands for no number.
+/// Code of a missing value.
 const NO_VALUE: u16 = u16::MAX;
-/// The largest number that stands for a value.
+/// Largest code of a value.
 const MAX_CODE: u16 = u16::MAX - 1;
 
-/// A value for each cell of a mesh.
+/// Scalar value of each cell of a mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct CellValues {
-    /// Its name.
+    /// Name of the values.
     pub name: String,
-    /// Its unit; empty if it has none, or none is known.
+    /// Unit of the values. Empty if they have none, or if it is unknown.
     pub unit: String,
-    /// By the number of the cell.
+    /// Values by cell number.
     pub values: Vec<f64>,
-    /// Whether all are whole numbers.
+    /// `true` if all values are integers.
     pub is_integer: bool,
-    /// What whole numbers mean, from 0 on, where they are names.
+    /// Names that the integers 0, 1, ... stand for. Empty if they are numbers.
     pub value_names: &'static [&'static str],
 }
 
 impl CellValues {
-    /// Adds what a page needs of it to its streams, and says what that is. Whole numbers are kept as
-    /// they are, others to one part in 65534 of their range.
+    /// Adds the values of the kept cells to the streams of a page, and returns their description.
+    /// Integers are exact. Other values are rounded to 1/65534 of their range.
     pub(super) fn add_to_streams(&self, streams: &mut ByteStreams, kept: &PageMesh) -> Value {
         let values = || kept.cells.iter().map(|&c| self.values[c as usize]);
         let (low, high) = (values().filter(|v| v.is_finite()))
@@ -42,17 +42,21 @@ impl CellValues {
             });
         let (low, high) = if low <= high { (low, high) } else { (0.0, 0.0) };
         let exact = self.is_integer && high - low <= f64::from(MAX_CODE);
-        let step = match exact {
-            true => 1.0,
-            false => ((high - low) / f64::from(MAX_CODE)).max(f64::MIN_POSITIVE),
+        let step = if exact {
+            1.0
+        } else {
+            ((high - low) / f64::from(MAX_CODE)).max(f64::MIN_POSITIVE)
         };
-        let words: Vec<u16> = values()
-            .map(|v| match v.is_finite() {
-                true => ((v - low) / step).round() as u16,
-                false => NO_VALUE,
+        let codes: Vec<u16> = values()
+            .map(|v| {
+                if v.is_finite() {
+                    ((v - low) / step).round() as u16
+                } else {
+                    NO_VALUE
+                }
             })
             .collect();
-        streams.add_u16s(&format!("array {}", self.name), &words);
+        streams.add_u16s(&format!("array {}", self.name), &codes);
         json!({
             "name": self.name,
             "unit": self.unit,
@@ -65,14 +69,14 @@ impl CellValues {
     }
 }
 
-/// The scalar cell arrays of a mesh, the means of its nodes' numbers over each cell, and the image in
-/// the middle of each cell.
+/// Returns the scalar cell arrays of a mesh, the mean over each cell of each scalar node array, and
+/// the image at the centre of each cell.
 pub(super) fn scalar_arrays<const D: usize, M: Storable<D>>(
     stored: &StoredMesh<D, M>,
     faces: &DrawableFaces,
     image: Option<&Image<D>>,
 ) -> Vec<CellValues> {
-    // Bits of faces, which the faces themselves show.
+    // Arrays of bits that mark faces, which the page shows by the faces themselves.
     const BITMASK_ARRAYS: [&str; 3] = ["feature_faces", "feature_edges", HORIZON_FACES_ARRAY];
     let units = &stored.space.geometry.units;
     let count = stored.lattice.len();
@@ -123,14 +127,14 @@ pub(super) fn scalar_arrays<const D: usize, M: Storable<D>>(
         && arrays.iter().all(|array| array.name != IMAGE_ARRAY)
     {
         let dims = image.dims();
-        let at = |middle: &[f64; 3]| {
+        let sample = |middle: &[f64; 3]| {
             let index = std::array::from_fn(|k| middle[k] * (dims[k] - 1) as f64);
             f64::from(image.interpolate_linear(index))
         };
         arrays.push(CellValues {
             name: IMAGE_ARRAY.to_string(),
             unit: String::new(),
-            values: faces.cell_centres.iter().map(at).collect(),
+            values: faces.cell_centres.iter().map(sample).collect(),
             is_integer: false,
             value_names: &[],
         });
@@ -138,22 +142,23 @@ pub(super) fn scalar_arrays<const D: usize, M: Storable<D>>(
     arrays
 }
 
-/// What the numbers of [`ANGLE_COUNT`] mean.
+/// Meaning of the numbers in [`ANGLES_ARRAY`].
 const ANGLE_CLASS_NAMES: [&str; 3] = ["within bounds", "explained by features", "unexplained"];
 
 fn are_integers(values: &Values) -> bool {
     !matches!(values, Values::F32(_) | Values::F64(_))
 }
 
-/// The mean over each cell's faces of the values of their nodes: of a simplex that of its nodes.
+/// Returns the mean of node values over the faces of each cell. For a simplex it is the mean over
+/// its nodes.
 fn cell_means(faces: &DrawableFaces, values: &[f64]) -> Vec<f64> {
     let mut sums = vec![(0.0, 0.0); faces.cell_centres.len()];
     for (face, cells) in faces.cells.iter().enumerate() {
         let ring = faces.rings.get(face);
         let sum: f64 = ring.iter().map(|&n| values[n as usize]).sum();
         for &cell in cells.iter().filter(|&&cell| cell != NONE) {
-            let (all, count) = &mut sums[cell as usize];
-            *all += sum;
+            let (total, count) = &mut sums[cell as usize];
+            *total += sum;
             *count += ring.len() as f64;
         }
     }

@@ -1,4 +1,4 @@
-// What is shown, and what keys, fingers and controls do to it.
+// State of the page, and its response to keys, pointers and controls.
 
 const element = id => document.getElementById(id);
 const facts = JSON.parse(element('facts').textContent);
@@ -10,7 +10,7 @@ const page = {
   view: {}, look: {}, ready: false, frames: 0, firstFrame: null,
   dark: matchMedia('(prefers-color-scheme: dark)').matches,
 };
-// For scripts that look at the page, as its tests do.
+// Scripts that inspect the page, such as its tests, use this object.
 window.atomesh = page;
 
 const firstView = () => ({
@@ -22,7 +22,7 @@ const LIGHT = { line: [0.1, 0.13, 0.16, 0.6], box: [0.55, 0.6, 0.65, 1], ground:
 
 let scene = null, labels = null, mesh = null, asked = false, stale = true;
 
-/** Draws once, soon. */
+/** Requests one redraw in the next frame. */
 function redraw(rebuild = false) {
   stale = stale || rebuild;
   if (asked) return;
@@ -34,7 +34,7 @@ function way() {
   const { rows, size } = projection(frame, page.view);
   const canvas = scene.canvas;
   const bounds = [0, 1].map(k => rows[k].slice(0, 3).reduce((sum, c) => sum + Math.abs(c), 0));
-  // Room for axes and their numbers, and for legends on the left or below.
+  // Margins for axes and their numbers, and for legends on the left or below.
   const narrow = canvas.width / page.ratio < 600;
   const axes = narrow ? [84, 60] : [130, 90];
   const legends = narrow ? [26, 130] : [110, flat ? 20 : 0];
@@ -81,7 +81,7 @@ function resized() {
 
 // Colours.
 
-/** Names and colours of whole numbers, if they are few. */
+/** Returns the names and colours of the integer values of an array, if there are few. */
 function categories(array) {
   if (!array.whole || array.high - array.low > 5000) return null;
   const words = [...new Set(array.words)].filter(word => word !== 65535).sort((a, b) => a - b);
@@ -92,7 +92,7 @@ function categories(array) {
   });
 }
 
-/** The choice that paints cells with the image itself; no array has such a name. */
+/** Menu entry that paints cells with the image itself. No array has this name. */
 const PAINTED = '\u0000image';
 
 function chooseColor(name) {
@@ -245,7 +245,7 @@ function reset() {
   element('stretch-value').textContent = '1';
   element('down').checked = page.view.down;
   page.cut.turned = [false, false, false];
-  // In space a corner is open: the half of each axis that faces the first view.
+  // In 3-D, a corner that faces the first view is cut open: half of each axis.
   const half = Math.round(facts.steps / 2);
   const towards = projection(frame, page.view).rows[2];
   for (let k = 0; k < (flat ? 2 : 3); k++) {
@@ -266,7 +266,7 @@ function themed() {
   if (scene) recolor();
 }
 
-/** Saves what is shown, with everything that is written over it. */
+/** Saves the picture with all labels as a file. */
 function picture() {
   show();
   const canvas = document.createElement('canvas');
@@ -287,7 +287,7 @@ function picture() {
   }, 'image/png');
 }
 
-/** Tells the numbers of what is at a point of the stage. */
+/** Shows the cell, the values and the position at a point of the stage. */
 function ask(x, y) {
   const point = [(x - element('stage').clientWidth / 2) * page.ratio, (element('stage').clientHeight / 2 - y) * page.ratio];
   const found = scene.pick(...point, page.way, page.look);
@@ -337,7 +337,7 @@ function move(dx, dy) {
   redraw();
 }
 
-/** Zooms about a point of the stage. */
+/** Zooms around a point of the stage. */
 function zoom(factor, x, y) {
   const before = page.view.zoom;
   page.view.zoom = Math.min(Math.max(before * factor, 0.2), 200);
@@ -390,7 +390,7 @@ const SIDES = [[0, 0], [Math.PI / 2, 0], [Math.PI, 0], [-Math.PI / 2, 0], [0, Ma
 
 function pressed(event) {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
-  // Controls keep the keys that they use themselves.
+  // Controls handle the keys that they use themselves.
   if (/^(INPUT|SELECT|SUMMARY|BUTTON)$/.test(event.target.tagName) && (event.key.length > 1 || event.target.type === 'number' || event.target.tagName === 'SELECT')) return;
   const stage = element('stage');
   const middle = [stage.clientWidth / 2, stage.clientHeight / 2];
@@ -418,11 +418,11 @@ function pressed(event) {
   event.preventDefault();
 }
 
-/** What the page does not show of the mesh. */
+/** Returns notes about parts of the mesh that the page does not show. */
 function shortfalls() {
   const { faces, kept } = facts.counts;
   if (!facts.thinned) return [];
-  return [`Thinned to fit into a page: the cut stops at ${facts.steps - 1} places along each axis, and only faces that one of these shows are here, ${grouped(kept)} of ${grouped(faces)}. Every cell that is shown is a cell of the mesh.`];
+  return [`Thinned to fit into a page: the cut has ${facts.steps - 1} positions along each axis, and the page has only the faces that one of these shows, ${grouped(kept)} of ${grouped(faces)}. Every cell that is shown is a cell of the mesh.`];
 }
 
 async function start() {

@@ -1,9 +1,9 @@
-//! Connections and cells as open-DARTS' `conn_mesh` takes them, in columns that `numpy.loadtxt` reads:
-//! `NAME.conn` with block_m, block_p, tran, tranD, and beside it `NAME.cells`; if there are wells `NAME.wells`,
-//! a line for each block that one is open to.
+//! Writes connections and cells for open-DARTS' `conn_mesh`, in columns that `numpy.loadtxt` reads:
+//! `NAME.conn` with block_m, block_p, tran, tranD, and `NAME.cells`. If there are wells,
+//! `NAME.wells` has a line for each block to which a well is connected.
 //!
-//! Blocks begin with 0. tran is in cP m3/day/bar, as DARTS has it, and so are the indices of wells; tranD is area
-//! over distance (m).
+//! Blocks are numbered from 0. tran and the well indices are in cP m3/day/bar, as in DARTS. tranD
+//! is area over distance (m).
 
 use std::io::Write;
 use std::path::Path;
@@ -16,10 +16,10 @@ use crate::model::reservoir::{BAR, Control, DAY, MILLIDARCY, Model, Well};
 
 const ERROR_PLACE: &str = "a DARTS connection list";
 
-/// Writes both; `path` is the `.conn` file.
+/// Writes the files. `path` is the `.conn` file.
 ///
 /// # Errors
-/// [`Error::Export`](crate::Error::Export) without porosity or permeability.
+/// Returns [`Error::Export`](crate::Error::Export) if porosity or permeability is missing.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let porosity = model.need_porosity(ERROR_PLACE)?;
     let permeability = model.need_permeability(ERROR_PLACE)?;

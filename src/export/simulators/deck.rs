@@ -1,5 +1,5 @@
-//! What decks for OPM Flow and Eclipse have in common, whatever their grid: head, fluids, wells, time.
-//! METRIC units.
+//! Writes the common parts of decks for OPM Flow and Eclipse, which do not depend on the grid:
+//! head, fluids, wells, time. Units are METRIC.
 
 use std::io::Write;
 
@@ -10,11 +10,12 @@ use crate::model::reservoir::{
     BAR, Control, DAY, Fluid, Model, OIL_DENSITY, SimulationCase, WATER_DENSITY, Well,
 };
 
-/// From m^3 to cP rm3/day/bar, so that T dp / viscosity is a rate in METRIC units.
+/// Conversion factor from m^3 to cP rm3/day/bar, so that T dp / viscosity is a rate in METRIC
+/// units.
 pub const TRANSMISSIBILITY_UNIT: f64 = DAY * BAR / 1e-3;
-/// Saturation of water that does not flow, in rock full of oil.
+/// Saturation of immobile water in rock full of oil.
 pub(crate) const CONNATE_WATER_SATURATION: f64 = 0.2;
-/// Steps of the table of relative permeabilities up to the oil that does not flow.
+/// Number of steps of the table of relative permeabilities, up to the residual oil saturation.
 const TABLE_STEPS: usize = 12;
 /// Number of reports.
 const REPORT_COUNT: usize = 10;
@@ -22,35 +23,36 @@ const REPORT_COUNT: usize = 10;
 pub(crate) type FileWriter<'a> = &'a mut std::io::BufWriter<std::fs::File>;
 pub(crate) type WriteResult = std::io::Result<()>;
 
-/// A well's opening to a cell.
+/// Connection of a well to a cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WellConnection {
-    /// i, j and k of the cell, from 1 on.
+    /// i, j and k of the cell, from 1.
     pub cell: [usize; 3],
-    /// The well index in m^3.
+    /// Well index in m^3.
     pub index: f64,
 }
 
-/// Checks what a deck needs of a model.
+/// Checks that a deck can hold the porosity and the well names of a model.
 ///
 /// # Errors
-/// [`Error::Export`] for a porosity outside [0, 1], or a well's name that no deck can hold.
+/// Returns [`Error::Export`] if a porosity is outside [0, 1], or if a deck cannot hold the name of
+/// a well.
 pub(crate) fn check(model: &Model, porosity: &[f64]) -> Result<()> {
-    let wrong = |cell: &usize| {
+    let is_invalid = |cell: &usize| {
         let p = porosity[*cell];
         model.is_active(*cell) && !(p > 0.0 && p <= 1.0)
     };
-    if let Some(cell) = (0..porosity.len()).find(wrong) {
+    if let Some(cell) = (0..porosity.len()).find(is_invalid) {
         return Err(Error::Export(cause(
             "porosity",
             format!("is {} in cell {cell}", porosity[cell]),
-            "give fractions of volume from 0, of inactive cells, to 1",
+            "give fractions of volume: 0 in inactive cells, otherwise up to 1",
         )));
     }
     for well in &model.case.wells {
-        let plain = |c: char| c.is_ascii_alphanumeric() || c == '_';
-        let first = well.name.starts_with(|c: char| c.is_ascii_alphabetic());
-        if !well.name.chars().all(plain) || !first || well.name.len() > 8 {
+        let is_valid_char = |c: char| c.is_ascii_alphanumeric() || c == '_';
+        let starts_with_letter = well.name.starts_with(|c: char| c.is_ascii_alphabetic());
+        if !well.name.chars().all(is_valid_char) || !starts_with_letter || well.name.len() > 8 {
             return Err(Error::Export(cause(
                 format!("well '{}'", well.name),
                 "has a name that a deck cannot hold",
@@ -61,7 +63,7 @@ pub(crate) fn check(model: &Model, porosity: &[f64]) -> Result<()> {
     Ok(())
 }
 
-/// A keyword with a number for each cell.
+/// Writes a keyword with a number for each cell.
 pub(crate) fn write_array(
     out: FileWriter,
     name: &str,
@@ -73,15 +75,16 @@ pub(crate) fn write_array(
     writeln!(out, "/\n")
 }
 
-/// RUNSPEC of a grid of these dimensions; `says` is a line for people, `open` as for [`write_schedule`].
+/// Writes RUNSPEC for a grid with these dimensions. `comment` is a line for readers, and
+/// `connections` are as for [`write_schedule`].
 pub(crate) fn write_runspec(
     out: FileWriter,
     case: &SimulationCase,
-    says: &str,
+    comment: &str,
     dims: [usize; 3],
-    open: &[Vec<WellConnection>],
+    connections: &[Vec<WellConnection>],
 ) -> WriteResult {
-    let most = open.iter().map(Vec::len).max().unwrap_or(1);
+    let max_connections = connections.iter().map(Vec::len).max().unwrap_or(1);
     let wells = case.wells.len().max(1);
     let phases = match case.fluid {
         Fluid::Water => "WATER",
@@ -90,15 +93,15 @@ pub(crate) fn write_runspec(
     let [n, m, layers] = dims;
     writeln!(
         out,
-        "-- atomesh {}: {says}\n\
+        "-- atomesh {}: {comment}\n\
          RUNSPEC\nTITLE\n {}\n\nDIMENS\n {n} {m} {layers} /\n{phases}\nMETRIC\n\
-         START\n 1 JAN 2000 /\nWELLDIMS\n {wells} {most} 1 {wells} /\nTABDIMS\n/\nUNIFOUT\n",
+         START\n 1 JAN 2000 /\nWELLDIMS\n {wells} {max_connections} 1 {wells} /\nTABDIMS\n/\nUNIFOUT\n",
         env!("CARGO_PKG_VERSION"),
         case.title
     )
 }
 
-/// PROPS.
+/// Writes PROPS.
 pub(crate) fn write_props(out: FileWriter, case: &SimulationCase) -> WriteResult {
     let reference = case.top_pressure / BAR;
     writeln!(
@@ -112,18 +115,18 @@ pub(crate) fn write_props(out: FileWriter, case: &SimulationCase) -> WriteResult
             "PVCDO\n {reference} 1.1 1.0E-4 2.0 0 /\n\
              SWOF"
         )?;
-        // Corey's exponents of 2, a fifth of water that stays and a fifth of oil.
+        // Corey functions with exponents of 2, 20 % immobile water and 20 % residual oil.
         for step in 0..=TABLE_STEPS {
             let water = CONNATE_WATER_SATURATION + 0.6 * step as f64 / TABLE_STEPS as f64;
-            let [of_water, of_oil] = [
+            let [water_mobility, oil_mobility] = [
                 (water - CONNATE_WATER_SATURATION) / 0.8,
                 (0.8 - water) / 0.6,
             ];
             writeln!(
                 out,
                 " {water:.3} {:.6} {:.6} 0",
-                of_water.powi(2),
-                of_oil.powi(2)
+                water_mobility.powi(2),
+                oil_mobility.powi(2)
             )?;
         }
         writeln!(out, " 1 1 0 0 /")?;
@@ -131,12 +134,13 @@ pub(crate) fn write_props(out: FileWriter, case: &SimulationCase) -> WriteResult
     writeln!(out)
 }
 
-/// SUMMARY and SCHEDULE; `open` has the cells that each well is open to. Without wells nothing moves, and there
-/// are no time steps: OPM Flow, whose steps depend on what changes, ends with a failed assertion.
+/// Writes SUMMARY and SCHEDULE. `connections` are the connections of each well. Without wells
+/// nothing flows, and no time steps are written: OPM Flow, whose time steps depend on changes,
+/// would stop with a failed assertion.
 pub(crate) fn write_schedule(
     out: FileWriter,
     case: &SimulationCase,
-    open: &[Vec<WellConnection>],
+    connections: &[Vec<WellConnection>],
 ) -> WriteResult {
     writeln!(out, "SUMMARY\nFPR\nWBHP\n/\nWWIR\n/\nWWPR\n/")?;
     if case.fluid == Fluid::OilWater {
@@ -149,7 +153,7 @@ pub(crate) fn write_schedule(
             "-- No wells: nothing moves, and there are no time steps\n\nEND"
         );
     }
-    write_wells(out, case, open)?;
+    write_wells(out, case, connections)?;
     let step = case.duration / DAY / REPORT_COUNT as f64;
     writeln!(out, "TSTEP\n {REPORT_COUNT}*{step} /\n\nEND")
 }
@@ -157,26 +161,26 @@ pub(crate) fn write_schedule(
 fn write_wells(
     out: FileWriter,
     case: &SimulationCase,
-    open: &[Vec<WellConnection>],
+    connections: &[Vec<WellConnection>],
 ) -> WriteResult {
-    let main = match case.fluid {
+    let produced_phase = match case.fluid {
         Fluid::Water => "WATER",
         Fluid::OilWater => "OIL",
     };
-    let all = || case.wells.iter().zip(open);
+    let wells_with_connections = || case.wells.iter().zip(connections);
     writeln!(out, "WELSPECS")?;
-    for (well, open) in all() {
+    for (well, connections) in wells_with_connections() {
         let injects = matches!(well.control, Control::Inject(_));
-        let phase = if injects { "WATER" } else { main };
-        let [i, j, _] = open.first().map_or([1; 3], |first| first.cell);
+        let phase = if injects { "WATER" } else { produced_phase };
+        let [i, j, _] = connections.first().map_or([1; 3], |first| first.cell);
         writeln!(out, " {} G {i} {j} 1* {phase} /", well.name)?;
     }
     writeln!(out, "/\nCOMPDAT")?;
-    for (Well { name, radius, .. }, open) in all() {
+    for (Well { name, radius, .. }, connections) in wells_with_connections() {
         for WellConnection {
             cell: [i, j, k],
             index,
-        } in open
+        } in connections
         {
             let (factor, width) = (TRANSMISSIBILITY_UNIT * index, 2.0 * radius);
             writeln!(out, " {name} {i} {j} {k} {k} OPEN 1* {factor} {width} /")?;

@@ -1,9 +1,10 @@
-//! A MODFLOW 6 simulation of columns: groundwater flow on a grid of vertices (DISV), steady.
+//! Writes a MODFLOW 6 simulation of columns: steady groundwater flow on a grid of vertices (DISV).
 //!
-//! MODFLOW knows layers of prisms: a cell's top and bottom are the means of the faces above and below,
-//! so that volumes are exact; conductances are MODFLOW's own, from the sites (CELL2D's centres), which
-//! for Voronoi cells are right, and equal to ours where layers are level. Heads are in metres:
-//! p / (rho g) + z. Layers that are missing in a column are passed through (IDOMAIN -1).
+//! MODFLOW has layers of prisms. The top and the bottom of a cell are the mean heights of the faces
+//! above and below it, so that volumes are exact. MODFLOW computes the conductances itself, from
+//! the sites (the centres in CELL2D). They are correct for Voronoi cells, and equal to the model's
+//! own where layers are horizontal. Heads are in metres: p / (rho g) + z. Flow passes vertically
+//! through layers that are missing in a column (IDOMAIN -1).
 
 use std::io::Write;
 use std::path::Path;
@@ -18,15 +19,15 @@ use crate::{Error, Result};
 /// Density (kg/m^3) and viscosity (Pa s) of water.
 const WATER_PROPERTIES: [f64; 2] = [1000.0, 1e-3];
 const ERROR_PLACE: &str = "a MODFLOW grid";
-/// Factors of a conductance that are nearer to 1 are none.
+/// Conductance factors that differ from 1 by less than this are not written.
 const FACTOR_TOLERANCE: f64 = 1e-9;
-/// MODFLOW takes a factor of zero for a conductance.
+/// Factor of a closed connection. MODFLOW would read a factor of zero as a conductance.
 const CLOSED_FACTOR: f64 = 1e-30;
 
 /// Writes the simulation into a folder.
 ///
 /// # Errors
-/// [`Error::Export`] if the cells are no columns, or without permeability.
+/// Returns [`Error::Export`] if the cells are not columns, or if permeability is missing.
 pub fn write(model: &Model, batch: &mut Batch, folder: &Path) -> Result<()> {
     let permeability = model.need_permeability(ERROR_PLACE)?;
     let grid = DisvGrid::new(model)?;
@@ -34,7 +35,7 @@ pub fn write(model: &Model, batch: &mut Batch, folder: &Path) -> Result<()> {
     let conductivity = weight / WATER_PROPERTIES[1];
     let (layers, columns) = (grid.layers, grid.columns);
     let cells = layers * columns;
-    let of = |k: usize, at: usize| match grid.cells[at] {
+    let conductivity_of = |k: usize, position: usize| match grid.cells[position] {
         Some(cell) if model.is_active(cell as usize) => {
             conductivity * permeability.rock.mobility(cell as usize).0[k]
         }
@@ -47,21 +48,22 @@ pub fn write(model: &Model, batch: &mut Batch, folder: &Path) -> Result<()> {
         .map(site)
         .fold(f64::NEG_INFINITY, f64::max);
     let start = head(case.top_pressure, highest);
-    // Layer and column, from 1 on.
+    // Layer and column, from 1.
     let id = |cell: u32| {
-        let at = grid.cell_positions[cell as usize];
-        [at / columns + 1, at % columns + 1]
+        let position = grid.cell_positions[cell as usize];
+        [position / columns + 1, position % columns + 1]
     };
     let mut rates: Vec<([usize; 2], f64)> = Vec::new();
     let mut pressures: Vec<([usize; 2], [f64; 2])> = Vec::new();
     for well in &case.wells {
-        let all: f64 = well.cells.iter().map(|c| c.1).sum();
+        let total_index: f64 = well.cells.iter().map(|c| c.1).sum();
         for &(cell, index) in &well.cells {
             match well.control {
-                Control::Inject(rate) => rates.push((id(cell), rate * index / all)),
-                Control::Produce(rate) => rates.push((id(cell), -rate * index / all)),
+                Control::Inject(rate) => rates.push((id(cell), rate * index / total_index)),
+                Control::Produce(rate) => rates.push((id(cell), -rate * index / total_index)),
                 Control::Pressure(pressure) => {
-                    // The pressure is that at the well's first cell; below it, water stands.
+                    // The pressure is given at the first cell of the well. Below that cell, the
+                    // pressure is hydrostatic.
                     let z = well.cells.first().map_or(0.0, |c| site(c.0));
                     pressures.push((id(cell), [head(pressure, z), conductivity * index]));
                 }
@@ -99,7 +101,7 @@ pub fn write(model: &Model, batch: &mut Batch, folder: &Path) -> Result<()> {
              \x20 LINEAR_ACCELERATION CG\nEND LINEAR"
         )
     })?;
-    let some = [
+    let optional_packages = [
         ("WEL6", "wel", rates.len()),
         ("GHB6", "ghb", pressures.len()),
         ("CHD6", "chd", usize::from(pressures.is_empty())),
@@ -118,7 +120,7 @@ pub fn write(model: &Model, batch: &mut Batch, folder: &Path) -> Result<()> {
         ] {
             writeln!(out, "  {name} model.{ending} {ending}")?;
         }
-        for (name, ending, _) in some.iter().filter(|package| package.2 > 0) {
+        for (name, ending, _) in optional_packages.iter().filter(|package| package.2 > 0) {
             writeln!(out, "  {name} model.{ending} {ending}")?;
         }
         writeln!(out, "END PACKAGES")
@@ -133,11 +135,11 @@ pub fn write(model: &Model, batch: &mut Batch, folder: &Path) -> Result<()> {
             out,
             "  ICELLTYPE\n    CONSTANT 0\n  K\n    INTERNAL FACTOR 1.0"
         )?;
-        write_numbers(out, cells, |at| of(0, at))?;
+        write_numbers(out, cells, |at| conductivity_of(0, at))?;
         writeln!(out, "  K22\n    INTERNAL FACTOR 1.0")?;
-        write_numbers(out, cells, |at| of(1, at))?;
+        write_numbers(out, cells, |at| conductivity_of(1, at))?;
         writeln!(out, "  K33\n    INTERNAL FACTOR 1.0")?;
-        write_numbers(out, cells, |at| of(2, at))?;
+        write_numbers(out, cells, |at| conductivity_of(2, at))?;
         writeln!(out, "END GRIDDATA")
     })?;
     file("model.ic", &mut |out| {
@@ -166,7 +168,7 @@ pub fn write(model: &Model, batch: &mut Batch, folder: &Path) -> Result<()> {
         })?;
     }
     if pressures.is_empty() {
-        // Somewhere the head must be known.
+        // The head must be known in at least one cell.
         let first = (0..model.len()).find(|&cell| model.is_active(cell));
         let [layer, column] = id(first.unwrap_or(0) as u32);
         file("model.chd", &mut |out| {
@@ -201,13 +203,13 @@ pub fn write(model: &Model, batch: &mut Batch, folder: &Path) -> Result<()> {
 type FileWriter<'a> = &'a mut std::io::BufWriter<std::fs::File>;
 type WriteResult = std::io::Result<()>;
 
-/// The cells in layers and columns.
+/// Cells in layers and columns.
 struct DisvGrid {
     layers: usize,
     columns: usize,
-    /// For each layer and column the cell, if it is there.
+    /// Cell at each layer and column, if there is one.
     cells: Vec<Option<u32>>,
-    /// For each cell its place in that.
+    /// Index in `cells` of each cell.
     cell_positions: Vec<usize>,
     vertices: Vec<[f64; 2]>,
     /// Centre of each column, and its vertices clockwise.
@@ -224,7 +226,7 @@ impl DisvGrid {
             Err(Error::Export(cause(ERROR_PLACE, problem, remedy)))
         };
         if model.tets.is_some() || !mesh.is_columnar() {
-            return refuse("holds columns only, and these cells do not stand above one another");
+            return refuse("needs columns, but these cells are not one above the other");
         }
         let numbers = |name: &str| {
             let array = model.properties.iter().find(|array| array.name == name);
@@ -233,12 +235,13 @@ impl DisvGrid {
         let cells = model.len();
         let (column, layer): (Vec<usize>, Vec<usize>) = match (numbers(COLUMN), numbers(LAYER)) {
             (Some(column), Some(layer)) => {
-                let all = column.iter().chain(&layer);
-                if column.len() != cells || layer.len() != cells || all.clone().any(|&n| n < 0) {
+                let numbers = column.iter().chain(&layer);
+                if column.len() != cells || layer.len() != cells || numbers.clone().any(|&n| n < 0)
+                {
                     return refuse("has inconsistent numbers of columns or layers");
                 }
-                let plain = |list: Vec<i64>| list.into_iter().map(|n| n as usize).collect();
-                (plain(column), plain(layer))
+                let to_indices = |list: Vec<i64>| list.into_iter().map(|n| n as usize).collect();
+                (to_indices(column), to_indices(layer))
             }
             _ if mesh.inner_face_count()
                 == (0..mesh.inner_face_count())
@@ -267,11 +270,11 @@ impl DisvGrid {
         grid.vertices.sort_unstable_by(order);
         grid.vertices.dedup();
         for cell in 0..cells {
-            let at = layer[cell] * columns + column[cell];
-            if grid.cells[at].replace(cell as u32).is_some() {
+            let position = layer[cell] * columns + column[cell];
+            if grid.cells[position].replace(cell as u32).is_some() {
                 return refuse("has two cells in one layer of a column");
             }
-            grid.cell_positions.push(at);
+            grid.cell_positions.push(position);
         }
         for f in (0..mesh.face_cells.len()).filter(|&f| !mesh.is_upright(f)) {
             let ring: Vec<[f64; 3]> = (mesh.faces.get(f).iter())
@@ -287,12 +290,12 @@ impl DisvGrid {
                 grid.z_bounds[cell][side] = z;
                 let polygon = &mut grid.polygons[column[cell]];
                 if polygon.1.is_empty() {
-                    let place = |p: &[f64; 3]| {
-                        let found = grid.vertices.binary_search_by(|q| order(q, &[p[0], p[1]]));
-                        found.unwrap_or(0)
+                    let vertex_index = |p: &[f64; 3]| {
+                        let index = grid.vertices.binary_search_by(|q| order(q, &[p[0], p[1]]));
+                        index.unwrap_or(0)
                     };
                     polygon.0 = [0, 1].map(|k| mesh.sites[cell][k]);
-                    polygon.1 = ring.iter().map(place).collect();
+                    polygon.1 = ring.iter().map(vertex_index).collect();
                     if area > 0.0 {
                         polygon.1.reverse();
                     }
@@ -302,17 +305,17 @@ impl DisvGrid {
         Ok(grid)
     }
 
-    /// Pairs of neighbouring columns' cells whose transmissibility is less than the rock's, by which
-    /// factor.
+    /// Returns the pairs of cells in neighbouring columns whose transmissibility is less than that
+    /// of the rock, each with the ratio of the two.
     fn barriers(&self, model: &Model) -> Vec<([u32; 2], f64)> {
         let Some(permeability) = &model.permeability else {
             return Vec::new();
         };
-        let mut found = Vec::new();
+        let mut barriers = Vec::new();
         let connections = model.graph.connections.iter().enumerate();
-        for ((at, c), &t) in connections.zip(&permeability.transmissibility) {
+        for ((index, c), &t) in connections.zip(&permeability.transmissibility) {
             let is_active = c.cells.iter().all(|&cell| model.is_active(cell as usize));
-            if is_active && model.barriers.label(at).is_some() {
+            if is_active && model.barriers.label(index).is_some() {
                 let k = c.cells.map(|cell| {
                     permeability
                         .rock
@@ -321,11 +324,11 @@ impl DisvGrid {
                 });
                 let factor = t / c.area * (c.distance[0] / k[0] + c.distance[1] / k[1]);
                 if factor < 1.0 - FACTOR_TOLERANCE {
-                    found.push((c.cells, factor.max(CLOSED_FACTOR)));
+                    barriers.push((c.cells, factor.max(CLOSED_FACTOR)));
                 }
             }
         }
-        found
+        barriers
     }
 
     fn write(&self, out: FileWriter, model: &Model) -> WriteResult {
@@ -336,7 +339,7 @@ impl DisvGrid {
              \x20 NCPL {columns}\n  NVERT {}\nEND DIMENSIONS\n\nBEGIN GRIDDATA\n  TOP\n    INTERNAL FACTOR 1.0",
             self.vertices.len()
         )?;
-        // What is missing lies, without thickness, where the cell above it ends.
+        // A missing cell has no thickness, and lies at the bottom of the cell above it.
         let first = |column: usize| (0..layers).find_map(|l| self.cells[l * columns + column]);
         let last = |column: usize| {
             (0..layers)
@@ -344,8 +347,8 @@ impl DisvGrid {
                 .find_map(|l| self.cells[l * columns + column])
         };
         let top = |column: usize| first(column).map_or(0.0, |cell| self.z_bounds[cell as usize][0]);
-        let bottom = |at: usize| {
-            let (layer, column) = (at / columns, at % columns);
+        let bottom = |position: usize| {
+            let (layer, column) = (position / columns, position % columns);
             let above = (0..=layer)
                 .rev()
                 .find_map(|l| self.cells[l * columns + column]);
@@ -353,7 +356,7 @@ impl DisvGrid {
         };
         write_numbers(out, columns, top)?;
         writeln!(out, "  BOTM\n    INTERNAL FACTOR 1.0")?;
-        // MODFLOW reads layer by layer, each from a line of its own.
+        // MODFLOW reads the layers one by one, and each begins on a new line.
         for layer in 0..layers {
             write_numbers(out, columns, |column| bottom(layer * columns + column))?;
         }
@@ -394,16 +397,17 @@ impl DisvGrid {
     }
 }
 
-/// The area of a face seen from above, positive if it turns anticlockwise, and its mean z.
+/// Returns the area of a face in map view, positive if its nodes turn anticlockwise, and its mean
+/// z.
 fn mean_height(ring: &[[f64; 3]], apex: [f64; 3]) -> (f64, f64) {
     let (mut area, mut sum) = (0.0, 0.0);
     for i in 0..ring.len() {
         let (p, q) = (ring[i], ring[(i + 1) % ring.len()]);
         let u = [p[0] - apex[0], p[1] - apex[1]];
         let v = [q[0] - apex[0], q[1] - apex[1]];
-        let part = 0.5 * (u[0] * v[1] - u[1] * v[0]);
-        area += part;
-        sum += part * (p[2] + q[2] + apex[2]) / 3.0;
+        let triangle_area = 0.5 * (u[0] * v[1] - u[1] * v[0]);
+        area += triangle_area;
+        sum += triangle_area * (p[2] + q[2] + apex[2]) / 3.0;
     }
     (area, sum / area)
 }

@@ -1,7 +1,7 @@
-//! Models for flow simulators, one format a file.
+//! Writes models for flow simulators, one module per format.
 //!
-//! - [`opm`]: decks for OPM Flow and Eclipse, of cells and connections
-//! - `deck`: what all decks have in common
+//! - [`opm`]: decks for OPM Flow and Eclipse, with cells and connections
+//! - `deck`: the common parts of all decks
 //! - `openfoam`: OpenFOAM cases
 //! - `disv`: MODFLOW 6 on columns
 //! - `pflotran`, `tough`, `darts`: cells and connections for PFLOTRAN, TOUGH2 and DARTS

@@ -1,12 +1,13 @@
-//! A grid for MRST (MATLAB or Octave) as a MAT-file: `G` with its geometry, `rock`, and `T`, the
-//! transmissibility of every face.
+//! Writes a grid for MRST (MATLAB or Octave) as a MAT-file: `G` with its geometry, `rock`, and `T`,
+//! the transmissibility of every face.
 //!
-//! As MRST has it: z is depth; numbers begin with 1, and 0 is outside; normals are as long as the
-//! face's area and point from the first neighbour to the second. `G.faces.tagNames` has the name for each
-//! `G.faces.tag`, and `G.nodes.sets` the nodes of each name. `G.cells.sites` are the points that
-//! `T` is for: `computeTrans` takes centroids instead, which on Voronoi cells is wrong. `W` are the wells, if
-//! there are any, with the fields that `addWell` makes.
-//! Source: K.-A. Lie, "An Introduction to Reservoir Simulation Using MATLAB/GNU Octave", section 3.4.
+//! Conventions are MRST's: z is depth; numbers begin with 1, and 0 is outside; normals have the
+//! length of the face's area and point from the first neighbour to the second. `G.faces.tagNames`
+//! has the name of each `G.faces.tag`, and `G.nodes.sets` the nodes of each name. `G.cells.sites`
+//! are the points to which `T` refers. `computeTrans` uses centroids instead, which is wrong for
+//! Voronoi cells. `W` are the wells, if there are any, with the fields that `addWell` makes.
+//! Source: K.-A. Lie, "An Introduction to Reservoir Simulation Using MATLAB/GNU Octave", section
+//! 3.4.
 
 use std::path::Path;
 
@@ -19,18 +20,18 @@ use crate::files::vtk::VtkScalar;
 use crate::mesh::poly::FIRST_SIDE;
 use crate::model::reservoir::{Control, Model, Permeability, Well};
 
-/// A point in metres with z downwards.
+/// Converts a point in metres to z downwards.
 fn point_with_z_down([x, y, z]: [f64; 3]) -> [f64; 3] {
     [x, y, -z]
 }
 
-/// A matrix with a point a row.
+/// Returns a matrix with one point per row.
 fn point_matrix<'a>(count: usize, point: impl Fn(usize) -> [f64; 3] + Sync + 'a) -> MatValue<'a> {
     let value = move |i: usize| point(i % count)[i / count];
     MatValue::Matrix(count, 3, LazyArray::from_fn(3 * count, value))
 }
 
-/// Numbers that begin with 0 as ones that begin with 1.
+/// Converts numbers that begin with 0 to numbers that begin with 1.
 fn one_based(numbers: &[u32]) -> MatValue<'_> {
     MatValue::column(LazyArray::from_fn(numbers.len(), |i| numbers[i] + 1))
 }
@@ -38,14 +39,14 @@ fn one_based(numbers: &[u32]) -> MatValue<'_> {
 /// Writes the grid.
 ///
 /// # Errors
-/// [`Error::Export`](crate::Error::Export) for a model that no such file can hold,
-/// [`Error::Io`](crate::Error::Io) if it cannot be written.
+/// Returns [`Error::Export`](crate::Error::Export) if a MAT-file cannot hold the model, and
+/// [`Error::Io`](crate::Error::Io) if the file cannot be written.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let (mesh, graph) = (&model.mesh, &model.graph);
     let (cells, faces, inner) = (model.len(), mesh.face_cells.len(), mesh.inner_face_count());
-    let of_cells = mesh.faces_of_cells();
+    let cell_faces = mesh.faces_of_cells();
     let names = FaceNames::new(model);
-    let words = names.names.iter().map(|name| MatValue::Text(name));
+    let name_values = names.names.iter().map(|name| MatValue::Text(name));
     let groups = names.groups();
     let set = |group: &'_ FaceGroup| {
         let nodes = face_nodes(model, &group.faces);
@@ -59,7 +60,8 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         None => (graph.connections[f].area, graph.connections[f].normal),
         Some(outer) => (graph.boundary[outer].area, graph.boundary[outer].normal),
     };
-    // Mirrored, faces turn the other way.
+    // The mirrored z axis reverses the orientation of faces, so their nodes are written in reverse
+    // order.
     let offsets = &mesh.faces.offsets;
     let nodes = |range: std::ops::Range<usize>, bytes: &mut Vec<u8>| {
         let mut face = offsets.partition_point(|&o| o as usize <= range.start) - 1;
@@ -76,10 +78,10 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         cell => cell + 1,
     };
 
-    let of_cell = MatValue::Struct(vec![
+    let cell_fields = MatValue::Struct(vec![
         ("num", MatValue::scalar(cells as f64)),
-        ("facePos", one_based(&of_cells.offsets)),
-        ("faces", one_based(&of_cells.items)),
+        ("facePos", one_based(&cell_faces.offsets)),
+        ("faces", one_based(&cell_faces.items)),
         (
             "indexMap",
             MatValue::column(LazyArray::from_fn(cells, |c| c as u32 + 1)),
@@ -101,7 +103,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             MatValue::column(LazyArray::from_slice(&graph.region)),
         ),
     ]);
-    let of_face = MatValue::Struct(vec![
+    let face_fields = MatValue::Struct(vec![
         ("num", MatValue::scalar(faces as f64)),
         ("nodePos", one_based(offsets)),
         (
@@ -116,7 +118,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             "tag",
             MatValue::column(LazyArray::from_slice(&names.face_numbers)),
         ),
-        ("tagNames", MatValue::CellArray(words.collect())),
+        ("tagNames", MatValue::CellArray(name_values.collect())),
         (
             "areas",
             MatValue::column(LazyArray::from_fn(faces, |f| area(f).0)),
@@ -133,7 +135,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             point_matrix(faces, |f| point_with_z_down(mesh.face_shape(f).centroid)),
         ),
     ]);
-    let of_node = MatValue::Struct(vec![
+    let node_fields = MatValue::Struct(vec![
         ("num", MatValue::scalar(mesh.nodes.len() as f64)),
         (
             "coords",
@@ -142,9 +144,9 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         ("sets", MatValue::Struct(sets.collect())),
     ]);
     let grid = MatValue::Struct(vec![
-        ("cells", of_cell),
-        ("faces", of_face),
-        ("nodes", of_node),
+        ("cells", cell_fields),
+        ("faces", face_fields),
+        ("nodes", node_fields),
         ("griddim", MatValue::scalar(3.0)),
         (
             "type",
@@ -165,11 +167,11 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             None => permeability.transmissibility[f],
             Some(outer) => {
                 let face = &graph.boundary[outer];
-                let along = permeability
+                let mobility = permeability
                     .rock
                     .mobility(face.cell as usize)
                     .normal_component(face.normal);
-                face.area * along / face.distance
+                face.area * mobility / face.distance
             }
         };
         let numbers = LazyArray::from_fn(faces, transmissibility);
@@ -203,8 +205,8 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     batch.write(path, |out| mat::write(out, &variables))
 }
 
-/// A well as `addWell` makes it, in SI units: rates are positive where it injects. Pressures are those at the depth
-/// of its first cell.
+/// Returns the fields that `addWell` makes for a well, in SI units. Rates are positive for
+/// injection. Pressures refer to the depth of the first cell.
 fn well_fields<'a>(model: &'a Model, well: &'a Well) -> MatFields<'a> {
     let (kind, value) = match well.control {
         Control::Inject(rate) => ("rate", rate),
@@ -219,16 +221,16 @@ fn well_fields<'a>(model: &'a Model, well: &'a Well) -> MatFields<'a> {
     let count = well.cells.len();
     let depth = |i: usize| model.depth(well.cells[i].0 as usize);
     let reference = if count > 0 { depth(0) } else { 0.0 };
-    let of_cells = |value: fn(&(u32, f64)) -> f64| {
+    let per_cell = |value: fn(&(u32, f64)) -> f64| {
         MatValue::column(LazyArray::from_fn(count, move |i| value(&well.cells[i])))
     };
     vec![
         ("name", MatValue::Text(&well.name)),
-        ("cells", of_cells(|c| f64::from(c.0 + 1))),
+        ("cells", per_cell(|c| f64::from(c.0 + 1))),
         ("type", MatValue::Text(kind)),
         ("val", MatValue::scalar(value)),
         ("sign", MatValue::scalar(sign)),
-        ("WI", of_cells(|c| c.1)),
+        ("WI", per_cell(|c| c.1)),
         (
             "dZ",
             MatValue::column(LazyArray::from_fn(count, move |i| depth(i) - reference)),
@@ -240,17 +242,18 @@ fn well_fields<'a>(model: &'a Model, well: &'a Well) -> MatFields<'a> {
     ]
 }
 
-/// A column if the rock is isotropic, three for kx, ky, kz, or all six: xx, xy, xz, yy, yz, zz.
+/// Returns the permeability: one column if the rock is isotropic, three for kx, ky, kz, or all six:
+/// xx, xy, xz, yy, yz, zz.
 fn permeability_matrix(permeability: &Permeability, cells: usize) -> MatValue<'_> {
     let rock = &permeability.rock;
-    let all = |test: fn(&[f64; 6]) -> bool| rock.mobilities.iter().all(|k| test(&k.0));
+    let all_cells = |test: fn(&[f64; 6]) -> bool| rock.mobilities.iter().all(|k| test(&k.0));
     let columns: &'static [(usize, f64)] =
-        if all(|k| k[0] == k[1] && k[0] == k[2] && k[3..] == [0.0; 3]) {
+        if all_cells(|k| k[0] == k[1] && k[0] == k[2] && k[3..] == [0.0; 3]) {
             &[(0, 1.0)]
-        } else if all(|k| k[3..] == [0.0; 3]) {
+        } else if all_cells(|k| k[3..] == [0.0; 3]) {
             &[(0, 1.0), (1, 1.0), (2, 1.0)]
         } else {
-            // z turns round.
+            // The sign of z changes.
             &[(0, 1.0), (3, 1.0), (5, -1.0), (1, 1.0), (4, -1.0), (2, 1.0)]
         };
     let value = move |i: usize| {

@@ -1,7 +1,9 @@
-//! An OpenFOAM case: `constant/polyMesh`, what is known of each cell as fields in `0`, and a case that runs.
+//! Writes an OpenFOAM case that runs: `constant/polyMesh`, and the values of each cell as fields in
+//! `0`.
 //!
-//! A patch for each side of the box, a cell zone for each region, a face zone for each surface and for
-//! what parts two regions, and a point zone for the nodes of each of these and of the sides. A closed fault is a patch in place of a zone: of two faces back to back for each
+//! There is a patch for each side of the box, a cell zone for each region, a face zone for each
+//! surface and each interface of two regions, and a point zone for the nodes of each of these and
+//! of each side. A closed fault is a patch instead of a zone, with two faces back to back for each
 //! of its faces.
 
 use std::io::Write;
@@ -14,10 +16,11 @@ use crate::files::Batch;
 use crate::model::reservoir::Model;
 use crate::{Error, Result};
 
-/// Writes the case into the folder `path`; what else is there stays.
+/// Writes the case into the folder `path`. Other files in the folder are kept.
 ///
 /// # Errors
-/// [`Error::Export`] for a fault that is neither open nor closed, [`Error::Io`] if a file cannot be written.
+/// Returns [`Error::Export`] if a fault is neither open nor closed, and [`Error::Io`] if a file
+/// cannot be written.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let mesh = &model.mesh;
     let names = FaceNames::new(model);
@@ -89,21 +92,21 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     write_case(batch, path, has_closed)
 }
 
-/// A face of the case.
+/// Face of the case.
 #[derive(Debug, Clone, Copy)]
 struct OpenFoamFace {
-    /// Its number in the mesh.
+    /// Number of the face in the mesh.
     face: u32,
-    /// Which of its two cells owns it: 1 for the second side of a closed fault.
+    /// Index of the cell that owns the face. It is 1 for the second side of a closed fault.
     side: usize,
-    /// The number of its patch's name; 0 inside.
+    /// Number of the name of its patch; 0 for inner faces.
     patch: u32,
 }
 
-/// The faces in OpenFOAM's order: those between cells, then patch after patch.
+/// Faces in the order of OpenFOAM: first the inner faces, then patch after patch.
 struct FaceOrder {
     faces: Vec<OpenFoamFace>,
-    /// How many are between cells.
+    /// Number of inner faces.
     inner_count: usize,
 }
 
@@ -128,8 +131,8 @@ impl FaceOrder {
                 factor => {
                     return Err(Error::Export(cause(
                         "an OpenFOAM case",
-                        format!("has no faults that let through {factor} of what rock does"),
-                        "close them, or leave them open",
+                        format!("cannot have faults with a multiplier of {factor}"),
+                        "close the faults, or leave them open",
                     )));
                 }
             }
@@ -155,22 +158,22 @@ fn write_header(out: FileWriter, class: &str, object: &str) -> WriteResult {
     )
 }
 
-/// A file that is one list.
+/// Writes a file with a single list.
 fn write_list(
     out: FileWriter,
     class: &str,
     object: &str,
     count: usize,
-    put: impl Fn(&mut crate::export::containers::text::TextBuilder, usize) + Sync,
+    format_item: impl Fn(&mut crate::export::containers::text::TextBuilder, usize) + Sync,
 ) -> WriteResult {
     write_header(out, class, object)?;
     writeln!(out, "{count}\n(")?;
-    write_items(out, count, put)?;
+    write_items(out, count, format_item)?;
     writeln!(out, ")")
 }
 
-/// A cell zone for each region, if there are several, and for each name of faces inside a face zone, all of
-/// whose faces show the same side where it is a surface.
+/// Writes a cell zone for each region if there are several, and a face zone for each name of inner
+/// faces. On a surface, all faces of the zone have the same orientation.
 fn write_zones(
     model: &Model,
     batch: &mut Batch,
@@ -185,8 +188,8 @@ fn write_zones(
             write_header(out, "regIOobject", "cellZones")?;
             writeln!(out, "{}\n(", regions.len())?;
             for &region in &regions {
-                let of = |c: &u32| mesh.region[*c as usize] == region;
-                let cells: Vec<u32> = (0..model.len() as u32).filter(of).collect();
+                let is_in_region = |c: &u32| mesh.region[*c as usize] == region;
+                let cells: Vec<u32> = (0..model.len() as u32).filter(is_in_region).collect();
                 let name = region_name(model, region);
                 writeln!(
                     out,
@@ -210,21 +213,21 @@ fn write_zones(
     if zones.is_empty() {
         return Ok(());
     }
-    let rises = model.second_cell_is_upper();
+    let is_upward = model.second_cell_is_upper();
     batch.write(&folder.join("faceZones"), |out| {
         write_header(out, "regIOobject", "faceZones")?;
         writeln!(out, "{}\n(", zones.len())?;
-        for (name, own) in &zones {
-            let (name, count) = (names.name(*name), own.len());
+        for (name, zone_faces) in &zones {
+            let (name, count) = (names.name(*name), zone_faces.len());
             writeln!(
                 out,
                 "{name}\n{{\n    type faceZone;\n    faceLabels List<label>\n{count}\n("
             )?;
-            write_items(out, count, |text, i| text.int(own[i]).end_line())?;
+            write_items(out, count, |text, i| text.int(zone_faces[i]).end_line())?;
             writeln!(out, ");\n    flipMap List<bool>\n{count}\n(")?;
             write_items(out, count, |text, i| {
-                let face = faces.faces[own[i] as usize].face as usize;
-                text.int(u8::from(!rises[face])).end_line();
+                let face = faces.faces[zone_faces[i] as usize].face as usize;
+                text.int(u8::from(!is_upward[face])).end_line();
             })?;
             writeln!(out, ");\n}}")?;
         }
@@ -232,7 +235,7 @@ fn write_zones(
     })
 }
 
-/// A zone for the nodes of each name of faces.
+/// Writes a point zone for the nodes of each name of faces.
 fn write_point_zones(
     model: &Model,
     batch: &mut Batch,
@@ -257,7 +260,7 @@ fn write_point_zones(
     })
 }
 
-/// What is known of each cell.
+/// Writes the values of each cell as fields.
 fn write_fields(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let cells = model.len();
     let folder = path.join("0");
@@ -310,16 +313,18 @@ fn write_fields(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     Ok(())
 }
 
-/// What makes a case that `laplacianFoam` runs as it is, of a folder that is none yet: `system`, a field T
-/// that falls from `xmin` to `xmax`, and its diffusivity. Closed faults may enclose cells where nothing says
-/// what T is; it stays there what it was, if time is not left out but very long.
+/// Writes the rest of a case that `laplacianFoam` can run, unless the folder is a case already:
+/// `system`, a field T that falls from `xmin` to `xmax`, and its diffusivity. Closed faults may
+/// enclose cells where no boundary condition determines T. With a time derivative and a very long
+/// time step, T keeps its initial value there.
 fn write_case(batch: &mut Batch, path: &Path, has_closed: bool) -> Result<()> {
     if path.join("system/controlDict").exists() {
         return Ok(());
     }
-    let (scheme, time) = match has_closed {
-        true => ("Euler", "1e12"),
-        false => ("steadyState", "1"),
+    let (scheme, time) = if has_closed {
+        ("Euler", "1e12")
+    } else {
+        ("steadyState", "1")
     };
     let control = format!(
         "application laplacianFoam;\nstartFrom startTime;\nstartTime 0;\nstopAt endTime;\nendTime {time};\n\

@@ -1,8 +1,9 @@
-//! A deck for OPM Flow, Eclipse and those who read its keywords, in METRIC units.
+//! Writes a deck for OPM Flow, Eclipse and other programs that read its keywords, in METRIC units.
 //!
-//! The keywords know columns of boxes only; cells of any shape are given as N boxes in a row, each at
-//! its cell's depth, whose own transmissibilities are set to zero (`TRANX`); what counts are the
-//! cells' pore volumes (`PORV`) and their connections (`NNC`, in cP rm3/day/bar).
+//! The keywords describe grids of boxes only. So a cell of any shape becomes one of N boxes in a
+//! row, each at the depth of its cell, and the transmissibilities between the boxes are set to zero
+//! (`TRANX`). The simulation uses the pore volumes of the cells (`PORV`) and their connections
+//! (`NNC`, in cP rm3/day/bar).
 
 use std::io::Write;
 use std::path::Path;
@@ -20,16 +21,16 @@ use crate::files::Batch;
 use crate::model::reservoir::{BAR, Fluid, MILLIDARCY, Model};
 use crate::{Error, Result};
 
-/// Least transmissibility, in those units, of a connection: simulators ignore, or misread, what is
-/// less.
+/// Minimum transmissibility of a connection, in cP rm3/day/bar. Simulators ignore or misread
+/// smaller values.
 pub const MIN_TRANSMISSIBILITY: f64 = 1e-6;
 const ERROR_PLACE: &str = "an OPM deck";
 
 /// Writes the deck.
 ///
 /// # Errors
-/// [`Error::Export`] without porosity or permeability, for a porosity outside [0, 1], a depth above
-/// the surface, or a well's name that no deck can hold.
+/// Returns [`Error::Export`] if porosity or permeability is missing, if a porosity is outside [0,
+/// 1], if a depth is above the surface, or if a deck cannot hold the name of a well.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let porosity = model.need_porosity(ERROR_PLACE)?;
     let permeability = model.need_permeability(ERROR_PLACE)?;
@@ -38,8 +39,8 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     if is_corner_point_deck(path) {
         return Err(Error::Export(cause(
             path.display(),
-            "is the deck of a corner-point grid, which stays as it is",
-            "name another file, or remove that one",
+            "is the deck of a corner-point grid, which is not overwritten",
+            "give another file name, or remove that file",
         )));
     }
 
@@ -54,19 +55,19 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         }
     };
     let pressure = |cell: usize| model.initial_pressure(depth(cell), top) / BAR;
-    let opening = |&(cell, index): &(u32, f64)| WellConnection {
+    let connection = |&(cell, index): &(u32, f64)| WellConnection {
         cell: [cell as usize + 1, 1, 1],
         index,
     };
     let wells = case.wells.iter();
-    let open: Vec<Vec<WellConnection>> = wells
-        .map(|well| well.cells.iter().map(opening).collect())
+    let well_connections: Vec<Vec<WellConnection>> = wells
+        .map(|well| well.cells.iter().map(connection).collect())
         .collect();
 
     batch.write(path, |out| {
-        let says = "cell i of the mesh is box (i + 1, 1, 1)\n\
+        let comment = "cell i of the mesh is box (i + 1, 1, 1)\n\
             -- faults that are nearly closed: flow --linear-solver=cpr needs a tenth of the iterations";
-        write_runspec(out, case, says, [cells, 1, 1], &open)?;
+        write_runspec(out, case, comment, [cells, 1, 1], &well_connections)?;
         writeln!(out, "GRID\nINIT\nGRIDFILE\n 0 1 /\n")?;
         for keyword in ["DX", "DY", "DZ"] {
             writeln!(out, "{keyword}\n {cells}*{side:.9} /")?;
@@ -113,6 +114,6 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         if case.fluid == Fluid::OilWater {
             writeln!(out, "SWAT\n {cells}*{CONNATE_WATER_SATURATION} /")?;
         }
-        write_schedule(out, case, &open)
+        write_schedule(out, case, &well_connections)
     })
 }

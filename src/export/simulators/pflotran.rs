@@ -1,11 +1,13 @@
-//! PFLOTRAN's explicit unstructured grid: `CELLS` at their sites, `CONNECTIONS` at the points where
-//! lines between sites meet the faces. Beside it a file `NAME-xmin.ex` for each side of the box, with
-//! its faces, for boundary conditions, and if there are several regions `NAME-region1.txt` with the cells of each.
+//! Writes PFLOTRAN's explicit unstructured grid: `CELLS` at their sites, and `CONNECTIONS` at the
+//! points where the lines between sites meet the faces. Beside it, a file `NAME-xmin.ex` for each
+//! side of the box has the faces of that side, for boundary conditions. If there are several
+//! regions, `NAME-region1.txt` has the cells of region 1, and so on.
 //!
-//! Porosity and permeability cell by cell are in `NAME-rock.h5`, as `DATASET`s that are indexed by cell.
+//! Porosity and permeability of each cell are in `NAME-rock.h5`, as `DATASET`s that are indexed by
+//! cell.
 //!
-//! PFLOTRAN knows no multipliers, but areas: what a fault lets through is a share of its face, and a closed
-//! one is no connection.
+//! PFLOTRAN has no multipliers. A fault therefore reduces the area of its faces, and a closed fault
+//! removes the connection.
 
 use std::io::Write;
 use std::path::Path;
@@ -20,10 +22,10 @@ use crate::mesh::graph::BoundaryFace;
 use crate::mesh::poly::SIDE_NAMES;
 use crate::model::reservoir::Model;
 
-/// Writes the grid; numbers of cells begin with 1.
+/// Writes the grid. Cell numbers begin with 1.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) if a file cannot be written.
+/// Returns [`Error::Io`](crate::Error::Io) if a file cannot be written.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let graph = &model.graph;
     batch.write(path, |out| {
@@ -43,8 +45,8 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     })?;
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     for (side, name) in SIDE_NAMES.iter().enumerate() {
-        let on = |face: &&BoundaryFace<3>| face.side == Some(side as u8);
-        let faces: Vec<_> = graph.boundary.iter().filter(on).collect();
+        let is_on_side = |face: &&BoundaryFace<3>| face.side == Some(side as u8);
+        let faces: Vec<_> = graph.boundary.iter().filter(is_on_side).collect();
         if faces.is_empty() {
             continue;
         }
@@ -65,18 +67,20 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let regions = sorted_regions(model);
     if regions.len() > 1 {
         for region in regions {
-            let own = |c: &usize| graph.region[*c] == region;
-            let own: Vec<usize> = (0..model.len()).filter(own).collect();
+            let is_in_region = |c: &usize| graph.region[*c] == region;
+            let region_cells: Vec<usize> = (0..model.len()).filter(is_in_region).collect();
             let file = format!("{stem}-{}.txt", region_name(model, region));
             batch.write(&path.with_file_name(file), |out| {
-                write_items(out, own.len(), |text, i| text.int(own[i] + 1).end_line())
+                write_items(out, region_cells.len(), |text, i| {
+                    text.int(region_cells[i] + 1).end_line()
+                })
             })?;
         }
     }
     Ok(())
 }
 
-/// What is known of the rock, cell by cell.
+/// Writes the porosity and permeability of each cell.
 fn write_rock(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let cells = model.len();
     let data = |name: &str, numbers| {

@@ -1,10 +1,11 @@
-//! RESQML 2.0.1: an unstructured grid with its rock, `NAME.epc` and `NAME.h5`.
+//! Writes RESQML 2.0.1: an unstructured grid with its rock properties, in `NAME.epc` and `NAME.h5`.
 //!
-//! z is elevation (the reference system says so), so that what is right-handed needs no second
-//! thought: seen from outside its first cell, a face's nodes turn anticlockwise.
+//! z is elevation, as the reference system says. So orientations need no conversion: seen from
+//! outside its first cell, the nodes of a face turn anticlockwise.
 //!
-//! Which surface or side a face lies on is a categorical property of faces, whose table has the names; which
-//! nodes lie on it is a property of nodes with the same name, 1 or 0.
+//! The surface or side on which a face lies is a categorical property of faces, whose table has the
+//! names. For each name, a property of nodes with the same name is 1 for the nodes on it, and 0
+//! elsewhere.
 
 use std::path::Path;
 
@@ -21,29 +22,29 @@ use crate::files::vtk::xml::escape;
 use crate::mesh::poly::Lists;
 use crate::model::reservoir::{MILLIDARCY, Model};
 
-/// A property of the cells as RESQML has it.
+/// RESQML property of cells, faces or nodes.
 struct ResqmlProperty<'a> {
     title: String,
-    /// One of RESQML's own kinds.
+    /// Property kind from RESQML's standard list.
     kind: &'static str,
     unit: &'static str,
-    /// The direction that it is for.
+    /// Direction of the property, if it has one.
     facet: Option<&'static str>,
-    /// What there is a number for.
+    /// Element for which the property has a value: cells, faces or nodes.
     indexable_element: &'static str,
-    /// Whether its numbers stand for the names in the table.
+    /// `true` if the values are keys of the names in the table.
     has_value_names: bool,
     numbers: LazyArray<'a>,
 }
 
-/// Writes both files; `path` is the package.
+/// Writes both files. `path` is the package.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) if a file cannot be written.
+/// Returns [`Error::Io`](crate::Error::Io) if a file cannot be written.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let (mesh, cells) = (&model.mesh, model.len());
     let names = FaceNames::new(model);
-    let of_cells = mesh.faces_of_cells();
+    let cell_faces = mesh.faces_of_cells();
     let companion = path.with_extension("h5");
     let companion_name = companion.file_name().unwrap_or_default().to_string_lossy();
     let digest = model_digest(model);
@@ -72,22 +73,22 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         references: vec![1],
         has_arrays: true,
     };
-    let at = |uuid: &str, name: &str| {
+    let array_path = |uuid: &str, name: &str| {
         let path = format!("<eml:PathInHdfFile>/RESQML/{uuid}/{name}</eml:PathInHdfFile>");
         path + &proxy.reference("eml:HdfProxy")
     };
-    let own = |name: &str| at(&grid.uuid, name);
+    let grid_array = |name: &str| array_path(&grid.uuid, name);
     let jagged = |name: &str| {
         let part = |element: &str, file: &str| {
-            let path = own(&format!("{name}/{file}"));
+            let path = grid_array(&format!("{name}/{file}"));
             format!(
                 "<resqml2:{element} xsi:type=\"resqml2:IntegerHdf5Array\"><resqml2:NullValue>-1\
                  </resqml2:NullValue><resqml2:Values xsi:type=\"eml:Hdf5Dataset\">{path}\
                  </resqml2:Values></resqml2:{element}>"
             )
         };
-        let both = part("Elements", "elements") + &part("CumulativeLength", "cumulativeLength");
-        format!("<resqml2:{name} xsi:type=\"resqml2:ResqmlJaggedArray\">{both}</resqml2:{name}>")
+        let parts = part("Elements", "elements") + &part("CumulativeLength", "cumulativeLength");
+        format!("<resqml2:{name} xsi:type=\"resqml2:ResqmlJaggedArray\">{parts}</resqml2:{name}>")
     };
     let shape = match model.tets {
         Some(_) => "tetrahedral",
@@ -103,23 +104,23 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
          <resqml2:Values xsi:type=\"eml:Hdf5Dataset\">{}</resqml2:Values>\
          </resqml2:CellFaceIsRightHanded>\n</resqml2:Geometry>",
         crs.reference("resqml2:LocalCrs"),
-        own("Points"),
+        grid_array("Points"),
         mesh.nodes.len(),
         mesh.face_cells.len(),
         jagged("NodesPerFace"),
         jagged("FacesPerCell"),
-        own("CellFaceIsRightHanded")
+        grid_array("CellFaceIsRightHanded")
     );
 
-    // A face is right-handed for its owner, whose cells have it first.
-    let cell_of = |item: usize| of_cells.offsets.partition_point(|&o| o as usize <= item) - 1;
-    let right = |range: std::ops::Range<usize>, bytes: &mut Vec<u8>| {
+    // A face is right-handed for its owner, the first of its two cells.
+    let cell_of = |item: usize| cell_faces.offsets.partition_point(|&o| o as usize <= item) - 1;
+    let right_handedness = |range: std::ops::Range<usize>, bytes: &mut Vec<u8>| {
         let mut cell = cell_of(range.start);
         for i in range {
-            while of_cells.offsets[cell + 1] as usize <= i {
+            while cell_faces.offsets[cell + 1] as usize <= i {
                 cell += 1;
             }
-            let owner = mesh.face_cells[of_cells.items[i] as usize][0];
+            let owner = mesh.face_cells[cell_faces.items[i] as usize][0];
             bytes.push(u8::from(owner as usize == cell));
         }
     };
@@ -133,10 +134,13 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             ),
         ),
         ("NodesPerFace".into(), list_group(&mesh.faces)),
-        ("FacesPerCell".into(), list_group(&of_cells)),
+        ("FacesPerCell".into(), list_group(&cell_faces)),
         (
             "CellFaceIsRightHanded".into(),
-            dataset(LazyArray::from_fill::<u8>(of_cells.items.len(), right)),
+            dataset(LazyArray::from_fill::<u8>(
+                cell_faces.items.len(),
+                right_handedness,
+            )),
         ),
     ]);
     let mut nodes = vec![(grid.uuid.clone(), grid_node)];
@@ -146,13 +150,13 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
              <resqml2:Value>{name}</resqml2:Value></resqml2:Value>\n"
         )
     };
-    let none = "none".to_string();
+    let no_name = "none".to_string();
     let table = EpcObject {
         kind: "StringTableLookup",
         uuid: uuid(&digest, "names"),
         title: "names of faces".into(),
         body: (0..)
-            .zip([&none].into_iter().chain(&names.names))
+            .zip([&no_name].into_iter().chain(&names.names))
             .map(entry)
             .collect(),
         references: Vec::new(),
@@ -191,7 +195,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     batch.write(path, |out| epc::write(out, &objects, &companion_name))
 }
 
-/// Metres east, north and up from nowhere in particular.
+/// Coordinate reference system: metres east, north and up from an unspecified origin.
 const CRS_XML: &str = "<resqml2:XOffset>0</resqml2:XOffset><resqml2:YOffset>0</resqml2:YOffset>\
 <resqml2:ZOffset>0</resqml2:ZOffset><resqml2:ArealRotation uom=\"rad\">0</resqml2:ArealRotation>\
 <resqml2:ProjectedAxisOrder>easting northing</resqml2:ProjectedAxisOrder>\
@@ -201,7 +205,7 @@ const CRS_XML: &str = "<resqml2:XOffset>0</resqml2:XOffset><resqml2:YOffset>0</r
 </resqml2:VerticalCrs><resqml2:ProjectedCrs xsi:type=\"eml:ProjectedUnknownCrs\"><eml:Unknown>Unknown\
 </eml:Unknown></resqml2:ProjectedCrs>";
 
-/// A digest of what makes a model different from others.
+/// Returns a digest of the version, sites and nodes, which differs for different models.
 fn model_digest(model: &Model) -> Sha256 {
     let mut digest = Sha256::new();
     digest.update(env!("CARGO_PKG_VERSION"));
@@ -215,7 +219,7 @@ fn dataset(numbers: LazyArray<'_>) -> Hdf5Node<'_> {
     Hdf5Node::Dataset(vec![numbers.len as u64], numbers)
 }
 
-/// Lists as elements and where each list ends.
+/// Returns lists as their elements and the end of each list.
 fn list_group(lists: &Lists) -> Hdf5Node<'_> {
     Hdf5Node::Group(vec![
         (
@@ -240,10 +244,10 @@ fn properties<'a>(model: &'a Model, names: &'a FaceNames) -> Vec<ResqmlProperty<
         numbers,
     };
     let region = LazyArray::from_slice(&model.graph.region);
-    let mut all = vec![property("region", "index", "", None, region)];
+    let mut properties = vec![property("region", "index", "", None, region)];
     if let Some(porosity) = &model.porosity {
         let numbers = LazyArray::from_slice(porosity);
-        all.push(property("porosity", "porosity", "m3/m3", None, numbers));
+        properties.push(property("porosity", "porosity", "m3/m3", None, numbers));
     }
     if let Some(permeability) = &model.permeability {
         let rock = &permeability.rock;
@@ -258,7 +262,7 @@ fn properties<'a>(model: &'a Model, names: &'a FaceNames) -> Vec<ResqmlProperty<
             let value = move |c: usize| rock.mobility(c).0[k] / MILLIDARCY;
             let numbers = LazyArray::from_fn(model.len(), value);
             let kind = "permeability rock";
-            all.push(property(title, kind, "mD", Some(facet), numbers));
+            properties.push(property(title, kind, "mD", Some(facet), numbers));
         }
     }
     for array in model.properties.iter().filter(|p| p.components == 1) {
@@ -269,25 +273,25 @@ fn properties<'a>(model: &'a Model, names: &'a FaceNames) -> Vec<ResqmlProperty<
                 LazyArray::from_fn(values.len(), move |i| values[i])
             }
         };
-        all.push(property(&array.name, "continuous", "Euc", None, numbers));
+        properties.push(property(&array.name, "continuous", "Euc", None, numbers));
     }
     let numbers = LazyArray::from_slice(&names.face_numbers);
-    all.push(ResqmlProperty {
+    properties.push(ResqmlProperty {
         indexable_element: "faces",
         has_value_names: true,
         ..property("names of faces", "categorical", "", None, numbers)
     });
     for group in names.groups() {
-        let mut within = vec![0u8; model.mesh.nodes.len()];
+        let mut membership = vec![0u8; model.mesh.nodes.len()];
         let nodes = face_nodes(model, &group.faces);
-        nodes.iter().for_each(|&n| within[n as usize] = 1);
-        let numbers = LazyArray::from_fn(within.len(), move |n| within[n]);
-        all.push(ResqmlProperty {
+        nodes.iter().for_each(|&n| membership[n as usize] = 1);
+        let numbers = LazyArray::from_fn(membership.len(), move |n| membership[n]);
+        properties.push(ResqmlProperty {
             indexable_element: "nodes",
             ..property(&group.name, "index", "", None, numbers)
         });
     }
-    all
+    properties
 }
 
 impl ResqmlProperty<'_> {
@@ -303,18 +307,20 @@ impl ResqmlProperty<'_> {
         }
     }
 
-    /// What is in the object; `values` says where its numbers are, `table` where their names are.
+    /// Returns the content of the object. `values` refers to its numbers, and `table` to the table
+    /// of names.
     fn xml(&self, grid: &str, values: &str, table: &str) -> String {
         let dataset =
             format!("<resqml2:Values xsi:type=\"eml:Hdf5Dataset\">{values}</resqml2:Values>");
-        let values = match self.is_integer() {
-            true => format!(
+        let values = if self.is_integer() {
+            format!(
                 "<resqml2:Values xsi:type=\"resqml2:IntegerHdf5Array\"><resqml2:NullValue>-2147483648\
                  </resqml2:NullValue>{dataset}</resqml2:Values>"
-            ),
-            false => format!(
+            )
+        } else {
+            format!(
                 "<resqml2:Values xsi:type=\"resqml2:DoubleHdf5Array\">{dataset}</resqml2:Values>"
-            ),
+            )
         };
         let facet = self.facet.map_or(String::new(), |facet| {
             format!(

@@ -1,8 +1,8 @@
-//! TOUGH2's file MESH: fixed columns, ten characters a number.
+//! Writes TOUGH2's file MESH: fixed columns, ten characters per number.
 //!
-//! It knows no multipliers, but areas: what a fault lets through is a share of its face, and a closed one is
-//! no connection. The permeability along x, in m^2, is each element's modifier (PMX), for rocks of
-//! permeability 1.
+//! TOUGH2 has no multipliers. A fault therefore reduces the area of its faces, and a closed fault
+//! removes the connection. The permeability along x, in m^2, is the permeability modifier (PMX) of
+//! each element, for rocks with a permeability of 1.
 
 use std::io::Write;
 use std::path::Path;
@@ -14,14 +14,14 @@ use crate::mesh::graph::Connection;
 use crate::model::reservoir::Model;
 use crate::{Error, Result};
 
-/// Names are three letters or digits, the first a letter, and two digits.
+/// Number of element names: three letters or digits, the first a letter, and two digits.
 const MAX_NAMES: usize = 26 * 36 * 36 * 100;
 
-/// Writes elements and connections. Rocks are named by region, `REG00`, `REG01` ... (`R0100` from
-/// there on).
+/// Writes elements and connections. Rocks are named by region: `REG00`, `REG01` ..., and `R0100`
+/// and so on from region 100.
 ///
 /// # Errors
-/// [`Error::Export`] for more cells or regions than there are names.
+/// Returns [`Error::Export`] if there are more cells or regions than names.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let graph = &model.graph;
     if model.len() > MAX_NAMES {
@@ -47,7 +47,9 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             text.word(ascii(&format_ten_chars(volume)))
                 .word("          ");
             match &model.permeability {
-                Some(known) => text.word(ascii(&format_ten_chars(known.rock.mobility(c).0[0]))),
+                Some(permeability) => {
+                    text.word(ascii(&format_ten_chars(permeability.rock.mobility(c).0[0])))
+                }
                 None => text.word("          "),
             };
             for value in [x, y, z] {
@@ -75,8 +77,9 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     })
 }
 
-/// ISOT, the permeability that counts (1, 2, 3: that of the axis the connection is nearest to), and
-/// BETAX, the cosine between the connection and gravity: positive if the first cell is above.
+/// Returns ISOT, the axis (1, 2, 3) that is nearest to the connection and whose permeability
+/// counts, and BETAX, the cosine between the connection and gravity: positive if the first cell is
+/// above.
 fn direction(c: &Connection<3>, site: &[[f64; 3]]) -> (u8, f64) {
     let [a, b] = c.cells.map(|cell| site[cell as usize]);
     let line: [f64; 3] = std::array::from_fn(|k| b[k] - a[k]);
@@ -87,12 +90,13 @@ fn direction(c: &Connection<3>, site: &[[f64; 3]]) -> (u8, f64) {
             best
         }
     });
-    // The rise between the sites must be right, also where the connection is not square to its face.
+    // The height difference of the sites must be right, even where the connection is not
+    // perpendicular to its face.
     let beta = -line[2] / (c.distance[0] + c.distance[1]);
     (axis as u8 + 1, beta.clamp(-1.0, 1.0))
 }
 
-/// The name of a cell: `AAA00`, `AAA01` ... `AAB00` ...
+/// Returns the name of a cell: `AAA00`, `AAA01` ... `AAB00` ...
 fn element_name(cell: usize) -> [u8; 5] {
     const NAME_CHARS: &[u8; 36] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789";
     let (word, digits) = (cell / 100, cell % 100);
@@ -105,7 +109,7 @@ fn element_name(cell: usize) -> [u8; 5] {
     ]
 }
 
-/// The name of a region's rock.
+/// Returns the rock name of a region.
 fn rock_name(region: i32) -> [u8; 5] {
     let digit = |power: i32| b'0' + (region / power % 10) as u8;
     if region < 100 {
@@ -115,13 +119,13 @@ fn rock_name(region: i32) -> [u8; 5] {
     }
 }
 
-/// A number in ten characters, with as many digits as find room there, and always a point: without one,
-/// the last four digits would be read as decimals.
+/// Formats a number in ten characters, with as many digits as fit, and always with a decimal point.
+/// Without a point, the last four digits would be read as decimals.
 fn format_ten_chars(number: f64) -> [u8; 10] {
     let mut field = [b' '; 10];
-    let size = number.abs();
-    if size != 0.0 && !(1e-3..99_999_999.0).contains(&size) {
-        // Fewer decimals until it fits.
+    let magnitude = number.abs();
+    if magnitude != 0.0 && !(1e-3..99_999_999.0).contains(&magnitude) {
+        // The number of decimals is reduced until the number fits.
         for decimals in (1..=6).rev() {
             field = [b' '; 10];
             if write!(&mut field[..], "{number:.decimals$E}").is_ok() {
@@ -131,25 +135,26 @@ fn format_ten_chars(number: f64) -> [u8; 10] {
         return field;
     }
     let sign = usize::from(number < 0.0);
-    let mut whole = 1;
+    let mut integer_digits = 1;
     let mut limit = 10.0;
-    while size >= limit {
-        whole += 1;
+    while magnitude >= limit {
+        integer_digits += 1;
         limit *= 10.0;
     }
-    let mut decimals = (9 - sign - whole).min(8);
-    let mut scaled = (size * 10f64.powi(decimals as i32)).round() as u64;
-    if scaled as f64 >= limit * 10f64.powi(decimals as i32) && whole + decimals + sign == 9 {
-        // Rounded up to one more digit.
+    let mut decimals = (9 - sign - integer_digits).min(8);
+    let mut scaled = (magnitude * 10f64.powi(decimals as i32)).round() as u64;
+    if scaled as f64 >= limit * 10f64.powi(decimals as i32) && integer_digits + decimals + sign == 9
+    {
+        // Rounding has added a digit.
         decimals -= 1;
-        scaled = (size * 10f64.powi(decimals as i32)).round() as u64;
-        whole += 1;
+        scaled = (magnitude * 10f64.powi(decimals as i32)).round() as u64;
+        integer_digits += 1;
     }
-    for place in (sign..sign + whole + 1 + decimals).rev() {
-        if place == sign + whole {
-            field[place] = b'.';
+    for column in (sign..sign + integer_digits + 1 + decimals).rev() {
+        if column == sign + integer_digits {
+            field[column] = b'.';
         } else {
-            field[place] = b'0' + (scaled % 10) as u8;
+            field[column] = b'0' + (scaled % 10) as u8;
             scaled /= 10;
         }
     }
@@ -159,7 +164,7 @@ fn format_ten_chars(number: f64) -> [u8; 10] {
     field
 }
 
-/// What these functions make is ASCII.
+/// Returns bytes as text. All names and numbers of this module are ASCII.
 fn ascii(bytes: &[u8]) -> &str {
     std::str::from_utf8(bytes).unwrap_or_default()
 }
@@ -170,7 +175,7 @@ mod tests {
 
     #[test]
     fn numbers_fill_ten_columns() {
-        for (number, want) in [
+        for (number, expected) in [
             (0.0, "0.00000000"),
             (1.0 / 3.0, "0.33333333"),
             (612_345.678_91, "612345.679"),
@@ -186,7 +191,7 @@ mod tests {
             (0.001, "0.00100000"),
             (-0.25, "-0.2500000"),
         ] {
-            assert_eq!(ascii(&format_ten_chars(number)), want);
+            assert_eq!(ascii(&format_ten_chars(number)), expected);
         }
     }
 

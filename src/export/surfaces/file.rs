@@ -1,42 +1,42 @@
-//! Labelled surfaces with everything that is stored with them, for all formats of surfaces.
+//! Labelled surfaces with their names, values and units, as all surface formats write them.
 
 use crate::files::vtk::DataArray;
 use crate::geometry::to_3d;
 use crate::store::FieldValue;
 
-/// Surfaces, in physical coordinates: triangles (`D` = 3), or line segments (`D` = 2) at z = 0.
+/// Surfaces in physical coordinates: triangles (`D` = 3), or line segments (`D` = 2) at z = 0.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SurfaceFile<const D: usize> {
     /// Node positions.
     pub nodes: Vec<[f64; 3]>,
     /// Nodes of each facet, surface by surface.
     pub facets: Vec<[u32; D]>,
-    /// Where the facets of each surface begin, and the end.
+    /// Index of the first facet of each surface, and the number of facets at the end.
     pub surface_starts: Vec<usize>,
     /// Names of the surfaces, without spaces or line ends.
     pub names: Vec<String>,
-    /// Arrays with a tuple per facet.
+    /// Arrays with one tuple per facet.
     pub cell_data: Vec<DataArray>,
-    /// What belongs to the whole file.
+    /// Values that belong to the whole file.
     pub field_data: Vec<(String, FieldValue)>,
-    /// Units of the coordinates; empty where unknown.
+    /// Units of the coordinates. Empty if unknown.
     pub units: [String; 3],
-    /// Whether z grows upwards.
+    /// `true` if z grows upwards.
     pub z_up: bool,
 }
 
 impl<const D: usize> SurfaceFile<D> {
-    /// Surfaces named `name`1, `name`2 ... with only those nodes that they use.
+    /// Creates surfaces with the names `name`1, `name`2 ... and only those nodes that they use.
     pub fn new(nodes: &[[f64; D]], facets: &[[u32; D]], start: &[usize], name: &str) -> Self {
         let mut used: Vec<u32> = facets.as_flattened().to_vec();
         used.sort_unstable();
         used.dedup();
-        let place = |n: u32| used.partition_point(|&m| m < n) as u32;
+        let new_index = |n: u32| used.partition_point(|&m| m < n) as u32;
         let version = FieldValue::Text(env!("CARGO_PKG_VERSION").to_string());
-        let lifted = |&n: &u32| to_3d(nodes[n as usize]);
+        let position = |&n: &u32| to_3d(nodes[n as usize]);
         Self {
-            nodes: used.iter().map(lifted).collect(),
-            facets: facets.iter().map(|f| f.map(place)).collect(),
+            nodes: used.iter().map(position).collect(),
+            facets: facets.iter().map(|f| f.map(new_index)).collect(),
             surface_starts: start.to_vec(),
             names: (1..start.len()).map(|s| format!("{name}{s}")).collect(),
             cell_data: Vec::new(),
@@ -46,12 +46,12 @@ impl<const D: usize> SurfaceFile<D> {
         }
     }
 
-    /// The facets of a surface.
+    /// Returns the facets of a surface.
     pub fn surface_facets(&self, surface: usize) -> &[[u32; D]] {
         &self.facets[self.surface_starts[surface]..self.surface_starts[surface + 1]]
     }
 
-    /// The number of each facet's surface, from 1, as in the names.
+    /// Returns the surface number of each facet, from 1, as in the names.
     pub fn labels(&self) -> Vec<i32> {
         let sizes = self.surface_starts.windows(2).map(|w| w[1] - w[0]);
         let labels = (1..).zip(sizes);
@@ -70,7 +70,7 @@ mod tests {
     use std::collections::BTreeMap;
     use std::path::Path;
 
-    /// A square of two triangles and a triangle far away, of a mesh with nodes that are not used.
+    /// Returns a square of two triangles and a distant triangle, from a mesh with unused nodes.
     fn two_surfaces() -> SurfaceFile<3> {
         let nodes = [
             [9.0, 9.0, 9.0],
@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn vtp_comes_back() {
+    fn vtp_is_read_back() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.vtp");
         let mut file = two_surfaces();
@@ -125,15 +125,15 @@ mod tests {
         let fields = read.data_set().child("FieldData").unwrap();
         assert_eq!(read.text(&fields.children[0]).unwrap(), "fault1\nfault2");
 
-        let again = read_surfaces(&path).unwrap();
+        let reread = read_surfaces(&path).unwrap();
         assert_eq!(
-            (&again.names, &again.surface_starts),
+            (&reread.names, &reread.surface_starts),
             (&file.names, &file.surface_starts)
         );
-        for (facet, want) in again.facets.iter().zip(&file.facets) {
-            let [found, want] = [(&again, facet), (&file, want)]
+        for (facet, expected) in reread.facets.iter().zip(&file.facets) {
+            let [actual, expected] = [(&reread, facet), (&file, expected)]
                 .map(|(file, facet)| facet.map(|n| file.nodes[n as usize]));
-            assert_eq!(found, want);
+            assert_eq!(actual, expected);
         }
 
         file.cell_data[0].values = Values::U8(vec![1]);
@@ -169,8 +169,9 @@ mod tests {
         let file = two_surfaces();
         write_obj(&path, &file).unwrap();
         let text = std::fs::read_to_string(&path).unwrap();
-        let lines =
-            |with: &str| -> Vec<&str> { text.lines().filter(|l| l.starts_with(with)).collect() };
+        let lines = |prefix: &str| -> Vec<&str> {
+            text.lines().filter(|l| l.starts_with(prefix)).collect()
+        };
         let nodes: Vec<[f64; 3]> = (lines("v ").iter())
             .map(|l| {
                 let words: Vec<f64> = l[2..].split(' ').map(|w| w.parse().unwrap()).collect();
@@ -183,16 +184,16 @@ mod tests {
         assert!(text.find("g fault2").unwrap() > text.find("f 1 4 3").unwrap());
     }
 
-    /// One object of a GOCAD file as a strict reader sees it: name, whether z is up, triangles.
+    /// GOCAD object as a strict reader sees it: name, whether z is up, triangles.
     type GocadObject = (String, bool, Vec<[[f64; 3]; 3]>);
 
-    /// Reads TSurf objects and panics at anything that the format does not have at that place.
+    /// Reads TSurf objects. Panics at any line that the format does not allow at that position.
     fn read_tsurf(path: &Path) -> Vec<GocadObject> {
         let text = std::fs::read_to_string(path).unwrap();
         let mut lines = text.lines();
         let mut objects = Vec::new();
         while let Some(first) = lines.next() {
-            let mut expect = |want: &str| assert_eq!(lines.next(), Some(want));
+            let mut expect = |expected: &str| assert_eq!(lines.next(), Some(expected));
             assert_eq!(first, "GOCAD TSurf 1");
             expect("HEADER {");
             let name = lines
@@ -201,7 +202,7 @@ mod tests {
                 .strip_prefix("name:")
                 .unwrap()
                 .to_string();
-            let mut expect = |want: &str| assert_eq!(lines.next(), Some(want));
+            let mut expect = |expected: &str| assert_eq!(lines.next(), Some(expected));
             expect("}");
             expect("GOCAD_ORIGINAL_COORDINATE_SYSTEM");
             expect("NAME Default");
@@ -212,7 +213,7 @@ mod tests {
                 "ZPOSITIVE Depth" => false,
                 other => panic!("{other}"),
             };
-            let mut expect = |want: &str| assert_eq!(lines.next(), Some(want));
+            let mut expect = |expected: &str| assert_eq!(lines.next(), Some(expected));
             expect("END_ORIGINAL_COORDINATE_SYSTEM");
             expect("TFACE");
             let mut nodes = BTreeMap::new();
@@ -252,24 +253,24 @@ mod tests {
             assert_eq!(objects.len(), 2);
             for (s, (name, up, triangles)) in objects.iter().enumerate() {
                 assert_eq!((name, *up), (&file.names[s], z_up));
-                let want = file
+                let expected = file
                     .surface_facets(s)
                     .iter()
                     .map(|f| f.map(|n| file.nodes[n as usize]));
-                assert!(triangles.iter().copied().eq(want));
+                assert!(triangles.iter().copied().eq(expected));
             }
-            let Gocad::Surfaces(again) = read_gocad(&path).unwrap() else {
+            let Gocad::Surfaces(reread) = read_gocad(&path).unwrap() else {
                 panic!("no surfaces")
             };
             assert_eq!(
-                (&again.names, &again.units, again.z_up),
+                (&reread.names, &reread.units, reread.z_up),
                 (&file.names, &file.units, z_up)
             );
-            assert_eq!(again.surface_starts, file.surface_starts);
-            for (facet, want) in again.facets.iter().zip(&file.facets) {
-                let [found, want] = [(&again, facet), (&file, want)]
+            assert_eq!(reread.surface_starts, file.surface_starts);
+            for (facet, expected) in reread.facets.iter().zip(&file.facets) {
+                let [actual, expected] = [(&reread, facet), (&file, expected)]
                     .map(|(file, facet)| facet.map(|n| file.nodes[n as usize]));
-                assert_eq!(found, want);
+                assert_eq!(actual, expected);
             }
         }
         let lines = SurfaceFile::new(&[[0.5, 1.0], [2.0, 3.0]], &[[0, 1]], &[0, 1], "line");
@@ -278,14 +279,14 @@ mod tests {
         assert!(text.starts_with("GOCAD PLine 1\n") && text.contains("ILINE\nVRTX 1 0.5 1 0\n"));
         assert!(text.contains("AXIS_UNIT \"unitless\" \"unitless\" \"unitless\"\n"));
         assert!(text.ends_with("SEG 1 2\nEND\n"), "{text}");
-        let Gocad::Lines(again) = read_gocad(&path).unwrap() else {
+        let Gocad::Lines(reread) = read_gocad(&path).unwrap() else {
             panic!("no lines")
         };
-        assert_eq!((again.nodes, again.facets), (lines.nodes, lines.facets));
+        assert_eq!((reread.nodes, reread.facets), (lines.nodes, lines.facets));
     }
 
     #[test]
-    fn gocad_files_of_others_are_read_and_damage_is_named_by_its_line() {
+    fn foreign_gocad_files_are_read_and_errors_name_the_line() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.ts");
         let text = "GOCAD Well 1\nVRTX 1 bad\nEND\nGOCAD TSurf 1\nHEADER {\n*name: x\nname: Top Etive \n}\n\
@@ -304,8 +305,8 @@ mod tests {
             ("VRTX 12 2 3 3", "VRTX 12 2 x 3", 12),
         ] {
             std::fs::write(&path, text.replace(old, new)).unwrap();
-            let said = read_gocad(&path).unwrap_err().to_string();
-            assert!(said.contains(&format!("a.ts:{line}: ")), "{said}");
+            let message = read_gocad(&path).unwrap_err().to_string();
+            assert!(message.contains(&format!("a.ts:{line}: ")), "{message}");
         }
         std::fs::write(&path, "GOCAD Voxet 1\nEND\n").unwrap();
         assert!(read_gocad(&path).is_err());

@@ -1,4 +1,4 @@
-//! A surface as a grid of heights, for programs that hold horizons so.
+//! Samples a surface on a grid of heights, for programs that store horizons as grids.
 
 use super::SurfaceFile;
 use crate::error::{Error, Result, cause};
@@ -6,24 +6,25 @@ use crate::geometry::{norm, sub};
 use crate::image::{Geometry, Image};
 use crate::model::columns::horizon::{Horizon, TriangleIndex};
 
-/// Most nodes of a grid.
+/// Maximum number of nodes of a grid.
 const MAX_NODES: f64 = 1e8;
 
-/// The heights of a surface over a grid along x and y, at whole multiples of its step (about the length of the
-/// surface's edges if `None`); NaN where the surface is not.
+/// Returns the heights of a surface on a grid along x and y. Grid nodes are at integer multiples of
+/// `step`, which is about the length of the surface's edges if `None`. Heights are NaN outside the
+/// surface.
 ///
 /// # Errors
-/// [`Error::Job`] for a step that is not positive, or makes too many nodes.
+/// Returns [`Error::Job`] if the step is not positive or makes too many nodes.
 pub fn height_grid(file: &SurfaceFile<3>, surface: usize, step: Option<f64>) -> Result<Image<2>> {
     let triangles: Vec<[[f64; 3]; 3]> = file
         .surface_facets(surface)
         .iter()
         .map(|facet| facet.map(|n| file.nodes[n as usize]))
         .collect();
-    let level = |[x, y, _]: [f64; 3]| [x, y];
+    let horizontal = |[x, y, _]: [f64; 3]| [x, y];
     let edges = triangles
         .iter()
-        .map(|&[a, b, _]| norm(sub(level(b), level(a))));
+        .map(|&[a, b, _]| norm(sub(horizontal(b), horizontal(a))));
     let mean = edges.sum::<f64>() / triangles.len().max(1) as f64;
     let step = step.unwrap_or(mean);
     let refuse = |problem: String| {
@@ -31,14 +32,14 @@ pub fn height_grid(file: &SurfaceFile<3>, surface: usize, step: Option<f64>) -> 
         Err(Error::Job(cause(place, problem, "give another step")))
     };
     if !(step.is_finite() && step > 0.0) {
-        return refuse("is no grid".into());
+        return refuse("is not a grid, which needs a positive step".into());
     }
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     for p in triangles.as_flattened() {
         low = [0, 1].map(|k| low[k].min(p[k]));
         high = [0, 1].map(|k| high[k].max(p[k]));
     }
-    // The nodes inside, at least one.
+    // The nodes inside, at least one per axis.
     let first = low.map(|low| (low / step).ceil());
     let counts = [0, 1].map(|k| ((high[k] / step).floor() - first[k] + 1.0).max(1.0));
     let [columns, rows] = counts;
@@ -61,7 +62,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_plane_is_sampled_exactly_where_it_is() {
+    fn a_plane_is_sampled_exactly_inside_its_triangles() {
         let height = |x: f64, y: f64| 100.0 + 0.5 * x - 0.25 * y;
         let node = |x: f64, y: f64| [x, y, height(x, y)];
         let nodes = [node(-1.0, 0.0), node(21.0, 0.0), node(21.0, 13.0)];
@@ -74,7 +75,7 @@ mod tests {
             assert_eq!(z.is_finite(), inside, "({x}, {y})");
             assert!(!inside || (f64::from(z) - height(x, y)).abs() < 1e-5);
         }
-        // By itself, about as fine as its edges.
+        // The default step is about the length of the edges.
         assert_eq!(
             height_grid(&file, 0, None).unwrap().geometry.axes[0][0],
             22.0

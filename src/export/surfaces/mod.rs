@@ -1,12 +1,12 @@
-//! Labelled surfaces.
+//! Writes and reads labelled surfaces.
 //!
-//! - `file`: what is written of them
+//! - `file`: the surfaces and their values, independent of the format
 //! - `vtp`: VTK poly data
-//! - `heights`: a surface as a grid
-//! - `tsurf`: surfaces of and for GOCAD
+//! - `heights`: a surface as a grid of heights
+//! - `tsurf`: GOCAD surfaces and lines
 //! - `sticks`: fault sticks
 //!
-//! Wavefront OBJ is among the [`meshers`](super::meshers).
+//! Wavefront OBJ is in [`meshers`](super::meshers).
 
 pub(crate) mod file;
 pub mod heights;

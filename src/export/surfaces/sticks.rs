@@ -1,7 +1,8 @@
-//! Fault sticks: the lines along which interpreters draw a fault from top to bottom, one beside the other.
+//! Fault sticks: the lines, side by side, along which interpreters draw a fault from top to bottom.
 //!
-//! A table of `fault,stick,x,y,z`, the points of a stick one below the other; of other tables the columns
-//! may stand in any order and have other ones between them.
+//! The file is a table with the columns `fault,stick,x,y,z` and one row per point, from the top of
+//! a stick down. In tables of other programs, the columns may be in any order, and other columns
+//! are ignored.
 
 use std::io::{Read, Write};
 use std::path::Path;
@@ -12,25 +13,26 @@ use crate::files;
 use crate::files::atomic_write;
 use crate::geometry::{dot, norm, sub};
 
-/// A fault: its name, and its sticks from one end to the other.
+/// Fault: its name, and its sticks from one end to the other.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FaultSticks {
-    /// What it is called.
+    /// Name of the fault.
     pub name: String,
-    /// The points of each, from top to bottom.
+    /// Points of each stick, from top to bottom.
     pub sticks: Vec<Vec<[f64; 3]>>,
 }
 
-/// Points nearer than this, over a fault's length, are one.
+/// Points that are closer than this, relative to the length of the fault, are one point.
 const POINT_TOLERANCE_RATIO: f64 = 1e-9;
 
-/// How far sticks are apart unless it is said: so many on a surface.
+/// Number of sticks of a surface if no spacing is given.
 const DEFAULT_STICK_COUNT: f64 = 10.0;
 
 impl FaultSticks {
-    /// Sticks of each surface: where it is cut by upright planes across its strike, `apart` from one
-    /// another (a tenth of its length if `None`).
-    pub fn from_surfaces(file: &SurfaceFile<3>, apart: Option<f64>) -> Vec<Self> {
+    /// Makes sticks from each surface: its intersections with vertical planes perpendicular to its
+    /// strike. `spacing` is the distance between planes (a tenth of the surface's length if
+    /// `None`).
+    pub fn from_surfaces(file: &SurfaceFile<3>, spacing: Option<f64>) -> Vec<Self> {
         (0..file.names.len())
             .map(|s| {
                 let triangles: Vec<[[f64; 3]; 3]> = file
@@ -40,22 +42,22 @@ impl FaultSticks {
                     .collect();
                 Self {
                     name: file.names[s].clone(),
-                    sticks: section_lines(&triangles, apart),
+                    sticks: section_lines(&triangles, spacing),
                 }
             })
             .collect()
     }
 
-    /// The lines of each object, as sticks.
+    /// Makes sticks from the lines of each object.
     pub fn from_lines(file: &SurfaceFile<2>) -> Vec<Self> {
-        let of = |s: usize| {
+        let object_sticks = |s: usize| {
             let mut sticks: Vec<Vec<[f64; 3]>> = Vec::new();
             let mut end = None;
             for &[a, b] in file.surface_facets(s) {
-                let [from, to] = [a, b].map(|n| file.nodes[n as usize]);
+                let [start, end_point] = [a, b].map(|n| file.nodes[n as usize]);
                 match sticks.last_mut() {
-                    Some(stick) if end == Some(a) => stick.push(to),
-                    _ => sticks.push(vec![from, to]),
+                    Some(stick) if end == Some(a) => stick.push(end_point),
+                    _ => sticks.push(vec![start, end_point]),
                 }
                 end = Some(b);
             }
@@ -64,10 +66,10 @@ impl FaultSticks {
                 sticks,
             }
         };
-        (0..file.names.len()).map(of).collect()
+        (0..file.names.len()).map(object_sticks).collect()
     }
 
-    /// The sticks of each fault as lines.
+    /// Converts the sticks of each fault to lines.
     pub fn to_lines(faults: &[Self]) -> SurfaceFile<2> {
         let mut file = SurfaceFile {
             surface_starts: vec![0],
@@ -76,9 +78,9 @@ impl FaultSticks {
         };
         for fault in faults {
             for stick in &fault.sticks {
-                let from = file.nodes.len() as u32;
+                let first = file.nodes.len() as u32;
                 file.nodes.extend(stick);
-                let ends = (from + 1)..file.nodes.len() as u32;
+                let ends = (first + 1)..file.nodes.len() as u32;
                 file.facets.extend(ends.map(|end| [end - 1, end]));
             }
             file.names.push(fault.name.clone());
@@ -87,8 +89,8 @@ impl FaultSticks {
         file
     }
 
-    /// Triangles between neighbouring sticks of each fault, as a surface each; faults of a single stick are
-    /// left out.
+    /// Makes a surface of each fault from triangles between neighbouring sticks. Faults with a
+    /// single stick are omitted.
     pub fn to_surfaces(faults: &[Self]) -> SurfaceFile<3> {
         let mut file = SurfaceFile {
             surface_starts: vec![0],
@@ -97,13 +99,13 @@ impl FaultSticks {
         };
         for fault in faults {
             let first = file.facets.len();
-            let mut before: Option<std::ops::Range<usize>> = None;
+            let mut previous: Option<std::ops::Range<usize>> = None;
             for stick in &fault.sticks {
-                let from = file.nodes.len();
+                let first_node = file.nodes.len();
                 file.nodes.extend(stick);
-                let here = from..file.nodes.len();
-                if let Some(before) = before.replace(here.clone()) {
-                    triangulate_between(&mut file, before, here);
+                let nodes = first_node..file.nodes.len();
+                if let Some(previous) = previous.replace(nodes.clone()) {
+                    triangulate_between(&mut file, previous, nodes);
                 }
             }
             if file.facets.len() > first {
@@ -115,7 +117,7 @@ impl FaultSticks {
     }
 }
 
-/// Triangles between two sticks, each time with the shorter of the two edges that lead on.
+/// Adds triangles between two sticks. Each step takes the shorter of the two edges that continue.
 fn triangulate_between(
     file: &mut SurfaceFile<3>,
     a: std::ops::Range<usize>,
@@ -139,8 +141,8 @@ fn triangulate_between(
     }
 }
 
-/// The horizontal direction along which a surface strikes: across the mean of its normals' level parts,
-/// whichever side they show.
+/// Returns the horizontal direction of the strike of a surface. It is perpendicular to the mean of
+/// the horizontal parts of the normals. The sign of a normal does not matter.
 fn strike(triangles: &[[[f64; 3]; 3]]) -> [f64; 3] {
     let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
     for [a, b, c] in triangles {
@@ -152,43 +154,45 @@ fn strike(triangles: &[[[f64; 3]; 3]]) -> [f64; 3] {
         xy += normal[0] * normal[1] / size;
         yy += normal[1] * normal[1] / size;
     }
-    let turn = 0.5 * (2.0 * xy).atan2(xx - yy);
-    [-turn.sin(), turn.cos(), 0.0]
+    let normal_angle = 0.5 * (2.0 * xy).atan2(xx - yy);
+    [-normal_angle.sin(), normal_angle.cos(), 0.0]
 }
 
-/// The lines in which upright planes across the strike cut triangles.
-fn section_lines(triangles: &[[[f64; 3]; 3]], apart: Option<f64>) -> Vec<Vec<[f64; 3]>> {
-    let along = strike(triangles);
-    let places = triangles.iter().flatten().map(|&p| dot(p, along));
-    let (low, high) = places.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), place| {
-        (low.min(place), high.max(place))
-    });
+/// Returns the lines in which vertical planes perpendicular to the strike cut the triangles.
+fn section_lines(triangles: &[[[f64; 3]; 3]], spacing: Option<f64>) -> Vec<Vec<[f64; 3]>> {
+    let direction = strike(triangles);
+    let positions = triangles.iter().flatten().map(|&p| dot(p, direction));
+    let (low, high) = positions.fold(
+        (f64::INFINITY, f64::NEG_INFINITY),
+        |(low, high), position| (low.min(position), high.max(position)),
+    );
     let length = high - low;
     if !(length > 0.0 && length.is_finite()) {
         return Vec::new();
     }
-    let count = (length / apart.unwrap_or(length / DEFAULT_STICK_COUNT))
+    let count = (length / spacing.unwrap_or(length / DEFAULT_STICK_COUNT))
         .round()
         .clamp(1.0, 1e5) as usize;
-    // Not through the ends themselves.
-    let place = |k: usize| low + length * (k as f64 + 0.5) / count as f64;
+    // Planes do not pass through the ends of the surface.
+    let position = |k: usize| low + length * (k as f64 + 0.5) / count as f64;
     let mut sticks = Vec::new();
-    for at in (0..count).map(place) {
-        let mut pieces: Vec<[[f64; 3]; 2]> = triangles
+    for position in (0..count).map(position) {
+        let mut segments: Vec<[[f64; 3]; 2]> = triangles
             .iter()
-            .filter_map(|triangle| triangle_section(triangle, along, at))
+            .filter_map(|triangle| triangle_section(triangle, direction, position))
             .collect();
-        while let Some([start, end]) = pieces.pop() {
+        while let Some([start, end]) = segments.pop() {
             let mut line = std::collections::VecDeque::from([start, end]);
-            while let Some((i, end, front)) = find_adjoining_segment(&pieces, &line) {
-                pieces.swap_remove(i);
-                match front {
-                    true => line.push_front(end),
-                    false => line.push_back(end),
+            while let Some((i, end, at_front)) = find_adjoining_segment(&segments, &line) {
+                segments.swap_remove(i);
+                if at_front {
+                    line.push_front(end);
+                } else {
+                    line.push_back(end);
                 }
             }
             let mut stick: Vec<[f64; 3]> = line.into();
-            // Where a plane passes a node, it cuts many edges there.
+            // A plane through a node cuts many edges at that node.
             stick.dedup_by(|a, b| norm(sub(*a, *b)) <= POINT_TOLERANCE_RATIO * length);
             if stick[0][2] < stick[stick.len() - 1][2] {
                 stick.reverse();
@@ -201,32 +205,39 @@ fn section_lines(triangles: &[[[f64; 3]; 3]], apart: Option<f64>) -> Vec<Vec<[f6
     sticks
 }
 
-/// A piece that begins or ends where a line does, its other end, and whether it is at the line's front.
+/// Finds a segment with an end at an end of the line. Returns its index, its other end, and `true`
+/// if it is at the front of the line.
 fn find_adjoining_segment(
-    pieces: &[[[f64; 3]; 2]],
+    segments: &[[[f64; 3]; 2]],
     line: &std::collections::VecDeque<[f64; 3]>,
 ) -> Option<(usize, [f64; 3], bool)> {
     let (front, back) = (line.front()?, line.back()?);
-    pieces.iter().enumerate().find_map(|(i, [a, b])| {
+    segments.iter().enumerate().find_map(|(i, [a, b])| {
         [(a, b), (b, a)]
             .into_iter()
-            .find_map(|(near, far)| match near {
-                near if near == back => Some((i, *far, false)),
-                near if near == front => Some((i, *far, true)),
+            .find_map(|(start, end)| match start {
+                near if near == back => Some((i, *end, false)),
+                near if near == front => Some((i, *end, true)),
                 _ => None,
             })
     })
 }
 
-/// Where a plane cuts a triangle: points of its edges, the same from either side of one.
-fn triangle_section(triangle: &[[f64; 3]; 3], along: [f64; 3], at: f64) -> Option<[[f64; 3]; 2]> {
-    let off = triangle.map(|p| dot(p, along) - at);
+/// Returns the segment in which a plane cuts a triangle. Both triangles of an edge give the same
+/// point on it.
+fn triangle_section(
+    triangle: &[[f64; 3]; 3],
+    direction: [f64; 3],
+    position: f64,
+) -> Option<[[f64; 3]; 2]> {
+    let distances = triangle.map(|p| dot(p, direction) - position);
     let mut ends = Vec::with_capacity(2);
     for (a, b) in [(0, 1), (1, 2), (2, 0)] {
-        if (off[a] < 0.0) != (off[b] < 0.0) {
-            // From below, so that both triangles of an edge find the same bits.
-            let (a, b) = if off[a] < 0.0 { (a, b) } else { (b, a) };
-            let t = off[a] / (off[a] - off[b]);
+        if (distances[a] < 0.0) != (distances[b] < 0.0) {
+            // The edge is taken from its negative end, so that both of its triangles give the same
+            // bits.
+            let (a, b) = if distances[a] < 0.0 { (a, b) } else { (b, a) };
+            let t = distances[a] / (distances[a] - distances[b]);
             ends.push(std::array::from_fn(|k| {
                 triangle[a][k] + t * (triangle[b][k] - triangle[a][k])
             }));
@@ -238,7 +249,7 @@ fn triangle_section(triangle: &[[f64; 3]; 3], along: [f64; 3], at: f64) -> Optio
 /// Writes sticks.
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be written.
+/// Returns [`Error::Io`] if the file cannot be written.
 pub fn write_sticks(path: &Path, faults: &[FaultSticks]) -> Result<()> {
     atomic_write(path, |out| {
         writeln!(out, "fault,stick,x,y,z")?;
@@ -256,7 +267,8 @@ pub fn write_sticks(path: &Path, faults: &[FaultSticks]) -> Result<()> {
 /// Reads sticks.
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be read, or is no such table; it names the line.
+/// Returns [`Error::Io`], with the line number, if the file cannot be read or is not a table of
+/// sticks.
 pub fn read_sticks(path: &Path) -> Result<Vec<FaultSticks>> {
     let mut text = String::new();
     let mut file = files::open(path, "give a table of fault sticks")?;
@@ -267,8 +279,8 @@ pub fn read_sticks(path: &Path) -> Result<Vec<FaultSticks>> {
         let remedy = "give columns fault,stick,x,y,z";
         Error::Io(cause(place, problem, remedy))
     };
-    let told = |line: &(usize, &str)| !line.1.trim().is_empty() && !line.1.starts_with('#');
-    let mut lines = (1..).zip(text.lines()).filter(told);
+    let has_data = |line: &(usize, &str)| !line.1.trim().is_empty() && !line.1.starts_with('#');
+    let mut lines = (1..).zip(text.lines()).filter(has_data);
     let (number, header) = lines.next().ok_or_else(|| refuse(1, "is empty".into()))?;
     let names: Vec<String> = header
         .split(',')
@@ -276,19 +288,19 @@ pub fn read_sticks(path: &Path) -> Result<Vec<FaultSticks>> {
         .collect();
     let mut columns = [0; 5];
     for (column, name) in columns.iter_mut().zip(["fault", "stick", "x", "y", "z"]) {
-        let found = names.iter().position(|other| other == name);
-        *column = found.ok_or_else(|| refuse(number, format!("has no column {name}")))?;
+        let position = names.iter().position(|other| other == name);
+        *column = position.ok_or_else(|| refuse(number, format!("has no column {name}")))?;
     }
     let mut faults: Vec<FaultSticks> = Vec::new();
-    let mut last: Option<(usize, String)> = None;
+    let mut previous: Option<(usize, String)> = None;
     for (number, line) in lines {
         let fields: Vec<&str> = line.split(',').map(str::trim).collect();
         let field = |k: usize| fields.get(columns[k]).copied().unwrap_or("");
         let mut point = [0.0; 3];
         for (k, coordinate) in point.iter_mut().enumerate() {
-            let found = field(2 + k).parse::<f64>().ok().filter(|c| c.is_finite());
-            *coordinate =
-                found.ok_or_else(|| refuse(number, format!("'{}' is no number", field(2 + k))))?;
+            let coordinate_value = field(2 + k).parse::<f64>().ok().filter(|c| c.is_finite());
+            *coordinate = coordinate_value
+                .ok_or_else(|| refuse(number, format!("'{}' is not a number", field(2 + k))))?;
         }
         let fault = match faults.iter().position(|fault| fault.name == field(0)) {
             Some(fault) => fault,
@@ -300,12 +312,12 @@ pub fn read_sticks(path: &Path) -> Result<Vec<FaultSticks>> {
                 faults.len() - 1
             }
         };
-        let here = (fault, field(1).to_string());
+        let stick_key = (fault, field(1).to_string());
         let sticks = &mut faults[fault].sticks;
-        if last.as_ref() != Some(&here) {
+        if previous.as_ref() != Some(&stick_key) {
             sticks.push(Vec::new());
         }
-        last = Some(here);
+        previous = Some(stick_key);
         if let Some(stick) = sticks.last_mut() {
             stick.push(point);
         }
@@ -317,13 +329,18 @@ pub fn read_sticks(path: &Path) -> Result<Vec<FaultSticks>> {
 mod tests {
     use super::*;
 
-    /// A plane that dips by 60 degrees and strikes at 30, of squares cut in two.
+    /// Returns a plane of squares, each cut into two triangles. It dips by 60 degrees and its
+    /// strike is 30 degrees.
     fn plane() -> SurfaceFile<3> {
         let (s, c) = 30f64.to_radians().sin_cos();
         let node = |i: usize, j: usize| {
             let (along, down) = (10.0 * i as f64, 5.0 * j as f64);
-            let away = down / 3f64.sqrt();
-            [along * s + away * c, along * c - away * s, -100.0 - down]
+            let offset = down / 3f64.sqrt();
+            [
+                along * s + offset * c,
+                along * c - offset * s,
+                -100.0 - down,
+            ]
         };
         let nodes: Vec<[f64; 3]> = (0..9)
             .flat_map(|i| (0..7).map(move |j| node(i, j)))
@@ -341,17 +358,20 @@ mod tests {
     }
 
     #[test]
-    fn sticks_run_down_a_fault_and_make_it_again() {
+    fn sticks_run_down_a_fault_and_rebuild_it() {
         let file = plane();
         let faults = FaultSticks::from_surfaces(&file, Some(8.0));
         assert_eq!((faults.len(), faults[0].sticks.len()), (1, 10));
         for stick in &faults[0].sticks {
-            // Down dip: 30 deep, from edge to edge, in order.
+            // Sticks run down the dip: 30 deep, from edge to edge, in order.
             assert!(stick.windows(2).all(|p| p[1][2] < p[0][2]), "{stick:?}");
             let [top, base] = [stick[0], stick[stick.len() - 1]];
             assert!((top[2] - base[2] - 30.0).abs() < 1e-9);
-            let level = (base[0] - top[0]).hypot(base[1] - top[1]);
-            assert!((level - 30.0 / 3f64.sqrt()).abs() < 1e-9, "{level}");
+            let horizontal = (base[0] - top[0]).hypot(base[1] - top[1]);
+            assert!(
+                (horizontal - 30.0 / 3f64.sqrt()).abs() < 1e-9,
+                "{horizontal}"
+            );
         }
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("sticks.csv");
@@ -363,20 +383,20 @@ mod tests {
         );
 
         // Nine of the ten strips of the plane lie between sticks.
-        let again = FaultSticks::to_surfaces(&faults);
+        let rebuilt = FaultSticks::to_surfaces(&faults);
         assert_eq!(
-            (again.names.as_slice(), again.surface_starts.len()),
+            (rebuilt.names.as_slice(), rebuilt.surface_starts.len()),
             (&["fault1".to_string()][..], 2)
         );
-        let area: f64 = again
+        let area: f64 = rebuilt
             .facets
             .iter()
-            .map(|f| area(f.map(|n| again.nodes[n as usize])))
+            .map(|f| area(f.map(|n| rebuilt.nodes[n as usize])))
             .sum();
-        let whole = 80.0 * 30.0 / 60f64.to_radians().sin();
+        let full_area = 80.0 * 30.0 / 60f64.to_radians().sin();
         assert!(
-            (area - 0.9 * whole).abs() < 1e-6 * whole,
-            "{area} of {whole}"
+            (area - 0.9 * full_area).abs() < 1e-6 * full_area,
+            "{area} of {full_area}"
         );
     }
 
@@ -389,7 +409,7 @@ mod tests {
     }
 
     #[test]
-    fn tables_of_others_are_read_and_faults_in_them_named() {
+    fn foreign_tables_are_read_and_errors_name_the_line() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.csv");
         let text = "# picks\nX,Y,Z,Interpreter,Fault,Stick\n1,2,-3,me,F 1,7\n1,2,-4,me,F 1,7\n\n5,2,-3,me,F 1,8\n9,9,9,me,F2,1\n";
@@ -401,14 +421,17 @@ mod tests {
             .collect();
         assert_eq!(counts, [vec![2, 1], vec![1]]);
         assert_eq!(faults[0].sticks[1], [[5.0, 2.0, -3.0]]);
-        for (text, says) in [
+        for (text, expected) in [
             ("", "is empty"),
             ("x,y,z\n1,2,3\n", "has no column fault"),
-            ("fault,stick,x,y,z\na,1,2,3\n", "a.csv:2: '' is no number"),
+            (
+                "fault,stick,x,y,z\na,1,2,3\n",
+                "a.csv:2: '' is not a number",
+            ),
         ] {
             std::fs::write(&path, text).unwrap();
-            let said = read_sticks(&path).unwrap_err().to_string();
-            assert!(said.contains(says), "{said}");
+            let message = read_sticks(&path).unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
         }
     }
 }

@@ -1,7 +1,8 @@
-//! Surfaces as GOCAD ASCII: a `TSurf` object for each, a `PLine` for those of a 2-D mesh.
+//! Writes and reads surfaces as GOCAD ASCII: a `TSurf` object for each surface, or a `PLine` object
+//! for each line of a 2-D mesh.
 //!
-//! An object is a header, a coordinate system, then its own vertices (`VRTX`, numbered from 1)
-//! and triangles (`TRGL`) or segments (`SEG`). `ZPOSITIVE` says which way z grows.
+//! An object is a header, a coordinate system, its vertices (`VRTX`, numbered from 1), and its
+//! triangles (`TRGL`) or segments (`SEG`). `ZPOSITIVE` gives the direction of z.
 
 use std::collections::HashMap;
 use std::io::{Read, Write};
@@ -12,10 +13,10 @@ use crate::export::surfaces::file::SurfaceFile;
 use crate::files;
 use crate::files::atomic_write;
 
-/// Writes surfaces; coordinates to the last digit, in the units that are known.
+/// Writes surfaces. Coordinates have all digits and the units that are known.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) if the file cannot be written.
+/// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
 pub fn write_tsurf<const D: usize>(path: &Path, file: &SurfaceFile<D>) -> Result<()> {
     let (object, part, element) = match D {
         2 => ("PLine", "ILINE", "SEG"),
@@ -55,7 +56,7 @@ pub fn write_tsurf<const D: usize>(path: &Path, file: &SurfaceFile<D>) -> Result
     })
 }
 
-/// What a GOCAD file holds.
+/// Contents of a GOCAD file.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Gocad {
     /// Surfaces: `TSurf` objects.
@@ -64,11 +65,13 @@ pub enum Gocad {
     Lines(SurfaceFile<2>),
 }
 
-/// Reads the `TSurf` objects of a GOCAD file, or its `PLine` objects if it has none of these; others are
-/// passed over. Vertices may have properties (`PVRTX`) or stand where others do (`ATOM`, `PATOM`).
+/// Reads the `TSurf` objects of a GOCAD file, or its `PLine` objects if there are none. Other
+/// objects are ignored. Vertices may have properties (`PVRTX`) or copy the position of another
+/// vertex (`ATOM`, `PATOM`).
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be read, is damaged, or has no such object; it names the line.
+/// Returns [`Error::Io`], with the line number if a line is damaged, if the file cannot be read or
+/// has no such object.
 pub fn read_gocad(path: &Path) -> Result<Gocad> {
     let mut bytes = Vec::new();
     let mut file = files::open(path, "give a GOCAD file")?;
@@ -88,90 +91,92 @@ pub fn read_gocad(path: &Path) -> Result<Gocad> {
     Err(Error::Io(cause(path.display(), problem, remedy)))
 }
 
-/// The objects of one kind.
+/// Reads the objects of one kind.
 fn read_objects<const D: usize>(
     path: &Path,
     text: &str,
     kind: &str,
     elements: &[&str],
 ) -> Result<SurfaceFile<D>> {
-    let mut found = SurfaceFile::<D> {
+    let mut surfaces = SurfaceFile::<D> {
         surface_starts: vec![0],
         z_up: true,
         ..SurfaceFile::default()
     };
-    let mut inside = false;
-    // Numbers of an object's vertices, in the file and here.
-    let mut numbers: HashMap<u32, u32> = HashMap::new();
+    let mut in_object = false;
+    // Index in `surfaces` of each vertex number of the current object.
+    let mut vertex_index: HashMap<u32, u32> = HashMap::new();
     for (number, line) in (1..).zip(text.lines()) {
         let refuse = |problem: &str| {
             let place = format!("{}:{number}", path.display());
-            Error::Io(cause(place, problem, "write it again"))
+            Error::Io(cause(place, problem, "export the file again"))
         };
         let words: Vec<&str> = line.split_whitespace().collect();
         let Some(&first) = words.first() else {
             continue;
         };
         if first == "GOCAD" {
-            inside = words.get(1) == Some(&kind);
-            numbers.clear();
-            if inside {
-                found.names.push(format!("{kind}{}", found.names.len() + 1));
-                found.surface_starts.push(found.facets.len());
+            in_object = words.get(1) == Some(&kind);
+            vertex_index.clear();
+            if in_object {
+                surfaces
+                    .names
+                    .push(format!("{kind}{}", surfaces.names.len() + 1));
+                surfaces.surface_starts.push(surfaces.facets.len());
             }
             continue;
         }
-        if !inside {
+        if !in_object {
             continue;
         }
         let id = |k: usize| words.get(k).and_then(|word| word.parse::<u32>().ok());
-        let of = |k: usize| id(k).and_then(|id| numbers.get(&id).copied());
+        let vertex = |k: usize| id(k).and_then(|id| vertex_index.get(&id).copied());
         match first {
             _ if first.starts_with("name:") => {
                 let name = line.trim_start().trim_start_matches("name:").trim();
-                if let (Some(last), false) = (found.names.last_mut(), name.is_empty()) {
+                if let (Some(last), false) = (surfaces.names.last_mut(), name.is_empty()) {
                     *last = name.split_whitespace().collect::<Vec<_>>().join("_");
                 }
             }
             "AXIS_UNIT" => {
                 let units = words[1..].iter().map(|unit| unit.trim_matches('"'));
-                for (unit, told) in found.units.iter_mut().zip(units) {
-                    *unit = if told == "unitless" {
+                for (unit, name) in surfaces.units.iter_mut().zip(units) {
+                    *unit = if name == "unitless" {
                         String::new()
                     } else {
-                        told.to_string()
+                        name.to_string()
                     };
                 }
             }
-            "ZPOSITIVE" => found.z_up = words.get(1) != Some(&"Depth"),
+            "ZPOSITIVE" => surfaces.z_up = words.get(1) != Some(&"Depth"),
             "VRTX" | "PVRTX" => {
-                let place: Option<Vec<f64>> =
+                let position: Option<Vec<f64>> =
                     (2..5).map(|k| words.get(k)?.parse::<f64>().ok()).collect();
-                let place = place.and_then(|place| <[f64; 3]>::try_from(place).ok());
-                let (Some(id), Some(place)) = (id(1), place) else {
-                    return Err(refuse("is no vertex: number, x, y, z"));
+                let position = position.and_then(|place| <[f64; 3]>::try_from(place).ok());
+                let (Some(id), Some(position)) = (id(1), position) else {
+                    return Err(refuse("is not a vertex (number, x, y, z)"));
                 };
-                numbers.insert(id, found.nodes.len() as u32);
-                found.nodes.push(place);
+                vertex_index.insert(id, surfaces.nodes.len() as u32);
+                surfaces.nodes.push(position);
             }
             "ATOM" | "PATOM" => {
-                let (Some(own), Some(other)) = (id(1), of(2)) else {
-                    return Err(refuse("stands where no vertex does"));
+                let (Some(id), Some(vertex)) = (id(1), vertex(2)) else {
+                    return Err(refuse("copies a vertex that does not exist"));
                 };
-                numbers.insert(own, other);
+                vertex_index.insert(id, vertex);
             }
             _ if elements.contains(&first) => {
-                let nodes: Option<Vec<u32>> = (1..=D).map(of).collect();
+                let nodes: Option<Vec<u32>> = (1..=D).map(vertex).collect();
                 let facet = nodes.and_then(|nodes| <[u32; D]>::try_from(nodes).ok());
-                let facet = facet.ok_or_else(|| refuse("names a vertex that there is not"))?;
-                found.facets.push(facet);
-                if let Some(end) = found.surface_starts.last_mut() {
-                    *end = found.facets.len();
+                let facet = facet.ok_or_else(|| refuse("names a vertex that does not exist"))?;
+                surfaces.facets.push(facet);
+                if let Some(end) = surfaces.surface_starts.last_mut() {
+                    *end = surfaces.facets.len();
                 }
             }
-            "END" => inside = false,
+            "END" => in_object = false,
             _ => {}
         }
     }
-    Ok(found)
+    Ok(surfaces)
 }

@@ -1,4 +1,4 @@
-//! Surfaces as VTK poly data (`.vtp`): triangles, or line segments of a 2-D mesh; triangles back in.
+//! Writes and reads surfaces as VTK poly data (`.vtp`): triangles, or line segments of a 2-D mesh.
 
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
@@ -13,12 +13,12 @@ use crate::model::surface::SurfaceKind;
 use crate::store::vtu::{self, FieldValue, check_lengths, read_cell_integers, read_nodes};
 use crate::{Error, Result};
 
-/// Writes surfaces with the number of each facet's surface (`surface`), the numbers of the file's
-/// table of surfaces as cell data, and names as one text, a line a surface.
+/// Writes surfaces. The cell data is the surface number of each facet (`surface`) and the file's
+/// own arrays. The names of the surfaces are one text with a line per surface.
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be written, [`Error::Mesh`]
-/// if an array does not have a tuple per facet.
+/// Returns [`Error::Io`] if the file cannot be written, and [`Error::Mesh`] if an array does not
+/// have one tuple per facet.
 pub fn write_vtp<const D: usize>(path: &Path, file: &SurfaceFile<D>) -> Result<()> {
     let (points, cells) = (file.nodes.len(), file.facets.len());
     check_lengths(path, &file.cell_data, cells, "facets")?;
@@ -36,9 +36,9 @@ pub fn write_vtp<const D: usize>(path: &Path, file: &SurfaceFile<D>) -> Result<(
     }
     document.close();
     let shape = if D == 2 { "Lines" } else { "Polys" };
-    let count = |of: &str| if of == shape { cells } else { 0 };
+    let count = |element: &str| if element == shape { cells } else { 0 };
     let counts = ["Verts", "Lines", "Strips", "Polys"]
-        .map(|of| (format!("NumberOf{of}"), count(of).to_string()));
+        .map(|element| (format!("NumberOf{element}"), count(element).to_string()));
     let mut attributes = vec![("NumberOfPoints", points.to_string())];
     attributes.extend(counts.iter().map(|(name, n)| (name.as_str(), n.clone())));
     document.open("Piece", &attributes);
@@ -66,22 +66,23 @@ pub fn write_vtp<const D: usize>(path: &Path, file: &SurfaceFile<D>) -> Result<(
     atomic_write(path, |out| document.write(out))
 }
 
-/// The triangles of a file, ours or VTK's (polygons are cut into fans): all, or those of the surface
-/// of that number.
+/// Reads the triangles of a file of this or another program: all of them, or those of the surface
+/// with the number `label`. Polygons are cut into fans of triangles.
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be read, is damaged, or does not number its
-/// surfaces though a number is given.
-pub fn read_triangles(path: &Path, number: Option<i64>) -> Result<Vec<[[f64; 3]; 3]>> {
+/// Returns [`Error::Io`] if the file cannot be read, is damaged, or has no surface numbers although
+/// `label` is given.
+pub fn read_triangles(path: &Path, label: Option<i64>) -> Result<Vec<[[f64; 3]; 3]>> {
     let file = VtkFile::read(path, "PolyData")?;
-    let found = labelled_triangles(&file, number.is_some())?.into_iter();
-    let wanted = found.filter(|(label, _)| number.is_none_or(|number| *label == number));
-    Ok(wanted.map(|(_, triangle)| triangle).collect())
+    let triangles = labelled_triangles(&file, label.is_some())?.into_iter();
+    let selected = triangles.filter(|(found, _)| label.is_none_or(|label| *found == label));
+    Ok(selected.map(|(_, triangle)| triangle).collect())
 }
 
-/// The triangles of a file, each with the number of its surface; with 1 unless it is `numbered`.
-fn labelled_triangles(file: &VtkFile, numbered: bool) -> Result<Vec<(i64, [[f64; 3]; 3])>> {
-    let polygons = labelled_rings(file, "Polys", numbered)?.into_iter();
+/// Returns the triangles of a file, each with the number of its surface. The number is 1 if
+/// `is_labelled` is `false`.
+fn labelled_triangles(file: &VtkFile, is_labelled: bool) -> Result<Vec<(i64, [[f64; 3]; 3])>> {
+    let polygons = labelled_rings(file, "Polys", is_labelled)?.into_iter();
     let fan = |(label, ring): (i64, Vec<[f64; 3]>)| {
         let triangle = |k: usize| (label, [ring[0], ring[k - 1], ring[k]]);
         (2..ring.len()).map(triangle).collect::<Vec<_>>()
@@ -89,11 +90,12 @@ fn labelled_triangles(file: &VtkFile, numbered: bool) -> Result<Vec<(i64, [[f64;
     Ok(polygons.flat_map(fan).collect())
 }
 
-/// The points of each polygon or line of a file, with the number of the surface to which it belongs, likewise.
+/// Returns the points of each polygon or line of a file, with the number of its surface. The number
+/// is 1 if `is_labelled` is `false`.
 fn labelled_rings(
     file: &VtkFile,
     element: &str,
-    numbered: bool,
+    is_labelled: bool,
 ) -> Result<Vec<(i64, Vec<[f64; 3]>)>> {
     let piece = file.piece()?;
     let points = vtu::read_count(file, piece, "NumberOfPoints")?;
@@ -101,11 +103,12 @@ fn labelled_rings(
     let element = file.child(piece, element)?;
     let corners = read_cell_integers(file, element, "connectivity")?;
     let ends = read_cell_integers(file, element, "offsets")?;
-    let labels = match numbered {
-        false => Vec::new(),
-        true => read_cell_integers(file, file.child(piece, "CellData")?, "surface")?,
+    let labels = if is_labelled {
+        read_cell_integers(file, file.child(piece, "CellData")?, "surface")?
+    } else {
+        Vec::new()
     };
-    let mut found = Vec::new();
+    let mut rings = Vec::new();
     let mut start = 0;
     for (i, &end) in ends.iter().enumerate() {
         let ring = usize::try_from(end)
@@ -118,64 +121,67 @@ fn labelled_rings(
             return Err(file.error(problem, "write it again"));
         };
         start = end as usize;
-        let label = match numbered {
-            false => Some(1),
-            true => labels.get(i).copied(),
+        let label = if is_labelled {
+            labels.get(i).copied()
+        } else {
+            Some(1)
         };
-        found.extend(label.map(|label| (label, ring)));
+        rings.extend(label.map(|label| (label, ring)));
     }
-    Ok(found)
+    Ok(rings)
 }
 
-/// The surfaces and lines of a file as they are drawn, by the numbers and names that it gives them; without
-/// numbers they are one, of the file's name.
+/// Reads the surfaces and lines of a file as they are drawn, with the numbers and names in the
+/// file. A file without surface numbers gives one shape with the name of the file.
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be read, is damaged, or holds neither.
+/// Returns [`Error::Io`] if the file cannot be read, is damaged, or has neither polygons nor lines.
 pub fn read_shapes(path: &Path) -> Result<Vec<OverlayShape>> {
     let file = VtkFile::read(path, "PolyData")?;
-    let (numbered, names) = (is_numbered(&file)?, surface_names(&file));
-    let holds = |element: &str| Ok::<_, Error>(file.piece()?.child(element).is_some());
+    let (is_labelled, names) = (is_numbered(&file)?, surface_names(&file));
+    let has_element = |element: &str| Ok::<_, Error>(file.piece()?.child(element).is_some());
     let mut shapes: BTreeMap<i64, OverlayShape> = BTreeMap::new();
-    if holds("Polys")? {
-        for (label, triangle) in labelled_triangles(&file, numbered)? {
+    if has_element("Polys")? {
+        for (label, triangle) in labelled_triangles(&file, is_labelled)? {
             shapes.entry(label).or_default().triangles.push(triangle);
         }
     }
-    if holds("Lines")? {
-        // Numbers are those of polygons, if there are any.
-        for (label, line) in labelled_rings(&file, "Lines", numbered && shapes.is_empty())? {
+    if has_element("Lines")? {
+        // The surface numbers belong to the polygons, if there are any.
+        for (label, line) in labelled_rings(&file, "Lines", is_labelled && shapes.is_empty())? {
             shapes.entry(label).or_default().lines.push(line);
         }
     }
     if shapes.is_empty() {
-        return Err(file.error("holds neither polygons nor lines", "leave it out"));
+        return Err(file.error("holds neither polygons nor lines", "omit it"));
     }
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     for (label, shape) in &mut shapes {
-        shape.name = match numbered {
-            true => surface_name(*label, &names),
-            false => stem.to_string(),
+        shape.name = if is_labelled {
+            surface_name(*label, &names)
+        } else {
+            stem.to_string()
         };
         let kinds = [SurfaceKind::Fault, SurfaceKind::Horizon].into_iter();
-        let mut named = kinds.filter(|kind| numbered && shape.name.starts_with(kind.name()));
-        shape.kind = named.next();
+        let mut matching_kinds =
+            kinds.filter(|kind| is_labelled && shape.name.starts_with(kind.name()));
+        shape.kind = matching_kinds.next();
     }
     Ok(shapes.into_values().collect())
 }
 
-/// Whether a file says to which surface each of its cells belongs.
+/// Returns `true` if a file has the surface number of each cell.
 fn is_numbered(file: &VtkFile) -> Result<bool> {
     let data = file.piece()?.child("CellData");
     let mut arrays = data.iter().flat_map(|data| &data.children);
     Ok(arrays.any(|array| array.attribute("Name") == Some("surface")))
 }
 
-/// The names of a file's surfaces, from number 1 on.
+/// Returns the names of the surfaces of a file. The first name is that of surface 1.
 fn surface_names(file: &VtkFile) -> Vec<String> {
     let names = file.data_set().child("FieldData").and_then(|fields| {
-        let named = |array: &&Element| array.attribute("Name") == Some("surfaces");
-        file.text(fields.children.iter().find(named)?).ok()
+        let is_names_array = |array: &&Element| array.attribute("Name") == Some("surfaces");
+        file.text(fields.children.iter().find(is_names_array)?).ok()
     });
     let names = names.unwrap_or_default();
     let lines = names.trim_end_matches('\0').lines();
@@ -183,45 +189,49 @@ fn surface_names(file: &VtkFile) -> Vec<String> {
 }
 
 fn surface_name(label: i64, names: &[String]) -> String {
-    let at = usize::try_from(label - 1).ok();
-    let name = at.and_then(|at| names.get(at).cloned());
+    let index = usize::try_from(label - 1).ok();
+    let name = index.and_then(|at| names.get(at).cloned());
     name.unwrap_or_else(|| format!("surface{label}"))
 }
 
-/// The surfaces of a file, ours or VTK's, by the numbers and names that it gives them; without numbers
-/// they are one.
+/// Reads the surfaces of a file of this or another program, with the numbers and names in the file.
+/// A file without surface numbers gives one surface.
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be read or is damaged.
+/// Returns [`Error::Io`] if the file cannot be read or is damaged.
 pub fn read_surfaces(path: &Path) -> Result<SurfaceFile<3>> {
     let file = VtkFile::read(path, "PolyData")?;
-    let (numbered, names) = (is_numbered(&file)?, surface_names(&file));
-    let mut found = SurfaceFile {
+    let (is_labelled, names) = (is_numbered(&file)?, surface_names(&file));
+    let mut file_surfaces = SurfaceFile {
         surface_starts: vec![0],
         z_up: true,
         ..SurfaceFile::default()
     };
-    let mut by_label: BTreeMap<i64, Vec<[[f64; 3]; 3]>> = BTreeMap::new();
-    for (label, triangle) in labelled_triangles(&file, numbered)? {
-        by_label.entry(label).or_default().push(triangle);
+    let mut triangles_by_label: BTreeMap<i64, Vec<[[f64; 3]; 3]>> = BTreeMap::new();
+    for (label, triangle) in labelled_triangles(&file, is_labelled)? {
+        triangles_by_label.entry(label).or_default().push(triangle);
     }
-    for (label, triangles) in by_label {
+    for (label, triangles) in triangles_by_label {
         let mut nodes: Vec<[f64; 3]> = triangles.as_flattened().to_vec();
         nodes.sort_unstable_by(compare_points);
         nodes.dedup();
-        let first = found.nodes.len();
-        let place =
+        let first = file_surfaces.nodes.len();
+        let node_index =
             |x: [f64; 3]| (first + nodes.partition_point(|y| compare_points(y, &x).is_lt())) as u32;
-        found.facets.extend(triangles.iter().map(|t| t.map(place)));
-        found.nodes.extend(&nodes);
-        found.surface_starts.push(found.facets.len());
-        found.names.push(surface_name(label, &names));
+        file_surfaces
+            .facets
+            .extend(triangles.iter().map(|t| t.map(node_index)));
+        file_surfaces.nodes.extend(&nodes);
+        file_surfaces
+            .surface_starts
+            .push(file_surfaces.facets.len());
+        file_surfaces.names.push(surface_name(label, &names));
     }
-    Ok(found)
+    Ok(file_surfaces)
 }
 
 fn compare_points(a: &[f64; 3], b: &[f64; 3]) -> Ordering {
-    (0..3).fold(Ordering::Equal, |found, k| {
-        found.then(a[k].total_cmp(&b[k]))
+    (0..3).fold(Ordering::Equal, |order, k| {
+        order.then(a[k].total_cmp(&b[k]))
     })
 }

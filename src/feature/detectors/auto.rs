@@ -1,17 +1,25 @@
-//! What kind of features an image has, judged by its values.
+//! Chooses the kind of features of an image from its values.
 //!
-//! In this order: labels where neighbours mostly share one of a few values, or one of many whole numbers
-//! without order; b(x) where all
-//! values are in [-1, 0] and most near 0; ridges or valleys where the rarer half of the values, that
-//! farther from the median, lies in thin sheets; horizons where values are spread symmetrically about zero; edges
-//! otherwise. Values are means over 3^D samples, which noise disturbs little, of some 10^5 places.
+//! The kinds are tried in this order:
+//! - labels, if neighbours mostly share one of a few values, or one of many whole numbers without
+//!   order
+//! - b(x), if all values are in [-1, 0] and most are near 0
+//! - ridges or valleys, if the rarer half of the values, the one farther from the median, lies in
+//!   thin surfaces
+//! - horizons, if values are spread symmetrically about zero
+//! - edges otherwise
 //!
-//! Where the image comes from ([`Modality`]) decides what values cannot: two values, one of them thin, are paint on faults in
-//! a survey, and an object elsewhere; a scan has no horizons, and solid objects sooner than sheets. Where neither format nor
-//! geometry tells, amplitudes are what has no mean and does not go on along some axis.
+//! Values are means over 3^D samples, which reduces noise, at about 10^5 places.
 //!
-//! Assumption: the features are what most of the rarer values belong to. Faults, Canny's edges and paths
-//! are never chosen: an amplitude volume has horizons as well, and the others are other ways to edges.
+//! The origin of the image ([`Modality`]) decides what values cannot. Two values, one of them thin,
+//! are paint on faults in a survey, and an object elsewhere. A scan has no horizons, and more
+//! likely solid objects than thin surfaces. If neither format nor geometry gives the origin, values
+//! are amplitudes if their mean is near zero and they are not correlated over some samples along
+//! some axis.
+//!
+//! Assumption: most of the rarer values belong to features. Faults, Canny's edges and paths are
+//! never chosen: an amplitude volume has horizons as well, and the other two are alternatives to
+//! edges.
 
 use super::Detector;
 use super::edges::Edges;
@@ -36,13 +44,13 @@ use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
 use std::collections::BTreeSet;
 
-/// What is known of an image whose layers were read one after the other.
+/// Result of a choice for an image whose layers were read one after the other.
 pub enum LayerChoice<const D: usize> {
     /// The detector that fits it.
     Chosen(DetectorChoice<D>),
-    /// It may be one of labels, which only the whole image in memory tells.
+    /// The image may have labels, which needs the whole image in memory to decide.
     NeedsMemory,
-    /// Some samples may hold no data, so that it is searched in memory.
+    /// Some samples may hold no data, so that the image must be searched in memory.
     HasGaps,
 }
 
@@ -50,24 +58,24 @@ pub enum LayerChoice<const D: usize> {
 pub struct DetectorChoice<const D: usize> {
     /// The detector.
     pub detector: &'static dyn Detector<D>,
-    /// Why it fits.
+    /// Reason for the choice.
     pub reason: String,
-    /// What the image leaves open.
+    /// Question that the image leaves open.
     pub doubt: Option<Doubt>,
 }
 
 /// Chooses the detector that fits an image.
 ///
 /// # Errors
-/// [`Error::Image`](crate::Error::Image) for samples that are not finite.
+/// Returns an [`Error::Image`](crate::Error::Image) if a sample is not finite.
 pub fn choose<const D: usize>(image: &Image<D>, modality: Modality) -> Result<DetectorChoice<D>> {
     if let Some(labels) = image.label_evidence(modality) {
-        let why = format!(
+        let reason = format!(
             "{} different values, {:.0} % of neighbours equal",
             labels.value_count,
             100.0 * labels.equal_share
         );
-        return Ok(choose_for_labels(image, modality, why));
+        return Ok(choose_for_labels(image, modality, reason));
     }
     let samples = Samples::in_memory(image.dims(), image.as_slice());
     let survey = ImageSurvey::measure(&samples, &CancelToken::never())?;
@@ -77,12 +85,12 @@ pub fn choose<const D: usize>(image: &Image<D>, modality: Modality) -> Result<De
     }
 }
 
-/// Chooses what to follow in an image of labels. Two of them, one of which is thin everywhere, are paint on
-/// faults in a survey, and an object in a scan.
+/// Chooses the detector for an image of labels. Two labels, one of which is thin everywhere, are
+/// paint on faults in a survey, and an object in a scan.
 fn choose_for_labels<const D: usize>(
     image: &Image<D>,
     modality: Modality,
-    why: String,
+    reason: String,
 ) -> DetectorChoice<D> {
     let samples = image.as_slice();
     let mask = match distinct_values(samples, 2).as_deref() {
@@ -95,12 +103,12 @@ fn choose_for_labels<const D: usize>(
     match mask {
         Some(_) if modality == Modality::Survey => DetectorChoice {
             detector: &Masks,
-            reason: why,
+            reason,
             doubt: None,
         },
         Some(mask) => DetectorChoice {
             detector: &Labels,
-            reason: why,
+            reason,
             doubt: Some(Doubt {
                 question: format!(
                     "objects of the value {} are {:.1} samples thick and were taken for regions, but may be \
@@ -113,48 +121,51 @@ fn choose_for_labels<const D: usize>(
         },
         None => DetectorChoice {
             detector: &Labels,
-            reason: why,
+            reason,
             doubt: None,
         },
     }
 }
 
-/// Returns the detector that fits an image whose layers are read one after the other.
+/// Chooses the detector that fits an image whose layers are read one after the other.
 ///
 /// # Errors
-/// That of reading.
+/// Returns the errors of reading.
 pub fn choose_in_layers<const D: usize>(
     samples: &Samples<'_, D>,
     modality: Modality,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Result<LayerChoice<D>> {
-    let survey = ImageSurvey::measure(samples, patience)?;
-    let labelled = modality != Modality::Survey && survey.may_be_labelled;
-    Ok(match survey.has_many_values && !labelled {
-        _ if survey.has_gaps() => LayerChoice::HasGaps,
-        true => LayerChoice::Chosen(survey.choice(modality)),
-        false => LayerChoice::NeedsMemory,
+    let survey = ImageSurvey::measure(samples, cancel)?;
+    let may_be_labels = modality != Modality::Survey && survey.may_be_labelled;
+    Ok(if survey.has_gaps() {
+        LayerChoice::HasGaps
+    } else if survey.has_many_values && !may_be_labels {
+        LayerChoice::Chosen(survey.choice(modality))
+    } else {
+        LayerChoice::NeedsMemory
     })
 }
 
-/// What is seen of an image on one way through it.
+/// Statistics of an image, measured in one pass.
 struct ImageSurvey<const D: usize> {
     percentiles: Percentiles,
     min: f32,
     max: f32,
-    /// Whether it has more different values than an image of labels.
+    /// `true` if the image has more different values than an image of labels.
     has_many_values: bool,
-    /// The first sample that is not finite, and its value.
+    /// Coordinates and value of the first sample that is not finite.
     first_non_finite: Option<([usize; D], f32)>,
-    /// Whether a row along x is zero throughout.
+    /// `true` if a row along x is zero throughout.
     has_zero_row: bool,
-    /// Whether samples are integers that neighbours mostly share, as in an image of many labels.
+    /// `true` if samples are whole numbers that neighbours mostly share, as in an image of many
+    /// labels.
     may_be_labelled: bool,
 }
 
 impl<const D: usize> ImageSurvey<D> {
-    fn measure(samples: &Samples<'_, D>, patience: &CancelToken<'_>) -> Result<Self> {
-        let mut all = WindowSurvey {
+    fn measure(samples: &Samples<'_, D>, cancel: &CancelToken<'_>) -> Result<Self> {
+        let mut total = WindowSurvey {
             range: EMPTY_RANGE,
             distinct_values: Vec::new(),
             first_non_finite: None,
@@ -164,141 +175,149 @@ impl<const D: usize> ImageSurvey<D> {
             equal_pairs: 0,
             pair_count: 0,
         };
-        let mut look = |window: &LayerWindow<'_, D>| WindowSurvey::measure(window);
-        let mut take = |seen: WindowSurvey<D>| all.merge(seen);
+        let mut measure = |window: &LayerWindow<'_, D>| WindowSurvey::measure(window);
+        let mut take = |next: WindowSurvey<D>| total.merge(next);
         samples.for_each_window(
             THIN_DISTANCE + 1,
             None,
             &|_| 1,
-            patience,
-            &mut look,
+            cancel,
+            &mut measure,
             &mut take,
         )?;
-        let [least, most] = all.range;
+        let [min, max] = total.range;
         Ok(Self {
-            percentiles: all.local_means.percentiles(),
-            min: least,
-            max: most,
-            has_many_values: all.distinct_values.len() > MAX_DETECTED_LABELS,
-            first_non_finite: all.first_non_finite,
-            has_zero_row: all.has_zero_row,
-            may_be_labelled: all.is_integer
-                && all.equal_pairs as f64 > MIN_EQUAL_SHARE * all.pair_count as f64,
+            percentiles: total.local_means.percentiles(),
+            min,
+            max,
+            has_many_values: total.distinct_values.len() > MAX_DETECTED_LABELS,
+            first_non_finite: total.first_non_finite,
+            has_zero_row: total.has_zero_row,
+            may_be_labelled: total.is_integer
+                && total.equal_pairs as f64 > MIN_EQUAL_SHARE * total.pair_count as f64,
         })
     }
 
-    /// Returns whether samples may hold no data: an image in memory tells.
+    /// Returns `true` if samples may hold no data; the image in memory gives the exact answer.
     fn has_gaps(&self) -> bool {
-        let amplitudes = self.min < 0.0 && self.max > 0.0;
-        let null = [self.min, self.max].into_iter().any(may_be_null);
-        self.first_non_finite.is_some() || null || self.has_zero_row && amplitudes
+        let has_both_signs = self.min < 0.0 && self.max > 0.0;
+        let has_null = [self.min, self.max].into_iter().any(may_be_null);
+        self.first_non_finite.is_some() || has_null || self.has_zero_row && has_both_signs
     }
 
     fn choice(&self, modality: Modality) -> DetectorChoice<D> {
         let Self {
-            percentiles: spread,
-            min: least,
-            max: most,
+            percentiles,
+            min,
+            max,
             ..
         } = self;
-        let span = (spread.high - spread.low).max(f32::MIN_POSITIVE);
-        // Far ends: how much farther the high values lie from the median than the low ones.
-        let lean = (spread.high + spread.low - 2.0 * spread.median) / span;
+        let span = (percentiles.high - percentiles.low).max(f32::MIN_POSITIVE);
+        // Asymmetry: how much farther the high values are from the median than the low ones.
+        let skew = (percentiles.high + percentiles.low - 2.0 * percentiles.median) / span;
         let figures = format!(
             "1 %, 50 % and 99 % of values at {:.4}, {:.4}, {:.4}; {:.0} % in the upper \
              half, {:.0} % of the rarer half thin",
-            spread.low,
-            spread.median,
-            spread.high,
-            100.0 * spread.share_above,
-            100.0 * spread.thin_share,
+            percentiles.low,
+            percentiles.median,
+            percentiles.high,
+            100.0 * percentiles.share_above,
+            100.0 * percentiles.thin_share,
         );
-        let scan = modality == Modality::Scan;
-        let amplitudes = !scan && (modality == Modality::Survey || spread.alternates());
+        let is_scan = modality == Modality::Scan;
+        let are_amplitudes = !is_scan && (modality == Modality::Survey || percentiles.alternates());
         let mut doubt = None;
-        let mut or_edges = |detector: &'static dyn Detector<D>, other, what: &'static str| {
-            if !scan {
-                return (detector, what);
+        let mut or_edges = |detector: &'static dyn Detector<D>, other, finding: &'static str| {
+            if !is_scan {
+                return (detector, finding);
             }
             doubt = Some(Doubt {
-                question: format!("{what} in a scan, of which the edges were followed"),
+                question: format!("{finding} in a scan, of which the edges were followed"),
                 assumed: FeatureKind::Edges,
                 other,
             });
             (&Edges as &dyn Detector<D>, "a scan")
         };
-        let (detector, what): (&'static dyn Detector<D>, _) =
-            if (-1.0..-0.9).contains(least) && *most <= 0.0 && spread.median > -0.1 {
+        let (detector, finding): (&'static dyn Detector<D>, _) =
+            if (-1.0..-0.9).contains(min) && *max <= 0.0 && percentiles.median > -0.1 {
                 (&Potential, "all values in [-1, 0], most near 0")
-            } else if lean > 0.3 && spread.share_above < 0.4 && spread.thin_share > MIN_THIN_SHARE {
+            } else if skew > 0.3
+                && percentiles.share_above < 0.4
+                && percentiles.thin_share > MIN_THIN_SHARE
+            {
                 or_edges(
                     &Ridges,
                     FeatureKind::Ridges,
-                    "thin sheets of high values on a low background",
+                    "thin surfaces of high values on a low background",
                 )
-            } else if lean < -0.3 && spread.share_above > 0.6 && spread.thin_share > MIN_THIN_SHARE
+            } else if skew < -0.3
+                && percentiles.share_above > 0.6
+                && percentiles.thin_share > MIN_THIN_SHARE
             {
                 or_edges(
                     &Valleys,
                     FeatureKind::Valleys,
-                    "thin sheets of low values on a high background",
+                    "thin surfaces of low values on a high background",
                 )
-            } else if amplitudes
-                && lean.abs() < 0.35
-                && spread.median.abs() < 0.15 * span
-                && spread.low < 0.0
+            } else if are_amplitudes
+                && skew.abs() < 0.35
+                && percentiles.median.abs() < 0.15 * span
+                && percentiles.low < 0.0
             {
                 (&Horizons, "values are spread symmetrically about zero")
             } else {
-                (&Edges, "neither thin sheets nor values about zero")
+                (&Edges, "neither thin surfaces nor values about zero")
             };
         DetectorChoice {
             detector,
-            reason: format!("{what}: {figures}"),
+            reason: format!("{finding}: {figures}"),
             doubt,
         }
     }
 }
 
-/// The rarer values are thin sheets if at least this share of them lies in something thin: less than
-/// half of it does where sheets run close together.
+/// Smallest share of the rarer values that lies in something thin, if they are thin surfaces. It is
+/// less than a half, because surfaces that run close together are not thin.
 const MIN_THIN_SHARE: f64 = 0.33;
 
-/// Samples looked at together ...
+/// Number of samples that are processed together.
 const CHUNK_SAMPLES: usize = 4096;
-/// ... and at once.
+/// Number of samples in vector registers.
 const LANES: usize = 32;
 
-/// Samples to either side of a thin sheet that are outside it, this far along some axis.
+/// Distance (samples) along some axis at which samples on either side of a thin surface are outside
+/// it.
 const THIN_DISTANCE: usize = 6;
 
-/// Percentiles of local means, which noise disturbs little.
+/// Percentiles and moments of local means, which reduce noise.
 struct Percentiles {
     low: f32,
     median: f32,
     high: f32,
-    /// Share of values above the middle between `low` and `high`.
+    /// Share of the values above the middle between `low` and `high`.
     share_above: f64,
     /// Share of the values on the rarer side of the middle that lie in something thin.
     thin_share: f64,
-    /// The mean of all, in standard deviations.
+    /// Mean of all values, in standard deviations.
     mean: f64,
-    /// Correlation of values with those [`THIN_DISTANCE`] samples beside them along the axis on which it is least.
+    /// Correlation of values at a distance of [`THIN_DISTANCE`] samples, along the axis on which it
+    /// is lowest.
     correlation: f64,
 }
 
 impl Percentiles {
-    /// Returns whether values alternate about zero, as seismic amplitudes do and densities do not.
+    /// Returns `true` if values alternate about zero, as seismic amplitudes do and densities do
+    /// not.
     fn alternates(&self) -> bool {
         self.mean.abs() < 0.2 && self.correlation < 0.7
     }
 }
 
-/// Means at some places of an image.
+/// Local means at some places of an image.
 #[derive(Default)]
 struct LocalMeans<const D: usize> {
     means: Vec<f32>,
-    /// Those of the places [`THIN_DISTANCE`] samples to either side along each axis.
+    /// For each place, the local means [`THIN_DISTANCE`] samples to either side along each axis.
     adjacent: Vec<[[f32; 2]; D]>,
 }
 
@@ -307,63 +326,63 @@ codec_fields! {
     @(const D: usize) WindowSurvey<D> as WindowSurvey { range, distinct_values, first_non_finite, has_zero_row, local_means, is_integer, equal_pairs, pair_count }
 }
 
-/// What is seen of a window, or of all.
+/// Statistics of a window, or of all windows so far.
 struct WindowSurvey<const D: usize> {
-    /// The least and the largest value.
+    /// Smallest and largest value.
     range: [f32; 2],
-    /// Some different values, as bits, ascending: more than [`MAX_DETECTED_LABELS`] only if there are more.
+    /// Different values, as bits in ascending order, at most one more than [`MAX_DETECTED_LABELS`].
     distinct_values: Vec<u32>,
-    /// The first sample that is not finite, and its value.
+    /// Coordinates and value of the first sample that is not finite.
     first_non_finite: Option<([usize; D], f32)>,
-    /// Whether a row along x is zero throughout.
+    /// `true` if a row along x is zero throughout.
     has_zero_row: bool,
     local_means: LocalMeans<D>,
-    /// Whether all samples are whole numbers.
+    /// `true` if all samples are whole numbers.
     is_integer: bool,
-    /// Pairs of neighbours along x that are equal, and all such pairs.
+    /// Number of pairs of neighbours along x that are equal, and number of all such pairs.
     equal_pairs: usize,
     pair_count: usize,
 }
 
 impl<const D: usize> WindowSurvey<D> {
     fn measure(window: &LayerWindow<'_, D>) -> Self {
-        let own = window.raw.layers(&window.interior.layers);
-        let mut some = BTreeSet::new();
-        for part in own.chunks(CHUNK_SAMPLES) {
-            if some.len() > MAX_DETECTED_LABELS {
+        let interior = window.raw.layers(&window.interior.layers);
+        let mut distinct = BTreeSet::new();
+        for part in interior.chunks(CHUNK_SAMPLES) {
+            if distinct.len() > MAX_DETECTED_LABELS {
                 break;
             }
-            // -0 is 0.
-            some.extend(part.iter().map(|v| (v + 0.0).to_bits()));
+            // Adding 0 turns -0 into 0.
+            distinct.extend(part.iter().map(|v| (v + 0.0).to_bits()));
         }
-        let is_integer = own.par_chunks(CHUNK_SAMPLES).all(are_whole_numbers);
+        let is_integer = interior.par_chunks(CHUNK_SAMPLES).all(are_whole_numbers);
         let equal_pairs = if is_integer {
-            equal_neighbour_count(own)
+            equal_neighbour_count(interior)
         } else {
             0
         };
-        let parts = own.par_chunks(CHUNK_SAMPLES).map(range);
-        let of_both = |[a, b]: [f32; 2], [c, d]: [f32; 2]| [a.min(c), b.max(d)];
-        let place = |i| {
+        let parts = interior.par_chunks(CHUNK_SAMPLES).map(range);
+        let union = |[a, b]: [f32; 2], [c, d]: [f32; 2]| [a.min(c), b.max(d)];
+        let locate = |i| {
             let mut at = Volume::new(window.dims, &[]).coordinates(i);
             at[D - 1] += window.interior.layers.start;
-            (at, own[i])
+            (at, interior[i])
         };
         Self {
-            range: parts.reduce(|| EMPTY_RANGE, of_both),
-            distinct_values: some.into_iter().take(MAX_DETECTED_LABELS + 1).collect(),
-            first_non_finite: first_non_finite(own).map(place),
-            has_zero_row: own
+            range: parts.reduce(|| EMPTY_RANGE, union),
+            distinct_values: distinct.into_iter().take(MAX_DETECTED_LABELS + 1).collect(),
+            first_non_finite: first_non_finite(interior).map(locate),
+            has_zero_row: interior
                 .chunks(window.dims[0].max(1))
                 .any(|row| row.iter().all(|s| *s == 0.0)),
             local_means: LocalMeans::measure(window),
             is_integer,
             equal_pairs,
-            pair_count: own.len().saturating_sub(1),
+            pair_count: interior.len().saturating_sub(1),
         }
     }
 
-    /// Adds those of the next window.
+    /// Adds the statistics of the next window.
     fn merge(&mut self, next: Self) {
         self.range = [
             self.range[0].min(next.range[0]),
@@ -383,59 +402,60 @@ impl<const D: usize> WindowSurvey<D> {
     }
 }
 
-/// The range of no values.
+/// Range of an empty set of values.
 const EMPTY_RANGE: [f32; 2] = [f32::MAX, f32::MIN];
 
-/// Of values that are finite, the least and the largest.
+/// Returns the smallest and the largest of finite values.
 fn range(values: &[f32]) -> [f32; 2] {
-    let [mut least, mut most] = EMPTY_RANGE.map(|v| [v; LANES]);
+    let [mut min, mut max] = EMPTY_RANGE.map(|v| [v; LANES]);
     dispatch_simd(
         #[inline(always)]
         || {
-            let (many, few) = values.as_chunks::<LANES>();
-            let few = few.iter().map(|&v| [v; LANES]);
-            for values in many.iter().copied().chain(few) {
+            let (chunks, remainder) = values.as_chunks::<LANES>();
+            let remainder = remainder.iter().map(|&v| [v; LANES]);
+            for values in chunks.iter().copied().chain(remainder) {
                 for l in 0..LANES {
-                    least[l] = if values[l] < least[l] {
+                    min[l] = if values[l] < min[l] {
                         values[l]
                     } else {
-                        least[l]
+                        min[l]
                     };
-                    most[l] = if values[l] > most[l] {
+                    max[l] = if values[l] > max[l] {
                         values[l]
                     } else {
-                        most[l]
+                        max[l]
                     };
                 }
             }
         },
     );
     let fold = |all: [f32; LANES], best: fn(f32, f32) -> f32| all.into_iter().fold(all[0], best);
-    [fold(least, f32::min), fold(most, f32::max)]
+    [fold(min, f32::min), fold(max, f32::max)]
 }
 
 impl<const D: usize> LocalMeans<D> {
-    /// A window's own places, of some 10^5 in all.
+    /// Measures the means in the interior of a window; in the whole image there are about 10^5 of
+    /// them.
     fn measure(window: &LayerWindow<'_, D>) -> Self {
         let count: usize = window.dims.iter().product();
         let stride = (count / 100_000).max(1) | 1;
         let volume = window.raw.volume;
-        let (whole, layer) = (Volume::new(window.dims, &[]), layer_len(window.dims));
+        let (image_volume, layer) = (Volume::new(window.dims, &[]), layer_len(window.dims));
         let first = (window.interior.layers.start * layer).next_multiple_of(stride);
         let places: Vec<usize> = (first..window.interior.layers.end * layer)
             .step_by(stride)
             .collect();
-        let look = |i| {
-            let at = window.raw.to_stack(whole.coordinates(i));
-            let beside = std::array::from_fn(|k| {
+        let measure = |i| {
+            let at = window.raw.to_stack(image_volume.coordinates(i));
+            let adjacent = std::array::from_fn(|k| {
                 let (mut before, mut after) = (at, at);
                 before[k] = at[k].saturating_sub(THIN_DISTANCE);
                 after[k] = (at[k] + THIN_DISTANCE).min(volume.dims[k] - 1);
                 [before, after].map(|at| local_mean(volume, at))
             });
-            (local_mean(volume, at), beside)
+            (local_mean(volume, at), adjacent)
         };
-        let (means, adjacent) = places.into_par_iter().map(look).unzip();
+        let (means, adjacent) = places.into_par_iter().map(measure).unzip();
         Self { means, adjacent }
     }
 
@@ -443,34 +463,40 @@ impl<const D: usize> LocalMeans<D> {
         let means = self.means;
         let mut sorted = means.clone();
         sorted.sort_by(f32::total_cmp);
-        let at = |share: f64| {
-            let rank = (sorted.len().saturating_sub(1) as f64 * share) as usize;
-            sorted.get(rank).copied().unwrap_or(0.0)
+        let percentile = |share: f64| {
+            let index = (sorted.len().saturating_sub(1) as f64 * share) as usize;
+            sorted.get(index).copied().unwrap_or(0.0)
         };
-        let (low, median, high) = (at(0.01), at(0.5), at(0.99));
+        let (low, median, high) = (percentile(0.01), percentile(0.5), percentile(0.99));
         let middle = 0.5 * (low + high);
         let above = means.iter().filter(|m| **m > middle).count() as f64 / means.len() as f64;
-        let rare = above < 0.5;
+        let is_upper_rarer = above < 0.5;
         let count = means.len().max(1) as f64;
         let mean = means.iter().map(|&m| f64::from(m)).sum::<f64>() / count;
         let square = |m: f32| (f64::from(m) - mean).powi(2);
         let variance = means.iter().map(|&m| square(m)).sum::<f64>() / count;
         let deviation = variance.sqrt().max(f64::MIN_POSITIVE);
         let product = |k: usize| {
-            let of_place = |(m, beside): (&f32, &[[f32; 2]; D])| {
-                let [before, after] = beside[k].map(|b| f64::from(b) - mean);
+            let product_at = |(m, adjacent): (&f32, &[[f32; 2]; D])| {
+                let [before, after] = adjacent[k].map(|b| f64::from(b) - mean);
                 0.5 * (f64::from(*m) - mean) * (before + after)
             };
-            means.iter().zip(&self.adjacent).map(of_place).sum::<f64>() / count
+            means
+                .iter()
+                .zip(&self.adjacent)
+                .map(product_at)
+                .sum::<f64>()
+                / count
         };
-        let least = (0..D).map(product).fold(f64::INFINITY, f64::min);
-        let correlation = least / variance.max(f64::MIN_POSITIVE);
+        let min_product = (0..D).map(product).fold(f64::INFINITY, f64::min);
+        let correlation = min_product / variance.max(f64::MIN_POSITIVE);
         let (mut inside, mut thin) = (0usize, 0usize);
         let rarer = means.iter().zip(&self.adjacent);
-        for (_, beside) in rarer.filter(|(m, _)| (**m > middle) == rare) {
+        for (_, adjacent) in rarer.filter(|(m, _)| (**m > middle) == is_upper_rarer) {
             inside += 1;
-            let outside = |pair: &[f32; 2]| pair.iter().all(|&m| (m > middle) != rare);
-            thin += usize::from(beside.iter().any(outside));
+            let are_outside =
+                |pair: &[f32; 2]| pair.iter().all(|&m| (m > middle) != is_upper_rarer);
+            thin += usize::from(adjacent.iter().any(are_outside));
         }
         Percentiles {
             low,
@@ -484,7 +510,7 @@ impl<const D: usize> LocalMeans<D> {
     }
 }
 
-/// Mean over the samples that touch one, and itself.
+/// Returns the mean over a sample and the samples that touch it.
 fn local_mean<const D: usize>(volume: Volume<'_, D>, at: [usize; D]) -> f32 {
     let low = at.map(|i| i.saturating_sub(1));
     let span: [usize; D] =
@@ -492,11 +518,11 @@ fn local_mean<const D: usize>(volume: Volume<'_, D>, at: [usize; D]) -> f32 {
     let mut sum = 0.0;
     let rows: usize = span[1..].iter().product();
     for number in 0..rows {
-        let mut rest = number;
+        let mut remaining = number;
         let mut first = low;
         for k in 1..D {
-            first[k] += rest % span[k];
-            rest /= span[k];
+            first[k] += remaining % span[k];
+            remaining /= span[k];
         }
         let start = volume.index(first);
         sum += volume.samples[start..start + span[0]].iter().sum::<f32>();
@@ -511,15 +537,15 @@ mod tests {
     use crate::image::Image;
 
     #[test]
-    fn auto_tells_ridges_and_edges() {
-        let (dims, sheets) = crossing_surfaces();
+    fn auto_distinguishes_ridges_and_edges() {
+        let (dims, surfaces) = crossing_surfaces();
         let note = |image: &Image<3>| {
             detect(image, &DetectionOptions::with_kind(FeatureKind::Auto, 8.0))
                 .unwrap()
                 .notes[0]
                 .clone()
         };
-        let ridges = note(&ridge_image(dims, &sheets, 1.5, 0.25));
+        let ridges = note(&ridge_image(dims, &surfaces, 1.5, 0.25));
         assert!(ridges.contains("features: ridges"), "{ridges}");
         let mut noise = Noise::new(9);
         let blob = image_of([48, 48, 48], |p| {
@@ -531,7 +557,7 @@ mod tests {
     }
 
     #[test]
-    fn the_least_and_the_largest_value_are_found_wherever_they_are() {
+    fn range_finds_the_smallest_and_largest_value_anywhere() {
         for place in [0, 31, 32, 63, 64, 69] {
             let values: Vec<f32> = (0..70)
                 .map(|i| if i == place { -3.0 } else { -1.0 })
@@ -546,16 +572,16 @@ mod tests {
     #[test]
     fn a_threshold_is_refused_where_auto_chooses_labels() {
         let image = image_of([32, 32, 32], |p| f64::from(u8::from(p[0] < 16.0)));
-        let threshold = |threshold| DetectionOptions {
+        let options_with = |threshold| DetectionOptions {
             threshold,
             ..DetectionOptions::with_kind(FeatureKind::Auto, 8.0)
         };
-        let found = detect(&image, &threshold(None)).unwrap();
-        assert!(found.notes[0].contains("labels"), "{:?}", found.notes);
-        let said = detect(&image, &threshold(Some(0.5))).unwrap_err();
-        let said = said.to_string();
+        let features = detect(&image, &options_with(None)).unwrap();
+        assert!(features.notes[0].contains("labels"), "{:?}", features.notes);
+        let error = detect(&image, &options_with(Some(0.5))).unwrap_err();
+        let message = error.to_string();
         for word in ["threshold 0.5", "labels", "2 different values", "omit it"] {
-            assert!(said.contains(word), "no '{word}' in: {said}");
+            assert!(message.contains(word), "no '{word}' in: {message}");
         }
     }
 }

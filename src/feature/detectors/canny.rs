@@ -1,14 +1,14 @@
-//! Canny's edges, in the plane (1986) and, as Xu (2016) finds them, in space.
+//! Canny's edges, in the plane (1986) and, after Xu (2016), in space.
 //!
-//! The image is smoothed by a Gaussian; a sample is an edge's where the magnitude of the gradient is
-//! largest along the gradient ([`steepest`](mod@crate::feature::non_max_suppression)). Two thresholds then tell
-//! edges from noise: a weak edge is kept where it continues a strong one, which is what
-//! [`sheets`](mod@crate::feature::surfaces) does for every kind of feature.
+//! The image is smoothed by a Gaussian. A sample is on an edge if the gradient magnitude is largest
+//! along the gradient ([`non_max_suppression`](mod@crate::feature::non_max_suppression)). Two
+//! thresholds then separate edges from noise: a weak edge is kept if it continues a strong one, as
+//! [`surfaces`](mod@crate::feature::surfaces) does for every kind of feature.
 //!
-//! Scale: one sample. Thresholds: of gradients of white noise, the magnitudes that one sample in 100 and
-//! one in 100 000 exceeds (quantiles of the chi distribution), the noise judged by the median.
-//! Assumptions: half of the image or more is flat but for noise, which is white before smoothing; an
-//! edge's bend is wide against the smoothing.
+//! Scale: one sample. Thresholds: the gradient magnitudes that one sample in 100 and one in 100 000
+//! of white noise exceed (quantiles of the chi distribution); the noise is estimated from the
+//! median. Assumptions: half of the image or more is flat except for noise, which is white before
+//! smoothing; the radius of curvature of an edge is large compared with the smoothing.
 
 use super::{Detector, DetectorInput, DetectorOutput, Thresholds};
 use crate::error::Result;
@@ -20,7 +20,7 @@ use crate::feature::non_max_suppression::gradient_maxima;
 use crate::feature::ridges::typical_strength;
 use crate::feature::volume::Volume;
 
-/// Finds edges where the gradient is steepest.
+/// Detector of edges at maxima of the gradient magnitude.
 pub struct Canny;
 
 impl<const D: usize> Detector<D> for Canny {
@@ -30,38 +30,39 @@ impl<const D: usize> Detector<D> for Canny {
 
     fn find(
         &self,
-        scene: &DetectorInput<'_, D>,
+        input: &DetectorInput<'_, D>,
         notes: &mut Vec<String>,
     ) -> Result<DetectorOutput<D>> {
-        let (dims, scale) = (scene.dims(), scene.scale());
-        let samples = scene.smoothed()?;
+        let (dims, scale) = (input.dims(), input.scale());
+        let samples = input.smoothed()?;
         let smoothed = Volume::new(dims, &samples);
-        let steepness = gradient_magnitude(smoothed, scene.cancel);
-        let noise = noise_thresholds::<D>(&steepness);
-        let given = scene.thresholds();
-        // Where there is no flat ground the thresholds are lower than noise would ask.
-        let floor = given.map_or(0.5 * noise[0], |given| given.low);
+        let magnitudes = gradient_magnitude(smoothed, input.cancel);
+        let noise = noise_thresholds::<D>(&magnitudes);
+        let given_thresholds = input.thresholds();
+        // If the image has no flat parts, the thresholds are lower than those of the noise.
+        let low = given_thresholds.map_or(0.5 * noise[0], |thresholds| thresholds.low);
         let mut candidates =
-            gradient_maxima(smoothed, Volume::new(dims, &steepness), floor, scene.cancel);
-        let thresholds = given.unwrap_or_else(|| thresholds(noise, &candidates));
+            gradient_maxima(smoothed, Volume::new(dims, &magnitudes), low, input.cancel);
+        let thresholds = given_thresholds.unwrap_or_else(|| thresholds(noise, &candidates));
         candidates.retain(|c| c.strength >= thresholds.low);
         notes.push(format!(
             "steepest places at scale {scale}: {thresholds}, noise up to {:.4} per sample",
             noise[1]
         ));
-        let candidates = sharpen_corners(dims, candidates, scale, thresholds.high, scene.cancel);
+        let candidates = sharpen_corners(dims, candidates, scale, thresholds.high, input.cancel);
         Ok(DetectorOutput::new(candidates, scale, thresholds))
     }
 
-    /// Corners look along their arms.
+    /// Returns the reach of detection, which includes that of corners along their arms.
     fn reach(&self, scale: f64) -> usize {
         (3.0 * scale).ceil() as usize + 3 + corners::corner_reach(scale)
     }
 }
 
-/// Gradients of smoothed white noise have D independent, normally distributed components: medians of
-/// their magnitude, and what it exceeds at one sample in 100 and at one in 100 000, in units of one
-/// component's standard deviation (quantiles of the chi distribution of D degrees of freedom).
+/// Returns the median of the gradient magnitude of smoothed white noise, and the magnitudes that
+/// one sample in 100 and one in 100 000 exceed, in units of one component's standard deviation.
+/// Such gradients have D independent, normally distributed components, so that these are quantiles
+/// of the chi distribution of D degrees of freedom.
 const fn noise_quantiles(dimensions: usize) -> (f32, [f32; 2]) {
     if dimensions == 3 {
         (1.5382, [3.3682, 5.0894])
@@ -70,25 +71,25 @@ const fn noise_quantiles(dimensions: usize) -> (f32, [f32; 2]) {
     }
 }
 
-/// Thresholds (low, high) that noise hardly reaches: half of an image or more is taken for noise on
-/// flat ground, so the median of the gradient's magnitude tells how strong that is.
-fn noise_thresholds<const D: usize>(steepness: &[f32]) -> [f32; 2] {
-    // Some 10^5 samples tell the median to a per cent.
-    let stride = (steepness.len() / 200_000).max(1) | 1;
-    let mut some: Vec<f32> = steepness.iter().step_by(stride).copied().collect();
-    let middle = some.len() / 2;
-    if some.is_empty() {
+/// Returns the thresholds (low, high) that noise rarely reaches. Half of an image or more is taken
+/// for noise on a flat background, so that the median of the gradient magnitude measures the noise.
+fn noise_thresholds<const D: usize>(magnitudes: &[f32]) -> [f32; 2] {
+    // About 10^5 samples give the median to one per cent.
+    let stride = (magnitudes.len() / 200_000).max(1) | 1;
+    let mut subsample: Vec<f32> = magnitudes.iter().step_by(stride).copied().collect();
+    let middle = subsample.len() / 2;
+    if subsample.is_empty() {
         return [0.0; 2];
     }
-    let median = *some.select_nth_unstable_by(middle, f32::total_cmp).1;
-    let (of_median, exceeded) = noise_quantiles(D);
-    exceeded.map(|e| e / of_median * median)
+    let median = *subsample.select_nth_unstable_by(middle, f32::total_cmp).1;
+    let (median_quantile, exceeded) = noise_quantiles(D);
+    exceeded.map(|e| e / median_quantile * median)
 }
 
-/// Thresholds (low, high) of edges: above the noise, and at least a tenth and a quarter of the typical
-/// edge's strength (sum of cubes over sum of squares, which the strong ones decide), so that faint
-/// edges of an image without noise are left out; but where there is no flat ground and the median is
-/// not noise, at most half and nine tenths of it.
+/// Returns the thresholds (low, high) of edges. They are above the noise, and at least a tenth and
+/// a quarter of the typical strength of edges (sum of cubes divided by sum of squares), so that
+/// faint edges of an image without noise are dropped. If the image has no flat parts, the median is
+/// not noise, so that the thresholds are at most a half and nine tenths of the typical strength.
 fn thresholds<const D: usize>(noise: [f32; 2], candidates: &[Candidate<D>]) -> Thresholds {
     let typical = typical_strength(candidates.iter().map(|c| c.strength));
     let [low, high] = noise;
@@ -107,8 +108,8 @@ mod tests {
     use crate::image::{Geometry, Image};
     use crate::progress::CancelToken;
 
-    /// An image of a ball (a disc in 2-D), 100 inside and 0 outside, with an edge one sample wide and
-    /// noise.
+    /// Returns an image of a ball (a disc in 2-D), 100 inside and 0 outside, with an edge one
+    /// sample wide and noise.
     fn ball<const D: usize>(
         dims: [usize; D],
         centre: [f64; D],
@@ -118,8 +119,8 @@ mod tests {
         let mut random = Noise::new(5);
         let empty = Volume { dims, samples: &[] };
         let samples = (0..dims.iter().product()).map(|i| {
-            let off = distance_to_ball(empty.coordinates(i).map(|c| c as f64), centre, radius);
-            (100.0 * (0.5 - off).clamp(0.0, 1.0) + noise * random.normal()) as f32
+            let distance = distance_to_ball(empty.coordinates(i).map(|c| c as f64), centre, radius);
+            (100.0 * (0.5 - distance).clamp(0.0, 1.0) + noise * random.normal()) as f32
         });
         Image::new(dims, samples.collect(), Geometry::default())
     }
@@ -129,8 +130,8 @@ mod tests {
         squares.sqrt() - radius
     }
 
-    /// Finds the edge of a ball: every point within half a sample of it, its normal along the radius,
-    /// the rms below `rms`, and no way round without meeting one.
+    /// Checks the edge of a ball: every point is within half a sample of it, its normal is along
+    /// the radius, the root mean square distance is below `rms`, and the points have no gaps.
     fn check_ball_edge<const D: usize>(
         dims: [usize; D],
         centre: [f64; D],
@@ -139,38 +140,38 @@ mod tests {
         rms: f64,
     ) {
         let image = ball(dims, centre, radius, noise);
-        let found = detect(
+        let features = detect(
             &image,
             &DetectionOptions::with_kind(FeatureKind::Canny, 4.0),
         )
         .unwrap();
         let (mut worst, mut squares) = (0.0f64, 0.0);
-        for point in &found.points {
+        for point in &features.points {
             let p = point.position.map(f64::from);
-            let off = distance_to_ball(p, centre, radius);
-            worst = worst.max(off.abs());
-            squares += off * off;
-            let along: f64 = (0..D)
+            let distance = distance_to_ball(p, centre, radius);
+            worst = worst.max(distance.abs());
+            squares += distance * distance;
+            let radial: f64 = (0..D)
                 .map(|k| (p[k] - centre[k]) / radius * f64::from(point.normal[k]))
                 .sum();
-            assert!(along.abs() > 0.95, "{along}");
+            assert!(radial.abs() > 0.95, "{radial}");
         }
-        let got = (squares / found.points.len() as f64).sqrt();
+        let measured_rms = (squares / features.points.len() as f64).sqrt();
         assert!(
-            worst < 0.5 && got < rms,
-            "worst {worst}, rms {got}, {:?}",
-            found.notes
+            worst < 0.5 && measured_rms < rms,
+            "worst {worst}, rms {measured_rms}, {:?}",
+            features.notes
         );
-        // Every sample within half a sample of the edge has a point at most a sample (and a bit) away.
+        // Every sample within half a sample of the edge has a point at most 1.3 samples away.
         let empty = Volume { dims, samples: &[] };
         for i in 0..dims.iter().product() {
             let p = empty.coordinates(i).map(|c| c as f64);
             if distance_to_ball(p, centre, radius).abs() < 0.5 {
-                let near = found.points.iter().any(|point| {
+                let has_near_point = features.points.iter().any(|point| {
                     let squares = (0..D).map(|k| (f64::from(point.position[k]) - p[k]).powi(2));
                     squares.sum::<f64>() < 1.3 * 1.3
                 });
-                assert!(near, "no point near {p:?}");
+                assert!(has_near_point, "no point near {p:?}");
             }
         }
     }
@@ -183,27 +184,27 @@ mod tests {
         check_ball_edge([46, 44, 42], [22.3, 21.7, 20.5], 14.6, 5.0, 0.2);
     }
 
-    /// Shares of the samples of pure noise that reach the lower and the higher threshold.
+    /// Shares of the samples of pure noise that reach the lower and the upper threshold.
     const FALSE_ALARM_RATES: [f64; 2] = [1e-2, 1e-5];
 
     #[test]
-    fn noise_alone_reaches_the_thresholds_as_often_as_said() {
+    fn noise_reaches_the_thresholds_at_the_stated_rates() {
         fn exceedance_rates<const D: usize>(dims: [usize; D]) -> [f64; 2] {
             let mut random = Noise::new(11);
             let mut samples: Vec<f32> = (0..dims.iter().product())
                 .map(|_| random.normal() as f32)
                 .collect();
             crate::feature::gaussian::smooth(dims, &mut samples, [1.0; D], &CancelToken::never());
-            let steepness = gradient_magnitude(
+            let magnitudes = gradient_magnitude(
                 Volume {
                     dims,
                     samples: &samples,
                 },
                 &CancelToken::never(),
             );
-            noise_thresholds::<D>(&steepness).map(|t| {
-                let above = steepness.iter().filter(|s| **s >= t).count();
-                above as f64 / steepness.len() as f64
+            noise_thresholds::<D>(&magnitudes).map(|t| {
+                let above = magnitudes.iter().filter(|s| **s >= t).count();
+                above as f64 / magnitudes.len() as f64
             })
         }
         for [low, high] in [

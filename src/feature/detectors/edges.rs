@@ -1,12 +1,12 @@
-//! Edges: steps between low and high values, as ridges of the gradient's magnitude.
+//! Edges: steps between low and high values, found as ridges of the gradient magnitude.
 //!
-//! The magnitude is Prewitt's ([`prewitt`]), as Hale (2001) takes it for a medical image, of the image
-//! under a Gaussian of one sample; its ridges are found as those of any image
-//! ([`ridges`](super::ridges)), so it is smoothed once more.
+//! The gradient magnitude is Prewitt's ([`prewitt`]), as Hale (2001) uses it for a medical image,
+//! of the image under a Gaussian of one sample. Its ridges are found as those of any image
+//! ([`ridges`](super::ridges)), so that it is smoothed once more.
 //!
-//! Scale: one sample, for gradient and ridges alike; where ridges drown in noise they are sought on
-//! coarser ones. Assumption: an edge's bend is wide against the smoothing. It draws an edge of radius r
-//! towards its centre of curvature, by 0.19 samples where r = 19.
+//! Scale: one sample, for the gradient and its ridges. Where noise hides the ridges, larger scales
+//! are used. Assumption: the radius of curvature of an edge is large compared with the smoothing.
+//! Smoothing moves an edge of radius r towards its centre of curvature, by 0.19 samples for r = 19.
 
 use super::ridges::RidgeSearch;
 use super::{Detector, DetectorInput, DetectorOutput};
@@ -16,7 +16,7 @@ use crate::feature::FeatureKind;
 use crate::feature::corners::{self, sharpen_corners};
 use crate::feature::gradient_magnitude::prewitt;
 
-/// Finds steps between low and high values.
+/// Detector of steps between low and high values.
 pub struct Edges;
 
 impl<const D: usize> Detector<D> for Edges {
@@ -26,35 +26,37 @@ impl<const D: usize> Detector<D> for Edges {
 
     fn find(
         &self,
-        scene: &DetectorInput<'_, D>,
+        input: &DetectorInput<'_, D>,
         notes: &mut Vec<String>,
     ) -> Result<DetectorOutput<D>> {
-        let dims = scene.dims();
-        let smoothed = scene.smoothed_in_layers()?;
-        let steepness =
-            smoothed.map_windows(1, scene.cancel, |stack| prewitt(stack.volume, scene.cancel))?;
+        let dims = input.dims();
+        let smoothed = input.smoothed_in_layers()?;
+        let magnitude =
+            smoothed.map_windows(1, input.cancel, |stack| prewitt(stack.volume, input.cancel))?;
         drop(smoothed);
         let search = RidgeSearch {
             min_scale: 1.0,
             uses_oriented_filters: false,
-            ..RidgeSearch::new(scene)
+            ..RidgeSearch::new(input)
         };
-        let mut found = search.find(steepness, notes)?;
-        // Smoothed for the gradient and for its ridges.
-        let width = scene.scale().hypot(found.scale);
-        let sure = found.thresholds.high;
+        let mut output = search.find(magnitude, notes)?;
+        // The image is smoothed before the gradient is taken, and the gradient magnitude before its
+        // ridges are.
+        let width = input.scale().hypot(output.scale);
+        let min_strength = output.thresholds.high;
         if D == 2 {
-            let candidates = found.gather_candidates(&WorldComm)?;
-            found.candidates = sharpen_corners(dims, candidates, width, sure, scene.cancel);
+            let candidates = output.gather_candidates(&WorldComm)?;
+            output.candidates =
+                sharpen_corners(dims, candidates, width, min_strength, input.cancel);
         }
-        Ok(found)
+        Ok(output)
     }
 
     fn is_streamable(&self) -> bool {
         true
     }
 
-    /// Corners look along their arms.
+    /// Returns the reach of detection, which includes that of corners along their arms.
     fn reach(&self, scale: f64) -> usize {
         (3.0 * scale).ceil() as usize + 3 + corners::corner_reach(scale.hypot(scale))
     }
@@ -67,8 +69,8 @@ mod tests {
 
     #[test]
     fn edges_of_a_ball() {
-        // Smoothing draws an edge towards its centre of curvature: here by 0.19 samples, the more the
-        // stronger it bends; what is left is noise.
+        // Smoothing moves an edge towards its centre of curvature, by 0.19 samples at this radius;
+        // the remaining error is noise.
         let (dims, ball) = ([60, 56, 52], ExactSurface::Sphere([30.0, 28.0, 26.0], 19.0));
         let mut noise = Noise::new(3);
         let image = image_of(dims, |p| {

@@ -1,13 +1,14 @@
 //! Horizons: crests and troughs of seismic amplitude.
 //!
-//! Along a layer the amplitude hardly changes, so the crest of a layer is its extremum along any
-//! direction across it. Along the image axis nearest to the layer's normal each column of samples meets
-//! it once, at the top of the parabola through three samples. The normal is the eigenvector of the
-//! structure tensor's largest eigenvalue ([`BlockNormals`]), as for the ridges of Hale (2002).
+//! Along a layer the amplitude hardly changes, so that the crest of a layer is an extremum along
+//! any direction across it. Each column of samples along the image axis nearest to the layer's
+//! normal crosses the crest once, at the maximum of the parabola through three samples. The normal
+//! is the eigenvector of the structure tensor's largest eigenvalue ([`NormalField`]), as for the
+//! ridges of Hale (2002).
 //!
-//! Scale: one sample for derivatives, four for the tensor's window. Thresholds are shares of the rms
-//! amplitude. Assumptions: layers are some four samples thick or more and dip little within the window;
-//! the amplitude is zero on average.
+//! Scale: one sample for derivatives, four for the tensor's window. Thresholds are multiples of the
+//! root mean square amplitude. Assumptions: layers are about four samples thick or more and dip
+//! little within the window; the mean amplitude is zero.
 
 use super::{Detector, DetectorInput, DetectorOutput, Thresholds};
 use crate::error::Result;
@@ -18,13 +19,13 @@ use crate::feature::volume::Volume;
 use crate::feature::windows::{CoveredLayers, LayerWindow};
 use crate::progress::CancelToken;
 
-/// Finds crests and troughs of seismic amplitude.
+/// Detector of crests and troughs of seismic amplitude.
 pub struct Horizons;
 
 /// Width (samples) of the structure tensor's window.
 const TENSOR_WINDOW: f64 = 4.0;
 
-/// Parts of horizons this wide (samples) are followed at any distance between atoms.
+/// Width (samples) from which parts of horizons are kept, whatever the distance between atoms.
 const MAX_MIN_WIDTH: usize = 12;
 
 impl<const D: usize> Detector<D> for Horizons {
@@ -34,14 +35,14 @@ impl<const D: usize> Detector<D> for Horizons {
 
     fn find(
         &self,
-        scene: &DetectorInput<'_, D>,
+        input: &DetectorInput<'_, D>,
         notes: &mut Vec<String>,
     ) -> Result<DetectorOutput<D>> {
-        let scale = scene.scale();
-        let window = scene.options.smoothing.unwrap_or(TENSOR_WINDOW);
-        let samples = scene.smoothed_in_layers()?;
-        let (normals, rms) = NormalField::new(&samples, window, scene.live_mask, scene.cancel)?;
-        let thresholds = scene.thresholds().unwrap_or(Thresholds {
+        let scale = input.scale();
+        let window = input.options.smoothing.unwrap_or(TENSOR_WINDOW);
+        let samples = input.smoothed_in_layers()?;
+        let (normals, rms) = NormalField::new(&samples, window, input.live_mask, input.cancel)?;
+        let thresholds = input.thresholds().unwrap_or(Thresholds {
             low: 0.8 * rms,
             high: 1.3 * rms,
             origin: "1.3 times the rms",
@@ -50,12 +51,12 @@ impl<const D: usize> Detector<D> for Horizons {
             "crests and troughs at scale {scale}, normals averaged over {window}: {thresholds}"
         ));
         let (mut candidates, mut layers) = (Vec::new(), CoveredLayers::default());
-        let mut look = |window: &LayerWindow<'_, D>| {
+        let mut collect = |window: &LayerWindow<'_, D>| {
             layers.add(&window.interior);
-            candidates.extend(crests(window, &normals, thresholds.low, scene.cancel));
+            candidates.extend(crests(window, &normals, thresholds.low, input.cancel));
         };
-        let patience = scene.cancel;
-        samples.for_each_window(1, None, &|_| 1, patience, &mut look, &mut |()| ())?;
+        let cancel = input.cancel;
+        samples.for_each_window(1, None, &|_| 1, cancel, &mut collect, &mut |()| ())?;
         Ok(DetectorOutput {
             layers: Some(layers.0),
             ..DetectorOutput::new(candidates, scale, thresholds)
@@ -66,68 +67,72 @@ impl<const D: usize> Detector<D> for Horizons {
         true
     }
 
-    /// Short pieces of reflectors are everywhere, and worth no cells.
+    /// Returns a large area: short pieces of reflectors are everywhere, and the mesh need not
+    /// follow them.
     fn min_surface_cells(&self) -> f64 {
         if D == 3 { 16.0 } else { 8.0 }
     }
 
-    /// Reflectors fray out: their amplitude passes the threshold here and there, in strips and patches that
-    /// a lattice cannot follow.
+    /// Returns three times the smallest distance between atoms, within limits. The amplitude of
+    /// reflectors exceeds the threshold in narrow strips and patches that a lattice cannot follow.
     fn min_width(&self, d_min: f64) -> usize {
         ((3.0 * d_min).round() as usize).clamp(4, MAX_MIN_WIDTH)
     }
 
-    /// Reflectors lie one above the other everywhere: leave room for a layer of atoms between.
+    /// Returns a large distance: reflectors lie one above the other, and a layer of atoms must fit
+    /// between them.
     fn resolution(&self) -> f64 {
         1.5
     }
 
-    /// Normals are averaged over windows of four samples.
+    /// Returns the reach of normals averaged over windows of four samples, and of the smallest
+    /// width.
     fn reach(&self, _scale: f64) -> usize {
         14 + MAX_MIN_WIDTH
     }
 }
 
-/// Crests and troughs of at least `low` in amplitude in a window's own layers, in the order of samples.
+/// Returns the crests and troughs of at least `low` in amplitude in the interior of a window, in
+/// the order of samples.
 fn crests<const D: usize>(
     window: &LayerWindow<'_, D>,
     normals: &NormalField<D>,
     low: f32,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Vec<Candidate<D>> {
-    let (stack, whole) = (window.smoothed, Volume::new(window.dims, &[]));
+    let (stack, image_volume) = (window.smoothed, Volume::new(window.dims, &[]));
     let volume = stack.volume;
     let strides = volume.strides();
-    window.map_rows(patience, |first, (): &mut (), found| {
+    window.map_rows(cancel, |first, (): &mut (), found| {
         let start = volume.index(first);
         for x in 0..volume.dims[0] {
             let i = start + x;
-            let here = volume.samples[i].abs();
-            if here < low {
+            let amplitude = volume.samples[i].abs();
+            if amplitude < low {
                 continue;
             }
             let mut at = stack.to_volume(first);
             at[0] = x;
             let sign = volume.samples[i].signum();
             for axis in dominant_axes(normals.cell_normal(at).map(f64::from)) {
-                if at[axis] == 0 || at[axis] + 1 >= whole.dims[axis] {
+                if at[axis] == 0 || at[axis] + 1 >= image_volume.dims[axis] {
                     continue;
                 }
                 let before = sign * volume.samples[i - strides[axis]];
                 let after = sign * volume.samples[i + strides[axis]];
-                // One of two equal samples: the first.
-                if before >= here || after > here {
+                // Of two equal samples, the first counts.
+                if before >= amplitude || after > amplitude {
                     continue;
                 }
-                let offset = 0.5 * (before - after) / (before + after - 2.0 * here);
+                let offset = 0.5 * (before - after) / (before + after - 2.0 * amplitude);
                 let mut position = at.map(|i| i as f32);
                 position[axis] += offset;
                 found.push(Candidate {
-                    voxel: Voxel::new(whole.dims, at),
+                    voxel: Voxel::new(image_volume.dims, at),
                     axis: axis as u8,
                     position,
                     normal: normals.normal_at(position),
-                    strength: here - 0.25 * (before - after) * offset,
+                    strength: amplitude - 0.25 * (before - after) * offset,
                 });
             }
         }
@@ -141,8 +146,8 @@ mod tests {
 
     #[test]
     fn horizons_keep_the_lattice_resolution() {
-        // Crests and troughs every 6 samples across dipping layers: every second one fits d = 8, which
-        // leaves room for a layer of atoms between.
+        // Crests and troughs are 6 samples apart across dipping layers. Every second one fits d =
+        // 8, which leaves room for a layer of atoms between.
         let dims = [72, 64, 56];
         let layers = ExactSurface::plane([1.0, 0.25, -0.15], [36.0, 32.0, 28.0]);
         let mut noise = Noise::new(5);
@@ -179,8 +184,11 @@ mod tests {
         assert!(rms < 0.3, "{rms}");
         assert!(levels[20] > 2400, "the strongest is kept whole: {levels:?}");
         for pair in levels.windows(2) {
-            let (less, more) = (pair[0].min(pair[1]), pair[0].max(pair[1]));
-            assert!(less * 10 <= more, "two levels nearer than 7.2: {levels:?}");
+            let (smaller, larger) = (pair[0].min(pair[1]), pair[0].max(pair[1]));
+            assert!(
+                smaller * 10 <= larger,
+                "two levels nearer than 7.2: {levels:?}"
+            );
         }
     }
 }

@@ -1,61 +1,63 @@
-//! Which label leads at each sample, once their stairs are smoothed.
+//! Finds the winning label of each sample after smoothing, so that interfaces have no steps.
 //!
-//! The indicator of each label is smoothed; the label with the largest one leads. That takes from
-//! whatever is thin or small. Parts of labels that would lose much to their neighbours are therefore
-//! raised: their own smoothed indicator, times a factor such that as many samples are above a half as
-//! the part has, so that balls and membranes as thin as a sample keep their volume.
+//! The indicator of each label is smoothed, and the label with the largest value wins. This shrinks
+//! components that are thin or small. Components that would lose many samples are therefore
+//! restored: the smoothed indicator of the component is multiplied by a factor, such that as many
+//! samples are above a half as the component has. So balls and membranes as thin as one sample keep
+//! their volume.
 
 use crate::feature::components::{Component, Components};
 use crate::feature::gaussian::smooth;
 use crate::feature::volume::Volume;
 use crate::progress::CancelToken;
 
-/// A part of which fewer of its samples stay its own is raised.
+/// A component is restored if it keeps less than this share of its samples.
 const MIN_KEPT_SHARE: f64 = 0.9;
-/// So many times the samples of the image may be looked at to raise parts.
+/// Largest number of samples that are processed to restore components, in units of the image's
+/// samples.
 const MAX_PASSES: usize = 8;
 
-/// Labels, each with its lead over the next.
+/// Scores of the best and the second label of each sample.
 pub struct LabelCompetition {
-    /// The number of the label that leads at each sample.
+    /// Index of the winning label of each sample.
     pub winner: Vec<u32>,
     best_score: Vec<f32>,
     second_score: Vec<f32>,
 }
 
 impl LabelCompetition {
-    /// Between the labels of samples, of which there are `count`, smoothed over `sigma`.
+    /// Smooths `count` labels over `sigma` samples; `label` is the label index of each sample.
     pub fn run<const D: usize>(
         components: &Components<D>,
         label: &[u32],
         count: usize,
         sigma: f64,
-        patience: &CancelToken<'_>,
+        cancel: &CancelToken<'_>,
     ) -> Self {
-        let mut contest = Self {
+        let mut competition = Self {
             winner: vec![0; label.len()],
             best_score: vec![f32::NEG_INFINITY; label.len()],
             second_score: vec![0.0; label.len()],
         };
-        let mut parts = vec![Vec::new(); count];
+        let mut parts_by_label = vec![Vec::new(); count];
         for part in &components.components {
-            parts[part.label as usize].push(part);
+            parts_by_label[part.label as usize].push(part);
         }
-        for (number, parts) in (0..).zip(parts) {
-            if patience.is_cancelled() {
+        for (number, parts) in (0..).zip(parts_by_label) {
+            if cancel.is_cancelled() {
                 break;
             }
-            let Some(room) = SampleBox::around_parts(components.dims, parts, sigma) else {
+            let Some(sample_box) = SampleBox::around_parts(components.dims, parts, sigma) else {
                 continue;
             };
-            let share = room.smooth_indicator(|i| label[i] == number, sigma, patience);
-            room.for_each_sample(|i, j| contest.update(i, number, share[j]));
+            let share = sample_box.smooth_indicator(|i| label[i] == number, sigma, cancel);
+            sample_box.for_each_sample(|i, j| competition.update(i, number, share[j]));
         }
-        contest.restore_parts(components, label, sigma, patience);
-        contest
+        competition.restore_parts(components, label, sigma, cancel);
+        competition
     }
 
-    /// By how much the winner leads.
+    /// Returns the winner of each sample and its lead over the second label.
     pub fn into_lead(self) -> (Vec<u32>, Vec<f32>) {
         let mut lead = self.best_score;
         lead.iter_mut()
@@ -76,55 +78,62 @@ impl LabelCompetition {
         }
     }
 
-    /// Raises what lost much.
+    /// Restores components that lost many samples.
     fn restore_parts<const D: usize>(
         &mut self,
         components: &Components<D>,
         label: &[u32],
         sigma: f64,
-        patience: &CancelToken<'_>,
+        cancel: &CancelToken<'_>,
     ) {
-        let mut stay = vec![0usize; components.components.len()];
-        let mut half = vec![0usize; components.components.len()];
+        let mut kept_counts = vec![0usize; components.components.len()];
+        let mut majority_counts = vec![0usize; components.components.len()];
         for (i, &part) in components.component_of_sample.iter().enumerate() {
-            stay[part as usize] += usize::from(self.winner[i] == label[i]);
-            half[part as usize] +=
+            kept_counts[part as usize] += usize::from(self.winner[i] == label[i]);
+            majority_counts[part as usize] +=
                 usize::from(self.winner[i] == label[i] && self.best_score[i] > 0.5);
         }
-        let mut effort = MAX_PASSES * label.len();
+        let mut remaining_samples = MAX_PASSES * label.len();
         for (number, part) in components.components.iter().enumerate() {
-            // A wall between two others leads where neither has more, but by so little that most of it is lost.
-            let few = (stay[number] as f64) < MIN_KEPT_SHARE * part.sample_count as f64
-                || 2 * half[number] < part.sample_count;
-            let Some(room) =
-                SampleBox::around_parts(components.dims, [part], sigma).filter(|_| few)
+            // A wall between two other labels may win although no label has a majority, but by so
+            // little that most of it is lost.
+            let loses_much = (kept_counts[number] as f64)
+                < MIN_KEPT_SHARE * part.sample_count as f64
+                || 2 * majority_counts[number] < part.sample_count;
+            let Some(sample_box) =
+                SampleBox::around_parts(components.dims, [part], sigma).filter(|_| loses_much)
             else {
                 continue;
             };
-            if patience.is_cancelled() || room.sample_count() > effort {
+            if cancel.is_cancelled() || sample_box.sample_count() > remaining_samples {
                 break;
             }
-            effort -= room.sample_count();
-            let own = room.smooth_indicator(
+            remaining_samples -= sample_box.sample_count();
+            let part_indicator = sample_box.smooth_indicator(
                 |i| components.component_of_sample[i] == number as u32,
                 sigma,
-                patience,
+                cancel,
             );
-            let Some(factor) = restoring_factor(&own, part.sample_count) else {
+            let Some(factor) = restoring_factor(&part_indicator, part.sample_count) else {
                 continue;
             };
-            let all = room.smooth_indicator(|i| label[i] == part.label, sigma, patience);
-            room.for_each_sample(|i, j| {
-                if own[j] > 0.0 {
-                    self.update(i, part.label, all[j] + (factor - 1.0) * own[j]);
+            let label_indicator =
+                sample_box.smooth_indicator(|i| label[i] == part.label, sigma, cancel);
+            sample_box.for_each_sample(|i, j| {
+                if part_indicator[j] > 0.0 {
+                    self.update(
+                        i,
+                        part.label,
+                        label_indicator[j] + (factor - 1.0) * part_indicator[j],
+                    );
                 }
             });
         }
     }
 }
 
-/// What a smoothed indicator is to be multiplied by so that it leads at `count` samples over what is
-/// left to others; `None` if it does so anyhow.
+/// Returns the factor for a smoothed indicator such that it wins at `count` samples against the sum
+/// of the others; `None` if it needs no factor.
 fn restoring_factor(indicator: &[f32], count: usize) -> Option<f32> {
     let mut sorted: Vec<f32> = indicator.to_vec();
     let last = count
@@ -137,7 +146,7 @@ fn restoring_factor(indicator: &[f32], count: usize) -> Option<f32> {
     (level > 0.0 && level < 0.5).then(|| (1.0 - level) / level)
 }
 
-/// A box of samples: parts of labels, and as far round them as smoothing carries.
+/// A box of samples around components of labels, widened by the reach of smoothing.
 struct SampleBox<const D: usize> {
     origin: [usize; D],
     size: [usize; D],
@@ -145,7 +154,7 @@ struct SampleBox<const D: usize> {
 }
 
 impl<const D: usize> SampleBox<D> {
-    /// Round some parts; `None` if there is none.
+    /// Returns the box around some components; `None` if there are none.
     fn around_parts<'a>(
         dims: [usize; D],
         parts: impl IntoIterator<Item = &'a Component<D>>,
@@ -173,31 +182,31 @@ impl<const D: usize> SampleBox<D> {
         self.size.iter().product()
     }
 
-    /// Visits each sample: its index in the image and here.
+    /// Calls `visit` for each sample, with its index in the image and in the box.
     fn for_each_sample(&self, mut visit: impl FnMut(usize, usize)) {
-        let (whole, here) = (
+        let (image_volume, box_volume) = (
             Volume::new(self.image_dims, &[]),
             Volume::new(self.size, &[]),
         );
         for row in 0..self.sample_count() / self.size[0] {
-            let first = here.coordinates(row * self.size[0]);
-            let at = whole.index(std::array::from_fn(|k| first[k] + self.origin[k]));
+            let first = box_volume.coordinates(row * self.size[0]);
+            let start = image_volume.index(std::array::from_fn(|k| first[k] + self.origin[k]));
             for x in 0..self.size[0] {
-                visit(at + x, row * self.size[0] + x);
+                visit(start + x, row * self.size[0] + x);
             }
         }
     }
 
-    /// The indicator of what is `inside`, smoothed.
+    /// Returns the smoothed indicator of the samples that are `inside`.
     fn smooth_indicator(
         &self,
         inside: impl Fn(usize) -> bool,
         sigma: f64,
-        patience: &CancelToken<'_>,
+        cancel: &CancelToken<'_>,
     ) -> Vec<f32> {
         let mut indicator = vec![0.0; self.sample_count()];
         self.for_each_sample(|i, j| indicator[j] = f32::from(u8::from(inside(i))));
-        smooth(self.size, &mut indicator, [sigma; D], patience);
+        smooth(self.size, &mut indicator, [sigma; D], cancel);
         indicator
     }
 }
@@ -206,7 +215,8 @@ impl<const D: usize> SampleBox<D> {
 mod tests {
     use super::*;
 
-    /// The share of its samples that label 1 wins where `inside` is painted.
+    /// Returns the number of samples that label 1 wins, divided by the number of samples that are
+    /// `inside`.
     fn kept_share(inside: impl Fn([usize; 3]) -> bool) -> f64 {
         let dims = [24, 22, 20];
         let volume = Volume::new(dims, &[]);
@@ -214,24 +224,24 @@ mod tests {
             .map(|i| u32::from(inside(volume.coordinates(i))))
             .collect();
         let components = Components::from_labels(dims, &label);
-        let contest = LabelCompetition::run(&components, &label, 2, 1.0, &CancelToken::never());
-        let (winner, lead) = contest.into_lead();
+        let competition = LabelCompetition::run(&components, &label, 2, 1.0, &CancelToken::never());
+        let (winner, lead) = competition.into_lead();
         assert!(lead.iter().all(|lead| *lead >= 0.0));
-        let count = |of: &[u32]| of.iter().filter(|label| **label == 1).count() as f64;
+        let count = |labels: &[u32]| labels.iter().filter(|label| **label == 1).count() as f64;
         count(&winner) / count(&label)
     }
 
     #[test]
-    fn what_is_small_or_thin_keeps_its_volume() {
+    fn small_or_thin_parts_keep_their_volume() {
         assert_eq!(kept_share(|p| p == [12, 11, 9]), 1.0);
-        let off = |p: [usize; 3]| {
+        let square_distance = |p: [usize; 3]| {
             [12.0, 11.0, 9.0]
                 .map(|c| c)
                 .iter()
                 .zip(p)
                 .fold(0.0, |s, (c, x)| s + (x as f64 - c).powi(2))
         };
-        assert!((kept_share(|p| off(p) < 3.0) - 1.0).abs() < 0.1);
+        assert!((kept_share(|p| square_distance(p) < 3.0) - 1.0).abs() < 0.1);
         // A membrane one sample thick, flat and tilted.
         assert_eq!(kept_share(|p| p[2] == 8), 1.0);
         let tilted = kept_share(|p| (p[0] + 2 * p[2]) / 2 == 17);

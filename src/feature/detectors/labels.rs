@@ -1,15 +1,16 @@
 //! Labels: the interfaces between them.
 //!
-//! The winner at a sample is the label that leads there once stairs are smoothed
-//! ([`contest`](mod@super::compete)), and its lead is how far it is ahead of the runner-up. Between two
-//! samples with different winners the interface lies where the lead changes hands. That is smooth where
-//! the labels are stairs, counts every interface once, and needs no special case where three labels
-//! meet.
+//! The winner at a sample is the label with the largest score after smoothing
+//! ([`label_smoothing`](mod@super::label_smoothing)), and its lead is the difference from the
+//! second score. Between two samples with different winners, the interface lies where the lead
+//! changes its sign. The interface is smooth although labels have steps, every interface is counted
+//! once, and no special case is needed where three labels meet.
 //!
-//! Connected parts of labels that no lattice of the distance asked for can hold are given to what they
-//! lie in; where parts are small, atoms stand closer, as far as the distance asked for allows.
+//! Connected components of labels that are too small for the requested distance between atoms are
+//! absorbed by the labels around them. In other small components, atoms are closer, as far as the
+//! requested distances allow.
 //!
-//! A mask of thin sheets is sought by [`masks`](mod@super::masks).
+//! A mask of thin surfaces is found by [`masks`](mod@super::masks).
 //!
 //! Scale: one sample.
 
@@ -27,7 +28,7 @@ use crate::feature::{DetectionOptions, FeatureKind, FeaturePoint};
 use crate::image::{LabelTable, LabelValue};
 use crate::progress::CancelToken;
 
-/// Finds interfaces between labels.
+/// Detector of interfaces between labels.
 pub struct Labels;
 
 impl<const D: usize> Detector<D> for Labels {
@@ -37,19 +38,20 @@ impl<const D: usize> Detector<D> for Labels {
 
     fn find(
         &self,
-        scene: &DetectorInput<'_, D>,
+        input: &DetectorInput<'_, D>,
         notes: &mut Vec<String>,
     ) -> Result<DetectorOutput<D>> {
-        if let Some(value) = scene.resolved.and_then(|settled| settled.mask) {
-            // Meshes of earlier versions name a mask so.
-            return masks::find_again(scene, value, notes);
+        if let Some(value) = input.resolved.and_then(|resolved| resolved.mask) {
+            // Meshes of earlier versions use this kind for a mask.
+            return masks::find_again(input, value, notes);
         }
-        let table = LabelTable::from_image(scene.image()?).ok_or_else(too_many_labels_error)?;
+        let table = LabelTable::from_image(input.image()?).ok_or_else(too_many_labels_error)?;
         let values = &table.values;
-        let absent =
-            |wish: &&LabelOptions| wish.merge_into.is_none() && !values.contains(&wish.label);
-        if let Some(wish) = scene.options.labels.iter().find(absent) {
-            return Err(missing_label_error(wish, values));
+        let absent = |options: &&LabelOptions| {
+            options.merge_into.is_none() && !values.contains(&options.label)
+        };
+        if let Some(label_options) = input.options.labels.iter().find(absent) {
+            return Err(missing_label_error(label_options, values));
         }
         if !are_valid_regions(values) {
             notes.push(
@@ -57,137 +59,141 @@ impl<const D: usize> Detector<D> for Labels {
                     .into(),
             );
         }
-        let scale = scene.scale();
+        let scale = input.scale();
         notes.push(format!(
             "interfaces between {} labels, smoothed over {scale}",
             values.len()
         ));
-        let (labelled, limits) = compete(scene, table, scale, notes)?;
-        let candidates = LabelLead::new(&labelled).candidates(scene.cancel);
-        // Each is as strong as 1: all are followed.
+        let (label_map, label_spacing) = compete(input, table, scale, notes)?;
+        let candidates = LabelLead::new(&label_map).candidates(input.cancel);
+        // All candidates have strength 1, so that all are followed.
         let thresholds = Thresholds {
             low: 0.0,
             high: 1.0,
             origin: "all",
         };
         Ok(DetectorOutput {
-            labels: Some((labelled, limits)),
+            labels: Some((label_map, label_spacing)),
             ..DetectorOutput::new(candidates, scale, thresholds)
         })
     }
 }
 
-/// Parts of labels thinner than this, in least distances between atoms, ...
+/// Thickness, in smallest distances between atoms, below which a part of a label is thin.
 const THIN_DISTANCE_RATIO: f64 = 1.5;
-/// ... have atoms this share of their thickness apart: with one lattice plane on either side edges through them
-/// are too long for faces on both ...
+/// Distance between atoms in a thin part, as a share of its thickness. With one lattice plane on
+/// either side, edges through the part would be too long for faces on both sides.
 const THICKNESS_SHARE: f64 = 0.7;
-/// ... and at least this share of the least distance.
+/// Smallest distance between atoms in a thin part, as a share of the smallest distance elsewhere.
 pub const MIN_THIN_DISTANCE_RATIO: f64 = 0.74;
 
-/// Returns the distance that atoms may have in a gap between interfaces of labels, in lattice units, where they
-/// are from `least` to `most` apart.
-pub fn distance_in_gap(gap: f32, [least, most]: [f64; 2]) -> f32 {
+/// Returns the distance between atoms in a gap between interfaces of labels, in lattice units, if
+/// the distance is in general from `min` to `max`.
+pub fn distance_in_gap(gap: f32, [min, max]: [f64; 2]) -> f32 {
     let gap = f64::from(gap);
-    let distance = if gap < THIN_DISTANCE_RATIO * least {
-        (THICKNESS_SHARE * gap).max(MIN_THIN_DISTANCE_RATIO * least)
+    let distance = if gap < THIN_DISTANCE_RATIO * min {
+        (THICKNESS_SHARE * gap).max(MIN_THIN_DISTANCE_RATIO * min)
     } else {
-        gap.max(least)
+        gap.max(min)
     };
-    distance.min(most) as f32
+    distance.min(max) as f32
 }
 
-/// A part of a label is kept if its volume is at least this share of the cube of the distance between
+/// Smallest volume of a component that is kept, as a share of the cube of the distance between
 /// atoms.
 const MIN_VOLUME_SHARE: f64 = 0.3;
 
-/// The labels as they lead after smoothing, without what no lattice can hold; and the distance that atoms
-/// may have in each part.
+/// Smooths the labels, without components that are too small for the lattice, and computes the
+/// distance between atoms in each component.
 fn compete<const D: usize>(
-    scene: &DetectorInput<'_, D>,
+    input: &DetectorInput<'_, D>,
     table: LabelTable,
     scale: f64,
     notes: &mut Vec<String>,
 ) -> Result<(LabelMap<D>, LabelSpacing<D>)> {
-    let (asked, dims) = (scene.options, scene.dims());
-    let sample: f64 = asked.step.iter().product();
+    let (options, dims) = (input.options, input.dims());
+    let sample_volume: f64 = options.step.iter().product();
     let LabelTable {
         values,
         indices: mut label,
     } = table;
     let mut components = Components::from_labels(dims, &label);
-    let least = |part: &Component<D>| min_label_distance(asked, values[part.label as usize]);
-    let gone = components.absorb(&mut label, |part| {
-        let volume = part.sample_count as f64 * sample;
-        // Of a part of an image nobody knows how far it goes on.
-        let unknown = scene.resolved.is_some() && part.touches_side(dims);
-        unknown || volume >= MIN_VOLUME_SHARE * least(part).powi(D as i32)
+    let min_distance =
+        |part: &Component<D>| min_label_distance(options, values[part.label as usize]);
+    let absorbed = components.absorb(&mut label, |part| {
+        let volume = part.sample_count as f64 * sample_volume;
+        // In a part of an image, a component on a side may continue beyond it.
+        let may_continue = input.resolved.is_some() && part.touches_side(dims);
+        may_continue || volume >= MIN_VOLUME_SHARE * min_distance(part).powi(D as i32)
     });
-    if gone[1] > 0 {
+    if absorbed[1] > 0 {
         notes.push(format!(
             "{} parts of labels, {} samples in all, are too small to be followed",
-            gone[1], gone[0]
+            absorbed[1], absorbed[0]
         ));
         components = Components::from_labels(dims, &label);
     }
     let (winner, lead) =
-        LabelCompetition::run(&components, &label, values.len(), scale, scene.cancel).into_lead();
-    let most = asked.d_max();
+        LabelCompetition::run(&components, &label, values.len(), scale, input.cancel).into_lead();
+    let max_distance = options.d_max();
     let distance = components.components.iter().map(|part| {
-        let least = min_label_distance(asked, values[part.label as usize]);
-        let wish = label_distance(asked, values[part.label as usize]).unwrap_or(most);
-        let radius = part.radius(sample);
-        // Faces so long are at most half a sample off a ball.
-        let bend = 2.0 * radius.sqrt();
-        match asked.gap_distance_range() {
-            Some(_) => radius.min(bend).min(wish).max(least) as f32,
-            None => wish as f32,
+        let min_distance = min_label_distance(options, values[part.label as usize]);
+        let requested =
+            label_distance(options, values[part.label as usize]).unwrap_or(max_distance);
+        let radius = part.radius(sample_volume);
+        // Faces of this length are at most half a sample away from the surface of a ball.
+        let curvature_limit = 2.0 * radius.sqrt();
+        match options.gap_distance_range() {
+            Some(_) => radius.min(curvature_limit).min(requested).max(min_distance) as f32,
+            None => requested as f32,
         }
     });
-    let limits = LabelSpacing {
+    let label_spacing = LabelSpacing {
         distance: distance.collect(),
-        max_distance: most as f32,
+        max_distance: max_distance as f32,
         components,
     };
-    let of_regions = are_valid_regions(&values);
-    // Elsewhere the number of a label is lost if its name does not have it.
-    let named = |&label: &LabelValue| match label_name(asked, label) {
-        None if !of_regions => Some(format!("label_{label}").replace('.', "_")),
+    let are_regions = are_valid_regions(&values);
+    // If regions do not have the values of labels, names must contain these, or they would be lost.
+    let name_of = |&label: &LabelValue| match label_name(options, label) {
+        None if !are_regions => Some(format!("label_{label}").replace('.', "_")),
         name => name,
     };
-    let labelled = LabelMap {
+    let label_map = LabelMap {
         dims,
-        step: asked.step,
-        volumes: volumes(dims, asked.step, &label, values.len()),
-        names: values.iter().map(named).collect(),
+        step: options.step,
+        volumes: volumes(dims, options.step, &label, values.len()),
+        names: values.iter().map(name_of).collect(),
         labels: values,
         winner,
         lead,
     };
-    Ok((labelled, limits))
+    Ok((label_map, label_spacing))
 }
 
-/// What a label is called.
-fn label_name<const D: usize>(asked: &DetectionOptions<D>, label: LabelValue) -> Option<String> {
-    let wish = asked.labels.iter().find(|wish| wish.label == label);
-    wish.and_then(|wish| wish.name.clone())
+/// Returns the name of a label, if it has one.
+fn label_name<const D: usize>(options: &DetectionOptions<D>, label: LabelValue) -> Option<String> {
+    let label_options = options.labels.iter().find(|o| o.label == label);
+    label_options.and_then(|label_options| label_options.name.clone())
 }
 
-/// The distance wished for in a label.
-fn label_distance<const D: usize>(asked: &DetectionOptions<D>, label: LabelValue) -> Option<f64> {
-    let wish = asked.labels.iter().find(|wish| wish.label == label);
-    wish.and_then(|wish| wish.distance)
+/// Returns the requested distance between atoms in a label.
+fn label_distance<const D: usize>(options: &DetectionOptions<D>, label: LabelValue) -> Option<f64> {
+    let label_options = options.labels.iter().find(|o| o.label == label);
+    label_options.and_then(|label_options| label_options.distance)
 }
 
-/// The least distance that atoms may have in a label.
-fn min_label_distance<const D: usize>(asked: &DetectionOptions<D>, label: LabelValue) -> f64 {
-    label_distance(asked, label).map_or(asked.d_min, |wish| match asked.gap_distance_range() {
-        Some(_) => wish.min(asked.d_min),
-        None => wish,
+/// Returns the smallest distance between atoms in a label.
+fn min_label_distance<const D: usize>(options: &DetectionOptions<D>, label: LabelValue) -> f64 {
+    label_distance(options, label).map_or(options.d_min, |distance| {
+        match options.gap_distance_range() {
+            Some(_) => distance.min(options.d_min),
+            None => distance,
+        }
     })
 }
 
-/// How far apart atoms may stand in each part of each label.
+/// Distance between atoms in each component of each label.
 #[derive(Debug, Clone)]
 pub struct LabelSpacing<const D: usize> {
     distance: Vec<f32>,
@@ -196,8 +202,8 @@ pub struct LabelSpacing<const D: usize> {
 }
 
 impl<const D: usize> LabelSpacing<D> {
-    /// The distance that atoms may have at feature points: that of gaps, and no more than what is on
-    /// either side allows; `None` if it is the same everywhere.
+    /// Returns the distance between atoms at feature points: that of gaps, but at most that of the
+    /// components on either side; `None` if it is the same everywhere.
     pub fn spacing(
         &self,
         points: &[FeaturePoint<D>],
@@ -207,15 +213,15 @@ impl<const D: usize> LabelSpacing<D> {
         let dims = self.components.dims;
         let volume = Volume::new(dims, &[]);
         let limit = |point: &FeaturePoint<D>| {
-            // It lies between two samples along one axis, on samples along the others.
+            // The point lies between two samples along one axis, and on samples along the others.
             let at: [f32; D] = std::array::from_fn(|k| point.position[k] / step[k] as f32);
             let corner = |c: usize| {
-                let near = |k: usize| match c >> k & 1 {
+                let nearest = |k: usize| match c >> k & 1 {
                     0 => (at[k] + 1e-3).floor(),
                     _ => (at[k] - 1e-3).ceil(),
                 };
                 let sample: [usize; D] =
-                    std::array::from_fn(|k| (near(k).max(0.0) as usize).min(dims[k] - 1));
+                    std::array::from_fn(|k| (nearest(k).max(0.0) as usize).min(dims[k] - 1));
                 let part = self.components.component_of_sample[volume.index(sample)];
                 self.distance[part as usize]
             };
@@ -233,23 +239,23 @@ impl<const D: usize> LabelSpacing<D> {
     }
 }
 
-/// The winning label of each sample and how far it leads.
+/// The winning label of each sample, and its lead.
 struct LabelLead<'a, const D: usize> {
     winner: &'a [u32],
     lead: Volume<'a, D>,
 }
 
 impl<'a, const D: usize> LabelLead<'a, D> {
-    fn new(labelled: &'a LabelMap<D>) -> Self {
+    fn new(label_map: &'a LabelMap<D>) -> Self {
         Self {
-            winner: &labelled.winner,
-            lead: Volume::new(labelled.dims, &labelled.lead),
+            winner: &label_map.winner,
+            lead: Volume::new(label_map.dims, &label_map.lead),
         }
     }
 
-    /// Points on the interfaces between labels, in the order of samples.
-    fn candidates(&self, patience: &CancelToken<'_>) -> Vec<Candidate<D>> {
-        self.lead.map_rows(patience, |first, (): &mut (), found| {
+    /// Returns points on the interfaces between labels, in the order of samples.
+    fn candidates(&self, cancel: &CancelToken<'_>) -> Vec<Candidate<D>> {
+        self.lead.map_rows(cancel, |first, (): &mut (), found| {
             self.find_in_row(first, found)
         })
     }
@@ -279,9 +285,10 @@ impl<'a, const D: usize> LabelLead<'a, D> {
         }
     }
 
-    /// Unit gradient of label `a`'s lead over label `b` round a sample (other labels: no lead).
+    /// Returns the unit gradient, at a sample, of the lead of label `a` over label `b`; other
+    /// labels have lead 0.
     fn normal(&self, at: [usize; D], a: u32, b: u32) -> [f64; D] {
-        let signed = |p: [usize; D]| {
+        let signed_lead = |p: [usize; D]| {
             let i = self.lead.index(p);
             match self.winner[i] {
                 w if w == a => f64::from(self.lead.samples[i]),
@@ -294,15 +301,15 @@ impl<'a, const D: usize> LabelLead<'a, D> {
             before[k] = before[k].saturating_sub(1);
             after[k] = (after[k] + 1).min(self.lead.dims[k] - 1);
             let span = (after[k] - before[k]).max(1) as f64;
-            (signed(after) - signed(before)) / span
+            (signed_lead(after) - signed_lead(before)) / span
         });
         let length = gradient.iter().map(|g| g * g).sum::<f64>().sqrt();
         if length > 0.0 {
             return gradient.map(|g| g / length);
         }
-        let mut any = [0.0; D];
-        any[0] = 1.0;
-        any
+        let mut arbitrary = [0.0; D];
+        arbitrary[0] = 1.0;
+        arbitrary
     }
 }
 
@@ -326,11 +333,11 @@ mod tests {
         let features =
             detect(&image, &DetectionOptions::with_kind(FeatureKind::Auto, 5.0)).unwrap();
         assert!(features.notes[0].contains("labels"), "{:?}", features.notes);
-        let sheets = [ball(), floor()];
-        let fit = measure_fit(dims, &sheets, &features.points);
+        let surfaces = [ball(), floor()];
+        let fit = measure_fit(dims, &surfaces, &features.points);
         assert!(fit.coverage > 0.98 && fit.precision > 0.995, "{fit:?}");
         assert!(fit.rms < 0.2 && fit.angle < 6.0, "{fit:?}");
-        // One point per column: the ball has 4 pi r^2 / 1.5 columns, the floor one per (x, y).
+        // One point per column: the ball has 4 pi r^2 / 1.5 columns, the plane one per (x, y).
         let columns = 4.0 * std::f64::consts::PI * 18.0f64.powi(2) / 1.5 + 64.0 * 60.0;
         let ratio = features.points.len() as f64 / columns;
         assert!(ratio > 0.95 && ratio < 1.25, "{ratio}");
@@ -340,24 +347,24 @@ mod tests {
     fn a_layer_three_samples_thick_keeps_both_sides() {
         let dims = [64, 60, 56];
         let middle = [32.0, 30.0, 28.0];
-        let flat = |off: f64| {
-            ExactSurface::plane([0.15, 0.1, 1.0], [middle[0], middle[1], middle[2] + off])
+        let flat = |offset: f64| {
+            ExactSurface::plane([0.15, 0.1, 1.0], [middle[0], middle[1], middle[2] + offset])
         };
-        let bent = |off: f64| ExactSurface::Cylinder([32.0, -40.0], 70.0 + off);
+        let bent = |offset: f64| ExactSurface::Cylinder([32.0, -40.0], 70.0 + offset);
         for sides in [[flat(-1.5), flat(1.5)], [bent(-1.5), bent(1.5)]] {
             let image = image_of(dims, |p| {
                 let above = sides.iter().filter(|s| s.distance(p) > 0.0).count();
                 [2.0, 5.0, 9.0][above]
             });
-            let asked = DetectionOptions {
+            let options = DetectionOptions {
                 gap_d_max: Some(8.0),
                 ..DetectionOptions::with_kind(FeatureKind::Auto, 8.0 / 3.0)
             };
-            let features = detect(&image, &asked).unwrap();
+            let features = detect(&image, &options).unwrap();
             let fit = measure_fit(dims, &sides, &features.points);
             assert!(fit.coverage > 0.99 && fit.precision > 0.999, "{fit:?}");
             assert!(fit.rms < 0.15, "{fit:?}");
-            // Atoms stand 0.7 of the layer's thickness apart.
+            // The distance between atoms is 0.7 of the layer's thickness.
             let spacing = features.spacing.unwrap();
             let mean = spacing.iter().map(|&d| f64::from(d)).sum::<f64>() / spacing.len() as f64;
             assert!((1.9..2.3).contains(&mean), "{mean}");

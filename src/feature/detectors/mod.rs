@@ -1,20 +1,20 @@
-//! Detectors: image -> candidates for points of features, one file a kind.
+//! Detectors find candidates for feature points in an image; one file per kind of feature.
 //!
-//! - `ridges`: sheets of high values, or of low ones (valleys)
+//! - `ridges`: surfaces of high values, or of low ones (valleys)
 //! - `edges`: ridges of Prewitt's gradient magnitude
-//! - `canny`: where the gradient is steepest along itself
+//! - `canny`: maxima of the gradient magnitude along the gradient
 //! - `paths`: the boundary of one object, by random shortest paths
 //! - `labels`: interfaces between labels
-//! - `masks`: the sheet in the middle of thin masks
-//! - `contest`: which label leads at each sample
+//! - `masks`: the medial surface of thin masks
+//! - `label_smoothing`: winning label of each sample after smoothing
 //! - `horizons`: crests and troughs of seismic amplitude
-//! - `faults`: where layers of seismic amplitude do not continue
+//! - `faults`: places where layers of seismic amplitude do not continue
 //! - `faults_and_horizons`: both, in one potential
 //! - `potential`: an image that is b(x) itself
-//! - `auto`: which of them fits an image
+//! - `auto`: choice of the kind that fits an image
 //!
-//! Widths of Gaussians, windows and reaches are in samples, whatever the step of lattice space is;
-//! positions and normals become lattice space's when sheets are made of the candidates.
+//! Widths of Gaussians, windows and reaches are in samples, whatever the step of lattice space.
+//! Positions and normals are converted to lattice space when candidates are grouped into surfaces.
 
 pub(crate) mod auto;
 pub(crate) mod canny;
@@ -43,87 +43,88 @@ use crate::progress::CancelToken;
 use std::fmt;
 use std::ops::Range;
 
-/// Finds features of one kind.
+/// A detector of one kind of feature.
 pub trait Detector<const D: usize>: Sync {
-    /// What it finds: one kind.
+    /// Returns the kind of feature that the detector finds.
     fn kind(&self) -> FeatureKind;
 
-    /// Candidates for points of features, in the order of samples, at least as strong as the lower
-    /// threshold; notes say at which scale and how they were found.
+    /// Finds candidates for feature points, in the order of samples, that are at least as strong as
+    /// the lower threshold. Adds notes on the scale and the method to `notes`.
     ///
     /// # Errors
-    /// [`Error::Image`] for an image that has no such features, [`Error::Feature`] for wishes that
-    /// cannot be met.
+    /// Returns an [`Error::Image`] if the image has no such features, and an [`Error::Feature`] if
+    /// the options are invalid.
     fn find(
         &self,
-        scene: &DetectorInput<'_, D>,
+        input: &DetectorInput<'_, D>,
         notes: &mut Vec<String>,
     ) -> Result<DetectorOutput<D>>;
 
-    /// The least area of a sheet that is worth cells, in squares of the least distance between atoms
-    /// (in 2-D its length, in such distances).
+    /// Returns the smallest area of a surface that the mesh follows, in squares of the distance
+    /// between atoms (in 2-D the smallest length, in such distances).
     fn min_surface_cells(&self) -> f64 {
         2.0
     }
 
-    /// The share of a small sheet that is as strong as its seeds must be, or it is noise.
+    /// Returns the share of a small surface that must be strong; a surface with a smaller share is
+    /// noise.
     fn min_strong_share(&self) -> f64 {
         0.0
     }
 
-    /// Parts of sheets narrower than this (samples) are worth no cells, where atoms stand at least `d_min`
-    /// apart; 0 if any width is.
+    /// Returns the width (samples) below which parts of surfaces are dropped, if atoms are at least
+    /// `d_min` apart; 0 keeps any width.
     fn min_width(&self, _d_min: f64) -> usize {
         0
     }
 
-    /// Parallel sheets nearer than this, in units of the least distance between atoms, exclude one
-    /// another.
+    /// Returns the distance below which parallel surfaces exclude one another, in units of the
+    /// smallest distance between atoms.
     fn resolution(&self) -> f64 {
         0.9
     }
 
-    /// How far (samples) it looks to either side where features are sought at `scale`: a part of an
-    /// image has the features of the whole farther than this from where it was cut.
+    /// Returns how far (samples) detection looks to either side at `scale`: at a larger distance
+    /// from the cut, a part of an image has the features of the whole image.
     fn reach(&self, scale: f64) -> usize {
         (3.0 * scale).ceil() as usize + 3
     }
 
-    /// How far (samples), beyond three times the scale, what is found depends on the samples round it:
-    /// nearer to missing traces it is not trusted.
+    /// Returns the distance (samples), beyond three times the scale, from missing traces within
+    /// which candidates are not trusted.
     fn extra_reach(&self) -> f64 {
         2.0
     }
 
-    /// Whether it needs but some layers of the image at a time.
+    /// Returns `true` if the detector needs only some layers of the image at a time.
     fn is_streamable(&self) -> bool {
         false
     }
 
-    /// b(x), where the image says it itself.
+    /// Returns b(x) if the image itself is the potential.
     fn potential(&self, _image: &Image<D>) -> Option<Vec<f32>> {
         None
     }
 }
 
-/// What a detector works on.
+/// Input of a detector.
 #[derive(Debug, Clone, Copy)]
 pub struct DetectorInput<'a, const D: usize> {
-    /// The image, whose samples are finite and not all the same, and go on where traces are missing; in
-    /// memory, unless the detector finds [in layers](Detector::is_streamable).
+    /// The image. Its samples are finite and not all the same, and missing traces are filled. It is
+    /// in memory, unless the detector [reads layers](Detector::is_streamable).
     pub source: ImageSource<'a, D>,
-    /// Which samples hold data, unless all do.
+    /// Mask of the samples that hold data; `None` if all do.
     pub live_mask: Option<&'a LiveMask<D>>,
-    /// What is asked for: scale, thresholds, what is known of an object.
+    /// Options: scale, thresholds, points of an object.
     pub options: &'a DetectionOptions<D>,
-    /// Of a part of an image, what was settled on for the whole.
+    /// Scales and thresholds of the whole image, if this is a part of one.
     pub resolved: Option<&'a ResolvedOptions>,
-    /// Until when it works: once this is over, what it finds is not looked at.
+    /// Cancels the search; the result of a cancelled search is not used.
     pub cancel: &'a CancelToken<'a>,
 }
 
 impl<'a, const D: usize> DetectorInput<'a, D> {
-    /// A whole image.
+    /// Creates the input for a whole image.
     pub fn new(
         source: ImageSource<'a, D>,
         options: &'a DetectionOptions<D>,
@@ -138,28 +139,28 @@ impl<'a, const D: usize> DetectorInput<'a, D> {
         }
     }
 
-    /// A part of an image of which the whole was seen before.
+    /// Creates the input for a part of an image whose whole was searched before.
     pub fn for_part(
         image: &'a Image<D>,
-        asked: &'a DetectionOptions<D>,
-        settled: &'a ResolvedOptions,
-        patience: &'a CancelToken<'a>,
+        options: &'a DetectionOptions<D>,
+        resolved: &'a ResolvedOptions,
+        cancel: &'a CancelToken<'a>,
     ) -> Self {
         Self {
-            resolved: Some(settled),
-            ..Self::new(ImageSource::InMemory(image), asked, patience)
+            resolved: Some(resolved),
+            ..Self::new(ImageSource::InMemory(image), options, cancel)
         }
     }
 
-    /// Samples along each axis.
+    /// Returns the number of samples along each axis.
     pub fn dims(&self) -> [usize; D] {
         self.source.dims()
     }
 
-    /// The image in memory.
+    /// Returns the image in memory.
     ///
     /// # Errors
-    /// [`Error::Feature`] if it is not there.
+    /// Returns an [`Error::Feature`] if the image is not in memory.
     pub fn image(&self) -> Result<&'a Image<D>> {
         match self.source {
             ImageSource::InMemory(image) => Ok(image),
@@ -171,18 +172,18 @@ impl<'a, const D: usize> DetectorInput<'a, D> {
         }
     }
 
-    /// The samples in memory.
+    /// Returns the samples in memory.
     ///
     /// # Errors
-    /// Those of [`DetectorInput::image_energy`].
+    /// Returns the errors of [`DetectorInput::image`].
     pub fn volume(&self) -> Result<Volume<'a, D>> {
         Ok(Volume::new(self.dims(), self.image()?.as_slice()))
     }
 
-    /// The samples times `sign`, to be looked at some layers at a time.
+    /// Returns the samples times `sign`, to be read some layers at a time.
     ///
     /// # Errors
-    /// That of reading.
+    /// Returns the errors of reading.
     pub fn samples(&self, sign: f32) -> Result<Samples<'a, D>> {
         match self.source {
             ImageSource::InMemory(image) if sign == 1.0 => {
@@ -196,25 +197,27 @@ impl<'a, const D: usize> DetectorInput<'a, D> {
         }
     }
 
-    /// Width (samples) of the Gaussian under which derivatives are taken, if not by noise.
+    /// Returns the width (samples) of the Gaussian under which derivatives are taken, for detectors
+    /// that do not choose it by the noise.
     pub fn scale(&self) -> f64 {
         self.options.scale.unwrap_or(1.0)
     }
 
-    /// The samples smoothed over [`DetectorInput::inverse_step2`], to be looked at some layers at a time.
+    /// Returns the samples smoothed over [`DetectorInput::scale`], to be read some layers at a
+    /// time.
     ///
     /// # Errors
-    /// That of reading.
+    /// Returns the errors of reading.
     pub fn smoothed_in_layers(&self) -> Result<Samples<'a, D>> {
         let mut samples = self.samples(1.0)?;
         samples.smooth(self.scale(), self.cancel);
         Ok(samples)
     }
 
-    /// The samples smoothed over [`DetectorInput::inverse_step2`], in memory.
+    /// Returns the samples smoothed over [`DetectorInput::scale`], in memory.
     ///
     /// # Errors
-    /// Those of [`DetectorInput::image_energy`].
+    /// Returns the errors of [`DetectorInput::image`].
     pub fn smoothed(&self) -> Result<Vec<f32>> {
         let samples = self.image()?.as_slice();
         let (mut smoothed, scale) = (vec![0.0; samples.len()], [self.scale(); D]);
@@ -222,12 +225,12 @@ impl<'a, const D: usize> DetectorInput<'a, D> {
         Ok(smoothed)
     }
 
-    /// The thresholds, unless they are to be found from the image.
+    /// Returns the thresholds, unless they are to be chosen from the image.
     pub fn thresholds(&self) -> Option<Thresholds> {
-        if let Some(settled) = self.resolved {
+        if let Some(resolved) = self.resolved {
             return Some(Thresholds {
-                low: settled.low,
-                high: settled.high,
+                low: resolved.low,
+                high: resolved.high,
                 origin: "as in the whole image",
             });
         }
@@ -238,30 +241,30 @@ impl<'a, const D: usize> DetectorInput<'a, D> {
         })
     }
 
-    /// The least area of a sheet in square lattice units (in 2-D its length), where it covers `cells`
-    /// squares of the distance between atoms.
+    /// Returns the smallest area of a surface in square lattice units (in 2-D the smallest length),
+    /// if it must cover `cells` squares of the distance between atoms.
     pub fn min_area(&self, cells: f64) -> f64 {
-        if let Some(settled) = self.resolved {
-            return settled.min_area;
+        if let Some(resolved) = self.resolved {
+            return resolved.min_area;
         }
-        let (dims, asked) = (self.dims(), self.options);
-        let side = |k: usize| (dims[k] as f64 - 1.0) * asked.step[k];
+        let (dims, options) = (self.dims(), self.options);
+        let side = |k: usize| (dims[k] as f64 - 1.0) * options.step[k];
         let section = (0..D)
             .map(|k| (1..D).map(|l| side((k + l) % D)).product())
             .fold(0.0, f64::max);
-        // In a small image a large sheet is smaller.
-        (cells * asked.d_max().powi(D as i32 - 1)).min(0.25 * section)
+        // In a small image, smaller surfaces are large.
+        (cells * options.d_max().powi(D as i32 - 1)).min(0.25 * section)
     }
 }
 
-/// Strengths that decide by hysteresis (Canny 1986) which candidates make features.
+/// Thresholds of strength for hysteresis (Canny 1986).
 #[derive(Debug, Clone, Copy)]
 pub struct Thresholds {
-    /// Down to this a sheet is followed.
+    /// Strength down to which a surface is followed.
     pub low: f32,
-    /// So strong a sheet is somewhere.
+    /// Strength that a surface must reach somewhere.
     pub high: f32,
-    /// Where they come from, in a word or two.
+    /// Origin of the thresholds, in one or two words.
     pub origin: &'static str,
 }
 
@@ -275,32 +278,33 @@ impl fmt::Display for Thresholds {
     }
 }
 
-/// What a detector finds.
+/// Output of a detector.
 #[derive(Debug, Clone)]
 pub struct DetectorOutput<const D: usize> {
     /// Points that may lie on features, in the order of samples.
     pub candidates: Vec<Candidate<D>>,
-    /// Where ranks share them: the layers of which this rank has all. `None` if every rank has all of all.
+    /// Layers of which this rank has all candidates, if ranks share the candidates; `None` if every
+    /// rank has all candidates.
     pub layers: Option<Range<usize>>,
     /// Width (samples) of the Gaussian under which they were found.
     pub scale: f64,
-    /// What decides which of them make sheets.
+    /// Thresholds that decide which candidates form surfaces.
     pub thresholds: Thresholds,
-    /// Typical strength of ridges over that of noise, where it was measured.
+    /// Typical strength of ridges divided by that of noise, if it was measured.
     pub signal_to_noise: Option<f32>,
-    /// Whether normals are known to a few degrees, so that sheets that cross at shallow angles can be
-    /// told apart by them.
+    /// `true` if normals are known to a few degrees, so that they distinguish surfaces that cross
+    /// at shallow angles.
     pub has_sharp_normals: bool,
-    /// The value of the thin mask whose middle was sought.
+    /// Value of the thin mask whose medial surface was sought.
     pub mask_value: Option<f32>,
-    /// Of labels: which leads where, and how far apart atoms may stand.
+    /// For labels: the winning labels, and the distance between atoms in each component.
     pub labels: Option<(LabelMap<D>, labels::LabelSpacing<D>)>,
-    /// Of paths: the share of them that passes each sample.
+    /// For paths: the share of the paths that pass each sample.
     pub confidence: Option<Vec<f32>>,
 }
 
 impl<const D: usize> DetectorOutput<D> {
-    /// Candidates of which there is no more to say.
+    /// Creates an output of candidates without further results.
     pub fn new(candidates: Vec<Candidate<D>>, scale: f64, thresholds: Thresholds) -> Self {
         Self {
             candidates,
@@ -315,45 +319,44 @@ impl<const D: usize> DetectorOutput<D> {
         }
     }
 
-    /// Takes the candidates of all ranks: from now on each has all.
+    /// Takes the candidates of all ranks; the candidates are no longer distributed afterwards.
     ///
     /// # Errors
-    /// Those of other ranks.
-    pub fn gather_candidates(&mut self, group: &dyn Comm) -> Result<Vec<Candidate<D>>> {
-        let own = std::mem::take(&mut self.candidates);
+    /// Returns the errors of other ranks.
+    pub fn gather_candidates(&mut self, comm: &dyn Comm) -> Result<Vec<Candidate<D>>> {
+        let local = std::mem::take(&mut self.candidates);
         match self.layers.take() {
-            Some(_) => Ok(concatenate(group.all_gather("candidates", own)?)),
-            None => Ok(own),
+            Some(_) => Ok(concatenate(comm.all_gather("candidates", local)?)),
+            None => Ok(local),
         }
     }
 
-    /// Drops what lies where traces are missing, or so near that smoothing mixes what is beside them
-    /// with what only continues it.
+    /// Drops candidates at missing traces, and those so near that smoothing mixes real samples with
+    /// filled ones.
     ///
     /// # Errors
-    /// Those of other ranks.
+    /// Returns the errors of other ranks.
     pub fn drop_near_missing_data(
         &mut self,
         image: &Image<D>,
         beyond_smoothing: f64,
         notes: &mut Vec<String>,
-        group: &dyn Comm,
+        comm: &dyn Comm,
     ) -> Result<()> {
         let reach = (3.0 * self.scale).ceil() + beyond_smoothing;
-        let near = image.rows_near_missing(reach);
-        if near.is_empty() {
+        let is_near_missing = image.rows_near_missing(reach);
+        if is_near_missing.is_empty() {
             return Ok(());
         }
         let row = |c: &Candidate<D>| c.voxel.index() / image.dims()[0];
         let dropped = self.candidates.iter().map(row);
-        let mut dropped = dropped.filter(|&r| near[r] && !image.missing[r]).count();
+        let mut dropped = dropped
+            .filter(|&r| is_near_missing[r] && !image.missing[r])
+            .count();
         if self.layers.is_some() {
-            dropped = group
-                .all_gather("candidates dropped", dropped)?
-                .iter()
-                .sum();
+            dropped = comm.all_gather("candidates dropped", dropped)?.iter().sum();
         }
-        self.candidates.retain(|c| !near[row(c)]);
+        self.candidates.retain(|c| !is_near_missing[row(c)]);
         notes.push(format!(
             "{dropped} candidates dropped as they lie within {reach} samples of missing traces"
         ));
@@ -361,22 +364,22 @@ impl<const D: usize> DetectorOutput<D> {
     }
 }
 
-/// A detector and what is asked of it.
+/// A detector and its options.
 pub type DetectorTask<const D: usize> = (&'static dyn Detector<D>, DetectionOptions<D>);
 
-/// The detectors to use; and, where the image decided on one, why.
+/// The detectors to run; and the reason, if the image decided on one.
 pub type DetectorSelection<const D: usize> = (Vec<DetectorTask<D>>, Option<SelectionReason>);
 
-/// Why an image has the features that were chosen.
+/// Reason for a choice that the image decided.
 pub struct SelectionReason {
     /// A line for the report.
     pub note: String,
-    /// What the image leaves open.
+    /// Question that the image leaves open.
     pub doubt: Option<Doubt>,
 }
 
-/// The detector of one kind: none is that of [`FeatureKind::Auto`], which is a choice, nor of
-/// [`FeatureKind::FaultsAndHorizons`], which takes two.
+/// Returns the detector of one kind. [`FeatureKind::Auto`], which is a choice, and
+/// [`FeatureKind::FaultsAndHorizons`], which needs two detectors, have none.
 pub fn detector_for<const D: usize>(kind: FeatureKind) -> Option<&'static dyn Detector<D>> {
     Some(match kind {
         FeatureKind::Ridges => &ridges::Ridges,
@@ -393,67 +396,68 @@ pub fn detector_for<const D: usize>(kind: FeatureKind) -> Option<&'static dyn De
     })
 }
 
-/// The detectors of what is asked for; and, where the image decided on one, why.
+/// Returns the detectors for the options; and the reason, if the image decided on one.
 ///
 /// # Errors
-/// [`Error::Feature`] if the image decided on features that the threshold does not apply to.
+/// Returns an [`Error::Feature`] if the image decided on features to which the threshold does not
+/// apply, and an [`Error::Image`] if the image has samples that are not finite.
 pub fn select_detectors<const D: usize>(
     image: &Image<D>,
-    asked: &DetectionOptions<D>,
+    options: &DetectionOptions<D>,
 ) -> Result<DetectorSelection<D>> {
-    match requested_detectors(asked) {
-        Some(parts) => Ok((parts, None)),
+    match requested_detectors(options) {
+        Some(tasks) => Ok((tasks, None)),
         None => selection_from_choice(
-            auto::choose(image, asked.modality.or_detect(&image.geometry))?,
-            asked,
+            auto::choose(image, options.modality.or_detect(&image.geometry))?,
+            options,
         ),
     }
 }
 
-/// The detectors of what is asked for, unless the image decides.
+/// Returns the detectors for the options, or `None` if the image decides.
 pub fn requested_detectors<const D: usize>(
-    asked: &DetectionOptions<D>,
+    options: &DetectionOptions<D>,
 ) -> Option<Vec<DetectorTask<D>>> {
-    match asked.kind {
-        FeatureKind::FaultsAndHorizons => Some(faults_and_horizons::detector_tasks(asked)),
-        kind => detector_for(kind).map(|detector| vec![(detector, asked.clone())]),
+    match options.kind {
+        FeatureKind::FaultsAndHorizons => Some(faults_and_horizons::detector_tasks(options)),
+        kind => detector_for(kind).map(|detector| vec![(detector, options.clone())]),
     }
 }
 
-/// The detector that an image decided on, and why.
+/// Returns the detector on which an image decided, and the reason.
 ///
 /// # Errors
-/// [`Error::Feature`] if the threshold asked for does not apply to its features.
+/// Returns an [`Error::Feature`] if the requested threshold does not apply to its features.
 pub fn selection_from_choice<const D: usize>(
     choice: auto::DetectorChoice<D>,
-    asked: &DetectionOptions<D>,
+    options: &DetectionOptions<D>,
 ) -> Result<DetectorSelection<D>> {
     let auto::DetectorChoice {
         detector,
-        reason: why,
+        reason,
         doubt,
     } = choice;
     let kind = detector.kind();
-    match asked.threshold {
+    match options.threshold {
         Some(threshold) if matches!(kind, FeatureKind::Labels | FeatureKind::Mask) => {
             Err(Error::Feature(cause(
                 format!("threshold {threshold}"),
-                format!("applies to the strength of features, but the image has {kind} ({why})"),
+                format!("applies to the strength of features, but the image has {kind} ({reason})"),
                 "omit it, or choose another kind of feature",
             )))
         }
         _ => {
-            let note = format!("features: {kind} ({why})");
+            let note = format!("features: {kind} ({reason})");
             let reason = SelectionReason { note, doubt };
-            Ok((vec![(detector, asked.clone())], Some(reason)))
+            Ok((vec![(detector, options.clone())], Some(reason)))
         }
     }
 }
 
-/// The detector that finds in a part of an image what it found in the whole.
+/// Returns the detector that finds in a part of an image what it found in the whole image.
 ///
 /// # Errors
-/// [`Error::Feature`] for what only the whole shows.
+/// Returns an [`Error::Feature`] if features of this kind can only be found in the whole image.
 pub fn detector_for_part<const D: usize>(kind: FeatureKind) -> Result<&'static dyn Detector<D>> {
     let problem = match detector_for(kind) {
         Some(_) if kind == FeatureKind::Paths => {
@@ -469,21 +473,21 @@ pub fn detector_for_part<const D: usize>(kind: FeatureKind) -> Result<&'static d
     )))
 }
 
-/// What the detectors found, as one.
+/// Combines the results of one or two detectors.
 ///
 /// # Errors
-/// Those of other ranks.
+/// Returns the errors of other ranks.
 pub fn combine_features<const D: usize>(
-    found: Vec<Features<D>>,
+    features: Vec<Features<D>>,
     dims: [usize; D],
-    asked: &DetectionOptions<D>,
+    options: &DetectionOptions<D>,
 ) -> Result<Features<D>> {
-    let mut found = found.into_iter();
-    Ok(match (found.next(), found.next()) {
+    let mut features = features.into_iter();
+    Ok(match (features.next(), features.next()) {
         (Some(faults), Some(horizons)) => {
-            faults_and_horizons::combine(faults, horizons, asked.weights)?
+            faults_and_horizons::combine(faults, horizons, options.weights)?
         }
-        (Some(only), None) => only,
-        _ => Features::empty(dims, asked),
+        (Some(single), None) => single,
+        _ => Features::empty(dims, options),
     })
 }

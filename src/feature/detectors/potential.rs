@@ -1,8 +1,9 @@
 //! An image that is b(x) itself: -1 on features, 0 away from them.
 //!
-//! b(x) is kept sample by sample; points, which the mesh is held to, are those of its valleys
-//! ([`Valleys`]), with the valleys' scale and thresholds. Assumption: the image is in [-1, 0] and its
-//! valleys are as wide as the lattice asks (a standard deviation of d_min / 4, Hale 2002).
+//! b(x) is used sample by sample. The feature points, to which the mesh is fitted, are those of its
+//! valleys ([`Valleys`]), with the scale and thresholds of valleys. Assumption: the image is in
+//! [-1, 0], and its valleys are as wide as the lattice needs (a standard deviation of d_min / 4,
+//! Hale 2002).
 
 use super::ridges::Valleys;
 use super::{Detector, DetectorInput, DetectorOutput};
@@ -10,7 +11,7 @@ use crate::error::{Error, Result, cause};
 use crate::feature::FeatureKind;
 use crate::image::Image;
 
-/// Takes an image for b(x).
+/// Detector for an image that is b(x).
 pub struct Potential;
 
 impl<const D: usize> Detector<D> for Potential {
@@ -20,10 +21,10 @@ impl<const D: usize> Detector<D> for Potential {
 
     fn find(
         &self,
-        scene: &DetectorInput<'_, D>,
+        input: &DetectorInput<'_, D>,
         notes: &mut Vec<String>,
     ) -> Result<DetectorOutput<D>> {
-        let mut samples = scene.image()?.as_slice().iter();
+        let mut samples = input.image()?.as_slice().iter();
         if let Some(value) = samples.find(|s| !(-1.0..=0.0).contains(*s)) {
             return Err(Error::Image(cause(
                 "image",
@@ -31,7 +32,7 @@ impl<const D: usize> Detector<D> for Potential {
                 "scale it, or choose another feature kind",
             )));
         }
-        Valleys.find(scene, notes)
+        Valleys.find(input, notes)
     }
 
     fn potential(&self, image: &Image<D>) -> Option<Vec<f32>> {
@@ -52,11 +53,11 @@ mod tests {
 
     #[test]
     fn a_ready_potential_is_kept() {
-        let (dims, sheets) = (
+        let (dims, surfaces) = (
             [32, 32, 32],
             [ExactSurface::plane([1.0, 0.3, 0.2], [16.0; 3])],
         );
-        let ridges = ridge_image(dims, &sheets, 2.0, 0.0);
+        let ridges = ridge_image(dims, &surfaces, 2.0, 0.0);
         let b: Vec<f32> = ridges.as_slice().iter().map(|s| -s).collect();
         let image = Image::new(dims, b.clone(), Geometry::default());
         let features =
@@ -67,7 +68,7 @@ mod tests {
             features.notes
         );
         assert_eq!(features.potential.to_dense().samples, b);
-        assert!(measure_fit(dims, &sheets, &features.points).coverage > 0.99);
+        assert!(measure_fit(dims, &surfaces, &features.points).coverage > 0.99);
         assert!(
             detect(
                 &ridges,

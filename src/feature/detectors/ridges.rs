@@ -1,14 +1,16 @@
-//! Ridges: sheets of high values; and valleys, sheets of low ones.
+//! Ridges, which are surfaces of high values; and valleys, which are surfaces of low ones.
 //!
-//! Method: a Gaussian, then the points at which the derivative across the sheet passes through zero
-//! (Hale 2002; Steger 1998: [`ridges`](mod@crate::feature::ridges)); where sheets cross, branch or run
-//! close, at all orientations ([`lifted`](mod@crate::feature::oriented_points)); and
-//! [`repair`](mod@crate::feature::boundary_extension) at the sides of the box.
+//! Method: after smoothing by a Gaussian, ridge points are the zeros of the derivative across the
+//! surface (Hale 2002; Steger 1998: [`ridges`](mod@crate::feature::ridges)). Where surfaces cross,
+//! branch or run close to each other, ridges are sought at all orientations
+//! ([`oriented`](mod@crate::feature::oriented)). They are extended to the sides of the box by
+//! [`boundary_extension`](mod@crate::feature::boundary_extension).
 //!
-//! Scale: 1.5 samples at first; where noise hides what is seen there (see [`RidgeStatistics::is_drowned`]) by
-//! quarters up to 3 samples. Assumptions: a sheet is a few samples wide, bends little within three times
-//! the scale, and is higher than all within that distance; two that are nearer than twice the width
-//! that smoothing gives them are seen as one.
+//! Scale: 1.5 samples at first. Where noise hides the ridges at this scale (see
+//! [`RidgeStatistics::is_drowned`]), it is increased by factors of 1.25 up to 3 samples.
+//! Assumptions: a surface is a few samples wide, bends little within three times the scale, and is
+//! higher than its surroundings within that distance. Two surfaces that are nearer than twice their
+//! width after smoothing are seen as one.
 
 use super::{Detector, DetectorInput, DetectorOutput, Thresholds};
 use crate::comm::{Comm, WorldComm};
@@ -28,7 +30,7 @@ use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
 use std::ops::Range;
 
-/// Finds sheets of high values.
+/// Detector of surfaces of high values.
 pub struct Ridges;
 
 impl<const D: usize> Detector<D> for Ridges {
@@ -42,10 +44,10 @@ impl<const D: usize> Detector<D> for Ridges {
 
     fn find(
         &self,
-        scene: &DetectorInput<'_, D>,
+        input: &DetectorInput<'_, D>,
         notes: &mut Vec<String>,
     ) -> Result<DetectorOutput<D>> {
-        RidgeSearch::new(scene).find(scene.samples(1.0)?, notes)
+        RidgeSearch::new(input).find(input.samples(1.0)?, notes)
     }
 
     fn is_streamable(&self) -> bool {
@@ -53,7 +55,7 @@ impl<const D: usize> Detector<D> for Ridges {
     }
 }
 
-/// Finds sheets of low values: the ridges of the negated image.
+/// Detector of surfaces of low values: the ridges of the negated image.
 pub struct Valleys;
 
 impl<const D: usize> Detector<D> for Valleys {
@@ -67,10 +69,10 @@ impl<const D: usize> Detector<D> for Valleys {
 
     fn find(
         &self,
-        scene: &DetectorInput<'_, D>,
+        input: &DetectorInput<'_, D>,
         notes: &mut Vec<String>,
     ) -> Result<DetectorOutput<D>> {
-        RidgeSearch::new(scene).find(scene.samples(-1.0)?, notes)
+        RidgeSearch::new(input).find(input.samples(-1.0)?, notes)
     }
 
     fn is_streamable(&self) -> bool {
@@ -78,43 +80,48 @@ impl<const D: usize> Detector<D> for Valleys {
     }
 }
 
-/// The scale (samples) at which ridges are sought first.
+/// Scale (samples) at which ridges are sought first.
 const MIN_SCALE: f64 = 1.5;
-/// Where ridges drown in noise they are sought on a smoother image, up to this scale (samples).
+/// Largest scale (samples), used if noise hides ridges at smaller ones.
 const MAX_SCALE: f64 = 3.0;
 
-/// Where more than this share of an image is ambiguous (foam, pores), long filters see several sheets at
-/// once and tell nothing apart.
+/// Share of ambiguous samples above which oriented filters are not used: in foam or pores, long
+/// filters see several surfaces at once and cannot distinguish them.
 const MAX_AMBIGUOUS_SHARE: f64 = 0.85;
 
-/// Of a small sheet, this share is sure: of pieces of noise up to .13 are, of sheets half and more.
+/// Smallest share of a small surface that must be strong. Measured: up to 0.13 for fragments of
+/// noise, 0.5 and more for surfaces.
 const MIN_STRONG_SHARE: f64 = 0.2;
 
-/// Of two sheets side by side, which are one ridge, this share of a sure one's strength is left.
+/// Strength of a single ridge that two surfaces side by side form, as a share of the upper
+/// threshold.
 const WEAK_STRENGTH_SHARE: f32 = 0.6;
 
-/// How ridges are sought, in the image or in what a detector makes of it.
+/// Search for ridges, in the image or in an attribute that a detector computes from it.
 pub struct RidgeSearch<'a, const D: usize> {
-    /// The image, and what is settled on or asked for.
+    /// The image, and the scales and thresholds to use.
     pub input: &'a DetectorInput<'a, D>,
-    /// The scale (samples) to begin with; from here up as smooth as noise asks.
+    /// Scale (samples) to begin with; it is increased if noise hides ridges.
     pub min_scale: f64,
     /// The only scale, if given.
     pub scale: Option<f64>,
-    /// Whether sheets may cross at shallow angles or run close, so that all orientations are looked at.
+    /// `true` if surfaces may cross at shallow angles or run close to each other, so that ridges
+    /// are sought at all orientations.
     pub uses_oriented_filters: bool,
-    /// ... unless at least this share of the image is ambiguous.
+    /// Share of ambiguous samples from which oriented filters are not used.
     pub max_ambiguous_share: f64,
-    /// Ridges of this share of a sure one's strength tell where to look and at which angles.
+    /// Strength, as a share of the upper threshold, from which ridges decide where oriented filters
+    /// look, and at which angles.
     pub weak_share: f32,
-    /// Where no threshold is given, points at all angles are kept down to this share of the strong ones.
+    /// Strength, as a share of that of strong points, down to which points of oriented filters are
+    /// kept if no threshold is given.
     pub min_strength_share: fn(&Thresholds) -> f32,
-    /// Thresholds (low, high) where none are given.
+    /// Thresholds (low, high) if none are given.
     pub auto_thresholds: fn(&RidgeStatistics) -> (f32, f32),
 }
 
 impl<'a, const D: usize> RidgeSearch<'a, D> {
-    /// As ridges of the image itself are sought.
+    /// Creates the search for ridges of the image itself.
     pub fn new(input: &'a DetectorInput<'a, D>) -> Self {
         Self {
             input,
@@ -128,106 +135,105 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
         }
     }
 
-    /// Ridges of `samples`, as many as the image has.
+    /// Finds the ridges of `samples`.
     ///
     /// # Errors
-    /// That of reading them.
+    /// Returns the errors of reading.
     pub fn find(
         &self,
         mut samples: Samples<'_, D>,
         notes: &mut Vec<String>,
     ) -> Result<DetectorOutput<D>> {
-        let (dims, patience) = (samples.dims(), self.input.cancel);
+        let (dims, cancel) = (samples.dims(), self.input.cancel);
         let (scale, thresholds, signal_to_noise) = self.smooth(&mut samples, notes)?;
-        let group = &WorldComm as &dyn Comm;
-        let seen = RidgeSurvey::measure(
+        let comm = &WorldComm as &dyn Comm;
+        let survey = RidgeSurvey::measure(
             &samples,
             scale,
             thresholds.low,
-            (group, self.input.live_mask),
-            patience,
+            (comm, self.input.live_mask),
+            cancel,
         )?;
-        let layers = Some(seen.layers.clone());
+        let layers = Some(survey.layers.clone());
         let mut slab = CandidateSlab::new(
             dims,
-            seen.candidates,
+            survey.candidates,
             layers.clone(),
             CANDIDATE_HALO_LAYERS,
-            group,
+            comm,
         )?;
-        let heights = slab.with_halo("heights of ridges", seen.heights)?;
+        let heights = slab.with_halo("heights of ridges", survey.heights)?;
         let typical = ridges::global_typical_strength(&slab)?;
-        // Two sheets side by side are one weak ridge; where noise is stronger than that, none is seen.
-        let noisy = thresholds.high > typical;
-        let clear = if noisy { 1.0 } else { self.weak_share } * thresholds.high;
+        // Two surfaces side by side form one weak ridge. If noise is stronger than that, they
+        // cannot be found.
+        let is_noisy = thresholds.high > typical;
+        let min_clear_strength = if is_noisy { 1.0 } else { self.weak_share } * thresholds.high;
         let high = thresholds.high;
-        let zone = AmbiguityMask::new(&slab, scale, &heights, high, clear)?;
+        let ambiguity = AmbiguityMask::new(&slab, scale, &heights, high, min_clear_strength)?;
         drop(heights);
-        let sharp = self.uses_oriented_filters && zone.share() < self.max_ambiguous_share;
-        let shell = seen.shell;
-        let candidates = match sharp {
-            true => {
-                let search = OrientedSearch {
-                    image: &samples,
-                    background: seen.background,
-                    noise_floor: seen.noise_floor,
-                    ambiguity: &zone,
-                    slab: &slab,
-                    min_clear_strength: clear,
-                    min_strength_share: match self.input.thresholds() {
-                        Some(_) => thresholds.low / typical,
-                        None => (self.min_strength_share)(&thresholds),
-                    },
-                    typical_strength: typical,
-                    cancel: patience,
-                };
-                oriented_points(&search, high, notes)?
-            }
-            false => {
-                let all = std::mem::take(&mut slab.candidates);
-                slab.owned_candidates(all)
-            }
+        let has_sharp_normals =
+            self.uses_oriented_filters && ambiguity.share() < self.max_ambiguous_share;
+        let shell = survey.shell;
+        let candidates = if has_sharp_normals {
+            let search = OrientedSearch {
+                image: &samples,
+                background: survey.background,
+                noise_floor: survey.noise_floor,
+                ambiguity: &ambiguity,
+                slab: &slab,
+                min_clear_strength,
+                min_strength_share: match self.input.thresholds() {
+                    Some(_) => thresholds.low / typical,
+                    None => (self.min_strength_share)(&thresholds),
+                },
+                typical_strength: typical,
+                cancel,
+            };
+            oriented_points(&search, high, notes)?
+        } else {
+            let candidates = std::mem::take(&mut slab.candidates);
+            slab.owned_candidates(candidates)
         };
-        drop((zone, slab));
+        drop((ambiguity, slab));
         let slab = CandidateSlab::new(
             dims,
             candidates,
             layers.clone(),
             boundary_extension::HALO_LAYERS,
-            group,
+            comm,
         )?;
-        let candidates = extend_to_sides(shell, slab, scale, high, patience)?;
+        let candidates = extend_to_sides(shell, slab, scale, high, cancel)?;
         Ok(DetectorOutput {
             signal_to_noise,
-            has_sharp_normals: sharp,
+            has_sharp_normals,
             layers,
             ..DetectorOutput::new(candidates, scale, thresholds)
         })
     }
 
-    /// Smooths samples as settled on, as asked for, or so that ridges do not drown in noise; the scale,
-    /// and the thresholds there.
+    /// Smooths the samples at the scale of the whole image, at the given scale, or so that noise
+    /// does not hide ridges. Returns the scale, the thresholds, and the signal-to-noise ratio.
     fn smooth(
         &self,
         samples: &mut Samples<'_, D>,
         notes: &mut Vec<String>,
     ) -> Result<(f64, Thresholds, Option<f32>)> {
-        let patience = self.input.cancel;
-        let given = self.input.thresholds();
-        if let (Some(settled), Some(thresholds)) = (self.input.resolved, given) {
-            samples.smooth(settled.scale, patience);
-            return Ok((settled.scale, thresholds, None));
+        let cancel = self.input.cancel;
+        let given_thresholds = self.input.thresholds();
+        if let (Some(resolved), Some(thresholds)) = (self.input.resolved, given_thresholds) {
+            samples.smooth(resolved.scale, cancel);
+            return Ok((resolved.scale, thresholds, None));
         }
         let mut scale = self.scale.unwrap_or(self.min_scale);
-        samples.smooth(scale, patience);
-        let mut statistics = ridges::statistics(samples, scale, self.input.live_mask, patience)?;
+        samples.smooth(scale, cancel);
+        let mut statistics = ridges::statistics(samples, scale, self.input.live_mask, cancel)?;
         while self.scale.is_none() && statistics.is_drowned() && scale < MAX_SCALE {
             let coarser = (1.25 * scale).min(MAX_SCALE);
-            samples.smooth((coarser * coarser - scale * scale).sqrt(), patience);
+            samples.smooth((coarser * coarser - scale * scale).sqrt(), cancel);
             scale = coarser;
-            statistics = ridges::statistics(samples, scale, self.input.live_mask, patience)?;
+            statistics = ridges::statistics(samples, scale, self.input.live_mask, cancel)?;
         }
-        let thresholds = given.unwrap_or_else(|| {
+        let thresholds = given_thresholds.unwrap_or_else(|| {
             let (low, high) = (self.auto_thresholds)(&statistics);
             Thresholds {
                 low,
@@ -244,48 +250,48 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
     }
 }
 
-/// Ridge points at all orientations where one is not enough, the others as they are; those of at least
-/// `strong` are sure.
+/// Returns the ridge points of oriented filters at ambiguous samples, and the candidates of the
+/// slab elsewhere. Candidates of at least `strong_threshold` are strong.
 fn oriented_points<const D: usize>(
     search: &OrientedSearch<'_, D>,
-    strong: f32,
+    strong_threshold: f32,
     notes: &mut Vec<String>,
 ) -> Result<Vec<Candidate<D>>> {
-    let (slab, zone) = (search.slab, search.ambiguity);
+    let (slab, ambiguity) = (search.slab, search.ambiguity);
     let points = search.points()?;
-    let (candidates, lifted) = merge_points(slab, zone, &points, strong);
-    let counts = [slab.owned.len(), candidates.len(), lifted].map(|n| n as u64);
-    let [before, after, count] = slab.global_sums("points at all angles", counts)?;
+    let (candidates, oriented_count) = merge_points(slab, ambiguity, &points, strong_threshold);
+    let counts = [slab.owned.len(), candidates.len(), oriented_count].map(|n| n as u64);
+    let [before, after, count] = slab.global_sums("oriented points", counts)?;
     if count > 0 {
         notes.push(format!(
-            "sheets cross, branch or run close in {:.1} % of the samples: {count} points there at all \
-             angles, in place of {}",
-            100.0 * zone.share(),
+            "surfaces cross, branch or run close to each other in {:.1} % of the samples: {count} points of \
+             filters at all angles replace {} there",
+            100.0 * ambiguity.share(),
             before + count - after,
         ));
     }
     Ok(candidates)
 }
 
-/// Of the tops of rows of samples, which are mostly ridges if there are ridges, this share of the typical
-/// one's height is where points are sought.
+/// Height of the noise floor, as a share of the typical ridge's. The highest samples of rows are
+/// mostly ridges, if there are any.
 const NOISE_FLOOR_SHARE: f32 = 0.25;
-/// Samples of these rows.
+/// Number of samples in each of these rows.
 const ROW_SAMPLES: usize = 64;
 
-/// What is seen of smoothed samples on one way through them.
+/// Ridges and statistics of smoothed samples, measured in one pass.
 struct RidgeSurvey<const D: usize> {
-    /// The layers that this rank has looked at, ...
+    /// Layers that this rank has searched.
     layers: Range<usize>,
-    /// ... their ridge points, in the order of samples, ...
+    /// Ridge points of these layers, in the order of samples.
     candidates: Vec<Candidate<D>>,
-    /// ... and how much higher the smoothed image is at each than where there is nothing.
+    /// Height of the smoothed image at each of these points above the median.
     heights: Vec<f32>,
-    /// The median of the image as it is.
+    /// Median of the unsmoothed image.
     background: f32,
-    /// The height of the smoothed image below which there is nothing to find.
+    /// Height of the smoothed image below which no features are sought.
     noise_floor: f32,
-    /// Its heights near the sides, in these layers.
+    /// Heights of the smoothed image near the sides of the box, in these layers.
     shell: BoundaryShell<D>,
 }
 
@@ -294,67 +300,70 @@ impl<const D: usize> RidgeSurvey<D> {
         samples: &Samples<'_, D>,
         scale: f64,
         low: f32,
-        (group, live): (&dyn Comm, Option<&LiveMask<D>>),
-        patience: &CancelToken<'_>,
+        (comm, live_mask): (&dyn Comm, Option<&LiveMask<D>>),
+        cancel: &CancelToken<'_>,
     ) -> Result<Self> {
-        let (every, shell) = (
+        let (stride, shell) = (
             samples.sample_stride(),
             BoundaryShell::new(samples.dims(), scale),
         );
         let mut layers = CoveredLayers::default();
         let (mut candidates, mut heights) = (Vec::new(), Vec::new());
-        let (mut near_sides, mut some) = (Vec::new(), [Vec::new(), Vec::new()]);
+        let (mut near_sides, mut subsamples) = (Vec::new(), [Vec::new(), Vec::new()]);
         let mut tops = RowTops::default();
-        let mut look = |window: &LayerWindow<'_, D>| {
-            let mut found = ridges(window, scale, low, patience);
-            if let Some(live) = live {
-                let whole = Volume::new(window.dims, &[]);
-                found.retain(|c| live.is_usable(whole.coordinates(c.voxel.index())));
+        let mut measure = |window: &LayerWindow<'_, D>| {
+            let mut window_candidates = ridges(window, scale, low, cancel);
+            if let Some(live) = live_mask {
+                let volume = Volume::new(window.dims, &[]);
+                window_candidates.retain(|c| live.is_usable(volume.coordinates(c.voxel.index())));
             }
-            let own = window.smoothed.layers(&window.interior.layers);
-            let (near, glance) = rayon::join(
-                || shell.extract_layers(own, window.interior.layers.start),
-                || WindowStatistics::measure(window, &found, every),
+            let interior = window.smoothed.layers(&window.interior.layers);
+            let (near_side_heights, statistics) = rayon::join(
+                || shell.extract_layers(interior, window.interior.layers.start),
+                || WindowStatistics::measure(window, &window_candidates, stride),
             );
             layers.add(&window.interior);
-            append(&mut candidates, found);
-            append(&mut near_sides, near);
-            append(&mut heights, glance.heights);
-            for (some, more) in some.iter_mut().zip(glance.subsamples) {
-                append(some, more);
+            append(&mut candidates, window_candidates);
+            append(&mut near_sides, near_side_heights);
+            append(&mut heights, statistics.heights);
+            for (collected, added) in subsamples.iter_mut().zip(statistics.subsamples) {
+                append(collected, added);
             }
-            tops.add(glance.first_top, glance.tops);
+            tops.add(statistics.first_top, statistics.tops);
         };
         let reach = ridges::DIFFERENCE_REACH;
-        samples.for_each_window(reach, None, &|_| 1, patience, &mut look, &mut |()| ())?;
-        let middle = |count: usize| count / 2;
-        let [as_is, smoothed] = some;
-        let level = select_nth("samples", as_is, middle, group)?.unwrap_or(0.0) as f32;
-        let nothing =
-            select_nth("smoothed samples", smoothed, middle, group)?.unwrap_or(0.0) as f32;
-        heights.par_iter_mut().for_each(|height| *height -= nothing);
-        let tops = tops.gather(group)?;
-        let top = select_nth("tops of rows", tops, |count| count * 9 / 10, group)?;
+        samples.for_each_window(reach, None, &|_| 1, cancel, &mut measure, &mut |()| ())?;
+        let median_index = |count: usize| count / 2;
+        let [raw, smoothed] = subsamples;
+        let background = select_nth("samples", raw, median_index, comm)?.unwrap_or(0.0) as f32;
+        let empty_level =
+            select_nth("smoothed samples", smoothed, median_index, comm)?.unwrap_or(0.0) as f32;
+        heights
+            .par_iter_mut()
+            .for_each(|height| *height -= empty_level);
+        let tops = tops.gather(comm)?;
+        let top = select_nth("tops of rows", tops, |count| count * 9 / 10, comm)?;
         Ok(Self {
             layers: layers.0,
             candidates,
             heights,
-            background: level,
-            noise_floor: top.map_or(nothing, |top| {
-                nothing + NOISE_FLOOR_SHARE * (top as f32 - nothing)
+            background,
+            noise_floor: top.map_or(empty_level, |top| {
+                empty_level + NOISE_FLOOR_SHARE * (top as f32 - empty_level)
             }),
             shell: shell.with_heights(near_sides),
         })
     }
 }
 
-/// What is seen at a glance of a window's samples.
+/// Statistics of the samples of a window.
 struct WindowStatistics {
-    /// How high the smoothed image is at each of its ridge points.
+    /// Height of the smoothed image at each ridge point of the window.
     heights: Vec<f32>,
-    /// Samples here and there, as they are and smoothed.
+    /// Subsamples, unsmoothed and smoothed.
     subsamples: [Vec<f32>; 2],
-    /// The highest of what belongs to a row begun before, and of each row of smoothed samples.
+    /// Highest smoothed sample of the part of a row that the previous window began, and of each
+    /// later row.
     first_top: Option<f32>,
     tops: Vec<f32>,
 }
@@ -363,69 +372,74 @@ impl WindowStatistics {
     fn measure<const D: usize>(
         window: &LayerWindow<'_, D>,
         candidates: &[Candidate<D>],
-        every: usize,
+        stride: usize,
     ) -> Self {
-        let (whole, smoothed) = (Volume::new(window.dims, &[]), window.smoothed);
-        let height = |c: &Candidate<D>| smoothed.value_at(whole.coordinates(c.voxel.index()));
-        let own = smoothed.layers(&window.interior.layers);
+        let (volume, smoothed) = (Volume::new(window.dims, &[]), window.smoothed);
+        let height = |c: &Candidate<D>| smoothed.value_at(volume.coordinates(c.voxel.index()));
+        let interior = smoothed.layers(&window.interior.layers);
         let passed = window.interior.layers.start * layer_len(window.dims);
-        let skipped = passed.next_multiple_of(every) - passed;
-        let some_of = |stack: LayerStack<'_, D>| {
-            let own = stack.layers(&window.interior.layers);
-            let count = own.len().saturating_sub(skipped).div_ceil(every);
-            let each = (0..count).into_par_iter();
-            each.map(|i| own[skipped + i * every]).collect()
+        let skipped = passed.next_multiple_of(stride) - passed;
+        let subsample = |stack: LayerStack<'_, D>| {
+            let interior = stack.layers(&window.interior.layers);
+            let count = interior.len().saturating_sub(skipped).div_ceil(stride);
+            let indices = (0..count).into_par_iter();
+            indices.map(|i| interior[skipped + i * stride]).collect()
         };
-        let (begun, rows) =
-            own.split_at(own.len().min(passed.next_multiple_of(ROW_SAMPLES) - passed));
+        let (begun_row, rows) = interior.split_at(
+            interior
+                .len()
+                .min(passed.next_multiple_of(ROW_SAMPLES) - passed),
+        );
         let highest = |row: &[f32]| row.iter().copied().fold(f32::MIN, f32::max);
         Self {
             heights: candidates.par_iter().map(height).collect(),
-            subsamples: [window.raw, smoothed].map(some_of),
-            first_top: (!begun.is_empty()).then(|| highest(begun)),
+            subsamples: [window.raw, smoothed].map(subsample),
+            first_top: (!begun_row.is_empty()).then(|| highest(begun_row)),
             tops: rows.par_chunks(ROW_SAMPLES).map(highest).collect(),
         }
     }
 }
 
-/// The tops of rows of samples that follow one another.
+/// Highest samples of successive rows.
 #[derive(Default)]
 struct RowTops {
-    /// Of a row that was begun before the first.
+    /// Highest sample of the part of a row that began before the first one.
     first_top: Option<f32>,
     tops: Vec<f32>,
 }
 
 impl RowTops {
-    fn add(&mut self, begun: Option<f32>, tops: Vec<f32>) {
-        if let Some(top) = begun {
+    fn add(&mut self, first_top: Option<f32>, tops: Vec<f32>) {
+        if let Some(top) = first_top {
             match self.tops.last_mut() {
                 Some(last) => *last = last.max(top),
-                None => self.first_top = Some(self.first_top.map_or(top, |begun| begun.max(top))),
+                None => self.first_top = Some(self.first_top.map_or(top, |first| first.max(top))),
             }
         }
         append(&mut self.tops, tops);
     }
 
-    /// The tops, where others have those of the rows that follow: of a row that one has begun its own is that of all.
-    fn gather(mut self, group: &dyn Comm) -> Result<Vec<f32>> {
-        let own = (self.first_top, self.tops.is_empty());
-        let all: Vec<(Option<f32>, bool)> = group.all_gather("tops of rows begun", own)?;
-        let mut after = all[group.rank() + 1..].iter();
-        let mut goes_on = true;
-        while let Some((begun, no_row)) = after.next().filter(|_| goes_on) {
-            self.add(*begun, Vec::new());
-            goes_on = *no_row;
+    /// Returns the highest samples of the rows that this rank began; parts of the last row come
+    /// from the following ranks.
+    fn gather(mut self, comm: &dyn Comm) -> Result<Vec<f32>> {
+        let local = (self.first_top, self.tops.is_empty());
+        let gathered: Vec<(Option<f32>, bool)> = comm.all_gather("tops of rows begun", local)?;
+        let mut following = gathered[comm.rank() + 1..].iter();
+        let mut continues = true;
+        while let Some((first_top, has_no_row)) = following.next().filter(|_| continues) {
+            self.add(*first_top, Vec::new());
+            continues = *has_no_row;
         }
         Ok(self.tops)
     }
 }
 
-/// Adds `more` to what there is; the first is not copied.
-fn append<T>(all: &mut Vec<T>, more: Vec<T>) {
-    match all.is_empty() {
-        true => *all = more,
-        false => all.extend(more),
+/// Appends `more` to `target`; if `target` is empty, nothing is copied.
+fn append<T>(target: &mut Vec<T>, more: Vec<T>) {
+    if target.is_empty() {
+        *target = more;
+    } else {
+        target.extend(more);
     }
 }
 
@@ -445,16 +459,16 @@ mod tests {
 
     #[test]
     #[ignore = "slow: make test-all"]
-    fn noisy_crossing_curved_sheets_are_found() {
-        let (dims, sheets) = crossing_surfaces();
+    fn noisy_crossing_curved_surfaces_are_found() {
+        let (dims, surfaces) = crossing_surfaces();
         for (width, noise) in [(1.0, 0.2), (1.5, 0.0), (1.5, 0.25), (2.0, 0.25)] {
-            let image = ridge_image(dims, &sheets, width, noise);
+            let image = ridge_image(dims, &surfaces, width, noise);
             let features = detect(
                 &image,
                 &DetectionOptions::with_kind(FeatureKind::Ridges, 8.0),
             )
             .unwrap();
-            let fit = measure_fit(dims, &sheets, &features.points);
+            let fit = measure_fit(dims, &surfaces, &features.points);
             assert!(fit.coverage > 0.99, "{width} {noise} {fit:?}");
             assert!(fit.precision > 0.995, "{width} {noise} {fit:?}");
             assert!(fit.rms < 0.15, "{width} {noise} {fit:?}");
@@ -464,16 +478,16 @@ mod tests {
 
     #[test]
     #[ignore = "slow: make test-all"]
-    fn correlated_noise_is_told_from_sheets() {
-        let (dims, sheets) = crossing_surfaces();
+    fn correlated_noise_is_distinguished_from_surfaces() {
+        let (dims, surfaces) = crossing_surfaces();
         for (width, noise, coverage) in [(1.5, 0.15, 0.98), (1.5, 0.2, 0.95), (2.0, 0.25, 0.8)] {
-            let image = ridges_in_correlated_noise(dims, &sheets, width, noise, 1.0);
+            let image = ridges_in_correlated_noise(dims, &surfaces, width, noise, 1.0);
             let features = detect(
                 &image,
                 &DetectionOptions::with_kind(FeatureKind::Ridges, 8.0),
             )
             .unwrap();
-            let fit = measure_fit(dims, &sheets, &features.points);
+            let fit = measure_fit(dims, &surfaces, &features.points);
             assert!(
                 fit.coverage > coverage && fit.precision > 0.97,
                 "{width} {noise} {fit:?}"
@@ -483,11 +497,11 @@ mod tests {
 
     #[test]
     fn valleys_are_ridges_upside_down() {
-        let (dims, sheets) = (
+        let (dims, surfaces) = (
             [40, 36, 32],
             [ExactSurface::plane([1.0, 0.3, 0.2], [20.0, 18.0, 16.0])],
         );
-        let image = ridge_image(dims, &sheets, 1.5, 0.1);
+        let image = ridge_image(dims, &surfaces, 1.5, 0.1);
         let negated = Image::new(
             dims,
             image.as_slice().iter().map(|s| -s).collect(),
@@ -520,15 +534,15 @@ mod tests {
         assert!(features.points.len() < 1000, "{:?}", features.notes);
     }
 
-    /// Share of the curve `along(t)`, t from 0 to 1, within half a sample of a point, and the rms
-    /// distance `off` of the points.
+    /// Returns the share of the curve `curve(t)`, t from 0 to 1, that is within half a sample of a
+    /// point, and the root mean square of `distance` at the points.
     fn curve_fit(
         features: &Features<2>,
-        along: impl Fn(f64) -> [f64; 2],
-        off: impl Fn([f64; 2]) -> f64,
+        curve: impl Fn(f64) -> [f64; 2],
+        distance: impl Fn([f64; 2]) -> f64,
     ) -> (f64, f64) {
         let covered = (0..=1000).filter(|&i| {
-            let p = along(f64::from(i) / 1000.0);
+            let p = curve(f64::from(i) / 1000.0);
             features.points.iter().any(|point| {
                 let r: [f64; 2] = std::array::from_fn(|k| f64::from(point.position[k]) - p[k]);
                 let s = r[0] * f64::from(point.normal[0]) + r[1] * f64::from(point.normal[1]);
@@ -538,7 +552,7 @@ mod tests {
         let squares: f64 = features
             .points
             .iter()
-            .map(|p| off(p.position.map(f64::from)).powi(2))
+            .map(|p| distance(p.position.map(f64::from)).powi(2))
             .sum();
         let rms = (squares / features.points.len().max(1) as f64).sqrt();
         (covered.count() as f64 / 1001.0, rms)
@@ -587,20 +601,21 @@ mod tests {
         assert!((-1.0..-0.98).contains(&deepest), "{deepest}");
     }
 
-    /// Worst distance (samples) of ridge points from a straight Gaussian ridge through the middle, and
-    /// worst angle (degrees) between normals, away from the sides.
+    /// Returns the largest distance (samples) of ridge points from a straight Gaussian ridge
+    /// through the middle, and the largest angle (degrees) between normals, away from the sides.
     fn straight_ridge<const D: usize>(
         dims: [usize; D],
         normal: [f64; D],
         width: f64,
     ) -> (f64, f64) {
         let middle = dims.map(|n| 0.5 * n as f64 + 0.13);
-        let off = |p: [f64; D]| -> f64 { (0..D).map(|k| normal[k] * (p[k] - middle[k])).sum() };
+        let distance =
+            |p: [f64; D]| -> f64 { (0..D).map(|k| normal[k] * (p[k] - middle[k])).sum() };
         let count = dims.iter().product();
         let empty = Volume { dims, samples: &[] };
         let at = |i: usize| empty.coordinates(i).map(|c| c as f64);
         let samples: Vec<f32> = (0..count)
-            .map(|i| (-0.5 * (off(at(i)) / width).powi(2)).exp() as f32)
+            .map(|i| (-0.5 * (distance(at(i)) / width).powi(2)).exp() as f32)
             .collect();
         let image = Image::new(dims, samples, Geometry::default());
         let features = detect(
@@ -608,18 +623,18 @@ mod tests {
             &DetectionOptions::with_kind(FeatureKind::Ridges, 5.0),
         )
         .unwrap();
-        let (mut worst, mut turned, mut inner) = ([0.0f64; 2], 0.0f64, 0);
+        let (mut worst, mut max_angle, mut inner) = ([0.0f64; 2], 0.0f64, 0);
         for point in &features.points {
             let p = point.position.map(f64::from);
             if (0..D).all(|k| p[k] > 7.0 && p[k] < dims[k] as f64 - 8.0) {
                 inner += 1;
-                worst[0] = worst[0].max(off(p).abs());
+                worst[0] = worst[0].max(distance(p).abs());
                 let c: f64 = (0..D).map(|k| normal[k] * f64::from(point.normal[k])).sum();
-                turned = turned.max(c.abs().min(1.0).acos().to_degrees());
+                max_angle = max_angle.max(c.abs().min(1.0).acos().to_degrees());
             }
         }
         assert!(inner > dims[0] / 3, "{inner} {normal:?}");
-        (worst[0], turned)
+        (worst[0], max_angle)
     }
 
     #[test]
@@ -627,8 +642,11 @@ mod tests {
         for width in [1.0, 2.0] {
             for dip in (0..180).step_by(9) {
                 let (sin, cos) = f64::from(dip).to_radians().sin_cos();
-                let (off, angle) = straight_ridge([48, 44], [cos, sin], width);
-                assert!(off < 0.1 && angle < 0.5, "2-D {width} {dip} {off} {angle}");
+                let (distance, angle) = straight_ridge([48, 44], [cos, sin], width);
+                assert!(
+                    distance < 0.1 && angle < 0.5,
+                    "2-D {width} {dip} {distance} {angle}"
+                );
             }
             for dip in (0..=90).step_by(18) {
                 for azimuth in (0..360).step_by(40) {
@@ -639,30 +657,33 @@ mod tests {
                         dip.sin() * azimuth.cos(),
                         dip.sin() * azimuth.sin(),
                     ];
-                    let (off, angle) = straight_ridge([30, 29, 32], normal, width);
-                    assert!(off < 0.1 && angle < 0.5, "3-D {normal:?} {off} {angle}");
+                    let (distance, angle) = straight_ridge([30, 29, 32], normal, width);
+                    assert!(
+                        distance < 0.1 && angle < 0.5,
+                        "3-D {normal:?} {distance} {angle}"
+                    );
                 }
             }
         }
     }
 
     #[test]
-    fn a_few_layers_at_a_time_show_what_all_do() {
+    fn windows_find_what_the_whole_finds() {
         check_windows_match_whole([52, 48, 150]);
         // In two strips.
         check_windows_match_whole([52, 150, 48]);
     }
 
     fn check_windows_match_whole(dims: [usize; 3]) {
-        // Two sheets that cross at 20 degrees, and noise that has them sought at all angles.
+        // Two surfaces that cross at 20 degrees, so that oriented filters are used, and noise.
         let middle = dims.map(|n| 0.5 * n as f64);
-        let sheets = [[1.0, 0.1, 0.0], [0.95, 0.1, 0.34]].map(|n| ExactSurface::plane(n, middle));
-        let image = ridge_image(dims, &sheets, 1.5, 0.25);
-        let asked = DetectionOptions::with_kind(FeatureKind::Ridges, 8.0);
-        let patience = CancelToken::never();
-        let scene = DetectorInput::new(ImageSource::InMemory(&image), &asked, &patience);
+        let surfaces = [[1.0, 0.1, 0.0], [0.95, 0.1, 0.34]].map(|n| ExactSurface::plane(n, middle));
+        let image = ridge_image(dims, &surfaces, 1.5, 0.25);
+        let options = DetectionOptions::with_kind(FeatureKind::Ridges, 8.0);
+        let cancel = CancelToken::never();
+        let input = DetectorInput::new(ImageSource::InMemory(&image), &options, &cancel);
         let (mut notes, mut other_notes) = (Vec::new(), Vec::new());
-        let whole = Ridges.find(&scene, &mut notes).unwrap();
+        let reference = Ridges.find(&input, &mut notes).unwrap();
         assert!(
             notes.iter().any(|note| note.contains("all angles")),
             "{notes:?}"
@@ -670,14 +691,14 @@ mod tests {
         let by_layers = LayeredImage(&image);
         let samples = Samples::from_layers(&by_layers, 1.0).with_limits([0, 1]);
         let samples = samples.with_strips(1, usize::MAX);
-        let parts = RidgeSearch::new(&scene)
+        let windowed = RidgeSearch::new(&input)
             .find(samples, &mut other_notes)
             .unwrap();
         assert_eq!(notes, other_notes);
-        assert_eq!(whole.candidates.len(), parts.candidates.len());
-        for (a, b) in whole.candidates.iter().zip(&parts.candidates) {
-            let figures = |c: &super::Candidate<3>| (c.voxel, c.axis, c.position, c.normal);
-            assert_eq!(figures(a), figures(b));
+        assert_eq!(reference.candidates.len(), windowed.candidates.len());
+        for (a, b) in reference.candidates.iter().zip(&windowed.candidates) {
+            let geometry = |c: &super::Candidate<3>| (c.voxel, c.axis, c.position, c.normal);
+            assert_eq!(geometry(a), geometry(b));
             assert_eq!(a.strength, b.strength);
         }
     }

@@ -1,4 +1,4 @@
-//! Lines of sheets whose crossings and ends are known.
+//! Tests of lines of surfaces whose crossings and ends are known.
 
 use super::*;
 use crate::feature::scenes::{Noise, image_of, plane_image};
@@ -8,22 +8,23 @@ use crate::image::synth::{self, Options, SyntheticKind};
 
 const DIMS: [usize; 3] = [72, 64, 56];
 const MIDDLE: [f64; 3] = [36.0, 32.0, 28.0];
-/// Off one plane, and off another that meets it in a line through the middle.
+/// Normal of a plane that meets another one in a line through the middle.
 const FIRST_NORMAL: [f64; 3] = [0.9759, 0.0976, 0.1952];
 
 fn offset_from_middle(p: [f64; 3]) -> [f64; 3] {
     sub(p, MIDDLE)
 }
 
-/// The normal of a plane through the middle, turned from the first by an angle in degrees.
+/// Returns the normal of a plane through the middle, turned from the first plane by an angle in
+/// degrees.
 fn turned_normal(degrees: f64) -> [f64; 3] {
-    let aside = unit(cross(FIRST_NORMAL, [0.2, 0.1, 1.0]));
+    let perpendicular = unit(cross(FIRST_NORMAL, [0.2, 0.1, 1.0]));
     let (sin, cos) = degrees.to_radians().sin_cos();
-    add_scaled(FIRST_NORMAL.map(|c| cos * c), sin, aside)
+    add_scaled(FIRST_NORMAL.map(|c| cos * c), sin, perpendicular)
 }
 
-fn ridge(off: f64) -> f64 {
-    (-0.5 * (off / 1.5).powi(2)).exp()
+fn ridge(distance: f64) -> f64 {
+    (-0.5 * (distance / 1.5).powi(2)).exp()
 }
 
 fn noisy_image(seed: u64, height: impl Fn([f64; 3]) -> f64) -> Image<3> {
@@ -34,32 +35,32 @@ fn noisy_image(seed: u64, height: impl Fn([f64; 3]) -> f64) -> Image<3> {
 }
 
 fn lines_of<const D: usize>(image: &Image<D>) -> Vec<FeatureLine<D>> {
-    let found = detect(
+    let features = detect(
         image,
         &DetectionOptions::with_kind(FeatureKind::Ridges, 4.0),
     )
     .unwrap();
-    assert_eq!(found.surface.len(), found.points.len());
-    assert!(found.surface.iter().all(|&sheet| sheet > 0));
-    lines(&found).unwrap()
+    assert_eq!(features.surface.len(), features.points.len());
+    assert!(features.surface.iter().all(|&surface| surface > 0));
+    lines(&features).unwrap()
 }
 
-/// The share of the line through the middle along a direction, as far as it is in the box, that has a
-/// place within one sample; and how far off it places of these lines are at most.
-fn measure_fit(lines: &[FeatureLine<3>], along: [f64; 3]) -> (f64, f64) {
+/// Returns the share of a straight line through the middle of the box that has a point of `lines`
+/// within one sample, and the largest distance of these points from the straight line.
+fn measure_fit(lines: &[FeatureLine<3>], direction: [f64; 3]) -> (f64, f64) {
     let places = || lines.iter().flat_map(|line| &line.points);
-    let (mut all, mut near) = (0, 0);
+    let (mut total, mut hits) = (0, 0);
     for i in -500..500 {
-        let p = add_scaled(MIDDLE, 0.1 * f64::from(i), along);
+        let p = add_scaled(MIDDLE, 0.1 * f64::from(i), direction);
         if (0..3).all(|k| p[k] >= 0.0 && p[k] <= (DIMS[k] - 1) as f64) {
-            all += 1;
-            near += usize::from(places().any(|&q| norm(sub(q, p)) <= 1.0));
+            total += 1;
+            hits += usize::from(places().any(|&q| norm(sub(q, p)) <= 1.0));
         }
     }
-    let off = |&q: &[f64; 3]| norm(cross(offset_from_middle(q), along));
+    let distance = |&q: &[f64; 3]| norm(cross(offset_from_middle(q), direction));
     (
-        f64::from(near as u32) / f64::from(all),
-        places().map(off).fold(0.0, f64::max),
+        f64::from(hits as u32) / f64::from(total),
+        places().map(distance).fold(0.0, f64::max),
     )
 }
 
@@ -73,15 +74,21 @@ fn planes_cross_in_one_line_at_their_angle() {
         let lines = lines_of(&image);
         let crossings: Vec<_> = lines.iter().map(|line| line.kind).collect();
         assert_eq!(crossings, [LineKind::Crossing], "{angle} {seed}");
-        let (share, off) = measure_fit(&lines, unit(cross(FIRST_NORMAL, second)));
-        assert!(share >= 0.9 && off <= 1.0, "{angle} {seed}: {share} {off}");
-        let told = lines[0].angle;
-        assert!((told - angle).abs() <= 3.0, "{angle} {seed}: {told}");
+        let (share, max_distance) = measure_fit(&lines, unit(cross(FIRST_NORMAL, second)));
+        assert!(
+            share >= 0.9 && max_distance <= 1.0,
+            "{angle} {seed}: {share} {max_distance}"
+        );
+        let reported = lines[0].angle;
+        assert!(
+            (reported - angle).abs() <= 3.0,
+            "{angle} {seed}: {reported}"
+        );
     }
 }
 
 #[test]
-fn a_sheet_that_ends_at_another_branches_off_it() {
+fn a_surface_that_ends_at_another_branches_off_it() {
     for seed in [1, 2] {
         let second = turned_normal(80.0);
         let image = noisy_image(seed, |p| {
@@ -96,14 +103,17 @@ fn a_sheet_that_ends_at_another_branches_off_it() {
         let kinds: Vec<_> = lines.iter().map(|line| line.kind).collect();
         assert_eq!(kinds, [LineKind::Branch], "{seed}");
         assert_eq!(lines[0].surfaces, [1, 2]);
-        let (share, off) = measure_fit(&lines, unit(cross(FIRST_NORMAL, second)));
-        assert!(share >= 0.9 && off <= 1.0, "{seed}: {share} {off}");
+        let (share, max_distance) = measure_fit(&lines, unit(cross(FIRST_NORMAL, second)));
+        assert!(
+            share >= 0.9 && max_distance <= 1.0,
+            "{seed}: {share} {max_distance}"
+        );
         assert!((lines[0].angle - 80.0).abs() <= 3.0, "{}", lines[0].angle);
     }
 }
 
 #[test]
-fn a_sheet_that_ends_inside_has_a_tip_there() {
+fn a_surface_that_ends_inside_has_a_tip_there() {
     let end = unit([0.0, 1.0, 0.3]);
     for seed in [1, 2] {
         let inside = |p: [f64; 3]| dot(p, end) < 8.0;
@@ -117,18 +127,19 @@ fn a_sheet_that_ends_inside_has_a_tip_there() {
         let lines = lines_of(&image);
         assert_eq!(lines.len(), 1, "{lines:?}");
         assert_eq!((lines[0].kind, lines[0].surfaces), (LineKind::Tip, [0, 1]));
-        let off = |&q: &[f64; 3]| (dot(offset_from_middle(q), end) - 8.0).abs();
-        let worst = lines[0].points.iter().map(off).fold(0.0, f64::max);
+        let distance = |&q: &[f64; 3]| (dot(offset_from_middle(q), end) - 8.0).abs();
+        let worst = lines[0].points.iter().map(distance).fold(0.0, f64::max);
         assert!(worst <= 2.0, "{seed}: {worst}");
-        // From side to side the rim is some 60 samples long.
+        // From side to side the rim is about 60 samples long.
         assert!(lines[0].length > 40.0, "{}", lines[0].length);
     }
 }
 
 #[test]
-fn in_the_plane_they_are_points() {
+fn lines_in_the_plane_are_points() {
     let mut noise = Noise::new(5);
-    // A curve across, crossed by one at 50 degrees; a third ends at the first and, 25 samples on, inside.
+    // A straight curve crossed by another at 50 degrees; a third one starts at the first and ends
+    // 25 samples away.
     let second = [50f64.to_radians().cos(), 50f64.to_radians().sin()];
     let image = plane_image([80, 72], |p| {
         let p = [p[0] - 36.0, p[1] - 32.0];
@@ -140,18 +151,21 @@ fn in_the_plane_they_are_points() {
         ridge(p[0]).max(ridge(dot(p, second))).max(third) + 0.1 * noise.normal()
     });
     let lines = lines_of(&image);
-    let near = |kind: LineKind, at: [f64; 2], angle: f64| {
-        let of_kind: Vec<_> = lines.iter().filter(|line| line.kind == kind).collect();
-        assert_eq!(of_kind.len(), 1, "{lines:?}");
-        let line = of_kind[0];
+    let check = |kind: LineKind, at: [f64; 2], angle: f64| {
+        let matching: Vec<_> = lines.iter().filter(|line| line.kind == kind).collect();
+        assert_eq!(matching.len(), 1, "{lines:?}");
+        let line = matching[0];
         assert_eq!((line.points.len(), line.length), (1, 0.0));
-        let off = norm(sub(line.points[0], at));
-        let most = if kind == LineKind::Tip { 2.0 } else { 1.0 };
-        assert!(off <= most && (line.angle - angle).abs() <= 3.0, "{line:?}");
+        let distance = norm(sub(line.points[0], at));
+        let max_distance = if kind == LineKind::Tip { 2.0 } else { 1.0 };
+        assert!(
+            distance <= max_distance && (line.angle - angle).abs() <= 3.0,
+            "{line:?}"
+        );
     };
-    near(LineKind::Crossing, [36.0, 32.0], 50.0);
-    near(LineKind::Branch, [36.0, 57.0], 90.0);
-    near(LineKind::Tip, [61.0, 57.0], 0.0);
+    check(LineKind::Crossing, [36.0, 32.0], 50.0);
+    check(LineKind::Branch, [36.0, 57.0], 90.0);
+    check(LineKind::Tip, [61.0, 57.0], 0.0);
 }
 
 #[test]
@@ -160,15 +174,15 @@ fn places_and_angles_are_in_lattice_space() {
         ridge(dot(p, FIRST_NORMAL)).max(ridge(dot(p, turned_normal(60.0))))
     });
     let step = [2.0, 1.0, 0.5];
-    let asked = DetectionOptions {
+    let options = DetectionOptions {
         step,
         ..DetectionOptions::with_kind(FeatureKind::Ridges, 4.0)
     };
-    let lines = lines(&detect(&image, &asked).unwrap()).unwrap();
-    let along = cross(FIRST_NORMAL, turned_normal(60.0));
+    let lines = lines(&detect(&image, &options).unwrap()).unwrap();
+    let direction = cross(FIRST_NORMAL, turned_normal(60.0));
     for &place in lines.iter().flat_map(|line| &line.points) {
         let in_samples = std::array::from_fn(|k| place[k] / step[k]);
-        assert!(norm(cross(offset_from_middle(in_samples), unit(along))) <= 1.0);
+        assert!(norm(cross(offset_from_middle(in_samples), unit(direction))) <= 1.0);
     }
     let [a, b] = [FIRST_NORMAL, turned_normal(60.0)].map(|n| unit([n[0] / 2.0, n[1], n[2] / 0.5]));
     let angle = dot(a, b).abs().acos().to_degrees();
@@ -180,7 +194,7 @@ fn places_and_angles_are_in_lattice_space() {
 }
 
 #[test]
-fn threads_change_nothing_and_patience_is_asked() {
+fn results_do_not_depend_on_threads_and_cancelling_stops() {
     let options = Options {
         dims: [64; 3],
         seed: 5,
@@ -188,19 +202,17 @@ fn threads_change_nothing_and_patience_is_asked() {
         ..Options::default()
     };
     let image = synth::make(SyntheticKind::Network, &options).unwrap().image;
-    let found = detect(
+    let features = detect(
         &image,
         &DetectionOptions::with_kind(FeatureKind::Ridges, 2.7),
     )
     .unwrap();
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-        pool.unwrap().install(|| lines(&found).unwrap())
+        pool.unwrap().install(|| lines(&features).unwrap())
     };
     assert_eq!(run(1), run(3));
-    let stopped = CancelToken::run(&mut || false, |patience| {
-        lines_with_cancel(&found, patience)
-    });
+    let stopped = CancelToken::run(&mut || false, |cancel| lines_with_cancel(&features, cancel));
     let kind = stopped.unwrap_err().kind();
     assert_eq!(kind, crate::ErrorKind::Interrupted);
 }
@@ -215,31 +227,33 @@ fn lines_of_networks_are_few_and_lie_where_two_faults_are_near() {
             signal_to_noise: 4.0,
             ..Options::default()
         };
-        let made = synth::make(SyntheticKind::Network, &options).unwrap();
-        let found = detect(
-            &made.image,
+        let synthetic = synth::make(SyntheticKind::Network, &options).unwrap();
+        let features = detect(
+            &synthetic.image,
             &DetectionOptions::with_kind(FeatureKind::Ridges, 2.7),
         )
         .unwrap();
-        let lines = lines(&found).unwrap();
+        let lines = lines(&features).unwrap();
         assert!(lines.iter().all(|line| line.length >= MIN_LENGTH));
         let (tips, meetings): (Vec<_>, Vec<_>) =
             lines.iter().partition(|line| line.kind == LineKind::Tip);
-        let next = made.truth.next_feature.as_ref().unwrap();
-        let (mut near, mut all) = (0, 0);
+        let next = synthetic.truth.next_feature.as_ref().unwrap();
+        let (mut hits, mut total) = (0, 0);
         for place in meetings.iter().flat_map(|line| &line.points) {
-            // How far the next fault is, is known of samples on faults.
-            let known = |i: usize| made.truth.distance[i] < 0.5 && next[i][0] < 2.5;
+            // The distance to the second nearest fault is known at samples on faults.
+            let is_near_two_faults =
+                |i: usize| synthetic.truth.distance[i] < 0.5 && next[i][0] < 2.5;
             let around = |n: usize| {
-                let at = |k: usize, by: usize| (place[k].round() as usize + by).clamp(1, 80) - 1;
+                let at =
+                    |k: usize, offset: usize| (place[k].round() as usize + offset).clamp(1, 80) - 1;
                 (at(2, n / 9) * 80 + at(1, n / 3 % 3)) * 80 + at(0, n % 3)
             };
-            all += 1;
-            near += u32::from((0..27).map(around).any(known));
+            total += 1;
+            hits += u32::from((0..27).map(around).any(is_near_two_faults));
         }
-        let share = f64::from(near) / f64::from(all);
+        let share = f64::from(hits) / f64::from(total);
         let counts = (meetings.len(), tips.len());
         assert!(counts.0 <= 10 && counts.1 <= 20, "{seed}: {counts:?}");
-        assert!(share >= 0.95, "{seed}: {near} of {all}");
+        assert!(share >= 0.95, "{seed}: {hits} of {total}");
     }
 }

@@ -1,4 +1,4 @@
-//! Lines drawn through many places that tell of them.
+//! Traces lines through many points that are near them.
 
 use super::LinePoint;
 use crate::geometry::cell_list::CellList;
@@ -6,71 +6,71 @@ use crate::geometry::{add_scaled, dot, norm, sub, unit};
 use crate::progress::CancelToken;
 use std::cmp::Reverse;
 
-/// A line is drawn in steps of this (samples) ...
+/// Step (samples) along a line.
 const DRAW_STEP: f64 = 1.0;
-/// ... over gaps of at most so many, ...
+/// Largest number of steps over a gap.
 const MAX_GAP_STEPS: usize = 5;
-/// ... through the mean of the places within this, ...
+/// Radius (samples) of the neighbourhood whose mean is a point of the line.
 const MEAN_RADIUS: f64 = 1.5;
-/// ... and stands for all places within this.
+/// Distance (samples) within which line points are covered by a line.
 const COVER_RADIUS: f64 = 3.0;
-/// A line's direction changes by no more than this in one step (cosine).
+/// Smallest cosine between the directions of a line before and after one step.
 const MIN_STEP_COSINE: f64 = 0.7;
 
-/// Draws lines through places, those of the sheets that meet in most places first.
+/// Traces lines through points; those of the pair of surfaces that meets in most points come first.
 pub(super) fn trace_lines(
-    places: &[LinePoint],
-    in_plane: bool,
-    patience: &CancelToken<'_>,
+    points: &[LinePoint],
+    is_plane: bool,
+    cancel: &CancelToken<'_>,
 ) -> Vec<Vec<LinePoint>> {
-    if places.is_empty() {
+    if points.is_empty() {
         return Vec::new();
     }
-    let positions: Vec<[f64; 3]> = places.iter().map(|place| place.position).collect();
-    let mut order: Vec<usize> = (0..places.len()).collect();
-    order.sort_by_key(|&i| places[i].surfaces);
-    let runs = order.chunk_by(|&i, &j| places[i].surfaces == places[j].surfaces);
+    let positions: Vec<[f64; 3]> = points.iter().map(|place| place.position).collect();
+    let mut order: Vec<usize> = (0..points.len()).collect();
+    order.sort_by_key(|&i| points[i].surfaces);
+    let runs = order.chunk_by(|&i, &j| points[i].surfaces == points[j].surfaces);
     let mut runs: Vec<&[usize]> = runs.collect();
     runs.sort_by_key(|run| Reverse(run.len()));
-    let mut pen = LineTracer {
-        points: places,
+    let mut tracer = LineTracer {
+        points,
         cell_list: CellList::new(&positions, MEAN_RADIUS),
-        is_covered: vec![false; places.len()],
+        is_covered: vec![false; points.len()],
     };
     let mut lines = Vec::new();
     for &first in runs.into_iter().flatten() {
-        if pen.is_covered[first] {
+        if tracer.is_covered[first] {
             continue;
         }
-        if patience.is_cancelled() {
+        if cancel.is_cancelled() {
             break;
         }
-        lines.push(pen.trace_line(first, in_plane));
+        lines.push(tracer.trace_line(first, is_plane));
     }
     lines
 }
 
-/// Draws one line after the other.
+/// Traces one line after the other.
 struct LineTracer<'a> {
     points: &'a [LinePoint],
     cell_list: CellList<3>,
-    /// Places that lines stand for.
+    /// For each point, `true` if a line covers it.
     is_covered: Vec<bool>,
 }
 
 impl LineTracer<'_> {
-    /// The line through a place; a single place in the plane.
-    fn trace_line(&mut self, first: usize, in_plane: bool) -> Vec<LinePoint> {
+    /// Returns the line through a point; a single point in the plane.
+    fn trace_line(&mut self, first: usize, is_plane: bool) -> Vec<LinePoint> {
         let first = &self.points[first];
         let middle = self
             .local_mean(first.position, first)
             .unwrap_or_else(|| first.clone());
         let mut line = vec![middle.clone()];
-        if !in_plane {
+        if !is_plane {
             self.mark_covered(&middle, 0.5 * DRAW_STEP);
-            let mut back = middle.clone();
-            back.direction = back.direction.map(|c| -c);
-            self.walk(back, &mut line);
+            let mut reversed = middle.clone();
+            reversed.direction = reversed.direction.map(|c| -c);
+            self.walk(reversed, &mut line);
             line.reverse();
             self.walk(middle, &mut line);
         }
@@ -80,54 +80,67 @@ impl LineTracer<'_> {
         line
     }
 
-    /// Goes on from a place as far as there are others.
-    fn walk(&mut self, mut from: LinePoint, line: &mut Vec<LinePoint>) {
-        while let Some(next) = (1..=MAX_GAP_STEPS).find_map(|steps| self.next_point(&from, steps)) {
+    /// Continues a line from a point as far as there are other points.
+    fn walk(&mut self, mut current: LinePoint, line: &mut Vec<LinePoint>) {
+        while let Some(next) =
+            (1..=MAX_GAP_STEPS).find_map(|steps| self.next_point(&current, steps))
+        {
             self.mark_covered(&next, 0.5 * DRAW_STEP);
             line.push(next.clone());
-            from = next;
+            current = next;
         }
     }
 
-    /// The line so many steps ahead, if it was not there before.
-    fn next_point(&self, from: &LinePoint, steps: usize) -> Option<LinePoint> {
-        let guess = add_scaled(from.position, steps as f64 * DRAW_STEP, from.direction);
-        let mut new = false;
+    /// Returns the point of the line `steps` steps ahead, if there are points that no line covers
+    /// yet.
+    fn next_point(&self, current: &LinePoint, steps: usize) -> Option<LinePoint> {
+        let guess = add_scaled(
+            current.position,
+            steps as f64 * DRAW_STEP,
+            current.direction,
+        );
+        let mut has_uncovered = false;
         self.cell_list.visit_within(guess, MEAN_RADIUS, |i| {
             let place = &self.points[i];
-            let away = sub(place.position, guess);
-            new |= !self.is_covered[i]
-                && norm(away) <= MEAN_RADIUS
-                && dot(away, from.direction) > -0.5 * DRAW_STEP
-                && place.can_join(from);
+            let offset = sub(place.position, guess);
+            has_uncovered |= !self.is_covered[i]
+                && norm(offset) <= MEAN_RADIUS
+                && dot(offset, current.direction) > -0.5 * DRAW_STEP
+                && place.can_join(current);
         });
-        let mut next = if new {
-            self.local_mean(guess, from)?
+        let mut next = if has_uncovered {
+            self.local_mean(guess, current)?
         } else {
             return None;
         };
-        // Square to the way, so that steps stay steps.
-        let away = sub(next.position, guess);
-        next.position = add_scaled(next.position, -dot(away, from.direction), from.direction);
-        (dot(next.direction, from.direction) >= MIN_STEP_COSINE).then_some(next)
+        // The point is moved into the plane square to the direction, so that steps keep their
+        // length.
+        let offset = sub(next.position, guess);
+        next.position = add_scaled(
+            next.position,
+            -dot(offset, current.direction),
+            current.direction,
+        );
+        (dot(next.direction, current.direction) >= MIN_STEP_COSINE).then_some(next)
     }
 
-    /// The mean of the places near one that may be on the line of `like`, which says which way it goes.
-    fn local_mean(&self, at: [f64; 3], like: &LinePoint) -> Option<LinePoint> {
+    /// Returns the mean of the points near `at` that may be on the line of `reference`, which also
+    /// decides the sign of the direction.
+    fn local_mean(&self, at: [f64; 3], reference: &LinePoint) -> Option<LinePoint> {
         let mut mean = LinePoint {
             position: [0.0; 3],
             direction: [0.0; 3],
             normals: [[0.0; 3]; 2],
             angle: 0.0,
-            ..*like
+            ..*reference
         };
         let mut count = 0.0;
         self.cell_list.visit_within(at, MEAN_RADIUS, |i| {
             let place = &self.points[i];
-            let cos = dot(place.direction, like.direction);
+            let cos = dot(place.direction, reference.direction);
             if norm(sub(place.position, at)) > MEAN_RADIUS
                 || cos.abs() < MIN_STEP_COSINE
-                || !place.can_join(like)
+                || !place.can_join(reference)
             {
                 return;
             }
@@ -136,8 +149,8 @@ impl LineTracer<'_> {
             mean.direction = add_scaled(mean.direction, cos.signum(), place.direction);
             mean.angle += place.angle;
             for s in 0..2 {
-                // Of a sheet that is cut in two, the other part may be named first.
-                let cosines = [0, 1].map(|t| dot(place.normals[t], like.normals[s]));
+                // If a surface is cut in two, the other part may come first.
+                let cosines = [0, 1].map(|t| dot(place.normals[t], reference.normals[s]));
                 let t = usize::from(cosines[1].abs() > cosines[0].abs());
                 mean.normals[s] =
                     add_scaled(mean.normals[s], cosines[t].signum(), place.normals[t]);
@@ -152,14 +165,15 @@ impl LineTracer<'_> {
         })
     }
 
-    /// Notes that a line stands for the places round this one, up to so far ahead.
-    fn mark_covered(&mut self, of: &LinePoint, ahead: f64) {
-        let (places, passed) = (self.points, &mut self.is_covered);
-        self.cell_list.visit_within(of.position, COVER_RADIUS, |i| {
-            let away = sub(places[i].position, of.position);
-            passed[i] |= norm(away) <= COVER_RADIUS
-                && dot(away, of.direction).abs() <= ahead
-                && places[i].can_join(of);
-        });
+    /// Marks the points around `point` as covered, up to `ahead` along the line.
+    fn mark_covered(&mut self, point: &LinePoint, ahead: f64) {
+        let (points, is_covered) = (self.points, &mut self.is_covered);
+        self.cell_list
+            .visit_within(point.position, COVER_RADIUS, |i| {
+                let offset = sub(points[i].position, point.position);
+                is_covered[i] |= norm(offset) <= COVER_RADIUS
+                    && dot(offset, point.direction).abs() <= ahead
+                    && points[i].can_join(point);
+            });
     }
 }

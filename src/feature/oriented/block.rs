@@ -1,4 +1,4 @@
-//! A block of samples, in which sheets meet in a few lines.
+//! A block of samples, in which surfaces meet in a few lines.
 
 use super::ambiguity::{CELL_SIZE, MIXED_NORMALS, WIDE_RIDGES, cells_around, trace};
 use super::filters::{CLOSE_SHAPE, CROSSING_SHAPE, DERIVATIVE_MARGIN, OrientedFilters};
@@ -13,63 +13,65 @@ use crate::parallel::prelude::*;
 use std::cmp::Ordering::{Equal, Greater, Less};
 use std::ops::Range;
 
-/// Samples along an edge of a block with one line and one set of filters.
+/// Number of samples along the edge of a block, which has one set of lines and filters.
 pub const BLOCK_SIZE: usize = LAYER_MULTIPLE;
-/// Directions that normals gather round in a block, at most ...
+/// Largest number of directions around which the normals of a block cluster.
 const MAX_MODES: usize = 4;
-/// ... judged by so many normals ...
+/// Largest number of normals that are used.
 const MAX_MODE_NORMALS: usize = 300;
-/// ... within this (cosine: 18 degrees) ...
+/// Smallest cosine (18 degrees) between normals of one cluster.
 const SAME_MODE_COSINE: f64 = 0.95;
-/// ... with at least this share of all.
+/// Smallest share of all normals in a cluster.
 const MIN_MODE_SHARE: f64 = 0.025;
-/// Lines nearer than this (cosine: 15 degrees) are one.
+/// Cosine (15 degrees) above which two lines are the same.
 const SAME_LINE_COSINE: f64 = 0.966;
 
-/// The blocks of an image, numbered as samples are.
+/// Returns the grid of blocks of an image, in the order of samples.
 pub fn blocks<const D: usize>(dims: [usize; D]) -> Volume<'static, D> {
     Volume::new(dims.map(|n| n.div_ceil(BLOCK_SIZE)), &[])
 }
 
-/// What all blocks share.
+/// Data that all blocks share.
 pub struct BlockContext<'a, const D: usize> {
     pub blocks: Volume<'a, D>,
     pub normals: &'a BlockNormals<D>,
     pub search: &'a OrientedSearch<'a, D>,
-    /// The layers of the image in which blocks are looked at.
+    /// The window of the image in which blocks are processed.
     pub window: &'a LayerWindow<'a, D>,
 }
 
-/// Normals of clear candidates, by the block that they lie in.
+/// Normals of clear candidates, grouped by block.
 pub struct BlockNormals<const D: usize> {
-    /// Where each block's begin.
+    /// Index of the first normal of each block.
     block_starts: Vec<u32>,
     normals: Vec<NormalSample<D>>,
 }
 
 struct NormalSample<const D: usize> {
-    /// The candidate's sample, counted from the block's first.
+    /// Sample of the candidate, relative to the block's first sample.
     offset: [u8; D],
     normal: [f32; D],
     strength: f32,
 }
 
 impl<const D: usize> BlockNormals<D> {
-    /// Those of candidates of a volume of `dims` samples that are at least as strong as `clear` says.
-    pub fn new(candidates: &[Candidate<D>], dims: [usize; D], clear: f32) -> Self {
+    /// Groups the candidates of a volume of `dims` samples that are at least as strong as
+    /// `min_strength`.
+    pub fn new(candidates: &[Candidate<D>], dims: [usize; D], min_strength: f32) -> Self {
         let (samples, blocks) = (Volume::new(dims, &[]), blocks(dims));
         let at = |c: &Candidate<D>| samples.coordinates(c.voxel.index());
-        let clear = |i: &u32| candidates[*i as usize].strength >= clear;
-        let clear: Vec<u32> = (0..candidates.len() as u32)
+        let is_clear = |i: &u32| candidates[*i as usize].strength >= min_strength;
+        let clear_indices: Vec<u32> = (0..candidates.len() as u32)
             .into_par_iter()
-            .filter(clear)
+            .filter(is_clear)
             .collect();
-        let of = |i: u32| &candidates[clear[i as usize] as usize];
-        let block = |i| blocks.index(at(of(i)).map(|i| i / BLOCK_SIZE));
+        let candidate = |i: u32| &candidates[clear_indices[i as usize] as usize];
+        let block_of = |i| blocks.index(at(candidate(i)).map(|i| i / BLOCK_SIZE));
         let count = blocks.dims.iter().product();
-        let (block_starts, order) = sort_by_group(count, (0..clear.len() as u32).map(block));
+        let (block_starts, order) =
+            sort_by_group(count, (0..clear_indices.len() as u32).map(block_of));
         let normal = |&i: &u32| {
-            let c = of(i);
+            let c = candidate(i);
             NormalSample {
                 offset: at(c).map(|i| (i % BLOCK_SIZE) as u8),
                 normal: c.normal,
@@ -88,45 +90,46 @@ impl<const D: usize> BlockNormals<D> {
     }
 }
 
-/// What a thread needs for a block.
+/// Buffers of one thread.
 #[derive(Default)]
 pub struct BlockScratch {
-    /// The block and a margin, smoothed along the line.
+    /// Means along the line, of the block and its margin.
     pub line: Vec<f32>,
-    /// Whether all that these are means of is inside the image; if not, what share of each.
+    /// `true` if all samples that contribute to these means are inside the image; otherwise
+    /// `inside_share` has the share inside for each mean.
     pub is_inside: bool,
     pub inside_share: Vec<f32>,
-    /// The block and a small margin, smoothed along a sheet.
+    /// Means along a surface, of the block and its derivative margin.
     pub surface: Vec<f32>,
-    /// C and D of each row that matters, of each angle that does, of each sample of the row.
+    /// C and D, for each needed row, each angle, and each sample of the row.
     pub second_derivative: Vec<f32>,
     pub first_derivative: Vec<f32>,
 }
 
 impl<const D: usize> BlockContext<'_, D> {
-    /// Ridge points of the block that begins at sample `first`.
+    /// Finds the ridge points of the block that begins at sample `first`.
     pub fn find_points(&self, first: [usize; D], scratch: &mut BlockScratch) -> Vec<Candidate<D>> {
-        let (zone, window, dims) = (self.search.ambiguity, self.window, self.window.dims);
+        let (ambiguity, window, dims) = (self.search.ambiguity, self.window, self.window.dims);
         // The ambiguous cells of the block decide on the line.
         let side = BLOCK_SIZE / CELL_SIZE;
         let (mut tensor, mut kinds) = ([[0.0; D]; D], [false; 2]);
         for number in 0..side.pow(D as u32) {
-            let mut rest = number;
+            let mut remaining = number;
             let at: [usize; D] = std::array::from_fn(|k| {
-                let i = first[k] + rest % side * CELL_SIZE;
-                rest /= side;
+                let i = first[k] + remaining % side * CELL_SIZE;
+                remaining /= side;
                 i
             });
             if (0..D).any(|k| at[k] >= dims[k]) {
                 continue;
             }
-            let cell = zone.cell_of(at);
-            kinds[0] |= zone.flags[cell] == MIXED_NORMALS;
-            kinds[1] |= zone.flags[cell] & WIDE_RIDGES != 0;
-            let around = zone.normal_tensor(cell, 1);
+            let cell = ambiguity.cell_of(at);
+            kinds[0] |= ambiguity.flags[cell] == MIXED_NORMALS;
+            kinds[1] |= ambiguity.flags[cell] & WIDE_RIDGES != 0;
+            let cell_tensor = ambiguity.normal_tensor(cell, 1);
             for k in 0..D {
                 for l in 0..D {
-                    tensor[k][l] += around[k][l];
+                    tensor[k][l] += cell_tensor[k][l];
                 }
             }
         }
@@ -138,7 +141,7 @@ impl<const D: usize> BlockContext<'_, D> {
         if modes.is_empty() {
             return found;
         }
-        // Sheets that run side by side may have no sure point here.
+        // Surfaces that run side by side may have no strong point here.
         if trace(&tensor) == 0.0 {
             for n in &modes {
                 for k in 0..D {
@@ -151,15 +154,15 @@ impl<const D: usize> BlockContext<'_, D> {
         let lines = self.candidate_lines(&modes, &tensor);
         let sources = [(CROSSING_SHAPE, window.blurred), (CLOSE_SHAPE, window.raw)];
         for (kind, (shape, source)) in sources.into_iter().enumerate() {
-            let wanted = |at: [usize; D]| {
-                let flags = zone.flags[zone.cell_of(at)];
-                let of_kind = if flags & WIDE_RIDGES != 0 { 1 } else { 0 };
+            let is_wanted = |at: [usize; D]| {
+                let flags = ambiguity.flags[ambiguity.cell_of(at)];
+                let cell_kind = if flags & WIDE_RIDGES != 0 { 1 } else { 0 };
                 flags != 0
-                    && of_kind == kind
+                    && cell_kind == kind
                     && window.smoothed.value_at(at) >= self.search.noise_floor
             };
             if kinds[kind] {
-                let mask = BlockMask::new(dims, first, wanted);
+                let mask = BlockMask::new(dims, first, is_wanted);
                 let (image, begin) = (source.volume, source.to_stack(first));
                 for line in lines.iter().filter(|_| mask.has_any) {
                     let filters = OrientedFilters::new(shape, frame(*line), &modes, kind == 1);
@@ -175,12 +178,12 @@ impl<const D: usize> BlockContext<'_, D> {
         found
     }
 
-    /// The lines in which the sheets of a block may meet: square to each two of the directions that
-    /// normals have there.
+    /// Returns the lines in which the surfaces of a block may meet: the directions square to each
+    /// pair of dominant normals.
     fn candidate_lines(&self, modes: &[[f64; D]], tensor: &SymmetricMatrix<D>) -> Vec<[f64; D]> {
-        let usual = vec![eigenvector(tensor, eigenvalues(tensor)[0])];
+        let default_line = vec![eigenvector(tensor, eigenvalues(tensor)[0])];
         if D == 2 {
-            return usual;
+            return default_line;
         }
         let mut lines: Vec<[f64; D]> = Vec::new();
         for (i, a) in modes.iter().enumerate() {
@@ -193,43 +196,47 @@ impl<const D: usize> BlockContext<'_, D> {
                 }
             }
         }
-        match lines.is_empty() {
-            true => usual,
-            false => lines,
+        if lines.is_empty() {
+            default_line
+        } else {
+            lines
         }
     }
 
-    /// Up to [`MAX_MODES`] directions round which the normals of candidates in and beside a block gather.
+    /// Returns up to [`MAX_MODES`] directions around which the normals of candidates in and near a
+    /// block cluster.
     fn dominant_directions(&self, first: [usize; D]) -> Vec<[f64; D]> {
         let blocks = &self.blocks;
         let mut normals: Vec<([f64; D], f64)> = Vec::new();
-        let own = blocks.index(first.map(|i| i / BLOCK_SIZE));
-        for block in cells_around(blocks, own, 1) {
-            // Of blocks beside it the nearer half.
-            let (here, there) = (blocks.coordinates(own), blocks.coordinates(block));
-            let near: [Range<u8>; D] = std::array::from_fn(|k| match there[k].cmp(&here[k]) {
-                Less => (BLOCK_SIZE / 2) as u8..BLOCK_SIZE as u8,
-                Equal => 0..BLOCK_SIZE as u8,
-                Greater => 0..(BLOCK_SIZE / 2) as u8,
-            });
-            let close = |c: &&NormalSample<D>| (0..D).all(|k| near[k].contains(&c.offset[k]));
-            let some = self.normals.in_block(block).iter().filter(close);
-            normals.extend(some.map(|c| (c.normal.map(f64::from), f64::from(c.strength))));
+        let centre_block = blocks.index(first.map(|i| i / BLOCK_SIZE));
+        for block in cells_around(blocks, centre_block, 1) {
+            // Of neighbouring blocks, the nearer half is used.
+            let (centre, position) = (blocks.coordinates(centre_block), blocks.coordinates(block));
+            let ranges: [Range<u8>; D] =
+                std::array::from_fn(|k| match position[k].cmp(&centre[k]) {
+                    Less => (BLOCK_SIZE / 2) as u8..BLOCK_SIZE as u8,
+                    Equal => 0..BLOCK_SIZE as u8,
+                    Greater => 0..(BLOCK_SIZE / 2) as u8,
+                });
+            let is_near = |c: &&NormalSample<D>| (0..D).all(|k| ranges[k].contains(&c.offset[k]));
+            let selected = self.normals.in_block(block).iter().filter(is_near);
+            normals.extend(selected.map(|c| (c.normal.map(f64::from), f64::from(c.strength))));
         }
-        let every = normals.len() / MAX_MODE_NORMALS + 1;
-        let mut normals: Vec<([f64; D], f64)> = normals.into_iter().step_by(every).collect();
-        let all: f64 = normals.iter().map(|n| n.1).sum();
+        let stride = normals.len() / MAX_MODE_NORMALS + 1;
+        let mut normals: Vec<([f64; D], f64)> = normals.into_iter().step_by(stride).collect();
+        let total_weight: f64 = normals.iter().map(|n| n.1).sum();
         let mut modes = Vec::new();
         while modes.len() < MAX_MODES {
             let Some((start, _)) = normals.iter().max_by(|a, b| a.1.total_cmp(&b.1)).copied()
             else {
                 break;
             };
-            // The best of some starts, moved to the mean of what is round it.
-            let support = |about: [f64; D]| -> ([f64; D], f64) {
+            // The mode is the best of some starting directions, moved to the mean of the normals
+            // around it.
+            let support = |direction: [f64; D]| -> ([f64; D], f64) {
                 let (mut sum, mut weight) = ([0.0; D], 0.0);
                 for (n, w) in &normals {
-                    let c = dot(*n, about);
+                    let c = dot(*n, direction);
                     if c.abs() > SAME_MODE_COSINE {
                         weight += w;
                         for k in 0..D {
@@ -239,14 +246,14 @@ impl<const D: usize> BlockContext<'_, D> {
                 }
                 (unit(sum), weight)
             };
-            let some = normals.iter().step_by(normals.len() / 16 + 1).map(|n| n.0);
-            let best = some
+            let starts = normals.iter().step_by(normals.len() / 16 + 1).map(|n| n.0);
+            let best = starts
                 .chain([start])
                 .map(support)
                 .max_by(|a, b| a.1.total_cmp(&b.1));
             let Some((mode, _)) = best else { break };
             let (mode, weight) = support(mode);
-            if weight < MIN_MODE_SHARE * all {
+            if weight < MIN_MODE_SHARE * total_weight {
                 break;
             }
             modes.push(mode);
@@ -256,13 +263,13 @@ impl<const D: usize> BlockContext<'_, D> {
     }
 }
 
-/// Which samples of a block matter.
+/// Mask of the needed samples of a block.
 pub struct BlockMask {
     pub samples: Vec<bool>,
-    /// Of each row of x.
+    /// For each row of x, `true` if it has needed samples.
     pub rows: Vec<bool>,
-    /// Of each row of x in the block and a margin of [`DERIVATIVE_MARGIN`] round it, those that derivatives at these need,
-    /// counted from the margin's first.
+    /// For each row of x in the block and a margin of [`DERIVATIVE_MARGIN`], the range of samples
+    /// that derivatives at needed samples read, relative to the first sample of the margin.
     pub rows_around: RowRanges,
     pub has_any: bool,
 }
@@ -271,25 +278,25 @@ impl BlockMask {
     pub fn new<const D: usize>(
         dims: [usize; D],
         first: [usize; D],
-        wanted: impl Fn([usize; D]) -> bool,
+        is_wanted: impl Fn([usize; D]) -> bool,
     ) -> Self {
         let rows = BLOCK_SIZE.pow(D as u32 - 1);
-        let wide = BLOCK_SIZE + 2 * DERIVATIVE_MARGIN;
+        let padded_edge = BLOCK_SIZE + 2 * DERIVATIVE_MARGIN;
         let mut mask = Self {
             samples: vec![false; rows * BLOCK_SIZE],
             rows: vec![false; rows],
-            rows_around: RowRanges::empty(wide.pow(D as u32 - 1)),
+            rows_around: RowRanges::empty(padded_edge.pow(D as u32 - 1)),
             has_any: false,
         };
-        let mut parts = RowRanges::empty(rows);
+        let mut ranges = RowRanges::empty(rows);
         for i in 0..rows * BLOCK_SIZE {
             let at = block_sample(i, first);
-            if (0..D).all(|k| at[k] < dims[k]) && wanted(at) {
+            if (0..D).all(|k| at[k] < dims[k]) && is_wanted(at) {
                 mask.samples[i] = true;
                 mask.rows[i / BLOCK_SIZE] = true;
                 mask.has_any = true;
                 let x = i % BLOCK_SIZE;
-                parts.add(
+                ranges.add(
                     i / BLOCK_SIZE,
                     [x, x + 2 * DERIVATIVE_MARGIN + 1].map(|x| x as i8),
                 );
@@ -298,28 +305,30 @@ impl BlockMask {
         for row in (0..rows).filter(|&r| mask.rows[r]) {
             let side = 2 * DERIVATIVE_MARGIN + 1;
             for number in 0..side.pow(D as u32 - 1) {
-                let (mut rest, mut near, mut to, mut stride) = (row, number, 0, 1);
+                let (mut remaining, mut neighbour, mut target, mut stride) = (row, number, 0, 1);
                 for _ in 1..D {
-                    to += (rest % BLOCK_SIZE + near % side) * stride;
-                    rest /= BLOCK_SIZE;
-                    near /= side;
-                    stride *= wide;
+                    target += (remaining % BLOCK_SIZE + neighbour % side) * stride;
+                    remaining /= BLOCK_SIZE;
+                    neighbour /= side;
+                    stride *= padded_edge;
                 }
-                mask.rows_around.add(to, [parts.start[row], parts.end[row]]);
+                mask.rows_around
+                    .add(target, [ranges.start[row], ranges.end[row]]);
             }
         }
         mask
     }
 }
 
-/// Of each of some rows, from where to where samples matter.
+/// Range of needed samples of each row.
 pub struct RowRanges {
     pub start: Vec<i8>,
     pub end: Vec<i8>,
 }
 
 impl RowRanges {
-    /// None of so many rows: a range that is none even when it is moved by 39 along x with others.
+    /// Creates empty ranges for `rows` rows. They stay empty when they are shifted along x by up to
+    /// 39 samples.
     pub fn empty(rows: usize) -> Self {
         Self {
             start: vec![80; rows],
@@ -327,42 +336,44 @@ impl RowRanges {
         }
     }
 
-    /// Of a row those, too, from `start` to `end`.
+    /// Extends the range of a row to include `start` to `end`.
     fn add(&mut self, row: usize, [start, end]: [i8; 2]) {
         self.start[row] = self.start[row].min(start);
         self.end[row] = self.end[row].max(end);
     }
 
-    /// Of the rows from number `to` on those, too, that others have so far off, the first and the last.
+    /// Extends the ranges of successive rows from `first_row` on to include those of `other`,
+    /// shifted by `first` (start) and `last` (end).
     #[inline(always)]
-    pub fn add_shifted(&mut self, to: usize, other: [&[i8]; 2], [first, last]: [i8; 2]) {
-        for (start, other) in self.start[to..].iter_mut().zip(other[0]) {
+    pub fn add_shifted(&mut self, first_row: usize, other: [&[i8]; 2], [first, last]: [i8; 2]) {
+        for (start, other) in self.start[first_row..].iter_mut().zip(other[0]) {
             *start = (*start).min(other + first);
         }
-        for (end, other) in self.end[to..].iter_mut().zip(other[1]) {
+        for (end, other) in self.end[first_row..].iter_mut().zip(other[1]) {
             *end = (*end).max(other + last);
         }
     }
 
     pub fn range(&self, row: usize) -> Range<usize> {
-        match self.start[row] < self.end[row] {
-            true => self.start[row] as usize..self.end[row] as usize,
-            false => 0..0,
+        if self.start[row] < self.end[row] {
+            self.start[row] as usize..self.end[row] as usize
+        } else {
+            0..0
         }
     }
 }
 
-/// The sample of the image that is number `i` of a block.
+/// Returns the image coordinates of sample `i` of a block.
 pub fn block_sample<const D: usize>(i: usize, first: [usize; D]) -> [usize; D] {
-    let mut rest = i;
+    let mut remaining = i;
     std::array::from_fn(|k| {
-        let j = first[k] + rest % BLOCK_SIZE;
-        rest /= BLOCK_SIZE;
+        let j = first[k] + remaining % BLOCK_SIZE;
+        remaining /= BLOCK_SIZE;
         j
     })
 }
 
-/// Of points that different lines gave for one sheet in one column, the strongest.
+/// Keeps the strongest of points of one surface in one column that different lines gave.
 fn deduplicate<const D: usize>(mut found: Vec<Candidate<D>>) -> Vec<Candidate<D>> {
     found.sort_by(|a, b| {
         (a.voxel, a.axis)
@@ -371,20 +382,20 @@ fn deduplicate<const D: usize>(mut found: Vec<Candidate<D>>) -> Vec<Candidate<D>
     });
     let mut kept: Vec<Candidate<D>> = Vec::with_capacity(found.len());
     for c in found {
-        let same = |k: &&Candidate<D>| (k.voxel, k.axis) == (c.voxel, c.axis);
-        let known = kept
+        let is_same_column = |k: &&Candidate<D>| (k.voxel, k.axis) == (c.voxel, c.axis);
+        let is_duplicate = kept
             .iter()
             .rev()
-            .take_while(same)
+            .take_while(is_same_column)
             .any(|k| dot(k.normal, c.normal).abs() > SAME_SURFACE_COSINE);
-        if !known {
+        if !is_duplicate {
             kept.push(c);
         }
     }
     kept
 }
 
-/// The line in which sheets meet (in 2-D none), and two directions square to it.
+/// Returns the line in which surfaces meet (in 2-D zero), and two directions square to it.
 fn frame<const D: usize>(line: [f64; D]) -> [[f64; D]; 3] {
     let mut frame = [[0.0; D]; 3];
     if D == 2 {
@@ -393,7 +404,7 @@ fn frame<const D: usize>(line: [f64; D]) -> [[f64; D]; 3] {
         return frame;
     }
     let line = to_3d(line);
-    let least = (0..3).fold(0, |best, k| {
+    let smallest = (0..3).fold(0, |best, k| {
         if line[k].abs() < line[best].abs() {
             k
         } else {
@@ -401,7 +412,7 @@ fn frame<const D: usize>(line: [f64; D]) -> [[f64; D]; 3] {
         }
     });
     let mut other = [0.0; 3];
-    other[least] = 1.0;
+    other[smallest] = 1.0;
     let a = cross(line, other);
     let length = dot(a, a).sqrt();
     let a = a.map(|c| c / length);

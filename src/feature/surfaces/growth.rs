@@ -1,6 +1,8 @@
-//! One sheet, grown level by level: all that the last level is beside is blocked, and then all that continues it
-//! is the next. Nothing depends on an order within a level, so that ranks grow a sheet together as one would alone:
-//! each looks round every member that it sees, takes its own candidates, and tells the others which.
+//! Grows one surface level by level. First the candidates parallel to the last level are blocked,
+//! then all candidates that continue it become the next level. The result does not depend on an
+//! order within a level, so that ranks that grow a surface together get the same surface as one
+//! rank alone: each rank searches around all members that it sees, takes its own candidates, and
+//! sends their indices to the other ranks.
 
 use super::{OpenSides, SurfaceRules};
 use crate::error::Result;
@@ -12,52 +14,57 @@ use crate::parallel::prelude::*;
 use crate::progress::{CancelToken, Stage};
 use std::ops::Range;
 
-/// Of no sheet ...
+/// State of a candidate that belongs to no surface.
 pub(super) const UNASSIGNED: u32 = u32::MAX;
-/// ... and never of one, since it is parallel to a sheet and too near it, ...
+/// State of a candidate that is parallel to a surface and too near to it.
 pub(super) const BLOCKED: u32 = u32::MAX - 1;
-/// ... in a piece that is too small, ...
+/// State of a candidate in a surface that is too small.
 pub(super) const FRAGMENT: u32 = u32::MAX - 2;
-/// ... or in a part that is too narrow. What is less is the number of a sheet.
+/// State of a candidate in a part of a surface that is too narrow. Smaller values are numbers of
+/// surfaces.
 pub(super) const NARROW: u32 = u32::MAX - 3;
 
-/// Round a point, those of its own sheet agree with its normal at least this much (cosine).
+/// Smallest cosine between the normals of points around a point that belong to its surface.
 const SAME_SURFACE_COSINE: f32 = 0.8;
-/// Nearer than this (samples), a parallel point is taken for part of the same sheet.
+/// Distance (samples) below which a parallel point is taken for part of the same surface.
 const SAME_SURFACE_DISTANCE: f32 = 1.5;
 
-/// The mean of the points round a point is this far off (samples) where a sheet ends.
+/// Smallest distance (samples) of a point from the mean of the points around it where its surface
+/// ends.
 const MIN_RIM_OFFSET: f32 = 0.25;
 
-/// As many times the least area of a sheet, as strong as can be wished, are no noise.
+/// Strong area, in units of the smallest area of a surface, that proves that a surface is not
+/// noise.
 const STRONG_AREA_RATIO: f64 = 4.0;
 
-/// A small sheet that lies within this of others (samples) cannot be told from them: where a sheet is cut off
-/// sharply, filters that stand askew there see its corners.
+/// Distance (samples) to stronger surfaces within which a small surface cannot be told from them:
+/// where a surface is cut off sharply, oblique filters respond to its corners.
 const SHADOW_RADIUS: f32 = 2.0;
-/// ... with this share of its points.
+/// Share of a small surface's points near other surfaces above which it is dropped.
 const MIN_SHADOW_SHARE: f64 = 0.9;
 
-/// A point passes its sheet on if it has this many neighbours in it: inside a sheet there are eight,
-/// along its straight rim five; along a curve there are two, at its end one.
+/// Returns the number of neighbours in its surface that a point needs to pass the surface on.
+/// Inside a surface there are eight, along a straight rim five; along a curve there are two, at its
+/// end one.
 const fn core_neighbour_count(dimensions: usize) -> usize {
     if dimensions == 3 { 4 } else { 1 }
 }
 
-/// A place is inside a sheet that fills this share of the columns round it. Along a straight rim half
-/// are filled: it is kept for what is inside beside it.
+/// Share of the columns around a sample that a surface must fill for the sample to be inside it.
+/// Along a straight rim half of them are filled; points there are kept because points inside are
+/// near.
 const MIN_FILL_SHARE: f64 = 0.8;
 
-/// So many members of a sheet are looked at at a time.
+/// Number of members of a surface that are processed at a time.
 const BATCH_SIZE: usize = 64;
 
-/// How wide candidates are in the columns of each axis: added up in whole numbers, whose sum does not depend
-/// on their order.
+/// Sum of the areas of candidates in the columns of each axis, in integers, so that the sum does
+/// not depend on the order of addition.
 #[derive(Clone, Copy, Default)]
 struct AreaSum([u64; 3]);
 
 impl AreaSum {
-    /// What a level sheet has in one column is one, and what any has is at most so much.
+    /// Area of a surface square to the column's axis in one column, and largest area in one column.
     const UNIT_AREA: f32 = (1 << 24) as f32;
     const MAX_COLUMN_AREA: f32 = 1e6;
 
@@ -67,28 +74,28 @@ impl AreaSum {
             (Self::UNIT_AREA * (1.0 / c.normal[axis].abs()).min(Self::MAX_COLUMN_AREA)) as u64;
     }
 
-    /// The area in square lattice units.
+    /// Returns the area in square lattice units.
     fn area<const D: usize>(&self, step: [f32; D]) -> f64 {
         let cell = |axis: usize| -> f32 { (1..D).map(|k| step[(axis + k) % D]).product() };
-        let of_axis = |axis| f64::from(cell(axis)) * self.0[axis] as f64;
-        (0..D).map(of_axis).sum::<f64>() / f64::from(Self::UNIT_AREA)
+        let axis_area = |axis| f64::from(cell(axis)) * self.0[axis] as f64;
+        (0..D).map(axis_area).sum::<f64>() / f64::from(Self::UNIT_AREA)
     }
 }
 
-/// Where what is parallel to a candidate may be: in the columns that its normal passes.
+/// Search for parallel candidates in the columns that a candidate's normal passes.
 struct ParallelSearch<const D: usize> {
-    /// Lattice units along the lattice's own normal that one sample along the samples' is.
+    /// Lattice units along the normal in lattice space per sample along the normal in sample space.
     unit_length: f32,
-    /// Samples to either side along the candidate's axis.
+    /// Number of samples to either side along the candidate's axis.
     reach: i32,
-    /// Samples along each axis for one along the candidate's.
+    /// Samples along each axis per sample along the candidate's axis.
     slope: [f32; D],
 }
 
 impl<const D: usize> ParallelSearch<D> {
     fn new(c: &Candidate<D>, step: [f32; D], resolution: f32) -> Self {
         let axis = c.axis as usize;
-        // Samples passed along each axis per lattice unit along the lattice-space normal.
+        // Samples passed along each axis per lattice unit along the normal in lattice space.
         let scaled: [f32; D] = std::array::from_fn(|k| c.normal[k] / step[k]);
         let unit_length = 1.0 / dot(scaled, scaled).sqrt();
         let speed: [f32; D] = std::array::from_fn(|k| scaled[k] * unit_length / step[k]);
@@ -100,39 +107,43 @@ impl<const D: usize> ParallelSearch<D> {
     }
 }
 
-/// How many layers to either side growth looks.
+/// Returns the number of layers to either side that growth needs.
 pub(super) fn halo_layers<const D: usize>(
     candidates: &[Candidate<D>],
     step: [f64; D],
     rules: &SurfaceRules<D>,
 ) -> usize {
     let step = step.map(|h| h as f32);
-    let of_one = |c: &Candidate<D>| {
-        let beside = ParallelSearch::new(c, step, rules.resolution as f32);
-        (beside.reach as f32 * beside.slope[D - 1].abs()).round() as usize
+    let layers_crossed = |c: &Candidate<D>| {
+        let search = ParallelSearch::new(c, step, rules.resolution as f32);
+        (search.reach as f32 * search.slope[D - 1].abs()).round() as usize
     };
-    let beside = candidates.par_iter().map(of_one).max().unwrap_or(0);
-    // A member of the halo takes what is beside it if enough of what is beside that is not blocked.
-    (beside + 3).max(rules.min_width / 2)
+    let search_reach = candidates.par_iter().map(layers_crossed).max().unwrap_or(0);
+    // A member in the halo takes a neighbour only if enough of that neighbour's neighbours are not
+    // blocked.
+    (search_reach + 3).max(rules.min_width / 2)
 }
 
-/// Sheets, as they grow.
+/// State of the growth of surfaces.
 pub(super) struct SurfaceGrowth<'a, const D: usize> {
     pub slab: &'a CandidateSlab<'a, D>,
     grid: CandidateIndex<'a, D>,
     step: [f32; D],
     rules: &'a SurfaceRules<D>,
     cancel: &'a CancelToken<'a>,
-    /// What became of each candidate.
+    /// State of each candidate: [`UNASSIGNED`], [`BLOCKED`], [`FRAGMENT`], [`NARROW`], or the
+    /// number of its surface.
     pub state: Vec<u32>,
-    /// Of the last sheet: its members, this rank's own and those that others told of, ...
+    /// Members of the current surface: those of this rank and those that other ranks sent.
     members: Vec<usize>,
-    /// ... what was taken from it as too narrow, and what it blocked.
+    /// Members that were removed from the current surface as too narrow, and candidates that it
+    /// blocked.
     narrow_members: Vec<usize>,
     blocked_candidates: Vec<usize>,
-    /// Whether all ranks grow it.
+    /// `true` if all ranks grow the current surface together.
     is_collective: bool,
-    /// For each candidate, while its sheet is trimmed, whether it is inside.
+    /// For each candidate, `true` if it is inside its surface; only used while a surface is
+    /// trimmed.
     is_inside: Vec<bool>,
 }
 
@@ -162,9 +173,10 @@ impl<'a, const D: usize> SurfaceGrowth<'a, D> {
         }
     }
 
-    /// Grows the sheet of a seed by this rank alone; whether it is one, and `None`, and all as it was before, if it
-    /// comes where others see it.
-    pub fn grow_locally(&mut self, seed: usize, sheet: u32) -> Result<Option<bool>> {
+    /// Grows the surface of a seed by this rank alone. Returns `true` if the surface is accepted,
+    /// and `false` if its candidates are fragments. Returns `None`, with the state unchanged, if
+    /// other ranks see the surface.
+    pub fn grow_locally(&mut self, seed: usize, surface: u32) -> Result<Option<bool>> {
         self.is_collective = false;
         if self.is_isolated(seed) {
             self.reset();
@@ -172,8 +184,8 @@ impl<'a, const D: usize> SurfaceGrowth<'a, D> {
             self.state[seed] = FRAGMENT;
             return Ok(Some(false));
         }
-        match self.grow(Some(seed), sheet)? {
-            Some(areas) => Ok(Some(self.accept_or_discard(sheet, areas)?)),
+        match self.grow(Some(seed), surface)? {
+            Some(areas) => Ok(Some(self.accept_or_discard(surface, areas)?)),
             None => {
                 self.discard(UNASSIGNED);
                 Ok(None)
@@ -181,26 +193,28 @@ impl<'a, const D: usize> SurfaceGrowth<'a, D> {
         }
     }
 
-    /// Begins with another sheet.
+    /// Clears the lists for the next surface.
     fn reset(&mut self) {
-        let all = [
+        let lists = [
             &mut self.members,
             &mut self.narrow_members,
             &mut self.blocked_candidates,
         ];
-        all.into_iter().for_each(Vec::clear);
+        lists.into_iter().for_each(Vec::clear);
     }
 
-    /// Grows a sheet by all ranks, of which one has the seed; whether it is one.
-    pub fn grow_collectively(&mut self, seed: Option<usize>, sheet: u32) -> Result<bool> {
+    /// Grows a surface by all ranks, of which one owns the seed. Returns `true` if the surface is
+    /// accepted.
+    pub fn grow_collectively(&mut self, seed: Option<usize>, surface: u32) -> Result<bool> {
         self.is_collective = true;
-        match self.grow(seed, sheet)? {
-            Some(areas) => self.accept_or_discard(sheet, areas),
+        match self.grow(seed, surface)? {
+            Some(areas) => self.accept_or_discard(surface, areas),
             None => Ok(false),
         }
     }
 
-    /// Whether nothing continues a seed, which alone is no sheet; and no other rank has anything that might.
+    /// Returns `true` if no candidate continues a seed, here or on another rank, and the seed alone
+    /// is too small to be a surface.
     fn is_isolated(&self, seed: usize) -> bool {
         let c = &self.grid.candidates[seed];
         let mut area = AreaSum::default();
@@ -208,48 +222,55 @@ impl<'a, const D: usize> SurfaceGrowth<'a, D> {
         if area.area(self.step) >= self.rules.min_area || self.rules.is_open() {
             return false;
         }
-        let mut joined = Vec::new();
-        self.add_continuations(seed, UNASSIGNED, &mut joined);
-        joined.is_empty() && self.slab.owns_neighbours(seed)
+        let mut continuations = Vec::new();
+        self.add_continuations(seed, UNASSIGNED, &mut continuations);
+        continuations.is_empty() && self.slab.owns_neighbours(seed)
     }
 
-    /// What is not free any more after the last sheet was grown.
+    /// Returns the candidates that the last surface took or blocked.
     pub fn changed_candidates(&self) -> impl Iterator<Item = usize> {
-        let all = [
+        let lists = [
             &self.members,
             &self.narrow_members,
             &self.blocked_candidates,
         ];
-        all.into_iter().flatten().copied()
+        lists.into_iter().flatten().copied()
     }
 
-    /// Tells others of own crumbs that they see, and hears of theirs.
-    pub fn exchange_fragments(&mut self, own: &[usize]) -> Result<()> {
-        let told = self.slab.exchange_marks("crumbs", own)?;
-        for i in told.into_iter().flatten() {
+    /// Sends this rank's fragments that other ranks see to these ranks, and marks the fragments
+    /// that they send.
+    pub fn exchange_fragments(&mut self, owned: &[usize]) -> Result<()> {
+        let received = self.slab.exchange_marks("fragments", owned)?;
+        for i in received.into_iter().flatten() {
             self.state[i] = FRAGMENT;
         }
         Ok(())
     }
 
-    /// Whether the last sheet keeps the rules; if not, its members are crumbs and what it blocked is free again.
-    fn accept_or_discard(&mut self, sheet: u32, [mut area, sure]: [f64; 2]) -> Result<bool> {
+    /// Returns `true` if the last surface meets the rules. If not, its members become fragments,
+    /// and the candidates that it blocked are unassigned again.
+    fn accept_or_discard(
+        &mut self,
+        surface: u32,
+        [mut area, strong_area]: [f64; 2],
+    ) -> Result<bool> {
         let rules = self.rules;
-        let large = STRONG_AREA_RATIO * rules.min_area;
-        let unsure = sure < (rules.min_strong_share * area).min(large)
-            || area < large && self.is_shadowed(sheet)?;
+        let large_area = STRONG_AREA_RATIO * rules.min_area;
+        let is_uncertain = strong_area < (rules.min_strong_share * area).min(large_area)
+            || area < large_area && self.is_shadowed(surface)?;
         if rules.min_width > 0 && area >= rules.min_area {
-            area = self.trim(sheet, rules.min_width as i32 / 2)?;
+            area = self.trim(surface, rules.min_width as i32 / 2)?;
         }
-        let is_sheet =
-            (area >= rules.min_area && !unsure) || self.reaches_open_side(&rules.open_sides)?;
-        if !is_sheet {
+        let is_surface = (area >= rules.min_area && !is_uncertain)
+            || self.reaches_open_side(&rules.open_sides)?;
+        if !is_surface {
             self.discard(FRAGMENT);
         }
-        Ok(is_sheet)
+        Ok(is_surface)
     }
 
-    /// Members take this state, and what the sheet blocked is free again.
+    /// Sets the state of the last surface's members; the candidates that it blocked are unassigned
+    /// again.
     fn discard(&mut self, state: u32) {
         for &i in &self.members {
             self.state[i] = state;
@@ -260,13 +281,13 @@ impl<'a, const D: usize> SurfaceGrowth<'a, D> {
         self.blocked_candidates.clear();
     }
 
-    /// Grows a sheet; its area in square lattice units, and that of what is strong of it. `None` if but one rank
-    /// grows it and it comes where others see it.
-    fn grow(&mut self, seed: Option<usize>, sheet: u32) -> Result<Option<[f64; 2]>> {
+    /// Grows a surface. Returns its area in square lattice units and its strong area, or `None` if
+    /// one rank grows it alone and other ranks see it.
+    fn grow(&mut self, seed: Option<usize>, surface: u32) -> Result<Option<[f64; 2]>> {
         self.reset();
-        let [mut all, mut strong] = [AreaSum::default(); 2];
+        let [mut total, mut strong] = [AreaSum::default(); 2];
         let mut next: Vec<usize> = seed.into_iter().collect();
-        next.iter().for_each(|&i| self.state[i] = sheet);
+        next.iter().for_each(|&i| self.state[i] = surface);
         loop {
             self.cancel.check(Stage::Features)?;
             let first = self.members.len();
@@ -276,67 +297,72 @@ impl<'a, const D: usize> SurfaceGrowth<'a, D> {
             }
             for &i in &next {
                 let c = &self.grid.candidates[i];
-                all.add(c);
+                total.add(c);
                 if c.strength >= self.rules.high {
                     strong.add(c);
                 }
             }
-            let told = match self.is_collective {
-                true => self.slab.exchange_marks("members of a sheet", &next)?,
-                false => (!next.is_empty()).then(Vec::new),
+            let received = if self.is_collective {
+                self.slab.exchange_marks("members of a surface", &next)?
+            } else {
+                (!next.is_empty()).then(Vec::new)
             };
-            let Some(told) = told else { break };
-            told.iter().for_each(|&i| self.state[i] = sheet);
-            self.members.extend(told);
+            let Some(received) = received else { break };
+            received.iter().for_each(|&i| self.state[i] = surface);
+            self.members.extend(received);
             let level = first..self.members.len();
-            let beside = self.map_members(level.clone(), |i, beside| self.add_parallel(i, beside));
-            self.block(beside);
-            let joined =
-                self.map_members(level, |i, joined| self.add_continuations(i, sheet, joined));
+            let parallel =
+                self.map_members(level.clone(), |i, parallel| self.add_parallel(i, parallel));
+            self.block(parallel);
+            let continuations = self.map_members(level, |i, continuations| {
+                self.add_continuations(i, surface, continuations)
+            });
             next.clear();
-            for j in joined.into_iter().map(|j| j as usize) {
+            for j in continuations.into_iter().map(|j| j as usize) {
                 if self.state[j] == UNASSIGNED {
-                    self.state[j] = sheet;
+                    self.state[j] = surface;
                     next.push(j);
                 }
             }
         }
-        let [all, strong] = [self.reduce_sums(all.0)?, self.reduce_sums(strong.0)?].map(AreaSum);
-        Ok(Some([all, strong].map(|spread| spread.area(self.step))))
+        let [total, strong] =
+            [self.reduce_sums(total.0)?, self.reduce_sums(strong.0)?].map(AreaSum);
+        Ok(Some([total, strong].map(|sums| sums.area(self.step))))
     }
 
-    /// Sums over those who grow the sheet.
-    fn reduce_sums<const N: usize>(&self, own: [u64; N]) -> Result<[u64; N]> {
-        match self.is_collective {
-            true => self.slab.global_sums("figures of a sheet", own),
-            false => Ok(own),
+    /// Sums over the ranks that grow the surface.
+    fn reduce_sums<const N: usize>(&self, local: [u64; N]) -> Result<[u64; N]> {
+        if self.is_collective {
+            self.slab.global_sums("sums over a surface", local)
+        } else {
+            Ok(local)
         }
     }
 
-    /// What `find` finds for each of these members, by all threads.
+    /// Returns the results of `find` for each of these members, computed in parallel.
     fn map_members(
         &self,
         members: Range<usize>,
         find: impl Fn(usize, &mut Vec<u32>) + Sync,
     ) -> Vec<u32> {
         let members = &self.members[members];
-        let of_some = |members: &[usize]| {
+        let find_all = |members: &[usize]| {
             let mut found = Vec::new();
             members.iter().for_each(|&i| find(i, &mut found));
             found
         };
         match members.len() {
-            ..=BATCH_SIZE => of_some(members),
+            ..=BATCH_SIZE => find_all(members),
             _ => {
-                let parts: Vec<Vec<u32>> = members.par_chunks(BATCH_SIZE).map(of_some).collect();
+                let parts: Vec<Vec<u32>> = members.par_chunks(BATCH_SIZE).map(find_all).collect();
                 parts.concat()
             }
         }
     }
 
-    /// Blocks those candidates that are free.
-    fn block(&mut self, beside: Vec<u32>) {
-        for o in beside.into_iter().map(|o| o as usize) {
+    /// Blocks those candidates that are unassigned.
+    fn block(&mut self, candidates: Vec<u32>) {
+        for o in candidates.into_iter().map(|o| o as usize) {
             if self.state[o] == UNASSIGNED {
                 self.state[o] = BLOCKED;
                 self.blocked_candidates.push(o);
@@ -344,42 +370,44 @@ impl<'a, const D: usize> SurfaceGrowth<'a, D> {
         }
     }
 
-    /// Adds this rank's own free candidates of the 26 neighbouring samples that continue the sheet, if with those
-    /// of its own there are enough: a sheet does not spread over bridges a sample or two wide.
-    fn add_continuations(&self, i: usize, sheet: u32, joined: &mut Vec<u32>) {
+    /// Adds this rank's unassigned candidates in the 26 neighbouring samples that continue the
+    /// surface. Nothing is added if the neighbours that belong to the surface or continue it are
+    /// too few: a surface does not spread over bridges one or two samples wide.
+    fn add_continuations(&self, i: usize, surface: u32, continuations: &mut Vec<u32>) {
         let (grid, agreement) = (&self.grid, self.rules.agreement);
         let c = &grid.candidates[i];
-        let (before, mut count) = (joined.len(), 0);
+        let (len_before, mut count) = (continuations.len(), 0);
         grid.for_each_around(grid.coordinates(c), 1, |j| {
             let state = self.state[j];
-            if j == i || !(state == UNASSIGNED || state == sheet) {
+            if j == i || !(state == UNASSIGNED || state == surface) {
                 return;
             }
             let other = &grid.candidates[j];
-            let apart = sub(other.position, c.position);
+            let offset = sub(other.position, c.position);
             let continues = dot(other.normal, c.normal).abs() >= agreement.min_normal_cosine
-                && dot(apart, c.normal).abs() < agreement.max_plane_distance
-                && dot(apart, other.normal).abs() < agreement.max_plane_distance;
+                && dot(offset, c.normal).abs() < agreement.max_plane_distance
+                && dot(offset, other.normal).abs() < agreement.max_plane_distance;
             if continues {
                 count += 1;
                 if state == UNASSIGNED && self.slab.owned.contains(&j) {
-                    joined.push(j as u32);
+                    continuations.push(j as u32);
                 }
             }
         });
         if count < core_neighbour_count(D) {
-            joined.truncate(before);
+            continuations.truncate(len_before);
         }
     }
 
-    /// Adds the free candidates parallel to candidate `i` on either side of it, along its normal.
-    fn add_parallel(&self, i: usize, beside: &mut Vec<u32>) {
+    /// Adds the unassigned candidates parallel to candidate `i` on either side of it, along its
+    /// normal.
+    fn add_parallel(&self, i: usize, parallel: &mut Vec<u32>) {
         let (grid, rules) = (&self.grid, self.rules);
         let resolution = rules.resolution as f32;
         let c = &grid.candidates[i];
         let at = grid.coordinates(c);
         let ParallelSearch {
-            unit_length: unit,
+            unit_length,
             reach,
             slope,
         } = ParallelSearch::new(c, self.step, resolution);
@@ -390,28 +418,28 @@ impl<'a, const D: usize> SurfaceGrowth<'a, D> {
                     return;
                 }
                 let other = &grid.candidates[o];
-                let across = dot(sub(other.position, c.position), c.normal).abs();
+                let distance = dot(sub(other.position, c.position), c.normal).abs();
                 if dot(other.normal, c.normal).abs() >= rules.agreement.min_parallel_cosine
-                    && across > SAME_SURFACE_DISTANCE
-                    && across * unit < resolution
+                    && distance > SAME_SURFACE_DISTANCE
+                    && distance * unit_length < resolution
                 {
-                    beside.push(o as u32);
+                    parallel.push(o as u32);
                 }
             });
         }
     }
 
-    /// Members that are this rank's own.
+    /// Returns the members that this rank owns.
     fn owned_members(&self) -> impl Parallel<Item = usize> {
-        let own = &self.slab.owned;
+        let owned = &self.slab.owned;
         let members = self.members.par_iter().copied();
-        members.filter(|i| own.contains(i))
+        members.filter(|i| owned.contains(i))
     }
 
-    /// Takes from the last sheet what is farther than `reach` samples from all places that are inside it
-    /// (an opening, in the terms of morphology); returns the area that is left.
-    fn trim(&mut self, sheet: u32, reach: i32) -> Result<f64> {
-        let (grid, state, patience) = (&self.grid, &self.state, self.cancel);
+    /// Removes the parts of the last surface that are farther than `reach` samples from all of its
+    /// interior points (a morphological opening). Returns the remaining area.
+    fn trim(&mut self, surface: u32, reach: i32) -> Result<f64> {
+        let (grid, state, cancel) = (&self.grid, &self.state, self.cancel);
         let dims = grid.dims.map(|n| n as i32);
         let is_inside = |&i: &usize| {
             let c = &grid.candidates[i];
@@ -420,73 +448,76 @@ impl<'a, const D: usize> SurfaceGrowth<'a, D> {
                 .map(|k| (c.axis as usize + k) % D)
                 .map(|k| (at[k] + reach).min(dims[k] - 1) - (at[k] - reach).max(0) + 1)
                 .product();
-            let mut own = 0;
-            grid.for_each_around(at, reach, |j| own += i32::from(state[j] == sheet));
-            !patience.is_cancelled() && f64::from(own) >= MIN_FILL_SHARE * f64::from(columns)
+            let mut filled = 0;
+            grid.for_each_around(at, reach, |j| filled += i32::from(state[j] == surface));
+            !cancel.is_cancelled() && f64::from(filled) >= MIN_FILL_SHARE * f64::from(columns)
         };
         let mut inside: Vec<usize> = self.owned_members().filter(is_inside).collect();
         inside.extend(self.exchange_members(&inside)?);
         inside.iter().for_each(|&i| self.is_inside[i] = true);
-        let (grid, inner) = (&self.grid, &self.is_inside);
+        let (grid, is_inside) = (&self.grid, &self.is_inside);
         let is_narrow = |&i: &usize| {
-            let mut near = inner[i];
-            if !near && !patience.is_cancelled() {
+            let mut is_near_inside = is_inside[i];
+            if !is_near_inside && !cancel.is_cancelled() {
                 let at = grid.coordinates(&grid.candidates[i]);
-                grid.for_each_around(at, reach, |j| near |= inner[j]);
+                grid.for_each_around(at, reach, |j| is_near_inside |= is_inside[j]);
             }
-            !near
+            !is_near_inside
         };
         let mut narrow: Vec<usize> = self.owned_members().filter(is_narrow).collect();
-        // None is marked afterwards: sheets are many, and candidates of all of them more.
+        // Only the marks of this surface are reset: there are many surfaces, and clearing all marks
+        // would be slow.
         inside.iter().for_each(|&i| self.is_inside[i] = false);
         narrow.extend(self.exchange_members(&narrow)?);
         narrow.iter().for_each(|&i| self.state[i] = NARROW);
         self.narrow_members = narrow;
         let state = &self.state;
-        self.members.retain(|&i| state[i] == sheet);
-        let mut left = AreaSum::default();
+        self.members.retain(|&i| state[i] == surface);
+        let mut remaining = AreaSum::default();
         for &i in self.members.iter().filter(|i| self.slab.owned.contains(i)) {
-            left.add(&self.grid.candidates[i]);
+            remaining.add(&self.grid.candidates[i]);
         }
-        Ok(AreaSum(self.reduce_sums(left.0)?).area(self.step))
+        Ok(AreaSum(self.reduce_sums(remaining.0)?).area(self.step))
     }
 
-    /// Those of the halo that other ranks mean, of whom each tells of its own.
-    fn exchange_members(&self, own: &[usize]) -> Result<Vec<usize>> {
-        match self.is_collective {
-            true => Ok(self
+    /// Sends this rank's members to the other ranks, and returns those of the halo that they sent.
+    fn exchange_members(&self, owned: &[usize]) -> Result<Vec<usize>> {
+        if self.is_collective {
+            Ok(self
                 .slab
-                .exchange_marks("parts of a sheet", own)?
-                .unwrap_or_default()),
-            false => Ok(Vec::new()),
+                .exchange_marks("parts of a surface", owned)?
+                .unwrap_or_default())
+        } else {
+            Ok(Vec::new())
         }
     }
 
-    /// Whether the last sheet lies in the shadow of those before it.
-    fn is_shadowed(&self, sheet: u32) -> Result<bool> {
+    /// Returns `true` if nearly all points of the last surface are near points of earlier surfaces.
+    fn is_shadowed(&self, surface: u32) -> Result<bool> {
         let grid = &self.grid;
-        let of_another = |&i: &usize| {
+        let is_near_another = |&i: &usize| {
             let c = &grid.candidates[i];
-            let mut near = false;
+            let mut is_near = false;
             grid.for_each_around(grid.coordinates(c), SHADOW_RADIUS as i32, |j| {
-                let apart = sub(grid.candidates[j].position, c.position);
-                let other = self.state[j] < NARROW && self.state[j] != sheet;
-                near |= other && dot(apart, apart) < SHADOW_RADIUS * SHADOW_RADIUS;
+                let offset = sub(grid.candidates[j].position, c.position);
+                let is_other = self.state[j] < NARROW && self.state[j] != surface;
+                is_near |= is_other && dot(offset, offset) < SHADOW_RADIUS * SHADOW_RADIUS;
             });
-            !self.cancel.is_cancelled() && near
+            !self.cancel.is_cancelled() && is_near
         };
-        let shaded = self.owned_members().filter(of_another).count() as u64;
-        let [shaded, all] = self.reduce_sums([shaded, self.owned_members().count() as u64])?;
-        Ok(shaded as f64 >= MIN_SHADOW_SHARE * all as f64)
+        let shadowed = self.owned_members().filter(is_near_another).count() as u64;
+        let [shadowed, total] =
+            self.reduce_sums([shadowed, self.owned_members().count() as u64])?;
+        Ok(shadowed as f64 >= MIN_SHADOW_SHARE * total as f64)
     }
 
-    /// Whether the last sheet reaches an open side.
-    fn reaches_open_side(&self, open: &OpenSides<D>) -> Result<bool> {
+    /// Returns `true` if the last surface reaches an open side.
+    fn reaches_open_side(&self, open_sides: &OpenSides<D>) -> Result<bool> {
         let at_side = |i: usize| {
             let at = self.grid.coordinates(&self.grid.candidates[i]);
             (0..D).any(|k| {
                 let last = self.grid.dims[k] as i32 - 1;
-                open[k][0] && at[k] <= 1 || open[k][1] && at[k] >= last - 1
+                open_sides[k][0] && at[k] <= 1 || open_sides[k][1] && at[k] >= last - 1
             })
         };
         if !self.rules.is_open() {
@@ -496,7 +527,7 @@ impl<'a, const D: usize> SurfaceGrowth<'a, D> {
         Ok(self.reduce_sums([u64::from(reaches)])? != [0])
     }
 
-    /// Whether the sheets' points round a point lie mostly to one side of it.
+    /// Returns `true` if the surface points around a point lie mostly to one side of it.
     pub fn is_rim_at(&self, c: &Candidate<D>) -> bool {
         let (mut sum, mut count) = ([0.0f32; D], 0);
         self.grid.for_each_around(self.grid.coordinates(c), 1, |j| {
@@ -508,7 +539,7 @@ impl<'a, const D: usize> SurfaceGrowth<'a, D> {
                 }
             }
         });
-        // Whole neighbourhoods balance; along a straight rim the mean is a third of a sample off.
+        // Full neighbourhoods balance; along a straight rim the mean is a third of a sample off.
         count < 1 << (D - 1) || dot(sum, sum).sqrt() > MIN_RIM_OFFSET * count as f32
     }
 }

@@ -1,13 +1,13 @@
-//! From candidates to sheets: hysteresis, resolution, no crumbs and no fringes.
+//! Groups candidates into feature surfaces, by hysteresis; removes surfaces that are too near to
+//! stronger ones, fragments, and narrow parts.
 //!
-//! Sheets are grown one after the other, each from the strongest candidate left, over neighbouring
-//! samples whose points lie in one another's planes. A sheet blocks whatever lies parallel to it and
-//! nearer than a lattice can resolve, so the choice between two close parallel sheets is made once
-//! for a whole sheet and not sample by sample.
-
+//! Surfaces are grown one after the other, each from the strongest candidate that is left, over
+//! neighbouring samples whose points lie in each other's tangent planes. A surface blocks
+//! candidates that are parallel to it and nearer than the lattice can resolve. So the choice
+//! between two close parallel surfaces is made once for a whole surface, and not sample by sample.
 //!
-//! - `growth`: one sheet
-//! - `seeds`: which is next, where ranks share the candidates
+//! - `growth`: growth of one surface
+//! - `seeds`: order of the seeds, also if ranks share the candidates
 
 mod growth;
 mod seeds;
@@ -26,64 +26,68 @@ use serde::Serialize;
 use std::collections::HashMap;
 use std::ops::{AddAssign, Range};
 
-/// Along each axis, whether the image goes on beyond its low and its high side: true for the sides
-/// along which a part was cut from a larger image.
+/// For each axis, `true` if the image goes on beyond its low and its high side: the sides along
+/// which a part was cut from a larger image.
 pub type OpenSides<const D: usize> = [[bool; 2]; D];
 
-/// What a sheet must be.
+/// Conditions that a surface must meet.
 #[derive(Debug, Clone, Copy)]
 pub struct SurfaceRules<const D: usize> {
-    /// A sheet has at least one point as strong as this.
+    /// At least one point of a surface is as strong as this.
     pub high: f32,
-    /// Which points make one sheet.
+    /// Conditions for points to belong to one surface.
     pub agreement: Agreement,
-    /// Parallel sheets nearer than this (lattice units) exclude one another.
+    /// Parallel surfaces nearer than this (lattice units) exclude one another.
     pub resolution: f64,
-    /// A sheet covers at least this area (lattice units squared; in 2-D this length).
+    /// Smallest area of a surface (square lattice units; in 2-D smallest length).
     pub min_area: f64,
-    /// At least this share of a sheet is as strong as `high`, if it is not [`STRONG_AREA_RATIO`]: what noise makes has a
-    /// few strong points, from which weak ones are followed.
+    /// Smallest share of a surface's area that is as strong as `high`. A strong area of
+    /// [`STRONG_AREA_RATIO`](growth::STRONG_AREA_RATIO) times `min_area` is always enough. Surfaces
+    /// of noise have few strong points, from which weak ones are followed.
     pub min_strong_share: f64,
-    /// Parts of a sheet that are narrower than about this (samples) are left out; 0 if any width will do.
+    /// Parts of a surface that are narrower than about this (samples) are dropped; 0 keeps any
+    /// width.
     pub min_width: usize,
-    /// A sheet that reaches an open side may be larger than what is seen of it, and is not judged by
-    /// its area.
+    /// Sides beyond which the image goes on. A surface that reaches such a side may be larger than
+    /// its visible part, and is kept whatever its area.
     pub open_sides: OpenSides<D>,
 }
 
 impl<const D: usize> SurfaceRules<D> {
-    /// Whether sheets may reach an open side.
+    /// Returns `true` if the image goes on beyond any of its sides.
     fn is_open(&self) -> bool {
         self.open_sides.as_flattened().contains(&true)
     }
 }
 
-/// Points that were kept, of all ranks or of one of them, and what happened to the others.
+/// Points of the surfaces that were kept, of one rank or of all ranks, and numbers of dropped
+/// points.
 #[derive(Debug, Clone)]
 pub struct FeatureSurfaces<const D: usize> {
-    /// Points of all sheets, in the order of samples.
+    /// Points of all surfaces, in the order of samples.
     pub points: Vec<FeaturePoint<D>>,
-    /// For each point the number of its sheet, from 1.
+    /// Number of the surface of each point, from 1.
     pub surface: Vec<u32>,
-    /// For each point, whether its sheet ends there.
+    /// For each point, `true` if its surface ends there.
     pub is_rim: Vec<bool>,
-    /// Number of sheets, and of the points of all ranks.
+    /// Number of surfaces, and number of points of all ranks.
     pub surface_count: usize,
     pub total_points: usize,
-    /// What became of the other points.
+    /// Numbers of the points of all ranks that were dropped.
     pub dropped: DroppedPoints,
 }
 
-/// Points that were found and are not followed, by the reason.
+/// Numbers of points that are dropped, by reason.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct DroppedPoints {
-    /// Parallel to a stronger sheet, and nearer to it than the finest spacing resolves.
+    /// Points that are parallel to a stronger surface and nearer to it than the finest spacing
+    /// resolves.
     pub near_another_surface: usize,
-    /// In pieces that are too small.
+    /// Points in surfaces that are too small.
     pub in_small_pieces: usize,
-    /// In parts of sheets that are too narrow.
+    /// Points in parts of surfaces that are too narrow.
     pub in_narrow_parts: usize,
-    /// Weak, and not followed from anything strong.
+    /// Weak points that are not connected to anything strong.
     pub weak: usize,
 }
 
@@ -97,47 +101,47 @@ impl AddAssign for DroppedPoints {
 }
 
 impl<const D: usize> FeatureSurfaces<D> {
-    /// What all ranks have, each of which has its own.
+    /// Gathers the points of all ranks on every rank.
     ///
     /// # Errors
-    /// Those of other ranks.
-    pub fn gather(self, group: &dyn Comm) -> Result<Self> {
-        if group.size() == 1 {
+    /// Returns the errors of other ranks.
+    pub fn gather(self, comm: &dyn Comm) -> Result<Self> {
+        if comm.size() == 1 {
             return Ok(self);
         }
-        let mut all = Self {
+        let mut gathered = Self {
             points: Vec::with_capacity(self.total_points),
             surface: Vec::with_capacity(self.total_points),
             is_rim: Vec::with_capacity(self.total_points),
             ..self
         };
-        let own = (self.points, (self.surface, self.is_rim));
-        for (points, (sheet, rim)) in group.all_gather("points of sheets", own)? {
-            all.points.extend(points);
-            all.surface.extend(sheet);
-            all.is_rim.extend(rim);
+        let local = (self.points, (self.surface, self.is_rim));
+        for (points, (surface, is_rim)) in comm.all_gather("points of surfaces", local)? {
+            gathered.points.extend(points);
+            gathered.surface.extend(surface);
+            gathered.is_rim.extend(is_rim);
         }
-        Ok(all)
+        Ok(gathered)
     }
 
-    /// Notes what was kept of features of one kind, and what was not.
+    /// Adds notes on the points of one kind of feature that were kept and dropped.
     pub fn describe(&self, kind: FeatureKind, rules: &SurfaceRules<D>, notes: &mut Vec<String>) {
-        let out = &self.dropped;
+        let dropped = &self.dropped;
         let mut note = format!(
-            "{} feature points in {} sheets; left out {} nearer than {:.1} to a stronger parallel sheet, {} \
-             in pieces smaller than {:.0}",
+            "{} feature points on {} surfaces; dropped {} nearer than {:.1} to a stronger parallel surface, \
+             {} on surfaces smaller than {:.0}",
             self.total_points,
             self.surface_count,
-            out.near_another_surface,
+            dropped.near_another_surface,
             rules.resolution,
-            out.in_small_pieces,
+            dropped.in_small_pieces,
             rules.min_area,
         );
         if rules.min_width > 0 {
-            let (count, width) = (out.in_narrow_parts, rules.min_width);
+            let (count, width) = (dropped.in_narrow_parts, rules.min_width);
             note += &format!(", {count} in parts narrower than {width} samples");
         }
-        notes.push(note + &format!(" and {} weak", out.weak));
+        notes.push(note + &format!(" and {} weak", dropped.weak));
         if self.total_points == 0 {
             notes.push(format!(
                 "NO FEATURE ({kind}) was found, so the mesh follows none: try another kind of \
@@ -147,52 +151,57 @@ impl<const D: usize> FeatureSurfaces<D> {
     }
 }
 
-/// When points are of one sheet, and when sheets are parallel.
+/// Conditions for points to belong to one surface, and for surfaces to be parallel.
 #[derive(Debug, Clone, Copy)]
 pub struct Agreement {
-    /// Neighbours belong to one sheet if their normals agree at least this much (cosine) ...
+    /// Smallest cosine between the normals of neighbours in one surface.
     min_normal_cosine: f32,
-    /// ... and each is off the other's plane by less than this (samples).
+    /// Largest distance (samples) of each of two neighbours from the other's tangent plane.
     max_plane_distance: f32,
-    /// Sheets whose normals agree at least this much (cosine) are parallel; others cross.
+    /// Smallest cosine between the normals of parallel surfaces; others cross.
     min_parallel_cosine: f32,
 }
 
-/// Where normals are off by more than ten degrees here and there.
+/// Conditions where normals have errors of more than ten degrees in places.
 pub const BLUNT_NORMALS: Agreement = Agreement {
     min_normal_cosine: 0.8,
     max_plane_distance: 1.0,
     min_parallel_cosine: 0.9,
 };
-/// Where normals are known to a few degrees: sheets may cross at 15 degrees.
+/// Conditions where normals are known to a few degrees, so that surfaces may cross at 15 degrees.
 pub const SHARP_NORMALS: Agreement = Agreement {
     min_normal_cosine: 0.97,
     max_plane_distance: 0.6,
     min_parallel_cosine: 0.985,
 };
 
-/// Groups candidates (in the order of samples) into sheets that keep the rules. Ranks that share them have, if they
-/// are all of some layers, `layers` of their own; each has the points that are found there.
+/// Groups candidates (in the order of samples) into surfaces that meet the rules, and returns the
+/// points in this rank's layers. If ranks share the candidates, `layers` are the layers of which
+/// this rank passes all candidates; `None` if every rank passes all candidates.
 ///
 /// # Errors
-/// That of patience, and those of other ranks.
+/// Returns an [`Error::Interrupted`](crate::Error::Interrupted) if the search is cancelled, and the
+/// errors of other ranks.
 pub fn extract_surfaces<const D: usize>(
     dims: [usize; D],
     candidates: Vec<Candidate<D>>,
     layers: Option<Range<usize>>,
     step: [f64; D],
     rules: &SurfaceRules<D>,
-    (group, patience): (&dyn Comm, &CancelToken<'_>),
+    (comm, cancel): (&dyn Comm, &CancelToken<'_>),
 ) -> Result<FeatureSurfaces<D>> {
-    let sees = growth::halo_layers(&candidates, step, rules);
-    let sees = group.all_gather("what sheets see", sees)?;
-    let halo = sees.into_iter().max().unwrap_or(0);
-    let slab = CandidateSlab::new(dims, candidates, layers, halo, group)?;
-    let mut growth = SurfaceGrowth::new(&slab, step, rules, patience);
-    let kept = SeedQueue::new(&mut growth, rules.high).grow_all()?;
-    let mut all: Vec<(u64, u32)> = group.all_gather("sheets", kept)?.concat();
-    all.sort_unstable();
-    let number: HashMap<u32, u32> = (1..).zip(&all).map(|(to, &(_, from))| (from, to)).collect();
+    let halo = growth::halo_layers(&candidates, step, rules);
+    let halos = comm.all_gather("halo of surfaces", halo)?;
+    let halo = halos.into_iter().max().unwrap_or(0);
+    let slab = CandidateSlab::new(dims, candidates, layers, halo, comm)?;
+    let mut growth = SurfaceGrowth::new(&slab, step, rules, cancel);
+    let kept_surfaces = SeedQueue::new(&mut growth, rules.high).grow_all()?;
+    let mut all_kept: Vec<(u64, u32)> = comm.all_gather("surfaces", kept_surfaces)?.concat();
+    all_kept.sort_unstable();
+    let number_of: HashMap<u32, u32> = (1..)
+        .zip(&all_kept)
+        .map(|(number, &(_, provisional))| (provisional, number))
+        .collect();
     let mut states = [0; 5];
     for state in &growth.state[slab.owned.clone()] {
         states[match *state {
@@ -203,36 +212,41 @@ pub fn extract_surfaces<const D: usize>(
             _ => 4,
         }] += 1;
     }
-    let states = slab.global_sums("points of sheets", states)?;
+    let states = slab.global_sums("points of surfaces", states)?;
     let [
         in_small_pieces,
         in_narrow_parts,
-        near_another_sheet,
+        near_another_surface,
         weak,
-        whole,
+        total_points,
     ] = states.map(|n| n as usize);
-    let kept = slab.owned.clone().into_par_iter();
-    let kept: Vec<usize> = kept.filter(|&i| growth.state[i] < NARROW).collect();
-    let kept = || kept.par_iter().map(|&i| (i, &slab.candidates[i]));
-    let ends = |c: &Candidate<D>| !patience.is_cancelled() && growth.is_rim_at(c);
-    let own = FeatureSurfaces {
-        total_points: whole,
-        points: kept().map(|(_, c)| to_lattice_space(c, step)).collect(),
-        surface: kept().map(|(i, _)| number[&growth.state[i]]).collect(),
-        is_rim: kept().map(|(_, c)| ends(c)).collect(),
-        surface_count: all.len(),
+    let owned = slab.owned.clone().into_par_iter();
+    let kept_indices: Vec<usize> = owned.filter(|&i| growth.state[i] < NARROW).collect();
+    let kept_candidates = || kept_indices.par_iter().map(|&i| (i, &slab.candidates[i]));
+    let is_rim = |c: &Candidate<D>| !cancel.is_cancelled() && growth.is_rim_at(c);
+    let local = FeatureSurfaces {
+        total_points,
+        points: kept_candidates()
+            .map(|(_, c)| to_lattice_space(c, step))
+            .collect(),
+        surface: kept_candidates()
+            .map(|(i, _)| number_of[&growth.state[i]])
+            .collect(),
+        is_rim: kept_candidates().map(|(_, c)| is_rim(c)).collect(),
+        surface_count: all_kept.len(),
         dropped: DroppedPoints {
-            near_another_surface: near_another_sheet,
+            near_another_surface,
             in_small_pieces,
             in_narrow_parts,
             weak,
         },
     };
-    patience.check(Stage::Features)?;
-    Ok(own)
+    cancel.check(Stage::Features)?;
+    Ok(local)
 }
 
-/// A candidate in lattice space: positions scale with the step, normals against it.
+/// Converts a candidate to lattice space: the position is multiplied by the step, the normal
+/// divided by it.
 fn to_lattice_space<const D: usize>(c: &Candidate<D>, step: [f64; D]) -> FeaturePoint<D> {
     let position = std::array::from_fn(|k| c.position[k] * step[k] as f32);
     let normal: [f32; D] = std::array::from_fn(|k| c.normal[k] / step[k] as f32);
@@ -258,14 +272,15 @@ mod tests {
         candidates: Vec<Candidate<3>>,
         rules: &SurfaceRules<3>,
     ) -> FeatureSurfaces<3> {
-        let among = (&SelfComm as &dyn Comm, &CancelToken::never());
-        extract_surfaces(dims, candidates, None, step, rules, among).unwrap()
+        let comm_and_cancel = (&SelfComm as &dyn Comm, &CancelToken::never());
+        extract_surfaces(dims, candidates, None, step, rules, comm_and_cancel).unwrap()
     }
 
-    /// Sheets that cross, run close and bend, the more of them the more seeds there are, and noise.
+    /// Returns points of curved surfaces that cross and run close to each other, with gaps, and of
+    /// noise.
     fn surface_network(dims: [usize; 3], seed: u64) -> Vec<Candidate<3>> {
         let mut random = Random::new(seed);
-        let mut all = Vec::new();
+        let mut candidates = Vec::new();
         let space = Volume::new(dims, &[]);
         let mut planes = Vec::new();
         for _ in 0..6 {
@@ -273,20 +288,20 @@ mod tests {
             let middle = dims.map(|n| random.range(0.2, 0.8) * n as f64);
             let (strength, wave) = (random.range(0.6, 1.4), random.range(0.0, 2.0));
             planes.push((normal, middle, strength, wave));
-            let beside = [middle[0] + 2.4, middle[1], middle[2]];
-            planes.push((normal, beside, random.range(0.8, 1.1) * strength, wave));
+            let adjacent = [middle[0] + 2.4, middle[1], middle[2]];
+            planes.push((normal, adjacent, random.range(0.8, 1.1) * strength, wave));
         }
         for (normal, middle, strength, wave) in planes {
             for i in 0..dims[1] * dims[2] {
                 let at = [0, i % dims[1], i / dims[1]];
-                let away = [1, 2].map(|k| normal[k] * (at[k] as f64 - middle[k]));
+                let shift = [1, 2].map(|k| normal[k] * (at[k] as f64 - middle[k]));
                 let bend = wave * (at[2] as f64 / 7.0).sin();
-                let x = middle[0] + bend - (away[0] + away[1]) / normal[0];
+                let x = middle[0] + bend - (shift[0] + shift[1]) / normal[0];
                 if x > 0.0 && x < dims[0] as f64 - 1.0 && random.range(0.0, 1.0) > 0.07 {
                     let at = [x.round() as usize, at[1], at[2]];
                     let strength = (strength * random.range(0.7, 1.0)) as f32;
-                    let off = (x - x.round()) as f32;
-                    all.push(Candidate::new(dims, at, 0, off, normal, strength));
+                    let offset = (x - x.round()) as f32;
+                    candidates.push(Candidate::new(dims, at, 0, offset, normal, strength));
                 }
             }
         }
@@ -294,18 +309,18 @@ mod tests {
             let at = dims.map(|n| random.range(0.0, n as f64) as usize);
             let normal = unit([1.0, random.range(-0.5, 0.5), random.range(-0.5, 0.5)]);
             let strength = random.range(0.3, 1.2) as f32;
-            all.push(Candidate::new(dims, at, 0, 0.0, normal, strength));
+            candidates.push(Candidate::new(dims, at, 0, 0.0, normal, strength));
         }
-        all.sort_by_key(|c| c.voxel);
-        all
+        candidates.sort_by_key(|c| c.voxel);
+        candidates
     }
 
     #[test]
     #[ignore = "slow: make test-all"]
-    fn ranks_that_share_candidates_find_the_sheets_of_one() {
+    fn distributed_extraction_matches_one_rank() {
         let dims = [30, 26, 64];
-        let (mut number, mut left_out) = (0, DroppedPoints::default());
-        for (seed, min_area, least_width, open) in [
+        let (mut surface_count, mut dropped) = (0, DroppedPoints::default());
+        for (seed, min_area, min_width, is_open) in [
             (1, 40.0, 0, false),
             (2, 12.0, 4, false),
             (3, 0.0, 0, false),
@@ -322,140 +337,160 @@ mod tests {
                 resolution: 3.0,
                 min_area,
                 min_strong_share: 0.2,
-                min_width: least_width,
-                open_sides: [[open; 2], [false; 2], [false; 2]],
+                min_width,
+                open_sides: [[is_open; 2], [false; 2], [false; 2]],
             };
             let step = [1.0, 1.2, 0.8];
-            let one = extract_on_one_rank(dims, step, candidates.clone(), &rules);
-            number += one.surface_count;
-            left_out += one.dropped;
+            let reference = extract_on_one_rank(dims, step, candidates.clone(), &rules);
+            surface_count += reference.surface_count;
+            dropped += reference.dropped;
             for count in [2, 3, 5] {
-                let found = run_threads(count, |group| {
-                    let own = partition_range(dims[2], group.rank(), count);
+                let results = run_threads(count, |comm| {
+                    let owned = partition_range(dims[2], comm.rank(), count);
                     let layer = |c: &Candidate<3>| c.voxel.index() / (dims[0] * dims[1]);
-                    let given = candidates.iter().copied();
-                    let (given, own) = match seed % 2 {
+                    let all_candidates = candidates.iter().copied();
+                    let (local_candidates, layers) = match seed % 2 {
                         0 => (
-                            given.filter(|c| own.contains(&layer(c))).collect(),
-                            Some(own),
+                            all_candidates
+                                .filter(|c| owned.contains(&layer(c)))
+                                .collect(),
+                            Some(owned),
                         ),
-                        _ => (given.collect(), None),
+                        _ => (all_candidates.collect(), None),
                     };
-                    let among = (group, &CancelToken::never());
-                    let found = extract_surfaces(dims, given, own, step, &rules, among).unwrap();
-                    assert_eq!(found.total_points, one.points.len());
-                    found.gather(group).unwrap()
+                    let comm_and_cancel = (comm, &CancelToken::never());
+                    let surfaces = extract_surfaces(
+                        dims,
+                        local_candidates,
+                        layers,
+                        step,
+                        &rules,
+                        comm_and_cancel,
+                    )
+                    .unwrap();
+                    assert_eq!(surfaces.total_points, reference.points.len());
+                    surfaces.gather(comm).unwrap()
                 });
-                for found in found {
+                for surfaces in results {
                     assert_eq!(
-                        (found.surface_count, found.dropped),
-                        (one.surface_count, one.dropped)
+                        (surfaces.surface_count, surfaces.dropped),
+                        (reference.surface_count, reference.dropped)
                     );
-                    assert!(found.points == one.points && found.surface == one.surface);
-                    assert!(found.is_rim == one.is_rim, "{seed} {count}");
+                    assert!(
+                        surfaces.points == reference.points
+                            && surfaces.surface == reference.surface
+                    );
+                    assert!(surfaces.is_rim == reference.is_rim, "{seed} {count}");
                 }
             }
         }
-        // There is something of everything.
+        // Every reason for dropping points occurs often.
         let DroppedPoints {
-            near_another_surface: near_another_sheet,
+            near_another_surface,
             in_small_pieces,
             in_narrow_parts,
             weak,
-        } = left_out;
+        } = dropped;
         let figures = [
-            (number, 30),
-            (near_another_sheet, 1000),
+            (surface_count, 30),
+            (near_another_surface, 1000),
             (in_small_pieces, 1000),
             (in_narrow_parts, 30),
             (weak, 1000),
         ];
-        assert!(figures.iter().all(|(is, least)| is >= least), "{figures:?}");
+        assert!(
+            figures.iter().all(|(value, min)| value >= min),
+            "{figures:?}"
+        );
     }
 
     #[test]
-    fn what_is_left_out_is_counted_by_the_reason() {
+    fn dropped_points_are_counted_by_reason() {
         let dims = [30, 50, 40];
-        // At x = 15 a square with a strip two samples wide; a weaker square two samples beside it; far
-        // off a small piece and a weak point.
-        let mut places: Vec<([usize; 3], f32)> = Vec::new();
+        // A square at x = 15 with a strip two samples wide, a weaker square two samples from it,
+        // and, far away, a small surface and a weak point.
+        let mut points: Vec<([usize; 3], f32)> = Vec::new();
         for z in 5..35 {
             for y in 0..50 {
-                let of_square = y < 30;
-                let of_strip = (19..21).contains(&z);
-                if of_square || of_strip {
-                    places.push(([15, y, z], 1.0));
+                let in_square = y < 30;
+                let in_strip = (19..21).contains(&z);
+                if in_square || in_strip {
+                    points.push(([15, y, z], 1.0));
                 }
-                if of_square {
-                    places.push(([17, y, z], 0.8));
+                if in_square {
+                    points.push(([17, y, z], 0.8));
                 }
                 if (8..12).contains(&z) && (40..44).contains(&y) {
-                    places.push(([3, y, z], 0.9));
+                    points.push(([3, y, z], 0.9));
                 }
             }
         }
-        places.push(([27, 40, 30], 0.2));
-        // The first sheet starts inside.
-        for (at, strength) in &mut places {
+        points.push(([27, 40, 30], 0.2));
+        // The first surface starts inside the square.
+        for (at, strength) in &mut points {
             if *at == [15, 15, 20] {
                 *strength = 1.5;
             }
         }
-        places.sort_by_key(|(at, _)| (at[2], at[1], at[0]));
-        let candidates: Vec<Candidate<3>> = places
+        points.sort_by_key(|(at, _)| (at[2], at[1], at[0]));
+        let candidates: Vec<Candidate<3>> = points
             .iter()
             .map(|&(at, strength)| Candidate::new(dims, at, 0, 0.0, [1.0, 0.0, 0.0], strength))
             .collect();
-        let found = |least_width| {
+        let extract = |min_width| {
             let rules = SurfaceRules {
                 high: 0.5,
                 agreement: BLUNT_NORMALS,
                 resolution: 3.0,
                 min_area: 50.0,
                 min_strong_share: 0.0,
-                min_width: least_width,
+                min_width,
                 open_sides: [[false; 2]; 3],
             };
             extract_on_one_rank(dims, [1.0; 3], candidates.clone(), &rules)
         };
-        let out = DroppedPoints {
+        let dropped = DroppedPoints {
             near_another_surface: 900,
             in_small_pieces: 16,
             in_narrow_parts: 0,
             weak: 1,
         };
-        let any_width = found(0);
-        assert_eq!((any_width.points.len(), any_width.dropped), (900 + 40, out));
-        // What is within four samples of the square's inside is kept.
-        let trimmed = found(8);
+        let any_width = extract(0);
+        assert_eq!(
+            (any_width.points.len(), any_width.dropped),
+            (900 + 40, dropped)
+        );
+        // Points within four samples of the square's interior are kept.
+        let trimmed = extract(8);
         let narrow = trimmed.dropped.in_narrow_parts;
         assert!((30..=40).contains(&narrow), "{narrow}");
         assert_eq!(trimmed.points.len(), 900 + 40 - narrow);
     }
 
     #[test]
-    fn a_small_sheet_in_the_shadow_of_a_stronger_one_is_none() {
+    fn a_small_surface_shadowed_by_a_stronger_one_is_dropped() {
         let dims = [30, 40, 40];
-        // At x = 15 a square; across its rim a piece that is turned by 22 degrees, up to `far` samples off it.
-        let found = |far: f64| {
-            let mut places: Vec<([usize; 3], f32, [f64; 3], f32)> = Vec::new();
+        // A square at x = 15, and across its rim a surface turned by 22 degrees, up to `max_offset`
+        // samples away.
+        let extract = |max_offset: f64| {
+            let mut points: Vec<([usize; 3], f32, [f64; 3], f32)> = Vec::new();
             let (sin, cos) = 22.0f64.to_radians().sin_cos();
             for z in 5..35 {
                 for y in 5..35 {
-                    places.push(([15, y, z], 0.0, [1.0, 0.0, 0.0], 1.0));
-                    let off = (y as f64 - 24.0) * sin / cos;
-                    if y >= 20 && off <= far && off.abs() > 0.6 {
-                        let x = 15.0 + off;
+                    points.push(([15, y, z], 0.0, [1.0, 0.0, 0.0], 1.0));
+                    let offset = (y as f64 - 24.0) * sin / cos;
+                    if y >= 20 && offset <= max_offset && offset.abs() > 0.6 {
+                        let x = 15.0 + offset;
                         let at = [x.round() as usize, y, z];
-                        places.push((at, (x - x.round()) as f32, [cos, -sin, 0.0], 0.9));
+                        points.push((at, (x - x.round()) as f32, [cos, -sin, 0.0], 0.9));
                     }
                 }
             }
-            places.sort_by_key(|p| (p.0[2], p.0[1], p.0[0]));
-            let candidates: Vec<Candidate<3>> = places
+            points.sort_by_key(|p| (p.0[2], p.0[1], p.0[0]));
+            let candidates: Vec<Candidate<3>> = points
                 .iter()
-                .map(|&(at, off, normal, strength)| {
-                    Candidate::new(dims, at, 0, off, normal, strength)
+                .map(|&(at, offset, normal, strength)| {
+                    Candidate::new(dims, at, 0, offset, normal, strength)
                 })
                 .collect();
             let rules = SurfaceRules {
@@ -467,12 +502,12 @@ mod tests {
                 min_width: 0,
                 open_sides: [[false; 2]; 3],
             };
-            let found = extract_on_one_rank(dims, [1.0; 3], candidates.clone(), &rules);
-            (found.surface_count, found.dropped.in_small_pieces)
+            let surfaces = extract_on_one_rank(dims, [1.0; 3], candidates.clone(), &rules);
+            (surfaces.surface_count, surfaces.dropped.in_small_pieces)
         };
-        let (sheets, crumbs) = found(1.7);
-        assert_eq!(sheets, 1);
-        assert!(crumbs > 60, "{crumbs}");
-        assert_eq!(found(4.0).0, 2);
+        let (surface_count, fragments) = extract(1.7);
+        assert_eq!(surface_count, 1);
+        assert!(fragments > 60, "{fragments}");
+        assert_eq!(extract(4.0).0, 2);
     }
 }

@@ -1,49 +1,49 @@
-//! From which candidates sheets are grown, one after the other: the strongest first.
+//! Grows surfaces from seeds, one after the other: the strongest seed first.
 //!
-//! Ranks go on side by side where they can. Each goes ahead with its own seeds as long as their sheets stay where no
-//! other rank sees them. The first sheet, in the order of all seeds, that does not is grown by all together; what a
-//! rank has made of later seeds by then is undone. So every sheet finds what is there once all before it are grown,
-//! as if one had grown all.
+//! Ranks work speculatively. Each rank grows surfaces from its own seeds as long as no other rank
+//! sees these surfaces. The first surface, in the order of all seeds, that other ranks see is grown
+//! by all ranks together; results of later seeds are undone. So every surface finds the state that
+//! all surfaces before it left, as if one rank had grown them all.
 
 use super::growth::{SurfaceGrowth, UNASSIGNED};
 use crate::error::Result;
 use crate::feature::candidate::Candidate;
 use crate::parallel::prelude::*;
 
-/// A rank goes ahead with so many seeds, before it hears how far others are.
+/// Largest number of seeds that a rank grows before it synchronises with the other ranks.
 const MAX_SPECULATIVE_SEEDS: usize = 1 << 8;
 
-/// The place of a seed in the order of all: its class, and its place in the order of samples.
+/// Position of a seed in the order of all seeds: its class of strength, then its global index.
 type SeedOrder = u64;
 
-/// After all seeds.
+/// Order that is after all seeds.
 const NO_SEED: SeedOrder = SeedOrder::MAX;
-/// Turns of one class, as a power of two.
+/// Number of bits of the global index in a [`SeedOrder`].
 const CLASS_SHIFT: u32 = 48;
-/// Classes of strength.
+/// Number of classes of strength.
 const CLASS_COUNT: usize = 1 << 12;
 
-/// What was done ahead of others.
+/// A surface that was grown speculatively.
 struct Speculation {
     order: SeedOrder,
-    /// Which of this rank's seeds it was grown from.
+    /// Index of the seed among those of this rank.
     seed: usize,
-    /// How much there was in the log, and how many sheets were kept, before.
+    /// Lengths of the log, and number of kept surfaces, before this surface was grown.
     log_before: LogLengths,
     kept_before: usize,
 }
 
-/// What was done ahead of others may have to be undone.
+/// Record of speculative surfaces, to undo them.
 #[derive(Default)]
 struct UndoLog {
     trials: Vec<Speculation>,
-    /// Candidates that are not free any more.
+    /// Candidates that are no longer unassigned.
     changed_candidates: Vec<usize>,
-    /// Those of them that are crumbs, and that other ranks see.
+    /// Fragments among them that other ranks see.
     fragments: Vec<usize>,
 }
 
-/// How much there is in a log.
+/// Lengths of the lists in a log.
 #[derive(Clone, Copy)]
 struct LogLengths {
     changed_candidates: usize,
@@ -58,51 +58,51 @@ impl UndoLog {
         }
     }
 
-    /// What was done before this turn stays done.
-    fn commit_before(&mut self, turn: SeedOrder) {
-        let settled = self.trials.partition_point(|trial| trial.order < turn);
-        let end = self.trials.get(settled).map(|trial| trial.log_before);
-        let marked = end.map_or(self.changed_candidates.len(), |end| end.changed_candidates);
-        self.changed_candidates.drain(..marked);
-        self.trials.drain(..settled);
+    /// Makes all surfaces of seeds before `order` permanent.
+    fn commit_before(&mut self, order: SeedOrder) {
+        let committed = self.trials.partition_point(|trial| trial.order < order);
+        let end = self.trials.get(committed).map(|trial| trial.log_before);
+        let changed_count = end.map_or(self.changed_candidates.len(), |end| end.changed_candidates);
+        self.changed_candidates.drain(..changed_count);
+        self.trials.drain(..committed);
         for trial in &mut self.trials {
-            trial.log_before.changed_candidates -= marked;
+            trial.log_before.changed_candidates -= changed_count;
         }
     }
 }
 
-/// Sheets that were grown and are kept: whose turn it was, and their number for the time being.
+/// Surfaces that are kept: the order of the seed, and the provisional number of the surface.
 pub(super) type KeptSurfaces = Vec<(SeedOrder, u32)>;
 
-/// One sheet after the other.
+/// Grows all surfaces from the seeds of this rank.
 pub(super) struct SeedQueue<'s, 'a, const D: usize> {
     growth: &'s mut SurfaceGrowth<'a, D>,
-    /// This rank's, in their order.
+    /// Seeds of this rank, in their order.
     seeds: Vec<u32>,
-    /// The next of them.
+    /// Index of the next seed.
     next_seed: usize,
-    /// A seed whose sheet others see.
+    /// A seed whose surface other ranks see.
     visible_seed: Option<usize>,
     kept: KeptSurfaces,
     log: UndoLog,
-    /// Sheets that this rank has numbered.
+    /// Number of surfaces that this rank has numbered.
     numbered_count: usize,
 }
 
-/// Where a rank stops to go ahead.
+/// The point at which a rank stops speculative growth.
 struct StopPoint {
     order: SeedOrder,
-    /// Whether the sheet whose turn it is is seen by others.
+    /// `true` if other ranks see the surface of the next seed.
     is_visible: bool,
 }
 
 impl<'s, 'a, const D: usize> SeedQueue<'s, 'a, D> {
-    /// From candidates at least as strong as `high`.
+    /// Takes the owned candidates that are at least as strong as `high` for seeds.
     pub fn new(growth: &'s mut SurfaceGrowth<'a, D>, high: f32) -> Self {
-        let (own, candidates) = (growth.slab.owned.clone(), &growth.slab.candidates);
-        let strong = own.filter(|&i| candidates[i].strength >= high);
+        let (owned, candidates) = (growth.slab.owned.clone(), &growth.slab.candidates);
+        let strong = owned.filter(|&i| candidates[i].strength >= high);
         let mut seeds: Vec<u32> = strong.map(|i| i as u32).collect();
-        // Those of one class stay in the order of samples.
+        // The sort is stable: seeds of one class stay in the order of samples.
         seeds.par_sort_by_key(|&i| strength_class(&candidates[i as usize]));
         Self {
             growth,
@@ -115,83 +115,79 @@ impl<'s, 'a, const D: usize> SeedQueue<'s, 'a, D> {
         }
     }
 
-    /// Grows all sheets; those of this rank's seeds that are kept.
+    /// Grows the surfaces of all ranks, and returns the kept surfaces of this rank's seeds.
     ///
     /// # Errors
-    /// That of patience, and those of other ranks.
+    /// Returns an [`Error::Interrupted`](crate::Error::Interrupted) if the search is cancelled, and
+    /// the errors of other ranks.
     pub fn grow_all(mut self) -> Result<KeptSurfaces> {
-        let group = self.growth.slab.comm();
-        // Ranks go through one class after the other, or they would go too far ahead for nothing.
-        let mut end = match group.size() {
+        let comm = self.growth.slab.comm();
+        // Ranks go through one class after the other; otherwise they would speculate too far ahead.
+        let mut end = match comm.size() {
             1 => NO_SEED,
             _ => 0,
         };
         loop {
-            let StopPoint {
-                order: turn,
-                is_visible: is_seen,
-            } = self.grow_speculatively(end)?;
+            let StopPoint { order, is_visible } = self.grow_speculatively(end)?;
             let number = u64::from(self.new_number());
-            let all: Vec<([u64; 2], bool)> =
-                group.all_gather("seeds", ([turn, number], is_seen))?;
-            let turns = all.iter().enumerate().map(|(rank, told)| (told.0[0], rank));
-            let Some((first, rank)) = turns.min().filter(|(turn, _)| *turn != NO_SEED) else {
+            let stops: Vec<([u64; 2], bool)> =
+                comm.all_gather("seeds", ([order, number], is_visible))?;
+            let orders = stops
+                .iter()
+                .enumerate()
+                .map(|(rank, stop)| (stop.0[0], rank));
+            let Some((first, rank)) = orders.min().filter(|(order, _)| *order != NO_SEED) else {
                 return Ok(self.kept);
             };
             end = ((first >> CLASS_SHIFT) + 1) << CLASS_SHIFT;
             self.log.commit_before(first);
-            let ([_, number], is_seen) = all[rank];
-            if is_seen {
+            let ([_, number], is_visible) = stops[rank];
+            if is_visible {
                 self.undo_speculation();
-                self.grow_collectively(first, rank == group.rank(), number as u32)?;
+                self.grow_collectively(first, rank == comm.rank(), number as u32)?;
             }
         }
     }
 
-    /// Grows the sheet whose turn it is by all ranks, of which one has the seed.
-    fn grow_collectively(&mut self, turn: SeedOrder, is_own: bool, number: u32) -> Result<()> {
-        let crumbs = std::mem::take(&mut self.log.fragments);
-        self.growth.exchange_fragments(&crumbs)?;
-        let seed = is_own.then(|| self.seeds[self.next_seed] as usize);
-        let is_sheet = self.growth.grow_collectively(seed, number)?;
-        if is_own {
+    /// Grows one surface by all ranks together; one of them owns the seed.
+    fn grow_collectively(&mut self, order: SeedOrder, owns_seed: bool, number: u32) -> Result<()> {
+        let fragments = std::mem::take(&mut self.log.fragments);
+        self.growth.exchange_fragments(&fragments)?;
+        let seed = owns_seed.then(|| self.seeds[self.next_seed] as usize);
+        let is_surface = self.growth.grow_collectively(seed, number)?;
+        if owns_seed {
             self.next_seed += 1;
-            if is_sheet {
+            if is_surface {
                 self.numbered_count += 1;
-                self.kept.push((turn, number));
+                self.kept.push((order, number));
             }
         }
         Ok(())
     }
 
-    /// Grows sheets of own seeds up to this turn, as long as no other rank sees them.
+    /// Grows surfaces from this rank's seeds before `end`, as long as no other rank sees them.
     fn grow_speculatively(&mut self, end: SeedOrder) -> Result<StopPoint> {
         let is_shared = self.growth.slab.comm().size() > 1;
         while let Some(&seed) = self.seeds.get(self.next_seed) {
             let seed = seed as usize;
-            let turn = self.seed_order(seed);
-            let stop = |is_seen| {
-                Ok(StopPoint {
-                    order: turn,
-                    is_visible: is_seen,
-                })
-            };
+            let order = self.seed_order(seed);
+            let stop = |is_visible| Ok(StopPoint { order, is_visible });
             if self.growth.state[seed] == UNASSIGNED {
-                if turn >= end || is_shared && self.log.trials.len() >= MAX_SPECULATIVE_SEEDS {
+                if order >= end || is_shared && self.log.trials.len() >= MAX_SPECULATIVE_SEEDS {
                     return stop(false);
                 }
                 if self.visible_seed == Some(seed) {
                     return stop(true);
                 }
-                let (before, kept) = (self.log.lengths(), self.kept.len());
+                let (log_before, kept_before) = (self.log.lengths(), self.kept.len());
                 let number = self.new_number();
-                let Some(is_sheet) = self.growth.grow_locally(seed, number)? else {
+                let Some(is_surface) = self.growth.grow_locally(seed, number)? else {
                     self.visible_seed = Some(seed);
                     return stop(true);
                 };
-                if is_sheet {
+                if is_surface {
                     self.numbered_count += 1;
-                    self.kept.push((turn, number));
+                    self.kept.push((order, number));
                 }
                 if is_shared {
                     self.log
@@ -201,10 +197,10 @@ impl<'s, 'a, const D: usize> SeedQueue<'s, 'a, D> {
                         self.log.fragments.push(seed);
                     }
                     self.log.trials.push(Speculation {
-                        order: turn,
+                        order,
                         seed: self.next_seed,
-                        log_before: before,
-                        kept_before: kept,
+                        log_before,
+                        kept_before,
                     });
                 }
             }
@@ -216,7 +212,7 @@ impl<'s, 'a, const D: usize> SeedQueue<'s, 'a, D> {
         })
     }
 
-    /// Undoes what was done ahead.
+    /// Undoes the surfaces that were grown speculatively.
     fn undo_speculation(&mut self) {
         for &i in &self.log.changed_candidates {
             self.growth.state[i] = UNASSIGNED;
@@ -230,22 +226,23 @@ impl<'s, 'a, const D: usize> SeedQueue<'s, 'a, D> {
         self.log.changed_candidates.clear();
     }
 
-    /// The turn of an own candidate.
+    /// Returns the order of a seed of this rank.
     fn seed_order(&self, seed: usize) -> SeedOrder {
         let slab = self.growth.slab;
         (strength_class(&slab.candidates[seed]) as u64) << CLASS_SHIFT
             | slab.global_index(seed) as u64
     }
 
-    /// A number that no other sheet has.
+    /// Returns a number that no other surface has.
     fn new_number(&self) -> u32 {
-        let group = self.growth.slab.comm();
-        (self.numbered_count * group.size() + group.rank()) as u32
+        let comm = self.growth.slab.comm();
+        (self.numbered_count * comm.size() + comm.rank()) as u32
     }
 }
 
-/// The class of a candidate's strength, of [`CLASS_COUNT`] logarithmic ones: 0 is the strongest.
+/// Returns the class of a candidate's strength, of [`CLASS_COUNT`] logarithmic classes: 0 is the
+/// strongest.
 fn strength_class<const D: usize>(c: &Candidate<D>) -> usize {
-    // The bits of a positive float sort like the float; the upper ones are class enough.
+    // The bits of a positive float sort like the float; its upper bits are a logarithmic class.
     CLASS_COUNT - 1 - (c.strength.max(0.0).to_bits() >> 19) as usize
 }

@@ -1,4 +1,4 @@
-//! Layers that are held, and what is made of them as a window moves on.
+//! Layers in memory, and their smoothing while a window slides.
 
 use super::strip::Strip;
 use crate::comm::Comm;
@@ -8,10 +8,10 @@ use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
 use std::ops::Range;
 
-/// Samples that one thread moves at a time.
+/// Number of samples that one thread moves at a time.
 const SAMPLES_PER_TASK: usize = 1 << 16;
 
-/// Layers that are held.
+/// A range of layers and their samples.
 #[derive(Default)]
 pub(super) struct LayerBuffer {
     pub range: Range<usize>,
@@ -19,100 +19,106 @@ pub(super) struct LayerBuffer {
 }
 
 impl LayerBuffer {
-    /// Holds these layers, of which `make` fills in those that are not there yet.
+    /// Moves the buffer to the layers `target`; `fill` computes those that it does not contain yet.
     pub fn slide(
         &mut self,
-        to: Range<usize>,
+        target: Range<usize>,
         layer: usize,
-        make: impl FnOnce(Range<usize>, &mut [f32]) -> Result<()>,
+        fill: impl FnOnce(Range<usize>, &mut [f32]) -> Result<()>,
     ) -> Result<()> {
-        let kept = match self.range.contains(&to.start) {
-            true => to.start..self.range.end,
-            false => to.start..to.start,
+        let kept = if self.range.contains(&target.start) {
+            target.start..self.range.end
+        } else {
+            target.start..target.start
         };
-        // The room is used again: to ask for it anew would cost as much as to smooth it.
-        let from = self.samples.len() - kept.len() * layer;
-        move_to_front(&mut self.samples, from);
-        let more = (to.len() * layer).saturating_sub(self.samples.len());
-        self.samples.reserve_exact(more);
-        self.samples.resize(to.len() * layer, 0.0);
-        let new = kept.end..to.end;
+        // The memory is used again: a new allocation would cost as much time as the smoothing.
+        let first_kept = self.samples.len() - kept.len() * layer;
+        move_to_front(&mut self.samples, first_kept);
+        let additional = (target.len() * layer).saturating_sub(self.samples.len());
+        self.samples.reserve_exact(additional);
+        self.samples.resize(target.len() * layer, 0.0);
+        let new = kept.end..target.end;
         if !new.is_empty() {
-            make(new, &mut self.samples[kept.len() * layer..])?;
+            fill(new, &mut self.samples[kept.len() * layer..])?;
         }
-        self.range = to;
+        self.range = target;
         Ok(())
     }
 
-    /// Some of them.
+    /// Returns the samples of some of the layers.
     pub fn layers(&self, range: Range<usize>, layer: usize) -> &[f32] {
         let first = self.range.start;
         &self.samples[(range.start - first) * layer..(range.end - first) * layer]
     }
 
-    /// The strip's rows of some layers of a volume, of which these are this rank's share and others of the group have
-    /// the rest.
+    /// Returns the strip's rows of the layers `requested` of a volume, of which this buffer is the
+    /// rank's share; the other ranks have the remaining layers.
     ///
     /// # Errors
-    /// Those of other ranks.
+    /// Returns the errors of other ranks.
     pub fn exchange_layers<const D: usize>(
         &self,
-        wanted: Range<usize>,
+        requested: Range<usize>,
         strip: &Strip<D>,
-        group: &dyn Comm,
+        comm: &dyn Comm,
     ) -> Result<Self> {
-        let asked: Vec<[usize; 2]> =
-            group.all_gather("layers wanted", [wanted.start, wanted.end])?;
-        let part = |asked: [usize; 2]| {
-            let [start, end] = asked.map(|at| at.clamp(self.range.start, self.range.end));
+        let requests: Vec<[usize; 2]> =
+            comm.all_gather("layers wanted", [requested.start, requested.end])?;
+        let rows_for = |request: [usize; 2]| {
+            let [start, end] = request.map(|at| at.clamp(self.range.start, self.range.end));
             strip.strip_rows(self.layers(start..end, strip.volume_layer_len()))
         };
-        // What is here need not be passed on.
-        let told = (asked.iter().enumerate()).map(|(rank, &asked)| match rank == group.rank() {
-            true => Vec::new(),
-            false => part(asked).flatten().copied().collect(),
+        // A rank does not send layers to itself.
+        let sent = (requests.iter().enumerate()).map(|(rank, &request)| {
+            if rank == comm.rank() {
+                Vec::new()
+            } else {
+                rows_for(request).flatten().copied().collect()
+            }
         });
-        let parts: Vec<Vec<f32>> = group.all_to_all("layers", told.collect())?;
-        // Ranks have shares in their order.
-        let mut samples = Vec::with_capacity(wanted.len() * strip.layer_len());
-        for (rank, other) in parts.iter().enumerate() {
-            match rank == group.rank() {
-                true => part(asked[rank]).for_each(|layer| samples.extend_from_slice(layer)),
-                false => samples.extend_from_slice(other),
+        let received: Vec<Vec<f32>> = comm.all_to_all("layers", sent.collect())?;
+        // Ranks have shares in the order of ranks.
+        let mut samples = Vec::with_capacity(requested.len() * strip.layer_len());
+        for (rank, rows) in received.iter().enumerate() {
+            if rank == comm.rank() {
+                rows_for(requests[rank]).for_each(|layer| samples.extend_from_slice(layer));
+            } else {
+                samples.extend_from_slice(rows);
             }
         }
         Ok(Self {
-            range: wanted,
+            range: requested,
             samples,
         })
     }
 }
 
-/// Moves samples, from one on, to the front: all threads, for layers are many megabytes.
-fn move_to_front(samples: &mut [f32], from: usize) {
-    let mut left = samples.len() - from;
-    let mut rest = samples;
-    while left > 0 && from > 0 {
-        let count = from.min(left);
-        let (to, source) = rest.split_at_mut(from);
-        let parts = to[..count].par_chunks_mut(SAMPLES_PER_TASK);
+/// Moves the samples from index `first` on to the front, in parallel, because layers are many
+/// megabytes.
+fn move_to_front(samples: &mut [f32], first: usize) {
+    let mut remaining = samples.len() - first;
+    let mut tail = samples;
+    while remaining > 0 && first > 0 {
+        let count = first.min(remaining);
+        let (target, source) = tail.split_at_mut(first);
+        let parts = target[..count].par_chunks_mut(SAMPLES_PER_TASK);
         parts
             .zip(source[..count].par_chunks(SAMPLES_PER_TASK))
-            .for_each(|(to, source)| to.copy_from_slice(source));
-        (rest, left) = (source, left - count);
+            .for_each(|(target, source)| target.copy_from_slice(source));
+        (tail, remaining) = (source, remaining - count);
     }
 }
 
-/// Layers under a Gaussian.
+/// Layers under one Gaussian.
 struct SmoothingStage {
     scale: f64,
-    /// Along all axes but the last.
+    /// Layers smoothed along all axes but the last.
     in_plane: LayerBuffer,
-    /// Along all.
+    /// Layers smoothed along all axes.
     smoothed: LayerBuffer,
 }
 
-/// Layers under Gaussians, one after the other.
+/// Layers under several Gaussians, applied one after the other.
 pub(super) struct SmoothingStages(Vec<SmoothingStage>);
 
 impl SmoothingStages {
@@ -125,7 +131,7 @@ impl SmoothingStages {
         Self(scales.iter().map(stage).collect())
     }
 
-    /// How many samples to either side they look.
+    /// Returns how many samples to either side the Gaussians look.
     pub fn reach(&self) -> usize {
         self.0
             .iter()
@@ -133,67 +139,69 @@ impl SmoothingStages {
             .sum()
     }
 
-    /// Those that are held; `None` if there is no Gaussian.
+    /// Returns smoothed layers in the buffer; `None` if there is no Gaussian.
     pub fn layers(&self, range: &Range<usize>, layer: usize) -> Option<&[f32]> {
         let last = self.0.last()?;
         Some(last.smoothed.layers(range.clone(), layer))
     }
 
-    /// Holds nothing, to begin with another strip.
+    /// Empties the buffers, for another strip.
     pub fn clear(&mut self) {
         for stage in &mut self.0 {
             (stage.in_plane.range, stage.smoothed.range) = (0..0, 0..0);
         }
     }
 
-    /// Holds these layers of a volume of `dims` samples, of which `raw` gives some as they are.
+    /// Moves the buffers to the layers `target` of a volume of `dims` samples; `raw` returns
+    /// unsmoothed layers.
     pub fn slide<'r, const D: usize>(
         &mut self,
-        to: &Range<usize>,
+        target: &Range<usize>,
         dims: [usize; D],
         raw: &dyn Fn(Range<usize>) -> &'r [f32],
-        patience: &CancelToken<'_>,
+        cancel: &CancelToken<'_>,
     ) -> Result<()> {
         let (layer, count) = (super::layer_len(dims), dims[D - 1]);
-        let mut beyond = self.reach();
+        let mut reach = self.reach();
         for i in 0..self.0.len() {
-            let (before, stage) = self.0.split_at_mut(i);
-            let (before, stage) = (before.last(), &mut stage[0]);
+            let (previous, stage) = self.0.split_at_mut(i);
+            let (previous, stage) = (previous.last(), &mut stage[0]);
             let radius = gaussian::radius(stage.scale);
-            beyond -= radius;
-            let wanted = widen(to, beyond, count);
-            // Of what is smoothed already nothing is asked again.
-            let known = &stage.smoothed.range;
-            let first = match known.contains(&wanted.start) {
-                true => known.end,
-                false => wanted.start,
+            reach -= radius;
+            let needed = widen(target, reach, count);
+            // Layers that are smoothed already need no input.
+            let available = &stage.smoothed.range;
+            let first = if available.contains(&needed.start) {
+                available.end
+            } else {
+                needed.start
             };
-            let seen = widen(&(first..wanted.end), radius, count);
-            let deep = |layers: usize| {
+            let source_range = widen(&(first..needed.end), radius, count);
+            let dims_of = |layers: usize| {
                 let mut dims = dims;
                 dims[D - 1] = layers;
                 dims
             };
-            stage.in_plane.slide(seen, layer, |new, out| {
-                let source = match before {
+            stage.in_plane.slide(source_range, layer, |new, out| {
+                let source = match previous {
                     None => raw(new.clone()),
-                    Some(before) => before.smoothed.layers(new.clone(), layer),
+                    Some(previous) => previous.smoothed.layers(new.clone(), layer),
                 };
                 let mut scales = [stage.scale; D];
                 scales[D - 1] = 0.0;
-                gaussian::smooth_into(deep(new.len()), source, out, scales, patience);
+                gaussian::smooth_into(dims_of(new.len()), source, out, scales, cancel);
                 Ok(())
             })?;
             let SmoothingStage {
                 scale,
-                in_plane: flat,
+                in_plane,
                 smoothed,
             } = stage;
-            smoothed.slide(wanted, layer, |new, out| {
-                let seen = widen(&new, radius, count);
-                let (dims, first) = (deep(seen.len()), new.start - seen.start);
-                let flat = flat.layers(seen, layer);
-                gaussian::smooth_last_axis(dims, flat, *scale, first, out, patience);
+            smoothed.slide(needed, layer, |new, out| {
+                let source_range = widen(&new, radius, count);
+                let (dims, first) = (dims_of(source_range.len()), new.start - source_range.start);
+                let source = in_plane.layers(source_range, layer);
+                gaussian::smooth_last_axis(dims, source, *scale, first, out, cancel);
                 Ok(())
             })?;
         }
@@ -201,9 +209,9 @@ impl SmoothingStages {
     }
 }
 
-/// A range of layers or rows and so many to either side, of those there are.
-pub(super) fn widen(range: &Range<usize>, by: usize, count: usize) -> Range<usize> {
-    range.start.saturating_sub(by)..(range.end + by).min(count)
+/// Returns a range of layers or rows widened by `margin` on either side, within 0 to `count`.
+pub(super) fn widen(range: &Range<usize>, margin: usize, count: usize) -> Range<usize> {
+    range.start.saturating_sub(margin)..(range.end + margin).min(count)
 }
 
 #[cfg(test)]
@@ -212,7 +220,7 @@ mod tests {
 
     #[test]
     fn samples_move_to_the_front_whole() {
-        for (count, from) in [
+        for (count, first) in [
             (10, 0),
             (10, 3),
             (10, 7),
@@ -220,11 +228,11 @@ mod tests {
             (5 * SAMPLES_PER_TASK, SAMPLES_PER_TASK + 1),
         ] {
             let mut samples: Vec<f32> = (0..count).map(|i| i as f32).collect();
-            move_to_front(&mut samples, from);
-            let moved = samples[..count - from].iter().zip(from..);
+            move_to_front(&mut samples, first);
+            let moved = samples[..count - first].iter().zip(first..);
             assert!(
                 moved.into_iter().all(|(s, i)| *s == i as f32),
-                "{from} of {count}"
+                "{first} of {count}"
             );
         }
     }

@@ -1,15 +1,15 @@
-//! Samples looked at some layers at a time, as they are and under Gaussians.
+//! Reads samples of an image some layers at a time, unsmoothed and smoothed by Gaussians.
 //!
-//! What is looked for in a volume sees no farther than a few samples, so that a stack of layers along the
-//! last axis with a *halo* of layers to either side shows all that the whole would, bit for bit. A volume
-//! that is not large is one window, smoothed once. Of a larger one, which may be in its file still, only
-//! the window's layers are held; windows slide, so that every layer is read and smoothed once a pass.
-//! Where layers are large, and what is looked for sees far, windows go along one *strip* of their rows after
-//! another, which has a halo of rows to either side as well.
+//! Detectors look no farther than a number of samples. So a window of layers along the last axis,
+//! with a *halo* of layers on either side, gives bitwise the same results as the whole image. A
+//! small volume is one window, smoothed once. Of a larger one, which may still be in its file, only
+//! the layers of the window are in memory; the window slides, so that every layer is read and
+//! smoothed once per pass. Where layers are large and filters look far, windows go along one
+//! *strip* of rows after another; a strip has a halo of rows on either side as well.
 //!
-//! - `held`: layers that are held, and what is made of them as a window moves on
-//! - `strip`: which samples a window is for
-//! - `sizes`: how many
+//! - `layer_buffer`: layers in memory, and their smoothing while a window slides
+//! - `strip`: rows and layers of windows
+//! - `sizes`: sizes of windows and strips
 
 mod layer_buffer;
 mod sizes;
@@ -38,50 +38,51 @@ pub use crate::image::layers::rows_per_layer;
 pub use sizes::{LAYER_MULTIPLE, MAX_WHOLE_SAMPLES, min_mapped_samples, strip_layer_samples};
 pub use strip::{CoveredLayers, WindowInterior};
 
-/// Samples of a volume.
+/// The samples of a volume, and the Gaussians under which they are read.
 pub struct Samples<'a, const D: usize> {
     dims: [usize; D],
     raw: SampleStore<'a, D>,
-    /// Widths (samples) of the Gaussians under which they are looked at, one after the other.
+    /// Widths (samples) of the Gaussians that are applied one after the other.
     scales: Vec<f64>,
-    /// Under these, if the volume is not large.
+    /// The smoothed samples, if the volume is small.
     smoothed: Option<Vec<f32>>,
     limits: WindowLimits,
 }
 
-/// Where samples are.
+/// Storage of the samples.
 enum SampleStore<'a, const D: usize> {
     InMemory(Cow<'a, [f32]>),
-    /// With the sign that they are taken with.
+    /// Layers to read, and the factor (1 or -1) by which samples are multiplied.
     Layered(&'a dyn ImageLayers<D>, f32),
-    /// Each rank has some layers.
+    /// Each rank holds some layers.
     Distributed(LayerBuffer),
 }
 
-/// Some layers of a volume.
+/// Some layers of a volume, with their halo.
 pub struct LayerWindow<'w, const D: usize> {
-    /// The samples as they are.
+    /// Samples without smoothing.
     pub raw: LayerStack<'w, D>,
-    /// Under the Gaussians.
+    /// Samples under the Gaussians of [`Samples::smooth`].
     pub smoothed: LayerStack<'w, D>,
-    /// Under another one.
+    /// Samples under the separate Gaussian of the pass, if it has one.
     pub blurred: LayerStack<'w, D>,
-    /// Samples of the whole volume along each axis.
+    /// Number of samples of the whole volume along each axis.
     pub dims: [usize; D],
-    /// What it is for, numbered as in the volume: all rows, unless it is in a strip.
+    /// Rows and layers of the volume to be processed in this window: all rows, unless it is in a
+    /// strip.
     pub interior: WindowInterior,
 }
 
-/// Layers of a volume: a window's own, and others to either side.
+/// Layers of a volume: the interior of a window and its halo.
 #[derive(Clone, Copy)]
 pub struct LayerStack<'w, const D: usize> {
     pub volume: Volume<'w, D>,
-    /// The sample of the volume with which these begin.
+    /// The volume's sample at which these layers begin.
     origin: [usize; D],
 }
 
 impl<'w, const D: usize> LayerStack<'w, D> {
-    /// Other samples of the same layers.
+    /// Returns other samples in the place of these layers.
     pub fn with_samples<'s>(&self, samples: &'s [f32]) -> LayerStack<'s, D> {
         LayerStack {
             volume: Volume::new(self.volume.dims, samples),
@@ -89,66 +90,70 @@ impl<'w, const D: usize> LayerStack<'w, D> {
         }
     }
 
-    /// A sample of these as one of the volume.
+    /// Converts coordinates in this stack to coordinates in the volume.
     #[inline]
     pub fn to_volume(&self, at: [usize; D]) -> [usize; D] {
         std::array::from_fn(|k| at[k] + self.origin[k])
     }
 
-    /// A sample of the volume as one of these.
+    /// Converts coordinates in the volume to coordinates in this stack.
     #[inline]
     pub fn to_stack(&self, at: [usize; D]) -> [usize; D] {
         std::array::from_fn(|k| at[k] - self.origin[k])
     }
 
-    /// The value at a sample of the volume.
+    /// Returns the value at a sample of the volume.
     #[inline]
     pub fn value_at(&self, at: [usize; D]) -> f32 {
         self.volume.samples[self.volume.index(self.to_stack(at))]
     }
 
-    /// Some layers of the volume: their rows that are among these.
+    /// Returns the samples of some layers of the volume, as far as their rows are in this stack.
     pub fn layers(&self, layers: &Range<usize>) -> &'w [f32] {
-        let (layer, from) = (layer_len(self.volume.dims), self.origin[D - 1]);
-        &self.volume.samples[(layers.start - from) * layer..(layers.end - from) * layer]
+        let (layer, first_layer) = (layer_len(self.volume.dims), self.origin[D - 1]);
+        &self.volume.samples
+            [(layers.start - first_layer) * layer..(layers.end - first_layer) * layer]
     }
 
-    /// The rows of each layer that are a window's own.
-    fn interior_rows(&self, own: &WindowInterior) -> impl Iterator<Item = &'w [f32]> {
-        // In the plane, where a layer is one row, all begin with it.
-        let less = |range: &Range<usize>, by: usize| range.start - by..range.end - by;
-        let own = WindowInterior {
-            rows: less(&own.rows, self.origin[D - 2]),
-            layers: less(&own.layers, self.origin[D - 1]),
+    /// Returns the interior rows of each interior layer.
+    fn interior_rows(&self, interior: &WindowInterior) -> impl Iterator<Item = &'w [f32]> {
+        // In the plane a layer is one row, and both offsets are along the same axis.
+        let shift_down =
+            |range: &Range<usize>, offset: usize| range.start - offset..range.end - offset;
+        let relative = WindowInterior {
+            rows: shift_down(&interior.rows, self.origin[D - 2]),
+            layers: shift_down(&interior.layers, self.origin[D - 1]),
         };
         let samples = self.volume.samples;
-        let of_each = own.layer_index_ranges(self.volume.dims);
-        of_each.map(move |range| &samples[range])
+        let ranges = relative.layer_index_ranges(self.volume.dims);
+        ranges.map(move |range| &samples[range])
     }
 }
 
 impl<const D: usize> LayerWindow<'_, D> {
-    /// What `visit` finds in each of the own rows of x, given its first sample among the smoothed ones;
-    /// see [`Volume::map_rows`]. The window must not be in a strip.
+    /// Collects what `visit` finds in each interior row of x, given its first sample in the
+    /// smoothed stack; see [`Volume::map_rows`]. The window must not be in a strip.
     pub fn map_rows<S: Default, T: Send>(
         &self,
-        patience: &CancelToken<'_>,
+        cancel: &CancelToken<'_>,
         visit: impl Fn([usize; D], &mut S, &mut Vec<T>) + Sync,
     ) -> Vec<T> {
         let rows = rows_per_layer(self.dims);
-        let (first, own) = (self.smoothed.origin[D - 1], &self.interior.layers);
-        let own = (own.start - first) * rows..(own.end - first) * rows;
-        self.smoothed.volume.map_selected_rows(own, patience, visit)
+        let (first, layers) = (self.smoothed.origin[D - 1], &self.interior.layers);
+        let own_rows = (layers.start - first) * rows..(layers.end - first) * rows;
+        self.smoothed
+            .volume
+            .map_selected_rows(own_rows, cancel, visit)
     }
 }
 
-/// Samples of a layer along the last axis.
+/// Returns the number of samples of a layer along the last axis.
 pub fn layer_len<const D: usize>(dims: [usize; D]) -> usize {
     dims[..D - 1].iter().product()
 }
 
 impl<'a, const D: usize> Samples<'a, D> {
-    /// Of a volume in memory.
+    /// Wraps the samples of a volume in memory.
     pub fn in_memory(dims: [usize; D], samples: impl Into<Cow<'a, [f32]>>) -> Self {
         Self {
             dims,
@@ -159,7 +164,7 @@ impl<'a, const D: usize> Samples<'a, D> {
         }
     }
 
-    /// Of a volume that is somewhere else, each sample times `sign`.
+    /// Wraps a volume that is read layer by layer; each sample is multiplied by `sign`.
     pub fn from_layers(layers: &'a dyn ImageLayers<D>, sign: f32) -> Self {
         Self {
             dims: layers.dims(),
@@ -170,10 +175,11 @@ impl<'a, const D: usize> Samples<'a, D> {
         }
     }
 
-    /// In memory, if it is not large and there is room for it and what is made of it.
+    /// Loads the samples into memory if the volume is small and there is enough memory to process
+    /// it as a whole.
     ///
     /// # Errors
-    /// That of reading.
+    /// Returns the errors of reading.
     pub fn load_if_small(self) -> Result<Self> {
         match self.raw {
             SampleStore::Layered(layers, sign)
@@ -193,36 +199,37 @@ impl<'a, const D: usize> Samples<'a, D> {
         }
     }
 
-    /// The share of the windows of a large volume that tell enough, as one in so many.
+    /// Returns n, where one in n windows of a large volume is enough for statistics.
     pub fn window_stride(&self) -> usize {
         self.count().div_ceil(MAX_WHOLE_SAMPLES)
     }
 
-    /// With other limits: most samples that are smoothed as a whole, and samples of a window.
+    /// Sets the largest number of samples that are smoothed as a whole, and the number of samples
+    /// of a window.
     #[cfg(test)]
-    pub fn with_limits(self, [whole, window]: [usize; 2]) -> Self {
+    pub fn with_limits(self, [max_whole, window]: [usize; 2]) -> Self {
         let limits = WindowLimits {
-            max_whole: whole,
+            max_whole,
             window,
             ..self.limits
         };
         Self { limits, ..self }
     }
 
-    /// In strips, where halos are wide: of about so many samples of a layer; and of windows that see no more than so many
-    /// samples, where they are changed.
+    /// Forces strips of about `strip` samples per layer, and limits the samples of a window with
+    /// its halo in [`Samples::map_windows`].
     #[cfg(test)]
-    pub fn with_strips(self, strip: usize, seen: usize) -> Self {
+    pub fn with_strips(self, strip: usize, max_with_halo: usize) -> Self {
         let limits = WindowLimits {
             large_layer: 0,
             strip,
-            max_with_halo: seen,
+            max_with_halo,
             ..self.limits
         };
         Self { limits, ..self }
     }
 
-    /// Samples along each axis.
+    /// Returns the number of samples along each axis.
     pub fn dims(&self) -> [usize; D] {
         self.dims
     }
@@ -231,160 +238,172 @@ impl<'a, const D: usize> Samples<'a, D> {
         self.dims.iter().product()
     }
 
-    /// Every how many samples one is looked at where not all need be: of large volumes fewer.
+    /// Returns n, where one in n samples is enough for statistics; larger for large volumes.
     pub fn sample_stride(&self) -> usize {
         7 * (self.count().div_ceil(MAX_WHOLE_SAMPLES) | 1)
     }
 
-    /// Whether it is in memory, and not large.
+    /// Returns `true` if the volume is in memory and small.
     fn is_small(&self) -> bool {
         !matches!(self.raw, SampleStore::Layered(..)) && self.count() <= self.limits.max_whole
     }
 
-    /// All samples as they are, of a volume in memory.
+    /// Returns the unsmoothed samples of a volume in memory.
     #[cfg(test)]
     pub fn as_slice(&self) -> &[f32] {
         match &self.raw {
-            SampleStore::InMemory(all) => all,
+            SampleStore::InMemory(samples) => samples,
             _ => &[],
         }
     }
 
-    /// From now on under one Gaussian more.
-    pub fn smooth(&mut self, scale: f64, patience: &CancelToken<'_>) {
+    /// Adds a Gaussian of width `scale` samples to those under which samples are read.
+    pub fn smooth(&mut self, scale: f64, cancel: &CancelToken<'_>) {
         self.scales.push(scale);
         if let (SampleStore::InMemory(raw), true) = (&self.raw, self.is_small()) {
             match &mut self.smoothed {
-                Some(samples) => gaussian::smooth(self.dims, samples, [scale; D], patience),
+                Some(samples) => gaussian::smooth(self.dims, samples, [scale; D], cancel),
                 None => {
                     let samples = self.smoothed.insert(vec![0.0; raw.len()]);
-                    gaussian::smooth_into(self.dims, raw, samples, [scale; D], patience);
+                    gaussian::smooth_into(self.dims, raw, samples, [scale; D], cancel);
                 }
             }
         }
     }
 
-    /// Takes what `work` gives for one window after the other; ranks share them. `much` says how much work there is
-    /// in a window's own part: those in which there is none are left out. Each has so many layers to either side,
-    /// as far as there are any: under the Gaussians `halo`, and as they are and under a Gaussian of width `blur` as
-    /// many as that says. With a `blur` windows may be in strips, with as many rows to either side.
+    /// Calls `work` for one window after the other, and `take` with the results, in order; ranks
+    /// share the windows. `work_of` returns the amount of work in a window's interior; windows
+    /// without work are skipped.
+    ///
+    /// Each window has a halo on either side, as far as there are layers: `halo` layers of smoothed
+    /// samples. If `blur` is (width, reach), unsmoothed samples and samples under a Gaussian of
+    /// this width have `reach` layers, and windows may be in strips, with a halo of as many rows.
     ///
     /// # Errors
-    /// That of reading, and those of [`comm::min_strength_share`].
+    /// Returns the errors of reading, and those of [`comm::distribute_weighted`].
     pub fn for_each_window<T: Codec>(
         &self,
         halo: usize,
         blur: Option<(f64, usize)>,
-        much: &dyn Fn(&WindowInterior) -> usize,
-        patience: &CancelToken<'_>,
+        work_of: &dyn Fn(&WindowInterior) -> usize,
+        cancel: &CancelToken<'_>,
         work: &mut dyn FnMut(&LayerWindow<'_, D>) -> T,
         take: &mut dyn FnMut(T),
     ) -> Result<()> {
-        let looks = WindowHalo { halo, blur };
-        let (strips, windows) = self.windows(looks, &(0..self.dims[D - 1]))?;
-        let windows = windows.into_iter().map(|own| (much(&own), own));
-        let (work_in, windows): (Vec<usize>, Vec<WindowInterior>) =
-            windows.filter(|(much, _)| *much > 0).unzip();
-        let these = |mine: Range<usize>, give: &mut dyn FnMut(T)| {
-            let give = &mut |window: &LayerWindow<'_, D>| give(work(window));
-            self.visit_windows(&strips, &windows[mine], looks, patience, give)
+        let window_halo = WindowHalo { halo, blur };
+        let (strips, windows) = self.windows(window_halo, &(0..self.dims[D - 1]))?;
+        let windows = windows
+            .into_iter()
+            .map(|interior| (work_of(&interior), interior));
+        let (weights, windows): (Vec<usize>, Vec<WindowInterior>) =
+            windows.filter(|(weight, _)| *weight > 0).unzip();
+        let visit_share = |share: Range<usize>, emit: &mut dyn FnMut(T)| {
+            let emit = &mut |window: &LayerWindow<'_, D>| emit(work(window));
+            self.visit_windows(&strips, &windows[share], window_halo, cancel, emit)
         };
-        comm::distribute_weighted("layers", &work_in, these, take)
+        comm::distribute_weighted("layers", &weights, visit_share, take)
     }
 
-    /// Calls `work` for one window of these layers after the other, which are this rank's; else as [`Samples::for_each_window`].
+    /// Calls `work` for one window after the other of the layers that this rank owns; see
+    /// [`Samples::for_each_window`].
     ///
     /// # Errors
-    /// That of reading.
+    /// Returns the errors of reading.
     pub fn for_each_window_in(
         &self,
-        own: &Range<usize>,
+        owned: &Range<usize>,
         halo: usize,
         blur: Option<(f64, usize)>,
-        much: &dyn Fn(&WindowInterior) -> usize,
-        patience: &CancelToken<'_>,
+        work_of: &dyn Fn(&WindowInterior) -> usize,
+        cancel: &CancelToken<'_>,
         work: &mut dyn FnMut(&LayerWindow<'_, D>),
     ) -> Result<()> {
-        let looks = WindowHalo { halo, blur };
-        let (strips, windows) = self.windows(looks, own)?;
-        let windows: Vec<WindowInterior> =
-            windows.into_iter().filter(|own| much(own) > 0).collect();
-        self.visit_windows(&strips, &windows, looks, patience, work)
+        let window_halo = WindowHalo { halo, blur };
+        let (strips, windows) = self.windows(window_halo, owned)?;
+        let windows: Vec<WindowInterior> = windows
+            .into_iter()
+            .filter(|interior| work_of(interior) > 0)
+            .collect();
+        self.visit_windows(&strips, &windows, window_halo, cancel, work)
     }
 
-    /// The windows in which all samples of some layers are looked at, in the order of their strips.
+    /// Returns the windows that cover some layers, in the order of their strips, and the strips.
     fn windows(
         &self,
-        looks: WindowHalo,
-        own: &Range<usize>,
+        window_halo: WindowHalo,
+        owned: &Range<usize>,
     ) -> Result<(Vec<Strip<D>>, Vec<WindowInterior>)> {
-        let strips = self.strips(looks);
-        let seen = strips.iter().map(Strip::layer_len).max();
-        let [least, whole] = match looks.blur {
+        let strips = self.strips(window_halo);
+        let strip_layer_len = strips.iter().map(Strip::layer_len).max();
+        let [min_layers, max_whole] = match window_halo.blur {
             Some(_) => [MIN_WIDE_HALO_LAYERS, 4 * self.limits.window],
             None => [LAYER_MULTIPLE, self.limits.max_whole],
         };
-        let each = match self.is_small() && comm::size() == 1 && self.count() <= whole {
-            true => own.len(),
-            false => self.interior_layers(least, seen.unwrap_or_default())?,
+        let layers_per_window = if self.is_small() && comm::size() == 1 && self.count() <= max_whole
+        {
+            owned.len()
+        } else {
+            self.interior_layers(min_layers, strip_layer_len.unwrap_or_default())?
         };
-        let some = || split_layers(own.len(), each).into_iter();
-        let some = || some().map(|layers| own.start + layers.start..own.start + layers.end);
+        let ranges = || split_layers(owned.len(), layers_per_window).into_iter();
+        let shifted_ranges =
+            || ranges().map(|layers| owned.start + layers.start..owned.start + layers.end);
         let windows = strips
             .iter()
-            .flat_map(|strip| strip_windows(&strip.interior_rows, some().collect()));
+            .flat_map(|strip| strip_windows(&strip.interior_rows, shifted_ranges().collect()));
         let windows = windows.collect();
         Ok((strips, windows))
     }
 
-    /// What `change` makes of all samples under the Gaussians, which it is given some at a time and sees so many
-    /// layers and rows to either side; each rank has a share of it.
+    /// Applies `change` to all smoothed samples, window by window, with a halo of `reach` layers
+    /// and rows; each rank gets a share of the result.
     ///
     /// # Errors
-    /// As [`Samples::for_each_window`].
+    /// Returns the errors of [`Samples::for_each_window`].
     pub fn map_windows(
         &self,
-        sees: usize,
-        patience: &CancelToken<'_>,
+        reach: usize,
+        cancel: &CancelToken<'_>,
         change: impl Fn(LayerStack<'_, D>) -> Vec<f32>,
     ) -> Result<Samples<'static, D>> {
-        let looks = WindowHalo {
-            halo: sees,
+        let window_halo = WindowHalo {
+            halo: reach,
             blur: None,
         };
-        let [own_rows, own_layers] = self.mapped_interior(looks)?;
+        let [own_rows, own_layers] = self.mapped_interior(window_halo)?;
         let all_layers = split_layers(self.dims[D - 1], own_layers);
-        let strips = self.strips_with_rows(own_rows, looks);
+        let strips = self.strips_with_rows(own_rows, window_halo);
         let layer = layer_len(self.dims);
         let mut share = LayerBuffer::default();
-        let work = |mine: Range<usize>, _: &mut dyn FnMut(())| {
-            let mine = &all_layers[mine];
-            share.range = hull(mine);
-            let before = share.range.start * layer;
+        let work = |indices: Range<usize>, _: &mut dyn FnMut(())| {
+            let ranges = &all_layers[indices];
+            share.range = hull(ranges);
+            let share_start = share.range.start * layer;
             let windows = strips
                 .iter()
-                .flat_map(|strip| strip_windows(&strip.interior_rows, mine.to_vec()));
+                .flat_map(|strip| strip_windows(&strip.interior_rows, ranges.to_vec()));
             let windows: Vec<WindowInterior> = windows.collect();
-            let take = &mut |window: &LayerWindow<'_, D>| {
-                let (stack, own) = (window.smoothed, &window.interior);
-                let all = change(stack);
-                let mut of_share = self.dims;
-                of_share[D - 1] = share.range.len();
-                if own.layers == share.range && stack.volume.dims == of_share {
-                    // It is all there is.
-                    share.samples = all;
+            let store = &mut |window: &LayerWindow<'_, D>| {
+                let (stack, interior) = (window.smoothed, &window.interior);
+                let changed = change(stack);
+                let mut share_dims = self.dims;
+                share_dims[D - 1] = share.range.len();
+                if interior.layers == share.range && stack.volume.dims == share_dims {
+                    // The window is the whole share.
+                    share.samples = changed;
                     return;
                 }
                 share.samples.resize(share.range.len() * layer, 0.0);
-                for (to, rows) in own
+                for (target, rows) in interior
                     .layer_index_ranges(self.dims)
-                    .zip(stack.with_samples(&all).interior_rows(own))
+                    .zip(stack.with_samples(&changed).interior_rows(interior))
                 {
-                    share.samples[to.start - before..to.end - before].copy_from_slice(rows);
+                    share.samples[target.start - share_start..target.end - share_start]
+                        .copy_from_slice(rows);
                 }
             };
-            self.visit_windows(&strips, &windows, looks, patience, take)?;
-            // Fewer only once patience is over.
+            self.visit_windows(&strips, &windows, window_halo, cancel, store)?;
+            // Samples are missing only if the search was cancelled.
             share.samples.resize(share.range.len() * layer, 0.0);
             Ok(())
         };
@@ -401,7 +420,7 @@ impl<'a, const D: usize> Samples<'a, D> {
         })
     }
 
-    /// Widths of the Gaussians, unless the samples are held under them.
+    /// Returns the widths of the Gaussians that have not been applied to the samples in memory.
     fn pending_scales(&self) -> &[f64] {
         match self.smoothed {
             Some(_) => &[],
@@ -414,78 +433,81 @@ impl<'a, const D: usize> Samples<'a, D> {
         &self,
         strips: &[Strip<D>],
         windows: &[WindowInterior],
-        looks: WindowHalo,
-        patience: &CancelToken<'_>,
+        window_halo: WindowHalo,
+        cancel: &CancelToken<'_>,
         work: &mut dyn FnMut(&LayerWindow<'_, D>),
     ) -> Result<()> {
-        let (blurs, scales) = (looks.blurs(), self.pending_scales());
-        let mut seen = StripBuffers {
+        let (blurs, scales) = (window_halo.blurs(), self.pending_scales());
+        let mut buffers = StripBuffers {
             raw: LayerBuffer::default(),
             smoothed: SmoothingStages::new(scales),
             blurred: SmoothingStages::new(&blurs),
         };
         for strip in strips {
-            let first = windows.partition_point(|own| own.rows.start < strip.interior_rows.start);
-            let end = windows.partition_point(|own| own.rows.start < strip.interior_rows.end);
+            let first =
+                windows.partition_point(|interior| interior.rows.start < strip.interior_rows.start);
+            let end =
+                windows.partition_point(|interior| interior.rows.start < strip.interior_rows.end);
             self.visit_strip(
                 strip,
                 &windows[first..end],
-                looks,
-                &mut seen,
-                patience,
+                window_halo,
+                &mut buffers,
+                cancel,
                 work,
             )?;
         }
         Ok(())
     }
 
-    /// The same of the windows of one strip.
+    /// Calls `work` for the windows of one strip.
     fn visit_strip(
         &self,
         strip: &Strip<D>,
         windows: &[WindowInterior],
-        looks: WindowHalo,
+        window_halo: WindowHalo,
         StripBuffers {
             raw,
             smoothed,
             blurred,
         }: &mut StripBuffers,
-        patience: &CancelToken<'_>,
+        cancel: &CancelToken<'_>,
         work: &mut dyn FnMut(&LayerWindow<'_, D>),
     ) -> Result<()> {
         let (dims, layer, count) = (strip.dims(), strip.layer_len(), self.dims[D - 1]);
-        let halos = [looks.halo, looks.blurred_halo()];
-        let beyond = (halos[0] + smoothed.reach()).max(halos[1] + blurred.reach());
+        let halos = [window_halo.halo, window_halo.blurred_halo()];
+        let reach = (halos[0] + smoothed.reach()).max(halos[1] + blurred.reach());
         raw.range = 0..0;
         smoothed.clear();
         blurred.clear();
         if let SampleStore::Distributed(share) = &self.raw {
-            let seen = match windows {
+            let visible = match windows {
                 [] => 0..0,
                 [first, ..] => {
                     let end = windows[windows.len() - 1].layers.end;
-                    widen(&(first.layers.start..end), beyond, count)
+                    widen(&(first.layers.start..end), reach, count)
                 }
             };
-            *raw = share.exchange_layers(seen, strip, &WorldComm)?;
+            *raw = share.exchange_layers(visible, strip, &WorldComm)?;
         }
-        for own in windows {
-            if patience.is_cancelled() {
+        for interior in windows {
+            if cancel.is_cancelled() {
                 break;
             }
-            let seen = widen(&own.layers, beyond, count);
+            let visible = widen(&interior.layers, reach, count);
             match &self.raw {
-                SampleStore::Layered(layers, sign) => raw.slide(seen, layer, |new, out| {
+                SampleStore::Layered(layers, sign) => raw.slide(visible, layer, |new, out| {
                     layers.read_rows(new.start, strip.visible_rows.clone(), out)?;
                     if *sign != 1.0 {
                         out.par_iter_mut().for_each(|s| *s *= sign);
                     }
                     Ok(())
                 })?,
-                SampleStore::InMemory(all) if !strip.is_entire() => {
-                    raw.slide(seen, layer, |new, out| {
-                        let whole = strip.volume_layer_len();
-                        let parts = strip.strip_rows(&all[new.start * whole..new.end * whole]);
+                SampleStore::InMemory(samples) if !strip.is_entire() => {
+                    raw.slide(visible, layer, |new, out| {
+                        let volume_layer = strip.volume_layer_len();
+                        let parts = strip
+                            .strip_rows(&samples[new.start * volume_layer..new.end * volume_layer]);
                         let out = out.chunks_exact_mut(layer);
                         out.zip(parts)
                             .for_each(|(out, part)| out.copy_from_slice(part));
@@ -495,46 +517,47 @@ impl<'a, const D: usize> Samples<'a, D> {
                 SampleStore::InMemory(_) | SampleStore::Distributed(_) => (),
             }
             let raw = |range: Range<usize>| match &self.raw {
-                SampleStore::InMemory(all) if strip.is_entire() => {
-                    &all[range.start * layer..range.end * layer]
+                SampleStore::InMemory(samples) if strip.is_entire() => {
+                    &samples[range.start * layer..range.end * layer]
                 }
                 _ => raw.layers(range, layer),
             };
-            let [range, wide_range] = halos.map(|halo| widen(&own.layers, halo, count));
-            smoothed.slide(&range, dims, &raw, patience)?;
-            blurred.slide(&wide_range, dims, &raw, patience)?;
+            let [range, wide_range] = halos.map(|halo| widen(&interior.layers, halo, count));
+            smoothed.slide(&range, dims, &raw, cancel)?;
+            blurred.slide(&wide_range, dims, &raw, cancel)?;
             let stack = |samples, layers: &Range<usize>| {
-                let (mut dims, mut from) = (dims, [0; D]);
+                let (mut dims, mut origin) = (dims, [0; D]);
                 dims[D - 1] = layers.len();
-                from[D - 2] = strip.visible_rows.start;
-                from[D - 1] = layers.start;
+                origin[D - 2] = strip.visible_rows.start;
+                origin[D - 1] = layers.start;
                 LayerStack {
                     volume: Volume::new(dims, samples),
-                    origin: from,
+                    origin,
                 }
             };
-            let as_they_are = stack(raw(wide_range.clone()), &wide_range);
-            let whole = self.smoothed.as_deref();
-            let whole = whole.map(|whole| &whole[range.start * layer..range.end * layer]);
+            let raw_stack = stack(raw(wide_range.clone()), &wide_range);
+            let smoothed_volume = self.smoothed.as_deref();
+            let smoothed_layers =
+                smoothed_volume.map(|samples| &samples[range.start * layer..range.end * layer]);
             work(&LayerWindow {
-                raw: as_they_are,
-                smoothed: match whole.or_else(|| smoothed.layers(&range, layer)) {
+                raw: raw_stack,
+                smoothed: match smoothed_layers.or_else(|| smoothed.layers(&range, layer)) {
                     Some(samples) => stack(samples, &range),
                     None => stack(raw(range.clone()), &range),
                 },
                 blurred: match blurred.layers(&wide_range, layer) {
                     Some(samples) => stack(samples, &wide_range),
-                    None => as_they_are,
+                    None => raw_stack,
                 },
                 dims: self.dims,
-                interior: own.clone(),
+                interior: interior.clone(),
             });
         }
         Ok(())
     }
 }
 
-/// What is held of a strip.
+/// Buffers of the current strip.
 struct StripBuffers {
     raw: LayerBuffer,
     smoothed: SmoothingStages,

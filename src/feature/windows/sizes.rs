@@ -1,4 +1,4 @@
-//! How many samples windows are for.
+//! Sizes of windows and strips.
 
 use super::layer_buffer::SmoothingStages;
 use super::strip::{Strip, split_range};
@@ -8,48 +8,51 @@ use crate::error::Result;
 use crate::image::layers::rows_per_layer;
 use crate::memory;
 
-/// A volume of at most so many samples is smoothed as a whole ...
+/// Largest number of samples of a volume that is smoothed as a whole.
 pub const MAX_WHOLE_SAMPLES: usize = 1 << 27;
-/// ... if there is room for so many bytes a sample ...
+/// Memory per sample (bytes) that must be available to smooth a volume as a whole.
 pub(super) const WHOLE_BYTES_PER_SAMPLE: f64 = 12.0;
-/// ... of others a window's own layers have about so many samples ...
+/// Approximate number of samples in the interior layers of a window of a large volume.
 const WINDOW_SAMPLES: usize = 1 << 21;
-/// ... and are a multiple of these ...
+/// The number of interior layers is a multiple of this.
 pub const LAYER_MULTIPLE: usize = 16;
-/// ... but have so many layers where halos are wide, for these are moved along with every window ...
+/// Smallest number of interior layers if halos are wide, because the halo is moved with every
+/// window.
 pub(super) const MIN_WIDE_HALO_LAYERS: usize = 3 * LAYER_MULTIPLE;
-/// ... if there is room for so many.
+/// Number of layers for which there must be memory if halos are wide.
 const MAX_WIDE_HALO_LAYERS: usize = 200;
-/// Layers of more samples are looked at in strips where halos are wide, ...
+/// Number of samples of a layer above which it is divided into strips, if halos are wide.
 const LARGE_LAYER_SAMPLES: usize = 1 << 20;
-/// ... of about so many, ...
+/// Approximate number of samples of a strip in a layer.
 const STRIP_SAMPLES: usize = 1 << 19;
-/// ... and of at least so many rows.
+/// Smallest number of rows of a strip.
 const MIN_STRIP_ROWS: usize = 6 * LAYER_MULTIPLE;
-/// What is changed takes so many bytes a sample of a window and its halo, at most, ...
+/// Largest memory (bytes) per sample of a window and its halo while samples are mapped.
 const MAP_BYTES_PER_SAMPLE: f64 = 24.0;
-/// ... and what comes of it.
+/// Memory (bytes) per sample of the mapped result.
 const RESULT_BYTES_PER_SAMPLE: f64 = 4.0;
 
-/// What is large.
+/// Limits that decide on the sizes of windows and strips.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct WindowLimits {
-    /// Most samples that are smoothed as a whole, and samples of a window.
+    /// Largest number of samples that are smoothed as a whole, and number of samples of a window.
     pub max_whole: usize,
     pub window: usize,
-    /// Samples of a layer that is large, and of a strip of it.
+    /// Number of samples above which a layer is large, and number of samples of a strip in a layer.
     pub large_layer: usize,
     pub strip: usize,
-    /// Most samples of a window and its halo.
+    /// Largest number of samples of a window with its halo.
     pub max_with_halo: usize,
 }
 
 impl WindowLimits {
-    /// About as many rows as a strip has where halos are wide: all, unless layers are large.
+    /// Returns the approximate number of rows of a strip if halos are wide: all rows, unless layers
+    /// are large.
     fn strip_rows<const D: usize>(&self, dims: [usize; D]) -> usize {
-        match layer_len(dims) <= self.large_layer {
-            true => rows_per_layer(dims),
-            false => (self.strip / dims[0].max(1)).max(MIN_STRIP_ROWS),
+        if layer_len(dims) <= self.large_layer {
+            rows_per_layer(dims)
+        } else {
+            (self.strip / dims[0].max(1)).max(MIN_STRIP_ROWS)
         }
     }
 }
@@ -62,25 +65,27 @@ pub(super) const DEFAULT_LIMITS: WindowLimits = WindowLimits {
     max_with_halo: usize::MAX,
 };
 
-/// Samples of a layer that are looked at together where filters see so far, in an image that is not small.
-pub fn strip_layer_samples<const D: usize>(dims: [usize; D], sees: usize) -> usize {
-    let seen = (DEFAULT_LIMITS.strip_rows(dims) + 2 * sees).min(rows_per_layer(dims));
-    seen * dims[0]
+/// Returns the number of samples of a layer that are in memory together if filters look `reach`
+/// samples far and the image is not small.
+pub fn strip_layer_samples<const D: usize>(dims: [usize; D], reach: usize) -> usize {
+    let visible_rows = (DEFAULT_LIMITS.strip_rows(dims) + 2 * reach).min(rows_per_layer(dims));
+    visible_rows * dims[0]
 }
 
-/// The least number of samples that are [changed](Samples::map_windows) together where filters see so far.
-pub fn min_mapped_samples<const D: usize>(dims: [usize; D], sees: usize) -> usize {
-    let seen = 3 * sees.next_multiple_of(LAYER_MULTIPLE);
-    seen.min(rows_per_layer(dims)) * seen.min(dims[D - 1]) * dims[0]
+/// Returns the smallest number of samples that are [mapped](Samples::map_windows) together if
+/// filters look `reach` samples far.
+pub fn min_mapped_samples<const D: usize>(dims: [usize; D], reach: usize) -> usize {
+    let edge = 3 * reach.next_multiple_of(LAYER_MULTIPLE);
+    edge.min(rows_per_layer(dims)) * edge.min(dims[D - 1]) * dims[0]
 }
 
-/// Whether there is so much memory.
+/// Returns `true` if this much memory is available.
 pub(super) fn has_memory(bytes: f64) -> bool {
     memory::ensure_available("features", bytes, "samples", "look at fewer layers").is_ok()
 }
 
-/// How far windows look: so many layers to either side under the Gaussians; and as they are, and under a Gaussian of a
-/// width of their own, as many as that says.
+/// Widths of halos: `halo` layers of smoothed samples; and, if `blur` is (width, reach), `reach`
+/// layers of unsmoothed samples and of samples under a Gaussian of this width.
 #[derive(Clone, Copy)]
 pub(super) struct WindowHalo {
     pub halo: usize,
@@ -98,87 +103,97 @@ impl WindowHalo {
 }
 
 impl<const D: usize> Samples<'_, D> {
-    /// How many rows to either side a strip must have; a multiple, so that what goes by twos and fours of rows goes by the
-    /// same ones in all strips.
-    fn side_rows(&self, looks: WindowHalo) -> usize {
-        let smoothed = looks.halo + SmoothingStages::new(self.pending_scales()).reach();
-        let blurred = looks.blurred_halo() + SmoothingStages::new(&looks.blurs()).reach();
+    /// Returns the number of rows to either side that a strip needs. It is a multiple, so that
+    /// algorithms that combine rows in twos and fours combine the same ones in all strips.
+    fn side_rows(&self, window_halo: WindowHalo) -> usize {
+        let smoothed = window_halo.halo + SmoothingStages::new(self.pending_scales()).reach();
+        let blurred =
+            window_halo.blurred_halo() + SmoothingStages::new(&window_halo.blurs()).reach();
         smoothed.max(blurred).next_multiple_of(LAYER_MULTIPLE)
     }
 
-    /// The strips that windows with wide halos go along: but one, unless layers are large.
-    pub(super) fn strips(&self, looks: WindowHalo) -> Vec<Strip<D>> {
-        let about = match looks.blur.is_none() || self.is_small() {
-            true => rows_per_layer(self.dims),
-            false => self.limits.strip_rows(self.dims),
+    /// Returns the strips for windows with wide halos: a single one, unless layers are large.
+    pub(super) fn strips(&self, window_halo: WindowHalo) -> Vec<Strip<D>> {
+        let rows_per_strip = if window_halo.blur.is_none() || self.is_small() {
+            rows_per_layer(self.dims)
+        } else {
+            self.limits.strip_rows(self.dims)
         };
-        self.strips_with_rows(about, looks)
+        self.strips_with_rows(rows_per_strip, window_halo)
     }
 
-    /// Strips of about so many rows.
-    pub(super) fn strips_with_rows(&self, about: usize, looks: WindowHalo) -> Vec<Strip<D>> {
-        let beside = self.side_rows(looks);
-        let strip = |own| Strip::new(self.dims, own, beside);
-        let strips = split_range(rows_per_layer(self.dims), about, LAYER_MULTIPLE);
+    /// Returns strips of about `rows_per_strip` rows.
+    pub(super) fn strips_with_rows(
+        &self,
+        rows_per_strip: usize,
+        window_halo: WindowHalo,
+    ) -> Vec<Strip<D>> {
+        let side_rows = self.side_rows(window_halo);
+        let strip = |interior_rows| Strip::new(self.dims, interior_rows, side_rows);
+        let strips = split_range(rows_per_layer(self.dims), rows_per_strip, LAYER_MULTIPLE);
         strips.into_iter().map(strip).collect()
     }
 
-    /// A window's own layers, with so many samples each, its halo's among them: at least so many if there is room
-    /// for them.
-    pub(super) fn interior_layers(&self, least: usize, layer: usize) -> Result<usize> {
-        // Ranks share out windows that are not that wide better without.
-        let wide = least > LAYER_MULTIPLE && comm::size() == 1;
-        let ask = || {
+    /// Returns the number of interior layers of a window, if a layer has `layer_samples` samples,
+    /// those of the halo included: at least `min_layers` if there is memory for them.
+    pub(super) fn interior_layers(&self, min_layers: usize, layer_samples: usize) -> Result<usize> {
+        // With several ranks, windows of fewer layers are distributed more evenly.
+        let has_wide_halo = min_layers > LAYER_MULTIPLE && comm::size() == 1;
+        let has_room = || {
             Ok(has_memory(
-                WHOLE_BYTES_PER_SAMPLE * (MAX_WIDE_HALO_LAYERS * layer) as f64,
+                WHOLE_BYTES_PER_SAMPLE * (MAX_WIDE_HALO_LAYERS * layer_samples) as f64,
             ))
         };
-        let least = match wide && comm::broadcast_from_root("room for layers", ask)? {
-            true => least,
-            false => LAYER_MULTIPLE,
+        let min_layers = if has_wide_halo && comm::broadcast_from_root("room for layers", has_room)?
+        {
+            min_layers
+        } else {
+            LAYER_MULTIPLE
         };
-        Ok(self.layers_per_window(layer).max(least))
+        Ok(self.layers_per_window(layer_samples).max(min_layers))
     }
 
-    /// As many layers as a window has samples, if these are of so many.
-    fn layers_per_window(&self, layer: usize) -> usize {
-        let some = match self.is_small() {
+    /// Returns the number of interior layers of a window, if a layer has `layer_samples` samples.
+    fn layers_per_window(&self, layer_samples: usize) -> usize {
+        let window_samples = if self.is_small() {
             // Every rank has a share.
-            true => self.limits.window.min(self.count() / comm::size()),
-            false => self.limits.window,
+            self.limits.window.min(self.count() / comm::size())
+        } else {
+            self.limits.window
         };
-        (some / layer.max(1)).next_multiple_of(LAYER_MULTIPLE)
+        (window_samples / layer_samples.max(1)).next_multiple_of(LAYER_MULTIPLE)
     }
 
-    /// The own rows and layers of a window whose samples are changed. Those to either side are changed in vain, half of
-    /// all where as many are the window's own: it has fewer only if there is no room.
-    pub(super) fn mapped_interior(&self, looks: WindowHalo) -> Result<[usize; 2]> {
+    /// Returns the interior rows and layers of a window in which samples are mapped. The samples of
+    /// the halo are mapped in vain: half of all, if the halo is half as wide as the interior. The
+    /// interior is smaller only if memory is short.
+    pub(super) fn mapped_interior(&self, window_halo: WindowHalo) -> Result<[usize; 2]> {
         let (rows, count) = (rows_per_layer(self.dims), self.dims[D - 1]);
         if self.is_small() && comm::size() == 1 {
             return Ok([rows, count]);
         }
-        let sees = looks.halo.next_multiple_of(LAYER_MULTIPLE);
-        let wide_layers = self.layers_per_window(layer_len(self.dims)).max(2 * sees);
+        let reach = window_halo.halo.next_multiple_of(LAYER_MULTIPLE);
+        let wide_layers = self.layers_per_window(layer_len(self.dims)).max(2 * reach);
         let halves = std::iter::successors(Some(rows), |rows| Some(rows / 2));
-        let halves = halves.take_while(|&half| half == rows || half >= 2 * sees);
+        let halves = halves.take_while(|&half| half == rows || half >= 2 * reach);
         let mut shapes: Vec<[usize; 2]> = halves.map(|rows| [rows, wide_layers]).collect();
-        shapes.extend([[2 * sees; 2], [sees; 2]]);
+        shapes.extend([[2 * reach; 2], [reach; 2]]);
         if self.is_small() {
-            // What was smoothed as a whole is not in strips.
+            // A volume that was smoothed as a whole is not divided into strips.
             shapes = vec![[rows, wide_layers], [rows, LAYER_MULTIPLE]];
         }
-        let least = shapes[shapes.len() - 1];
-        let beside = 2 * self.side_rows(looks);
-        let kept = RESULT_BYTES_PER_SAMPLE * (self.count() / comm::size()) as f64;
+        let smallest = shapes[shapes.len() - 1];
+        let halo_rows = 2 * self.side_rows(window_halo);
+        let result_bytes = RESULT_BYTES_PER_SAMPLE * (self.count() / comm::size()) as f64;
         let fits = |&[own_rows, own_layers]: &[usize; 2]| {
-            let seen = [(own_rows, rows), (own_layers, count)];
-            let [rows, layers] = seen.map(|(own, all)| (own + beside).min(all));
+            let extents = [(own_rows, rows), (own_layers, count)];
+            let [rows, layers] = extents.map(|(interior, total)| (interior + halo_rows).min(total));
             let samples = rows * layers * self.dims[0];
-            let bytes = MAP_BYTES_PER_SAMPLE * samples as f64 + kept;
+            let bytes = MAP_BYTES_PER_SAMPLE * samples as f64 + result_bytes;
             samples <= self.limits.max_with_halo && has_memory(bytes)
         };
         comm::broadcast_from_root("room for layers", || {
-            Ok(shapes.into_iter().find(fits).unwrap_or(least))
+            Ok(shapes.into_iter().find(fits).unwrap_or(smallest))
         })
     }
 }

@@ -1,76 +1,79 @@
-//! Which samples a window is for: some layers, of a volume with large ones in *strips* of their rows.
+//! Rows and layers of windows; volumes with large layers are divided into *strips* of rows.
 
 use super::layer_buffer::widen;
 use super::layer_len;
 use crate::image::layers::rows_per_layer;
 use std::ops::Range;
 
-/// A window's own part of a volume.
+/// The part of a volume that is processed in one window, without its halo.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct WindowInterior {
-    /// Rows along x, numbered in a layer.
+    /// Range of rows along x, numbered within a layer.
     pub rows: Range<usize>,
-    /// Layers along the last axis.
+    /// Range of layers along the last axis.
     pub layers: Range<usize>,
 }
 
 impl WindowInterior {
-    /// The cells that it meets, of cells with so many samples along an edge.
+    /// Returns the range of cells, with `edge` samples along each edge, that this part intersects.
     pub fn in_cells(&self, edge: usize) -> Self {
-        let met = |range: &Range<usize>| range.start / edge..range.end.div_ceil(edge);
+        let cells = |range: &Range<usize>| range.start / edge..range.end.div_ceil(edge);
         Self {
-            rows: met(&self.rows),
-            layers: met(&self.layers),
+            rows: cells(&self.rows),
+            layers: cells(&self.layers),
         }
     }
 
-    /// The indices in memory of its samples of each layer, where the volume (or the grid of cells) has so many.
+    /// Returns the range of indices in memory of each layer of this part, in a volume (or a grid of
+    /// cells) of `dims` samples.
     pub fn layer_index_ranges<const D: usize>(
         &self,
         dims: [usize; D],
     ) -> impl Iterator<Item = Range<usize>> + use<D> {
-        let (nx, of_layer, own) = (dims[0], rows_per_layer(dims), self.rows.clone());
+        let (nx, rows_in_layer, rows) = (dims[0], rows_per_layer(dims), self.rows.clone());
         let range = move |layer: usize| {
-            let first = layer * of_layer;
-            (first + own.start) * nx..(first + own.end) * nx
+            let first = layer * rows_in_layer;
+            (first + rows.start) * nx..(first + rows.end) * nx
         };
         self.layers.clone().map(range)
     }
 }
 
-/// The layers of windows, one above the other, that were looked at.
+/// Range of layers covered by successive windows.
 #[derive(Debug, Default)]
 pub struct CoveredLayers(pub Range<usize>);
 
 impl CoveredLayers {
-    /// Adds those of the next window.
-    pub fn add(&mut self, own: &WindowInterior) {
-        let next = &own.layers;
-        match self.0.is_empty() {
-            true => self.0 = next.clone(),
-            false => self.0.end = next.end,
+    /// Adds the layers of the next window.
+    pub fn add(&mut self, interior: &WindowInterior) {
+        let next = &interior.layers;
+        if self.0.is_empty() {
+            self.0 = next.clone();
+        } else {
+            self.0.end = next.end;
         }
     }
 }
 
-/// Ranges of about so many, one after the other: all but the last have a multiple of `multiple`.
-pub(super) fn split_range(count: usize, about: usize, multiple: usize) -> Vec<Range<usize>> {
-    let some = count.div_ceil(about.max(1)).max(1);
-    let each = count.div_ceil(some).next_multiple_of(multiple).max(1);
-    let firsts = (0..count).step_by(each);
+/// Divides `count` into successive ranges of about `target_len`; the lengths of all but the last
+/// are a multiple of `multiple`.
+pub(super) fn split_range(count: usize, target_len: usize, multiple: usize) -> Vec<Range<usize>> {
+    let part_count = count.div_ceil(target_len.max(1)).max(1);
+    let part_len = count.div_ceil(part_count).next_multiple_of(multiple).max(1);
+    let firsts = (0..count).step_by(part_len);
     firsts
-        .map(|first| first..(first + each).min(count))
+        .map(|first| first..(first + part_len).min(count))
         .collect()
 }
 
-/// All layers, so many at a time.
-pub(super) fn split_layers(count: usize, own: usize) -> Vec<Range<usize>> {
-    let firsts = (0..count).step_by(own.max(1));
-    let part = |first: usize| first..(first + own.max(1)).min(count);
-    firsts.map(part).collect()
+/// Divides all layers into windows.
+pub(super) fn split_layers(count: usize, layers_per_window: usize) -> Vec<Range<usize>> {
+    let firsts = (0..count).step_by(layers_per_window.max(1));
+    let window = |first: usize| first..(first + layers_per_window.max(1)).min(count);
+    firsts.map(window).collect()
 }
 
-/// Windows along a strip.
+/// Returns the windows along a strip.
 pub(super) fn strip_windows(
     rows: &Range<usize>,
     layers: Vec<Range<usize>>,
@@ -82,29 +85,29 @@ pub(super) fn strip_windows(
     })
 }
 
-/// From the first of some windows, one after the other, to the last.
+/// Returns the range from the first of some successive windows to the last.
 pub(super) fn hull(windows: &[Range<usize>]) -> Range<usize> {
     match windows {
         [first, .., last] => first.start..last.end,
-        [one] => one.clone(),
+        [single] => single.clone(),
         [] => 0..0,
     }
 }
 
-/// Rows of all layers of a volume.
+/// A range of rows, in all layers of a volume.
 pub(super) struct Strip<const D: usize> {
-    /// Samples of the whole volume along each axis.
+    /// Number of samples of the whole volume along each axis.
     volume_dims: [usize; D],
-    /// Those in which windows are.
+    /// Rows that are processed in this strip.
     pub interior_rows: Range<usize>,
-    /// Those and others to either side.
+    /// These rows and their halo.
     pub visible_rows: Range<usize>,
 }
 
 impl<const D: usize> Strip<D> {
-    /// These rows, and so many to either side.
-    pub fn new(volume_dims: [usize; D], interior_rows: Range<usize>, beside: usize) -> Self {
-        let visible_rows = widen(&interior_rows, beside, rows_per_layer(volume_dims));
+    /// Creates the strip of these rows, with a halo of `halo_rows` rows.
+    pub fn new(volume_dims: [usize; D], interior_rows: Range<usize>, halo_rows: usize) -> Self {
+        let visible_rows = widen(&interior_rows, halo_rows, rows_per_layer(volume_dims));
         Self {
             volume_dims,
             interior_rows,
@@ -112,12 +115,12 @@ impl<const D: usize> Strip<D> {
         }
     }
 
-    /// Whether it is all there is.
+    /// Returns `true` if the strip has all rows of the volume.
     pub fn is_entire(&self) -> bool {
         self.visible_rows == (0..rows_per_layer(self.volume_dims))
     }
 
-    /// Its samples along each axis.
+    /// Returns the number of samples of the strip along each axis.
     pub fn dims(&self) -> [usize; D] {
         let mut dims = self.volume_dims;
         if !self.is_entire() {
@@ -126,25 +129,25 @@ impl<const D: usize> Strip<D> {
         dims
     }
 
-    /// Its samples of a layer.
+    /// Returns the number of the strip's samples in a layer.
     pub fn layer_len(&self) -> usize {
         layer_len(self.dims())
     }
 
-    /// All samples of a layer.
+    /// Returns the number of all samples in a layer.
     pub fn volume_layer_len(&self) -> usize {
         layer_len(self.volume_dims)
     }
 
-    /// What it has of each of these whole layers.
+    /// Returns the strip's part of each of these whole layers.
     pub fn strip_rows<'s>(
         &self,
         layers: &'s [f32],
     ) -> impl Iterator<Item = &'s [f32]> + use<'s, D> {
         let nx = self.volume_dims[0];
-        let own = self.visible_rows.start * nx..self.visible_rows.end * nx;
-        let each = layers.chunks_exact(self.volume_layer_len().max(1));
-        each.map(move |layer| &layer[own.clone()])
+        let visible = self.visible_rows.start * nx..self.visible_rows.end * nx;
+        let whole_layers = layers.chunks_exact(self.volume_layer_len().max(1));
+        whole_layers.map(move |layer| &layer[visible.clone()])
     }
 }
 
@@ -153,7 +156,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ranges_are_as_many_as_asked_for_and_cover_all() {
+    fn ranges_have_the_requested_size_and_cover_all() {
         assert_eq!(split_range(100, 30, 16), [0..32, 32..64, 64..96, 96..100]);
         assert_eq!(split_range(96, 48, 16), [0..48, 48..96]);
         assert_eq!(split_range(7, 100, 16), vec![0..7]);
@@ -161,22 +164,22 @@ mod tests {
     }
 
     #[test]
-    fn what_is_a_windows_own_in_samples_and_in_cells() {
-        let own = WindowInterior {
+    fn interior_in_samples_and_in_cells() {
+        let interior = WindowInterior {
             rows: 4..9,
             layers: 8..10,
         };
-        let of_layers: Vec<Range<usize>> = own.layer_index_ranges([2, 10, 20]).collect();
-        assert_eq!(of_layers, [168..178, 188..198]);
-        let cells = own.in_cells(4);
+        let ranges: Vec<Range<usize>> = interior.layer_index_ranges([2, 10, 20]).collect();
+        assert_eq!(ranges, [168..178, 188..198]);
+        let cells = interior.in_cells(4);
         assert_eq!((&cells.rows, &cells.layers), (&(1..3), &(2..3)));
-        // In the plane a layer is one row, and so is one of cells.
+        // In the plane a layer is one row, and a layer of cells is one row of cells.
         let plane = WindowInterior {
             rows: 0..1,
             layers: 8..13,
         };
-        let of_layers: Vec<Range<usize>> = plane.in_cells(4).layer_index_ranges([3, 5]).collect();
-        assert_eq!(of_layers, [6..9, 9..12]);
+        let ranges: Vec<Range<usize>> = plane.in_cells(4).layer_index_ranges([3, 5]).collect();
+        assert_eq!(ranges, [6..9, 9..12]);
     }
 
     #[test]
@@ -189,7 +192,7 @@ mod tests {
         );
         let firsts: Vec<f32> = strip.strip_rows(&samples).map(|rows| rows[0]).collect();
         assert_eq!(firsts, [4.0, 24.0, 44.0]);
-        // Of a plane image a layer is one row.
+        // In a plane image a layer is one row.
         let plane = Strip::new([5, 7], 0..1, 3);
         assert!(plane.is_entire() && plane.dims() == [5, 7] && plane.layer_len() == 5);
     }

@@ -3,7 +3,7 @@ use crate::comm::run_threads;
 use crate::feature::scenes::Noise;
 use crate::image::{Geometry, Image};
 
-/// An image that gives its layers as if it were in a file.
+/// An image that is read layer by layer, as if it were in a file.
 pub struct LayeredImage<'a, const D: usize>(pub &'a Image<D>);
 
 impl<const D: usize> ImageLayers<D> for LayeredImage<'_, D> {
@@ -30,34 +30,34 @@ impl<const D: usize> ImageLayers<D> for LayeredImage<'_, D> {
     }
 }
 
-/// How an image is looked at.
+/// How an image is read.
 struct ReadMode {
     from_file: bool,
     limits: [usize; 2],
-    /// Samples of a layer that a strip has, if it is looked at in strips.
+    /// Number of samples of a layer in a strip, if strips are used.
     strip: Option<usize>,
 }
 
-/// All that windows show of an image: as it is, smoothed and blurred; and how many windows there are.
-fn window_contents<const D: usize>(image: &Image<D>, way: &ReadMode) -> ([Vec<f32>; 3], usize) {
-    let patience = &CancelToken::never();
+/// Returns the contents of all windows of an image: unsmoothed, smoothed and blurred samples; and
+/// the number of windows.
+fn window_contents<const D: usize>(image: &Image<D>, mode: &ReadMode) -> ([Vec<f32>; 3], usize) {
+    let cancel = &CancelToken::never();
     let by_layers = LayeredImage(image);
-    let mut samples = match way.from_file {
-        true => Samples::from_layers(&by_layers, -1.0),
-        false => {
-            let negated: Vec<f32> = image.as_slice().iter().map(|s| -s).collect();
-            Samples::in_memory(image.dims(), negated)
-        }
+    let mut samples = if mode.from_file {
+        Samples::from_layers(&by_layers, -1.0)
+    } else {
+        let negated: Vec<f32> = image.as_slice().iter().map(|s| -s).collect();
+        Samples::in_memory(image.dims(), negated)
     }
-    .with_limits(way.limits);
-    if let Some(strip) = way.strip {
+    .with_limits(mode.limits);
+    if let Some(strip) = mode.strip {
         samples = samples.with_strips(strip, usize::MAX);
     }
-    samples.smooth(1.5, patience);
-    samples.smooth(0.8, patience);
+    samples.smooth(1.5, cancel);
+    samples.smooth(0.8, cancel);
     let (dims, layer) = (image.dims(), layer_len(image.dims()));
     let (nx, count) = (dims[0], dims[D - 1]);
-    let wanted = [&[][..], &[1.5, 0.8], &[0.8]].map(|scales| gaussian_of(image, scales));
+    let expected = [&[][..], &[1.5, 0.8], &[0.8]].map(|scales| gaussian_of(image, scales));
     let mut next = [0; 2];
     let mut windows = 0;
     let work = &mut |window: &LayerWindow<'_, D>| {
@@ -76,20 +76,27 @@ fn window_contents<const D: usize>(image: &Image<D>, way: &ReadMode) -> ([Vec<f3
         }
         windows += 1;
         let stacks = [(window.raw, 20), (window.smoothed, 3), (window.blurred, 20)];
-        let mut shown: Vec<Vec<f32>> = Vec::new();
-        for ((stack, halo), wanted) in stacks.into_iter().zip(&wanted) {
-            // What is in the halo is as right as what is the window's own.
-            let near = WindowInterior {
+        let mut contents: Vec<Vec<f32>> = Vec::new();
+        for ((stack, halo), expected) in stacks.into_iter().zip(&expected) {
+            // The halo must be as right as the interior.
+            let with_halo = WindowInterior {
                 rows: widen(own_rows, halo, rows_per_layer(dims)),
                 layers: widen(layers, halo, count),
             };
-            assert_eq!(stack.origin[D - 1], near.layers.start);
-            assert_eq!(stack.volume.dims[D - 1], near.layers.len());
-            for (i, rows) in near.layers.clone().zip(stack.interior_rows(&near)) {
-                let first = i * layer + near.rows.start * nx;
-                assert!(rows == &wanted[first..first + rows.len()], "halo of {halo}");
+            assert_eq!(stack.origin[D - 1], with_halo.layers.start);
+            assert_eq!(stack.volume.dims[D - 1], with_halo.layers.len());
+            for (i, rows) in with_halo
+                .layers
+                .clone()
+                .zip(stack.interior_rows(&with_halo))
+            {
+                let first = i * layer + with_halo.rows.start * nx;
+                assert!(
+                    rows == &expected[first..first + rows.len()],
+                    "halo of {halo}"
+                );
             }
-            shown.push(
+            contents.push(
                 stack
                     .interior_rows(&window.interior)
                     .flatten()
@@ -97,32 +104,32 @@ fn window_contents<const D: usize>(image: &Image<D>, way: &ReadMode) -> ([Vec<f3
                     .collect(),
             );
         }
-        let own = [own_rows.start, own_rows.end, layers.start, layers.end];
-        (own, shown)
+        let interior = [own_rows.start, own_rows.end, layers.start, layers.end];
+        (interior, contents)
     };
-    let all = &|_: &WindowInterior| 1;
-    let mut shown = [(); 3].map(|()| vec![f32::NAN; image.as_slice().len()]);
-    let take = &mut |([first_row, row, first, end], seen): ([usize; 4], Vec<Vec<f32>>)| {
-        for (shown, values) in shown.iter_mut().zip(seen) {
-            let each = (row - first_row) * nx;
-            for (i, values) in (first..end).zip(values.chunks(each)) {
-                let to = i * layer + first_row * nx;
-                shown[to..to + each].copy_from_slice(values);
+    let every_window = &|_: &WindowInterior| 1;
+    let mut contents = [(); 3].map(|()| vec![f32::NAN; image.as_slice().len()]);
+    let take = &mut |([first_row, row, first, end], stacks): ([usize; 4], Vec<Vec<f32>>)| {
+        for (content, values) in contents.iter_mut().zip(stacks) {
+            let rows_len = (row - first_row) * nx;
+            for (i, values) in (first..end).zip(values.chunks(rows_len)) {
+                let target = i * layer + first_row * nx;
+                content[target..target + rows_len].copy_from_slice(values);
             }
         }
     };
     samples
-        .for_each_window(3, Some((0.8, 20)), all, patience, work, take)
+        .for_each_window(3, Some((0.8, 20)), every_window, cancel, work, take)
         .unwrap();
     assert_eq!(next, [rows_per_layer(dims), 0]);
-    (shown, windows)
+    (contents, windows)
 }
 
 fn gaussian_of<const D: usize>(image: &Image<D>, scales: &[f64]) -> Vec<f32> {
     let mut samples: Vec<f32> = image.as_slice().iter().map(|s| -s).collect();
     for &scale in scales {
-        let patience = &CancelToken::never();
-        gaussian::smooth(image.dims(), &mut samples, [scale; D], patience);
+        let cancel = &CancelToken::never();
+        gaussian::smooth(image.dims(), &mut samples, [scale; D], cancel);
     }
     samples
 }
@@ -136,25 +143,26 @@ fn noise<const D: usize>(dims: [usize; D]) -> Image<D> {
 fn check_windows_match_whole<const D: usize>(dims: [usize; D], strip: Option<usize>) {
     let image = noise(dims);
     let count = image.as_slice().len();
-    let way = |from_file, limits| ReadMode {
+    let mode = |from_file, limits| ReadMode {
         from_file,
         limits,
         strip,
     };
-    let (whole, windows) = window_contents(&image, &way(false, [count; 2]));
+    let (whole, windows) = window_contents(&image, &mode(false, [count; 2]));
     assert_eq!(windows, 1);
     let scales = [&[][..], &[1.5, 0.8], &[0.8]];
-    for (shown, scales) in whole.iter().zip(scales) {
-        assert!(shown == &gaussian_of(&image, scales), "{scales:?}");
+    for (content, scales) in whole.iter().zip(scales) {
+        assert!(content == &gaussian_of(&image, scales), "{scales:?}");
     }
-    let (mut least, layer) = (2, layer_len(dims));
-    for own in [64, 48] {
+    let (mut min_windows, layer) = (2, layer_len(dims));
+    for window_layers in [64, 48] {
         for from_file in [false, true] {
-            let (parts, windows) = window_contents(&image, &way(from_file, [0, own * layer]));
-            assert!(parts == whole, "{own} {from_file}");
-            assert!(windows > least, "{own}: {windows}");
+            let (parts, windows) =
+                window_contents(&image, &mode(from_file, [0, window_layers * layer]));
+            assert!(parts == whole, "{window_layers} {from_file}");
+            assert!(windows > min_windows, "{window_layers}: {windows}");
         }
-        least += usize::from(strip.is_some());
+        min_windows += usize::from(strip.is_some());
     }
 }
 
@@ -166,13 +174,13 @@ fn windows_show_what_the_whole_shows() {
 
 #[test]
 fn strips_show_what_the_whole_shows() {
-    // Of 96 rows at least, with a halo of 32.
+    // At least 96 rows, with a halo of 32.
     check_windows_match_whole([5, 250, 130], Some(5 * 96));
     check_windows_match_whole([13, 170], Some(1));
 }
 
 #[test]
-fn what_is_changed_in_strips_is_what_is_changed_as_a_whole() {
+fn mapping_in_strips_matches_mapping_the_whole() {
     // Sums over a box of eleven samples: each depends on five rows and five layers to either side.
     fn neighbour_sums<const D: usize>(volume: Volume<'_, D>) -> Vec<f32> {
         let mut sums = volume.samples.to_vec();
@@ -180,12 +188,12 @@ fn what_is_changed_in_strips_is_what_is_changed_as_a_whole() {
             let before = Volume::new(volume.dims, &sums);
             let sum = |i: usize| {
                 let at = before.coordinates(i);
-                let along = at[k].saturating_sub(5)..(at[k] + 6).min(volume.dims[k]);
-                along
-                    .map(|to| {
-                        let mut near = at;
-                        near[k] = to;
-                        before.samples[before.index(near)]
+                let range = at[k].saturating_sub(5)..(at[k] + 6).min(volume.dims[k]);
+                range
+                    .map(|coordinate| {
+                        let mut neighbour = at;
+                        neighbour[k] = coordinate;
+                        before.samples[before.index(neighbour)]
                     })
                     .sum()
             };
@@ -195,29 +203,30 @@ fn what_is_changed_in_strips_is_what_is_changed_as_a_whole() {
     }
     let image = noise([6, 150, 140]);
     let by_layers = LayeredImage(&image);
-    let patience = &CancelToken::never();
+    let cancel = &CancelToken::never();
     for from_file in [false, true] {
-        let mut seen = Vec::new();
+        let mut results = Vec::new();
         // As a whole; some layers; some layers of some rows.
-        for (limits, most) in [
+        for (limits, max_with_halo) in [
             ([usize::MAX, 1], usize::MAX),
             ([0, 1], usize::MAX),
             ([0, 1], 6 * 110 * 64),
         ] {
-            let samples = match from_file {
-                true => Samples::from_layers(&by_layers, 1.0),
-                false => Samples::in_memory(image.dims(), image.as_slice()),
+            let samples = if from_file {
+                Samples::from_layers(&by_layers, 1.0)
+            } else {
+                Samples::in_memory(image.dims(), image.as_slice())
             };
-            let mut samples = samples.with_limits(limits).with_strips(1, most);
-            samples.smooth(1.0, patience);
+            let mut samples = samples.with_limits(limits).with_strips(1, max_with_halo);
+            samples.smooth(1.0, cancel);
             let windows = std::cell::Cell::new(0);
-            let changed = samples.map_windows(5, patience, |stack| {
+            let changed = samples.map_windows(5, cancel, |stack| {
                 windows.set(windows.get() + 1);
                 neighbour_sums(stack.volume)
             });
-            seen.push((changed.unwrap().as_slice().to_vec(), windows.get()));
+            results.push((changed.unwrap().as_slice().to_vec(), windows.get()));
         }
-        let [(whole, one), (layers, some), (strips, many)] = &seen[..] else {
+        let [(whole, one), (layers, some), (strips, many)] = &results[..] else {
             unreachable!("three ways")
         };
         assert!(whole == layers && whole == strips, "{from_file}");
@@ -229,47 +238,51 @@ fn what_is_changed_in_strips_is_what_is_changed_as_a_whole() {
 }
 
 #[test]
-fn what_nobody_wants_is_not_shown() {
+fn windows_without_work_are_skipped() {
     let image = noise([8, 7, 80]);
     let samples = Samples::in_memory(image.dims(), image.as_slice()).with_limits([0, 1]);
     let mut shown = Vec::new();
-    let wanted = &|own: &WindowInterior| usize::from(own.layers.contains(&40));
-    let patience = &CancelToken::never();
-    let look = &mut |window: &LayerWindow<'_, 3>| {
+    let work_of = &|interior: &WindowInterior| usize::from(interior.layers.contains(&40));
+    let cancel = &CancelToken::never();
+    let range_of = &mut |window: &LayerWindow<'_, 3>| {
         [window.interior.layers.start, window.interior.layers.end]
     };
-    let keep = &mut |own: [usize; 2]| shown.push(own);
+    let take = &mut |range: [usize; 2]| shown.push(range);
     samples
-        .for_each_window(2, None, wanted, patience, look, keep)
+        .for_each_window(2, None, work_of, cancel, range_of, take)
         .unwrap();
     assert_eq!(shown, [[32, 48]]);
 }
 
 #[test]
-fn what_others_have_is_asked_of_them_by_strips() {
+fn strips_are_exchanged_between_ranks() {
     let (dims, layer) = ([3, 40, 17], 3 * 40);
     let samples: Vec<f32> = (0..layer * 17).map(|i| i as f32).collect();
-    // Three shares, of which one is of no layer.
+    // Three shares, one of which is empty.
     let shares = [0..9, 9..9, 9..17];
     for rows in [0..40, 8..20, 33..40] {
         let strip = Strip::new(dims, rows, 4);
-        let wanted = [3..12, 0..17, 5..5];
-        let seen = run_threads(3, |group| {
-            let rank = group.rank();
+        let requested = [3..12, 0..17, 5..5];
+        let received = run_threads(3, |comm| {
+            let rank = comm.rank();
             let range = shares[rank].clone();
-            let own = LayerBuffer {
+            let local = LayerBuffer {
                 samples: samples[range.start * layer..range.end * layer].to_vec(),
                 range,
             };
-            own.exchange_layers(wanted[rank].clone(), &strip, group)
+            local
+                .exchange_layers(requested[rank].clone(), &strip, comm)
                 .unwrap()
         });
-        for (seen, wanted) in seen.iter().zip(&wanted) {
-            assert_eq!(seen.range, *wanted);
-            let layers = &samples[wanted.start * layer..wanted.end * layer];
+        for (received, requested) in received.iter().zip(&requested) {
+            assert_eq!(received.range, *requested);
+            let layers = &samples[requested.start * layer..requested.end * layer];
             assert!(
-                seen.samples.iter().eq(strip.strip_rows(layers).flatten()),
-                "{wanted:?}"
+                received
+                    .samples
+                    .iter()
+                    .eq(strip.strip_rows(layers).flatten()),
+                "{requested:?}"
             );
         }
     }

@@ -1,7 +1,8 @@
-//! What a process that was killed leaves behind, and the next one removes.
+//! Removes temporary files that killed processes have left behind.
 //!
-//! A temporary file is locked for as long as its process lives: a file with a temporary name that can be
-//! locked belongs to nobody. Where files cannot be locked, nothing is removed.
+//! A process keeps its temporary files locked as long as it lives. A file with a temporary name
+//! that can be locked therefore belongs to no process. Where files cannot be locked, nothing is
+//! removed.
 
 use std::collections::BTreeSet;
 use std::ffi::{OsStr, OsString};
@@ -9,21 +10,22 @@ use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-/// How names of files end that have not taken theirs yet.
+/// Suffix of the temporary names of files that are being written.
 pub const UNFINISHED_SUFFIX: &str = ".atomesh-unfinished";
 
-/// How second names of files end that are being replaced.
+/// Suffix of the backup names of files that are being replaced.
 pub const BACKUP_SUFFIX: &str = ".atomesh-before";
 
-/// Random characters in a temporary name.
+/// Count of random characters in a temporary name.
 pub const RANDOM_CHAR_COUNT: usize = 6;
 
-/// What temporary names in place of a target's begin with: hidden, and recognisable.
+/// Returns the prefix of temporary names for a target: a dot, which hides the file, and the
+/// target's name.
 pub fn prefix(target: &Path) -> OsString {
     let name = target.file_name().unwrap_or_default();
     let mut prefix = OsString::from(".");
     match name.to_str() {
-        // Cut so that a long (but legal) target name does not make an illegal temporary one.
+        // A long but legal target name must not give an illegal temporary name.
         Some(name) if name.len() > MAX_PREFIX_BYTES => prefix.extend([truncate_name(name)]),
         _ => prefix.push(name),
     }
@@ -31,7 +33,7 @@ pub fn prefix(target: &Path) -> OsString {
     prefix
 }
 
-/// Bytes of a target's name that a temporary one holds at most: names have at most 255.
+/// Most bytes of a target's name that a temporary name repeats. File names have at most 255 bytes.
 const MAX_PREFIX_BYTES: usize = 200;
 
 fn truncate_name(name: &str) -> &OsStr {
@@ -41,19 +43,21 @@ fn truncate_name(name: &str) -> &OsStr {
     OsStr::new(&name[..end.unwrap_or_default()])
 }
 
-/// Removes what killed processes left in a folder; once for each folder.
+/// Removes what killed processes have left in a folder. Does nothing if this process has cleaned
+/// the folder before.
 pub fn remove_leftovers(folder: &Path) {
     static CLEANED_FOLDERS: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
-    let swept = CLEANED_FOLDERS
+    let is_first_visit = CLEANED_FOLDERS
         .lock()
         .unwrap_or_else(PoisonError::into_inner)
         .insert(folder.to_path_buf());
-    if swept {
+    if is_first_visit {
         remove_leftovers_now(folder);
     }
 }
 
-/// Failures are no matter here: what cannot be removed stays.
+/// Removes leftovers without a check for earlier calls. Failures are ignored: what cannot be
+/// removed stays.
 fn remove_leftovers_now(folder: &Path) {
     let Ok(entries) = fs::read_dir(folder) else {
         return;
@@ -63,17 +67,20 @@ fn remove_leftovers_now(folder: &Path) {
         let Some(name) = name.to_str().and_then(|name| name.strip_prefix('.')) else {
             continue;
         };
-        let unfinished = name.ends_with(UNFINISHED_SUFFIX);
-        let before = name.strip_suffix(BACKUP_SUFFIX);
+        let is_unfinished = name.ends_with(UNFINISHED_SUFFIX);
+        let backup_name = name.strip_suffix(BACKUP_SUFFIX);
         let Ok(kind) = entry.file_type() else {
             continue;
         };
-        if !unfinished && before.is_none() || kind.is_symlink() {
+        if !is_unfinished && backup_name.is_none() || kind.is_symlink() {
             continue;
         }
-        let remove = |path: &Path| match kind.is_dir() {
-            true => fs::remove_dir_all(path),
-            false => fs::remove_file(path),
+        let remove = |path: &Path| {
+            if kind.is_dir() {
+                fs::remove_dir_all(path)
+            } else {
+                fs::remove_file(path)
+            }
         };
         let Ok(file) = File::open(&path) else {
             continue;
@@ -81,13 +88,14 @@ fn remove_leftovers_now(folder: &Path) {
         if file.try_lock().is_err() {
             continue;
         }
-        // A name that may have been cut says nothing of its target.
-        let target = before
+        // A name that may have been cut does not tell its target.
+        let target = backup_name
             .and_then(|name| name.get(..name.len().checked_sub(RANDOM_CHAR_COUNT + 1)?))
             .filter(|name| name.len() + 4 <= MAX_PREFIX_BYTES);
         let _ = match target.map(|name| folder.join(name)) {
-            None if !unfinished => continue,
-            // Killed where files cannot have two names, between giving this one up and the new one.
+            None if !is_unfinished => continue,
+            // A process was killed where files cannot have two names, after it renamed the old file
+            // and before it renamed the new one.
             Some(target) if !target.exists() => fs::rename(&path, target),
             _ => remove(&path),
         };
@@ -99,52 +107,53 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_nobody_holds_is_removed_and_what_was_replaced_comes_back() {
+    fn unlocked_leftovers_are_removed_and_replaced_files_restored() {
         let folder = tempfile::tempdir().unwrap();
-        let at = |name: &str| folder.path().join(name);
+        let path_of = |name: &str| folder.path().join(name);
         let temporary = |target: &str, suffix: &str| {
             let mut name = prefix(Path::new(target));
             name.push("aBc123");
             name.push(suffix);
-            at(name.to_str().unwrap())
+            path_of(name.to_str().unwrap())
         };
         let [dead, alive] = ["dead", "alive"].map(|name| temporary(name, UNFINISHED_SUFFIX));
-        // Nobody's, though it looks like it; cut within a character it would be no text.
-        let odd = at(&format!(".éééé{BACKUP_SUFFIX}"));
+        // Not a temporary name, though it looks like one. A cut inside a character would not give
+        // valid text.
+        let odd = path_of(&format!(".éééé{BACKUP_SUFFIX}"));
         let [kept, lost] = ["kept.vtu", "lost.vtu"].map(|name| temporary(name, BACKUP_SUFFIX));
         for path in [
             &dead,
             &alive,
             &kept,
             &lost,
-            &at("kept.vtu"),
-            &at(".other.tmp"),
+            &path_of("kept.vtu"),
+            &path_of(".other.tmp"),
             &odd,
         ] {
             fs::write(path, path.to_str().unwrap()).unwrap();
         }
-        // A folder, with what is in it.
+        // A folder with a file in it.
         let tree = temporary("a.zarr", UNFINISHED_SUFFIX);
         fs::create_dir_all(tree.join("c")).unwrap();
         fs::write(tree.join("c/0"), "").unwrap();
-        let held = File::open(&alive).unwrap();
-        held.lock().unwrap();
+        let locked = File::open(&alive).unwrap();
+        locked.lock().unwrap();
         remove_leftovers_now(folder.path());
-        let there = |path: &Path| path.exists();
-        assert!(!cfg!(unix) || !there(&tree));
-        assert!(!there(&dead) && there(&alive) && !there(&kept) && !there(&lost));
-        assert!(there(&at(".other.tmp")) && there(&odd));
+        let exists = |path: &Path| path.exists();
+        assert!(!cfg!(unix) || !exists(&tree));
+        assert!(!exists(&dead) && exists(&alive) && !exists(&kept) && !exists(&lost));
+        assert!(exists(&path_of(".other.tmp")) && exists(&odd));
         assert_eq!(
-            fs::read_to_string(at("kept.vtu")).unwrap(),
-            at("kept.vtu").to_str().unwrap()
+            fs::read_to_string(path_of("kept.vtu")).unwrap(),
+            path_of("kept.vtu").to_str().unwrap()
         );
         assert_eq!(
-            fs::read_to_string(at("lost.vtu")).unwrap(),
+            fs::read_to_string(path_of("lost.vtu")).unwrap(),
             lost.to_str().unwrap()
         );
-        drop(held);
+        drop(locked);
         remove_leftovers_now(folder.path());
-        assert!(!there(&alive));
+        assert!(!exists(&alive));
     }
 
     #[test]

@@ -1,13 +1,14 @@
-//! Files that appear whole or not at all.
+//! Files that appear completely or not at all.
 //!
-//! Each is written and synchronised under a temporary name in its own folder and then renamed, which
-//! operating systems do in one step. Several that belong together are all written before the first is
-//! renamed; what they replace is kept under a second name until all have taken theirs, and takes its
-//! name back if one cannot. No operating system renames several files in one step: were the computer
-//! switched off between two of these renames, the first ones would be there without the others.
+//! Each file is written and synchronised under a temporary name in its own folder and then renamed,
+//! which operating systems do in one step. Several files that belong together are all written
+//! before the first is renamed. The files that they replace are kept under backup names until all
+//! new files have taken their names, and are restored if one cannot. No operating system renames
+//! several files in one step: if the computer is switched off between two of these renames, only
+//! some of the files are new.
 //!
-//! What a killed process leaves under temporary names, the next one that writes into the same folder
-//! removes.
+//! The next process that writes into the same folder removes the temporary files that a killed
+//! process has left.
 
 mod committed;
 mod leftovers;
@@ -28,13 +29,13 @@ use unfinished::{FinishedFile, UnfinishedFile};
 pub use tree::check_tree;
 pub use unfinished::{exit_without_unfinished, remove_unfinished};
 
-/// All that this thread writes during `work` appears when it has succeeded; if it fails, nothing does.
-/// Of several files written to one path, the last remains.
+/// Runs `work`. All files that this thread writes during it appear when it succeeds; if it fails,
+/// none appears. Of several files written to one path, the last remains.
 ///
 /// # Errors
-/// Those of the work; [`Error::Io`] if a file cannot take its name: then none has.
+/// Returns the error of `work`, or [`Error::Io`] if a file cannot take its name; then none has.
 pub fn transaction<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
-    /// Also where the work panics.
+    /// Discards the batch also when `work` panics.
     struct TransactionGuard;
     impl Drop for TransactionGuard {
         fn drop(&mut self) {
@@ -43,33 +44,33 @@ pub fn transaction<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
     }
     OPEN_BATCH.set(Some(Batch::default()));
     let guard = TransactionGuard;
-    let done = work()?;
+    let result = work()?;
     let batch = OPEN_BATCH.take();
     drop(guard);
     batch.map_or(Ok(()), Batch::commit)?;
-    Ok(done)
+    Ok(result)
 }
 
-/// What this writes appears when it is written, also within [`transaction`].
+/// Runs `work` outside of any [`transaction`]: its files appear as soon as they are written.
 pub fn commit_immediately<T>(work: impl FnOnce() -> T) -> T {
-    let job = OPEN_BATCH.take();
-    let done = work();
-    OPEN_BATCH.set(job);
-    done
+    let outer_batch = OPEN_BATCH.take();
+    let result = work();
+    OPEN_BATCH.set(outer_batch);
+    result
 }
 
 thread_local! {
-    /// What [`together`] has gathered so far.
+    /// The files that the open [`transaction`] of this thread has collected so far.
     static OPEN_BATCH: RefCell<Option<Batch>> = const { RefCell::new(None) };
 }
 
-/// Writes a file so that nobody ever sees half of it: `write` fills a temporary file in the
-/// target's own folder, which then takes the target's name (replacing what was there).
+/// Writes a file so that no reader ever sees half of it: `write` fills a temporary file in the
+/// target's folder, which then takes the target's name and replaces what was there.
 ///
-/// On any error, and if `write` panics, the temporary file is removed and the target is untouched.
+/// On any error, and if `write` panics, the temporary file is removed and the target is unchanged.
 ///
 /// # Errors
-/// [`Error::Io`] if the folder does not exist, the target is a folder, or writing fails.
+/// Returns [`Error::Io`] if the folder does not exist, the target is a folder, or writing fails.
 pub fn atomic_write(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
@@ -82,38 +83,39 @@ pub fn atomic_write(
 /// Several files that belong together: all appear, or none.
 #[derive(Default)]
 pub struct Batch {
-    /// Each file, and the name it will take.
+    /// Each file, and the name that it will take.
     files: Vec<(UnfinishedFile, PathBuf)>,
-    /// Folders made for them, the outer ones first.
+    /// Folders created for the files, outer ones first.
     folders: Vec<PathBuf>,
-    /// Folders that appear with all that is in them.
+    /// Folders that appear with all their content.
     trees: Vec<UnfinishedTree>,
 }
 
 impl Batch {
-    /// Writes a folder in place of what has its name: `fill` is told where. It is known by `file` in it, and
-    /// replaces no folder without that, unless it is empty.
+    /// Writes a folder that replaces the one at `path`. `fill` is called with the path of the
+    /// temporary folder. A folder of this kind contains a file named `marker`: a folder that is
+    /// there already is replaced only if it has this file or is empty.
     ///
     /// # Errors
-    /// [`Error::Io`] if the folder around it does not exist or something else has its name; those of
-    /// filling it.
+    /// Returns [`Error::Io`] if the parent folder does not exist or something else has the name,
+    /// and any error of `fill`.
     pub fn write_tree(
         &mut self,
         path: &Path,
-        file: &str,
+        marker: &str,
         fill: impl FnOnce(&Path) -> Result<()>,
     ) -> Result<()> {
-        let tree = UnfinishedTree::create(path, file)?;
+        let tree = UnfinishedTree::create(path, marker)?;
         fill(tree.path())?;
         sync_folder(tree.path());
         self.trees.push(tree);
         Ok(())
     }
 
-    /// Writes one of the files; its folder must exist.
+    /// Writes one file of the batch. Its folder must exist.
     ///
     /// # Errors
-    /// As [`atomic_write`].
+    /// Returns [`Error::Io`] as [`atomic_write`] does.
     pub fn write(
         &mut self,
         path: &Path,
@@ -125,8 +127,8 @@ impl Batch {
         self.add_written(path, unfinished, writer, written)
     }
 
-    /// Keeps a file that has been written, unless that failed. Apart from [`Batch::write`], so that it is compiled
-    /// once.
+    /// Adds a file that has been written, or returns the error if writing failed. Separate from
+    /// [`Batch::write`], so that it is compiled only once.
     fn add_written(
         &mut self,
         path: &Path,
@@ -142,51 +144,53 @@ impl Batch {
         Ok(())
     }
 
-    /// Makes a folder, and those around it that do not exist.
+    /// Creates a folder, and its parents where they do not exist.
     ///
     /// # Errors
-    /// [`Error::Io`] if it cannot be made.
+    /// Returns [`Error::Io`] if a folder cannot be created.
     pub fn create_folder(&mut self, path: &Path) -> Result<()> {
         let missing: Vec<&Path> = path
             .ancestors()
             .take_while(|folder| *folder != Path::new("") && !folder.is_dir())
             .collect();
         for folder in missing.into_iter().rev() {
-            // Not between the folder and the note of it may the process end.
-            let mut all = unfinished::unfinished_paths();
+            // The process must not end between creating the folder and recording it.
+            let mut paths = unfinished::unfinished_paths();
             fs::create_dir(folder).map_err(|error| io_error(folder, "make the folder", error))?;
-            all.folders.push(folder.to_path_buf());
+            paths.folders.push(folder.to_path_buf());
             self.folders.push(folder.to_path_buf());
         }
         Ok(())
     }
 
-    /// Gives all files their names, or those of a larger job ([`together`]) at its end.
+    /// Renames all files to their final names. Inside a [`transaction`], the files are only passed
+    /// on to it.
     ///
     /// # Errors
-    /// [`Error::Io`] if one cannot take its name; those before it have given theirs back then, and
-    /// what they had replaced is there again.
+    /// Returns [`Error::Io`] if a file cannot take its name. Then all renames are undone, and the
+    /// files that were replaced are restored.
     pub fn commit(mut self) -> Result<()> {
         if OPEN_BATCH.with_borrow(Option::is_some) {
-            OPEN_BATCH.with_borrow_mut(|job| job.as_mut().map(|job| job.merge(self)));
+            OPEN_BATCH.with_borrow_mut(|batch| batch.as_mut().map(|batch| batch.merge(self)));
             return Ok(());
         }
-        // Whoever removes unfinished files waits until all these are finished.
+        // This lock makes a thread that removes unfinished files wait until all files here are
+        // renamed.
         let mut unfinished = unfinished::unfinished_paths();
-        let many = self.files.len() + self.trees.len() > 1;
+        let keep_previous = self.files.len() + self.trees.len() > 1;
         let trees = self.trees.iter().map(UnfinishedTree::target);
         let paths = (self.files.iter()).map(|(_, path)| path.as_path());
         let folders: BTreeSet<PathBuf> = (paths.chain(trees))
             .map(|path| parent_folder(path).to_path_buf())
             .collect();
-        let mut grown: Vec<CommittedTree> = Vec::new();
-        let undone =
-            |grown: Vec<CommittedTree>| grown.into_iter().rev().for_each(CommittedTree::undo);
+        let mut committed_trees: Vec<CommittedTree> = Vec::new();
+        let undo_trees =
+            |trees: Vec<CommittedTree>| trees.into_iter().rev().for_each(CommittedTree::undo);
         for tree in std::mem::take(&mut self.trees) {
             match tree.commit(&mut unfinished) {
-                Ok(tree) => grown.push(tree),
+                Ok(tree) => committed_trees.push(tree),
                 Err(error) => {
-                    undone(grown);
+                    undo_trees(committed_trees);
                     return Err(error);
                 }
             }
@@ -194,38 +198,46 @@ impl Batch {
         let files: Vec<(FinishedFile, PathBuf)> = (self.files.drain(..))
             .filter_map(|(file, path)| Some((file.finish(&mut unfinished)?, path)))
             .collect();
-        let mut placed: Vec<CommittedFile> = Vec::new();
+        let mut committed_files: Vec<CommittedFile> = Vec::new();
         for (temporary, path) in files {
-            match CommittedFile::new(temporary.path, path, many) {
-                Ok(file) => placed.push(file),
+            match CommittedFile::new(temporary.path, path, keep_previous) {
+                Ok(file) => committed_files.push(file),
                 Err(error) => {
-                    placed.into_iter().rev().for_each(CommittedFile::undo);
-                    undone(grown);
+                    committed_files
+                        .into_iter()
+                        .rev()
+                        .for_each(CommittedFile::undo);
+                    undo_trees(committed_trees);
                     return Err(error);
                 }
             }
         }
-        drop(placed);
-        let made = std::mem::take(&mut self.folders);
-        unfinished.folders.retain(|folder| !made.contains(folder));
+        drop(committed_files);
+        let created_folders = std::mem::take(&mut self.folders);
+        unfinished
+            .folders
+            .retain(|folder| !created_folders.contains(folder));
         folders.iter().for_each(|folder| sync_folder(folder));
         Ok(())
     }
 }
 
 impl Batch {
-    /// What another has written, in place of what was to have the same names.
+    /// Adds the files of another batch, which replace files of this one that have the same names.
     fn merge(&mut self, mut other: Self) {
         let paths: BTreeSet<&Path> = other.files.iter().map(|(_, path)| path.as_path()).collect();
         self.files
             .retain(|(_, path)| !paths.contains(path.as_path()));
         self.files.append(&mut other.files);
         self.folders.append(&mut other.folders);
-        let later = std::mem::take(&mut other.trees);
-        let replaced =
-            |tree: &UnfinishedTree| later.iter().any(|other| other.target() == tree.target());
-        self.trees.retain(|tree| !replaced(tree));
-        self.trees.extend(later);
+        let newer_trees = std::mem::take(&mut other.trees);
+        let is_replaced = |tree: &UnfinishedTree| {
+            newer_trees
+                .iter()
+                .any(|other| other.target() == tree.target())
+        };
+        self.trees.retain(|tree| !is_replaced(tree));
+        self.trees.extend(newer_trees);
     }
 }
 
@@ -236,20 +248,22 @@ impl Drop for Batch {
         if self.folders.is_empty() {
             return;
         }
-        let mut all = unfinished::unfinished_paths();
-        all.folders.retain(|folder| !self.folders.contains(folder));
+        let mut paths = unfinished::unfinished_paths();
+        paths
+            .folders
+            .retain(|folder| !self.folders.contains(folder));
         for folder in self.folders.iter().rev() {
-            // Fails, as it shall, where there are files in it.
+            // The call fails, as intended, if the folder is not empty.
             let _ = fs::remove_dir(folder);
         }
     }
 }
 
 /// Checks that a file could be written at `path`: its folder exists and it is not a folder itself.
-/// Jobs call this before their long work, [`atomic_write`] calls it anyway.
+/// Jobs call this before their long work; [`atomic_write`] checks it anyway.
 ///
 /// # Errors
-/// [`Error::Io`] that names the folder.
+/// Returns [`Error::Io`] with the name of the folder.
 pub fn check_target(path: &Path) -> Result<()> {
     let folder = parent_folder(path);
     if !folder.is_dir() {
@@ -277,11 +291,11 @@ fn parent_folder(path: &Path) -> &Path {
     }
 }
 
-/// Makes a renamed file's new name last, where folders can be synchronised.
+/// Synchronises a folder, so that a rename in it is permanent, where folders can be synchronised.
 fn sync_folder(folder: &Path) {
     #[cfg(unix)]
     if let Ok(folder) = File::open(folder) {
-        // Some file systems cannot; the files themselves are safe.
+        // Some file systems cannot synchronise folders; the files themselves are safe.
         let _ = folder.sync_all();
     }
     #[cfg(not(unix))]
@@ -334,9 +348,12 @@ mod tests {
             let mut batch = Batch::default();
             batch.create_folder(&inner)?;
             batch.write(&inner.join("a"), |w| w.write_all(b"a"))?;
-            batch.write(&inner.join("b"), |w| match fails {
-                true => Err(std::io::Error::other("disk full")),
-                false => w.write_all(b"b"),
+            batch.write(&inner.join("b"), |w| {
+                if fails {
+                    Err(std::io::Error::other("disk full"))
+                } else {
+                    w.write_all(b"b")
+                }
             })?;
             batch.commit()
         };
@@ -349,16 +366,17 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_appears_whole_in_place_of_its_like_or_not_at_all() {
+    fn a_folder_replaces_one_of_its_kind_completely_or_not_at_all() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.tree");
         let fill = |text: &'static str, fails: bool| {
             let mut batch = Batch::default();
-            batch.write_tree(&path, "mark", |at| {
-                fs::write(at.join("mark"), text).map_err(|e| io_error(at, "write", e))?;
-                match fails {
-                    true => Err(Error::Io(cause("disk", "is full", "make room"))),
-                    false => fs::write(at.join(text), "").map_err(|e| io_error(at, "write", e)),
+            batch.write_tree(&path, "mark", |tree| {
+                fs::write(tree.join("mark"), text).map_err(|e| io_error(tree, "write", e))?;
+                if fails {
+                    Err(Error::Io(cause("disk", "is full", "make room")))
+                } else {
+                    fs::write(tree.join(text), "").map_err(|e| io_error(tree, "write", e))
                 }
             })?;
             batch.commit()
@@ -371,46 +389,50 @@ mod tests {
         assert!(fill("three", true).is_err());
         assert_eq!(list_names(&path), ["mark", "two"]);
         assert_eq!(list_names(folder.path()), ["a.tree"]);
-        // A folder of something else stays.
+        // A folder without the marker file is not replaced.
         fs::remove_file(path.join("mark")).unwrap();
         let error = fill("four", false).unwrap_err().to_string();
-        assert!(error.contains("holds no mark"), "{error}");
+        assert!(error.contains("contains no mark"), "{error}");
         assert_eq!(list_names(&path), ["two"]);
     }
 
-    /// The second of three files cannot take its name: the first gives its own back, with what was
-    /// there before and without.
+    /// The second of three files cannot take its name: the first rename is undone, with and without
+    /// a previous file.
     #[test]
     fn a_rename_that_fails_in_the_middle_undoes_those_before_it() {
         let folder = tempfile::tempdir().unwrap();
-        let at = |name: &str| folder.path().join(name);
-        for before in [None, Some("old")] {
-            if let Some(text) = before {
-                fs::write(at("a"), text).unwrap();
-                fs::write(at("c"), text).unwrap();
+        let path_of = |name: &str| folder.path().join(name);
+        for old_text in [None, Some("old")] {
+            if let Some(text) = old_text {
+                fs::write(path_of("a"), text).unwrap();
+                fs::write(path_of("c"), text).unwrap();
             }
             let mut batch = Batch::default();
             for name in ["a", "b", "c"] {
-                batch.write(&at(name), |w| w.write_all(b"new")).unwrap();
+                batch
+                    .write(&path_of(name), |w| w.write_all(b"new"))
+                    .unwrap();
             }
-            fs::create_dir_all(at("b/full")).unwrap();
+            fs::create_dir_all(path_of("b/full")).unwrap();
             let error = batch.commit().unwrap_err().to_string();
             assert!(error.contains("b: cannot write"), "{error}");
-            fs::remove_dir_all(at("b")).unwrap();
-            let expected: &[&str] = if before.is_some() { &["a", "c"] } else { &[] };
+            fs::remove_dir_all(path_of("b")).unwrap();
+            let expected: &[&str] = if old_text.is_some() { &["a", "c"] } else { &[] };
             assert_eq!(list_names(folder.path()), expected);
             for name in expected {
-                assert_eq!(fs::read_to_string(at(name)).ok().as_deref(), before);
+                assert_eq!(fs::read_to_string(path_of(name)).ok().as_deref(), old_text);
             }
         }
-        // Without the obstacle all are replaced, and nothing else is left.
+        // Without the obstacle all files are replaced, and nothing else is left.
         let mut batch = Batch::default();
         for name in ["a", "b", "c"] {
-            batch.write(&at(name), |w| w.write_all(b"new")).unwrap();
+            batch
+                .write(&path_of(name), |w| w.write_all(b"new"))
+                .unwrap();
         }
         batch.commit().unwrap();
         assert_eq!(list_names(folder.path()), ["a", "b", "c"]);
-        assert_eq!(fs::read(at("a")).unwrap(), b"new");
+        assert_eq!(fs::read(path_of("a")).unwrap(), b"new");
     }
 
     #[test]
@@ -422,7 +444,8 @@ mod tests {
         batch.write(&path, |w| w.write_all(b"new")).unwrap();
         let temporary = batch.files[0].0.path().to_path_buf();
         assert!(unfinished::unfinished_paths().files.contains(&temporary));
-        // As `exit_without_unfinished` does, which would trouble the tests beside this one.
+        // `exit_without_unfinished` does the same, but it would disturb other tests that run at the
+        // same time.
         fs::remove_file(&temporary).unwrap();
         assert!(batch.commit().is_err());
         assert!(!unfinished::unfinished_paths().files.contains(&temporary));
@@ -432,7 +455,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn others_may_read_a_file_as_any_other_new_one() {
+    fn a_file_has_the_permissions_of_any_new_file() {
         use std::os::unix::fs::PermissionsExt;
         let folder = tempfile::tempdir().unwrap();
         let [plain, ours] = ["plain", "ours"].map(|name| folder.path().join(name));

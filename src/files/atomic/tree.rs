@@ -1,4 +1,4 @@
-//! Folders that appear whole or not at all.
+//! Folders that appear with all their content or not at all.
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
@@ -9,32 +9,32 @@ use super::leftovers::{self, BACKUP_SUFFIX, RANDOM_CHAR_COUNT, UNFINISHED_SUFFIX
 use super::{parent_folder, unfinished};
 use crate::error::{Error, Result, cause, io_error};
 
-/// A folder under a temporary name, which is removed with all that is in it when dropped.
+/// A folder under a temporary name. Dropping it removes the folder and its content.
 pub struct UnfinishedTree {
     temp_path: Option<PathBuf>,
     target: PathBuf,
-    /// Keeps it locked: whoever finds it knows that it is not left over.
+    /// Keeps the folder locked, so that no other process takes it for a leftover.
     _lock: Option<File>,
 }
 
 impl UnfinishedTree {
-    /// Beside its target, to be filled.
+    /// Creates the temporary folder in the parent folder of `target`.
     ///
     /// # Errors
-    /// As [`check_tree`], or if it cannot be made.
-    pub fn create(target: &Path, file: &str) -> Result<Self> {
-        check_tree(target, file)?;
+    /// Returns [`Error::Io`] as [`check_tree`] does, or if the folder cannot be created.
+    pub fn create(target: &Path, marker: &str) -> Result<Self> {
+        check_tree(target, marker)?;
         leftovers::remove_leftovers(parent_folder(target));
-        // Not between the folder and the note of it may the process end.
-        let mut all = unfinished::unfinished_paths();
+        // The process must not end between creating the folder and recording it.
+        let mut paths = unfinished::unfinished_paths();
         let temporary = unused_name(target, UNFINISHED_SUFFIX)
             .and_then(|path| fs::create_dir(&path).map(|()| path))
             .map_err(|error| io_error(target, "make the folder", error))?;
-        // Best effort: not everywhere can folders be locked.
+        // The lock is best effort: not every system can lock folders.
         let lock = File::open(&temporary)
             .ok()
             .filter(|file| file.try_lock().is_ok());
-        all.trees.insert(temporary.clone());
+        paths.trees.insert(temporary.clone());
         Ok(Self {
             temp_path: Some(temporary),
             target: target.to_path_buf(),
@@ -42,43 +42,44 @@ impl UnfinishedTree {
         })
     }
 
-    /// Where it is filled.
+    /// Returns the path under which the folder is filled.
     pub fn path(&self) -> &Path {
         self.temp_path.as_deref().unwrap_or(&self.target)
     }
 
-    /// What it will be called.
+    /// Returns the final path of the folder.
     pub fn target(&self) -> &Path {
         &self.target
     }
 
-    /// Takes its name; what had it before is kept until the result is dropped.
+    /// Renames the folder to its final name. A folder that has this name already is kept as a
+    /// backup until the result is dropped.
     ///
     /// # Errors
-    /// What the operating system reports.
-    pub fn commit(mut self, all: &mut unfinished::UnfinishedPaths) -> Result<CommittedTree> {
-        let failed = |error| io_error(&self.target, "write", error);
-        let mut placed = CommittedTree {
+    /// Returns [`Error::Io`] with the error of the operating system if a rename fails.
+    pub fn commit(mut self, paths: &mut unfinished::UnfinishedPaths) -> Result<CommittedTree> {
+        let write_error = |error| io_error(&self.target, "write", error);
+        let mut committed = CommittedTree {
             target: self.target.clone(),
             backup: None,
         };
         if self.target.exists() {
-            let before = unused_name(&self.target, BACKUP_SUFFIX).map_err(failed)?;
-            fs::rename(&self.target, &before).map_err(failed)?;
-            placed.backup = Some(before);
+            let backup = unused_name(&self.target, BACKUP_SUFFIX).map_err(write_error)?;
+            fs::rename(&self.target, &backup).map_err(write_error)?;
+            committed.backup = Some(backup);
         }
         let Some(temporary) = self.temp_path.take() else {
-            return Ok(placed);
+            return Ok(committed);
         };
-        all.trees.remove(&temporary);
+        paths.trees.remove(&temporary);
         match fs::rename(&temporary, &self.target) {
-            Ok(()) => Ok(placed),
+            Ok(()) => Ok(committed),
             Err(error) => {
                 drop(fs::remove_dir_all(temporary));
-                if let Some(before) = placed.backup.take() {
-                    drop(fs::rename(before, &self.target));
+                if let Some(backup) = committed.backup.take() {
+                    drop(fs::rename(backup, &self.target));
                 }
-                Err(failed(error))
+                Err(write_error(error))
             }
         }
     }
@@ -93,32 +94,33 @@ impl Drop for UnfinishedTree {
     }
 }
 
-/// A folder that has taken its name, and what had that before, which is removed when this is dropped.
+/// A folder that has taken its final name, and a backup of the folder that it replaced, which is
+/// removed when this is dropped.
 pub struct CommittedTree {
     target: PathBuf,
     backup: Option<PathBuf>,
 }
 
 impl CommittedTree {
-    /// Gives the name back to what had it.
+    /// Restores the folder that was replaced.
     pub fn undo(mut self) {
         // Nothing useful can be done if this fails: the first error is the one to report.
         drop(fs::remove_dir_all(&self.target));
-        if let Some(before) = self.backup.take() {
-            drop(fs::rename(before, &self.target));
+        if let Some(backup) = self.backup.take() {
+            drop(fs::rename(backup, &self.target));
         }
     }
 }
 
 impl Drop for CommittedTree {
     fn drop(&mut self) {
-        if let Some(before) = self.backup.take() {
-            drop(fs::remove_dir_all(before));
+        if let Some(backup) = self.backup.take() {
+            drop(fs::remove_dir_all(backup));
         }
     }
 }
 
-/// A name beside a target that nothing has.
+/// Returns a name in the target's folder that does not exist yet.
 fn unused_name(target: &Path, suffix: &str) -> std::io::Result<PathBuf> {
     let prefix = prefix(target);
     let mut builder = Builder::new();
@@ -126,20 +128,26 @@ fn unused_name(target: &Path, suffix: &str) -> std::io::Result<PathBuf> {
         .prefix(&prefix)
         .suffix(suffix)
         .rand_bytes(RANDOM_CHAR_COUNT);
-    let free = |path: &Path| match path.exists() {
-        true => Err(std::io::ErrorKind::AlreadyExists.into()),
-        false => Ok(path.to_path_buf()),
+    let refuse_existing = |path: &Path| {
+        if path.exists() {
+            Err(std::io::ErrorKind::AlreadyExists.into())
+        } else {
+            Ok(path.to_path_buf())
+        }
     };
-    // Nothing is made: the path alone is wanted.
-    Ok(builder.make_in(parent_folder(target), free)?.into_parts().0)
+    // Nothing is created: only the path is needed.
+    Ok(builder
+        .make_in(parent_folder(target), refuse_existing)?
+        .into_parts()
+        .0)
 }
 
-/// Checks that a folder could be written at `path`: its own folder exists, and nothing is there but what is
-/// such a folder already, one that holds `file`, or is empty.
+/// Checks that a folder could be written at `path`: its parent folder exists, and at `path` is
+/// nothing, an empty folder, or a folder of the same kind, which contains the file `marker`.
 ///
 /// # Errors
-/// [`Error::Io`] that names what is in the way.
-pub fn check_tree(path: &Path, file: &str) -> Result<()> {
+/// Returns [`Error::Io`] with the name of the missing folder or of what is in the way.
+pub fn check_tree(path: &Path, marker: &str) -> Result<()> {
     let folder = parent_folder(path);
     if !folder.is_dir() {
         let problem = format!("the folder {} does not exist", folder.display());
@@ -147,8 +155,8 @@ pub fn check_tree(path: &Path, file: &str) -> Result<()> {
         return Err(Error::Io(cause(path.display(), problem, remedy)));
     }
     let is_empty = || fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none());
-    if path.exists() && !path.join(file).is_file() && !is_empty() {
-        let problem = format!("is there already and holds no {file}");
+    if path.exists() && !path.join(marker).is_file() && !is_empty() {
+        let problem = format!("exists already and contains no {marker}");
         let remedy = "remove it, or give another name";
         return Err(Error::Io(cause(path.display(), problem, remedy)));
     }

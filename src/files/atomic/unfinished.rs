@@ -1,4 +1,4 @@
-//! Temporary files that have not taken their names yet.
+//! Temporary files that have not taken their final names yet.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File};
@@ -12,54 +12,56 @@ use super::leftovers::{self, RANDOM_CHAR_COUNT, prefix};
 use super::{check_target, parent_folder};
 use crate::error::{Result, io_error};
 
-/// All of this process.
+/// All unfinished files and folders of this process.
 static UNFINISHED_PATHS: Mutex<UnfinishedPaths> = Mutex::new(UnfinishedPaths {
     files: BTreeSet::new(),
     folders: Vec::new(),
     trees: BTreeSet::new(),
 });
 
-/// What would be left if the process ended now.
+/// Files and folders that would be left over if the process ended now.
 #[derive(Default)]
 pub struct UnfinishedPaths {
     /// Temporary files.
     pub files: BTreeSet<PathBuf>,
-    /// Folders made for files that are not there yet, the outer ones first.
+    /// Folders created for files that are not there yet, outer ones first.
     pub folders: Vec<PathBuf>,
-    /// Folders under temporary names, with all that is in them.
+    /// Folders under temporary names, with their content.
     pub trees: BTreeSet<PathBuf>,
 }
 
-/// The list of all; while it is held, no file is begun or ended, nor does the process end.
+/// Locks and returns the list of unfinished files. As long as the lock lasts, no other thread can
+/// create or rename such a file or end the process.
 pub fn unfinished_paths() -> MutexGuard<'static, UnfinishedPaths> {
     UNFINISHED_PATHS
         .lock()
         .unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Ends the process, from any thread, with no file half written: temporary files that have not taken
-/// their names yet are removed, and those that are just taking theirs are waited for. Nobody else writes
-/// or ends a file in between.
+/// Ends the process, from any thread, and leaves no file half written. Temporary files are removed.
+/// If another thread is renaming files to their final names, this call waits for it; afterwards no
+/// thread can write or rename a file.
 pub fn exit_without_unfinished(code: i32) -> ! {
-    let mut all = unfinished_paths();
-    remove_all(&mut all);
+    let mut paths = unfinished_paths();
+    remove_all(&mut paths);
     std::process::exit(code)
 }
 
-/// Removes temporary files for a process that ends and may wait for nothing, such as memory; what is just
-/// being begun or ended may stay, for the next process to remove.
+/// Removes temporary files without waiting for a lock, for a process that must end at once, for
+/// example because memory is exhausted. A file that another thread is just creating or renaming may
+/// stay; the next process removes it.
 pub fn remove_unfinished() {
-    if let Ok(mut all) = UNFINISHED_PATHS.try_lock() {
-        remove_all(&mut all);
+    if let Ok(mut paths) = UNFINISHED_PATHS.try_lock() {
+        remove_all(&mut paths);
     }
 }
 
-fn remove_all(all: &mut UnfinishedPaths) {
+fn remove_all(paths: &mut UnfinishedPaths) {
     let UnfinishedPaths {
         files,
         folders,
         trees,
-    } = std::mem::take(all);
+    } = std::mem::take(paths);
     // Nothing useful can be done if this fails: the process ends.
     for path in files {
         let _ = fs::remove_file(path);
@@ -77,40 +79,47 @@ pub struct UnfinishedFile {
     file: Option<FinishedFile>,
 }
 
-/// One that is about to take its name.
+/// A temporary file that is complete and about to take its final name.
 pub struct FinishedFile {
-    /// Its temporary name.
+    /// Its temporary path.
     pub path: TempPath,
-    /// Keeps it locked: whoever finds it knows that it is not left over.
+    /// Keeps the file locked, so that no other process takes it for a leftover.
     _lock: File,
 }
 
 impl UnfinishedFile {
-    /// Beside its target, to be written.
+    /// Creates the temporary file in the folder of `target`. Returns also a handle to write to it.
     ///
     /// # Errors
-    /// As [`check_target`], or if it cannot be made.
+    /// Returns [`Error::Io`](crate::Error::Io) as [`check_target`] does, or if the file cannot be
+    /// created.
     pub fn create(target: &Path) -> Result<(Self, File)> {
         check_target(target)?;
         leftovers::remove_leftovers(parent_folder(target));
-        // Not between the file and the note of it may the process end.
-        let mut all = unfinished_paths();
-        let made = create_locked(target).and_then(|file| Ok((file.as_file().try_clone()?, file)));
-        let (lock, file) = made.map_err(|error| io_error(target, "write", error))?;
+        // The process must not end between creating the file and recording it.
+        let mut paths = unfinished_paths();
+        let created =
+            create_locked(target).and_then(|file| Ok((file.as_file().try_clone()?, file)));
+        let (lock, file) = created.map_err(|error| io_error(target, "write", error))?;
         let (file, path) = file.into_parts();
-        all.files.insert(path.to_path_buf());
-        let taken = FinishedFile { path, _lock: lock };
-        Ok((Self { file: Some(taken) }, file))
+        paths.files.insert(path.to_path_buf());
+        let finished = FinishedFile { path, _lock: lock };
+        Ok((
+            Self {
+                file: Some(finished),
+            },
+            file,
+        ))
     }
 
-    /// The file, no longer in the list of unfinished ones.
-    pub fn finish(mut self, all: &mut UnfinishedPaths) -> Option<FinishedFile> {
+    /// Takes the file out of the list of unfinished ones and returns it.
+    pub fn finish(mut self, paths: &mut UnfinishedPaths) -> Option<FinishedFile> {
         let file = self.file.take()?;
-        all.files.remove(&*file.path);
+        paths.files.remove(&*file.path);
         Some(file)
     }
 
-    /// Its temporary name.
+    /// Returns its temporary path.
     #[cfg(test)]
     pub fn path(&self) -> &Path {
         &self.file.as_ref().unwrap().path
@@ -125,7 +134,7 @@ impl Drop for UnfinishedFile {
     }
 }
 
-/// A new temporary file, locked where files can be.
+/// Creates a temporary file and locks it, where files can be locked.
 fn create_locked(target: &Path) -> io::Result<NamedTempFile> {
     let mut builder = Builder::new();
     let prefix = prefix(target);
@@ -135,14 +144,15 @@ fn create_locked(target: &Path) -> io::Result<NamedTempFile> {
         .rand_bytes(RANDOM_CHAR_COUNT);
     #[cfg(unix)]
     {
-        // As any other new file, not private as temporary ones are by default.
+        // The file gets the permissions of any other new file; temporary files are private by
+        // default.
         use std::os::unix::fs::PermissionsExt;
         builder.permissions(fs::Permissions::from_mode(0o666));
     }
     loop {
         let file = builder.tempfile_in(parent_folder(target))?;
         match file.as_file().try_lock() {
-            // Between its making and its lock another process may have taken it for one left over.
+            // Before this process locked the file, another one may have taken it for a leftover.
             Err(fs::TryLockError::WouldBlock) => (),
             Ok(()) if !file.path().exists() => (),
             _ => return Ok(file),

@@ -1,8 +1,9 @@
-//! Legacy files (`.vtk`), which `vtkio` reads, as the XML files that all else here is about.
+//! Converts legacy VTK files (`.vtk`), which `vtkio` reads, to the XML format that the other
+//! modules here read.
 //!
-//! What `vtkio` does not know of is settled before it sees the file: names of number types that VTK
-//! writes since its version 9, and field data in front of a data set. It has origins and spacings in
-//! single precision, so these are taken from the text. Layout:
+//! Two things that `vtkio` does not know are replaced before it sees the file: the names of number
+//! types that VTK writes since version 9, and field data in front of a data set. `vtkio` reads
+//! origins and spacings in single precision, so they are taken from the text instead. Layout:
 //! <https://docs.vtk.org/en/latest/vtk_file_formats/vtk_legacy_file_format.html>.
 
 use std::io::Cursor;
@@ -14,16 +15,17 @@ use vtkio::model::{
 
 use super::{ArrayPacking, DataArray, Document, Values};
 
-/// What every legacy file begins with.
+/// The first bytes of every legacy file.
 pub const MAGIC: &[u8] = b"# vtk DataFile";
 
-/// The text of a file's head: three lines and the data set's, and for images three more.
+/// Upper bound of the length of a file's head in bytes: three lines, the line of the data set, and
+/// three more for images.
 const MAX_HEADER_BYTES: usize = 2048;
 
-/// The same content as an XML file.
+/// Converts a legacy file to the bytes of an XML file with the same content.
 ///
 /// # Errors
-/// What is wrong with the file.
+/// Returns a text that says what is wrong with the file.
 pub fn to_xml(bytes: &[u8]) -> Result<Vec<u8>, String> {
     let bytes = &replace_type_names(bytes);
     let begin = data_set_line_end(bytes).ok_or("is a VTK file without a data set")?;
@@ -47,8 +49,8 @@ pub fn to_xml(bytes: &[u8]) -> Result<Vec<u8>, String> {
             pieces,
             ..
         } => {
-            let whole = dims.map(|n| format!("0 {}", i64::from(n) - 1)).join(" ");
-            content.attributes.push(("WholeExtent", whole.clone()));
+            let extent = dims.map(|n| format!("0 {}", i64::from(n) - 1)).join(" ");
+            content.attributes.push(("WholeExtent", extent.clone()));
             for (word, attribute) in [
                 ("ORIGIN", "Origin"),
                 ("SPACING", "Spacing"),
@@ -59,7 +61,7 @@ pub fn to_xml(bytes: &[u8]) -> Result<Vec<u8>, String> {
                     .attributes
                     .extend(value.map(|text| (attribute, text)));
             }
-            content.piece.push(("Extent", whole));
+            content.piece.push(("Extent", extent));
             content.take_attributes(single_piece(pieces)?.data)?;
         }
         DataSet::UnstructuredGrid { pieces, .. } => {
@@ -76,17 +78,18 @@ pub fn to_xml(bytes: &[u8]) -> Result<Vec<u8>, String> {
     content.to_xml(kind).map_err(|error| error.to_string())
 }
 
-/// The data set, if the whole file is understood.
+/// Parses the data set. Returns an error if any of the file is not understood.
 fn parse(bytes: &[u8]) -> Result<DataSet, String> {
     let damaged = "is damaged, cut off, or holds more than numbers";
     let (rest, Vtk { data, .. }) = vtkio::parser::parse_be(bytes).map_err(|_| damaged)?;
-    match rest.iter().all(u8::is_ascii_whitespace) {
-        true => Ok(data),
-        false => Err(damaged.into()),
+    if rest.iter().all(u8::is_ascii_whitespace) {
+        Ok(data)
+    } else {
+        Err(damaged.into())
     }
 }
 
-/// The only piece: legacy files have one.
+/// Returns the only piece: legacy files have exactly one.
 fn single_piece<P>(pieces: Vec<Piece<P>>) -> Result<P, String> {
     match pieces.into_iter().next() {
         Some(Piece::Inline(piece)) => Ok(*piece),
@@ -94,28 +97,28 @@ fn single_piece<P>(pieces: Vec<Piece<P>>) -> Result<P, String> {
     }
 }
 
-/// The file with VTK's new names of number types as their old ones.
+/// Replaces VTK's new names of number types by the old ones.
 fn replace_type_names(bytes: &[u8]) -> Vec<u8> {
-    let mut known = Vec::with_capacity(bytes.len());
+    let mut converted = Vec::with_capacity(bytes.len());
     for line in bytes.split_inclusive(|&b| b == b'\n') {
         let names = [
             (" vtktypeint64\n", " long\n"),
             (" vtktypeuint64\n", " unsigned_long\n"),
         ];
         let is_cells = line.starts_with(b"OFFSETS") || line.starts_with(b"CONNECTIVITY");
-        let found = names.iter().find(|(new, _)| line.ends_with(new.as_bytes()));
-        match found {
+        let renamed = names.iter().find(|(new, _)| line.ends_with(new.as_bytes()));
+        match renamed {
             Some((new, old)) if !is_cells => {
-                known.extend(&line[..line.len() - new.len()]);
-                known.extend(old.as_bytes());
+                converted.extend(&line[..line.len() - new.len()]);
+                converted.extend(old.as_bytes());
             }
-            _ => known.extend(line),
+            _ => converted.extend(line),
         }
     }
-    known
+    converted
 }
 
-/// Where the line ends that names the data set.
+/// Returns the position after the line that names the data set.
 fn data_set_line_end(bytes: &[u8]) -> Option<usize> {
     let mut end = 0;
     for line in bytes[..bytes.len().min(MAX_HEADER_BYTES)].split_inclusive(|&b| b == b'\n') {
@@ -127,37 +130,38 @@ fn data_set_line_end(bytes: &[u8]) -> Option<usize> {
     None
 }
 
-/// The field data that stands in front of the data set, and the file without it.
+/// Separates the field data that stands in front of the data set. Returns the field data and the
+/// file without it.
 fn split_field_data(bytes: &[u8], begin: usize) -> Result<(Vec<FieldArray>, Vec<u8>), String> {
     let rest = bytes[begin..].trim_ascii_start();
     if !rest.starts_with(b"FIELD") {
         return Ok((Vec::new(), bytes.to_vec()));
     }
-    let line_of_set = bytes[..begin].trim_ascii_end();
-    let line_of_set = line_of_set.iter().rposition(|&b| b == b'\n').unwrap_or(0);
-    // To vtkio field data is a data set of its own.
-    let alone = [&bytes[..=line_of_set], rest].concat();
-    match vtkio::parser::parse_be(&alone) {
+    let header = bytes[..begin].trim_ascii_end();
+    let line_break = header.iter().rposition(|&b| b == b'\n').unwrap_or(0);
+    // For `vtkio` field data is a data set of its own.
+    let field_file = [&bytes[..=line_break], rest].concat();
+    match vtkio::parser::parse_be(&field_file) {
         Ok((
-            after,
+            remaining,
             Vtk {
                 data: DataSet::Field { data_array, .. },
                 ..
             },
-        )) => Ok((data_array, [&bytes[..begin], after].concat())),
+        )) => Ok((data_array, [&bytes[..begin], remaining].concat())),
         _ => Err("has field data other than numbers".into()),
     }
 }
 
-/// The words behind the first line that begins with this one.
-fn find_line_value(bytes: &[u8], word: &str) -> Option<String> {
+/// Returns the words after `keyword` on the first line that begins with it.
+fn find_line_value(bytes: &[u8], keyword: &str) -> Option<String> {
     let head = String::from_utf8_lossy(&bytes[..bytes.len().min(MAX_HEADER_BYTES)]);
     let mut lines = head.lines();
     lines.find_map(|line| {
         let mut words = line.split_ascii_whitespace();
         let first = words.next()?;
         let rest: Vec<&str> = words.collect();
-        first.eq_ignore_ascii_case(word).then(|| rest.join(" "))
+        first.eq_ignore_ascii_case(keyword).then(|| rest.join(" "))
     })
 }
 
@@ -185,7 +189,7 @@ fn field_array(array: FieldArray) -> Result<DataArray, String> {
     })
 }
 
-/// Names stand without spaces: `%20` is one.
+/// Decodes the name of an array: characters such as spaces stand in it as `%20`.
 fn decode_name(name: &str) -> String {
     let mut bytes = Vec::new();
     let mut rest = name.as_bytes();
@@ -207,11 +211,12 @@ fn decode_name(name: &str) -> String {
     String::from_utf8_lossy(&bytes).into_owned()
 }
 
-/// What an XML file holds.
+/// The content of the XML file.
 #[derive(Default)]
 struct XmlContent {
-    /// Attributes of the data set, and of its only piece.
+    /// Attributes of the data set.
     attributes: Vec<(&'static str, String)>,
+    /// Attributes of the only piece.
     piece: Vec<(&'static str, String)>,
     fields: Vec<DataArray>,
     /// The name of the active scalars on points.
@@ -263,7 +268,8 @@ impl XmlContent {
                 connectivity,
                 offsets,
             } => {
-                // Their beginnings, and the end of the last.
+                // VTK writes the start of each cell and the end of the last; XML files need the
+                // ends only.
                 let begins = offsets.len() == count + 1;
                 (
                     connectivity,
@@ -276,10 +282,11 @@ impl XmlContent {
         };
         let types: Vec<u8> = cells.types.iter().map(|&kind| kind as u8).collect();
         let polyhedra = cells.types.iter().all(|&kind| kind == CellType::Polyhedron);
-        // A polyhedron is listed by its faces.
-        let names = match polyhedra && count > 0 {
-            true => ["faces", "faceoffsets"],
-            false => ["connectivity", "offsets"],
+        // The points of a polyhedron are listed by its faces.
+        let names = if polyhedra && count > 0 {
+            ["faces", "faceoffsets"]
+        } else {
+            ["connectivity", "offsets"]
         };
         self.cells = vec![
             DataArray::scalars(names[0], connectivity),
@@ -313,7 +320,7 @@ impl XmlContent {
     }
 }
 
-/// Opens an element and puts arrays into it.
+/// Opens an element and adds arrays to it.
 fn open_with_arrays<'a>(
     document: &mut Document<'a>,
     element: &'static str,
@@ -326,13 +333,14 @@ fn open_with_arrays<'a>(
     }
 }
 
-/// The nodes of cells that each begin with their number, and where each cell ends.
+/// Splits a list in which each cell begins with the count of its nodes. Returns the nodes of all
+/// cells, and the end of each cell in that list.
 fn split_cells(cells: &[u32]) -> Option<(Vec<u64>, Vec<u64>)> {
     let (mut nodes, mut ends) = (Vec::new(), Vec::new());
     let mut rest = cells;
     while let [size, after @ ..] = rest {
-        let (own, next) = after.split_at_checked(*size as usize)?;
-        nodes.extend(own.iter().map(|&n| u64::from(n)));
+        let (cell_nodes, next) = after.split_at_checked(*size as usize)?;
+        nodes.extend(cell_nodes.iter().map(|&n| u64::from(n)));
         ends.push(nodes.len() as u64);
         rest = next;
     }
@@ -350,22 +358,23 @@ mod tests {
         assert_eq!(decode_name("%zz%c3%bc"), "%zzü");
     }
 
-    /// Cut anywhere, a file is never read and never panics.
+    /// A file that is cut off at any position is refused and never causes a panic.
     #[test]
     fn damaged_files_are_refused() {
         let text = "# vtk DataFile Version 3.0\ntitle\nASCII\nDATASET UNSTRUCTURED_GRID\n\
                     POINTS 4 float\n0 0 0 1 0 0 0 1 0 0 0 1\nCELLS 1 5\n4 0 1 2 3\n\
                     CELL_TYPES 1\n10\nCELL_DATA 1\nSCALARS region int 1\nLOOKUP_TABLE default\n7\n";
         assert!(to_xml(text.as_bytes()).is_ok());
-        // The last line may lack its end.
+        // The line break at the end of the file may be missing.
         for end in 0..text.find("CELL_TYPES").unwrap() {
             assert!(to_xml(&text.as_bytes()[..end]).is_err(), "cut at {end}");
         }
-        let wrong = |from: &str, to: &str| to_xml(text.replace(from, to).as_bytes()).unwrap_err();
-        assert!(wrong("CELL_DATA 1", "CELL_DATA 2").contains("damaged"));
-        assert!(wrong("region int", "region string").contains("damaged"));
-        assert!(wrong("4 0 1 2 3", "9 0 1 2 3").contains("broken cells"));
-        assert!(wrong("UNSTRUCTURED_GRID", "NOTHING").contains("damaged"));
-        assert!(wrong("DATASET", "SET").contains("without a data set"));
+        let error_after =
+            |old: &str, new: &str| to_xml(text.replace(old, new).as_bytes()).unwrap_err();
+        assert!(error_after("CELL_DATA 1", "CELL_DATA 2").contains("damaged"));
+        assert!(error_after("region int", "region string").contains("damaged"));
+        assert!(error_after("4 0 1 2 3", "9 0 1 2 3").contains("broken cells"));
+        assert!(error_after("UNSTRUCTURED_GRID", "NOTHING").contains("damaged"));
+        assert!(error_after("DATASET", "SET").contains("without a data set"));
     }
 }

@@ -1,15 +1,16 @@
-//! VTK's XML files: the container that `.vti`, `.vtu` and `.vtp` share.
+//! VTK's XML files: the container that `.vti`, `.vtu` and `.vtp` files share.
 //!
-//! What we write: version 1.0, little endian, `header_type="UInt64"`, all arrays appended raw in
-//! zlib blocks. What we read: that, and what VTK, ParaView and meshio write: ascii, base64 inline,
-//! appended raw or base64, compressed by zlib, LZ4, LZMA or not at all, 32- and 64-bit headers, both
-//! byte orders; and legacy files, ascii and binary.
-//! Layout: VTK file formats, <https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html>.
+//! This module writes version 1.0, little endian, `header_type="UInt64"`, all arrays appended raw
+//! in zlib blocks. It reads the same, and what VTK, ParaView and meshio write: ASCII, base64
+//! inline, appended raw or base64, compressed by zlib, LZ4, LZMA or not at all, 32- and 64-bit
+//! headers, both byte orders; and legacy files, ASCII and binary.
+//! Layout: VTK file formats,
+//! <https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html>.
 //!
-//! - `write`: a [`Document`], streamed array by array
-//! - `read`: a [`VtkFile`], arrays taken out when asked for
-//! - `unpack`: compressed blocks
-//! - `legacy`: legacy files as XML ones
+//! - `write`: a [`Document`], written array by array
+//! - `read`: a [`VtkFile`], whose arrays are decoded on demand
+//! - `unpack`: decompression of blocks
+//! - `legacy`: conversion of legacy files to XML
 //! - `xml`: the XML as a tree
 
 pub(crate) mod legacy;
@@ -21,19 +22,19 @@ pub(crate) mod xml;
 pub use read::VtkFile;
 pub use write::{ArrayPacking, ArraySource, Document};
 
-/// One named array of a VTK file, `components` numbers a tuple.
+/// One named array of a VTK file, with `components` numbers per tuple.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DataArray {
     /// Its name.
     pub name: String,
-    /// Numbers in a tuple: 1 for scalars, 3 for vectors.
+    /// Count of numbers per tuple: 1 for scalars, 3 for vectors.
     pub components: usize,
     /// The numbers, tuple after tuple.
     pub values: Values,
 }
 
 impl DataArray {
-    /// A scalar array.
+    /// Creates an array of scalars.
     pub fn scalars(name: impl Into<String>, values: impl Into<Values>) -> Self {
         Self {
             name: name.into(),
@@ -47,9 +48,9 @@ impl DataArray {
 pub trait VtkScalar: Copy + Send + Sync + 'static {
     /// VTK's name of the type.
     const TYPE_NAME: &'static str;
-    /// Bytes of a number.
+    /// Size of a number in bytes.
     const SIZE: usize;
-    /// Appends the number, little endian.
+    /// Appends the bytes of the number, little endian.
     fn append_bytes(self, bytes: &mut Vec<u8>);
 }
 
@@ -80,47 +81,47 @@ macro_rules! scalars {
         )*
 
         impl Values {
-            /// How many numbers there are.
+            /// Returns the count of numbers.
             pub fn len(&self) -> usize {
                 match self {
                     $(Self::$variant(v) => v.len(),)*
                 }
             }
 
-            /// Whether there are none.
+            /// Returns `true` if there are no numbers.
             pub fn is_empty(&self) -> bool {
                 self.len() == 0
             }
 
-            /// VTK's name of the number type.
+            /// Returns VTK's name of the number type.
             pub fn type_name(&self) -> &'static str {
                 match self {
                     $(Self::$variant(_) => $kind,)*
                 }
             }
 
-            /// The numbers as `f32`, rounded where they do not fit.
+            /// Returns the numbers as `f32`, rounded where they do not fit.
             pub fn to_f32(&self) -> Vec<f32> {
                 match self {
                     $(Self::$variant(v) => v.iter().map(|&x| x as f32).collect(),)*
                 }
             }
 
-            /// The numbers as `f64`, rounded where 64-bit integers do not fit.
+            /// Returns the numbers as `f64`, rounded where 64-bit integers do not fit.
             pub fn to_f64(&self) -> Vec<f64> {
                 match self {
                     $(Self::$variant(v) => v.iter().map(|&x| x as f64).collect(),)*
                 }
             }
 
-            /// The numbers as `i64`; fractions are cut off.
+            /// Returns the numbers as `i64`; fractions are cut off.
             pub fn to_i64(&self) -> Vec<i64> {
                 match self {
                     $(Self::$variant(v) => v.iter().map(|&x| x as i64).collect(),)*
                 }
             }
 
-            /// The numbers, exactly, if they are integers.
+            /// Returns the numbers exactly, or `None` if their type is not an integer type.
             pub fn to_integers(&self) -> Option<Vec<i128>> {
                 if matches!(self.type_name(), "Float32" | "Float64") {
                     return None;
@@ -130,24 +131,26 @@ macro_rules! scalars {
                 })
             }
 
-            /// The numbers as `u32`; `None` if one is negative or too large. Fractions are cut off.
+            /// Returns the numbers as `u32`, or `None` if one is negative or too large. Fractions
+            /// are cut off.
             pub fn to_u32(&self) -> Option<Vec<u32>> {
                 match self {
                     $(Self::$variant(v) => v.iter().map(|&x| u32::try_from(x as i64).ok()).collect(),)*
                 }
             }
 
-            /// The tuples with these numbers, `components` numbers each, in this order.
-            pub fn select_tuples(&self, which: &[u32], components: usize) -> Self {
+            /// Returns the tuples of the given indices, in the order of the indices.
+            pub fn select_tuples(&self, indices: &[u32], components: usize) -> Self {
                 match self {
                     $(Self::$variant(v) => {
                         let tuple = |&i: &u32| i as usize * components..(i as usize + 1) * components;
-                        Self::$variant(which.iter().flat_map(|i| &v[tuple(i)]).copied().collect())
+                        Self::$variant(indices.iter().flat_map(|i| &v[tuple(i)]).copied().collect())
                     })*
                 }
             }
 
-            /// Puts others of the same type behind these; says whether they are.
+            /// Appends numbers of the same type. Returns `false`, and appends nothing, if the types
+            /// differ.
             pub fn append(&mut self, others: Self) -> bool {
                 match (self, others) {
                     $((Self::$variant(v), Self::$variant(more)) => {
@@ -158,15 +161,15 @@ macro_rules! scalars {
                 }
             }
 
-            /// The numbers as a source for a [`Document`].
+            /// Returns the numbers as a source for a [`Document`].
             pub fn source<'a>(&'a self, name: &str, components: usize) -> ArraySource<'a> {
                 match self {
                     $(Self::$variant(v) => ArraySource::slice(name, components, v),)*
                 }
             }
 
-            /// Numbers of VTK's type `kind` from their bytes; `None` for a type that is not one.
-            /// A rest shorter than a number is ignored.
+            /// Decodes numbers of VTK's type `kind` from bytes. Returns `None` if there is no such
+            /// type. Bytes at the end that are fewer than a number are ignored.
             pub(crate) fn from_bytes(kind: &str, bytes: &[u8], big_endian: bool) -> Option<Self> {
                 match kind {
                     $($kind => {
@@ -181,7 +184,8 @@ macro_rules! scalars {
                 }
             }
 
-            /// Numbers of VTK's type `kind` from text; `Err` holds the word that is not one.
+            /// Parses numbers of VTK's type `kind` from text. Returns `None` if there is no such
+            /// type; `Err` holds the word that is not a number.
             pub(crate) fn from_text<'a>(kind: &str, text: &'a str) -> Option<Result<Self, &'a str>> {
                 match kind {
                     $($kind => Some(
@@ -210,12 +214,12 @@ scalars! {
     F64 f64, "Float64";
 }
 
-/// Files that VTK wrote, in every variant that is read.
+/// Test files that VTK has written, in every variant that is read.
 #[cfg(test)]
 pub(crate) mod fixtures {
     use std::path::{Path, PathBuf};
 
-    /// How they are coded: format, compressor, bits of the header, byte order.
+    /// Variants of encoding: format, compressor, bits of the header, byte order.
     pub const VARIANTS: [&str; 13] = [
         "ascii_none_32_le",
         "inline_none_32_be",
@@ -232,7 +236,7 @@ pub(crate) mod fixtures {
         "base64_lzma_64_le",
     ];
 
-    /// Where such a file is.
+    /// Returns the path of a test file.
     pub fn fixture(name: &str) -> PathBuf {
         let root = Path::new(env!("CARGO_MANIFEST_DIR"));
         root.join("tests/data/vtk").join(name)

@@ -1,4 +1,4 @@
-//! Reading VTK files: the XML as a tree, arrays when asked for.
+//! Reads VTK files: the XML as a tree, and arrays on demand.
 
 use std::path::{Path, PathBuf};
 
@@ -9,7 +9,7 @@ use super::xml::{self, Element};
 use super::{DataArray, Values, legacy};
 use crate::error::{Error, Result, cause, io_error};
 
-/// A VTK XML file in memory, arrays still as they are in the file.
+/// A VTK XML file in memory. Arrays are decoded only when they are requested.
 pub struct VtkFile {
     path: PathBuf,
     bytes: Vec<u8>,
@@ -20,10 +20,12 @@ pub struct VtkFile {
 }
 
 impl VtkFile {
-    /// Reads a file of VTK's data set `kind`, e.g. `UnstructuredGrid`, in XML or legacy.
+    /// Reads a file that holds VTK's data set `kind`, for example `UnstructuredGrid`, in XML or
+    /// legacy format.
     ///
     /// # Errors
-    /// [`Error::Io`] if it cannot be read, is no VTK XML file, or holds something else.
+    /// Returns [`Error::Io`] if the file cannot be read, is not a VTK file, or holds another data
+    /// set.
     pub fn read(path: &Path, kind: &str) -> Result<Self> {
         let bytes = std::fs::read(path).map_err(|e| io_error(path, "read", e))?;
         let file = Self {
@@ -52,9 +54,9 @@ impl VtkFile {
         }
         let root = xml::parse(&self.bytes)
             .map_err(|why| self.error(format!("is damaged: {why}"), "write it again"))?;
-        let held = root.attribute("type").unwrap_or("nothing");
-        if root.name != "VTKFile" || held != kind || root.child(kind).is_none() {
-            return Err(self.error(format!("holds {held}, not {kind}"), remedy));
+        let found_kind = root.attribute("type").unwrap_or("nothing");
+        if root.name != "VTKFile" || found_kind != kind || root.child(kind).is_none() {
+            return Err(self.error(format!("holds {found_kind}, not {kind}"), remedy));
         }
         self.big_endian = root.attribute("byte_order") == Some("BigEndian");
         self.has_u64_headers = match root.attribute("header_type") {
@@ -76,17 +78,17 @@ impl VtkFile {
         Ok(self)
     }
 
-    /// The data set's element.
+    /// Returns the element of the data set.
     pub fn data_set(&self) -> &Element {
-        // `parsed` has found it.
+        // [`VtkFile::read`] has checked that the element exists.
         let kind = self.root.attribute("type").unwrap_or_default();
         self.root.child(kind).unwrap_or(&self.root)
     }
 
-    /// The data set's only piece.
+    /// Returns the only piece of the data set.
     ///
     /// # Errors
-    /// [`Error::Io`] if there are none or several.
+    /// Returns [`Error::Io`] if there is no piece or more than one.
     pub fn piece(&self) -> Result<&Element> {
         let mut pieces = self
             .data_set()
@@ -103,20 +105,20 @@ impl VtkFile {
         }
     }
 
-    /// An element that must be there.
+    /// Returns a child element that must exist.
     ///
     /// # Errors
-    /// [`Error::Io`] that names it.
+    /// Returns [`Error::Io`] with the name of the element if it is missing.
     pub fn child<'e>(&self, element: &'e Element, name: &str) -> Result<&'e Element> {
         element
             .child(name)
             .ok_or_else(|| self.error(format!("has no {name}"), "write it again"))
     }
 
-    /// An attribute of whole or real numbers that must be there.
+    /// Parses a required attribute that holds numbers separated by spaces.
     ///
     /// # Errors
-    /// [`Error::Io`] that names it.
+    /// Returns [`Error::Io`] with the name of the attribute if it is missing or not such a list.
     pub fn parse_attribute<T: std::str::FromStr>(
         &self,
         element: &Element,
@@ -129,16 +131,16 @@ impl VtkFile {
                 .collect()
         })
         .ok_or_else(|| {
-            let found = text.map_or("missing".to_string(), |t| format!("'{t}'"));
-            let problem = format!("the attribute {name} of {} is {found}", element.name);
+            let value = text.map_or("missing".to_string(), |t| format!("'{t}'"));
+            let problem = format!("the attribute {name} of {} is {value}", element.name);
             self.error(problem, "write it again")
         })
     }
 
-    /// An array (`DataArray`) of numbers.
+    /// Decodes an array of numbers (element `DataArray`).
     ///
     /// # Errors
-    /// [`Error::Io`] that names the array and what is wrong with it.
+    /// Returns [`Error::Io`] with the name of the array and what is wrong with it.
     pub fn array(&self, element: &Element) -> Result<DataArray> {
         let name = element.attribute("Name").unwrap_or_default().to_string();
         let fault =
@@ -173,10 +175,10 @@ impl VtkFile {
         })
     }
 
-    /// An array (`Array`, or a `DataArray` of characters) of one string.
+    /// Decodes an array that holds one string (element `Array`, or a `DataArray` of characters).
     ///
     /// # Errors
-    /// As [`array`](Self::array).
+    /// Returns [`Error::Io`] as [`array`](Self::array) does.
     pub fn text(&self, element: &Element) -> Result<String> {
         let name = element.attribute("Name").unwrap_or_default();
         let fault =
@@ -198,12 +200,12 @@ impl VtkFile {
         Ok(String::from_utf8_lossy(&bytes).into_owned())
     }
 
-    /// An error about this file.
+    /// Creates an error about this file.
     pub fn error(&self, problem: impl std::fmt::Display, remedy: impl std::fmt::Display) -> Error {
         Error::Io(cause(self.path.display(), problem, remedy))
     }
 
-    /// The bytes of a binary or appended array, decoded and decompressed.
+    /// Returns the bytes of a binary or appended array, decoded and decompressed.
     fn decode(&self, element: &Element) -> std::result::Result<Vec<u8>, String> {
         let mut stream = match element.attribute("format") {
             Some("binary") => ByteStream::base64(&self.bytes[element.text.clone()]),
@@ -219,7 +221,7 @@ impl VtkFile {
         let sizes = self.read_header(&mut stream, 2)?;
         let (block, last) = (sizes[0], sizes[1]);
         let packed_sizes = self.read_header(&mut stream, blocks)?;
-        // The header and the blocks are base64 streams of their own.
+        // The header and the blocks are separate base64 streams.
         stream.discard_padding();
         let packed: Vec<Vec<u8>> = packed_sizes
             .iter()
@@ -248,18 +250,18 @@ impl VtkFile {
                 .ok_or("is damaged: its header is too long")?,
         )?;
         let number = |b: &[u8]| {
-            let little = |n: u64, &byte: &u8| n << 8 | u64::from(byte);
+            let append_byte = |n: u64, &byte: &u8| n << 8 | u64::from(byte);
             let value = if self.big_endian {
-                b.iter().fold(0, little)
+                b.iter().fold(0, append_byte)
             } else {
-                b.iter().rev().fold(0, little)
+                b.iter().rev().fold(0, append_byte)
             };
             usize::try_from(value).unwrap_or(usize::MAX)
         };
         Ok(bytes.chunks_exact(size).map(number).collect())
     }
 
-    /// The stream of an appended array.
+    /// Returns the stream of an appended array.
     fn appended_stream(&self, element: &Element) -> std::result::Result<ByteStream<'_>, String> {
         let data = self
             .root
@@ -284,7 +286,7 @@ impl VtkFile {
     }
 }
 
-/// Bytes as they come: raw, or base64 in pieces that may each end with padding.
+/// The encoded bytes of an array: raw, or base64 in parts that may each end with padding.
 enum ByteStream<'a> {
     Raw(&'a [u8]),
     Base64 { text: &'a [u8], decoded: Vec<u8> },
@@ -298,7 +300,7 @@ impl<'a> ByteStream<'a> {
         }
     }
 
-    /// The next bytes; an error if there are not so many.
+    /// Returns the next `count` bytes, or an error if there are fewer.
     fn read_bytes(&mut self, count: usize) -> std::result::Result<Vec<u8>, String> {
         let cut = || "is cut off or damaged: data is missing".to_string();
         match self {
@@ -319,7 +321,7 @@ impl<'a> ByteStream<'a> {
         }
     }
 
-    /// Drops what padding has left over.
+    /// Discards decoded bytes that have not been read, at the end of a base64 part.
     fn discard_padding(&mut self) {
         if let Self::Base64 { decoded, .. } = self {
             decoded.clear();
@@ -327,7 +329,7 @@ impl<'a> ByteStream<'a> {
     }
 }
 
-/// One to three bytes from four characters, and the text after them.
+/// Decodes four base64 characters to one to three bytes. Returns also the text after them.
 fn decode_quad(text: &[u8]) -> Option<(Bytes3, &[u8])> {
     let (mut word, mut digits, mut padding) = (0u32, 0, 0);
     for (i, &c) in text.iter().enumerate() {
@@ -377,8 +379,8 @@ mod tests {
 
     #[test]
     fn base64_decodes_across_padding_and_white_space() {
-        // RFC 4648's vectors, and two streams in a row.
-        for (text, want) in [
+        // The test vectors of RFC 4648, and two streams in a row.
+        for (text, expected) in [
             ("Zg==", "f"),
             ("Zm8=", "fo"),
             ("Zm9v", "foo"),
@@ -388,8 +390,8 @@ mod tests {
         ] {
             let mut stream = ByteStream::base64(text.as_bytes());
             assert_eq!(
-                stream.read_bytes(want.len()).unwrap(),
-                want.as_bytes(),
+                stream.read_bytes(expected.len()).unwrap(),
+                expected.as_bytes(),
                 "{text}"
             );
             assert!(stream.read_bytes(1).is_err(), "{text}");

@@ -1,10 +1,10 @@
-//! Blocks of arrays, as VTK's compressors pack them.
+//! Decompresses blocks of arrays that VTK's compressors have written.
 
 use std::io::{self, Write};
 
 use flate2::{Decompress, FlushDecompress, Status};
 
-/// How the blocks of a file's arrays are packed.
+/// The compression method of a file's arrays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Compressor {
     Zlib,
@@ -13,7 +13,7 @@ pub(super) enum Compressor {
 }
 
 impl Compressor {
-    /// The one of VTK's name.
+    /// Returns the method that VTK calls `name`.
     pub(super) fn from_name(name: &str) -> Option<Self> {
         match name {
             "vtkZLibDataCompressor" => Some(Self::Zlib),
@@ -23,8 +23,9 @@ impl Compressor {
         }
     }
 
-    /// How many times larger than packed a block can be at most: a lying header must not claim all
-    /// memory. For LZMA there is no such number that is of use; what it unpacks grows as it comes.
+    /// Returns the largest possible ratio of unpacked to packed size, so that a wrong header cannot
+    /// make the reader allocate all memory. There is no useful bound for LZMA; its buffer grows as
+    /// it is filled.
     fn max_ratio(self) -> usize {
         match self {
             Self::Zlib => 1032,
@@ -33,7 +34,10 @@ impl Compressor {
         }
     }
 
-    /// Unpacks a block, which must hold exactly `size` bytes.
+    /// Unpacks a block, which must give exactly `size` bytes.
+    ///
+    /// # Errors
+    /// Returns a text that says what is wrong with the block.
     pub(super) fn unpack(self, packed: &[u8], size: usize) -> Result<Vec<u8>, String> {
         if size > packed.len().saturating_mul(self.max_ratio()) {
             return Err("is damaged: a block is larger than its data can be".to_string());
@@ -46,8 +50,8 @@ impl Compressor {
                     bytes: Vec::new(),
                     max_len: size,
                 };
-                let done = lzma_rs::xz_decompress(&mut &*packed, &mut bytes);
-                done.is_ok().then_some(bytes.bytes)
+                let result = lzma_rs::xz_decompress(&mut &*packed, &mut bytes);
+                result.is_ok().then_some(bytes.bytes)
             }
         };
         bytes
@@ -62,7 +66,7 @@ fn inflate(packed: &[u8], size: usize) -> Option<Vec<u8>> {
     matches!(status, Ok(Status::StreamEnd)).then_some(bytes)
 }
 
-/// Takes so many bytes and no more.
+/// A buffer that accepts at most `max_len` bytes.
 struct BoundedBuffer {
     bytes: Vec<u8>,
     max_len: usize,
@@ -91,7 +95,7 @@ mod tests {
         let text = b"the same, the same, the same, the same";
         let mut xz = Vec::new();
         lzma_rs::xz_compress(&mut &text[..], &mut xz).unwrap();
-        // Literals only: no length but theirs, in the high half of the token and what follows it.
+        // Literals only: the token's high half and the byte after it hold their length.
         let mut lz4 = vec![0xf0, text.len() as u8 - 15];
         lz4.extend(text);
         let mut zlib = Vec::with_capacity(100);

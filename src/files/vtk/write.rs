@@ -1,5 +1,5 @@
-//! Writing VTK XML files: the XML first, its offsets left open; then array after array, compressed
-//! in parallel a few megabytes at a time; then the offsets.
+//! Writes VTK XML files: first the XML with empty space for the offsets; then one array after the
+//! other, compressed in parallel, a few megabytes at a time; then the offsets.
 
 use std::io::{Result, Seek, SeekFrom, Write};
 use std::ops::Range;
@@ -11,20 +11,20 @@ use flate2::{Compress, Compression, FlushCompress, Status};
 use super::VtkScalar;
 use super::xml::escape;
 
-/// Bytes of a block before compression. Readers decompress block by block; larger blocks compress
-/// no better.
+/// Size of a block in bytes before compression. Readers decompress block by block; larger blocks
+/// compress no better.
 const BLOCK_BYTES: usize = 1 << 17;
-/// Blocks that are compressed at once (and in memory at once).
+/// Count of blocks that are compressed, and in memory, at once.
 const BATCH_BLOCKS: usize = 64;
-/// One part in so many of a block tells whether it can be compressed.
+/// One part in this many of a block is compressed to find out whether the block can be compressed.
 const PROBE_DIVISOR: usize = 32;
-/// Characters left open for an offset in the XML.
+/// Width in characters of the space for an offset in the XML.
 const OFFSET_WIDTH: usize = 20;
 
-/// One array to be written: its description, and how to make any part of its bytes.
+/// An array to be written: its description, and a function that gives any part of its bytes.
 pub struct ArraySource<'a> {
     name: String,
-    /// The unit of the numbers; empty if they have none, or none is known.
+    /// Unit of the numbers; empty if they have none or it is unknown.
     unit: String,
     components: usize,
     kind: &'static str,
@@ -34,10 +34,10 @@ pub struct ArraySource<'a> {
     fill: FillBytes<'a>,
 }
 
-/// Appends the bytes of a range of the array's numbers.
+/// A function that appends the bytes of a range of the array's numbers.
 type FillBytes<'a> = Box<dyn Fn(Range<usize>, &mut Vec<u8>) + Sync + 'a>;
 
-/// The two elements that hold arrays.
+/// The two XML elements that hold arrays.
 #[derive(Clone, Copy, PartialEq)]
 enum ElementKind {
     Numbers,
@@ -45,7 +45,7 @@ enum ElementKind {
 }
 
 impl<'a> ArraySource<'a> {
-    /// Numbers that are in memory.
+    /// Creates an array of numbers that are in memory.
     pub fn slice<T: VtkScalar>(name: &str, components: usize, values: &'a [T]) -> Self {
         Self {
             name: name.to_string(),
@@ -61,7 +61,8 @@ impl<'a> ArraySource<'a> {
         }
     }
 
-    /// `len` numbers that are computed when written, number `i` by `value(i)`.
+    /// Creates an array of `len` numbers that are computed while it is written, number `i` by
+    /// `value(i)`.
     pub fn computed<T: VtkScalar>(
         name: &str,
         components: usize,
@@ -80,7 +81,7 @@ impl<'a> ArraySource<'a> {
         }
     }
 
-    /// One string.
+    /// Creates an array that holds one string.
     pub fn text(name: &str, text: &'a str) -> Self {
         Self {
             name: name.to_string(),
@@ -100,7 +101,7 @@ impl<'a> ArraySource<'a> {
         }
     }
 
-    /// The same, with the unit of its numbers as VTK's `UNITS_LABEL`.
+    /// Sets the unit of the numbers, which is written as VTK's `UNITS_LABEL`.
     pub fn with_unit(mut self, unit: String) -> Self {
         self.unit = unit;
         self
@@ -117,13 +118,15 @@ impl<'a> ArraySource<'a> {
 /// How arrays are stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ArrayPacking {
-    /// In blocks that are compressed by zlib, where that makes them smaller.
+    /// In blocks compressed by zlib, where that makes them smaller.
     Zlib,
-    /// As they are: half as large again for a mesh of polyhedra, and written in a third of the time.
+    /// Uncompressed: half as large again for a mesh of polyhedra, but written in a third of the
+    /// time.
     None,
 }
 
-/// A VTK XML file in the making: elements are opened and closed, arrays put where they belong.
+/// A VTK XML file that is being composed: elements are opened and closed, and arrays are added to
+/// the open element.
 pub struct Document<'a> {
     text: String,
     packing: ArrayPacking,
@@ -132,12 +135,13 @@ pub struct Document<'a> {
 }
 
 impl<'a> Document<'a> {
-    /// A file of VTK's data set `kind`, e.g. `UnstructuredGrid`, whose element is open.
+    /// Creates a file of VTK's data set `kind`, for example `UnstructuredGrid`, whose element is
+    /// open.
     pub fn new(kind: &'static str, attributes: &[(&str, String)]) -> Self {
         Self::with_packing(kind, attributes, ArrayPacking::Zlib)
     }
 
-    /// The same, with arrays stored in this way.
+    /// Creates a file whose arrays are stored as `packing` says; see [`Document::new`].
     pub fn with_packing(
         kind: &'static str,
         attributes: &[(&str, String)],
@@ -174,7 +178,7 @@ impl<'a> Document<'a> {
         self.open_elements.push(element);
     }
 
-    /// Closes the element opened last.
+    /// Closes the element that was opened last.
     pub fn close(&mut self) {
         if let Some(element) = self.open_elements.pop() {
             self.indent();
@@ -182,14 +186,15 @@ impl<'a> Document<'a> {
         }
     }
 
-    /// Puts an array into the open element.
+    /// Adds an array to the open element.
     pub fn add_array(&mut self, source: ArraySource<'a>) {
         self.indent();
         let element = match source.element {
             ElementKind::Numbers => "DataArray",
             ElementKind::Text => "Array",
         };
-        // As VTK does it; readers (meshio) take one component for a matrix.
+        // VTK leaves the attribute out for one component; meshio reads an array of one component as
+        // a matrix.
         let components = match source.components {
             1 => String::new(),
             count => format!("NumberOfComponents=\"{count}\" "),
@@ -219,10 +224,10 @@ impl<'a> Document<'a> {
         self.text.push_str(&"  ".repeat(self.open_elements.len()));
     }
 
-    /// Closes what is open and writes everything.
+    /// Closes all open elements and writes the file.
     ///
     /// # Errors
-    /// What the operating system says.
+    /// Returns the error of `out` if writing fails.
     pub fn write(mut self, out: &mut (impl Write + Seek + Send)) -> Result<()> {
         while self.open_elements.len() > 1 {
             self.close();
@@ -232,19 +237,19 @@ impl<'a> Document<'a> {
         let begin = out.stream_position()?;
         out.write_all(self.text.as_bytes())?;
 
-        let data = begin + self.text.len() as u64;
+        let data_start = begin + self.text.len() as u64;
         let mut offsets = Vec::with_capacity(self.arrays.len());
-        let mut renumbered = MeshioOffsets::default();
+        let mut meshio_offsets = MeshioOffsets::default();
         for (_, source) in &self.arrays {
             let begin = out.stream_position()?;
-            offsets.push(begin - data);
-            renumbered.add(source);
+            offsets.push(begin - data_start);
+            meshio_offsets.add(source);
             match self.packing {
                 ArrayPacking::Zlib => {
                     for padding in 0..=MAX_PADDING_BLOCKS {
                         out.seek(SeekFrom::Start(begin))?;
                         write_array(out, source, padding)?;
-                        if !renumbered.contains(out.stream_position()? - data) {
+                        if !meshio_offsets.contains(out.stream_position()? - data_start) {
                             break;
                         }
                     }
@@ -264,14 +269,15 @@ impl<'a> Document<'a> {
     }
 }
 
-/// An empty block of a deflated stream that is not its last: it unpacks to nothing.
+/// An empty block of a deflate stream that is not the last block: it unpacks to nothing.
 const EMPTY_BLOCK: [u8; 5] = [0, 0, 0, 0xff, 0xff];
 
-/// So many such blocks are put into an array at most.
+/// Most empty blocks that are added to an array.
 const MAX_PADDING_BLOCKS: usize = 8;
 
-/// Offsets as meshio 5 gives them to arrays one after the other, in place: it looks arrays up by their offsets in the
-/// file, and takes an array that has its new one already for another whose old one is the same.
+/// Offsets that meshio 5 gives to arrays when it reads them. It replaces offsets one after the
+/// other and looks arrays up by their offsets in the file; so it confuses an array that already has
+/// its new offset with another whose old offset is the same.
 #[derive(Default)]
 struct MeshioOffsets {
     offsets: Vec<u64>,
@@ -279,19 +285,19 @@ struct MeshioOffsets {
 }
 
 impl MeshioOffsets {
-    /// Adds an array, which meshio codes as base64 with eight bytes in front.
+    /// Adds an array. meshio encodes it as base64 with eight bytes in front.
     fn add(&mut self, source: &ArraySource) {
         self.offsets.push(self.next_offset);
         self.next_offset += 4 * (8 + (source.len * source.scalar_bytes) as u64).div_ceil(3);
     }
 
-    /// Returns whether an array has this offset.
+    /// Returns `true` if meshio has given an array this offset.
     fn contains(&self, offset: u64) -> bool {
         self.offsets.binary_search(&offset).is_ok()
     }
 }
 
-/// The number of bytes, then they.
+/// Writes an array uncompressed: the count of bytes, then the bytes.
 fn write_plain(out: &mut impl Write, source: &ArraySource) -> Result<()> {
     out.write_all(&((source.len * source.scalar_bytes) as u64).to_le_bytes())?;
     let per_block = BLOCK_BYTES / source.scalar_bytes;
@@ -307,44 +313,47 @@ fn write_plain(out: &mut impl Write, source: &ArraySource) -> Result<()> {
     Ok(())
 }
 
-/// Writes the header (number of blocks, size of a block, size of a shorter last one, compressed sizes),
-/// then the blocks, in the last of which there are `padding` empty ones.
+/// Writes the header (count of blocks, size of a block, size of a shorter last block, compressed
+/// sizes), then the compressed blocks. The last block gets `padding` empty deflate blocks.
 fn write_array(
     out: &mut (impl Write + Seek + Send),
     source: &ArraySource,
     padding: usize,
 ) -> Result<()> {
     let per_block = BLOCK_BYTES / source.scalar_bytes;
-    let blocks = source.len.div_ceil(per_block);
+    let block_count = source.len.div_ceil(per_block);
     let last = source.len % per_block * source.scalar_bytes;
     let begin = out.stream_position()?;
     let mut header = vec![
-        blocks as u64,
+        block_count as u64,
         (per_block * source.scalar_bytes) as u64,
         last as u64,
     ];
-    write_header(out, &header, blocks)?;
+    write_header(out, &header, block_count)?;
 
     // One batch is written while the next is compressed.
-    let at_rest = Mutex::new(Vec::new());
+    let idle = Mutex::new(Vec::new());
     let mut batch: Vec<Vec<u8>> = Vec::new();
-    for first in (0..blocks + BATCH_BLOCKS).step_by(BATCH_BLOCKS) {
+    for first in (0..block_count + BATCH_BLOCKS).step_by(BATCH_BLOCKS) {
         let (written, next) = rayon::join(
             || batch.iter().try_for_each(|block| out.write_all(block)),
             || {
                 compress_blocks(
                     source,
-                    first.min(blocks)..blocks.min(first + BATCH_BLOCKS),
-                    &at_rest,
+                    first.min(block_count)..block_count.min(first + BATCH_BLOCKS),
+                    &idle,
                 )
             },
         );
         written?;
         let mut next = next;
-        if let Some(block) = next.last_mut().filter(|_| first + BATCH_BLOCKS >= blocks) {
-            // Behind the two bytes with which a zlib stream begins.
-            let at = 2.min(block.len());
-            block.splice(at..at, EMPTY_BLOCK.repeat(padding));
+        if let Some(block) = next
+            .last_mut()
+            .filter(|_| first + BATCH_BLOCKS >= block_count)
+        {
+            // The empty blocks go after the two bytes with which a zlib stream begins.
+            let position = 2.min(block.len());
+            block.splice(position..position, EMPTY_BLOCK.repeat(padding));
         }
         header.extend(next.iter().map(|block| block.len() as u64));
         batch = next;
@@ -352,12 +361,13 @@ fn write_array(
 
     let end = out.stream_position()?;
     out.seek(SeekFrom::Start(begin))?;
-    write_header(out, &header, blocks)?;
+    write_header(out, &header, block_count)?;
     out.seek(SeekFrom::Start(end))?;
     Ok(())
 }
 
-/// What a thread compresses with: streams that do so and that do not, and room for the bytes of a block.
+/// Working memory of a thread for compression: a stream that compresses, a stream that only stores,
+/// and a buffer for the bytes of a block.
 struct BlockCompressor {
     stream: Compress,
     stored_stream: Compress,
@@ -374,40 +384,46 @@ impl BlockCompressor {
     }
 }
 
-/// Some blocks of an array, compressed with tools that are `at_rest`, for to make them costs as much as a block.
+/// Compresses some blocks of an array. Compressors are taken from `idle` and put back, because
+/// creating one costs as much as compressing a block.
 fn compress_blocks(
     source: &ArraySource,
     blocks: Range<usize>,
-    at_rest: &Mutex<Vec<BlockCompressor>>,
+    idle: &Mutex<Vec<BlockCompressor>>,
 ) -> Vec<Vec<u8>> {
     let per_block = BLOCK_BYTES / source.scalar_bytes;
-    let resting = || at_rest.lock().unwrap_or_else(PoisonError::into_inner);
-    let of_block = |block: usize| {
-        let tools = resting().pop();
-        let mut tools = tools.unwrap_or_else(BlockCompressor::new);
-        tools.bytes.clear();
+    let lock_idle = || idle.lock().unwrap_or_else(PoisonError::into_inner);
+    let compress_block = |block: usize| {
+        let compressor = lock_idle().pop();
+        let mut compressor = compressor.unwrap_or_else(BlockCompressor::new);
+        compressor.bytes.clear();
         let range = block * per_block..source.len.min((block + 1) * per_block);
-        (source.fill)(range, &mut tools.bytes);
-        let packed = deflate(&mut tools.stream, &mut tools.stored_stream, &tools.bytes);
-        resting().push(tools);
+        (source.fill)(range, &mut compressor.bytes);
+        let packed = deflate(
+            &mut compressor.stream,
+            &mut compressor.stored_stream,
+            &compressor.bytes,
+        );
+        lock_idle().push(compressor);
         packed
     };
-    blocks.into_par_iter().map(of_block).collect()
+    blocks.into_par_iter().map(compress_block).collect()
 }
 
-/// Writes the header with room for the sizes of all blocks.
-fn write_header(out: &mut impl Write, header: &[u64], blocks: usize) -> Result<()> {
+/// Writes the header, with space for the compressed sizes of all blocks.
+fn write_header(out: &mut impl Write, header: &[u64], block_count: usize) -> Result<()> {
     let mut bytes: Vec<u8> = header.iter().flat_map(|n| n.to_le_bytes()).collect();
-    bytes.resize((3 + blocks) * 8, 0);
+    bytes.resize((3 + block_count) * 8, 0);
     out.write_all(&bytes)
 }
 
-/// One zlib stream of its own. The fastest level: on mesh arrays higher ones take several times the
-/// time for a tenth of the size. What does not become smaller (most real numbers) is stored.
-fn deflate(stream: &mut Compress, stored: &mut Compress, bytes: &[u8]) -> Vec<u8> {
+/// Compresses bytes to a zlib stream of their own. Uses the fastest level: on mesh arrays higher
+/// levels take several times as long and save a tenth of the size. Data that does not become
+/// smaller, as most real numbers, is only stored.
+fn deflate(stream: &mut Compress, stored_stream: &mut Compress, bytes: &[u8]) -> Vec<u8> {
     let probe = &bytes[..bytes.len() / PROBE_DIVISOR];
     if run_stream(stream, probe).len() > probe.len() / 20 * 19 {
-        return run_stream(stored, bytes);
+        return run_stream(stored_stream, bytes);
     }
     run_stream(stream, bytes)
 }
@@ -416,9 +432,9 @@ fn run_stream(stream: &mut Compress, bytes: &[u8]) -> Vec<u8> {
     stream.reset();
     let mut packed = Vec::with_capacity(bytes.len() + bytes.len() / 1000 + 64);
     loop {
-        let done = stream.total_in() as usize;
-        // Compressing into memory fails only on a stream that was misused.
-        match stream.compress_vec(&bytes[done..], &mut packed, FlushCompress::Finish) {
+        let consumed = stream.total_in() as usize;
+        // Compressing to memory fails only if the stream is misused.
+        match stream.compress_vec(&bytes[consumed..], &mut packed, FlushCompress::Finish) {
             Ok(Status::StreamEnd) => return packed,
             _ => packed.reserve(bytes.len() / 2 + 64),
         }
@@ -430,7 +446,8 @@ mod tests {
     use super::*;
     use crate::files::vtk::{Values, VtkFile};
 
-    /// All number types, lengths round the limits of blocks and batches: what is written is read.
+    /// All number types, in lengths around the limits of blocks and batches, are read back as they
+    /// were written.
     #[test]
     fn arrays_of_every_kind_and_length_come_back() {
         let long = BLOCK_BYTES / 8 * (BATCH_BLOCKS + 1) + 3;
@@ -474,8 +491,11 @@ mod tests {
             assert_eq!(file.data_set().attribute("Note"), Some("<&\">"));
             let elements = &file.piece().unwrap().children;
             for (i, values) in arrays.iter().enumerate() {
-                let back = file.array(&elements[i]).unwrap();
-                assert_eq!((&back.values, back.name), (values, format!("array {i}")));
+                let read_back = file.array(&elements[i]).unwrap();
+                assert_eq!(
+                    (&read_back.values, read_back.name),
+                    (values, format!("array {i}"))
+                );
             }
             assert_eq!(file.text(&elements[arrays.len()]).unwrap(), "grüße");
             let squares: Vec<u32> = (0..1000).map(|i| i * i).collect();
@@ -485,7 +505,7 @@ mod tests {
             );
         }
 
-        // The same bytes for any number of threads.
+        // The bytes are the same for any number of threads.
         let other = folder.path().join("b.vtu");
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(1)
@@ -495,12 +515,13 @@ mod tests {
         assert!(std::fs::read(&path).unwrap() == std::fs::read(&other).unwrap());
     }
 
-    /// meshio looks an array up by its offset after it has given the arrays before it new ones.
+    /// meshio looks an array up by its offset after it has given new offsets to the arrays before
+    /// it.
     #[test]
-    fn no_offset_is_one_that_meshio_gives_an_array_before() {
+    fn no_offset_equals_one_that_meshio_assigned_earlier() {
         let mut padded = 0;
         for first in 0..400usize {
-            // Alike numbers, which take few bytes, and others.
+            // Some arrays repeat few values and compress to few bytes.
             let lengths = [first % 7, 40 + first, 3 * first, 11, 2 * first + 5, 90];
             let arrays = lengths.map(|n| (0..n).map(|i| (i % 5) as i32).collect::<Vec<_>>());
             let mut document = Document::new("ImageData", &[]);
@@ -520,10 +541,10 @@ mod tests {
                 .map(|rest| rest.split('"').next().unwrap().parse().unwrap())
                 .collect();
             assert_eq!(offsets.len(), 6);
-            let (mut given, mut next) = (Vec::new(), 0);
+            let (mut assigned, mut next) = (Vec::new(), 0);
             for (offset, length) in offsets.iter().zip(lengths) {
-                assert!(!given.contains(offset), "{first}: {offset}");
-                given.push(next);
+                assert!(!assigned.contains(offset), "{first}: {offset}");
+                assigned.push(next);
                 next += 4 * (8 + 4 * length as u64).div_ceil(3);
             }
         }

@@ -1,4 +1,5 @@
-//! The XML of VTK files as a tree of elements, each with where its text lies in the file.
+//! Parses the XML of VTK files to a tree of elements, each with the position of its text in the
+//! file.
 
 use std::fmt::Display;
 use std::ops::Range;
@@ -8,62 +9,63 @@ use quick_xml::escape::unescape;
 use quick_xml::events::attributes::{AttrError, Attribute};
 use quick_xml::events::{BytesStart, Event};
 
-/// An element and what is in it.
+/// An element with its children.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Element {
     /// Its name.
     pub name: String,
     /// Attributes in the order of the file, entities resolved.
     pub attributes: Vec<(String, String)>,
-    /// Elements within.
+    /// Child elements.
     pub children: Vec<Element>,
-    /// Where its longest piece of text lies in the file (VTK puts an array's numbers in one).
+    /// Position of its longest piece of text in the file (VTK writes an array's numbers in one
+    /// piece).
     pub text: Range<usize>,
 }
 
 impl Element {
-    /// The value of an attribute.
+    /// Returns the value of an attribute.
     pub fn attribute(&self, name: &str) -> Option<&str> {
-        let found = self.attributes.iter().find(|(n, _)| n == name);
-        found.map(|(_, value)| value.as_str())
+        let attribute = self.attributes.iter().find(|(n, _)| n == name);
+        attribute.map(|(_, value)| value.as_str())
     }
 
-    /// The first element of that name within.
+    /// Returns the first child element of that name.
     pub fn child(&self, name: &str) -> Option<&Element> {
         self.children.iter().find(|c| c.name == name)
     }
 }
 
-/// Elements within elements, at most: VTK's own files have six.
+/// Most levels of nested elements. VTK's own files have six.
 const MAX_DEPTH: usize = 64;
 
-/// Text as it stands in an attribute's value or between tags.
+/// Escapes text for an attribute's value or for text between tags.
 pub fn escape(text: &str) -> String {
     quick_xml::escape::escape(text).into_owned()
 }
 
-/// Parses a document. The element `AppendedData` ends it: what follows is not XML; its `text`
-/// begins there and runs to the end of the file.
+/// Parses a document. The element `AppendedData` ends it, because what follows is not XML; its
+/// `text` runs from there to the end of the file.
 ///
 /// # Errors
-/// What is wrong, and at which byte.
+/// Returns a text that says what is wrong and at which byte.
 pub fn parse(bytes: &[u8]) -> Result<Element, String> {
-    // Appended data may be any bytes, what stands before it is text.
+    // Appended data may be any bytes; only what stands before it must be text.
     let text = match std::str::from_utf8(bytes) {
         Ok(text) => text,
         Err(error) => std::str::from_utf8(&bytes[..error.valid_up_to()]).unwrap_or_default(),
     };
     let mut reader = Reader::from_str(text);
-    // The document itself is an element too.
+    // The document itself is an element, too.
     let mut open = vec![Element::default()];
     loop {
-        let at = reader.buffer_position();
+        let position = reader.buffer_position();
         let event = reader
             .read_event()
             .map_err(|error| format!("{error}, at byte {}", reader.error_position()))?;
         match event {
             Event::Start(tag) => {
-                let mut element = element(&tag, at)?;
+                let mut element = element(&tag, position)?;
                 if element.name == "AppendedData" {
                     element.text = reader.buffer_position() as usize..bytes.len();
                     push(&mut open, element);
@@ -74,19 +76,19 @@ pub fn parse(bytes: &[u8]) -> Result<Element, String> {
                 }
                 if open.len() > MAX_DEPTH {
                     return Err(format!(
-                        "there are more than {MAX_DEPTH} elements within each other at byte {at}"
+                        "there are more than {MAX_DEPTH} elements within each other at byte {position}"
                     ));
                 }
                 open.push(element);
             }
-            Event::Empty(tag) => push(&mut open, element(&tag, at)?),
-            // The reader has seen that it closes what is open.
+            Event::Empty(tag) => push(&mut open, element(&tag, position)?),
+            // The reader has checked that the tag closes the open element.
             Event::End(_) => close(&mut open),
-            Event::Text(words) => {
+            Event::Text(content) => {
                 if let Some(element) = open.last_mut()
-                    && words.len() > element.text.len()
+                    && content.len() > element.text.len()
                 {
-                    element.text = at as usize..at as usize + words.len();
+                    element.text = position as usize..position as usize + content.len();
                 }
             }
             Event::Eof if text.len() < bytes.len() => {
@@ -115,9 +117,9 @@ fn close(open: &mut Vec<Element>) {
     }
 }
 
-/// The element that a tag begins.
-fn element(tag: &BytesStart, at: u64) -> Result<Element, String> {
-    let broken = |why: &dyn Display| format!("the tag at byte {at} is broken: {why}");
+/// Returns the element that a tag begins.
+fn element(tag: &BytesStart, position: u64) -> Result<Element, String> {
+    let broken = |why: &dyn Display| format!("the tag at byte {position} is broken: {why}");
     let name = tag.name().0;
     if name.is_empty() || name.contains(['/', '<', '"', '\'', '=']) {
         return Err(broken(&"it has no name"));

@@ -1,4 +1,4 @@
-//! What an image file holds, for people and for programs.
+//! Describes the content of an image file, as text for people and as JSON for programs.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -12,29 +12,29 @@ use crate::error::{Cause, Result, io_error};
 use crate::image::check::StatsAccumulator;
 use crate::image::{Geometry, Image, LabelTable, LabelValue, Modality, Stats};
 
-/// What an image file holds.
+/// Content of an image file.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Description {
-    /// The file.
+    /// Path of the file.
     pub file: String,
-    /// Its format.
+    /// Format of the file.
     pub format: String,
-    /// How it codes samples.
+    /// Encoding of the samples.
     pub encoding: String,
     /// The image, unless the file cannot be read as one.
     pub image: Option<ImageDescription>,
-    /// What a SEG-Y file's headers say.
+    /// Contents of the headers of a SEG-Y file.
     pub survey: Option<SegyInfo>,
-    /// Everything else that a user should know.
+    /// Further messages for the user.
     pub notes: Vec<String>,
 }
 
-/// Dims, place and values of an image.
+/// Dimensions, position and values of an image.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ImageDescription {
     /// The image axes, x (the fastest in memory) first.
     pub axes: Vec<AxisDescription>,
-    /// Shape of the array as NumPy has it, the fastest axis last.
+    /// Shape of the array in NumPy, the fastest axis last.
     pub numpy_shape: Vec<usize>,
     /// Physical position of the first sample.
     pub origin: Vec<f64>,
@@ -54,14 +54,14 @@ pub struct ImageDescription {
     pub infinite: usize,
     /// Index (x first) of the first sample that is NaN or infinite.
     pub first_non_finite: Option<Vec<usize>>,
-    /// The labels, ascending, of an image that looks like one of labels.
+    /// Labels in ascending order, if the image looks like an image of labels.
     pub labels: Option<Vec<LabelValue>>,
 }
 
 /// One axis of an image.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AxisDescription {
-    /// What it is.
+    /// Name of the axis.
     pub name: String,
     /// Number of samples along it.
     pub count: usize,
@@ -71,11 +71,11 @@ pub struct AxisDescription {
     pub spacing: f64,
 }
 
-/// Reads a file and says what it holds. A SEG-Y file that is no image (gathers, a
-/// single trace, cut off) is described too, as far as its headers go.
+/// Reads a file and describes its content. A SEG-Y file that is not an image (gathers, a single
+/// trace, a truncated file) is described, too, as far as its headers allow.
 ///
 /// # Errors
-/// [`crate::Error::Io`] if the file cannot be read or understood at all.
+/// Returns a [`crate::Error::Io`] if the file cannot be read or understood at all.
 pub fn describe(path: &Path, options: &ReadOptions) -> Result<Description> {
     if detect(path, options)? == ImageFormat::Segy && options.placement.is_empty() {
         return describe_survey(segy::SegySurvey::open(path, &options.segy)?, path);
@@ -83,22 +83,21 @@ pub fn describe(path: &Path, options: &ReadOptions) -> Result<Description> {
     Description::from_opened(path, open(path, options)?)
 }
 
-/// A SEG-Y file, of which there is something to say also where it is no image.
+/// Describes a SEG-Y file, also if it cannot be read as an image.
 fn describe_survey(mut survey: segy::SegySurvey, path: &Path) -> Result<Description> {
     let problem = survey.problem.take();
-    let mut description = match survey.has_samples() {
-        true => {
-            let stream = survey.into_stream(path)?;
-            Description::from_opened(path, OpenedImage::Stream(stream))?
-        }
-        false => Description {
+    let mut description = if survey.has_samples() {
+        let stream = survey.into_stream(path)?;
+        Description::from_opened(path, OpenedImage::Stream(stream))?
+    } else {
+        Description {
             file: path.display().to_string(),
             format: ImageFormat::Segy.to_string(),
             encoding: survey.info.encoding.clone(),
             image: None,
             survey: Some(survey.info),
             notes: survey.notes,
-        },
+        }
     };
     if let Some(Cause {
         problem, remedy, ..
@@ -113,8 +112,8 @@ fn describe_survey(mut survey: segy::SegySurvey, path: &Path) -> Result<Descript
 impl ImageDescription {
     /// Describes an image.
     pub fn from_image<const D: usize>(image: &Image<D>, modality: Modality) -> Self {
-        let looks = image.label_evidence(modality);
-        let table = looks.and_then(|_| LabelTable::from_image(image));
+        let evidence = image.label_evidence(modality);
+        let table = evidence.and_then(|_| LabelTable::from_image(image));
         Self {
             labels: table.map(|table| table.values),
             ..Self::from_stats(image.dims(), &image.geometry, image.stats())
@@ -162,10 +161,10 @@ impl ImageDescription {
 }
 
 impl Description {
-    /// Of an image, whose samples are looked at once and need not fit into memory.
+    /// Describes an opened image. Its samples are read once and need not fit into memory.
     fn from_opened(path: &Path, opened: OpenedImage) -> Result<Self> {
         let stream = match opened {
-            // In memory it is seen whether its samples are labels.
+            // Small images are loaded into memory, which shows whether their samples are labels.
             OpenedImage::Stream(stream) if stream.header.dims[2] > 1 && !may_be_labels(&stream) => {
                 stream
             }
@@ -185,19 +184,19 @@ impl Description {
             .for_each_slab(1, add)
             .map_err(|e| io_error(path, "read", e))?;
         let note = stream.rounding_note();
-        let head = stream.header;
-        let stats = tally.stats(head.dims);
+        let header = stream.header;
+        let stats = tally.stats(header.dims);
         Ok(Self {
             file: path.display().to_string(),
-            format: head.format.to_string(),
-            encoding: head.encoding,
+            format: header.format.to_string(),
+            encoding: header.encoding,
             image: Some(ImageDescription::from_stats(
-                head.dims,
-                &head.geometry,
+                header.dims,
+                &header.geometry,
                 stats,
             )),
-            survey: head.survey,
-            notes: head.notes.into_iter().chain(note).collect(),
+            survey: header.survey,
+            notes: header.notes.into_iter().chain(note).collect(),
         })
     }
 
@@ -213,7 +212,7 @@ impl Description {
         }
     }
 
-    /// The description as lines of text for a terminal.
+    /// Returns the description as lines of text for a terminal.
     pub fn to_lines(&self) -> String {
         let mut rows: Vec<(String, String)> = vec![
             ("file".into(), self.file.clone()),
@@ -245,17 +244,18 @@ impl Description {
     }
 }
 
-/// How many labels are listed.
+/// Largest number of labels that are listed.
 const MAX_LABELS_SHOWN: usize = 24;
 
-/// Images of more samples are not taken into memory to look for labels.
+/// Largest number of samples that are loaded into memory to look for labels.
 const MAX_SAMPLES_IN_MEMORY: usize = 1 << 26;
 
-/// Returns whether the samples in a file may be labels, of which there are not too many to look at.
+/// Returns `true` if the samples in a file may be labels, and are few enough to be inspected in
+/// memory.
 fn may_be_labels(stream: &ImageStream) -> bool {
-    let head = &stream.header;
-    let count: usize = head.dims.iter().product();
-    let is_survey = Modality::detect(head.format, &head.geometry) == Modality::Survey;
+    let header = &stream.header;
+    let count: usize = header.dims.iter().product();
+    let is_survey = Modality::detect(header.format, &header.geometry) == Modality::Survey;
     count <= MAX_SAMPLES_IN_MEMORY
         && !is_survey
         && samples::check_memory(Path::new("the image"), count).is_ok()
@@ -288,8 +288,8 @@ fn survey_rows(survey: &SegyInfo, row: &mut impl FnMut(&str, String)) {
                 let [x, y] = [0, 1].map(|k| {
                     fit.origin[k] + i as f64 * fit.inline[k] + c as f64 * fit.crossline[k]
                 });
-                let place = format!("inline {inline}, crossline {crossline} at ({x:.1}, {y:.1})");
-                row("corner", place);
+                let text = format!("inline {inline}, crossline {crossline} at ({x:.1}, {y:.1})");
+                row("corner", text);
             }
         }
     }
@@ -305,8 +305,8 @@ fn survey_rows(survey: &SegyInfo, row: &mut impl FnMut(&str, String)) {
 }
 
 fn image_rows(image: &ImageDescription, row: &mut impl FnMut(&str, String)) {
-    let join = |part: fn(&AxisDescription) -> String| {
-        let parts: Vec<String> = image.axes.iter().map(part).collect();
+    let join = |text_of: fn(&AxisDescription) -> String| {
+        let parts: Vec<String> = image.axes.iter().map(text_of).collect();
         parts.join(" x ")
     };
     let counts = join(|axis| axis.count.to_string());
@@ -314,27 +314,27 @@ fn image_rows(image: &ImageDescription, row: &mut impl FnMut(&str, String)) {
         "dims",
         format!("{counts} ({})", join(|axis| axis.name.clone())),
     );
-    let place = |x: &[f64], digits: usize| {
-        let words: Vec<String> = x.iter().map(|c| format!("{c:.digits$}")).collect();
-        format!("({})", words.join(", "))
+    let position_text = |x: &[f64], digits: usize| {
+        let numbers: Vec<String> = x.iter().map(|c| format!("{c:.digits$}")).collect();
+        format!("({})", numbers.join(", "))
     };
-    row("first", place(&image.origin, 3));
-    row("last", place(&image.far_corner, 3));
+    row("first", position_text(&image.origin, 3));
+    row("last", position_text(&image.far_corner, 3));
     for axis in &image.axes {
         row(
             "step",
-            format!("{} along {}", place(&axis.step, 4), axis.name),
+            format!("{} along {}", position_text(&axis.step, 4), axis.name),
         );
     }
     if image.units.iter().any(|u| !u.is_empty()) {
-        let known = |u: &String| {
+        let unit_or_unknown = |u: &String| {
             if u.is_empty() {
                 "unknown".to_string()
             } else {
                 u.clone()
             }
         };
-        let units: Vec<String> = image.units.iter().map(known).collect();
+        let units: Vec<String> = image.units.iter().map(unit_or_unknown).collect();
         row("units", units.join(", "));
     }
     row(
@@ -370,7 +370,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_image_in_numbers_and_in_words() {
+    fn a_description_has_fields_text_and_json() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("ramp.npy");
         let mut samples: Vec<f32> = (0..5 * 4 * 3).map(|i| i as f32).collect();
@@ -379,14 +379,14 @@ mod tests {
         super::super::write(&path, &image).unwrap();
 
         let description = describe(&path, &ReadOptions::default()).unwrap();
-        let found = description.image.as_ref().unwrap();
-        assert_eq!(found.numpy_shape, [3, 4, 5]);
-        assert_eq!((found.min, found.max), (0.0, 59.0));
+        let described = description.image.as_ref().unwrap();
+        assert_eq!(described.numpy_shape, [3, 4, 5]);
+        assert_eq!((described.min, described.max), (0.0, 59.0));
         assert_eq!(
-            (found.nan, found.first_non_finite.clone()),
+            (described.nan, described.first_non_finite.clone()),
             (1, Some(vec![2, 1, 0]))
         );
-        assert_eq!(found.far_corner, [4.0, 3.0, 2.0]);
+        assert_eq!(described.far_corner, [4.0, 3.0, 2.0]);
 
         let lines = description.to_lines();
         assert!(

@@ -1,8 +1,9 @@
-//! Grids of heights in the plane, as programs for maps exchange them: IRAP classic (ASCII), ZMAP+ and
-//! CPS-3. They are read and written as 2-D images of z; where z is not known, samples are NaN.
+//! Grids of heights in the formats of mapping programs: IRAP classic (ASCII), ZMAP+ and CPS-3. They
+//! are read and written as 2-D images of z; samples are NaN where z is unknown.
 //!
-//! All are text: a header, then a height for each node. IRAP has rows of rising x, from the lowest y up,
-//! and may be turned; ZMAP+ and CPS-3 have columns of falling y, from the lowest x on.
+//! All three are text: a header, then one height per node. IRAP has rows of increasing x, from the
+//! lowest y upwards, and may be rotated. ZMAP+ and CPS-3 have columns of decreasing y, from the
+//! lowest x on.
 
 use std::fmt::Write as _;
 use std::io::{Read, Write};
@@ -15,16 +16,17 @@ use crate::files::atomic_write;
 use crate::geometry::{dot, norm};
 use crate::image::{Geometry, Image};
 
-/// What stands for a height that is not known: in IRAP, and in the others as we write them. Readers of ZMAP+
-/// compare in single precision, which has no 1e30.
+/// Null values: text that stands for an unknown height, in IRAP files, and in the ZMAP+ and CPS-3
+/// files that are written here. Readers of ZMAP+ compare in single precision, which cannot
+/// represent 1e30 exactly.
 const IRAP_NULL: &str = "9999900.0";
 const ZMAP_NULL: &str = "-99999.0";
 const CPS3_NULL: &str = "1.0E+30";
 
-/// Numbers on a line.
+/// Numbers per line in written files.
 const NUMBERS_PER_LINE: usize = 5;
 
-/// The format of a text that begins so.
+/// Returns the grid format of a text that begins with `head`, or `None` if it is not a grid.
 pub(super) fn recognise(head: &[u8]) -> Option<ImageFormat> {
     let text = std::str::from_utf8(&head[..head.len().min(2000)]).ok()?;
     let first = text.split_whitespace().next()?;
@@ -40,23 +42,24 @@ pub(super) fn recognise(head: &[u8]) -> Option<ImageFormat> {
     is_grid.then_some(ImageFormat::Zmap)
 }
 
-/// A grid as its file has it.
+/// A grid as stored in its file.
 struct HeightGrid {
-    /// Nodes along both axes.
+    /// Number of nodes along both axes.
     dims: [usize; 2],
     geometry: Geometry<2>,
-    /// What stands for a height that is not known.
+    /// Value that stands for an unknown height.
     null_value: f64,
-    /// Numbers behind the header.
+    /// Numbers after the header.
     heights: Vec<f64>,
-    /// Whether these are columns from the highest y down, not rows from the lowest up.
+    /// `true` if the heights are stored in columns from the highest y down, `false` if in rows from
+    /// the lowest y up.
     is_column_major: bool,
 }
 
 /// Reads a grid.
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be read or is damaged.
+/// Returns an [`Error::Io`] if the file cannot be read or is damaged.
 pub(super) fn read(path: &Path, format: ImageFormat) -> Result<LoadedImage<2>> {
     let mut bytes = Vec::new();
     let mut file = files::open(path, "give a grid")?;
@@ -79,19 +82,20 @@ pub(super) fn read(path: &Path, format: ImageFormat) -> Result<LoadedImage<2>> {
     let [nx, ny] = grid.dims;
     let count = nx.checked_mul(ny).filter(|&count| count > 0);
     if count != Some(grid.heights.len()) {
-        let found = grid.heights.len();
+        let height_count = grid.heights.len();
         return Err(refuse(format!(
-            "it has {found} heights for {nx} x {ny} nodes"
+            "it has {height_count} heights for {nx} x {ny} nodes"
         )));
     }
     let mut samples = samples::allocate(path, nx * ny)?;
     for (i, &z) in grid.heights.iter().enumerate() {
-        let place = match grid.is_column_major {
-            false => i,
-            true => (ny - 1 - i % ny) * nx + i / ny,
+        let index = if grid.is_column_major {
+            (ny - 1 - i % ny) * nx + i / ny
+        } else {
+            i
         };
         let missing = (z - grid.null_value).abs() <= 1e-6 * grid.null_value.abs();
-        samples[place] = if missing { f32::NAN } else { z as f32 };
+        samples[index] = if missing { f32::NAN } else { z as f32 };
     }
     Ok(LoadedImage {
         image: Image::new(grid.dims, samples, grid.geometry),
@@ -103,23 +107,24 @@ pub(super) fn read(path: &Path, format: ImageFormat) -> Result<LoadedImage<2>> {
     })
 }
 
-/// A number, and what it was to be if it is none.
-fn parse_number(word: Option<&str>, what: &str) -> std::result::Result<f64, String> {
-    let word = word.ok_or_else(|| format!("{what} is missing"))?;
-    let found = word.parse::<f64>().ok().filter(|found| found.is_finite());
-    found.ok_or_else(|| format!("{what} is '{word}'"))
+/// Parses a number. The error names the field if it is missing or not a finite number.
+fn parse_number(word: Option<&str>, name: &str) -> std::result::Result<f64, String> {
+    let word = word.ok_or_else(|| format!("{name} is missing"))?;
+    let number = word.parse::<f64>().ok().filter(|number| number.is_finite());
+    number.ok_or_else(|| format!("{name} is '{word}'"))
 }
 
-/// A number of nodes.
-fn parse_count(word: Option<&str>, what: &str) -> std::result::Result<usize, String> {
-    let found = parse_number(word, what)?;
-    match found.fract() == 0.0 && (1.0..1e9).contains(&found) {
-        true => Ok(found as usize),
-        false => Err(format!("{what} is {found}")),
+/// Parses a number of nodes.
+fn parse_count(word: Option<&str>, name: &str) -> std::result::Result<usize, String> {
+    let number = parse_number(word, name)?;
+    if number.fract() == 0.0 && (1.0..1e9).contains(&number) {
+        Ok(number as usize)
+    } else {
+        Err(format!("{name} is {number}"))
     }
 }
 
-/// All that is left, as numbers.
+/// Parses all remaining words as heights.
 fn parse_numbers<'a>(
     words: impl Iterator<Item = &'a str>,
 ) -> std::result::Result<Vec<f64>, String> {
@@ -131,19 +136,19 @@ fn parse_numbers<'a>(
 fn parse_irap(text: &str) -> std::result::Result<HeightGrid, String> {
     let mut words = text.split_whitespace().skip(1);
     let ny = parse_count(words.next(), "the number of rows")?;
-    let mut numbers = |what: &str| parse_number(words.next(), what);
+    let mut numbers = |name: &str| parse_number(words.next(), name);
     let step = [numbers("the step along x")?, numbers("the step along y")?];
-    for what in [
-        "the least x",
+    for name in [
+        "the smallest x",
         "the largest x",
-        "the least y",
+        "the smallest y",
         "the largest y",
     ] {
-        numbers(what)?;
+        numbers(name)?;
     }
     let nx = parse_count(words.next(), "the number of columns")?;
-    let mut numbers = |what: &str| parse_number(words.next(), what);
-    let turn = numbers("the rotation")?.to_radians();
+    let mut numbers = |name: &str| parse_number(words.next(), name);
+    let rotation = numbers("the rotation")?.to_radians();
     let origin = [
         numbers("the x of the origin")?,
         numbers("the y of the origin")?,
@@ -155,33 +160,34 @@ fn parse_irap(text: &str) -> std::result::Result<HeightGrid, String> {
         origin,
         ..Geometry::default()
     };
-    let (sin, cos) = turn.sin_cos();
-    geometry.axes = match turn == 0.0 {
-        true => [[step[0], 0.0], [0.0, step[1]]],
-        false => [
+    let (sin, cos) = rotation.sin_cos();
+    geometry.axes = if rotation == 0.0 {
+        [[step[0], 0.0], [0.0, step[1]]]
+    } else {
+        [
             [step[0] * cos, step[0] * sin],
             [-step[1] * sin, step[1] * cos],
-        ],
+        ]
     };
     Ok(HeightGrid {
         dims: [nx, ny],
         geometry,
-        null_value: parse_number(Some(IRAP_NULL), "what is missing")?,
+        null_value: parse_number(Some(IRAP_NULL), "the null value")?,
         heights: parse_numbers(words)?,
         is_column_major: false,
     })
 }
 
-/// Nodes between these coordinates.
+/// Returns a grid whose nodes are evenly spaced between these limits.
 fn make_grid(
     [nx, ny]: [usize; 2],
     [x0, x1, y0, y1]: [f64; 4],
-    none: f64,
+    null_value: f64,
     heights: Vec<f64>,
 ) -> std::result::Result<HeightGrid, String> {
-    let step = |from: f64, to: f64, count: usize| match count {
+    let step = |first: f64, last: f64, count: usize| match count {
         1 => 1.0,
-        _ => (to - from) / (count - 1) as f64,
+        _ => (last - first) / (count - 1) as f64,
     };
     let spacing = [step(x0, x1, nx), step(y0, y1, ny)];
     if !spacing.iter().all(|step| *step > 0.0) {
@@ -190,15 +196,15 @@ fn make_grid(
     Ok(HeightGrid {
         dims: [nx, ny],
         geometry: Geometry::with_spacing([x0, y0], spacing),
-        null_value: none,
+        null_value,
         heights,
         is_column_major: true,
     })
 }
 
 fn parse_zmap(text: &str) -> std::result::Result<HeightGrid, String> {
-    let told = |line: &&str| !line.is_empty() && !line.starts_with('!');
-    let mut lines = text.lines().map(str::trim).filter(told).skip(1);
+    let is_content = |line: &&str| !line.is_empty() && !line.starts_with('!');
+    let mut lines = text.lines().map(str::trim).filter(is_content).skip(1);
     let mut fields = || -> std::result::Result<Vec<String>, String> {
         let line = lines.next().ok_or("its header is cut off")?;
         Ok(line
@@ -208,10 +214,10 @@ fn parse_zmap(text: &str) -> std::result::Result<HeightGrid, String> {
     };
     let [widths, extent] = [fields()?, fields()?];
     let field = |k: usize| extent.get(k).map(String::as_str);
-    // What is missing may also be given as a word in the third field.
-    let none = match widths.get(1).map(String::as_str) {
-        Some("") | None => parse_number(widths.get(2).map(String::as_str), "what is missing")?,
-        word => parse_number(word, "what is missing")?,
+    // The null value may also stand in the third field instead of the second.
+    let null_value = match widths.get(1).map(String::as_str) {
+        Some("") | None => parse_number(widths.get(2).map(String::as_str), "the null value")?,
+        word => parse_number(word, "the null value")?,
     };
     let (ny, nx) = (
         parse_count(field(0), "the number of rows")?,
@@ -225,26 +231,26 @@ fn parse_zmap(text: &str) -> std::result::Result<HeightGrid, String> {
         return Err("no @ ends its header".into());
     }
     let heights = parse_numbers(lines.flat_map(str::split_whitespace))?;
-    make_grid([nx, ny], limits, none, heights)
+    make_grid([nx, ny], limits, null_value, heights)
 }
 
 fn parse_cps3(text: &str) -> std::result::Result<HeightGrid, String> {
-    let mut none = parse_number(Some(CPS3_NULL), "what is missing")?;
+    let mut null_value = parse_number(Some(CPS3_NULL), "the null value")?;
     let (mut limits, mut dims) = (None, None);
     let mut heights = Vec::new();
     for line in text.lines().map(str::trim).filter(|line| !line.is_empty()) {
         let words: Vec<&str> = line.split_whitespace().collect();
         match words[0] {
-            "FSASCI" => none = parse_number(words.last().copied(), "what is missing")?,
+            "FSASCI" => null_value = parse_number(words.last().copied(), "the null value")?,
             "FSLIMI" => {
-                let mut found = [0.0; 4];
-                for (k, limit) in found.iter_mut().enumerate() {
+                let mut values = [0.0; 4];
+                for (k, limit) in values.iter_mut().enumerate() {
                     *limit = parse_number(words.get(k + 1).copied(), "a limit")?;
                 }
-                limits = Some(found);
+                limits = Some(values);
             }
             "FSNROW" => {
-                let count = |k: usize, what| parse_count(words.get(k).copied(), what);
+                let count = |k: usize, name| parse_count(words.get(k).copied(), name);
                 dims = Some([
                     count(2, "the number of columns")?,
                     count(1, "the number of rows")?,
@@ -258,13 +264,14 @@ fn parse_cps3(text: &str) -> std::result::Result<HeightGrid, String> {
     }
     let limits = limits.ok_or("FSLIMI is missing")?;
     let dims = dims.ok_or("FSNROW is missing")?;
-    make_grid(dims, limits, none, heights)
+    make_grid(dims, limits, null_value, heights)
 }
 
-/// Writes heights in the plane.
+/// Writes heights as a grid.
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be written, or if the format has no grids that lie as the image does.
+/// Returns an [`Error::Io`] if the file cannot be written, or if grids of the format cannot have
+/// the geometry of the image.
 pub(super) fn write<const D: usize>(
     path: &Path,
     image: &Image<D>,
@@ -273,19 +280,22 @@ pub(super) fn write<const D: usize>(
     let (dims, geometry) = (image.dims(), &image.geometry);
     let [a, b] = [0, 1].map(|k| std::array::from_fn::<f64, 2, _>(|c| geometry.axes[k][c]));
     let step = [norm(a), norm(b)];
-    let square = dot(a, b).abs() <= 1e-9 * step[0] * step[1] && a[0] * b[1] > a[1] * b[0];
-    let turn = a[1].atan2(a[0]).to_degrees();
-    let turned = turn.abs() > 1e-9;
-    if !square || (turned && format != ImageFormat::Irap) {
-        let problem = match square {
-            true => {
-                format!("a {format} grid cannot be turned, as this one is by {turn:.2} degrees")
-            }
-            false => "its axes are not right-handed at right angles, as a grid's are".to_string(),
+    let is_orthogonal = dot(a, b).abs() <= 1e-9 * step[0] * step[1] && a[0] * b[1] > a[1] * b[0];
+    let rotation = a[1].atan2(a[0]).to_degrees();
+    let is_rotated = rotation.abs() > 1e-9;
+    if !is_orthogonal || (is_rotated && format != ImageFormat::Irap) {
+        let problem = if is_orthogonal {
+            format!(
+                "a {format} grid cannot be rotated, but this image is rotated by {rotation:.2} degrees"
+            )
+        } else {
+            "its axes are not perpendicular and right-handed, as those of a grid must be"
+                .to_string()
         };
-        let remedy = match square {
-            true => "write it as .irap",
-            false => "write it as .vti or .npy",
+        let remedy = if is_orthogonal {
+            "write it as .irap"
+        } else {
+            "write it as .vti or .npy"
         };
         return Err(Error::Io(cause(path.display(), problem, remedy)));
     }
@@ -296,11 +306,11 @@ pub(super) fn write<const D: usize>(
     let samples = image.as_slice();
     let mut header = String::new();
     // Writing to a String cannot fail.
-    let none = match format {
+    let null_text = match format {
         ImageFormat::Irap => {
             let _ = write!(
                 header,
-                "-996 {ny} {} {}\n{x0} {x1} {y0} {y1}\n{nx} {turn} {x0} {y0}\n0 0 0 0 0 0 0\n",
+                "-996 {ny} {} {}\n{x0} {x1} {y0} {y1}\n{nx} {rotation} {x0} {y0}\n0 0 0 0 0 0 0\n",
                 step[0], step[1]
             );
             IRAP_NULL
@@ -328,15 +338,15 @@ pub(super) fn write<const D: usize>(
     atomic_write(path, |out| {
         out.write_all(header.as_bytes())?;
         for i in 0..nx * ny {
-            let place = match format {
+            let index = match format {
                 ImageFormat::Irap => i,
                 _ => (ny - 1 - i % ny) * nx + i / ny,
             };
-            let end = (i % line + 1) % NUMBERS_PER_LINE == 0 || i % line + 1 == line;
-            let end = if end { "\n" } else { " " };
-            match samples[place] {
-                z if z.is_finite() => write!(out, "{z}{end}")?,
-                _ => write!(out, "{none}{end}")?,
+            let is_line_end = (i % line + 1) % NUMBERS_PER_LINE == 0 || i % line + 1 == line;
+            let separator = if is_line_end { "\n" } else { " " };
+            match samples[index] {
+                z if z.is_finite() => write!(out, "{z}{separator}")?,
+                _ => write!(out, "{null_text}{separator}")?,
             }
         }
         Ok(())
@@ -364,36 +374,36 @@ mod tests {
     }
 
     #[test]
-    fn grids_come_back() {
+    fn grids_are_read_back_as_written() {
         let folder = tempfile::tempdir().unwrap();
         let straight = Geometry::with_spacing([605_000.5, 6_070_000.0], [25.0, 12.5]);
         let image = height_image([7, 4], straight.clone());
         for ending in ["irap", "zmap", "cps3"] {
             let path = folder.path().join(format!("top.{ending}"));
             formats::write(&path, &image).unwrap();
-            let found = read_back(&path);
-            assert_eq!(found.geometry, straight, "{ending}");
-            let pairs = found.as_slice().iter().zip(image.as_slice());
-            for (found, wanted) in pairs {
+            let restored = read_back(&path);
+            assert_eq!(restored.geometry, straight, "{ending}");
+            let pairs = restored.as_slice().iter().zip(image.as_slice());
+            for (value, expected) in pairs {
                 assert!(
-                    found == wanted || found.is_nan() && wanted.is_nan(),
+                    value == expected || value.is_nan() && expected.is_nan(),
                     "{ending}"
                 );
             }
-            assert_eq!(found.as_slice().iter().filter(|z| z.is_nan()).count(), 1);
+            assert_eq!(restored.as_slice().iter().filter(|z| z.is_nan()).count(), 1);
         }
-        // Turned by 30 degrees: IRAP alone has that.
+        // Only IRAP supports rotated grids.
         let (s, c) = 30f64.to_radians().sin_cos();
         let mut turned = straight;
         turned.axes = [[25.0 * c, 25.0 * s], [-12.5 * s, 12.5 * c]];
         let image = height_image([7, 4], turned.clone());
         let path = folder.path().join("turned.irap");
         formats::write(&path, &image).unwrap();
-        for (found, wanted) in read_back(&path).geometry.axes.iter().zip(turned.axes) {
-            assert!((found[0] - wanted[0]).abs() < 1e-9 && (found[1] - wanted[1]).abs() < 1e-9);
+        for (axis, expected) in read_back(&path).geometry.axes.iter().zip(turned.axes) {
+            assert!((axis[0] - expected[0]).abs() < 1e-9 && (axis[1] - expected[1]).abs() < 1e-9);
         }
-        let said = formats::write(&folder.path().join("turned.zmap"), &image).unwrap_err();
-        assert!(said.to_string().contains("cannot be turned"), "{said}");
+        let error = formats::write(&folder.path().join("turned.zmap"), &image).unwrap_err();
+        assert!(error.to_string().contains("cannot be rotated"), "{error}");
     }
 
     #[test]
@@ -401,7 +411,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("grid");
         let texts = [
-            // Two rows of three; what is missing by its own number.
+            // Two rows of three nodes; the null value is given in the header.
             "!  made by hand\n!\n@top HEADER, GRID, 5\n15, -99999.0, , 4, 1\n2, 3, 100, 120, 50, 55,\n\
              0.0, 0.0, 0.0\n@\n 4.0 1.0 5.0 2.0 -99999.0\n 3.0\n",
             "FSASCI 0 1 \"Computed\" 0 1E+030\r\nFSATTR 0 0\r\nFSLIMI 100 120 50 55 1 6\r\nFSNROW 2 3\r\n\

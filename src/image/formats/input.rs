@@ -1,4 +1,4 @@
-//! How to read an image whose file does not say it all, as a user says it.
+//! Options for reading an image whose file lacks information.
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -10,19 +10,20 @@ use super::{ImageFormat, ReadOptions, SegyBytes, detect};
 use crate::error::cause;
 use crate::{Error, Result};
 
-/// How to read an image whose file does not say it all.
+/// Options for reading an image whose file lacks information.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "cli", derive(clap::Args))]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct InputOptions {
-    /// The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g. 100x400x208:f32be
+    /// The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
+    /// 100x400x208:f32be
     #[cfg_attr(feature = "cli", arg(long, value_name = "DIMS:TYPE"))]
     pub raw: Option<String>,
-    /// A bare array (.npy, raw, .tif, .png): distances between samples along its axes, the fastest
-    /// first, or one for all
+    /// An array without geometry (.npy, raw, .tif, .png): distances between samples along its axes,
+    /// the fastest first, or one for all
     #[cfg_attr(feature = "cli", arg(long, value_name = "A,B,C"))]
     pub spacing: Option<String>,
-    /// A bare array: the position of its first sample
+    /// An array without geometry: the position of its first sample
     #[cfg_attr(
         feature = "cli",
         arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)
@@ -31,18 +32,21 @@ pub struct InputOptions {
     /// Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
     #[cfg_attr(feature = "cli", arg(long, value_name = "U,V,W"))]
     pub unit: Option<String>,
-    /// A bare array: what its axes are, the fastest first: x, y, z (-z where the coordinate falls from
-    /// sample to sample), or time, depth, sample (all downwards), crossline, inline [default: x,y,z]
+    /// An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
+    /// decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
+    /// [default: x,y,z]
     #[cfg_attr(
         feature = "cli",
         arg(long, value_name = "A,B,C", allow_hyphen_values = true)
     )]
     pub axes: Option<String>,
-    /// A bare array: it lies as this image of as many samples does (.sgy, .vti ...)
+    /// An array without geometry: take the geometry of this image, which has as many samples (.sgy,
+    /// .vti ...)
     #[cfg_attr(feature = "cli", arg(long, value_name = "IMAGE"))]
     pub geometry_from: Option<PathBuf>,
-    /// Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without it, common
-    /// ones are recognised, and traces that are zero throughout count as missing
+    /// Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without this
+    /// option common null values are recognised, and traces that are zero throughout count as
+    /// missing
     #[cfg_attr(
         feature = "cli",
         arg(long, value_name = "V,...", allow_hyphen_values = true)
@@ -72,26 +76,26 @@ pub struct InputOptions {
 }
 
 impl InputOptions {
-    /// Checks that nothing is said where no image is read; `why` says why none is.
+    /// Checks that no option is given where no image is read; `reason` says why none is read.
     ///
     /// # Errors
-    /// [`Error::Job`] if something is.
-    pub fn refuse_unused(&self, why: &str) -> Result<()> {
+    /// Returns an [`Error::Job`] if an option is given.
+    pub fn refuse_unused(&self, reason: &str) -> Result<()> {
         if *self == Self::default() {
             return Ok(());
         }
         Err(Error::Job(cause(
-            "how to read the image",
-            format!("is given, but {why}"),
-            "omit it",
+            "options for reading an image",
+            format!("are given, but {reason}"),
+            "omit them",
         )))
     }
 
-    /// What the reader is told.
+    /// Returns the options for the reader.
     ///
     /// # Errors
-    /// [`Error::Job`] if the description of bare samples cannot be understood or a byte lies outside a
-    /// trace header.
+    /// Returns an [`Error::Job`] if the description of raw samples or the geometry cannot be
+    /// parsed, or if a byte lies outside a trace header.
     pub fn read_options(&self) -> Result<ReadOptions> {
         let standard = SegyBytes::default();
         let segy = SegyBytes {
@@ -120,76 +124,76 @@ impl InputOptions {
     /// Returns the null values.
     ///
     /// # Errors
-    /// [`Error::Job`] for what is no number.
+    /// Returns an [`Error::Job`] if a value is not a number.
     pub fn nulls(&self) -> Result<Vec<f32>> {
         if self.keeps_nulls() {
             return Ok(Vec::new());
         }
         let number = |text: &str| -> Result<f32> {
             let remedy = "give numbers with commas between them, or none";
-            let found = text.parse::<f32>();
-            found.map_err(|_| Error::Job(cause(text, "is no number", remedy)))
+            let parsed = text.parse::<f32>();
+            parsed.map_err(|_| Error::Job(cause(text, "is not a number", remedy)))
         };
         parse_list("null", &self.null, number).map(Option::unwrap_or_default)
     }
 
-    /// Returns whether no value but NaN stands for missing samples.
+    /// Returns `true` if no value but NaN stands for missing samples.
     pub fn keeps_nulls(&self) -> bool {
         self.null.as_deref() == Some("none")
     }
 
-    /// Where the image lies.
+    /// Returns the geometry that the options give.
     fn placement(&self) -> Result<ImagePlacement> {
         let number = |text: &str| -> Result<f64> {
-            let found = text.parse::<f64>().ok().filter(|number| number.is_finite());
+            let parsed = text.parse::<f64>().ok().filter(|number| number.is_finite());
             let remedy = "give numbers with commas between them";
-            found.ok_or_else(|| Error::Job(cause(text, "is no number", remedy)))
+            parsed.ok_or_else(|| Error::Job(cause(text, "is not a number", remedy)))
         };
-        let place = ImagePlacement {
+        let placement = ImagePlacement {
             spacing: parse_list("spacing", &self.spacing, number)?,
             origin: parse_list("origin", &self.origin, number)?,
             units: parse_list("unit", &self.unit, |text| Ok(text.to_string()))?,
             axes: parse_list("axes", &self.axes, FromStr::from_str)?,
             reference_image: self.geometry_from.clone(),
         };
-        let others = [&self.spacing, &self.origin, &self.unit, &self.axes];
-        if let Some(path) = &place.reference_image
-            && others.iter().any(|other| other.is_some())
+        let other_options = [&self.spacing, &self.origin, &self.unit, &self.axes];
+        if let Some(path) = &placement.reference_image
+            && other_options.iter().any(|other| other.is_some())
         {
             return Err(Error::Job(cause(
                 format!("geometry-from {}", path.display()),
-                "says all about where the image lies",
+                "gives the complete geometry",
                 "omit spacing, origin, unit and axes",
             )));
         }
-        Ok(place)
+        Ok(placement)
     }
 
-    /// These, and those of `below` where these are silent.
-    pub fn with_fallback(&self, below: &Self) -> Self {
+    /// Returns these options, completed by those of `fallback` where these are not given.
+    pub fn with_fallback(&self, fallback: &Self) -> Self {
         Self {
-            raw: self.raw.clone().or_else(|| below.raw.clone()),
-            spacing: self.spacing.clone().or_else(|| below.spacing.clone()),
-            origin: self.origin.clone().or_else(|| below.origin.clone()),
-            unit: self.unit.clone().or_else(|| below.unit.clone()),
-            axes: self.axes.clone().or_else(|| below.axes.clone()),
-            geometry_from: (self.geometry_from.clone()).or_else(|| below.geometry_from.clone()),
-            null: self.null.clone().or_else(|| below.null.clone()),
-            inline_byte: self.inline_byte.or(below.inline_byte),
-            crossline_byte: self.crossline_byte.or(below.crossline_byte),
-            x_byte: self.x_byte.or(below.x_byte),
-            y_byte: self.y_byte.or(below.y_byte),
-            scalar_byte: self.scalar_byte.or(below.scalar_byte),
-            delay_byte: self.delay_byte.or(below.delay_byte),
-            interval_byte: self.interval_byte.or(below.interval_byte),
+            raw: self.raw.clone().or_else(|| fallback.raw.clone()),
+            spacing: self.spacing.clone().or_else(|| fallback.spacing.clone()),
+            origin: self.origin.clone().or_else(|| fallback.origin.clone()),
+            unit: self.unit.clone().or_else(|| fallback.unit.clone()),
+            axes: self.axes.clone().or_else(|| fallback.axes.clone()),
+            geometry_from: (self.geometry_from.clone()).or_else(|| fallback.geometry_from.clone()),
+            null: self.null.clone().or_else(|| fallback.null.clone()),
+            inline_byte: self.inline_byte.or(fallback.inline_byte),
+            crossline_byte: self.crossline_byte.or(fallback.crossline_byte),
+            x_byte: self.x_byte.or(fallback.x_byte),
+            y_byte: self.y_byte.or(fallback.y_byte),
+            scalar_byte: self.scalar_byte.or(fallback.scalar_byte),
+            delay_byte: self.delay_byte.or(fallback.delay_byte),
+            interval_byte: self.interval_byte.or(fallback.interval_byte),
         }
     }
 
-    /// What the reader of this file is told.
+    /// Returns the options for reading the file at `path`.
     ///
     /// # Errors
-    /// Those of [`InputOptions::read_options`] and [`detect`], and [`Error::Job`] if header bytes of
-    /// SEG-Y files are given for a file that is none.
+    /// Returns the errors of [`InputOptions::read_options`] and [`detect`], and an [`Error::Job`]
+    /// if SEG-Y header bytes are given for a file in another format.
     pub fn read_options_for(&self, path: &Path) -> Result<ReadOptions> {
         let options = self.read_options()?;
         let bytes = [
@@ -203,11 +207,17 @@ impl InputOptions {
         ];
         if let Some((name, byte)) = bytes.iter().find_map(|(name, byte)| Some((name, (*byte)?))) {
             let format = detect(path, &options)?;
-            let lender = options.placement.reference_image.as_deref().map(|from| {
-                let plain = ReadOptions::default();
-                detect(from, &plain)
-            });
-            if format != ImageFormat::Segy && lender.transpose()? != Some(ImageFormat::Segy) {
+            let reference_format = options
+                .placement
+                .reference_image
+                .as_deref()
+                .map(|reference| {
+                    let defaults = ReadOptions::default();
+                    detect(reference, &defaults)
+                });
+            if format != ImageFormat::Segy
+                && reference_format.transpose()? != Some(ImageFormat::Segy)
+            {
                 return Err(Error::Job(cause(
                     format!("{name} {byte}"),
                     format!(
@@ -222,7 +232,7 @@ impl InputOptions {
     }
 }
 
-/// What stands between commas.
+/// Parses a list of values separated by commas.
 fn parse_list<T>(
     name: &str,
     text: &Option<String>,
@@ -231,9 +241,12 @@ fn parse_list<T>(
     let Some(text) = text else { return Ok(None) };
     let parts = text.split(',').map(|part| parse(part.trim()));
     let parts: Result<Vec<T>> = parts.collect();
-    let named = |error: Error| match error.cause().place.starts_with(name) {
-        true => error,
-        false => error.with_place(format!("{name} {text}")),
+    let with_name = |error: Error| {
+        if error.cause().place.starts_with(name) {
+            error
+        } else {
+            error.with_place(format!("{name} {text}"))
+        }
     };
-    parts.map(Some).map_err(named)
+    parts.map(Some).map_err(with_name)
 }

@@ -1,7 +1,7 @@
-//! INRIMAGE-4 (`.inr`, `.inr.gz`), INRIA's volumes: a header of `KEY=VALUE` lines, filled up with
-//! newlines to a multiple of 256 bytes, and the samples behind it.
+//! INRIMAGE-4 (`.inr`, `.inr.gz`), the volumes of INRIA: a header of `KEY=VALUE` lines, padded with
+//! newlines to a multiple of 256 bytes, followed by the samples.
 //!
-//! Positions are `(TX, TY, TZ)` plus index times `(VX, VY, VZ)`, 0 and 1 where they are not given.
+//! Positions are `(TX, TY, TZ)` plus index times `(VX, VY, VZ)`; the defaults are 0 and 1.
 
 use std::path::Path;
 
@@ -11,17 +11,17 @@ use super::{ImageFormat, LoadedImage};
 use crate::error::Result;
 use crate::image::Geometry;
 
-/// The first bytes of every INRIMAGE-4 file, before it is compressed.
+/// First bytes of every INRIMAGE-4 file, before compression.
 pub const MAGIC: &[u8] = b"#INRIMAGE-4#{";
 
-/// Longest header that is read.
+/// Longest header that is read, in bytes.
 const MAX_HEADER_BYTES: u64 = 1 << 16;
 
-/// Reads a volume, or a plane as if it had a single sample along z.
+/// Reads a volume. A plane is read as a volume with a single sample along z.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) if the file cannot be read, is cut off or damaged, or has more
-/// than one value a sample.
+/// Returns an [`Error::Io`](crate::Error::Io) if the file cannot be read, is truncated or damaged,
+/// or has more than one value per sample.
 pub fn read(path: &Path) -> Result<LoadedImage> {
     let (head, packing) = packed::read_head(path, MAX_HEADER_BYTES)?;
     let text = String::from_utf8_lossy(&head);

@@ -1,5 +1,6 @@
-//! MetaImage (`.mha`, `.mhd` beside its samples), ITK's own format: lines `Key = value`, of which the
-//! last, `ElementDataFile`, names the file of samples, or `LOCAL` if they follow it.
+//! MetaImage (`.mha`, or `.mhd` with a separate file of samples), the format of ITK: lines `Key =
+//! value`. The last line, `ElementDataFile`, names the file of samples, or is `LOCAL` if the
+//! samples follow it.
 //!
 //! Row k of `TransformMatrix` is the direction of axis k. Samples may be compressed (zlib) or text.
 
@@ -18,15 +19,15 @@ use crate::error::{Result, io_error};
 use crate::files::atomic_write;
 use crate::image::{Geometry, Image};
 
-/// Longest header that is read.
+/// Longest header that is read, in bytes.
 const MAX_HEADER_BYTES: u64 = 1 << 16;
 
-/// Whether these are the first bytes of a MetaImage header.
+/// Returns `true` if these are the first bytes of a MetaImage header.
 pub fn looks_like(head: &[u8]) -> bool {
     head.starts_with(b"ObjectType") || head.starts_with(b"NDims")
 }
 
-/// The header's lines, and the byte after its last.
+/// The lines of a header as pairs of key and value.
 struct Header<'a> {
     path: &'a Path,
     lines: Vec<(&'a str, &'a str)>,
@@ -35,9 +36,9 @@ struct Header<'a> {
 impl<'a> Header<'a> {
     fn parse(path: &'a Path, text: &'a str) -> Result<(Self, u64)> {
         let mut lines = Vec::new();
-        let mut at = 0;
+        let mut end = 0;
         for line in text.split_inclusive('\n') {
-            at += line.len();
+            end += line.len();
             let Some((key, value)) = line.split_once('=') else {
                 break;
             };
@@ -47,31 +48,31 @@ impl<'a> Header<'a> {
                 .find(|(name, other)| *name == key && *other != value)
             {
                 let shown: String = format!("{other} and {value}").chars().take(60).collect();
-                let problem = format!("its header says twice what {key} is: {shown}");
+                let problem = format!("its header gives {key} twice: {shown}");
                 return Err(file_error(path, problem, DAMAGED_REMEDY));
             }
             lines.push((key, value));
             if key == "ElementDataFile" {
-                return Ok((Self { path, lines }, at as u64));
+                return Ok((Self { path, lines }, end as u64));
             }
         }
         let problem = "its header does not end in a line ElementDataFile = ...";
         Err(file_error(path, problem, DAMAGED_REMEDY))
     }
 
-    /// The value of the first of these keys that is there.
+    /// Returns the value of the first of these keys that is present.
     fn value(&self, keys: &[&str]) -> Option<&'a str> {
-        let found = |key: &&str| self.lines.iter().find(|(name, _)| name == key);
-        keys.iter().find_map(found).map(|(_, value)| *value)
+        let entry = |key: &&str| self.lines.iter().find(|(name, _)| name == key);
+        keys.iter().find_map(entry).map(|(_, value)| *value)
     }
 
-    /// Whether a key's value is true, as MetaIO has it: `True`, `t` or `1`.
+    /// Returns `true` if the value of a key is true in MetaIO: it begins with `T`, `t` or `1`.
     fn is_true(&self, keys: &[&str]) -> bool {
         self.value(keys)
             .is_some_and(|v| v.starts_with(['T', 't', '1']))
     }
 
-    /// `n` finite numbers, or nothing if none of these keys is there.
+    /// Returns `n` finite numbers, or `None` if none of these keys is present.
     fn numbers(&self, keys: &[&str], n: usize) -> Result<Option<Vec<f64>>> {
         let Some(text) = self.value(keys) else {
             return Ok(None);
@@ -81,9 +82,10 @@ impl<'a> Header<'a> {
             .filter_map(|word| word.parse().ok())
             .filter(|v: &f64| v.is_finite())
             .collect();
-        match numbers.len() == n && text.split_whitespace().count() == n {
-            true => Ok(Some(numbers)),
-            false => Err(self.value_error(keys[0], text)),
+        if numbers.len() == n && text.split_whitespace().count() == n {
+            Ok(Some(numbers))
+        } else {
+            Err(self.value_error(keys[0], text))
         }
     }
 
@@ -97,14 +99,14 @@ impl<'a> Header<'a> {
     }
 }
 
-/// Reads a volume, or a plane as if it had a single sample along z.
+/// Reads a volume. A plane is read as a volume with a single sample along z.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) if the file, or the one of its samples, cannot be read, is cut
-/// off or damaged, or has more than one value a sample.
+/// Returns an [`Error::Io`](crate::Error::Io) if the file, or the file of its samples, cannot be
+/// read, is truncated or damaged, or has more than one value per sample.
 pub fn read(path: &Path) -> Result<LoadedImage> {
     let (head, _) = packed::read_head(path, MAX_HEADER_BYTES)?;
-    // Byte for byte, so that places in the text are places in the file.
+    // Each byte becomes one character, so that offsets in the text are offsets in the file.
     let text: String = head
         .iter()
         .map(|&b| if b.is_ascii() { b as char } else { '?' })
@@ -154,8 +156,12 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
         .value(&["ElementType"])
         .ok_or_else(|| missing("ElementType"))?;
     let sample = sample_type(element).ok_or_else(|| header.value_error("ElementType", element))?;
-    let big = header.is_true(&["BinaryDataByteOrderMSB", "ElementByteOrderMSB"]);
-    let endian = if big { Endian::Big } else { Endian::Little };
+    let is_big_endian = header.is_true(&["BinaryDataByteOrderMSB", "ElementByteOrderMSB"]);
+    let endian = if is_big_endian {
+        Endian::Big
+    } else {
+        Endian::Little
+    };
     let is_text = header.value(&["BinaryData"]).is_some() && !header.is_true(&["BinaryData"]);
     let packing = match (header.is_true(&["CompressedData"]), is_text) {
         (true, _) => SamplePacking::Deflated,
@@ -163,7 +169,7 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
         (false, false) => SamplePacking::Uncompressed,
     };
     let data = header.value(&["ElementDataFile"]).unwrap_or_default();
-    let (file, at, skip) = match data {
+    let (file, offset, sample_start) = match data {
         "LOCAL" | "Local" | "local" => (path.to_path_buf(), end, SampleStart::Offset(0)),
         _ if data == "LIST" || data.starts_with("LIST ") || data.contains('%') => {
             let problem = "its samples lie in a file for each slice";
@@ -172,21 +178,21 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
         }
         "" => return Err(missing("ElementDataFile")),
         name => {
-            let skip = match header.value(&["HeaderSize"]).map(str::parse::<i64>) {
+            let sample_start = match header.value(&["HeaderSize"]).map(str::parse::<i64>) {
                 None => SampleStart::Offset(0),
                 Some(Ok(-1)) => SampleStart::FromEnd,
                 Some(Ok(n)) if n >= 0 => SampleStart::Offset(n as u64),
                 _ => return Err(header.value_error("HeaderSize", "which is not a number of bytes")),
             };
-            (sibling(path, name), 0, skip)
+            (sibling(path, name), 0, sample_start)
         }
     };
     let geometry = geometry(&header, n)?;
     let packed = PackedSamples {
         path: file,
-        offset: at,
+        offset,
         packing,
-        sample_start: skip,
+        sample_start,
         encoding: Encoding {
             sample_type: sample,
             endian,
@@ -196,7 +202,7 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
     packed.load(ImageFormat::MetaImage, geometry, None, Vec::new())
 }
 
-/// A file that a header names, from the header's folder.
+/// Returns the path of a file that a header names, relative to the folder of the header.
 pub fn sibling(header: &Path, name: &str) -> PathBuf {
     header.parent().unwrap_or(Path::new("")).join(name)
 }
@@ -217,7 +223,7 @@ fn sample_type(name: &str) -> Option<SampleType> {
     })
 }
 
-/// Of the first three of `n` axes.
+/// Returns the geometry of the first three of `n` axes.
 fn geometry(header: &Header<'_>, n: usize) -> Result<Geometry<3>> {
     let spacing = header.numbers(&["ElementSpacing", "ElementSize"], n)?;
     let origin = header.numbers(&["Offset", "Position", "Origin"], n)?;
@@ -244,10 +250,10 @@ fn geometry(header: &Header<'_>, n: usize) -> Result<Geometry<3>> {
     Ok(geometry)
 }
 
-/// Writes 32-bit floats, compressed, and the geometry in double precision.
+/// Writes compressed 32-bit floats, and the geometry in double precision.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) if the file cannot be written.
+/// Returns an [`Error::Io`](crate::Error::Io) if the file cannot be written.
 pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
     let spacing = image.geometry.spacing();
     let list = |values: &mut dyn Iterator<Item = f64>| {
@@ -262,10 +268,10 @@ pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
     };
     let dims = image.dims().map(|n| n.to_string()).join(" ");
     let mut packed = ZlibEncoder::new(Vec::new(), Compression::fast());
-    // Writing to memory does not fail.
+    // Writing to memory cannot fail.
     samples::write(&mut packed, image.as_slice()).map_err(|e| io_error(path, "write", e))?;
     let packed = packed.finish().map_err(|e| io_error(path, "write", e))?;
-    // Without that size MetaIO reads garbage.
+    // MetaIO reads garbage if the compressed size is missing.
     let size = packed.len();
     let header = format!(
         "ObjectType = Image\nNDims = {D}\nBinaryData = True\nBinaryDataByteOrderMSB = False\n\
@@ -289,13 +295,17 @@ mod tests {
     fn true_is_spelled_as_metaio_reads_it() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.mha");
-        for (word, want) in [("True", 256.0), ("1", 256.0), ("t", 256.0), ("False", 1.0)] {
+        for (word, expected) in [("True", 256.0), ("1", 256.0), ("t", 256.0), ("False", 1.0)] {
             let header = format!(
                 "ObjectType = Image\nNDims = 2\nBinaryData = 1\nBinaryDataByteOrderMSB = {word}\n\
                  DimSize = 2 1\nElementType = MET_USHORT\nElementDataFile = LOCAL\n"
             );
             std::fs::write(&path, [header.as_bytes(), &[1, 0, 1, 0]].concat()).unwrap();
-            assert_eq!(read(&path).unwrap().image.as_slice(), [want; 2], "{word}");
+            assert_eq!(
+                read(&path).unwrap().image.as_slice(),
+                [expected; 2],
+                "{word}"
+            );
         }
     }
 

@@ -1,27 +1,27 @@
-//! Image files, and writing any file safely.
+//! Image files: reading and writing.
 //!
-//! Files are recognised by their content, never by their name; what is written is chosen by the
-//! name's ending.
+//! Files are recognised by their content, never by their name. The format of a written file is
+//! chosen by the ending of its name.
 //!
-//! - `grids`: heights in the plane: IRAP classic, ZMAP+, CPS-3
+//! - `grids`: grids of heights: IRAP classic, ZMAP+, CPS-3
 //! - `inrimage`: INRIMAGE-4 volumes
-//! - `metaimage`: MetaImage, of ITK
-//! - `nifti`: NIfTI, of neuroscience
+//! - `metaimage`: MetaImage, the format of ITK
+//! - `nifti`: NIfTI, the format of neuroscience
 //! - `npy`: NumPy arrays
 //! - `nrrd`: NRRD files
-//! - `packed`: samples behind a header, perhaps compressed
+//! - `packed`: samples behind a header, possibly compressed
 //! - `png`: pictures, as 2-D images
-//! - `segy`: seismic volumes
+//! - `segy`: seismic volumes and lines
 //! - `tiff`: TIFF stacks
-//! - `zarr`: arrays in chunks, Zarr and MDIO
-//! - `write`: images to files, in the format that the ending names
-//! - `vti`: VTK image data, and [`vtk`], the container it shares with meshes
+//! - `zarr`: chunked arrays, Zarr and MDIO
+//! - `vti`: VTK image data; [`vtk`] is the container that it shares with meshes
 //! - `raw`: samples without a header, described by the user
-//! - `stream`: images that may be larger than memory, read part by part
+//! - `write`: writes images in the format that the ending names
+//! - `stream`: images that may be larger than memory, read in parts
 //! - `samples`: sample types and their conversion to `f32`
-//! - `placement`: where an image lies whose file does not say so
-//! - `input`: how a user says what a file does not
-//! - `describe`: what a file holds, for people and for programs
+//! - `placement`: geometry that the user gives for files without one
+//! - `input`: options of the user for reading a file
+//! - `describe`: description of a file for people and for programs
 
 pub(crate) mod describe;
 pub(crate) mod grids;
@@ -63,16 +63,16 @@ pub use write::write;
 #[cfg(feature = "cli")]
 pub(crate) use write::{can_stream, write_survey};
 
-/// What a user can say about how to read an image.
+/// Options for reading an image.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ReadOptions {
-    /// The file is raw samples as described here, whatever it looks like.
+    /// Description of the file as raw samples; if given, the content of the file is not inspected.
     pub raw: Option<RawSpec>,
-    /// Where SEG-Y trace headers keep what is needed.
+    /// Bytes of SEG-Y trace headers that hold the needed fields.
     pub segy: SegyBytes,
-    /// Where the image lies, if the file does not say so.
+    /// Geometry of the image, if the file has none.
     pub placement: ImagePlacement,
-    /// Values that stand for missing samples: these are read as NaN.
+    /// Values that stand for missing samples; they are read as NaN.
     pub nulls: Vec<f32>,
 }
 
@@ -87,7 +87,7 @@ pub enum ImageFormat {
     Vti,
     /// A picture, `.png`.
     Png,
-    /// NIfTI-1 or NIfTI-2, `.nii`, `.nii.gz` or `.hdr` beside `.img`.
+    /// NIfTI-1 or NIfTI-2, `.nii`, `.nii.gz`, or `.hdr` with `.img`.
     Nifti,
     /// MetaImage, `.mha` or `.mhd`.
     MetaImage,
@@ -135,19 +135,19 @@ impl fmt::Display for ImageFormat {
 pub struct LoadedImage<const D: usize = 3> {
     /// The image.
     pub image: Image<D>,
-    /// The format it was read from.
+    /// Format from which it was read.
     pub format: ImageFormat,
-    /// How the file codes its samples.
+    /// Encoding of the samples in the file.
     pub encoding: String,
-    /// Everything about the reading that a user should know.
+    /// Messages for the user about the reading.
     pub notes: Vec<String>,
-    /// What a SEG-Y file's headers say.
+    /// Contents of the headers of a SEG-Y file.
     pub survey: Option<SegyInfo>,
     /// Numbers of the inlines and crosslines of a survey.
     pub line_numbers: Option<[LineNumbers; 2]>,
 }
 
-/// An image of the plane or of space.
+/// A 2-D or 3-D image.
 #[derive(Debug, Clone, PartialEq)]
 pub enum AnyImage {
     /// A 2-D image.
@@ -157,7 +157,7 @@ pub enum AnyImage {
 }
 
 impl AnyImage {
-    /// The image, if it has `D` axes.
+    /// Returns the image if it has `D` axes.
     pub fn into_image<const D: usize>(self) -> Option<Image<D>> {
         let image: Box<dyn Any> = match self {
             Self::Plane(loaded) => Box::new(loaded.image),
@@ -171,10 +171,10 @@ impl AnyImage {
 ///
 /// ```
 /// use atomesh::image::formats::{self, ReadOptions};
-/// use atomesh::image::synth::{self, Kind, Options};
+/// use atomesh::image::synth::{self, Options, SyntheticKind};
 ///
 /// let options = Options { dims: [12, 11, 10], ..Options::default() };
-/// let image = synth::make(Kind::Sphere, &options)?.image;
+/// let image = synth::make(SyntheticKind::Sphere, &options)?.image;
 /// let path = std::env::temp_dir().join("atomesh-formats-read.npy");
 /// formats::write(&path, &image)?;
 ///
@@ -186,7 +186,7 @@ impl AnyImage {
 /// ```
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be read, is of no known format, is damaged or 2-D.
+/// Returns an [`Error::Io`] if the file cannot be read, is of no known format, is damaged or 2-D.
 pub fn read(path: &Path, options: &ReadOptions) -> Result<LoadedImage<3>> {
     match read_any(path, options)? {
         AnyImage::Space(loaded) => Ok(loaded),
@@ -201,22 +201,22 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<LoadedImage<3>> {
     }
 }
 
-/// Reads an image of any known format. One that has a single sample along its last axis is 2-D.
+/// Reads an image of any known format. An image with a single sample along its last axis is 2-D.
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be read, is of no known format, or is damaged.
+/// Returns an [`Error::Io`] if the file cannot be read, is of no known format, or is damaged.
 pub fn read_any(path: &Path, options: &ReadOptions) -> Result<AnyImage> {
     open(path, options)?.load(path)
 }
 
-/// Opens an image of any known format: the samples of those that may be larger than memory are left in
+/// Opens an image of any known format. Samples of images that may be larger than memory stay in
 /// their files.
 ///
 /// # Errors
-/// As [`read_any`].
+/// Returns the errors of [`read_any`].
 pub(crate) fn open(path: &Path, options: &ReadOptions) -> Result<OpenedImage> {
     let opened = match open_as_stored(path, options)? {
-        // The plane's geometry is made with its samples.
+        // The geometry of a 2-D image is derived when its samples are loaded.
         OpenedImage::Stream(stream) if stream.header.dims[2] == 1 => {
             OpenedImage::InMemory(into_any_image(stream.into_loaded(path)?))
         }
@@ -226,7 +226,7 @@ pub(crate) fn open(path: &Path, options: &ReadOptions) -> Result<OpenedImage> {
     Ok(opened.with_nulls(&options.nulls))
 }
 
-/// Opens an image as it lies by its file.
+/// Opens an image with the geometry that its file gives.
 fn open_as_stored(path: &Path, options: &ReadOptions) -> Result<OpenedImage> {
     let loaded = match detect(path, options)? {
         ImageFormat::Png => {
@@ -265,14 +265,14 @@ fn open_as_stored(path: &Path, options: &ReadOptions) -> Result<OpenedImage> {
     Ok(OpenedImage::InMemory(into_any_image(loaded)))
 }
 
-/// An image of space, or of the plane if it has a single sample along its last axis.
+/// Returns a 3-D image, or a 2-D image if there is a single sample along the last axis.
 pub(crate) fn into_any_image(loaded: LoadedImage) -> AnyImage {
     match loaded.image.dims() {
         [_, _, 1] => {
             let mut notes = loaded.notes;
             if loaded.image.geometry.is_oblique() && !loaded.image.geometry.is_upright() {
                 notes.push(
-                    "its plane is not level: positions are measured in the plane, from the first sample"
+                    "its plane is neither horizontal nor vertical: positions are measured in the plane, from the first sample"
                         .into(),
                 );
             }
@@ -299,7 +299,8 @@ fn extension(path: &Path) -> String {
         .unwrap_or_default()
 }
 
-/// Formats that are recognised but not read: name, offset of the magic bytes, these, and what to do.
+/// Formats that are recognised but not read: name, offset of the magic bytes, magic bytes, and
+/// remedy.
 const UNSUPPORTED_FORMATS: &[(&str, usize, &[u8], &str)] = &[
     (
         "JPEG",
@@ -329,15 +330,15 @@ const UNSUPPORTED_FORMATS: &[(&str, usize, &[u8], &str)] = &[
     ("DICOM", 128, b"DICM", DICOM_REMEDY),
 ];
 
-/// What to do about DICOM.
+/// Remedy for DICOM files.
 const DICOM_REMEDY: &str =
     "convert the series to .nii.gz, e.g. with dcm2niix FOLDER, or in Python with SimpleITK";
 
-/// What to do about FreeSurfer's volumes.
+/// Remedy for FreeSurfer volumes.
 const FREESURFER_REMEDY: &str =
     "convert it to .nii.gz, with mri_convert, or in Python with nibabel";
 
-/// Whether a folder holds a DICOM file among the first that are looked at.
+/// Returns `true` if one of the first files of a folder is a DICOM file.
 fn holds_dicom(folder: &Path) -> bool {
     const MAX_FILES_CHECKED: usize = 16;
     let Ok(entries) = std::fs::read_dir(folder) else {
@@ -357,10 +358,11 @@ fn holds_dicom(folder: &Path) -> bool {
         })
 }
 
-/// Finds the format by the content; raw only if the user said so.
+/// Detects the format of a file from its content. The format is raw only if the options describe
+/// raw samples.
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be read or is of no format that can be.
+/// Returns an [`Error::Io`] if the file cannot be read or is of no supported format.
 pub fn detect(path: &Path, options: &ReadOptions) -> Result<ImageFormat> {
     let mut head = Vec::new();
     if options.raw.is_none() && zarr::is_node(path)? {
@@ -405,8 +407,9 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<ImageFormat> {
             ))),
         };
     }
-    let magic = |(_, at, magic, _): &&(&str, usize, &[u8], &str)| {
-        head.get(*at..).is_some_and(|rest| rest.starts_with(magic))
+    let magic = |(_, offset, magic, _): &&(&str, usize, &[u8], &str)| {
+        head.get(*offset..)
+            .is_some_and(|rest| rest.starts_with(magic))
     };
     if let Some((name, _, _, remedy)) = UNSUPPORTED_FORMATS.iter().find(magic) {
         let problem = format!("is in the format {name}, which is not read");
@@ -424,18 +427,18 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<ImageFormat> {
             "give an image, not a mesh",
         )));
     }
-    // A file named so gets the SEG-Y reader's own account of what is wrong with it.
-    let named = matches!(extension(path).as_str(), "sgy" | "segy");
-    if named || segy::looks_like(&head) {
+    // For a file with a SEG-Y name the SEG-Y reader reports what is wrong with it.
+    let has_segy_name = matches!(extension(path).as_str(), "sgy" | "segy");
+    if has_segy_name || segy::looks_like(&head) {
         return Ok(ImageFormat::Segy);
     }
     Err(unknown_format(path))
 }
 
-/// How much of a file tells its format.
+/// Number of bytes at the start of a file from which its format is detected.
 const DETECTION_BYTES: u64 = segy::FILE_HEADER_BYTES as u64;
 
-/// The format that a file's first bytes name.
+/// Returns the format that the first bytes of a file indicate.
 fn recognise(head: &[u8]) -> Option<ImageFormat> {
     Some(match head {
         _ if head.starts_with(npy::MAGIC) => ImageFormat::Npy,
@@ -470,7 +473,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_read_is_named() {
+    fn unreadable_files_are_refused_with_the_reason() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("image");
         assert!(error_message(&path).contains("cannot open"));
@@ -492,12 +495,12 @@ mod tests {
                 "not of image data",
             ),
         ];
-        for (bytes, says) in cases {
+        for (bytes, expected) in cases {
             std::fs::write(&path, bytes).unwrap();
             let error = error_message(&path);
-            assert!(error.contains(says), "{error} (expected: {says})");
+            assert!(error.contains(expected), "{error} (expected: {expected})");
         }
-        // A file named .sgy gets a reason.
+        // A file named .sgy is refused with the reason of the SEG-Y reader.
         let named = folder.path().join("a.SGY");
         std::fs::write(&named, [7; 5000]).unwrap();
         assert!(
@@ -541,7 +544,7 @@ mod tests {
     }
 
     #[test]
-    fn the_ending_chooses_what_is_written() {
+    fn the_ending_chooses_the_written_format() {
         let folder = tempfile::tempdir().unwrap();
         let image = Image::new([2, 2, 2], vec![1.5; 8], Geometry::default());
         let path = folder.path().join("a.npy");

@@ -1,9 +1,10 @@
-//! NIfTI-1 and NIfTI-2 (`.nii`, `.nii.gz`, and `.hdr` beside `.img`), the images of neuroscience.
+//! NIfTI-1 and NIfTI-2 (`.nii`, `.nii.gz`, and `.hdr` with `.img`), the image formats of
+//! neuroscience.
 //!
-//! Samples are scaled by `scl_slope` and `scl_inter`. Positions follow the sform, else the qform,
-//! else the sizes of voxels alone. NIfTI's world is right-anterior-superior (RAS); as in ITK, x and y
-//! change sign on the way in and out, so that positions are left-posterior-superior (LPS) here, as
-//! they are in MetaImage and NRRD files.
+//! Samples are scaled by `scl_slope` and `scl_inter`. Positions come from the sform, else from the
+//! qform, else from the voxel sizes alone. The NIfTI world is right-anterior-superior (RAS). As in
+//! ITK, x and y change sign on reading and writing, so that positions here are
+//! left-posterior-superior (LPS), as they are in MetaImage and NRRD files.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -21,10 +22,10 @@ use crate::error::Result;
 use crate::files::atomic_write;
 use crate::image::Geometry;
 
-/// Bytes of the longer header, NIfTI-2's.
+/// Bytes of the longer of the two headers, that of NIfTI-2.
 const MAX_HEADER_BYTES: u64 = 540;
 
-/// Whether these are the first bytes of a NIfTI file.
+/// Returns `true` if these are the first bytes of a NIfTI file.
 pub fn looks_like(head: &[u8]) -> bool {
     let has = |at: usize, magic: &[u8]| head.get(at..).is_some_and(|h| h.starts_with(magic));
     [
@@ -37,7 +38,7 @@ pub fn looks_like(head: &[u8]) -> bool {
     .any(|(at, magic)| has(*at, *magic))
 }
 
-/// The fields of either header, by their byte.
+/// Access to the fields of either header by their byte offsets.
 struct NiftiHeader<'a> {
     bytes: &'a [u8],
     endian: Endian,
@@ -45,7 +46,7 @@ struct NiftiHeader<'a> {
 }
 
 impl NiftiHeader<'_> {
-    /// An integer of `n` bytes.
+    /// Returns an integer of `n` bytes.
     fn integer(&self, at: usize, n: usize) -> i64 {
         let bytes = &self.bytes[at..at + n];
         let byte = |k: usize| match self.endian {
@@ -53,40 +54,41 @@ impl NiftiHeader<'_> {
             Endian::Big => bytes[k],
         };
         let unsigned = (0..n).fold(0u64, |v, k| v << 8 | u64::from(byte(k)));
-        // The sign bit goes to the top and comes back with an arithmetic shift.
+        // The shift to the top and the arithmetic shift back extend the sign bit.
         let unused = 64 - 8 * n as u32;
         (unsigned << unused) as i64 >> unused
     }
 
-    /// A float: 4 bytes in NIfTI-1, 8 in NIfTI-2.
+    /// Returns a float: 4 bytes in NIfTI-1, 8 in NIfTI-2.
     fn float(&self, at: usize) -> f64 {
-        match self.is_nifti2 {
-            true => f64::from_bits(self.integer(at, 8) as u64),
-            false => f64::from(f32::from_bits(self.integer(at, 4) as u32)),
+        if self.is_nifti2 {
+            f64::from_bits(self.integer(at, 8) as u64)
+        } else {
+            f64::from(f32::from_bits(self.integer(at, 4) as u32))
         }
     }
 
-    /// `first` in NIfTI-1, `second` in NIfTI-2.
+    /// Returns `first` for NIfTI-1 and `second` for NIfTI-2.
     fn select_by_version(&self, first: usize, second: usize) -> usize {
         if self.is_nifti2 { second } else { first }
     }
 
-    /// `n` floats in a row.
+    /// Returns `N` consecutive floats.
     fn floats<const N: usize>(&self, at: usize) -> [f64; N] {
         let size = self.select_by_version(4, 8);
         std::array::from_fn(|k| self.float(at + k * size))
     }
 }
 
-/// Reads a volume, or a plane as if it had a single sample along z.
+/// Reads a volume. A plane is read as a volume with a single sample along z.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) if the file cannot be read, is cut off or damaged, or holds a
-/// series of volumes, colours or complex numbers.
+/// Returns an [`Error::Io`](crate::Error::Io) if the file cannot be read, is truncated or damaged,
+/// or holds a series of volumes, colours or complex numbers.
 pub fn read(path: &Path) -> Result<LoadedImage> {
     let (mut head, packing) = packed::read_head(path, MAX_HEADER_BYTES)?;
-    let second = head.get(4..7).is_some_and(|m| m == b"n+2" || m == b"ni2");
-    let length = if second { 540 } else { 348 };
+    let is_nifti2 = head.get(4..7).is_some_and(|m| m == b"n+2" || m == b"ni2");
+    let length = if is_nifti2 { 540 } else { 348 };
     if head.len() < length {
         return Err(file_error(
             path,
@@ -104,11 +106,11 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
             return Err(file_error(path, problem, DAMAGED_REMEDY));
         }
     };
-    let detached = head[if second { 5 } else { 345 }] == b'i';
+    let is_detached = head[if is_nifti2 { 5 } else { 345 }] == b'i';
     let fields = NiftiHeader {
         bytes: &head,
         endian,
-        is_nifti2: second,
+        is_nifti2,
     };
     let dims = dims(&fields).map_err(|problem| {
         let remedy = "give one volume, e.g. in Python with nibabel: image.slicer[..., 0]";
@@ -130,11 +132,12 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
             return Err(file_error(path, problem, "give one real number per sample"));
         }
     };
-    let offset = match second {
-        true => fields.integer(168, 8) as f64,
-        false => fields.float(108),
+    let offset = if is_nifti2 {
+        fields.integer(168, 8) as f64
+    } else {
+        fields.float(108)
     };
-    let skip = match detached {
+    let skip = match is_detached {
         false if (length as f64..1e15).contains(&offset) => offset as u64,
         true if (0.0..1e15).contains(&offset) => offset as u64,
         _ => {
@@ -158,9 +161,10 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
         notes.push(format!("samples are scaled: {slope} v + {intercept}"));
     }
     let geometry = geometry(&fields, &mut notes);
-    let (path, packing) = match detached {
-        true => sample_file(path)?,
-        false => (path.to_path_buf(), packing),
+    let (path, packing) = if is_detached {
+        sample_file(path)?
+    } else {
+        (path.to_path_buf(), packing)
     };
     let packed = PackedSamples {
         path,
@@ -176,7 +180,7 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
     packed.load(ImageFormat::Nifti, geometry, scale, notes)
 }
 
-/// Samples along each axis.
+/// Returns the number of samples along each axis.
 fn dims(fields: &NiftiHeader<'_>) -> std::result::Result<[usize; 3], String> {
     let (start, size) = (
         fields.select_by_version(40, 16),
@@ -185,15 +189,18 @@ fn dims(fields: &NiftiHeader<'_>) -> std::result::Result<[usize; 3], String> {
     let dim = |k: usize| fields.integer(start + k * size, size);
     let rank = dim(0);
     if !(1..=7).contains(&rank) {
-        return Err(format!("claims {rank} axes"));
+        return Err(format!("has {rank} axes in its header, not 1 to 7"));
     }
     let sizes: Vec<usize> = (1..=rank as usize)
-        .map(|k| usize::try_from(dim(k)).map_err(|_| format!("claims {} samples", dim(k))))
+        .map(|k| {
+            usize::try_from(dim(k))
+                .map_err(|_| format!("has {} samples along an axis in its header", dim(k)))
+        })
         .collect::<std::result::Result<_, _>>()?;
     dims_from_sizes(&sizes)
 }
 
-/// Where samples lie, in ITK's frame.
+/// Returns the geometry in the frame of ITK (LPS).
 fn geometry(fields: &NiftiHeader<'_>, notes: &mut Vec<String>) -> Geometry<3> {
     let pixdim: [f64; 4] = fields.floats(fields.select_by_version(76, 104));
     let size = [1, 2, 3].map(|k: usize| match pixdim[k].abs() {
@@ -210,31 +217,33 @@ fn geometry(fields: &NiftiHeader<'_>, notes: &mut Vec<String>) -> Geometry<3> {
         3 => "um",
         _ => "",
     };
-    let named = |origin: [f64; 3], axes: [[f64; 3]; 3]| Geometry {
+    let with_units = |origin: [f64; 3], axes: [[f64; 3]; 3]| Geometry {
         origin,
         axes,
         units: [(); 3].map(|()| unit.to_string()),
         ..Geometry::default()
     };
-    let (qform, sform) = match fields.is_nifti2 {
-        true => (fields.integer(344, 4), fields.integer(348, 4)),
-        false => (fields.integer(252, 2), fields.integer(254, 2)),
+    let (qform, sform) = if fields.is_nifti2 {
+        (fields.integer(344, 4), fields.integer(348, 4))
+    } else {
+        (fields.integer(252, 2), fields.integer(254, 2))
     };
-    let mut found = None;
+    let mut placement = None;
     if sform > 0 {
         let rows: [f64; 12] = fields.floats(fields.select_by_version(280, 400));
         let row = |c: usize, k: usize| rows[4 * c + k];
-        found = Some(named(
+        placement = Some(with_units(
             std::array::from_fn(|c| row(c, 3)),
             std::array::from_fn(|k| std::array::from_fn(|c| row(c, k))),
         ))
         .filter(spans_space);
     }
-    if qform > 0 && found.is_none() {
+    if qform > 0 && placement.is_none() {
         let [b, c, d]: [f64; 3] = fields.floats(fields.select_by_version(256, 352));
         let origin: [f64; 3] = fields.floats(fields.select_by_version(268, 376));
         let a = (1.0 - (b * b + c * c + d * d)).max(0.0).sqrt();
-        // Columns of the quaternion's rotation; a negative first pixdim turns the third round.
+        // Columns of the rotation matrix of the quaternion; a negative first pixdim reverses the
+        // third.
         let columns = [
             [
                 a * a + b * b - c * c - d * d,
@@ -252,12 +261,12 @@ fn geometry(fields: &NiftiHeader<'_>, notes: &mut Vec<String>) -> Geometry<3> {
                 a * a + d * d - c * c - b * b,
             ],
         ];
-        let turn = if pixdim[0] < 0.0 { -1.0 } else { 1.0 };
-        let steps = [size[0], size[1], size[2] * turn];
+        let qfac = if pixdim[0] < 0.0 { -1.0 } else { 1.0 };
+        let steps = [size[0], size[1], size[2] * qfac];
         let axes = std::array::from_fn(|k| columns[k].map(|x| x * steps[k]));
-        found = Some(named(origin, axes)).filter(spans_space);
+        placement = Some(with_units(origin, axes)).filter(spans_space);
     }
-    match found {
+    match placement {
         Some(geometry) => {
             notes.push("positions are left-posterior-superior, as in ITK".into());
             swap_ras_lps(geometry)
@@ -265,33 +274,34 @@ fn geometry(fields: &NiftiHeader<'_>, notes: &mut Vec<String>) -> Geometry<3> {
         None => {
             notes.push("the header does not give the volume's position: origin 0".into());
             let straight = Geometry::with_spacing([0.0; 3], size);
-            named(straight.origin, straight.axes)
+            with_units(straight.origin, straight.axes)
         }
     }
 }
 
-/// Whether the axes span space.
+/// Returns `true` if the origin is finite and the axes span space.
 fn spans_space(geometry: &Geometry<3>) -> bool {
     let finite = geometry.origin.iter().all(|x| x.is_finite());
     finite && geometry.determinant() != 0.0
 }
 
-/// From RAS to LPS, or back.
+/// Converts from RAS to LPS, or back.
 fn swap_ras_lps(mut geometry: Geometry<3>) -> Geometry<3> {
     for vector in geometry.axes.iter_mut().chain([&mut geometry.origin]) {
         for x in &mut vector[..2] {
-            // Not -0.
+            // The subtraction avoids -0.
             *x = 0.0 - *x;
         }
     }
     geometry
 }
 
-/// The file of samples that belongs to a header on its own.
+/// Returns the file of samples that belongs to a detached header, and its packing.
 fn sample_file(header: &Path) -> Result<(PathBuf, SamplePacking)> {
-    let base = match header.extension().is_some_and(|e| e == "gz") {
-        true => header.with_extension(""),
-        false => header.to_path_buf(),
+    let base = if header.extension().is_some_and(|e| e == "gz") {
+        header.with_extension("")
+    } else {
+        header.to_path_buf()
     };
     let image = base.with_extension("img");
     let packed = base.with_extension("img.gz");
@@ -309,12 +319,12 @@ fn sample_file(header: &Path) -> Result<(PathBuf, SamplePacking)> {
     }
 }
 
-/// Writes NIfTI-1 with 32-bit floats, compressed if `path` ends in `.gz`. Positions go to the sform
-/// at the header's single precision.
+/// Writes NIfTI-1 with 32-bit floats, compressed if `path` ends in `.gz`. Positions are written as
+/// sform in single precision, as the header requires.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) if the file cannot be written or an axis is too long for the
-/// format.
+/// Returns an [`Error::Io`](crate::Error::Io) if the file cannot be written or an axis is too long
+/// for the format.
 pub fn write<const D: usize>(
     path: &Path,
     dims: [usize; D],
@@ -325,47 +335,47 @@ pub fn write<const D: usize>(
         let problem = format!("NIfTI-1 holds at most {} samples along an axis", i16::MAX);
         return Err(file_error(path, problem, "write .nrrd or .mha"));
     }
-    let placed = swap_ras_lps(geometry.to_3d());
-    let spacing = placed.spacing();
+    let ras_geometry = swap_ras_lps(geometry.to_3d());
+    let spacing = ras_geometry.spacing();
     let mut head = [0u8; 352];
-    let mut put = |at: usize, bytes: &[u8]| head[at..at + bytes.len()].copy_from_slice(bytes);
-    put(0, &348i32.to_le_bytes());
-    put(40, &(D as i16).to_le_bytes());
-    put(76, &1f32.to_le_bytes());
+    let mut set_bytes = |at: usize, bytes: &[u8]| head[at..at + bytes.len()].copy_from_slice(bytes);
+    set_bytes(0, &348i32.to_le_bytes());
+    set_bytes(40, &(D as i16).to_le_bytes());
+    set_bytes(76, &1f32.to_le_bytes());
     for k in 0..7 {
         let n = dims.get(k).map_or(1, |&n| n as i16);
-        put(42 + 2 * k, &n.to_le_bytes());
+        set_bytes(42 + 2 * k, &n.to_le_bytes());
         let step = spacing.get(k).map_or(1.0, |&s| s as f32);
-        put(80 + 4 * k, &step.to_le_bytes());
+        set_bytes(80 + 4 * k, &step.to_le_bytes());
     }
-    put(70, &16i16.to_le_bytes());
-    put(72, &32i16.to_le_bytes());
-    put(108, &352f32.to_le_bytes());
-    put(112, &1f32.to_le_bytes());
-    let unit = match placed.units[0].as_str() {
+    set_bytes(70, &16i16.to_le_bytes());
+    set_bytes(72, &32i16.to_le_bytes());
+    set_bytes(108, &352f32.to_le_bytes());
+    set_bytes(112, &1f32.to_le_bytes());
+    let unit = match ras_geometry.units[0].as_str() {
         "m" => 1,
         "mm" => 2,
         "um" => 3,
         _ => 0,
     };
-    put(123, &[unit]);
-    put(254, &2i16.to_le_bytes());
+    set_bytes(123, &[unit]);
+    set_bytes(254, &2i16.to_le_bytes());
     for c in 0..3 {
         for k in 0..4 {
             let value = if k < 3 {
-                placed.axes[k][c]
+                ras_geometry.axes[k][c]
             } else {
-                placed.origin[c]
+                ras_geometry.origin[c]
             };
-            put(280 + 16 * c + 4 * k, &(value as f32).to_le_bytes());
+            set_bytes(280 + 16 * c + 4 * k, &(value as f32).to_le_bytes());
         }
     }
-    put(344, b"n+1\0");
-    let packed = path
+    set_bytes(344, b"n+1\0");
+    let is_compressed = path
         .extension()
         .is_some_and(|e| e.eq_ignore_ascii_case("gz"));
     atomic_write(path, |out| {
-        if packed {
+        if is_compressed {
             let mut out = GzEncoder::new(out, Compression::fast());
             out.write_all(&head)?;
             samples::write_slabs(&mut out, slabs)?;

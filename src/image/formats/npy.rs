@@ -1,7 +1,8 @@
-//! NumPy's `.npy`: versions 1 to 3, every real numeric type, both byte orders, both memory orders.
+//! NumPy `.npy` files: versions 1 to 3, every real numeric type, both byte orders, both memory
+//! orders.
 //!
-//! An array of shape `(nz, ny, nx)` becomes an image of dims `[nx, ny, nz]`, one of shape `(ny, nx)`
-//! a 2-D image. The format has no geometry.
+//! An array of shape `(nz, ny, nx)` becomes an image of dimensions `[nx, ny, nz]`, one of shape
+//! `(ny, nx)` a 2-D image. The format has no geometry.
 
 use std::fs::File;
 use std::io::Write;
@@ -18,18 +19,20 @@ use crate::error::{Error, Result, cause, io_error};
 use crate::files::{atomic_write, read_exact_at};
 use crate::image::ExactLabels;
 
-/// The first bytes of every `.npy` file.
+/// First bytes of every `.npy` file.
 pub const MAGIC: &[u8] = b"\x93NUMPY";
 
-/// Opens a 3-D array, or a 2-D one as if it had a single sample along z. One in Fortran order is read.
+/// Opens a 3-D array. A 2-D array is opened as a volume with a single sample along z. An array in
+/// Fortran order is loaded into memory.
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be read, is cut off, is not 2-D or 3-D, or holds no real numbers.
+/// Returns an [`Error::Io`] if the file cannot be read, is truncated, is not 2-D or 3-D, or does
+/// not hold real numbers.
 pub fn open(path: &Path) -> Result<OpenedImage> {
     let NpyFile {
         file,
         data_offset: start,
-        trailing_bytes: spare,
+        trailing_bytes: trailing,
         header,
     } = NpyFile::new(path)?;
     let [nz, ny, nx] = three_dims(&header.shape).map_err(|problem| {
@@ -39,8 +42,8 @@ pub fn open(path: &Path) -> Result<OpenedImage> {
     })?;
     let encoding = header.encoding;
     let mut head = ImageHeader::without_geometry(ImageFormat::Npy, [nx, ny, nz], encoding, ".npy");
-    if spare > 0 {
-        let note = format!("{spare} bytes after the array are ignored");
+    if trailing > 0 {
+        let note = format!("{trailing} bytes after the array are ignored");
         head.notes.push(note);
     }
     if !header.fortran_order {
@@ -78,7 +81,8 @@ pub fn open(path: &Path) -> Result<OpenedImage> {
 /// Reads an array of any shape as `f32`, for arrays that are not images.
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be read, is cut off or holds no real numbers.
+/// Returns an [`Error::Io`] if the file cannot be read, is truncated, or does not hold real
+/// numbers.
 pub fn read_array(path: &Path) -> Result<ArrayD<f32>> {
     let NpyFile {
         file,
@@ -99,12 +103,12 @@ pub fn read_array(path: &Path) -> Result<ArrayD<f32>> {
     Ok(array.as_standard_layout().into_owned())
 }
 
-/// A file whose header is understood and whose samples are all there.
+/// A file with a valid header and complete samples.
 struct NpyFile {
     file: File,
-    /// Where the samples begin.
+    /// Offset of the first sample in the file.
     data_offset: u64,
-    /// Bytes after the samples.
+    /// Number of bytes after the samples.
     trailing_bytes: u64,
     header: Header,
 }
@@ -159,11 +163,11 @@ impl NpyFile {
     }
 }
 
-/// Writes samples of so many along each axis, x first, as little-endian `f32` in C order, shape
-/// `(nz, ny, nx)`.
+/// Writes samples as little-endian `f32` in C order, shape `(nz, ny, nx)`. `dims` are the numbers
+/// of samples along each axis, x first.
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be written.
+/// Returns an [`Error::Io`] if the file cannot be written.
 pub fn write(path: &Path, dims: &[usize], slabs: &dyn SlabSource) -> Result<()> {
     let shape: Vec<usize> = dims.iter().rev().copied().collect();
     atomic_write(path, |writer| {
@@ -175,7 +179,7 @@ pub fn write(path: &Path, dims: &[usize], slabs: &dyn SlabSource) -> Result<()> 
 /// Writes an array of any shape as little-endian `f32` in C order.
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be written.
+/// Returns an [`Error::Io`] if the file cannot be written.
 pub fn write_array(path: &Path, array: &ArrayD<f32>) -> Result<()> {
     let array = array.as_standard_layout();
     atomic_write(path, |writer| {
@@ -184,7 +188,7 @@ pub fn write_array(path: &Path, array: &ArrayD<f32>) -> Result<()> {
     })
 }
 
-/// All that stands before the samples.
+/// Returns all bytes before the samples.
 fn encode_header(shape: &[usize]) -> Vec<u8> {
     let words: Vec<String> = shape.iter().map(usize::to_string).collect();
     let comma = if shape.len() == 1 { "," } else { "" };
@@ -203,11 +207,12 @@ fn encode_header(shape: &[usize]) -> Vec<u8> {
     header
 }
 
-/// The header's text and where the data starts; `None` if it is not there in full.
+/// Returns the text of the header and the offset of the data, or `None` if the header is incomplete
+/// or of an unknown version.
 fn read_header_text(file: &File, length: u64) -> std::io::Result<Option<(String, u64)>> {
     let mut fixed = [0; 12];
-    let found = (length as usize).min(fixed.len());
-    read_exact_at(file, &mut fixed[..found], 0)?;
+    let available = (length as usize).min(fixed.len());
+    read_exact_at(file, &mut fixed[..available], 0)?;
     let (text_start, text_length) = match fixed[6] {
         1 => (10, u64::from(u16::from_le_bytes([fixed[8], fixed[9]]))),
         2 | 3 => {
@@ -237,7 +242,7 @@ fn three_dims(shape: &[usize]) -> std::result::Result<[usize; 3], String> {
     }
 }
 
-/// Labels in Fortran order as they are in C order.
+/// Converts labels from Fortran order to C order.
 fn labels_to_c_order(fortran: &ExactLabels, dims: [usize; 3]) -> Arc<ExactLabels> {
     Arc::new(ExactLabels {
         values: fortran.values.clone(),
@@ -247,7 +252,7 @@ fn labels_to_c_order(fortran: &ExactLabels, dims: [usize; 3]) -> Arc<ExactLabels
 
 /// Copies Fortran order (first axis fastest) to C order (last axis fastest).
 fn to_c_order<T: Copy + Default + Send + Sync>(fortran: &[T], [nz, ny, nx]: [usize; 3]) -> Vec<T> {
-    // In blocks of z, so that each cache line read serves all of its samples.
+    // Blocks along z use all samples of each cache line that is read.
     const BLOCK_EDGE: usize = 16;
     let mut out = vec![T::default(); fortran.len()];
     out.par_chunks_mut(BLOCK_EDGE * ny * nx)
@@ -278,23 +283,23 @@ impl Header {
     /// Parses `{'descr': '<f4', 'fortran_order': False, 'shape': (3, 4, 5), }`, keys in any order.
     fn parse(text: &str) -> std::result::Result<Self, String> {
         let damaged = || "its .npy header is damaged".to_string();
-        let mut rest = HeaderCursor(text);
+        let mut cursor = HeaderCursor(text);
         let (mut descr, mut fortran_order, mut shape) = (None, None, None);
-        rest.expect('{').ok_or_else(damaged)?;
-        while rest.expect('}').is_none() {
-            let key = rest.quoted().ok_or_else(damaged)?;
-            rest.expect(':').ok_or_else(damaged)?;
+        cursor.expect('{').ok_or_else(damaged)?;
+        while cursor.expect('}').is_none() {
+            let key = cursor.quoted().ok_or_else(damaged)?;
+            cursor.expect(':').ok_or_else(damaged)?;
             match key {
                 "descr" => {
-                    let name = rest.quoted().ok_or("holds records, not plain numbers")?;
+                    let name = cursor.quoted().ok_or("holds records, not plain numbers")?;
                     descr = Some(parse_encoding(name)?);
                 }
-                "fortran_order" => fortran_order = Some(rest.boolean().ok_or_else(damaged)?),
-                "shape" => shape = Some(rest.tuple().ok_or_else(damaged)?),
+                "fortran_order" => fortran_order = Some(cursor.boolean().ok_or_else(damaged)?),
+                "shape" => shape = Some(cursor.tuple().ok_or_else(damaged)?),
                 _ => return Err(damaged()),
             }
             // The comma after the last entry may be missing.
-            let _ = rest.expect(',');
+            let _ = cursor.expect(',');
         }
         match (descr, fortran_order, shape) {
             (Some(encoding), Some(fortran_order), Some(shape)) => Ok(Self {
@@ -307,7 +312,7 @@ impl Header {
     }
 }
 
-/// Sample type of a NumPy type string such as `<f4`.
+/// Returns the encoding of a NumPy type string such as `<f4`.
 fn parse_encoding(descr: &str) -> std::result::Result<Encoding, String> {
     let (order, name) = match descr.chars().next() {
         Some(c @ ('<' | '>' | '=' | '|')) => (c, &descr[1..]),
@@ -343,7 +348,7 @@ fn parse_encoding(descr: &str) -> std::result::Result<Encoding, String> {
     })
 }
 
-/// What is left of the header's text; each method takes one token off if it is there.
+/// Remaining text of the header. Each method removes one token if it is next.
 struct HeaderCursor<'a>(&'a str);
 
 impl<'a> HeaderCursor<'a> {
@@ -355,9 +360,9 @@ impl<'a> HeaderCursor<'a> {
     fn quoted(&mut self) -> Option<&'a str> {
         let text = self.0.trim_start();
         let quote = text.chars().next().filter(|c| matches!(c, '\'' | '"'))?;
-        let (inside, rest) = text[1..].split_once(quote)?;
+        let (content, rest) = text[1..].split_once(quote)?;
         self.0 = rest;
-        Some(inside)
+        Some(content)
     }
 
     fn boolean(&mut self) -> Option<bool> {
@@ -371,11 +376,11 @@ impl<'a> HeaderCursor<'a> {
     }
 
     fn tuple(&mut self) -> Option<Vec<usize>> {
-        let (inside, rest) = self.0.trim_start().strip_prefix('(')?.split_once(')')?;
+        let (content, rest) = self.0.trim_start().strip_prefix('(')?.split_once(')')?;
         self.0 = rest;
-        inside
+        content
             .split(',')
-            // Python 2 wrote long integers as 3L.
+            // Python 2 wrote long integers with a suffix, as in 3L.
             .map(|n| n.trim().trim_end_matches('L'))
             .filter(|n| !n.is_empty())
             .map(|n| n.parse().ok())
@@ -427,9 +432,9 @@ mod tests {
         let samples: Vec<f32> = (0..5 * 4 * 3).map(|i| i as f32 * 0.25 - 3.0).collect();
         let image = Image::new([5, 4, 3], samples, Geometry::default());
         write(&path, &image.dims(), &image).unwrap();
-        let again = open(&path).unwrap().load(&path).unwrap();
-        assert_eq!(into_space(again).image, image);
-        // As NumPy wants it: the data starts at a multiple of 64.
+        let restored = open(&path).unwrap().load(&path).unwrap();
+        assert_eq!(into_space(restored).image, image);
+        // NumPy requires that the data start at a multiple of 64 bytes.
         assert_eq!(
             std::fs::metadata(&path).unwrap().len() % 64,
             (5 * 4 * 3 * 4) % 64
@@ -476,7 +481,7 @@ mod tests {
                 assert_eq!(loaded.image.as_slice(), expected);
             }
         }
-        // Fortran order: the value at (z, y, x) says its own place.
+        // Fortran order: the value at (z, y, x) encodes its indices.
         let mut data = Vec::new();
         for x in 0..4u8 {
             for y in 0..3u8 {
@@ -517,7 +522,7 @@ mod tests {
         let dict = |descr: &str, shape: &str| {
             format!("{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}, }}\n")
         };
-        for (bytes, says) in [
+        for (bytes, expected) in [
             (b"\x93NUMPY".to_vec(), "cut off"),
             (
                 file_bytes(9, &dict("'<f4'", "(1, 1, 1)"), &[0; 4]),
@@ -563,7 +568,7 @@ mod tests {
             ),
         ] {
             let error = read_bytes(&bytes).unwrap_err().to_string();
-            assert!(error.contains(says), "{error} (expected: {says})");
+            assert!(error.contains(expected), "{error} (expected: {expected})");
         }
     }
 

@@ -1,8 +1,8 @@
-//! NRRD (`.nrrd`, `.nhdr` beside its samples), versions 1 to 5: lines `field: value`, an empty line,
-//! and the samples: raw, gzip or text.
+//! NRRD (`.nrrd`, or `.nhdr` with a separate file of samples), versions 1 to 5: lines `field:
+//! value`, an empty line, and the samples as raw bytes, gzip or text.
 //!
-//! Positions in a space that is named right- or left-anterior-superior are turned to
-//! left-posterior-superior, as ITK does; all others are taken as they are.
+//! Positions in the spaces right-anterior-superior and left-anterior-superior are converted to
+//! left-posterior-superior, as ITK does. Positions in all other spaces are used as they are.
 
 use std::io::Write;
 use std::path::Path;
@@ -21,13 +21,13 @@ use crate::error::Result;
 use crate::files::atomic_write;
 use crate::image::Geometry;
 
-/// The first bytes of every NRRD file.
+/// First bytes of every NRRD file.
 pub const MAGIC: &[u8] = b"NRRD000";
 
-/// Longest header that is read.
+/// Longest header that is read, in bytes.
 const MAX_HEADER_BYTES: u64 = 1 << 20;
 
-/// The header's fields, and the bytes after its empty line (or its end).
+/// The fields of a header, and the offset of the data after its empty line (or its end).
 struct Header<'a> {
     path: &'a Path,
     fields: Vec<(String, &'a str)>,
@@ -44,10 +44,10 @@ impl<'a> Header<'a> {
             if line.is_empty() {
                 break;
             }
-            // Of `key:=value` the file's author alone knows what it means.
+            // Lines `key:=value` have a meaning for the author of the file only.
             let field = line.split_once(": ").or_else(|| line.split_once(':'));
             if let Some((name, value)) = field.filter(|(_, value)| !value.starts_with('=')) {
-                // Spelled with or without a space: `byte skip`, `byteskip`.
+                // Names occur with and without spaces: `byte skip`, `byteskip`.
                 fields.push((name.to_lowercase().replace(' ', ""), value.trim()));
             }
         }
@@ -55,8 +55,8 @@ impl<'a> Header<'a> {
     }
 
     fn value(&self, name: &str) -> Option<&'a str> {
-        let found = self.fields.iter().find(|(field, _)| field == name);
-        found.map(|(_, value)| *value)
+        let entry = self.fields.iter().find(|(field, _)| field == name);
+        entry.map(|(_, value)| *value)
     }
 
     fn required_value(&self, name: &str) -> Result<&'a str> {
@@ -78,7 +78,7 @@ impl<'a> Header<'a> {
         )
     }
 
-    /// A whole number, `default` if the field is missing.
+    /// Returns an integer, `default` if the field is missing.
     fn integer(&self, name: &str, default: i64) -> Result<i64> {
         match self.value(name) {
             None => Ok(default),
@@ -87,14 +87,15 @@ impl<'a> Header<'a> {
     }
 }
 
-/// Reads a volume, or a plane as if it had a single sample along z.
+/// Reads a volume. A plane is read as a volume with a single sample along z.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) if the file, or the one of its samples, cannot be read, is cut
-/// off or damaged, has more than one value a sample, or is coded in a way that is not read.
+/// Returns an [`Error::Io`](crate::Error::Io) if the file, or the file of its samples, cannot be
+/// read, is truncated or damaged, has more than one value per sample, or has an unsupported
+/// encoding.
 pub fn read(path: &Path) -> Result<LoadedImage> {
     let (head, _) = packed::read_head(path, MAX_HEADER_BYTES)?;
-    // Byte for byte, so that places in the text are places in the file.
+    // Each byte becomes one character, so that offsets in the text are offsets in the file.
     let text: String = head
         .iter()
         .map(|&b| if b.is_ascii() { b as char } else { '?' })
@@ -112,9 +113,10 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
     }
     let directions = directions(&header, counts.len())?;
     let axes = axes(&header, &counts, &directions)?;
-    let kept: Vec<usize> = axes.iter().map(|&axis| counts[axis]).collect();
+    let image_sizes: Vec<usize> = axes.iter().map(|&axis| counts[axis]).collect();
     let remedy = "give one value per sample, in two or three dimensions";
-    let dims = dims_from_sizes(&kept).map_err(|problem| file_error(path, problem, remedy))?;
+    let dims =
+        dims_from_sizes(&image_sizes).map_err(|problem| file_error(path, problem, remedy))?;
 
     let kind = header.required_value("type")?;
     let sample = sample_type(kind).ok_or_else(|| header.value_error("type", kind))?;
@@ -154,24 +156,24 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
         Some(name) => (sibling(path, name), 0),
     };
     let lines = header.integer("lineskip", 0)?;
-    let at = skip_lines(&file, start, lines)
+    let data_start = skip_lines(&file, start, lines)
         .ok_or_else(|| header.value_error("line skip", &lines.to_string()))?;
     let skip = match header.integer("byteskip", 0)? {
         -1 => SampleStart::FromEnd,
         n @ 0.. => SampleStart::Offset(n as u64),
         n => return Err(header.value_error("byte skip", &n.to_string())),
     };
-    // Before compressed data the skipped bytes belong to what is unpacked.
-    let (at, skip) = match skip {
+    // For compressed data the skipped bytes are counted after decompression.
+    let (data_start, skip) = match skip {
         SampleStart::Offset(n) if packing == SamplePacking::Text => {
-            (at.saturating_add(n), SampleStart::Offset(0))
+            (data_start.saturating_add(n), SampleStart::Offset(0))
         }
-        other => (at, other),
+        other => (data_start, other),
     };
     let geometry = geometry(&header, &axes, &directions)?;
     let packed = PackedSamples {
         path: file,
-        offset: at,
+        offset: data_start,
         packing,
         sample_start: skip,
         encoding,
@@ -183,7 +185,7 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
         .iter()
         .find(|note| note.contains("are ignored"))
     {
-        // More than the samples means that something stands before them.
+        // Data beyond the samples means that something else precedes them.
         Some(note) if !is_raw => {
             let remedy = "if the samples come last, add a line 'byte skip: -1' to the header";
             Err(file_error(
@@ -196,7 +198,7 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
     }
 }
 
-/// The byte after so many lines.
+/// Returns the offset after a number of lines.
 fn skip_lines(file: &Path, start: u64, lines: i64) -> Option<u64> {
     use std::io::{BufRead, Seek};
     if lines == 0 {
@@ -243,38 +245,45 @@ fn sample_type(name: &str) -> Option<SampleType> {
     })
 }
 
-/// The direction of each axis, if the header gives any; `None` for an axis that has none.
+/// Returns the direction of each axis, or `None` if the header gives no directions. An axis without
+/// direction has the entry `None`.
 fn directions(header: &Header<'_>, rank: usize) -> Result<Option<Vec<Option<Vec<f64>>>>> {
     let Some(text) = header.value("spacedirections") else {
         return Ok(None);
     };
     let bad = || header.value_error("space directions", text);
-    let mut found = Vec::new();
+    let mut vectors = Vec::new();
     let mut rest = text.trim();
     while !rest.is_empty() {
-        if let Some(after) = rest.strip_prefix("none") {
-            found.push(None);
-            rest = after.trim_start();
+        if let Some(tail) = rest.strip_prefix("none") {
+            vectors.push(None);
+            rest = tail.trim_start();
             continue;
         }
-        let inside = rest.strip_prefix('(').and_then(|r| r.split_once(')'));
-        let (vector, after) = inside.ok_or_else(bad)?;
-        found.push(Some(parse_vector(vector).ok_or_else(bad)?));
-        rest = after.trim_start();
+        let parenthesised = rest.strip_prefix('(').and_then(|r| r.split_once(')'));
+        let (vector, tail) = parenthesised.ok_or_else(bad)?;
+        vectors.push(Some(parse_vector(vector).ok_or_else(bad)?));
+        rest = tail.trim_start();
     }
-    match found.len() == rank {
-        true => Ok(Some(found)),
-        false => Err(bad()),
+    if vectors.len() == rank {
+        Ok(Some(vectors))
+    } else {
+        Err(bad())
     }
 }
 
-/// Finite numbers between commas, one to three of them.
+/// Parses one to three finite numbers separated by commas.
 fn parse_vector(text: &str) -> Option<Vec<f64>> {
     let numbers: Option<Vec<f64>> = text.split(',').map(|w| w.trim().parse().ok()).collect();
     numbers.filter(|v| (1..=3).contains(&v.len()) && v.iter().all(|x| x.is_finite()))
 }
 
-/// The axes along which the image lies, the fastest first: those of space, or of a size above one.
+/// Returns the axes of the image, the fastest first: the axes of space, and all others with more
+/// than one sample.
+///
+/// # Errors
+/// Returns an [`Error::Io`](crate::Error::Io) if an axis with several samples is not an axis of
+/// space.
 fn axes(
     header: &Header<'_>,
     counts: &[usize],
@@ -320,7 +329,7 @@ fn geometry(
             geometry.axes[k] = std::array::from_fn(|c| vector.get(c).copied().unwrap_or(0.0));
         }
         if axes.len() == 2 {
-            // Any third axis across the two.
+            // The third axis is perpendicular to the other two.
             let [a, b, _] = geometry.axes;
             let cross = |i: usize, j: usize| a[i] * b[j] - a[j] * b[i];
             let across = [cross(1, 2), cross(2, 0), cross(0, 1)];
@@ -358,27 +367,27 @@ fn geometry(
         place_along_axes(header, axes, &mut geometry)?;
     }
     if let Some(text) = header.value("spaceorigin") {
-        let inside = text
+        let parenthesised = text
             .trim()
             .strip_prefix('(')
             .and_then(|t| t.strip_suffix(')'));
-        let origin = inside.and_then(parse_vector);
+        let origin = parenthesised.and_then(parse_vector);
         let origin = origin.ok_or_else(|| header.value_error("space origin", text))?;
         geometry.origin = std::array::from_fn(|c| origin.get(c).copied().unwrap_or(0.0));
     }
     let space = header.value("space").unwrap_or_default().to_lowercase();
-    let turned: &[usize] = match space.trim_end_matches("-time") {
+    let flipped: &[usize] = match space.trim_end_matches("-time") {
         "right-anterior-superior" | "ras" | "rast" => &[0, 1],
         "left-anterior-superior" | "las" | "last" => &[1],
         _ => &[],
     };
     for vector in geometry.axes.iter_mut().chain([&mut geometry.origin]) {
-        for &c in turned {
-            // Not -0.
+        for &c in flipped {
+            // The subtraction avoids -0.
             vector[c] = 0.0 - vector[c];
         }
     }
-    // Also where the axes of a plane are parallel, and the third is no number.
+    // The determinant is zero, too, if the axes of a plane are parallel and the third axis is NaN.
     if geometry.determinant() == 0.0 {
         let problem = "its axes are linearly dependent";
         return Err(file_error(header.path, problem, "set 'space directions'"));
@@ -386,9 +395,9 @@ fn geometry(
     Ok(geometry)
 }
 
-/// Where the samples of straight axes begin, and how far apart they are where only their ends are given:
-/// `axis mins` and `axis maxs` are the positions of samples, or with cells as `centers` the ends of the
-/// intervals in whose middle samples lie.
+/// Sets the origin, and the spacing if only the ends of the axes are given, for axes without
+/// directions. `axis mins` and `axis maxs` are the positions of samples, or with cells as `centers`
+/// the ends of the intervals in whose middle the samples lie.
 fn place_along_axes(header: &Header<'_>, axes: &[usize], geometry: &mut Geometry<3>) -> Result<()> {
     let words = |name: &str| -> Option<Vec<&str>> {
         Some(header.value(name)?.split_whitespace().collect())
@@ -403,18 +412,21 @@ fn place_along_axes(header: &Header<'_>, axes: &[usize], geometry: &mut Geometry
         };
         words.iter().map(number).collect()
     };
-    let of = |list: &[Option<f64>], axis: usize| list.get(axis).copied().flatten();
+    let value_at = |list: &[Option<f64>], axis: usize| list.get(axis).copied().flatten();
     let (mins, maxs) = (numbers("axismins")?, numbers("axismaxs")?);
     let spacings = numbers("spacings")?;
     let counts = numbers("sizes")?;
     let centers = words("centers").or_else(|| words("centerings"));
     for (k, &axis) in axes.iter().take(3).enumerate() {
         let in_cells = centers.as_ref().and_then(|c| c.get(axis)) == Some(&"cell");
-        let (Some(min), count) = (of(&mins, axis), of(&counts, axis).unwrap_or(1.0)) else {
+        let (Some(min), count) = (
+            value_at(&mins, axis),
+            value_at(&counts, axis).unwrap_or(1.0),
+        ) else {
             continue;
         };
         let intervals = if in_cells { count } else { count - 1.0 };
-        if let (None, Some(max)) = (of(&spacings, axis), of(&maxs, axis))
+        if let (None, Some(max)) = (value_at(&spacings, axis), value_at(&maxs, axis))
             && intervals > 0.0
             && max != min
         {
@@ -426,11 +438,11 @@ fn place_along_axes(header: &Header<'_>, axes: &[usize], geometry: &mut Geometry
     Ok(())
 }
 
-/// Writes 32-bit floats, compressed (gzip), with the geometry in double precision and the names and
+/// Writes compressed (gzip) 32-bit floats, the geometry in double precision, and the names and
 /// units of axes.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) if the file cannot be written.
+/// Returns an [`Error::Io`](crate::Error::Io) if the file cannot be written.
 pub fn write<const D: usize>(
     path: &Path,
     dims: [usize; D],
@@ -442,9 +454,10 @@ pub fn write<const D: usize>(
         let clean = |word: &String| format!("\"{}\"", word.replace(['"', '\n'], " "));
         words.iter().map(clean).collect::<Vec<_>>().join(" ")
     };
-    let units = match geometry.units.iter().all(String::is_empty) {
-        true => String::new(),
-        false => format!("space units: {}\n", quoted(&geometry.units)),
+    let units = if geometry.units.iter().all(String::is_empty) {
+        String::new()
+    } else {
+        format!("space units: {}\n", quoted(&geometry.units))
     };
     let header = format!(
         "NRRD0004\ntype: float\ndimension: {D}\nspace dimension: {D}\nsizes: {}\n\
@@ -472,7 +485,7 @@ mod tests {
     fn axes_begin_where_the_header_says() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.nrrd");
-        let placed = |fields: &str| {
+        let placement_of = |fields: &str| {
             let header = format!(
                 "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 3 1 2\nencoding: raw\n{fields}\n\n"
             );
@@ -481,17 +494,17 @@ mod tests {
             let steps: [f64; 3] = std::array::from_fn(|k| geometry.axes[k][k]);
             (geometry.origin, steps)
         };
-        assert_eq!(placed(""), ([0.0; 3], [1.0; 3]));
+        assert_eq!(placement_of(""), ([0.0; 3], [1.0; 3]));
         assert_eq!(
-            placed("spacings: 2 3 -4\naxis mins: 10 20 30"),
+            placement_of("spacings: 2 3 -4\naxis mins: 10 20 30"),
             ([10.0, 20.0, 30.0], [2.0, 3.0, -4.0])
         );
         assert_eq!(
-            placed("spacings: 2 3 4\naxis mins: 10 nan 30\ncenters: cell cell node"),
+            placement_of("spacings: 2 3 4\naxis mins: 10 nan 30\ncenters: cell cell node"),
             ([11.0, 0.0, 30.0], [2.0, 3.0, 4.0])
         );
         assert_eq!(
-            placed("axis mins: 10 20 30\naxis maxs: 16 20 32\ncenterings: node ??? cell"),
+            placement_of("axis mins: 10 20 30\naxis maxs: 16 20 32\ncenterings: node ??? cell"),
             ([10.0, 20.0, 30.5], [3.0, 1.0, 1.0])
         );
     }

@@ -1,5 +1,5 @@
-//! Samples behind a header, perhaps compressed, perhaps as text: what a header claims is checked
-//! against the file's length before any memory is taken.
+//! Samples behind a header, possibly compressed or as text. The size that a header claims is
+//! checked against the length of the file before memory is allocated.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
@@ -13,54 +13,56 @@ use crate::error::{Error, Result, cause, io_error};
 use crate::files;
 use crate::image::{ExactLabels, Geometry, Image};
 
-/// The first bytes of gzip data.
+/// First bytes of gzip data.
 pub const GZIP_MAGIC: &[u8] = b"\x1f\x8b";
 
-/// No byte of deflated data becomes more bytes than this.
+/// Largest number of bytes that one byte of deflated data can expand to.
 pub const MAX_DEFLATE_RATIO: u64 = 1032;
 
-/// How bytes are compressed.
+/// Packing of samples in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SamplePacking {
-    /// Not at all.
+    /// Not compressed.
     Uncompressed,
-    /// As gzip or zlib data, whichever it turns out to be.
+    /// Compressed as gzip or zlib data, which the first bytes distinguish.
     Deflated,
-    /// Not compressed, and numbers are words of text.
+    /// Not compressed; the numbers are words of text.
     Text,
 }
 
-/// Where samples begin in the unpacked bytes.
+/// Start of the samples in the unpacked bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SampleStart {
-    /// After so many bytes.
+    /// After this number of bytes.
     Offset(u64),
-    /// They are the last bytes that there are.
+    /// The samples are the last bytes.
     FromEnd,
 }
 
 /// Samples in a file, as its header describes them.
 #[derive(Debug, Clone)]
 pub struct PackedSamples {
-    /// The file that holds them.
+    /// File that holds the samples.
     pub path: PathBuf,
-    /// Byte of that file at which the packed bytes begin.
+    /// Offset in that file at which the packed bytes begin.
     pub offset: u64,
-    /// How they are packed.
+    /// Packing of the samples.
     pub packing: SamplePacking,
-    /// Where the samples begin in what is unpacked.
+    /// Start of the samples in the unpacked bytes.
     pub sample_start: SampleStart,
-    /// How each sample is coded.
+    /// Encoding of each sample.
     pub encoding: Encoding,
-    /// Samples along each axis, the fastest first.
+    /// Number of samples along each axis, the fastest first.
     pub dims: [usize; 3],
 }
 
 impl PackedSamples {
-    /// The samples as an image; `scale` is a slope and an intercept that are applied to each.
+    /// Loads the samples as an image. `scale` is a slope and an intercept that are applied to each
+    /// sample.
     ///
     /// # Errors
-    /// [`Error::Io`] if the file cannot be read, is too short for what is claimed, or damaged.
+    /// Returns an [`Error::Io`] if the file cannot be read, is damaged, or is too short for the
+    /// claimed number of samples.
     pub fn load(
         self,
         format: ImageFormat,
@@ -68,9 +70,9 @@ impl PackedSamples {
         scale: Option<[f64; 2]>,
         mut notes: Vec<String>,
     ) -> Result<LoadedImage> {
-        let (mut samples, spare) = self.read_samples::<f32>()?;
-        if spare > 0 {
-            notes.push(format!("{spare} bytes after the samples are ignored"));
+        let (mut samples, trailing) = self.read_samples::<f32>()?;
+        if trailing > 0 {
+            notes.push(format!("{trailing} bytes after the samples are ignored"));
         }
         let note = self.encoding.rounding_note(&samples);
         let exact = match (&note, self.packing) {
@@ -102,13 +104,13 @@ impl PackedSamples {
         })
     }
 
-    /// The samples, and how many bytes there are after them.
+    /// Returns the samples, and the number of bytes after them.
     fn read_samples<T: Sample>(&self) -> Result<(Vec<T>, u64)> {
         let mut file = files::open(&self.path, "name the file of samples")?;
         let metadata = file
             .metadata()
             .map_err(|e| io_error(&self.path, "read", e))?;
-        let there = metadata.len().saturating_sub(self.offset);
+        let available = metadata.len().saturating_sub(self.offset);
         let size = self.encoding.size() as u64;
         let claimed = self
             .dims
@@ -124,9 +126,9 @@ impl PackedSamples {
             ));
         };
         let count = (needed / size) as usize;
-        let short = |there: u64, what: &str| {
+        let too_short = |available: u64, description: &str| {
             let problem = format!(
-                "is cut off: {dims} samples of {size} bytes need {needed} bytes, {there} {what}"
+                "is cut off: {dims} samples of {size} bytes need {needed} bytes, {available} {description}"
             );
             Err(file_error(&self.path, problem, DAMAGED_REMEDY))
         };
@@ -134,22 +136,22 @@ impl PackedSamples {
             SamplePacking::Uncompressed => {
                 let start = match self.sample_start {
                     SampleStart::Offset(skip) => skip,
-                    SampleStart::FromEnd => there.saturating_sub(needed),
+                    SampleStart::FromEnd => available.saturating_sub(needed),
                 };
-                let rest = there.saturating_sub(start);
-                if rest < needed {
-                    return short(rest, "are there");
+                let remaining = available.saturating_sub(start);
+                if remaining < needed {
+                    return too_short(remaining, "are there");
                 }
                 samples::check_memory(&self.path, count)?;
                 let mut samples = vec![T::default(); count];
                 T::read(self.encoding, &file, self.offset + start, &mut samples)
                     .map_err(|e| io_error(&self.path, "read", e))?;
-                Ok((samples, rest - needed))
+                Ok((samples, remaining - needed))
             }
             SamplePacking::Text => {
-                // A number takes a digit and a space at least.
-                if there < 2 * count as u64 - 1 {
-                    return short(there, "of text are there");
+                // A number takes at least one digit and one separator.
+                if available < 2 * count as u64 - 1 {
+                    return too_short(available, "of text are there");
                 }
                 samples::check_memory(&self.path, count)?;
                 file.seek(SeekFrom::Start(self.offset))
@@ -161,10 +163,10 @@ impl PackedSamples {
                 Ok((words.into_iter().map(T::from_number).collect(), 0))
             }
             SamplePacking::Deflated => {
-                let most = there.saturating_mul(MAX_DEFLATE_RATIO);
-                if most < needed {
-                    return short(
-                        there,
+                let max_bytes = available.saturating_mul(MAX_DEFLATE_RATIO);
+                if max_bytes < needed {
+                    return too_short(
+                        available,
                         "of compressed data are there, which cannot hold them",
                     );
                 }
@@ -189,16 +191,17 @@ impl PackedSamples {
         }
     }
 
-    /// The samples in `reader`, which unpacks to `needed` bytes of them and perhaps more.
+    /// Returns the samples in `reader`, and the number of bytes after them. The samples take
+    /// `needed` unpacked bytes.
     fn inflate<T: Sample>(&self, reader: &mut dyn Read, needed: u64) -> io::Result<(Vec<T>, u64)> {
         let size = self.encoding.size();
         let count = needed as usize / size;
-        // Memory is taken as bytes come, so that a false claim takes none.
+        // Memory grows with the bytes that arrive, so that a false claim allocates none.
         let mut samples = Vec::new();
         let mut decode = |bytes: &[u8]| {
-            let done = samples.len();
-            samples.resize(done + bytes.len() / size, T::default());
-            T::decode(self.encoding, bytes, &mut samples[done..]);
+            let decoded = samples.len();
+            samples.resize(decoded + bytes.len() / size, T::default());
+            T::decode(self.encoding, bytes, &mut samples[decoded..]);
         };
         match self.sample_start {
             SampleStart::Offset(skip) => {
@@ -206,16 +209,16 @@ impl PackedSamples {
                     return Err(io::ErrorKind::UnexpectedEof.into());
                 }
                 let mut buffer = vec![0; (count * size).min(size << 16)];
-                let mut left = count * size;
-                while left > 0 {
-                    let part = left.min(buffer.len());
+                let mut remaining = count * size;
+                while remaining > 0 {
+                    let part = remaining.min(buffer.len());
                     reader.read_exact(&mut buffer[..part])?;
                     decode(&buffer[..part]);
-                    left -= part;
+                    remaining -= part;
                 }
-                // The check sum stands at the end, if that is near.
-                let spare = io::copy(&mut reader.take(needed.max(1 << 20)), &mut io::sink())?;
-                Ok((samples, spare))
+                // Reading to the end verifies the checksum, if the end is near.
+                let trailing = io::copy(&mut reader.take(needed.max(1 << 20)), &mut io::sink())?;
+                Ok((samples, trailing))
             }
             SampleStart::FromEnd => {
                 let mut bytes = Vec::new();
@@ -231,7 +234,7 @@ impl PackedSamples {
         }
     }
 
-    /// Numbers of text between white space or commas.
+    /// Parses numbers in text, separated by white space or commas.
     fn parse_text(&self, text: &[u8], count: usize) -> Result<Vec<f32>> {
         let mut samples = Vec::new();
         let words = text
@@ -254,12 +257,12 @@ impl PackedSamples {
     }
 }
 
-/// What a sample is read as: `f32`, or a wide integer as it is.
+/// Type as which a sample is read: `f32`, or an integer of full width.
 trait Sample: Copy + Default + Send {
-    /// A number of text.
+    /// Converts a number from text.
     fn from_number(number: f32) -> Self;
 
-    /// Converts bytes.
+    /// Converts bytes to samples.
     fn decode(encoding: Encoding, bytes: &[u8], out: &mut [Self]);
 
     /// Reads `out.len()` samples that start at byte `offset` of a file.
@@ -294,21 +297,21 @@ impl Sample for i128 {
     fn read(encoding: Encoding, file: &File, offset: u64, out: &mut [Self]) -> io::Result<()> {
         const CHUNK: usize = 1 << 17;
         let mut buffer = Vec::new();
-        let mut at = offset;
+        let mut position = offset;
         for out in out.chunks_mut(CHUNK) {
             buffer.resize(out.len() * encoding.size(), 0);
-            files::read_exact_at(file, &mut buffer, at)?;
-            at += buffer.len() as u64;
+            files::read_exact_at(file, &mut buffer, position)?;
+            position += buffer.len() as u64;
             Self::decode(encoding, &buffer, out);
         }
         Ok(())
     }
 }
 
-/// What to do about a file whose parts do not fit.
+/// Remedy for a file whose parts are inconsistent.
 pub const DAMAGED_REMEDY: &str = "the file or its header is damaged: copy or write it again";
 
-/// The bytes of compressed data, gzip or zlib.
+/// Returns a reader of the unpacked bytes of gzip or zlib data.
 pub fn unpack(file: impl Read + 'static) -> Box<dyn Read> {
     let mut reader = BufReader::with_capacity(1 << 16, file);
     match io::BufRead::fill_buf(&mut reader) {
@@ -317,15 +320,16 @@ pub fn unpack(file: impl Read + 'static) -> Box<dyn Read> {
     }
 }
 
-/// The first bytes of a file, unpacked if they are gzip data; fewer if it is shorter or damaged.
+/// Returns the first bytes of a file, unpacked if they are gzip data, and their packing. The result
+/// is shorter if the file is short or damaged.
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be read.
-pub fn read_head(path: &Path, most: u64) -> Result<(Vec<u8>, SamplePacking)> {
+/// Returns an [`Error::Io`] if the file cannot be read.
+pub fn read_head(path: &Path, max_bytes: u64) -> Result<(Vec<u8>, SamplePacking)> {
     let mut file = File::open(path).map_err(|e| io_error(path, "open", e))?;
     let mut head = Vec::new();
     (&mut file)
-        .take(most)
+        .take(max_bytes)
         .read_to_end(&mut head)
         .map_err(|e| io_error(path, "read", e))?;
     if !head.starts_with(GZIP_MAGIC) {
@@ -333,20 +337,22 @@ pub fn read_head(path: &Path, most: u64) -> Result<(Vec<u8>, SamplePacking)> {
     }
     file.rewind().map_err(|e| io_error(path, "read", e))?;
     head.clear();
-    // What can be unpacked of damaged data is enough to say what it was.
-    let _ = unpack(file).take(most).read_to_end(&mut head);
+    // The bytes that can be unpacked from damaged data are enough to detect the format.
+    let _ = unpack(file).take(max_bytes).read_to_end(&mut head);
     Ok((head, SamplePacking::Deflated))
 }
 
-/// An error about a file.
+/// Returns an error about a file.
 pub fn file_error(path: &Path, problem: impl std::fmt::Display, remedy: &str) -> Error {
     Error::Io(cause(path.display(), problem, remedy))
 }
 
-/// Dims of an image of two or three axes, the fastest first, with 1 for an axis that is missing.
+/// Returns the dimensions of an image with two or three axes, the fastest first, with 1 for a
+/// missing axis.
 ///
 /// # Errors
-/// What is wrong with them.
+/// Returns the problem if there are fewer than two axes, or a further axis with more than one
+/// sample.
 pub fn dims_from_sizes(sizes: &[usize]) -> std::result::Result<[usize; 3], String> {
     let shown = sizes.iter().map(usize::to_string).collect::<Vec<_>>();
     let extra = sizes.iter().skip(3).find(|&&n| n != 1);

@@ -1,4 +1,4 @@
-//! Where an image lies whose file does not say so: bare arrays, pictures, stacks.
+//! Geometry that the user gives for an image whose file has none: arrays, pictures, stacks.
 
 use std::path::PathBuf;
 
@@ -8,33 +8,34 @@ use crate::error::{Error, Result, cause};
 use crate::image::Geometry;
 use crate::image::formats::ReadOptions;
 
-/// How the note ends that a reader makes of a file without geometry.
+/// End of the note that a reader writes for a file without geometry.
 pub(crate) const NO_GEOMETRY_NOTE: &str = "has no geometry: unit spacing, origin 0";
 
-/// Where an image lies, as a user says it. It applies to files that say no more than unit spacing and origin
-/// 0, and is refused for others.
+/// Geometry of an image as the user gives it. It applies to files with unit spacing and origin 0
+/// only, and is refused for others.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ImagePlacement {
-    /// Distances between samples along the array's axes, the fastest first; one for all of them will do.
+    /// Distances between samples along the axes of the array, the fastest first, or one for all
+    /// axes.
     pub spacing: Option<Vec<f64>>,
     /// Position of the first sample: x, y, z.
     pub origin: Option<Vec<f64>>,
-    /// Units of x, y and z; one for all of them will do.
+    /// Units of x, y and z, or one for all.
     pub units: Option<Vec<String>>,
-    /// What the array's axes are, the fastest first.
+    /// Meaning of the axes of the array, the fastest first.
     pub axes: Option<Vec<AxisSpec>>,
-    /// An image of as many samples that lies where this one shall lie.
+    /// An image of the same dimensions whose geometry is used.
     pub reference_image: Option<PathBuf>,
 }
 
-/// What an axis of an array is: a coordinate of the world along which it runs, up or down.
+/// Meaning of an axis of an array: the physical coordinate along which it runs, and the direction.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AxisSpec {
-    /// What it is called.
+    /// Name of the axis.
     pub name: String,
-    /// Number of the coordinate; `None` for the last one, whether there are two or three.
+    /// Index of the coordinate; `None` for the last one, whether there are two or three.
     coordinate: Option<usize>,
-    /// Whether the coordinate falls from sample to sample.
+    /// `true` if the coordinate decreases from sample to sample.
     is_descending: bool,
 }
 
@@ -44,7 +45,7 @@ impl std::str::FromStr for AxisSpec {
     fn from_str(text: &str) -> Result<Self> {
         let text = text.trim();
         let bare = text.strip_prefix('-').unwrap_or(text);
-        let (coordinate, down) = match bare {
+        let (coordinate, descends) = match bare {
             "x" | "crossline" | "trace" => (Some(0), false),
             "y" | "inline" => (Some(1), false),
             "z" => (Some(2), false),
@@ -52,27 +53,29 @@ impl std::str::FromStr for AxisSpec {
             _ => {
                 return Err(Error::Job(cause(
                     format!("axes {text}"),
-                    "is no axis",
-                    "give x, y or z (-z where the coordinate falls from sample to sample), or time, depth, sample, crossline, inline",
+                    "is not an axis",
+                    "give x, y or z (-z where the coordinate decreases from sample to sample), or time, depth, sample, crossline, inline",
                 )));
             }
         };
         Ok(Self {
             name: bare.to_string(),
             coordinate,
-            is_descending: down != text.starts_with('-'),
+            is_descending: descends != text.starts_with('-'),
         })
     }
 }
 
 impl AxisSpec {
-    /// Number of the coordinate of space, and whether it falls from sample to sample.
+    /// Returns the index of the coordinate in 3-D, and `true` if it decreases from sample to
+    /// sample.
     pub(super) fn space_coordinate(&self) -> (usize, bool) {
         (self.coordinate.unwrap_or(2), self.is_descending)
     }
 }
 
-/// Returns the short name of a unit of length that microscopes write; `None` for samples and what is no length.
+/// Returns the short name of a unit of length as microscopes write it, or `None` if it is not a
+/// known unit of length.
 pub fn length_unit(name: &str) -> Option<&'static str> {
     Some(match name.trim().trim_matches('"') {
         "um" | "micron" | "microns" | "micrometer" | "micrometre" | "\u{b5}m" | "\u{3bc}m"
@@ -86,40 +89,40 @@ pub fn length_unit(name: &str) -> Option<&'static str> {
 }
 
 impl ImagePlacement {
-    /// Whether nothing is said.
+    /// Returns `true` if no option is given.
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
     }
 
-    /// Puts an image in its place.
+    /// Applies the geometry to an image.
     ///
     /// # Errors
-    /// [`Error::Job`] for what does not fit the image, and for an image that lies somewhere already; those
-    /// of reading the other image.
+    /// Returns an [`Error::Job`] if the options do not fit the image, or if the image has a
+    /// geometry already, and the errors of reading the reference image.
     pub(super) fn apply(&self, opened: OpenedImage, segy: &SegyBytes) -> Result<OpenedImage> {
         if self.is_empty() {
             return Ok(opened);
         }
         Ok(match opened {
             OpenedImage::Stream(mut stream) => {
-                let from = self.open_reference(segy)?.map(OpenedImage::into_header);
-                stream.header = self.place_header(stream.header, from)?;
+                let reference = self.open_reference(segy)?.map(OpenedImage::into_header);
+                stream.header = self.place_header(stream.header, reference)?;
                 OpenedImage::Stream(stream)
             }
             OpenedImage::InMemory(AnyImage::Plane(loaded)) => {
-                let from = self.open_reference(segy)?.map(OpenedImage::into_header);
-                let head = self.place_header(loaded.header(), from)?;
+                let reference = self.open_reference(segy)?.map(OpenedImage::into_header);
+                let head = self.place_header(loaded.header(), reference)?;
                 OpenedImage::InMemory(AnyImage::Plane(head.with_array(loaded.image.samples)))
             }
             OpenedImage::InMemory(AnyImage::Space(loaded)) => {
-                let from = self.open_reference(segy)?.map(OpenedImage::into_header);
-                let head = self.place_header(loaded.header(), from)?;
+                let reference = self.open_reference(segy)?.map(OpenedImage::into_header);
+                let head = self.place_header(loaded.header(), reference)?;
                 OpenedImage::InMemory(AnyImage::Space(head.with_array(loaded.image.samples)))
             }
         })
     }
 
-    /// The image whose geometry is asked for; its samples are not read where its headers are enough.
+    /// Opens the reference image. Its samples are not read if its headers are enough.
     fn open_reference(&self, segy: &SegyBytes) -> Result<Option<OpenedImage>> {
         let Some(path) = &self.reference_image else {
             return Ok(None);
@@ -131,67 +134,71 @@ impl ImagePlacement {
         open(path, &options).map(Some)
     }
 
-    /// One with `D` axes; `from` is the other image, if there is one, if that has as many.
+    /// Applies the geometry to a header with `D` axes. `reference` is the header of the reference
+    /// image, if one is given and has as many axes.
     fn place_header<const D: usize>(
         &self,
-        mut head: ImageHeader<D>,
-        from: Option<Option<ImageHeader<D>>>,
+        mut header: ImageHeader<D>,
+        reference: Option<Option<ImageHeader<D>>>,
     ) -> Result<ImageHeader<D>> {
         let name = self.option_name();
         let bare = Geometry::<D>::default();
-        let found = &head.geometry;
+        let current = &header.geometry;
         let says_units_only = Self {
             units: None,
             ..self.clone()
         }
         .is_empty();
-        if !says_units_only && (found.origin, found.axes) != (bare.origin, bare.axes) {
+        if !says_units_only && (current.origin, current.axes) != (bare.origin, bare.axes) {
             return Err(Error::Job(cause(
                 name,
                 format!(
-                    "is given, but the file ({}) says itself where it lies",
-                    head.format
+                    "is given, but the file ({}) has a geometry of its own",
+                    header.format
                 ),
                 "omit it; to place its samples elsewhere, convert it to .npy first",
             )));
         }
         if !says_units_only {
-            head.notes.retain(|note| !note.contains(NO_GEOMETRY_NOTE));
+            header.notes.retain(|note| !note.contains(NO_GEOMETRY_NOTE));
         }
-        if let Some(from) = from {
-            let dims = head.dims;
+        if let Some(candidate) = reference {
+            let dims = header.dims;
             let path = self
                 .reference_image
                 .as_deref()
                 .unwrap_or(std::path::Path::new(""));
-            let other = from.filter(|from| from.dims == dims);
-            let other = other.ok_or_else(|| {
+            let source = candidate.filter(|header| header.dims == dims);
+            let source = source.ok_or_else(|| {
                 Error::Job(cause(
                     name,
-                    format!("has not the {dims:?} samples of the image"),
+                    format!("does not have the {dims:?} samples of the image"),
                     "give the image from which this one was made",
                 ))
             })?;
-            head.geometry = other.geometry;
-            head.missing = other.missing;
-            head.survey = other.survey;
-            head.line_numbers = other.line_numbers;
-            head.notes.push(format!("placed as {}", path.display()));
-            return Ok(head);
+            header.geometry = source.geometry;
+            header.missing = source.missing;
+            header.survey = source.survey;
+            header.line_numbers = source.line_numbers;
+            header
+                .notes
+                .push(format!("geometry taken from {}", path.display()));
+            return Ok(header);
         }
-        if self.units.is_some() && found.units.iter().any(|unit| !unit.is_empty()) {
+        if self.units.is_some() && current.units.iter().any(|unit| !unit.is_empty()) {
             return Err(Error::Job(cause(
                 "unit",
                 format!(
                     "is given, but the file has units: {}",
-                    found.units.join(", ")
+                    current.units.join(", ")
                 ),
                 "omit it",
             )));
         }
-        let mut geometry = match says_units_only {
-            true => found.clone(),
-            false => self.axis_geometry(found)?,
+        let mut geometry = if says_units_only {
+            current.clone()
+        } else {
+            self.axis_geometry(current)?
         };
         if let Some(origin) = &self.origin {
             geometry.origin = expand_to_axes("origin", origin, false)?;
@@ -199,11 +206,11 @@ impl ImagePlacement {
         if let Some(units) = &self.units {
             geometry.units = expand_to_axes("unit", units, true)?;
         }
-        head.geometry = geometry;
-        Ok(head)
+        header.geometry = geometry;
+        Ok(header)
     }
 
-    /// A bare geometry with axes along the coordinates that are asked for, and so long.
+    /// Returns a geometry with the given axes and spacing.
     fn axis_geometry<const D: usize>(&self, bare: &Geometry<D>) -> Result<Geometry<D>> {
         let mut geometry = bare.clone();
         let spacing: [f64; D] = match &self.spacing {
@@ -214,7 +221,7 @@ impl ImagePlacement {
             return Err(Error::Job(cause(
                 format!("spacing {s}"),
                 "is not positive",
-                "give the distance between samples; -x, -y or -z of axes turn one round",
+                "give the distance between samples; to reverse an axis, write -x, -y or -z in axes",
             )));
         }
         let Some(axes) = &self.axes else {
@@ -224,34 +231,40 @@ impl ImagePlacement {
             return Ok(geometry);
         };
         let axes: [AxisSpec; D] = expand_to_axes("axes", axes, false)?;
-        let mut taken = [false; D];
+        let mut used = [false; D];
         for (k, axis) in axes.iter().enumerate() {
             let c = axis.coordinate.unwrap_or(D - 1);
-            // A section has but one axis that is not its last.
+            // In a 2-D section inlines run along the coordinate that is not the last.
             let c = if D == 2 && axis.name == "inline" {
                 0
             } else {
                 c
             };
-            if c >= D || std::mem::replace(&mut taken[c], true) {
+            if c >= D || std::mem::replace(&mut used[c], true) {
                 return Err(Error::Job(cause(
                     format!("axes {}", axis.name),
-                    match c >= D {
-                        true => "is an axis of space, but the image is 2-D",
-                        false => "runs along the same coordinate as another axis",
+                    if c >= D {
+                        "is an axis of space, but the image is 2-D"
+                    } else {
+                        "runs along the same coordinate as another axis"
                     },
-                    "give each coordinate once: x, y, z say, or time,crossline,inline",
+                    "give each coordinate once, e.g. x,y,z or time,crossline,inline",
                 )));
             }
-            let turn = if axis.is_descending { -1.0 } else { 1.0 };
-            geometry.axes[k] =
-                std::array::from_fn(|at| if at == c { turn * spacing[k] } else { 0.0 });
+            let sign = if axis.is_descending { -1.0 } else { 1.0 };
+            geometry.axes[k] = std::array::from_fn(|coordinate| {
+                if coordinate == c {
+                    sign * spacing[k]
+                } else {
+                    0.0
+                }
+            });
             geometry.names[k].clone_from(&axis.name);
         }
         Ok(geometry)
     }
 
-    /// The name of what is given.
+    /// Returns the name of the first option that is given.
     fn option_name(&self) -> String {
         match self {
             Self {
@@ -270,19 +283,19 @@ impl ImagePlacement {
     }
 }
 
-/// One value for each axis; of a single one, perhaps, the same for all.
+/// Returns one value for each axis. If `allow_single` is set, a single value stands for all axes.
 fn expand_to_axes<T: Clone, const D: usize>(
     name: &str,
     values: &[T],
-    same: bool,
+    allow_single: bool,
 ) -> Result<[T; D]> {
-    if let ([value], true) = (values, same) {
+    if let ([value], true) = (values, allow_single) {
         return Ok(std::array::from_fn(|_| value.clone()));
     }
     <[T; D]>::try_from(values.to_vec()).map_err(|values| {
         Error::Job(cause(
             name,
-            format!("has {} values, but the image {D} axes", values.len()),
+            format!("has {} values, but the image has {D} axes", values.len()),
             format!("give {D} of them, as in {}", ["", "A,B", "A,B,C"][D - 1]),
         ))
     })
@@ -294,8 +307,8 @@ mod tests {
     use crate::image::Image;
     use crate::image::formats::{InputOptions, read_any};
 
-    /// Reads a small array under these options.
-    fn read(dims: &[usize], words: [Option<&str>; 4]) -> Result<AnyImage> {
+    /// Writes a small array and reads it with these options.
+    fn read(dims: &[usize], options: [Option<&str>; 4]) -> Result<AnyImage> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.npy");
         let count = dims.iter().product();
@@ -310,7 +323,7 @@ mod tests {
                 super::super::write(&path, &image)?;
             }
         }
-        let [spacing, origin, unit, axes] = words.map(|word| word.map(String::from));
+        let [spacing, origin, unit, axes] = options.map(|word| word.map(String::from));
         let input = InputOptions {
             spacing,
             origin,
@@ -322,14 +335,14 @@ mod tests {
     }
 
     #[test]
-    fn an_array_lies_where_it_is_put() {
-        let words = [
+    fn an_array_gets_the_given_geometry() {
+        let options = [
             "4,12.5,25",
             "1000,2000,-300",
             "m,m,ms",
             "time,crossline,inline",
         ];
-        let AnyImage::Space(loaded) = read(&[5, 4, 3], words.map(Some)).unwrap() else {
+        let AnyImage::Space(loaded) = read(&[5, 4, 3], options.map(Some)).unwrap() else {
             panic!("not in space")
         };
         let geometry = &loaded.image.geometry;
@@ -341,37 +354,37 @@ mod tests {
         assert_eq!(geometry.names, ["time", "crossline", "inline"]);
         assert!(loaded.notes.is_empty(), "{:?}", loaded.notes);
 
-        // A section, time first; one number for all axes.
-        let words = [Some("5"), None, None, Some("time,x")];
-        let AnyImage::Plane(loaded) = read(&[5, 4], words).unwrap() else {
+        // A 2-D section with time first; one number applies to all axes.
+        let options = [Some("5"), None, None, Some("time,x")];
+        let AnyImage::Plane(loaded) = read(&[5, 4], options).unwrap() else {
             panic!("not in the plane")
         };
         assert_eq!(loaded.image.geometry.to_physical([1.0, 2.0]), [10.0, -5.0]);
     }
 
     #[test]
-    fn what_does_not_fit_is_refused() {
-        let refused = |dims: &[usize], words| read(dims, words).unwrap_err().to_string();
-        for (words, part) in [
+    fn placements_that_do_not_fit_are_refused() {
+        let error_message = |dims: &[usize], words| read(dims, words).unwrap_err().to_string();
+        for (options, part) in [
             (
                 [Some("1,2"), None, None, None],
-                "has 2 values, but the image 3 axes",
+                "has 2 values, but the image has 3 axes",
             ),
             ([Some("0"), None, None, None], "is not positive"),
-            ([Some("a"), None, None, None], "is no number"),
+            ([Some("a"), None, None, None], "is not a number"),
             ([None, Some("1"), None, None], "has 1 values"),
-            ([None, None, None, Some("x,y,w")], "is no axis"),
+            ([None, None, None, Some("x,y,w")], "is not an axis"),
             ([None, None, None, Some("x,y,-y")], "the same coordinate"),
         ] {
-            let said = refused(&[5, 4, 3], words);
-            assert!(said.contains(part), "{said}");
+            let message = error_message(&[5, 4, 3], options);
+            assert!(message.contains(part), "{message}");
         }
-        let said = refused(&[5, 4], [None, None, None, Some("x,z")]);
-        assert!(said.contains("the image is 2-D"), "{said}");
+        let message = error_message(&[5, 4], [None, None, None, Some("x,z")]);
+        assert!(message.contains("the image is 2-D"), "{message}");
     }
 
     #[test]
-    fn a_file_that_lies_somewhere_stays_there_and_lends_its_place() {
+    fn a_placed_file_keeps_its_geometry_and_serves_as_reference() {
         let folder = tempfile::tempdir().unwrap();
         let [placed, bare, small] =
             ["a.vti", "a.npy", "b.npy"].map(|name| folder.path().join(name));
@@ -388,26 +401,31 @@ mod tests {
             spacing: Some("2".into()),
             ..InputOptions::default()
         };
-        let said = read(&placed, spacing).unwrap_err().to_string();
-        assert!(said.contains("says itself where it lies"), "{said}");
-        let from = |path: &PathBuf| InputOptions {
+        let message = read(&placed, spacing).unwrap_err().to_string();
+        assert!(message.contains("has a geometry of its own"), "{message}");
+        let geometry_from = |path: &PathBuf| InputOptions {
             geometry_from: Some(path.clone()),
             ..InputOptions::default()
         };
-        let AnyImage::Space(found) = read(&bare, from(&placed)).unwrap() else {
+        let AnyImage::Space(loaded) = read(&bare, geometry_from(&placed)).unwrap() else {
             panic!("not in space")
         };
         assert_eq!(
-            found.image.geometry.to_physical([1.0; 3]),
+            loaded.image.geometry.to_physical([1.0; 3]),
             geometry.to_physical([1.0; 3])
         );
-        let said = read(&small, from(&placed)).unwrap_err().to_string();
-        assert!(said.contains("has not the [4, 3, 3] samples"), "{said}");
-        let both = InputOptions {
+        let message = read(&small, geometry_from(&placed))
+            .unwrap_err()
+            .to_string();
+        assert!(
+            message.contains("does not have the [4, 3, 3] samples"),
+            "{message}"
+        );
+        let conflicting = InputOptions {
             origin: Some("0,0,0".into()),
-            ..from(&placed)
+            ..geometry_from(&placed)
         };
-        let said = read(&bare, both).unwrap_err().to_string();
-        assert!(said.contains("geometry-from"), "{said}");
+        let message = read(&bare, conflicting).unwrap_err().to_string();
+        assert!(message.contains("geometry-from"), "{message}");
     }
 }

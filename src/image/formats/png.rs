@@ -1,11 +1,12 @@
 //! PNG: grey and colour pictures as 2-D images.
 //!
-//! Column is x, row is y, the first row is y = 0, so y points down on the picture. Samples are the
-//! coded values, 0 to 255 or 65535; colours become luminance, 0.2126 R + 0.7152 G + 0.0722 B of
-//! the coded values (ITU-R BT.709), and transparency is ignored. Of a palette of colours the numbers are taken, which
-//! pictures of labels have. An image that is not made of
-//! whole numbers in that range is written in 65536 steps between its extremes, which a text chunk
-//! keeps, so that it reads back to within half a step.
+//! Column is x, row is y, and the first row is y = 0, so that y points down in the picture. Samples
+//! are the coded values, 0 to 255 or 0 to 65535. Colours become luminance, 0.2126 R + 0.7152 G +
+//! 0.0722 B of the coded values (ITU-R BT.709), and transparency is ignored. A palette of colours
+//! is read as the indices of the colours, because pictures of labels have such palettes.
+//!
+//! An image whose samples are not whole numbers in that range is written in 65536 steps between its
+//! extremes. A text chunk stores the extremes, so that the image reads back to within half a step.
 
 use std::fs::File;
 use std::io::{BufReader, ErrorKind};
@@ -22,10 +23,10 @@ use crate::error::{Error, Result, cause, io_error};
 use crate::files::atomic_write;
 use crate::image::{Geometry, Image};
 
-/// The first bytes of every PNG file.
+/// First bytes of every PNG file.
 pub const MAGIC: &[u8] = b"\x89PNG\r\n\x1a\n";
 
-/// The text chunk that holds the samples of which the codes 0 and 65535 are the image.
+/// Keyword of the text chunk that holds the samples for the codes 0 and 65535.
 const RANGE_KEYWORD: &str = "atomesh range";
 
 /// Weights of red, green and blue in luminance.
@@ -37,9 +38,10 @@ const MAX_PICTURE_BYTES: usize = 1 << 33;
 /// Reads a picture as a 2-D image.
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be read, is cut off or damaged.
+/// Returns an [`Error::Io`] if the file cannot be read, is truncated or damaged.
 pub fn read(path: &Path) -> Result<LoadedImage<2>> {
-    // Fewer bits than 8 become 8, and palettes colours, if these are greys.
+    // The expansion converts samples of fewer than 8 bits to 8 bits, and a palette of greys to grey
+    // values. A palette of colours is read without it.
     match read_transformed(path, Transformations::EXPAND)? {
         Some(loaded) => Ok(loaded),
         None => {
@@ -48,7 +50,7 @@ pub fn read(path: &Path) -> Result<LoadedImage<2>> {
     }
 }
 
-/// The error of a palette that is there at one look and not at the next.
+/// Returns the error for a file whose palette differs between two reads.
 fn palette_error(path: &Path) -> Error {
     Error::Io(cause(
         path.display(),
@@ -57,12 +59,13 @@ fn palette_error(path: &Path) -> Error {
     ))
 }
 
-/// Whether the colours of a palette are greys.
+/// Returns `true` if all colours of a palette are greys.
 fn is_grey(palette: &[u8]) -> bool {
     (palette.chunks_exact(3)).all(|colour| colour[0] == colour[1] && colour[1] == colour[2])
 }
 
-/// Reads a picture after some `transformations`; `None` where these make colours of a palette.
+/// Reads a picture with these `transformations`. Returns `None` if they would expand a palette of
+/// colours.
 fn read_transformed(
     path: &Path,
     transformations: Transformations,
@@ -74,28 +77,28 @@ fn read_transformed(
         .len();
     let mut decoder = Decoder::new(BufReader::new(file));
     decoder.set_transformations(transformations);
-    let fault = |e| decode_error(path, e);
-    let mut reader = decoder.read_info().map_err(fault)?;
-    let source = reader.info();
-    let (written_as, bits) = (source.color_type, source.bit_depth as u8);
-    let dims = [source.width as usize, source.height as usize];
+    let to_error = |e| decode_error(path, e);
+    let mut reader = decoder.read_info().map_err(to_error)?;
+    let info = reader.info();
+    let (color_type, bits) = (info.color_type, info.bit_depth as u8);
+    let dims = [info.width as usize, info.height as usize];
     let refuse =
         |problem: String, remedy: &str| Err(Error::Io(cause(path.display(), problem, remedy)));
-    if let Some(colours) = source.palette.as_ref().map(|palette| palette.len())
+    if let Some(colours) = info.palette.as_ref().map(|palette| palette.len())
         && (colours == 0 || !colours.is_multiple_of(3))
     {
         let problem = format!("has a palette of {colours} bytes, not three for each colour");
         return refuse(problem, DAMAGED_REMEDY);
     }
-    let by_index = transformations == Transformations::IDENTITY;
-    let in_colours = |palette: &[u8]| !is_grey(palette);
-    if written_as == ColorType::Indexed
-        && !by_index
-        && source.palette.as_deref().is_some_and(in_colours)
+    let reads_indices = transformations == Transformations::IDENTITY;
+    let has_colours = |palette: &[u8]| !is_grey(palette);
+    if color_type == ColorType::Indexed
+        && !reads_indices
+        && info.palette.as_deref().is_some_and(has_colours)
     {
         return Ok(None);
     }
-    let packed = (source.raw_row_length() as u64).saturating_mul(dims[1] as u64);
+    let packed = (info.raw_row_length() as u64).saturating_mul(dims[1] as u64);
     if packed > length.saturating_mul(MAX_DEFLATE_RATIO) {
         let problem = format!(
             "claims {} x {} pixels, which its {length} bytes cannot hold",
@@ -112,8 +115,8 @@ fn read_transformed(
     };
     samples::check_memory(path, size)?;
     let mut bytes = vec![0; size];
-    let frame = reader.next_frame(&mut bytes).map_err(fault)?;
-    reader.finish().map_err(fault)?;
+    let frame = reader.next_frame(&mut bytes).map_err(to_error)?;
+    reader.finish().map_err(to_error)?;
 
     let channels = frame.color_type.samples();
     let encoding = Encoding {
@@ -125,21 +128,21 @@ fn read_transformed(
     };
     let mut values = vec![0f32; dims[0] * dims[1] * channels];
     let mut notes = vec![format!("a picture {NO_GEOMETRY_NOTE}, y down")];
-    if by_index && bits < 8 {
+    if reads_indices && bits < 8 {
         values.clear();
         add_bits(&bytes, bits, dims[0], dims[0] * dims[1], &mut values);
     } else {
         encoding.decode(&bytes, &mut values);
     }
-    if by_index {
-        notes.push("samples are the numbers of colours in the palette, as of labels".into());
+    if reads_indices {
+        notes.push("samples are indices of colours in the palette, as in images of labels".into());
     }
     let mut samples: Vec<f32> = match channels {
         1 => values,
         2 => values.iter().step_by(2).copied().collect(),
         _ => values.chunks_exact(channels).map(luminance).collect(),
     };
-    if channels >= 3 && written_as != ColorType::Indexed {
+    if channels >= 3 && color_type != ColorType::Indexed {
         notes.push("colours are read as luminance (BT.709)".into());
     }
     if channels % 2 == 0 {
@@ -150,7 +153,7 @@ fn read_transformed(
             .iter_mut()
             .for_each(|v| *v = decode_sample(*v, low, high));
     }
-    let name = match written_as {
+    let name = match color_type {
         ColorType::Grayscale => "grey",
         ColorType::GrayscaleAlpha => "grey with transparency",
         ColorType::Rgb => "colours",
@@ -167,23 +170,23 @@ fn read_transformed(
     }))
 }
 
-/// The sample that a code from 0 to 65535 stands for.
+/// Returns the sample that a code from 0 to 65535 stands for.
 fn decode_sample(code: f32, low: f32, high: f32) -> f32 {
     let span = high - low;
     if span.is_finite() {
         return low + code / 65535.0 * span;
     }
-    let share = f64::from(code) / 65535.0;
-    (f64::from(low) * (1.0 - share) + f64::from(high) * share) as f32
+    let fraction = f64::from(code) / 65535.0;
+    (f64::from(low) * (1.0 - fraction) + f64::from(high) * fraction) as f32
 }
 
-/// Luminance of a pixel; exactly its value where all colours are equal.
+/// Returns the luminance of a pixel. It is exactly the common value if all colours are equal.
 pub fn luminance(pixel: &[f32]) -> f32 {
     let [r, g, b] = [pixel[0], pixel[1], pixel[2]];
     g + LUMINANCE_WEIGHTS[0] * (r - g) + LUMINANCE_WEIGHTS[2] * (b - g)
 }
 
-/// The samples of which the codes 0 and 65535 are the image, if the file says so.
+/// Returns the samples for the codes 0 and 65535, if the file stores them.
 fn sample_range(info: &png::Info<'_>) -> Option<[f32; 2]> {
     let chunk = info
         .uncompressed_latin1_text
@@ -205,10 +208,10 @@ fn decode_error(path: &Path, error: DecodingError) -> Error {
 }
 
 /// Writes a 2-D image as a grey picture: 8 bits if all samples are whole numbers from 0 to 255,
-/// else 16 bits (see the module).
+/// else 16 bits (see the module documentation).
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be written or a sample is not finite.
+/// Returns an [`Error::Io`] if the file cannot be written or a sample is not finite.
 pub fn write(path: &Path, image: &Image<2>) -> Result<()> {
     let samples = image.as_slice();
     let stats = image.stats();
@@ -219,32 +222,34 @@ pub fn write(path: &Path, image: &Image<2>) -> Result<()> {
             "write .npy or .vti",
         )));
     }
-    let whole = samples.iter().all(|v| v.fract() == 0.0) && stats.min >= 0.0;
+    let is_integral = samples.iter().all(|v| v.fract() == 0.0) && stats.min >= 0.0;
     let [width, height] = image.dims().map(|n| n as u32);
-    let (depth, bytes, range) = if whole && stats.max <= 255.0 {
+    let (depth, bytes, range) = if is_integral && stats.max <= 255.0 {
         (
             BitDepth::Eight,
             samples.iter().map(|&v| v as u8).collect(),
             None,
         )
     } else {
-        let (low, high) = match whole && stats.max <= 65535.0 {
-            true => (0.0, 65535.0),
-            false => (stats.min, stats.max),
+        let (low, high) = if is_integral && stats.max <= 65535.0 {
+            (0.0, 65535.0)
+        } else {
+            (stats.min, stats.max)
         };
         let scale = if high > low {
             65535.0 / (high - low)
         } else {
             0.0
         };
-        // Where the range or its inverse is beyond 32-bit floats, doubles have the place.
-        let wide = !((high - low).is_finite() && scale.is_finite());
+        // Double precision is needed where the range or its inverse overflows 32-bit floats.
+        let needs_doubles = !((high - low).is_finite() && scale.is_finite());
         let [wide_low, wide_high] = [low, high].map(f64::from);
         let wide_scale = 65535.0 / (wide_high - wide_low);
         let code = |v: &f32| {
-            let code = match wide {
-                true => ((f64::from(*v) - wide_low) * wide_scale).round() as u16,
-                false => ((v - low) * scale).round() as u16,
+            let code = if needs_doubles {
+                ((f64::from(*v) - wide_low) * wide_scale).round() as u16
+            } else {
+                ((v - low) * scale).round() as u16
             };
             code.to_be_bytes()
         };
@@ -306,13 +311,13 @@ mod tests {
             (Rgba, Eight, &[7, 7, 7, 1, 255, 0, 0, 2], [7.0, red]),
             (Indexed, Two, &[0b1001_0000], [2.0, 1.0]),
         ];
-        for (color, depth, data, want) in cases {
+        for (color, depth, data, expected) in cases {
             let loaded = read_bytes(&encode_picture(*color, *depth, [2, 1], data)).unwrap();
             assert_eq!(loaded.image.dims(), [2, 1]);
-            for (got, want) in loaded.image.as_slice().iter().zip(want) {
+            for (got, expected) in loaded.image.as_slice().iter().zip(expected) {
                 assert!(
-                    (got - want).abs() < 1e-4,
-                    "{color:?} {depth:?}: {got} {want}"
+                    (got - expected).abs() < 1e-4,
+                    "{color:?} {depth:?}: {got} {expected}"
                 );
             }
         }
@@ -342,7 +347,7 @@ mod tests {
             let error = read_bytes(&good[..end]).unwrap_err().to_string();
             assert!(error.contains("a.png") && !error.contains('\n'), "{error}");
         }
-        // A header that claims 2^31 x 2^31 pixels.
+        // The header claims 2^31 x 2^31 pixels.
         let mut huge = good.clone();
         huge[16..24].copy_from_slice(&[0x7f, 255, 255, 255, 0x7f, 255, 255, 255]);
         assert!(read_bytes(&huge).is_err());
@@ -366,7 +371,7 @@ mod tests {
             let back = read(&path).unwrap().image;
             prop_assert_eq!(back.dims(), image.dims());
             let stats = image.stats();
-            // Half a step of the code and the rounding of f32.
+            // Half a step of the code, and the rounding of f32.
             let allowed = if whole { 0.0 } else { (stats.max - stats.min) / 65535.0 * 0.51 + 1e-6 * stats.max.abs().max(stats.min.abs()) };
             for (a, b) in image.as_slice().iter().zip(back.as_slice()) {
                 prop_assert!((a - b).abs() <= allowed, "{} {}", a, b);
@@ -413,12 +418,15 @@ mod tests {
                 &good[at + 4 + 9 + 4..],
             ]
             .concat();
-            let said = read_bytes(&bad).unwrap_err().to_string();
-            assert!(said.contains("a.png") && said.contains("palette"), "{said}");
+            let message = read_bytes(&bad).unwrap_err().to_string();
+            assert!(
+                message.contains("a.png") && message.contains("palette"),
+                "{message}"
+            );
         }
     }
 
-    /// The check sum of a chunk.
+    /// Returns the checksum of a chunk.
     fn crc(bytes: &[u8]) -> u32 {
         !bytes.iter().fold(!0u32, |crc, &byte| {
             (0..8).fold(crc ^ u32::from(byte), |crc, _| {
@@ -433,12 +441,12 @@ mod tests {
         huge[16..24].copy_from_slice(&[0, 1, 0, 0, 0, 1, 0, 0]);
         let sum = crc(&huge[12..29]).to_be_bytes();
         huge[29..33].copy_from_slice(&sum);
-        let said = read_bytes(&huge).unwrap_err().to_string();
-        assert!(said.contains("cannot hold"), "{said}");
+        let message = read_bytes(&huge).unwrap_err().to_string();
+        assert!(message.contains("cannot hold"), "{message}");
     }
 
     #[test]
-    fn what_is_not_finite_is_not_written() {
+    fn non_finite_samples_are_refused() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.png");
         let image = Image::new([2, 1], vec![0.0, f32::NAN], Geometry::default());

@@ -10,12 +10,13 @@ use super::stream::{ImageHeader, ImageStream, RawPlanes, SlabSource};
 use crate::error::{Error, Result, cause, io_error};
 use crate::files::atomic_write;
 
-/// Dims and sample type of a raw file.
+/// Dimensions and sample type of a raw file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RawSpec {
-    /// Samples along each axis, the fastest in the file (x) first; 1 along z in a 2-D image.
+    /// Number of samples along each axis, the fastest in the file (x) first; 1 along z in a 2-D
+    /// image.
     pub dims: [usize; 3],
-    /// How the samples are coded.
+    /// Encoding of the samples.
     pub encoding: Encoding,
 }
 
@@ -25,9 +26,8 @@ u32, i32, f32, f64 with le or be, e.g. 100x400x208:f32be";
 impl FromStr for RawSpec {
     type Err = Error;
 
-    /// `NXxNYxNZ:TYPE` or `NXxNY:TYPE`, x the fastest axis in the file; TYPE is u8, i8, or u16,
-    /// i16, u32, i32, f32,
-    /// f64 followed by le or be.
+    /// Parses `NXxNYxNZ:TYPE` or `NXxNY:TYPE`, x the fastest axis in the file. TYPE is u8 or i8, or
+    /// one of u16, i16, u32, i32, f32 and f64 followed by le or be.
     fn from_str(text: &str) -> Result<Self> {
         let bad = |problem: String| Error::Io(cause("raw samples", problem, SYNTAX));
         let (dims, sample) = text
@@ -76,10 +76,10 @@ impl FromStr for RawSpec {
     }
 }
 
-/// Opens a raw file. Its length must be exactly what the description says.
+/// Opens a raw file. Its length must be exactly that of the description.
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be opened or its length differs.
+/// Returns an [`Error::Io`] if the file cannot be opened or its length differs.
 pub fn open(path: &Path, spec: RawSpec) -> Result<ImageStream> {
     let file = File::open(path).map_err(|e| io_error(path, "open", e))?;
     let length = file
@@ -122,10 +122,10 @@ pub fn open(path: &Path, spec: RawSpec) -> Result<ImageStream> {
     })
 }
 
-/// Writes the samples as little-endian `f32`, x fastest, and nothing else.
+/// Writes the samples as little-endian `f32`, x fastest, without a header.
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be written.
+/// Returns an [`Error::Io`] if the file cannot be written.
 pub fn write(path: &Path, slabs: &dyn SlabSource) -> Result<()> {
     atomic_write(path, |writer| samples::write_slabs(writer, slabs))
 }
@@ -182,7 +182,7 @@ mod tests {
             error.contains("48 bytes") && error.contains("need 72"),
             "{error}"
         );
-        // What is written is read back.
+        // A written file reads back unchanged.
         let written = folder.path().join("b.raw");
         write(&written, &loaded.image).unwrap();
         let again = read(&written, "4x3x2:f32le".parse().unwrap()).unwrap();

@@ -1,4 +1,4 @@
-//! Sample types as files hold them, and turning them into `f32`.
+//! Sample types of files, and their conversion to `f32`.
 
 use std::fs::File;
 use std::io;
@@ -14,9 +14,9 @@ use super::stream::SlabSource;
 use crate::files::read_exact_at;
 use crate::{Result, memory};
 
-/// How one sample is coded.
+/// Type of one sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[allow(missing_docs)] // the names say it
+#[allow(missing_docs)] // The names are self-explanatory.
 pub enum SampleType {
     Bool,
     I8,
@@ -36,7 +36,7 @@ pub enum SampleType {
     Ibm32,
 }
 
-/// Order of a sample's bytes.
+/// Order of the bytes of a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[allow(missing_docs)]
 pub enum Endian {
@@ -44,30 +44,35 @@ pub enum Endian {
     Big,
 }
 
-/// Refuses so many samples of a file if there is no memory for them.
+/// Checks that there is enough memory for `count` samples of a file.
 ///
 /// # Errors
-/// [`Error::Job`](crate::Error::Job).
+/// Returns an [`Error::Job`](crate::Error::Job) if there is not.
 pub fn check_memory(path: &Path, count: usize) -> Result<()> {
-    // Whatever is done with an image, there will be a second field as large.
+    // Every use of an image needs a second field of the same size.
     let bytes = 8.0 * count as f64;
-    let what = format!("{count} samples");
-    memory::ensure_available(path.display(), bytes, what, "give a part of the image")
+    let description = format!("{count} samples");
+    memory::ensure_available(
+        path.display(),
+        bytes,
+        description,
+        "give a part of the image",
+    )
 }
 
-/// Room for so many samples of a file, all zero.
+/// Allocates memory for `count` samples of a file, all zero.
 ///
 /// # Errors
-/// As [`check_memory`].
+/// Returns the errors of [`check_memory`].
 pub fn allocate(path: &Path, count: usize) -> Result<Vec<f32>> {
     check_memory(path, count)?;
     Ok(vec![0.0; count])
 }
 
-/// How samples lie in a file.
+/// Encoding of the samples in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Encoding {
-    /// How one sample is coded.
+    /// Type of one sample.
     pub sample_type: SampleType,
     /// Order of its bytes.
     pub endian: Endian,
@@ -100,14 +105,14 @@ impl std::fmt::Display for Encoding {
     }
 }
 
-/// A warning if wide integers were rounded on their way to these samples.
+/// Returns a warning if wide integers were rounded when they were converted to these samples.
 pub fn rounding_note(samples: &[f32]) -> Option<String> {
     let rounded = samples.iter().any(|v| v.abs() >= 16_777_216.0);
     rounded.then(|| "integers beyond 16777216 are rounded to 32-bit floats".to_string())
 }
 
 impl Encoding {
-    /// Bytes of one sample.
+    /// Returns the number of bytes of one sample.
     pub fn size(self) -> usize {
         match self.sample_type {
             SampleType::Bool | SampleType::I8 | SampleType::U8 => 1,
@@ -118,23 +123,24 @@ impl Encoding {
         }
     }
 
-    /// A warning if integers were rounded on their way to `f32`, which holds 24 bits.
+    /// Returns a warning if integers were rounded when they were converted to `f32`, which holds 24
+    /// bits.
     pub fn rounding_note(self, samples: &[f32]) -> Option<String> {
         self.is_wide_integer()
             .then(|| rounding_note(samples))
             .flatten()
     }
 
-    /// Whether these are integers of more bits than `f32` holds.
+    /// Returns `true` if the samples are integers of more bits than `f32` holds.
     pub fn is_wide_integer(self) -> bool {
         use SampleType::*;
         matches!(self.sample_type, I32 | U32 | I64 | U64)
     }
 
-    /// Converts `bytes` (`out.len()` samples) to `f32`, each rounded to the nearest one.
+    /// Converts `bytes` (`out.len()` samples) to `f32`, each rounded to the nearest value.
     pub fn decode(self, bytes: &[u8], out: &mut [f32]) {
-        // The byte order is settled outside the loops, so that each of them vectorises.
-        macro_rules! each {
+        // The byte order is resolved outside the loops, so that each loop vectorises.
+        macro_rules! decode_as {
             ($type:ty, $convert:expr) => {
                 match self.endian {
                     Endian::Little => convert(bytes, out, |b| $convert(<$type>::from_le_bytes(b))),
@@ -146,10 +152,10 @@ impl Encoding {
             SampleType::Bool => convert(bytes, out, |[b]| f32::from(u8::from(b != 0))),
             SampleType::I8 => convert(bytes, out, |[b]| f32::from(b as i8)),
             SampleType::U8 => convert(bytes, out, |[b]| f32::from(b)),
-            SampleType::I16 => each!(i16, f32::from),
-            SampleType::U16 => each!(u16, f32::from),
+            SampleType::I16 => decode_as!(i16, f32::from),
+            SampleType::U16 => decode_as!(u16, f32::from),
             SampleType::I24 => match self.endian {
-                // Into the upper three bytes, then an arithmetic shift keeps the sign.
+                // The sample fills the upper three bytes; the arithmetic shift then keeps the sign.
                 Endian::Little => convert(bytes, out, |[a, b, c]| {
                     (i32::from_le_bytes([0, a, b, c]) >> 8) as f32
                 }),
@@ -165,27 +171,28 @@ impl Encoding {
                     u32::from_be_bytes([0, a, b, c]) as f32
                 }),
             },
-            SampleType::I32 => each!(i32, |v| v as f32),
-            SampleType::U32 => each!(u32, |v| v as f32),
-            SampleType::I64 => each!(i64, |v| v as f32),
-            SampleType::U64 => each!(u64, |v| v as f32),
-            SampleType::F16 => each!(f16, f16::to_f32),
-            SampleType::F32 => each!(f32, |v| v),
-            SampleType::F64 => each!(f64, |v| v as f32),
-            SampleType::Ibm32 => each!(u32, from_ibm),
+            SampleType::I32 => decode_as!(i32, |v| v as f32),
+            SampleType::U32 => decode_as!(u32, |v| v as f32),
+            SampleType::I64 => decode_as!(i64, |v| v as f32),
+            SampleType::U64 => decode_as!(u64, |v| v as f32),
+            SampleType::F16 => decode_as!(f16, f16::to_f32),
+            SampleType::F32 => decode_as!(f32, |v| v),
+            SampleType::F64 => decode_as!(f64, |v| v as f32),
+            SampleType::Ibm32 => decode_as!(u32, from_ibm),
         }
     }
 
-    /// Converts `bytes` to integers, exactly; nothing for other types than [wide](Self::is_wide_integer) integers.
+    /// Converts `bytes` to exact integers. The result is empty unless the samples are [wide
+    /// integers](Self::is_wide_integer).
     pub fn integers(self, bytes: &[u8]) -> impl Iterator<Item = i128> {
-        let wide = self.is_wide_integer();
+        let is_wide = self.is_wide_integer();
         let number = move |raw: &[u8]| {
-            // The most significant byte first.
+            // Bytes with the most significant byte first.
             let mut bits = [0; 8];
-            let last = &mut bits[8 - raw.len()..];
-            last.copy_from_slice(raw);
+            let tail = &mut bits[8 - raw.len()..];
+            tail.copy_from_slice(raw);
             if self.endian == Endian::Little {
-                last.reverse();
+                tail.reverse();
             }
             let bits = u64::from_be_bytes(bits);
             match self.sample_type {
@@ -194,14 +201,15 @@ impl Encoding {
                 _ => i128::from(bits),
             }
         };
-        let bytes = if wide { bytes } else { &[] };
+        let bytes = if is_wide { bytes } else { &[] };
         bytes.chunks_exact(self.size()).map(number)
     }
 
-    /// Reads `count` integers that start at byte `offset` of `file` as exact labels; `None` for other types.
+    /// Reads `count` integers that start at byte `offset` of `file` as exact labels. Returns `None`
+    /// unless the samples are wide integers.
     ///
     /// # Errors
-    /// What the operating system reports, the file being too short included.
+    /// Returns the error of the operating system, also if the file is too short.
     pub fn read_exact_labels(
         self,
         file: &File,
@@ -212,14 +220,14 @@ impl Encoding {
             return Ok(None);
         }
         let (mut collector, mut buffer) = (LabelCollector::default(), Vec::new());
-        let mut at = offset;
-        let mut left = count * self.size();
-        while left > 0 {
-            buffer.resize(left.min(1 << 20), 0);
-            read_exact_at(file, &mut buffer, at)?;
+        let mut position = offset;
+        let mut remaining = count * self.size();
+        while remaining > 0 {
+            buffer.resize(remaining.min(1 << 20), 0);
+            read_exact_at(file, &mut buffer, position)?;
             collector.extend(self.integers(&buffer));
-            at += buffer.len() as u64;
-            left -= buffer.len();
+            position += buffer.len() as u64;
+            remaining -= buffer.len();
         }
         Ok(Some(collector.finish()))
     }
@@ -227,9 +235,9 @@ impl Encoding {
     /// Reads and converts `out.len()` samples that start at byte `offset` of `file`, in parallel.
     ///
     /// # Errors
-    /// What the operating system reports, the file being too short included.
+    /// Returns the error of the operating system, also if the file is too short.
     pub fn read(self, file: &File, offset: u64, out: &mut [f32]) -> io::Result<()> {
-        // Buffers so small are not asked of the system anew.
+        // The allocator reuses such small buffers without a system call.
         const CHUNK: usize = 1 << 14;
         let size = self.size();
         out.par_chunks_mut(CHUNK)
@@ -246,7 +254,7 @@ impl Encoding {
 /// Writes samples as little-endian `f32`.
 ///
 /// # Errors
-/// What the operating system reports.
+/// Returns the error of the operating system.
 pub fn write(writer: &mut impl io::Write, samples: &[f32]) -> io::Result<()> {
     let mut bytes = Vec::new();
     for chunk in samples.chunks(1 << 14) {
@@ -260,7 +268,7 @@ pub fn write(writer: &mut impl io::Write, samples: &[f32]) -> io::Result<()> {
 /// Writes samples as little-endian `f32`, slab by slab.
 ///
 /// # Errors
-/// What the operating system reports, or what keeps the samples from being read.
+/// Returns the error of the operating system, or the error of reading the samples.
 pub fn write_slabs(writer: &mut impl io::Write, slabs: &dyn SlabSource) -> io::Result<()> {
     slabs.for_each_slab(1, &mut |slab| write(writer, slab))
 }
@@ -271,8 +279,8 @@ fn convert<const N: usize>(bytes: &[u8], out: &mut [f32], value: impl Fn([u8; N]
     }
 }
 
-/// `(-1)^s * fraction * 16^(exponent - 64)`, the fraction being 24 bits below the point.
-/// Values beyond `f32` become infinite.
+/// Converts an IBM float to `f32`: `(-1)^s * fraction * 16^(exponent - 64)`, where the fraction is
+/// 24 bits after the binary point. Values beyond the range of `f32` become infinite.
 fn from_ibm(bits: u32) -> f32 {
     let fraction = f64::from((bits & 0x00ff_ffff) as i32);
     let exponent = u64::from(bits >> 24 & 0x7f);
@@ -329,7 +337,8 @@ mod tests {
 
     #[test]
     fn ibm_floats() {
-        // The worked example of the System/360 manuals, and the ends of the range.
+        // The first value is the worked example of the System/360 manuals; others are the ends of
+        // the range.
         for (bits, value) in [
             (0xc276_a000, -118.625),
             (0x4110_0000, 1.0),

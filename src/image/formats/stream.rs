@@ -1,4 +1,4 @@
-//! Images whose samples are read when they are wanted, plane by plane: these may be larger than memory.
+//! Images whose samples are read on demand, plane by plane, because they may be larger than memory.
 
 use std::fs::File;
 use std::io;
@@ -19,16 +19,16 @@ use crate::image::nulls::is_null;
 use crate::image::{ExactLabels, Geometry, Image};
 use crate::memory;
 
-/// All that is known of an image but its samples.
+/// Everything that is known of an image except its samples.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ImageHeader<const D: usize> {
-    /// Samples along each axis, x first.
+    /// Number of samples along each axis, x first.
     pub dims: [usize; D],
-    /// Where they lie.
+    /// Position of the samples in the world.
     pub geometry: Geometry<D>,
-    /// Which rows along x hold no data, as [`Image::missing`] has it.
+    /// Flags of rows along x that hold no data, as in [`Image::missing`].
     pub missing: Vec<bool>,
-    /// See [`LoadedImage::format`] and what follows there.
+    /// This field and those below are as in [`LoadedImage`].
     pub format: ImageFormat,
     pub encoding: String,
     pub notes: Vec<String>,
@@ -37,12 +37,13 @@ pub struct ImageHeader<const D: usize> {
 }
 
 impl ImageHeader<3> {
-    /// Of a file that says nothing but how many samples there are and how they are coded; `what` it is.
+    /// Creates the header of a file that gives the dimensions and the encoding of the samples, but
+    /// no geometry. `what` names the kind of file in the note.
     pub fn without_geometry(
         format: ImageFormat,
         dims: [usize; 3],
         encoding: Encoding,
-        what: &str,
+        description: &str,
     ) -> Self {
         Self {
             dims,
@@ -50,7 +51,7 @@ impl ImageHeader<3> {
             missing: Vec::new(),
             format,
             encoding: encoding.to_string(),
-            notes: vec![format!("{what} {NO_GEOMETRY_NOTE}")],
+            notes: vec![format!("{description} {NO_GEOMETRY_NOTE}")],
             survey: None,
             line_numbers: None,
         }
@@ -58,14 +59,15 @@ impl ImageHeader<3> {
 }
 
 impl<const D: usize> ImageHeader<D> {
-    /// With its samples in memory order, of which there must be as many.
+    /// Returns the image with these samples in memory order. Their number must be the product of
+    /// the dimensions.
     pub fn with_samples(self, samples: Vec<f32>) -> LoadedImage<D> {
-        // An array of its shape, to be placed below.
+        // The constructor of the image gives the array its shape.
         let bare = Image::new(self.dims, samples, Geometry::default());
         self.with_array(bare.samples)
     }
 
-    /// With its samples as an array of its shape, in standard layout.
+    /// Returns the image with these samples as an array of the right shape, in standard layout.
     pub fn with_array(self, samples: ArrayD<f32>) -> LoadedImage<D> {
         let image = Image {
             labels: None,
@@ -86,7 +88,7 @@ impl<const D: usize> ImageHeader<D> {
 }
 
 impl<const D: usize> LoadedImage<D> {
-    /// All that is known of it but its samples.
+    /// Returns everything that is known of the image except its samples.
     pub fn header(&self) -> ImageHeader<D> {
         ImageHeader {
             dims: self.image.dims(),
@@ -101,54 +103,56 @@ impl<const D: usize> LoadedImage<D> {
     }
 }
 
-/// Samples in a file, which are read by planes along x and y.
+/// Reader of samples in a file, by planes along x and y.
 pub trait PlaneReader: Send + Sync {
-    /// Fills `out` with these rows (along x, numbered in a plane) of planes, from the one numbered `first` on.
+    /// Fills `out` with a range of rows (along x, numbered within a plane) of consecutive planes,
+    /// beginning with plane `first`.
     ///
     /// # Errors
-    /// [`Error::Io`](crate::Error::Io) if they cannot be read.
+    /// Returns an [`Error::Io`](crate::Error::Io) if the samples cannot be read.
     fn read_rows(&self, first: usize, rows: Range<usize>, out: &mut [f32]) -> Result<()>;
 
-    /// How many planes are best read together.
+    /// Returns the number of planes that are read together most efficiently.
     fn batch_planes(&self) -> usize {
         1
     }
 
-    /// All samples as integers, in the order of memory, where they are integers that `f32` may round; `None` if
-    /// they are not, or cannot be had so.
+    /// Reads all samples as integers, in memory order, if they are integers that `f32` may round.
+    /// Returns `None` if they are not, or if the reader does not support it.
     ///
     /// # Errors
-    /// Those of [`PlaneReader::read_rows`].
+    /// Returns the errors of [`PlaneReader::read_rows`].
     fn read_integers(&self, _dims: [usize; 3]) -> Result<Option<Arc<ExactLabels>>> {
         Ok(None)
     }
 }
 
-/// An image of space whose samples are still in its file.
+/// A 3-D image whose samples are still in its file.
 pub struct ImageStream {
-    /// What is known without them.
+    /// Everything that is known without the samples.
     pub header: ImageHeader<3>,
-    /// How an element is coded, for those that may be rounded.
+    /// Encoding of the samples in the file, which determines whether they may be rounded.
     pub encoding: Encoding,
     pub reader: Box<dyn PlaneReader>,
-    /// The largest magnitude among the samples that were read, as bits.
+    /// Largest magnitude among the samples that were read, as the bits of an `f32`.
     pub max_magnitude_bits: AtomicU32,
 }
 
-/// Images of more samples are left in their files where they can be.
+/// Largest number of samples of an image that is loaded into memory although it could stay in its
+/// file.
 #[cfg(feature = "cli")]
 const MAX_SAMPLES_IN_MEMORY: usize = 1 << 26;
 
-/// Bytes of samples that are held at a time, unless a single plane takes more.
+/// Memory, in bytes, of the samples that are read at a time, unless a single plane takes more.
 const MAX_BUFFER_BYTES: usize = 1 << 26;
 
-/// Samples in the order of memory, a slab of planes at a time.
+/// Source of samples in memory order, in slabs of planes.
 pub trait SlabSource {
-    /// Calls `work` for one slab after the other, each of whole planes along the last axis: as many as
-    /// `multiple` of these, or any number of times as many, but for the last.
+    /// Calls `work` for each slab in order. A slab consists of whole planes along the last axis.
+    /// The number of planes is a multiple of `multiple`, except in the last slab.
     ///
     /// # Errors
-    /// Those of the work and of reading; [`io_error`] gives the latter back as they were.
+    /// Returns the errors of `work` and of reading; [`io_error`] restores the latter.
     fn for_each_slab(
         &self,
         multiple: usize,
@@ -176,12 +180,13 @@ impl SlabSource for ImageStream {
     ) -> io::Result<()> {
         let [nx, ny, nz] = self.header.dims;
         let plane = nx * ny;
-        let held = (MAX_BUFFER_BYTES / 4 / plane.max(1)).max(1);
-        let wanted = least_common_multiple(multiple, self.reader.batch_planes());
-        let planes = match wanted <= 4 * held {
-            // As many times as many as are held easily.
-            true => wanted * (held / wanted).max(1),
-            false => multiple.max(1),
+        let planes_in_buffer = (MAX_BUFFER_BYTES / 4 / plane.max(1)).max(1);
+        let batch = least_common_multiple(multiple, self.reader.batch_planes());
+        let planes = if batch <= 4 * planes_in_buffer {
+            // Use as many multiples as fit into the buffer.
+            batch * (planes_in_buffer / batch).max(1)
+        } else {
+            multiple.max(1)
         };
         let planes = planes.min(nz.max(1));
         memory::ensure_available(
@@ -210,22 +215,22 @@ fn least_common_multiple(a: usize, b: usize) -> usize {
 }
 
 impl ImageStream {
-    /// Reads whole planes, from the one numbered `first` on.
+    /// Reads consecutive whole planes, beginning with plane `first`.
     ///
     /// # Errors
-    /// Those of [`ImageStream::read_plane_rows`].
+    /// Returns the errors of [`ImageStream::read_plane_rows`].
     pub fn read_planes(&self, first: usize, out: &mut [f32]) -> Result<()> {
         self.read_plane_rows(first, 0..self.header.dims[1], out)
     }
 
-    /// Reads these rows of planes, from the one numbered `first` on.
+    /// Reads a range of rows of consecutive planes, beginning with plane `first`.
     ///
     /// # Errors
-    /// [`Error::Io`](crate::Error::Io) if they cannot be read.
+    /// Returns an [`Error::Io`](crate::Error::Io) if they cannot be read.
     pub fn read_plane_rows(&self, first: usize, rows: Range<usize>, out: &mut [f32]) -> Result<()> {
         self.reader.read_rows(first, rows, out)?;
         if self.encoding.is_wide_integer() {
-            // Bits of numbers without sign are in the order of the numbers.
+            // The bits of non-negative floats are ordered as the floats are.
             let bits = out.par_iter().map(|v| v.abs().to_bits()).max();
             self.max_magnitude_bits
                 .fetch_max(bits.unwrap_or(0), Relaxed);
@@ -233,24 +238,25 @@ impl ImageStream {
         Ok(())
     }
 
-    /// Whether its samples are so many that they are better left in the file, or there is no memory for
-    /// them, or ranks share them; and may be, for none are missing and it has three axes.
+    /// Returns `true` if the image should and can stay in its file. It should if it has many
+    /// samples, if there is not enough memory for them, or if several ranks share them. It can if
+    /// it has three axes and no missing rows.
     #[cfg(feature = "cli")]
     pub fn stays_in_file(&self) -> bool {
         let dims = self.header.dims;
         let count: usize = dims.iter().product();
-        let shared = crate::comm::size() > 1;
-        let large = shared
+        let is_distributed = crate::comm::size() > 1;
+        let is_large = is_distributed
             || count > MAX_SAMPLES_IN_MEMORY
             || samples::check_memory(Path::new("the image"), 3 * count).is_err();
-        large && self.header.missing.is_empty() && dims.iter().all(|&n| n > 1)
+        is_large && self.header.missing.is_empty() && dims.iter().all(|&n| n > 1)
     }
 
     /// Reads all samples.
     ///
     /// # Errors
-    /// [`Error::Job`](crate::Error::Job) if there is no memory for them, [`Error::Io`](crate::Error::Io) if
-    /// they cannot be read.
+    /// Returns an [`Error::Job`](crate::Error::Job) if there is not enough memory for them, and an
+    /// [`Error::Io`](crate::Error::Io) if they cannot be read.
     pub fn into_loaded(mut self, place: &Path) -> Result<LoadedImage> {
         let count = self.header.dims.iter().product();
         let mut samples = samples::allocate(place, count)?;
@@ -267,36 +273,37 @@ impl ImageStream {
         Ok(loaded)
     }
 
-    /// What must be said of the samples that were read.
+    /// Returns a warning if samples that were read so far were rounded.
     pub fn rounding_note(&self) -> Option<String> {
         let largest = f32::from_bits(self.max_magnitude_bits.load(Relaxed));
         self.encoding.rounding_note(&[largest])
     }
 }
 
-/// Samples that lie in a file as they are, the fastest axis first.
+/// Reader of uncompressed samples in a file, the fastest axis first.
 pub struct RawPlanes {
     pub path: PathBuf,
     pub file: File,
-    /// The byte at which they begin.
+    /// Offset of the first sample in the file.
     pub data_offset: u64,
     pub encoding: Encoding,
-    /// Samples of a plane along its axes.
+    /// Number of samples of a plane along its axes.
     pub plane_dims: [usize; 2],
 }
 
 impl PlaneReader for RawPlanes {
     fn read_rows(&self, first: usize, rows: Range<usize>, out: &mut [f32]) -> Result<()> {
         let [nx, ny] = self.plane_dims;
-        // Whole planes follow one another in the file.
-        let together = match rows.len() == ny {
-            true => out.len(),
-            false => rows.len() * nx,
+        // Whole planes are contiguous in the file.
+        let samples_per_read = if rows.len() == ny {
+            out.len()
+        } else {
+            rows.len() * nx
         };
-        for (plane, out) in (first..).zip(out.chunks_mut(together.max(1))) {
+        for (plane, out) in (first..).zip(out.chunks_mut(samples_per_read.max(1))) {
             let sample = (plane * ny + rows.start) * nx;
-            let at = self.data_offset + (sample * self.encoding.size()) as u64;
-            let read = self.encoding.read(&self.file, at, out);
+            let offset = self.data_offset + (sample * self.encoding.size()) as u64;
+            let read = self.encoding.read(&self.file, offset, out);
             read.map_err(|e| io_error(&self.path, "read", e))?;
         }
         Ok(())
@@ -311,7 +318,7 @@ impl PlaneReader for RawPlanes {
     }
 }
 
-/// Samples of which some values are read as NaN.
+/// Reader that replaces null values by NaN.
 struct NullFilter {
     reader: Box<dyn PlaneReader>,
     nulls: Vec<f32>,
@@ -333,7 +340,7 @@ impl PlaneReader for NullFilter {
     }
 }
 
-/// Makes a sample that holds a null value NaN.
+/// Replaces a sample that holds a null value by NaN.
 fn null_to_nan(sample: &mut f32, nulls: &[f32]) {
     if nulls.iter().any(|&null| is_null(*sample, null)) {
         *sample = f32::NAN;
@@ -342,17 +349,17 @@ fn null_to_nan(sample: &mut f32, nulls: &[f32]) {
 
 /// An image that was opened: in memory, or still in its file.
 pub enum OpenedImage {
-    /// Still in its file.
+    /// The samples are still in the file.
     Stream(ImageStream),
-    /// In memory.
+    /// The image is in memory.
     InMemory(AnyImage),
 }
 
 impl OpenedImage {
-    /// With all samples in memory.
+    /// Loads all samples into memory.
     ///
     /// # Errors
-    /// Those of [`ImageStream::into_loaded`].
+    /// Returns the errors of [`ImageStream::into_loaded`].
     pub fn load(self, place: &Path) -> Result<AnyImage> {
         match self {
             Self::Stream(stream) => stream.into_loaded(place).map(into_any_image),
@@ -392,13 +399,13 @@ impl OpenedImage {
         }
     }
 
-    /// Its head, if it has `D` axes.
+    /// Returns the header of the image if it has `D` axes.
     pub fn into_header<const D: usize>(self) -> Option<ImageHeader<D>> {
-        let head: Box<dyn std::any::Any> = match self {
+        let header: Box<dyn std::any::Any> = match self {
             Self::Stream(stream) => Box::new(stream.header),
             Self::InMemory(AnyImage::Plane(loaded)) => Box::new(loaded.header()),
             Self::InMemory(AnyImage::Space(loaded)) => Box::new(loaded.header()),
         };
-        head.downcast().ok().map(|head| *head)
+        header.downcast().ok().map(|head| *head)
     }
 }

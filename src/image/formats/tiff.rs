@@ -1,8 +1,8 @@
-//! TIFF: a page is a plane of the volume, z its number; a single page is a 2-D image.
+//! TIFF: a page is a plane of the volume, and its number is z. A single page is a 2-D image.
 //!
-//! Grey and colour pages of every sample type, compressed or not; colours become luminance as in
-//! [`png`](mod@super::png). TIFF has no geometry that all writers agree on: spacing is taken from
-//! what ImageJ and OME-TIFF say.
+//! Grey and colour pages of every sample type are read, compressed or not. Colours become luminance
+//! as in [`png`](mod@super::png). TIFF has no geometry that all writers agree on: the spacing is
+//! that of ImageJ or OME-TIFF metadata, if there are any.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -23,37 +23,37 @@ use crate::error::{Result, io_error};
 use crate::image::labels::LabelCollector;
 use crate::image::{Geometry, Image};
 
-/// The first bytes of TIFF and BigTIFF files.
+/// First bytes of TIFF and BigTIFF files.
 pub const MAGIC: [&[u8]; 4] = [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"];
 
-/// No byte of a compressed page becomes more bytes than this (deflate).
+/// Largest number of bytes that one byte of a compressed page can expand to (deflate).
 const MAX_PAGE_RATIO: u64 = MAX_DEFLATE_RATIO;
 
-/// Reads a stack of pages, or one as if it had a single sample along z.
+/// Reads a stack of pages. A single page is read as a volume with a single sample along z.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) if the file cannot be read, is cut off or damaged, its pages
-/// differ in size or kind, or they are coded in a way that is not read.
+/// Returns an [`Error::Io`](crate::Error::Io) if the file cannot be read, is truncated or damaged,
+/// if its pages differ in size or kind, or if their encoding is not supported.
 pub fn read(path: &Path) -> Result<LoadedImage> {
     let file = File::open(path).map_err(|e| io_error(path, "open", e))?;
     let length = file
         .metadata()
         .map_err(|e| io_error(path, "read", e))?
         .len();
-    let most = usize::try_from(length.saturating_mul(MAX_PAGE_RATIO)).unwrap_or(usize::MAX);
+    let max_bytes = usize::try_from(length.saturating_mul(MAX_PAGE_RATIO)).unwrap_or(usize::MAX);
     let mut limits = Limits::default();
-    limits.decoding_buffer_size = most;
-    limits.intermediate_buffer_size = most;
+    limits.decoding_buffer_size = max_bytes;
+    limits.intermediate_buffer_size = max_bytes;
     let mut pages = 0;
     let refusal = |(problem, remedy): (String, &str)| Err(file_error(path, problem, remedy));
-    let fault = |pages: usize, e: TiffError| {
+    let page_error = |pages: usize, e: TiffError| {
         let remedy = match e {
             TiffError::UnsupportedError(_) => "write it as grey samples, uncompressed",
             _ => DAMAGED_REMEDY,
         };
         file_error(path, format!("page {pages}: {e}"), remedy).with_source(e)
     };
-    let decoder = Decoder::new(BufReader::new(file)).map_err(|e| fault(0, e))?;
+    let decoder = Decoder::new(BufReader::new(file)).map_err(|e| page_error(0, e))?;
     let mut decoder = decoder.with_limits(limits);
     let description = decoder.get_tag_ascii_string(Tag::ImageDescription);
     let description = description.unwrap_or_default();
@@ -68,11 +68,11 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
     });
     let mut exact = Some(LabelCollector::default());
     let mut first = None;
-    let mut wide = false;
+    let mut is_wide_integer = false;
     let mut samples = Vec::new();
     loop {
-        let (nx, ny) = decoder.dimensions().map_err(|e| fault(pages, e))?;
-        let color = decoder.colortype().map_err(|e| fault(pages, e))?;
+        let (nx, ny) = decoder.dimensions().map_err(|e| page_error(pages, e))?;
+        let color = decoder.colortype().map_err(|e| page_error(pages, e))?;
         let (shown, expected) = (
             format!("{nx} x {ny}, {color:?}"),
             first.get_or_insert((nx, ny, color)),
@@ -100,19 +100,19 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
                 == Some(2u16)
         {
             let problem =
-                format!("page {pages} keeps each of its {channels} colours in a plane of its own");
-            let remedy = "write it as grey samples, or with the colours of a pixel together";
+                format!("page {pages} stores each of its {channels} colours in a separate plane");
+            let remedy = "write it as grey samples, or with interleaved colours";
             return Err(file_error(path, problem, remedy));
         }
-        let page = decoder.read_image().map_err(|e| fault(pages, e))?;
+        let page = decoder.read_image().map_err(|e| page_error(pages, e))?;
         let count = nx as usize * ny as usize;
-        let before = samples.len();
+        let start = samples.len();
         match (page, color) {
             (DecodingResult::U8(bytes), ColorType::Gray(bits @ (1 | 2 | 4))) => {
                 add_bits(&bytes, bits, nx as usize, count, &mut samples);
             }
             (page, _) => {
-                wide |= matches!(
+                is_wide_integer |= matches!(
                     page,
                     DecodingResult::U32(_)
                         | DecodingResult::I32(_)
@@ -120,13 +120,15 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
                         | DecodingResult::I64(_)
                 );
                 match (&mut exact, channels) {
-                    (Some(collector), 1) if wide => add_integers(&page, count, collector),
+                    (Some(collector), 1) if is_wide_integer => {
+                        add_integers(&page, count, collector)
+                    }
                     _ => exact = None,
                 }
                 add_page(page, channels, count, &mut samples);
             }
         }
-        if samples.len() != before + count || count == 0 {
+        if samples.len() != start + count || count == 0 {
             let problem = format!("page {pages} does not hold {shown}");
             return Err(file_error(path, problem, DAMAGED_REMEDY));
         }
@@ -134,30 +136,30 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
         if !decoder.more_images() {
             break;
         }
-        decoder.next_image().map_err(|e| fault(pages, e))?;
+        decoder.next_image().map_err(|e| page_error(pages, e))?;
     }
     let Some((nx, ny, color)) = first else {
         return Err(file_error(path, "has no page", DAMAGED_REMEDY));
     };
     let stack = StackInfo::parse(&description, usize::from(color.num_samples()));
-    if let Some(fault) = stack.and_then(|stack| stack.find_problem(pages)) {
-        return refusal(fault);
+    if let Some(problem) = stack.and_then(|stack| stack.find_problem(pages)) {
+        return refusal(problem);
     }
     let spacing = stack_spacing(&description, resolution);
     let mut notes = match &spacing {
-        Some((_, whose)) => vec![format!("spacing and unit as {whose} says")],
+        Some((_, source)) => vec![format!("spacing and unit from {source} metadata")],
         None => vec![format!("a TIFF stack {NO_GEOMETRY_NOTE}")],
     };
     if matches!(color, ColorType::RGB(_) | ColorType::RGBA(_)) {
         notes.push("colours are read as luminance (BT.709)".into());
     }
-    let rounded = wide.then(|| super::samples::rounding_note(&samples));
-    let rounded = rounded.flatten();
-    let labels = match (&rounded, exact) {
+    let note = is_wide_integer.then(|| super::samples::rounding_note(&samples));
+    let note = note.flatten();
+    let labels = match (&note, exact) {
         (Some(_), Some(collector)) => Some(collector.finish()),
         _ => None,
     };
-    notes.extend(rounded);
+    notes.extend(note);
     let dims = [nx as usize, ny as usize, pages];
     let mut image = Image::new(dims, samples, Geometry::default());
     image.labels = labels.filter(|labels| labels.indices.len() == image.samples.len());
@@ -177,14 +179,15 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
     })
 }
 
-/// The distance of samples along x, y and z.
+/// Distance between samples along x, y and z.
 struct StackSpacing {
     steps: [f64; 3],
     units: [String; 3],
 }
 
-/// Returns the spacing that ImageJ or an OME-TIFF gives, and which of them does. Along x and y ImageJ has it in
-/// TIFF's `resolution`, samples in a unit, which mean nothing without the unit in its description.
+/// Returns the spacing in the metadata of ImageJ or OME-TIFF, and which of the two it is. ImageJ
+/// stores the spacing along x and y in the TIFF tag `resolution`, in samples per unit; the unit is
+/// in its description.
 fn stack_spacing(
     description: &str,
     resolution: [Option<f64>; 2],
@@ -214,17 +217,21 @@ fn stack_spacing(
         if element.local_name().as_ref() != "Pixels" {
             continue;
         }
-        let said = |name: String| {
+        let attribute_text = |name: String| {
             let attribute = element.try_get_attribute(name.as_str()).ok().flatten();
             attribute.map(|a| a.value.trim().to_string())
         };
-        let step = |axis: &str| said(format!("PhysicalSize{axis}"))?.parse::<f64>().ok();
-        let unit = |axis: &str| match said(format!("PhysicalSize{axis}Unit")) {
+        let step = |axis: &str| {
+            attribute_text(format!("PhysicalSize{axis}"))?
+                .parse::<f64>()
+                .ok()
+        };
+        let unit = |axis: &str| match attribute_text(format!("PhysicalSize{axis}Unit")) {
             Some(unit) => length_unit(&unit).map(String::from),
             None => Some("um".to_string()),
         };
         let (x, y) = (step("X")?, step("Y")?);
-        // A single plane has no distance to the next.
+        // A single plane has no spacing along z.
         let steps = [x, y, step("Z").unwrap_or(x)];
         let units = [unit("X")?, unit("Y")?, unit("Z")?];
         return valid(steps).then_some((StackSpacing { steps, units }, "OME"));
@@ -242,12 +249,12 @@ fn add_integers(page: &DecodingResult, count: usize, collector: &mut LabelCollec
     }
 }
 
-/// What ImageJ or an OME-TIFF says of a stack in the description of its first page.
+/// Layout of a stack as ImageJ or OME-TIFF describe it in the first page.
 #[derive(Default)]
 struct StackInfo {
-    /// Planes in the file.
+    /// Number of planes in the file.
     planes: usize,
-    /// Images, each a stack of its own.
+    /// Number of images, each a stack of its own.
     images: usize,
     channels: usize,
     slices: usize,
@@ -255,7 +262,8 @@ struct StackInfo {
 }
 
 impl StackInfo {
-    /// `None` if the words are neither's. `per_page` is the number of channels in a page.
+    /// Parses a description; returns `None` if it is neither of ImageJ nor of OME-TIFF. `per_page`
+    /// is the number of channels in a page.
     fn parse(description: &str, per_page: usize) -> Option<Self> {
         if description.starts_with("ImageJ=") {
             return Some(Self::parse_imagej(description));
@@ -278,7 +286,8 @@ impl StackInfo {
         }
     }
 
-    /// Its elements `Pixels` say how many planes there are of each kind, one element an image.
+    /// Parses the XML of OME. Each element `Pixels` is an image and gives the number of its planes
+    /// of each kind.
     fn parse_ome(description: &str, per_page: usize) -> Option<Self> {
         let mut stack = Self::default();
         let mut reader = Reader::from_str(description);
@@ -299,7 +308,7 @@ impl StackInfo {
             };
             stack.images += 1;
             if stack.images == 1 {
-                // The channels of a page are its colours.
+                // The channels within a page are its colours.
                 stack.channels = count("SizeC").unwrap_or(1) / per_page.max(1);
                 stack.slices = count("SizeZ").unwrap_or(1);
                 stack.time_points = count("SizeT").unwrap_or(1);
@@ -309,7 +318,8 @@ impl StackInfo {
         (stack.images > 0).then_some(stack)
     }
 
-    /// Why a file of so many pages is not one volume, if so, and what to do.
+    /// Returns the problem and the remedy if a file with this number of pages is not a single
+    /// volume.
     fn find_problem(&self, pages: usize) -> Option<(String, &'static str)> {
         let kinds = [
             (self.images, "images"),
@@ -317,21 +327,25 @@ impl StackInfo {
             (self.time_points, "times"),
         ];
         let several = kinds.iter().filter(|(count, _)| *count > 1);
-        let several: Vec<String> = several.map(|(count, of)| format!("{count} {of}")).collect();
+        let several: Vec<String> = several
+            .map(|(count, name)| format!("{count} {name}"))
+            .collect();
         if !several.is_empty() {
             let (several, slices) = (several.join(" and "), self.slices);
-            let each = if slices > 1 {
+            let slices_text = if slices > 1 {
                 format!(", each of {slices} slices")
             } else {
                 String::new()
             };
             return Some((
-                format!("holds {several}{each}, so its pages are not the planes of one volume"),
-                "write one channel at one time to a file, e.g. in Python with tifffile (and if \
-                 these are slices in truth, tell ImageJ in Image > Properties)",
+                format!(
+                    "holds {several}{slices_text}, so its pages are not the planes of one volume"
+                ),
+                "write one channel at one time to a file, e.g. in Python with tifffile (if \
+                 these are really slices, correct this in ImageJ under Image > Properties)",
             ));
         }
-        // Beyond 4 GB ImageJ writes one page, and the other planes behind it without any.
+        // Files beyond 4 GB have one page in ImageJ, and the other planes follow it without pages.
         let planes = self.planes;
         (pages == 1 && planes > 1).then(|| {
             let problem = format!("holds {planes} planes, of which only the first is a page");
@@ -343,20 +357,21 @@ impl StackInfo {
     }
 }
 
-/// Adds a page's samples of fewer than eight bits; each row begins with a byte, the highest bits first.
+/// Adds the samples of a page with fewer than eight bits per sample. Each row begins at a byte, and
+/// the highest bits come first.
 pub fn add_bits(bytes: &[u8], bits: u8, nx: usize, count: usize, samples: &mut Vec<f32>) {
     let (bits, mask) = (usize::from(bits), (1u8 << bits) - 1);
     let row = (nx * bits).div_ceil(8);
-    let whole = bytes.chunks_exact(row.max(1)).take(count / nx.max(1));
-    for row in whole {
+    let rows = bytes.chunks_exact(row.max(1)).take(count / nx.max(1));
+    for row in rows {
         let value = |x: usize| row[x * bits / 8] >> (8 - bits - x * bits % 8) & mask;
         samples.extend((0..nx).map(|x| f32::from(value(x))));
     }
 }
 
-/// Adds a page's samples; of colours their luminance, of transparency nothing.
+/// Adds the samples of a page. Colours become luminance, and transparency is dropped.
 fn add_page(page: DecodingResult, channels: usize, count: usize, samples: &mut Vec<f32>) {
-    let mut each = |values: &mut dyn Iterator<Item = f32>| {
+    let mut add = |values: &mut dyn Iterator<Item = f32>| {
         if channels == 1 {
             samples.extend(values.take(count));
             return;
@@ -372,17 +387,17 @@ fn add_page(page: DecodingResult, channels: usize, count: usize, samples: &mut V
         samples.extend(values.chunks_exact(channels).map(value));
     };
     match page {
-        DecodingResult::U8(v) => each(&mut v.into_iter().map(f32::from)),
-        DecodingResult::U16(v) => each(&mut v.into_iter().map(f32::from)),
-        DecodingResult::U32(v) => each(&mut v.into_iter().map(|x| x as f32)),
-        DecodingResult::U64(v) => each(&mut v.into_iter().map(|x| x as f32)),
-        DecodingResult::I8(v) => each(&mut v.into_iter().map(f32::from)),
-        DecodingResult::I16(v) => each(&mut v.into_iter().map(f32::from)),
-        DecodingResult::I32(v) => each(&mut v.into_iter().map(|x| x as f32)),
-        DecodingResult::I64(v) => each(&mut v.into_iter().map(|x| x as f32)),
-        DecodingResult::F16(v) => each(&mut v.into_iter().map(f32::from)),
-        DecodingResult::F32(v) => each(&mut v.into_iter()),
-        DecodingResult::F64(v) => each(&mut v.into_iter().map(|x| x as f32)),
+        DecodingResult::U8(v) => add(&mut v.into_iter().map(f32::from)),
+        DecodingResult::U16(v) => add(&mut v.into_iter().map(f32::from)),
+        DecodingResult::U32(v) => add(&mut v.into_iter().map(|x| x as f32)),
+        DecodingResult::U64(v) => add(&mut v.into_iter().map(|x| x as f32)),
+        DecodingResult::I8(v) => add(&mut v.into_iter().map(f32::from)),
+        DecodingResult::I16(v) => add(&mut v.into_iter().map(f32::from)),
+        DecodingResult::I32(v) => add(&mut v.into_iter().map(|x| x as f32)),
+        DecodingResult::I64(v) => add(&mut v.into_iter().map(|x| x as f32)),
+        DecodingResult::F16(v) => add(&mut v.into_iter().map(f32::from)),
+        DecodingResult::F32(v) => add(&mut v.into_iter()),
+        DecodingResult::F64(v) => add(&mut v.into_iter().map(|x| x as f32)),
     }
 }
 
@@ -397,7 +412,7 @@ mod tests {
             add_bits(bytes, bits, nx, count, &mut samples);
             samples
         };
-        // Two rows each, the second from a byte of its own on.
+        // Two rows each; the second row begins at a byte of its own.
         assert_eq!(
             unpacked(&[0b1010_0000, 0b0110_0000], 1, 3, 6),
             [1., 0., 1., 0., 1., 1.]
@@ -410,7 +425,7 @@ mod tests {
             unpacked(&[0xab, 0xc0, 0x12, 0x30], 4, 3, 6),
             [10., 11., 12., 1., 2., 3.]
         );
-        // What is missing is for the caller to see.
+        // The function adds nothing if data are missing; the caller detects that.
         assert_eq!(unpacked(&[0xab], 4, 3, 6), [0.; 0]);
     }
     use tiff::encoder::{
@@ -433,21 +448,22 @@ mod tests {
             }
             read(&path).map(|loaded| loaded.image.dims())
         };
-        let refusal = |pages, words: &str| read_stack(pages, words).unwrap_err().to_string();
-        let said = refusal(
+        let refusal =
+            |pages, description: &str| read_stack(pages, description).unwrap_err().to_string();
+        let message = refusal(
             12,
             "ImageJ=1.11a\nimages=12\nchannels=2\nslices=3\nframes=2\n",
         );
-        let all = "a.tif: holds 2 channels and 2 times, each of 3 slices";
-        assert!(said.contains(all), "{said}");
-        let said = refusal(6, "ImageJ=1.11a\nimages=6\nslices=3\nframes=2\n");
-        assert!(said.contains("holds 2 times, each of 3"), "{said}");
-        let said = refusal(4, "ImageJ=1.53t\nimages=4\nframes=4\n");
-        assert!(said.contains("holds 4 times, so"), "{said}");
-        let said = refusal(1, "ImageJ=1.53t\nimages=5\nslices=5\n");
-        assert!(said.contains("a.tif: holds 5 planes"), "{said}");
-        for words in ["ImageJ=1.53t\nimages=4\nslices=4\n", "a rock, channels=2"] {
-            assert_eq!(read_stack(4, words).unwrap(), [3, 2, 4]);
+        let expected = "a.tif: holds 2 channels and 2 times, each of 3 slices";
+        assert!(message.contains(expected), "{message}");
+        let message = refusal(6, "ImageJ=1.11a\nimages=6\nslices=3\nframes=2\n");
+        assert!(message.contains("holds 2 times, each of 3"), "{message}");
+        let message = refusal(4, "ImageJ=1.53t\nimages=4\nframes=4\n");
+        assert!(message.contains("holds 4 times, so"), "{message}");
+        let message = refusal(1, "ImageJ=1.53t\nimages=5\nslices=5\n");
+        assert!(message.contains("a.tif: holds 5 planes"), "{message}");
+        for description in ["ImageJ=1.53t\nimages=4\nslices=4\n", "a rock, channels=2"] {
+            assert_eq!(read_stack(4, description).unwrap(), [3, 2, 4]);
         }
     }
 
@@ -459,7 +475,7 @@ mod tests {
             let pixels = images.iter().map(|[z, c, t]| {
                 format!("<Image ID=\"Image:0\"><Pixels DimensionOrder=\"XYZCT\" SizeC=\"{c}\" SizeT=\"{t}\" SizeX=\"3\" SizeY=\"2\" SizeZ=\"{z}\" Type=\"uint8\"><TiffData/></Pixels></Image>")
             });
-            let words = format!(
+            let description = format!(
                 "<?xml version=\"1.0\"?><!-- not by hand --><OME xmlns=\"http://www.openmicroscopy.org/Schemas/OME/2016-06\">{}</OME>",
                 pixels.collect::<String>()
             );
@@ -468,13 +484,13 @@ mod tests {
                 let mut page = encoder.new_image::<RGB8>(3, 2).unwrap();
                 if number == 0 {
                     let tag = Tag::ImageDescription;
-                    page.encoder().write_tag(tag, words.as_str()).unwrap();
+                    page.encoder().write_tag(tag, description.as_str()).unwrap();
                 }
                 page.write_data(&[7; 18]).unwrap();
             }
             read(&path).map(|loaded| loaded.image.dims())
         };
-        // Three channels are the colours of each page.
+        // The three channels are the colours of each page.
         assert_eq!(write(4, &[[4, 3, 1]]).unwrap(), [3, 2, 4]);
         assert_eq!(write(4, &[[4, 1, 1]]).unwrap(), [3, 2, 4]);
         let refusals = [
@@ -483,9 +499,9 @@ mod tests {
             (6, vec![[1, 6, 3]], "holds 2 channels and 3 times, so"),
             (2, vec![[1, 3, 1]; 2], "holds 2 images, so"),
         ];
-        for (pages, images, words) in refusals {
-            let said = write(pages, &images).unwrap_err().to_string();
-            assert!(said.contains(words), "{said}");
+        for (pages, images, expected) in refusals {
+            let message = write(pages, &images).unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
         }
     }
 }

@@ -1,8 +1,8 @@
 //! VTK image data (`.vti`, legacy `.vtk`): origin, spacing and direction in full double precision.
 //!
-//! VTK maps index (i, j, k) to `Origin + Direction * (Spacing * index)`: column k of `Direction`
-//! is the unit step along axis k. Units and names of axes, which VTK has no place for, are kept in
-//! field data where they are not the default.
+//! VTK maps index (i, j, k) to `Origin + Direction * (Spacing * index)`: column k of `Direction` is
+//! the unit step along axis k. VTK has no place for units and names of axes; they are stored in
+//! field data unless they are the defaults.
 
 use std::path::Path;
 use std::str::FromStr;
@@ -14,21 +14,22 @@ use crate::files::vtk::xml::Element;
 use crate::files::vtk::{ArraySource, Document, VtkFile};
 use crate::image::{ExactLabels, Geometry, Image};
 
-/// Reads the image of a `.vti` file: the active scalars of its points or, where it has none, the
-/// first array; those of its cells where points have none, as samples in the middle of cells; and a warning if its integers were rounded.
+/// Reads the image of a `.vti` file, and a warning if its integers were rounded. The samples are
+/// the active scalars of the points, or the first array of the points if none is active. If the
+/// points have no data, the data of the cells are used, as samples in the centres of cells.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) if it is no such file, damaged, or holds no 3-D scalars on
-/// points or cells.
+/// Returns an [`Error::Io`](crate::Error::Io) if the file is not VTK image data, is damaged, or
+/// holds no 3-D scalars on points or cells.
 pub fn read(path: &Path) -> Result<(Image<3>, Option<String>)> {
     let file = VtkFile::read(path, "ImageData")?;
     let data_set = file.data_set();
     let piece = file.piece()?;
-    let whole: [i64; 6] = parse_attribute(&file, data_set, "WholeExtent")?;
+    let whole_extent: [i64; 6] = parse_attribute(&file, data_set, "WholeExtent")?;
     let extent: [i64; 6] = parse_attribute(&file, piece, "Extent")?;
-    if whole != extent {
+    if whole_extent != extent {
         return Err(file.error(
-            format!("holds the part {extent:?} of {whole:?}"),
+            format!("holds the part {extent:?} of {whole_extent:?}"),
             "write the whole image",
         ));
     }
@@ -43,11 +44,11 @@ pub fn read(path: &Path) -> Result<(Image<3>, Option<String>)> {
         count = count.saturating_mul(dims[k]);
     }
 
-    let or = |name: &str, default: f64| match data_set.attribute(name) {
+    let vector_or = |name: &str, default: f64| match data_set.attribute(name) {
         None => Ok([default; 3]),
         Some(_) => parse_attribute(&file, data_set, name),
     };
-    let (origin, spacing) = (or("Origin", 0.0)?, or("Spacing", 1.0)?);
+    let (origin, spacing) = (vector_or("Origin", 0.0)?, vector_or("Spacing", 1.0)?);
     let direction: [f64; 9] = match data_set.attribute("Direction") {
         None => [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
         Some(_) => parse_attribute(&file, data_set, "Direction")?,
@@ -57,7 +58,7 @@ pub fn read(path: &Path) -> Result<(Image<3>, Option<String>)> {
         axes,
         ..Geometry::default()
     };
-    // The first sample has the index of the extent's low end.
+    // The first sample has the index of the low end of the extent.
     geometry.origin = origin;
     geometry.origin = geometry.to_physical(std::array::from_fn(|k| extent[2 * k] as f64));
     if let Some(fields) = data_set.child("FieldData") {
@@ -85,7 +86,7 @@ pub fn read(path: &Path) -> Result<(Image<3>, Option<String>)> {
     let element = match (scalars("PointData"), scalars("CellData")) {
         (Some(on_points), _) => on_points,
         (None, Some(on_cells)) => {
-            // A sample stands in the middle of its cell.
+            // A sample of cell data lies in the centre of its cell.
             let middle = dims.map(|n| if n > 1 { 0.5 } else { 0.0 });
             geometry.origin = geometry.to_physical(middle);
             dims = dims.map(|n| (n.max(2)) - 1);
@@ -118,12 +119,12 @@ pub fn read(path: &Path) -> Result<(Image<3>, Option<String>)> {
             "write it again",
         ));
     }
-    let wide = matches!(
+    let is_wide = matches!(
         array.values.type_name(),
         "Int32" | "UInt32" | "Int64" | "UInt64"
     );
     let samples = array.values.to_f32();
-    let note = wide.then(|| samples::rounding_note(&samples)).flatten();
+    let note = is_wide.then(|| samples::rounding_note(&samples)).flatten();
     let mut image = Image::new(dims, samples, geometry);
     if note.is_some() {
         image.labels = array.values.to_integers().map(ExactLabels::from_integers);
@@ -131,7 +132,7 @@ pub fn read(path: &Path) -> Result<(Image<3>, Option<String>)> {
     Ok((image, note))
 }
 
-/// An attribute of exactly `N` numbers.
+/// Parses an attribute of exactly `N` numbers.
 fn parse_attribute<T: FromStr, const N: usize>(
     file: &VtkFile,
     element: &Element,
@@ -144,20 +145,20 @@ fn parse_attribute<T: FromStr, const N: usize>(
     })
 }
 
-/// Field data that holds the names of the axes, a line each.
+/// Name of the field data that holds the names of the axes, one per line.
 const AXIS_NAMES: &str = "axis_names";
-/// Field data that holds the units of the physical coordinates, a line each.
+/// Name of the field data that holds the units of the physical coordinates, one per line.
 const UNITS: &str = "units";
 
 /// Writes an image as point data named `array_name`.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) if the file cannot be written.
+/// Returns an [`Error::Io`](crate::Error::Io) if the file cannot be written.
 pub fn write(path: &Path, image: &Image<3>, array_name: &str) -> Result<()> {
     let dims = image.dims();
     let extent = dims.map(|n| format!("0 {}", n as i64 - 1)).join(" ");
     let spacing = image.geometry.spacing();
-    // A zero step has no direction; VTK needs one.
+    // VTK needs a direction even where the step is zero.
     let direction = |c: usize, k: usize| match spacing[k] {
         0.0 => f64::from(u8::from(c == k)),
         s => image.geometry.axes[k][c] / s,
@@ -190,7 +191,7 @@ pub fn write(path: &Path, image: &Image<3>, array_name: &str) -> Result<()> {
     atomic_write(path, |out| document.write(out))
 }
 
-/// The shortest text that reads back as the same numbers.
+/// Returns the shortest text that reads back as the same numbers.
 fn format_exact(numbers: &[f64]) -> String {
     let words: Vec<String> = numbers.iter().map(|n| format!("{n:?}")).collect();
     words.join(" ")
@@ -217,14 +218,14 @@ mod tests {
         for variant in VARIANTS {
             let image = read(&fixture(&format!("{variant}.vti"))).unwrap().0;
             assert_eq!(image.dims(), [3, 2, 2], "{variant}");
-            let want: Vec<f32> = (-5..7).map(|i| i as f32).collect();
-            assert_eq!(image.as_slice(), want, "{variant}");
+            let expected: Vec<f32> = (-5..7).map(|i| i as f32).collect();
+            assert_eq!(image.as_slice(), expected, "{variant}");
             assert_eq!(
                 image.geometry.origin,
                 [612345.678, -1e-7, 3.25],
                 "{variant}"
             );
-            // Axis x points along physical y, axis y along physical -x.
+            // Axis x points along physical y, and axis y along physical -x.
             let axes = [[0.0, 12.5, 0.0], [-25.0, 0.0, 0.0], [0.0, 0.0, 4.0]];
             assert_eq!(image.geometry.axes, axes, "{variant}");
         }
@@ -235,8 +236,8 @@ mod tests {
         for name in ["legacy_ascii.vtk", "legacy_binary.vtk"] {
             let image = read(&fixture(name)).unwrap().0;
             assert_eq!(image.dims(), [3, 2, 2], "{name}");
-            let want: Vec<f32> = (-5..7).map(|i| i as f32).collect();
-            assert_eq!(image.as_slice(), want, "{name}");
+            let expected: Vec<f32> = (-5..7).map(|i| i as f32).collect();
+            assert_eq!(image.as_slice(), expected, "{name}");
             assert_eq!(image.geometry.origin, [612345.678, -1e-7, 3.25], "{name}");
             assert_eq!(image.geometry.spacing(), [12.5, 25.0, 4.0], "{name}");
         }
@@ -262,7 +263,7 @@ mod tests {
         {
             assert!((a - b).abs() <= 2.0 * f64::EPSILON * b.abs(), "{a} != {b}");
         }
-        // Along the physical axes nothing is rounded.
+        // The geometry is exact if the axes are parallel to the physical axes.
         let straight = Image::new(
             [2, 3, 4],
             vec![1.5; 24],
@@ -278,10 +279,10 @@ mod tests {
         let path = folder.path().join("deep.vti");
         for count in [100, 300_000] {
             let (open, close) = ("<a>".repeat(count), "</a>".repeat(count));
-            let file = |inside: &str| {
-                format!("<VTKFile type=\"ImageData\"><ImageData>{inside}</ImageData></VTKFile>")
+            let file = |content: &str| {
+                format!("<VTKFile type=\"ImageData\"><ImageData>{content}</ImageData></VTKFile>")
             };
-            // Closed, and cut off in the middle.
+            // One text is complete, the other is truncated in the middle.
             for text in [file(&format!("{open}{close}")), file(&open)] {
                 std::fs::write(&path, text).unwrap();
                 let error = read(&path).unwrap_err().to_string();
@@ -296,29 +297,38 @@ mod tests {
         let path = folder.path().join("a.vti");
         write(&path, &oblique_image(), "s").unwrap();
         let good = std::fs::read(&path).unwrap();
-        // Cut anywhere before the end of the data, it is never read, and never panics.
+        // A file that is truncated before the end of the data is never read, and never causes a
+        // panic.
         let data_end = good.len() - "\n  </AppendedData>\n</VTKFile>\n".len();
         for end in (0..data_end).step_by(7).chain([data_end - 1]) {
             std::fs::write(&path, &good[..end]).unwrap();
             assert!(read(&path).is_err(), "cut at {end}");
         }
-        let text = |from: &str, to: &str| {
+        let error_after_replacing = |old: &str, new: &str| {
             let at = good
-                .windows(from.len())
-                .position(|w| w == from.as_bytes())
+                .windows(old.len())
+                .position(|w| w == old.as_bytes())
                 .unwrap();
-            let bytes = [&good[..at], to.as_bytes(), &good[at + from.len()..]].concat();
+            let bytes = [&good[..at], new.as_bytes(), &good[at + old.len()..]].concat();
             std::fs::write(&path, bytes).unwrap();
             read(&path).unwrap_err().to_string()
         };
-        assert!(text("type=\"ImageData\"", "type=\"PolyData\"").contains("holds PolyData"));
-        assert!(text("WholeExtent=\"0 4", "WholeExtent=\"0 5").contains("holds the part"));
-        assert!(text("Origin=\"612345.678", "Origin=\"x").contains("Origin"));
-        assert!(text("Direction=\"", "Direction=\"1 ").contains("10 numbers, not 9"));
-        assert!(text("Float32", "Float33").contains("unknown type Float33"));
-        assert!(text("UInt64", "UInt16").contains("UInt16"));
-        assert!(text("vtkZLib", "vtkLZMA").contains("does not decompress"));
-        assert!(text("vtkZLib", "vtkZip").contains("vtkZipDataCompressor"));
+        assert!(
+            error_after_replacing("type=\"ImageData\"", "type=\"PolyData\"")
+                .contains("holds PolyData")
+        );
+        assert!(
+            error_after_replacing("WholeExtent=\"0 4", "WholeExtent=\"0 5")
+                .contains("holds the part")
+        );
+        assert!(error_after_replacing("Origin=\"612345.678", "Origin=\"x").contains("Origin"));
+        assert!(
+            error_after_replacing("Direction=\"", "Direction=\"1 ").contains("10 numbers, not 9")
+        );
+        assert!(error_after_replacing("Float32", "Float33").contains("unknown type Float33"));
+        assert!(error_after_replacing("UInt64", "UInt16").contains("UInt16"));
+        assert!(error_after_replacing("vtkZLib", "vtkLZMA").contains("does not decompress"));
+        assert!(error_after_replacing("vtkZLib", "vtkZip").contains("vtkZipDataCompressor"));
         let none = read(&folder.path().join("none.vti"))
             .unwrap_err()
             .to_string();

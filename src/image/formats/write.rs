@@ -1,4 +1,4 @@
-//! Images to files, in the format that the ending names: whole, or part by part.
+//! Writes images in the format that the ending of the path names, at once or in parts.
 
 use std::path::Path;
 
@@ -13,15 +13,16 @@ use crate::image::{Geometry, Image};
 /// Writes an image in the format that the ending of `path` names.
 ///
 /// # Errors
-/// [`Error::Io`] if the ending is unknown or the file cannot be written.
+/// Returns an [`Error::Io`] if the ending is unknown or the file cannot be written.
 pub fn write<const D: usize>(path: &Path, image: &Image<D>) -> Result<()> {
     write_survey(path, image, None)
 }
 
-/// The same of a survey, whose line numbers are written where the format has a place for them.
+/// Writes an image as [`write`] does, with the line numbers of a survey where the format supports
+/// them.
 ///
 /// # Errors
-/// As [`write`].
+/// Returns the errors of [`write`].
 pub(crate) fn write_survey<const D: usize>(
     path: &Path,
     image: &Image<D>,
@@ -35,7 +36,7 @@ pub(crate) fn write_survey<const D: usize>(
         ("cps3", 2) => grids::write(path, image, ImageFormat::Cps3),
         ("png", 2) => png::write(path, &image.to_3d().flatten()),
         (ending, _) if STREAMED_EXTENSIONS.contains(&ending) => {
-            let whole = StreamedImage {
+            let streamed = StreamedImage {
                 dims: image.dims(),
                 geometry: &image.geometry,
                 missing: &image.missing,
@@ -43,7 +44,7 @@ pub(crate) fn write_survey<const D: usize>(
                 sample_type: SampleType::F32,
                 slabs: image,
             };
-            whole.write(path)
+            streamed.write(path)
         }
         (other, _) => Err(Error::Io(cause(
             path.display(),
@@ -56,36 +57,36 @@ pub(crate) fn write_survey<const D: usize>(
     }
 }
 
-/// Endings of the formats that are written part by part, of images that may be larger than memory.
+/// Endings of the formats that are written in parts, so that images may be larger than memory.
 const STREAMED_EXTENSIONS: [&str; 7] = ["npy", "raw", "bin", "nii", "nii.gz", "nrrd", "zarr"];
 
-/// Whether what this ending names is written part by part.
+/// Returns `true` if the format of this ending is written in parts.
 #[cfg(feature = "cli")]
 pub(crate) fn can_stream(path: &Path) -> bool {
     STREAMED_EXTENSIONS.contains(&extension(path).as_str())
 }
 
-/// An image to be written part by part.
+/// An image that is written in parts.
 pub(crate) struct StreamedImage<'a, const D: usize> {
-    /// Samples along each axis, x first.
+    /// Number of samples along each axis, x first.
     pub dims: [usize; D],
-    /// Where they lie.
+    /// Position of the samples in the world.
     pub geometry: &'a Geometry<D>,
-    /// Which rows hold no data, as [`Image::missing`] has it.
+    /// Flags of rows that hold no data, as in [`Image::missing`].
     pub missing: &'a [bool],
     /// Numbers of the inlines and crosslines of a survey.
     pub line_numbers: Option<[LineNumbers; 2]>,
-    /// The type that holds them, where it is known.
+    /// Type of the samples, where it is known.
     pub sample_type: SampleType,
-    /// The samples.
+    /// Source of the samples.
     pub slabs: &'a dyn SlabSource,
 }
 
 impl<const D: usize> StreamedImage<'_, D> {
-    /// Writes it, in one of the formats that [`can_stream`] knows.
+    /// Writes the image in one of the formats for which [`can_stream`] returns `true`.
     ///
     /// # Errors
-    /// As [`write`].
+    /// Returns the errors of [`write`].
     pub fn write(&self, path: &Path) -> Result<()> {
         match extension(path).as_str() {
             "npy" => npy::write(path, &self.dims, self.slabs),

@@ -1,4 +1,4 @@
-//! Seismic amplitude: folded layers, thrown by faults, convolved with a wavelet.
+//! Seismic amplitude: folded layers, displaced by faults, convolved with a wavelet.
 
 use super::Options;
 use super::surface::ImplicitSurface;
@@ -9,19 +9,21 @@ use std::f64::consts::{PI, TAU};
 
 /// Peak frequency of the Ricker wavelet, in cycles per sample.
 const WAVELET_FREQUENCY: f64 = 0.08;
-/// Faults flatter than this (degrees) slip along the layers and throw none.
+/// Smallest dip, in degrees, of faults that displace layers. Flatter faults slip along the layers.
 const MIN_FAULT_DIP: f64 = 40.0;
-/// Layers thrown by less than this (samples) look whole: a sixth of the wavelet's period.
+/// Smallest throw, in samples, that is visible: a sixth of the period of the wavelet.
 const MIN_VISIBLE_THROW: f32 = 2.0;
-/// Knots of the table of layers, a sample.
+/// Knots per sample in the table of layers.
 const KNOTS_PER_SAMPLE: f64 = 8.0;
 
-/// Folded layers thrown by faults. `sides` has one bit a fault: the layers on a fault's positive side
-/// are thrown along x by 4 to 12 samples, varying along the fault; where it has a rim the throw tapers out
-/// towards that and away from the fault. Throws of faults that meet add up, or cancel each other.
+/// Folded layers displaced by faults.
 ///
-/// The depth of a sample before folding and faulting is
-/// `w = x + fold(y, z) (1/2 + x / nx) + sum of throws`.
+/// `sides` has one bit per fault. The layers on the positive side of a fault are displaced along x
+/// by 4 to 12 samples, varying along the fault. If the fault has a rim, the throw tapers out
+/// towards the rim and away from the fault. Throws of faults that meet add up or cancel.
+///
+/// The depth of a sample before folding and faulting is `w = x + fold(y, z) (1/2 + x / nx) + sum of
+/// throws`.
 struct FoldedLayers<'a> {
     dims: [usize; 3],
     sides: &'a [u32],
@@ -39,12 +41,13 @@ impl<'a> FoldedLayers<'a> {
         dims: [usize; 3],
     ) -> Self {
         let [_, ny, nz] = dims;
-        let flattest = MIN_FAULT_DIP.to_radians().cos();
+        let max_normal_x = MIN_FAULT_DIP.to_radians().cos();
         let throw = |fault: &ImplicitSurface| {
             let throw = Throw::new(random);
-            match fault.mean_normal()[0].abs() <= flattest {
-                true => throw,
-                false => Throw { mean: 0.0, ..throw },
+            if fault.mean_normal()[0].abs() <= max_normal_x {
+                throw
+            } else {
+                Throw { mean: 0.0, ..throw }
             }
         };
         let throws: Vec<Throw> = faults.iter().map(throw).collect();
@@ -71,13 +74,14 @@ impl<'a> FoldedLayers<'a> {
         }
     }
 
-    /// How far folds and throws may shift a layer.
+    /// Returns an upper bound of the displacement of a layer by folds and throws.
     fn max_shift(&self) -> f64 {
         let folds = self.folds.iter().map(|f| 1.5 * f[0]);
         folds.sum::<f64>() + 17.0 * self.faults.len() as f64
     }
 
-    /// The depths of samples `-margin..depths.len() - margin` of a row along x.
+    /// Computes the depths before folding and faulting of samples `-margin..depths.len() - margin`
+    /// of a row along x.
     fn depths(&self, row: usize, margin: usize, depths: &mut [f64]) {
         let [nx, ny, _] = self.dims;
         let (y, z) = ((row % ny) as f64, (row / ny) as f64);
@@ -92,25 +96,26 @@ impl<'a> FoldedLayers<'a> {
             // A throw that tapers out changes from sample to sample.
             if side != last || self.has_tapers && side != 0 {
                 let p = [x.clamp(0.0, (nx - 1) as f64), y, z];
-                let thrown = (0..self.faults.len()).filter(|k| side >> k & 1 == 1);
-                shift = thrown
+                let shifting_faults = (0..self.faults.len()).filter(|k| side >> k & 1 == 1);
+                shift = shifting_faults
                     .map(|k| self.throws[k].shift_at(y, z) * self.faults[k].throw_share(p))
                     .sum();
                 last = side;
             }
-            // Folding is not continued beyond the box, so that w stays within the layers.
+            // Folding does not continue beyond the box, so that w stays within the layers.
             let stretch = 0.5 + x.clamp(0.0, nx as f64) / nx as f64;
             *depth = x + fold * stretch + shift;
         }
     }
 }
 
-/// What the layers of an amplitude are made with.
+/// Returns the random numbers for the layers of an amplitude image.
 fn layer_random(options: &Options) -> Random {
     Random::for_purpose(options.seed, 0xa3b1)
 }
 
-/// How deep each sample of [`amplitude`] was before folding and faulting: the same all along a reflector.
+/// Returns the depth of each sample of [`amplitude`] before folding and faulting. It is constant
+/// along a reflector.
 pub(super) fn depths(sides: &[u32], faults: &[ImplicitSurface], options: &Options) -> Vec<f32> {
     let folded = FoldedLayers::new(&mut layer_random(options), sides, faults, options.dims);
     let nx = options.dims[0];
@@ -128,40 +133,41 @@ pub(super) fn depths(sides: &[u32], faults: &[ImplicitSurface], options: &Option
     samples
 }
 
-/// Marks in `next` (see [`Truth::draw_next`]) what nobody can see of the faults: where they throw the layers by less
-/// than [`MIN_VISIBLE_THROW`] samples, as throws of faults that meet may cancel each other.
+/// Marks the invisible parts of faults in `next_feature` (see [`Truth::next_feature`]): where the
+/// layers are displaced by less than [`MIN_VISIBLE_THROW`] samples, because throws of faults that
+/// meet may cancel.
 pub(super) fn mark_invisible_faults(
-    next: &mut [[f32; 2]],
+    entry: &mut [[f32; 2]],
     truth: &Truth,
     sides: &[u32],
     faults: &[ImplicitSurface],
     options: &Options,
 ) {
     let depths = depths(sides, faults, options);
-    // What a layer is shifted by beside the fault: depth less the sample's own.
+    // Displacement of the layer at a position: its original depth minus its present depth.
     let shift = |p: [f32; 3]| {
-        let at: [usize; 3] =
+        let index: [usize; 3] =
             std::array::from_fn(|k| (p[k].round().max(0.0) as usize).min(truth.dims[k] - 1));
-        depths[truth.sample_index(at)] - at[0] as f32
+        depths[truth.sample_index(index)] - index[0] as f32
     };
-    next.par_iter_mut().enumerate().for_each(|(i, next)| {
+    entry.par_iter_mut().enumerate().for_each(|(i, next)| {
         if truth.distance[i] < 0.5 {
-            let at = truth.index_of(i).map(|c| c as f32);
+            let position = truth.index_of(i).map(|c| c as f32);
             let normal = truth.direction[i];
-            let beside = |off: f32| {
+            let shift_beside = |offset: f32| {
                 shift(std::array::from_fn(|k| {
-                    at[k] + (truth.distance[i] + off) * normal[k]
+                    position[k] + (truth.distance[i] + offset) * normal[k]
                 }))
             };
-            if (beside(1.5) - beside(-1.5)).abs() < MIN_VISIBLE_THROW {
+            if (shift_beside(1.5) - shift_beside(-1.5)).abs() < MIN_VISIBLE_THROW {
                 *next = [-1.0, 90.0];
             }
         }
     });
 }
 
-/// The amplitude of folded layers thrown by faults, with rms 1: impedance is constant within a layer of
-/// w, and the trace along x is its derivative convolved with the wavelet.
+/// Returns the amplitude of folded layers displaced by faults, with rms 1. Impedance is constant
+/// within a layer of w, and the trace along x is its derivative convolved with the wavelet.
 pub(super) fn amplitude(
     sides: &[u32],
     surfaces: &[ImplicitSurface],
@@ -202,7 +208,7 @@ pub(super) fn amplitude(
     samples
 }
 
-/// How far a fault shifts the layers.
+/// Displacement of layers along a fault.
 struct Throw {
     mean: f64,
     wave: [f64; 2],
@@ -228,7 +234,8 @@ impl Throw {
     }
 }
 
-/// Layers of random thickness (3 to 9 samples) and impedance, as a table of their integral.
+/// Layers of random thickness (3 to 9 samples) and impedance, as a table of the integral of the
+/// impedance.
 struct LayerTable {
     start: f64,
     integral: Vec<f64>,
@@ -238,11 +245,11 @@ impl LayerTable {
     fn new(random: &mut Random, start: f64, end: f64) -> Self {
         let knots = ((end - start) * KNOTS_PER_SAMPLE).ceil() as usize + 2;
         let mut integral = Vec::with_capacity(knots);
-        let (mut sum, mut impedance, mut until) = (0.0, 0.0, start);
+        let (mut sum, mut impedance, mut layer_end) = (0.0, 0.0, start);
         for k in 0..knots {
-            if start + k as f64 / KNOTS_PER_SAMPLE >= until {
+            if start + k as f64 / KNOTS_PER_SAMPLE >= layer_end {
                 impedance = random.range(-1.0, 1.0);
-                until += random.range(3.0, 9.0);
+                layer_end += random.range(3.0, 9.0);
             }
             integral.push(sum);
             sum += impedance / KNOTS_PER_SAMPLE;
@@ -251,19 +258,20 @@ impl LayerTable {
     }
 
     fn integral(&self, w: f64) -> f64 {
-        let at = ((w - self.start) * KNOTS_PER_SAMPLE).clamp(0.0, (self.integral.len() - 2) as f64);
-        let k = at as usize;
-        self.integral[k] + (at - k as f64) * (self.integral[k + 1] - self.integral[k])
+        let knot =
+            ((w - self.start) * KNOTS_PER_SAMPLE).clamp(0.0, (self.integral.len() - 2) as f64);
+        let k = knot as usize;
+        self.integral[k] + (knot - k as f64) * (self.integral[k + 1] - self.integral[k])
     }
 
-    /// The mean impedance over one sample about w, which keeps thin layers from aliasing.
+    /// Returns the mean impedance over one sample about w, which keeps thin layers from aliasing.
     fn mean(&self, w: f64) -> f32 {
         (self.integral(w + 0.5) - self.integral(w - 0.5)) as f32
     }
 }
 
-/// The derivative of a Ricker wavelet (1 - 2 a) exp(-a), a = (pi f t)^2, reversed for a running
-/// product: with impedances it gives the reflectivity convolved with the wavelet.
+/// Returns the derivative of a Ricker wavelet (1 - 2 a) exp(-a), a = (pi f t)^2, reversed for a
+/// sliding product. Its product with impedances is the reflectivity convolved with the wavelet.
 fn wavelet_slope() -> Vec<f32> {
     let half = (1.3 / WAVELET_FREQUENCY).ceil() as i64;
     (-half..=half)

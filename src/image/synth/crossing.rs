@@ -12,15 +12,19 @@ use crate::parallel::prelude::*;
 const MIN_CURVATURE_RADIUS: f64 = 45.0;
 /// Largest slope of a fault against its mean plane.
 const MAX_SLOPE: f64 = 0.4;
-/// Faults closer than this to each other, in samples, must cross ...
+/// Distance, in samples, below which two faults count as crossing.
 const MIN_FAULT_DISTANCE: f64 = 10.0;
-/// ... at no less than 30 degrees: the largest cosine of the angle between their normals.
+/// Largest cosine of the angle between the normals of crossing faults: they cross at 30 degrees or
+/// more.
 const MAX_NORMAL_COSINE: f64 = 0.866;
 const MAX_ATTEMPTS: usize = 400;
 
-/// `options.count()` faults, steep against the x axis. `curving` from 0 (planes) to 1. Candidates
-/// that barely touch the box, or run close to an earlier fault at less than 30 degrees, are drawn
-/// again.
+/// Returns `options.count()` faults that are steep against the x axis. `curving` is from 0 (planes)
+/// to 1. Candidates that barely touch the box, or that are close to an earlier fault at less than
+/// 30 degrees, are drawn again.
+///
+/// # Errors
+/// Returns an [`Error::Job`] if not enough faults are found.
 pub(super) fn faults(options: &Options, curving: f64) -> Result<Vec<ImplicitSurface>> {
     let mut random = Random::for_purpose(options.seed, 0xfa17);
     let probe = ProbeGrid::new(options.dims);
@@ -58,33 +62,34 @@ pub(super) fn faults(options: &Options, curving: f64) -> Result<Vec<ImplicitSurf
     )))
 }
 
-/// A fault and a point on it.
+/// Draws a fault and a point on it.
 fn candidate(random: &mut Random, dims: [usize; 3], curving: f64) -> ([f64; 3], ImplicitSurface) {
     let extent = dims.map(|n| (n - 1) as f64);
     let centre: [f64; 3] = std::array::from_fn(|k| extent[k] * random.range(0.2, 0.8));
     let dip = random.range(55.0, 88.0).to_radians();
     let strike = random.range(0.0, std::f64::consts::TAU);
-    let flat = dims[2] == 1;
-    // In the plane a fault is a curve: a sheet that stands upright on it.
-    let normal = match flat {
-        true => [strike.cos(), strike.sin(), 0.0],
-        false => [
+    let is_2d = dims[2] == 1;
+    // A 2-D fault is a curve, represented by a surface perpendicular to the plane.
+    let normal = if is_2d {
+        [strike.cos(), strike.sin(), 0.0]
+    } else {
+        [
             dip.cos(),
             dip.sin() * strike.cos(),
             dip.sin() * strike.sin(),
-        ],
+        ]
     };
-    let size = extent.iter().sum::<f64>() / if flat { 2.0 } else { 3.0 };
+    let size = extent.iter().sum::<f64>() / if is_2d { 2.0 } else { 3.0 };
     let mut waves: Vec<Wave> = (0..3)
         .map(|_| {
             let k = std::f64::consts::TAU / (size * random.range(0.7, 1.6));
-            let mut turn = random.range(0.0, std::f64::consts::TAU);
-            if flat {
-                turn = 0.0;
+            let mut azimuth = random.range(0.0, std::f64::consts::TAU);
+            if is_2d {
+                azimuth = 0.0;
             }
-            let (sin, cos) = turn.sin_cos();
+            let (sin, cos) = azimuth.sin_cos();
             let phase = random.range(0.0, std::f64::consts::TAU);
-            // Shares of the curvature: each wave bends the sheet as much as its share.
+            // Amplitudes are relative to the curvature that each wave contributes.
             Wave {
                 amplitude: random.range(0.3, 1.0) / (k * k),
                 wave: [k * cos, k * sin],
@@ -106,7 +111,7 @@ fn candidate(random: &mut Random, dims: [usize; 3], curving: f64) -> ([f64; 3], 
 /// A coarse grid of points at which faults are compared.
 struct ProbeGrid {
     points: Vec<[f64; 3]>,
-    /// Volume of the box that a point stands for.
+    /// Volume of the box per point.
     point_volume: f64,
     min_area: f64,
 }
@@ -143,7 +148,7 @@ impl ProbeGrid {
             .collect()
     }
 
-    /// The fault's area in the box, from the volume of a layer about it.
+    /// Returns the area of a fault in the box, from the volume of a layer about it.
     fn area(&self, level: &[f32]) -> f64 {
         level
             .iter()
@@ -153,7 +158,7 @@ impl ProbeGrid {
             / (2.0 * MIN_FAULT_DISTANCE)
     }
 
-    /// Whether two faults meet at no less than 30 degrees wherever both are near.
+    /// Returns `true` if two faults cross at 30 degrees or more wherever both are near.
     fn crosses_steeply(
         &self,
         a: &ImplicitSurface,
@@ -161,14 +166,14 @@ impl ProbeGrid {
         b: &ImplicitSurface,
         lb: &[f32],
     ) -> bool {
-        let near = MIN_FAULT_DISTANCE as f32;
+        let max_level = MIN_FAULT_DISTANCE as f32;
         self.points
             .par_iter()
             .zip(la)
             .zip(lb)
             .all(|((&p, la), lb)| {
-                la.abs() >= near
-                    || lb.abs() >= near
+                la.abs() >= max_level
+                    || lb.abs() >= max_level
                     || dot(a.unit_gradient(p), b.unit_gradient(p)).abs() < MAX_NORMAL_COSINE
             })
     }

@@ -5,11 +5,12 @@ use super::truth::{MAX_DISTANCE, Truth};
 use crate::geometry::{dot, sub};
 use crate::parallel::prelude::*;
 
-/// Samples along each side of a block whose far surfaces are ruled out together.
+/// Samples along each side of a block for which distant surfaces are excluded together.
 const BLOCK_EDGE: usize = 8;
 
-/// The truth about `surfaces` and, per sample, one bit a surface: set where its level is positive
-/// (and, if the surface ends at another, on the side where it exists).
+/// Returns the truth for `surfaces` and the sides of each sample, one bit per surface. A bit is set
+/// where the level of the surface is positive (and, if the surface ends at another one, on the side
+/// where it exists).
 pub(super) fn compute_truth(surfaces: &[ImplicitSurface], dims: [usize; 3]) -> (Truth, Vec<u32>) {
     let [nx, ny, nz] = dims;
     let count = nx * ny * nz;
@@ -23,19 +24,20 @@ pub(super) fn compute_truth(surfaces: &[ImplicitSurface], dims: [usize; 3]) -> (
         .zip(sides.par_chunks_mut(slab))
         .enumerate()
         .for_each(|(k, ((distance, direction), sides))| {
-            let deep = distance.len() / (nx * ny);
+            let depth = distance.len() / (nx * ny);
             for y0 in (0..ny).step_by(BLOCK_EDGE) {
                 for x0 in (0..nx).step_by(BLOCK_EDGE) {
                     let origin = [x0, y0, k * BLOCK_EDGE];
-                    let near = NearbySurfaces::new(surfaces, origin);
-                    for z in 0..deep {
+                    let nearby = NearbySurfaces::new(surfaces, origin);
+                    for z in 0..depth {
                         for y in y0..ny.min(y0 + BLOCK_EDGE) {
                             for x in x0..nx.min(x0 + BLOCK_EDGE) {
-                                let at = (z * ny + y) * nx + x;
+                                let index = (z * ny + y) * nx + x;
                                 let p = [x as f64, y as f64, (k * BLOCK_EDGE + z) as f64];
                                 let side;
-                                (distance[at], direction[at], side) = near.query(surfaces, p);
-                                sides[at] = side;
+                                (distance[index], direction[index], side) =
+                                    nearby.query(surfaces, p);
+                                sides[index] = side;
                             }
                         }
                     }
@@ -54,54 +56,56 @@ pub(super) fn compute_truth(surfaces: &[ImplicitSurface], dims: [usize; 3]) -> (
     )
 }
 
-/// Whether a surface exists at a point of it: on its side of the one at which it ends.
-pub(super) fn exists_at(surfaces: &[ImplicitSurface], k: usize, at: [f64; 3]) -> bool {
-    surfaces[k].exists_at(|i| &surfaces[i], at)
+/// Returns `true` if surface `k` exists at a point of its level set: the point is on the valid side
+/// of the surface at which it ends.
+pub(super) fn exists_at(surfaces: &[ImplicitSurface], k: usize, point: [f64; 3]) -> bool {
+    surfaces[k].exists_at(|i| &surfaces[i], point)
 }
 
-/// For each sample within half a sample of a surface: how far the surface's closest point is from the
-/// next surface (at most [`MAX_DISTANCE`]), and at what angle that one lies there (degrees); elsewhere
-/// ([`MAX_DISTANCE`], 90). Where the surface tapers out to less than half its strength, (-1, 90).
+/// Returns, for each sample within half a sample of a surface, the distance from the closest point
+/// of the surface to the next surface (at most [`MAX_DISTANCE`]), and the angle between the two
+/// there in degrees. The value of other samples is ([`MAX_DISTANCE`], 90). Where the surface tapers
+/// out to less than half its strength, it is (-1, 90).
 pub(super) fn next_features(surfaces: &[ImplicitSurface], truth: &Truth) -> Vec<[f32; 2]> {
-    let place = |i: usize| truth.index_of(i).map(|c| c as f64);
-    let nearest = |p: [f64; 3], without: Option<usize>| {
+    let position = |i: usize| truth.index_of(i).map(|c| c as f64);
+    let nearest = |p: [f64; 3], excluded: Option<usize>| {
         let mut best: Option<(f64, usize, SurfacePoint)> = None;
         for (k, surface) in surfaces.iter().enumerate() {
-            let most = best.as_ref().map_or(f64::from(MAX_DISTANCE), |b| b.0);
-            if Some(k) == without || surface.level(p).abs() >= most * surface.max_gradient {
+            let max = best.as_ref().map_or(f64::from(MAX_DISTANCE), |b| b.0);
+            if Some(k) == excluded || surface.level(p).abs() >= max * surface.max_gradient {
                 continue;
             }
             let foot = surface.closest_point_in_rim(p);
             let gap = sub(foot.point, p);
             let d = dot(gap, gap).sqrt();
-            if d < most && exists_at(surfaces, k, foot.point) {
+            if d < max && exists_at(surfaces, k, foot.point) {
                 best = Some((d, k, foot));
             }
         }
         best
     };
-    let far = [MAX_DISTANCE, 90.0];
+    let no_next = [MAX_DISTANCE, 90.0];
     (0..truth.distance.len())
         .into_par_iter()
         .map(|i| {
             if truth.distance[i] >= 0.5 {
-                return far;
+                return no_next;
             }
-            let Some((_, k, foot)) = nearest(place(i), None) else {
-                return far;
+            let Some((_, k, foot)) = nearest(position(i), None) else {
+                return no_next;
             };
             if surfaces[k].strength(foot.point) < 0.5 {
                 return [-1.0, 90.0];
             }
-            nearest(foot.point, Some(k)).map_or(far, |(d, _, other)| {
-                let cosine = dot(other.normal, foot.normal).abs().min(1.0);
+            nearest(foot.point, Some(k)).map_or(no_next, |(d, _, next_foot)| {
+                let cosine = dot(next_foot.normal, foot.normal).abs().min(1.0);
                 [d as f32, cosine.acos().to_degrees() as f32]
             })
         })
         .collect()
 }
 
-/// The surfaces that may be within reach of a block, and the sides of the others.
+/// The surfaces that may be within reach of a block, and the sides of all other surfaces.
 struct NearbySurfaces {
     surfaces: Vec<usize>,
     sides: u32,
@@ -112,23 +116,23 @@ impl NearbySurfaces {
         let half = (BLOCK_EDGE - 1) as f64 / 2.0;
         let middle = origin.map(|o| o as f64 + half);
         let radius = f64::from(MAX_DISTANCE) + half * 3f64.sqrt();
-        let mut near = Self {
+        let mut nearby = Self {
             surfaces: Vec::new(),
             sides: 0,
         };
         for (i, surface) in surfaces.iter().enumerate() {
             let level = surface.level(middle);
-            // A surface that ends needs its sides sample by sample.
+            // The sides of a surface that ends must be computed for each sample.
             if level.abs() <= radius * surface.max_gradient || surface.end.is_some() {
-                near.surfaces.push(i);
+                nearby.surfaces.push(i);
             } else if level > 0.0 {
-                near.sides |= 1 << i;
+                nearby.sides |= 1 << i;
             }
         }
-        near
+        nearby
     }
 
-    /// Distance, unit direction to the closest point, and sides of one sample.
+    /// Returns the distance, the unit direction to the closest point, and the sides of one sample.
     fn query(&self, surfaces: &[ImplicitSurface], p: [f64; 3]) -> (f32, [f32; 3], u32) {
         let mut best = f64::from(MAX_DISTANCE);
         let mut direction = [0f64; 3];
@@ -144,22 +148,22 @@ impl NearbySurfaces {
                 continue;
             }
             let foot = surface.closest_point_in_rim(p);
-            let to: [f64; 3] = std::array::from_fn(|c| foot.point[c] - p[c]);
-            let d = dot(to, to).sqrt();
-            // Where the closest point is beyond the end, the surface at which this one ends is
-            // closer than any point of this one.
+            let offset: [f64; 3] = std::array::from_fn(|c| foot.point[c] - p[c]);
+            let d = dot(offset, offset).sqrt();
+            // If the closest point is beyond the end, the surface at which this one ends is closer
+            // than any point of this one.
             if d < best && exists(foot.point) {
                 best = d;
-                // The normal is exact even where the distance vanishes.
-                let sign = if dot(to, foot.normal) < 0.0 {
+                // The normal is exact even if the distance vanishes.
+                let sign = if dot(offset, foot.normal) < 0.0 {
                     -1.0
                 } else {
                     1.0
                 };
                 direction = foot.normal.map(|c| sign * c);
-                // Beyond a rim the closest point is not straight below.
-                if surface.rim.is_some() && d > 1e-6 && dot(to, direction) < 0.999_999 * d {
-                    direction = to.map(|c| c / d);
+                // Beyond a rim the direction to the closest point is not the normal.
+                if surface.rim.is_some() && d > 1e-6 && dot(offset, direction) < 0.999_999 * d {
+                    direction = offset.map(|c| c / d);
                 }
             }
         }
@@ -167,7 +171,7 @@ impl NearbySurfaces {
     }
 }
 
-/// The exact distance from any position, for tests.
+/// Returns the exact distance from any position, for tests.
 #[cfg(test)]
 pub(super) fn distance(surfaces: &[ImplicitSurface], p: [f64; 3]) -> f64 {
     let all = NearbySurfaces {

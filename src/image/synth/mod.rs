@@ -1,17 +1,17 @@
-//! Synthetic images whose features are known exactly.
+//! Synthetic images with exactly known features.
 //!
 //! Every kind is built from analytic surfaces, so its [`Truth`] holds the exact distance and the
 //! exact closest point of every sample, not an approximation from voxels.
 //!
-//! Axis x (the fastest in memory) is the vertical one, as in a seismic trace.
+//! Axis x (the fastest in memory) is vertical, as in a seismic trace.
 //!
 //! - `surface`: sheets and balls with exact closest points
-//! - `crossing`: well-behaved faults that cross
-//! - `network`: fault networks as real surveys have them
-//! - `survey`: distance, direction and side of every sample
+//! - `crossing`: well-separated faults that cross
+//! - `network`: fault networks as in real surveys
+//! - `exact_distance`: distance, direction and side of every sample
 //! - `amplitude`: layers, throws and a wavelet
-//! - `noise`: reproducible random numbers and noise
-//! - [`truth`]: the exact distance to the features, as kept in a file
+//! - `noise`: reproducible noise
+//! - [`truth`]: the exact distance to the features, and its file format
 
 mod amplitude;
 mod crossing;
@@ -33,35 +33,38 @@ use crate::parallel::prelude::*;
 use crate::{Error, Result, memory};
 use surface::ImplicitSurface;
 
-/// What a synthetic image shows.
+/// Kind of a synthetic image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SyntheticKind {
     /// Fault likelihood of planar crossing faults: ridges of height 0.7 to 1.
     Planes,
     /// Fault likelihood of curved crossing faults (radius of curvature at least 45 samples,
-    /// crossing angles at least 30 degrees). With four or more, the last one ends at the first.
+    /// crossing angles at least 30 degrees). If there are four or more, the last one ends at the
+    /// first.
     Faults,
-    /// Seismic amplitude: folded layers thrown by curved faults, convolved with a Ricker wavelet
-    /// along x. The features of its truth are the faults. Signal of rms 1.
+    /// Seismic amplitude: folded layers displaced by curved faults, convolved with a Ricker wavelet
+    /// along x. The features of its truth are the faults. The signal has rms 1.
     Amplitude,
     /// A bright ball with a soft edge; its feature is the ball's surface.
     Sphere,
     /// Nested thin spherical shells: ridges of height 0.7 to 1.
     Shells,
-    /// Integer labels, without noise: the blocks between curved crossing surfaces.
+    /// Integer labels without noise: the blocks between curved crossing surfaces.
     Blocks,
-    /// Fault likelihood of a network as real surveys have them: 2 to 6 faults that cross at 15 to 80
-    /// degrees, branch off one another, run 3 to 12 samples apart, flatten with depth and taper out.
+    /// Fault likelihood of a network as in real surveys: 2 to 6 faults that cross at 15 to 80
+    /// degrees, branch off one another, run 3 to 12 samples apart, flatten with depth and taper
+    /// out.
     Network,
-    /// Seismic amplitude of layers thrown by the faults of such a network; throws taper out, too.
+    /// Seismic amplitude of layers displaced by the faults of such a network; throws taper out,
+    /// too.
     NetworkAmplitude,
-    /// The faults of such a network as an interpreter might have painted them: ones on zeros, 1 to 5
-    /// samples thick, with holes and stray pieces. Without noise.
+    /// Mask of the faults of such a network, as an interpreter might paint them: ones on zeros, 1
+    /// to 5 samples thick, with holes and stray pieces, without noise.
     NetworkMask,
 }
 
 impl SyntheticKind {
-    /// Every kind, with the name that [`FromStr`] takes.
+    /// Every kind, with the name that [`FromStr`] accepts.
     pub const ALL: [(&'static str, SyntheticKind); 9] = [
         ("planes", SyntheticKind::Planes),
         ("faults", SyntheticKind::Faults),
@@ -76,7 +79,7 @@ impl SyntheticKind {
 }
 
 impl SyntheticKind {
-    /// Whether it shows layers that faults throw.
+    /// Returns `true` if the image shows layers that faults displace.
     pub fn has_layers(self) -> bool {
         matches!(
             self,
@@ -84,7 +87,7 @@ impl SyntheticKind {
         )
     }
 
-    /// Whether its faults are those of [`SyntheticKind::Network`].
+    /// Returns `true` if the faults are those of [`SyntheticKind::Network`].
     fn is_network(self) -> bool {
         matches!(
             self,
@@ -112,20 +115,21 @@ impl FromStr for SyntheticKind {
     }
 }
 
-/// How a synthetic image is made.
+/// Parameters of a synthetic image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
     /// Number of samples along each axis, x first; 1 along z for a 2-D image ([`make_2d`]).
     pub dims: [usize; 3],
-    /// Seed of all random numbers; the same seed gives the same bytes.
+    /// Seed of all random numbers. The same seed gives the same bytes.
     pub seed: u64,
-    /// Number of surfaces (faults or shells); if not given 4, and of a network as many as its seed
-    /// says. Ignored by [`SyntheticKind::Sphere`].
+    /// Number of surfaces (faults or shells). The default is 4; in a network the seed determines
+    /// the number. [`SyntheticKind::Sphere`] ignores it.
     pub count: Option<usize>,
-    /// Signal over the rms of the noise: the signal is a ridge's height of 1, the ball's
-    /// brightness of 1 or the rms amplitude. Infinity: no noise.
+    /// Ratio of the signal to the rms of the noise. The signal is 1: the height of a ridge, the
+    /// brightness of the ball, or the rms amplitude. Infinity means no noise.
     pub signal_to_noise: f64,
-    /// Standard deviation of the Gaussian ridges, and of the blur of the ball's edge, in samples.
+    /// Standard deviation of the Gaussian ridges, and of the blur of the edge of the ball, in
+    /// samples.
     pub width: f64,
 }
 
@@ -142,13 +146,13 @@ impl Default for Options {
 }
 
 impl Options {
-    /// Number of surfaces, if nothing else decides on it.
+    /// Returns the number of surfaces if the kind of image does not determine it.
     fn count(&self) -> usize {
         self.count.unwrap_or(4)
     }
 
     fn check(&self, kind: SyntheticKind) -> Result<()> {
-        let bad = |option: String, problem: &str, remedy: &str| {
+        let refuse = |option: String, problem: &str, remedy: &str| {
             Err(Error::Job(cause(
                 format!("synth {option}"),
                 problem,
@@ -161,36 +165,36 @@ impl Options {
             .try_fold(1usize, |all, &n| all.checked_mul(n));
         let [nx, ny, nz] = self.dims;
         if nx < 8 || ny < 8 || (nz < 8 && nz != 1) || samples.is_none_or(|n| n > 1 << 31) {
-            return bad(
+            return refuse(
                 format!("dims {:?}", self.dims),
                 "each axis needs at least 8 samples, and all at most 2^31",
                 "choose other dimensions",
             );
         }
         let samples = (nx * ny * nz) as f64;
-        let what = format!("{samples} samples");
+        let description = format!("{samples} samples");
         memory::ensure_available(
             "synth dims",
             36.0 * samples,
-            what,
+            description,
             "choose smaller dimensions",
         )?;
         if kind != SyntheticKind::Sphere && !(1..=16).contains(&self.count()) {
-            return bad(
+            return refuse(
                 format!("count {}", self.count()),
                 "must be from 1 to 16",
                 "choose fewer surfaces",
             );
         }
         if self.signal_to_noise.is_nan() || self.signal_to_noise <= 0.0 {
-            return bad(
+            return refuse(
                 format!("noise {}", self.signal_to_noise),
                 "the ratio of signal to noise must be positive",
                 "4 is noisy, inf is without noise",
             );
         }
         if !(self.width > 0.0 && self.width <= 10.0) {
-            return bad(
+            return refuse(
                 format!("width {}", self.width),
                 "must be above 0 and at most 10 samples",
                 "1.5 is the default",
@@ -200,18 +204,18 @@ impl Options {
     }
 }
 
-/// A named synthetic image, for tables and tests that others can repeat.
+/// A named synthetic image, for reproducible tables and tests.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Preset {
-    /// Its name.
+    /// Name of the preset.
     pub name: &'static str,
-    /// What it shows.
+    /// Kind of the image.
     pub kind: SyntheticKind,
-    /// How it is made.
+    /// Parameters of the image.
     pub options: Options,
 }
 
-/// Three noisy volumes, none of them cubic, of curved faults that cross.
+/// Three noisy volumes of curved faults that cross; none of them is cubic.
 pub const PRESETS: [Preset; 3] = [
     Preset {
         name: "faults-1",
@@ -248,21 +252,21 @@ pub const PRESETS: [Preset; 3] = [
     },
 ];
 
-/// An image and what is known about it.
+/// An image and its truth.
 #[derive(Debug, Clone)]
 pub struct SyntheticImage<const D: usize = 3> {
-    /// The image, at unit spacing.
+    /// The image, with unit spacing.
     pub image: Image<D>,
     /// The exact distance to its features.
     pub truth: Truth<D>,
 }
 
-/// Makes a synthetic image and its truth; the same options give the same bytes on any number of
+/// Makes a synthetic image and its truth. The same options give the same bytes on any number of
 /// threads.
 ///
 /// # Errors
-/// [`Error::Job`] for impossible options, and when `count` faults do not fit into the box without
-/// crossing each other at less than 30 degrees.
+/// Returns an [`Error::Job`] if the options are invalid, or if `count` faults do not fit into the
+/// box without crossing each other at less than 30 degrees.
 pub fn make(kind: SyntheticKind, options: &Options) -> Result<SyntheticImage> {
     options.check(kind)?;
     let surfaces = surfaces(kind, options)?;
@@ -298,11 +302,13 @@ pub fn make(kind: SyntheticKind, options: &Options) -> Result<SyntheticImage> {
     Ok(SyntheticImage { image, truth })
 }
 
-/// How deep each sample of [`make`]'s image was before folding and faulting, in samples along x: the same
-/// all along a reflector. So it is known whether a horizon stays on its reflector beyond a fault.
+/// Returns the depth of each sample of the image of [`make`] before folding and faulting, in
+/// samples along x. It is constant along a reflector, and therefore shows whether a horizon stays
+/// on its reflector across a fault.
 ///
 /// # Errors
-/// As [`make`], and [`Error::Job`] for an image [without layers](SyntheticKind::has_layers).
+/// Returns the errors of [`make`], and an [`Error::Job`] for an image [without
+/// layers](SyntheticKind::has_layers).
 pub fn layer_depths(kind: SyntheticKind, options: &Options) -> Result<Image<3>> {
     options.check(kind)?;
     if !kind.has_layers() {
@@ -318,7 +324,7 @@ pub fn layer_depths(kind: SyntheticKind, options: &Options) -> Result<Image<3>> 
     Ok(Image::new(options.dims, samples, Geometry::default()))
 }
 
-/// The surfaces that an image is made of.
+/// Returns the surfaces of an image.
 fn surfaces(kind: SyntheticKind, options: &Options) -> Result<Vec<ImplicitSurface>> {
     Ok(match kind {
         SyntheticKind::Planes => crossing::faults(options, 0.0)?,
@@ -333,11 +339,11 @@ fn surfaces(kind: SyntheticKind, options: &Options) -> Result<Vec<ImplicitSurfac
     })
 }
 
-/// Makes a synthetic 2-D image and its truth, as [`make`] does: curves instead of surfaces, a disc
-/// instead of a ball. `options.dims` must end in 1.
+/// Makes a synthetic 2-D image and its truth, as [`make`] does in 3-D, with curves instead of
+/// surfaces and a disc instead of a ball. `options.dims` must end in 1.
 ///
 /// # Errors
-/// As [`make`], and [`Error::Job`] for more than one sample along z.
+/// Returns the errors of [`make`], and an [`Error::Job`] if there is more than one sample along z.
 pub fn make_2d(kind: SyntheticKind, options: &Options) -> Result<SyntheticImage<2>> {
     let [nx, ny, nz] = options.dims;
     if nz != 1 {
@@ -361,7 +367,8 @@ pub fn make_2d(kind: SyntheticKind, options: &Options) -> Result<SyntheticImage<
     })
 }
 
-/// `count` nested balls about the middle of the box, the largest filling 0.8 of it.
+/// Returns `count` nested balls about the centre of the box. The diameter of the largest is 0.8 of
+/// the shortest side.
 fn balls(options: &Options, count: usize) -> Vec<ImplicitSurface> {
     let extent = options.dims.map(|n| (n - 1) as f64);
     let sides = extent.iter().copied().filter(|&e| e > 0.0);
@@ -371,7 +378,7 @@ fn balls(options: &Options, count: usize) -> Vec<ImplicitSurface> {
         .collect()
 }
 
-/// Gaussian ridges on the features, of a height that varies slowly over the volume.
+/// Returns Gaussian ridges on the features, whose height varies slowly over the volume.
 fn ridges(truth: &Truth, options: &Options) -> Vec<f32> {
     let [nx, ny, _] = truth.dims;
     let scale = -0.5 / (options.width * options.width) as f32;
@@ -396,9 +403,9 @@ fn ridges(truth: &Truth, options: &Options) -> Vec<f32> {
     samples
 }
 
-/// 1 inside the ball, 0 outside, the edge blurred to `width`.
+/// Returns 1 inside the ball and 0 outside, with the edge blurred to `width`.
 fn ball_image(truth: &Truth, sides: &[u32], options: &Options) -> Vec<f32> {
-    // A logistic edge of the same standard deviation as a Gaussian blur.
+    // The logistic edge has the same standard deviation as a Gaussian blur.
     let slope = (PI / 3f64.sqrt() / options.width) as f32;
     truth
         .distance
@@ -411,7 +418,7 @@ fn ball_image(truth: &Truth, sides: &[u32], options: &Options) -> Vec<f32> {
         .collect()
 }
 
-/// Labels 0, 1, 2 ... of the blocks between the surfaces.
+/// Returns labels 0, 1, 2 ... of the blocks between the surfaces.
 fn block_labels(sides: &[u32]) -> Vec<f32> {
     let mut patterns: Vec<u32> = sides
         .par_chunks(1 << 16)

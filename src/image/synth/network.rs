@@ -1,9 +1,10 @@
-//! Fault networks as real surveys have them: faults that cross at shallow angles, branch off one
-//! another, run close and parallel, come in conjugate pairs, flatten with depth and taper out.
+//! Fault networks as in real surveys: faults cross at small angles, branch off one another, run
+//! close and parallel, come in conjugate pairs, flatten with depth and taper out.
 //!
-//! The first fault is drawn freely; each later one is related to an earlier one (see [`Relation`]).
-//! What nobody could tell apart is drawn again: sheets that run nearer than [`MIN_FAULT_DISTANCE`] samples at less
-//! than [`MIN_CROSSING_ANGLE`] degrees.
+//! The first fault is drawn freely. Each later fault is related to an earlier one (see
+//! [`Relation`]). A fault is drawn again if it cannot be distinguished from an earlier one: if the
+//! two are closer than [`MIN_FAULT_DISTANCE`] samples at an angle of less than
+//! [`MIN_CROSSING_ANGLE`] degrees.
 
 use super::exact_distance::exists_at;
 use super::surface::{ImplicitSurface, Rim, SurfacePoint, Termination, Wave};
@@ -15,31 +16,34 @@ use crate::geometry::{cross, dot, sub};
 use crate::parallel::prelude::*;
 use std::f64::consts::TAU;
 
-/// Faults cross at no less than this many degrees, everywhere ...
+/// Smallest angle, in degrees, at which faults cross.
 const MIN_CROSSING_ANGLE: f64 = 14.0;
-/// ... unless they keep at least this far apart (samples).
+/// Distance, in samples, from which faults may have any angle to each other.
 const MIN_FAULT_DISTANCE: f64 = 2.75;
-/// Over this many samples a fault's strength tapers out about its rim.
+/// Distance, in samples, over which the strength of a fault tapers out about its rim.
 const TAPER_LENGTH: f64 = 12.0;
-/// Draws of one fault before the network is given up.
+/// Largest number of faults that are drawn for a network.
 const MAX_ATTEMPTS: usize = 400;
-/// Step (samples) of the points at which faults are compared.
+/// Distance, in samples, between the points at which faults are compared.
 const POINT_SPACING: f64 = 3.0;
 
-/// How a fault lies towards an earlier one.
+/// Relation of a fault to an earlier one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Relation {
-    /// Crosses it, at 15 to 80 degrees.
+    /// Crosses the other fault at 15 to 80 degrees.
     Crossing,
-    /// Branches off it, at 15 to 50 degrees: it ends there.
+    /// Branches off the other fault at 15 to 50 degrees, and ends there.
     Splay,
-    /// Has its shape, 3 to 12 samples beside it.
+    /// Has the shape of the other fault, 3 to 12 samples away.
     Parallel,
-    /// Strikes like it and dips the other way, crossing at 40 to 70 degrees.
+    /// Has the strike of the other fault and dips the opposite way, crossing at 40 to 70 degrees.
     Conjugate,
 }
 
-/// Faults of a network: 2 to 6 of them, or `options.count`.
+/// Returns the faults of a network: 2 to 6 of them, or `options.count`.
+///
+/// # Errors
+/// Returns an [`Error::Job`] if not enough faults are found.
 pub(super) fn faults(options: &Options) -> Result<Vec<ImplicitSurface>> {
     let mut random = Random::for_purpose(options.seed, 0x6e65_7477);
     let drawn = 2 + (5.0 * random.draw()) as usize;
@@ -60,7 +64,7 @@ pub(super) fn faults(options: &Options) -> Result<Vec<ImplicitSurface>> {
     Err(Error::Job(cause(
         format!("synth count {count}"),
         format!(
-            "only {} faults that can be told apart fit into {:?} samples",
+            "only {} distinguishable faults fit into {:?} samples",
             faults.len(),
             options.dims
         ),
@@ -68,7 +72,7 @@ pub(super) fn faults(options: &Options) -> Result<Vec<ImplicitSurface>> {
     )))
 }
 
-/// A fault covers at least this area (in the plane: this length times [`POINT_SPACING`]).
+/// Returns the smallest area of a fault (in 2-D, its length times [`POINT_SPACING`]).
 fn min_area(dims: [usize; 3]) -> f64 {
     let volume = dims.iter().product::<usize>() as f64;
     match dims[2] {
@@ -77,7 +81,7 @@ fn min_area(dims: [usize; 3]) -> f64 {
     }
 }
 
-/// A fault, how it was drawn, and points all over it.
+/// A fault, the parameters with which it was drawn, and points all over it.
 struct DrawnFault {
     surface: ImplicitSurface,
     centre: [f64; 3],
@@ -87,38 +91,40 @@ struct DrawnFault {
 }
 
 impl DrawnFault {
-    /// A fault that is related to an earlier one, if there is one.
+    /// Draws a fault that is related to an earlier one, if there is one.
     fn draw_next(random: &mut Random, dims: [usize; 3], earlier: &[DrawnFault]) -> Self {
         let extent = dims.map(|n| (n - 1) as f64);
-        let flat = dims[2] == 1;
+        let is_2d = dims[2] == 1;
         let middle: [f64; 3] = std::array::from_fn(|k| extent[k] * random.range(0.25, 0.75));
-        let free = random_normal(random, flat);
+        let free_normal = random_normal(random, is_2d);
         if earlier.is_empty() {
-            let waves = draw_waves(random, extent, flat);
-            return Self::new(random, dims, earlier, (middle, free, waves), None);
+            let waves = draw_waves(random, extent, is_2d);
+            return Self::new(random, dims, earlier, (middle, free_normal, waves), None);
         }
         let parent = &earlier[(random.draw() * earlier.len() as f64) as usize % earlier.len()];
-        let meet = parent.points[(random.draw() * parent.points.len() as f64) as usize];
+        let meeting_point = parent.points[(random.draw() * parent.points.len() as f64) as usize];
         let relation = match random.draw() {
             x if x < 0.35 => Relation::Crossing,
             x if x < 0.6 => Relation::Splay,
             x if x < 0.8 => Relation::Parallel,
             _ => Relation::Conjugate,
         };
-        let turned = |angle: f64, about: [f64; 3]| {
-            let across = cross(about, meet.normal);
+        let rotate_normal = |angle: f64, axis: [f64; 3]| {
+            let across = cross(axis, meeting_point.normal);
             let (sin, cos) = angle.to_radians().sin_cos();
-            std::array::from_fn(|k| cos * meet.normal[k] + sin * across[k])
+            std::array::from_fn(|k| cos * meeting_point.normal[k] + sin * across[k])
         };
         let sign = if random.draw() < 0.5 { -1.0 } else { 1.0 };
-        // The line in which both meet: upright in the plane, else anywhere in the parent's plane.
-        let any = {
-            let level = horizontal_direction(meet.normal);
-            let down = cross(meet.normal, level);
+        // Direction of the line in which both faults meet: perpendicular to the plane in 2-D, else
+        // any direction in the tangent plane of the parent.
+        let intersection = {
+            let horizontal = horizontal_direction(meeting_point.normal);
+            let dip_direction = cross(meeting_point.normal, horizontal);
             let (sin, cos) = random.range(0.0, TAU).sin_cos();
-            match flat {
-                true => [0.0, 0.0, 1.0],
-                false => std::array::from_fn(|k| cos * level[k] + sin * down[k]),
+            if is_2d {
+                [0.0, 0.0, 1.0]
+            } else {
+                std::array::from_fn(|k| cos * horizontal[k] + sin * dip_direction[k])
             }
         };
         match relation {
@@ -130,27 +136,40 @@ impl DrawnFault {
                 Self::new(random, dims, earlier, shape, None)
             }
             Relation::Crossing | Relation::Splay => {
-                let most = if relation == Relation::Splay {
+                let max_angle = if relation == Relation::Splay {
                     50.0
                 } else {
                     80.0
                 };
-                let normal = turned(sign * random.range(16.0, most), any);
-                let waves = draw_waves(random, extent, flat);
+                let normal = rotate_normal(sign * random.range(16.0, max_angle), intersection);
+                let waves = draw_waves(random, extent, is_2d);
                 let end = (relation == Relation::Splay).then(|| Termination {
                     surface: index_of(earlier, parent),
                     side: if random.draw() < 0.5 { -1.0 } else { 1.0 },
                 });
-                Self::new(random, dims, earlier, (meet.point, normal, waves), end)
+                Self::new(
+                    random,
+                    dims,
+                    earlier,
+                    (meeting_point.point, normal, waves),
+                    end,
+                )
             }
             Relation::Conjugate => {
-                let about = match flat {
-                    true => [0.0, 0.0, 1.0],
-                    false => horizontal_direction(meet.normal),
+                let axis = if is_2d {
+                    [0.0, 0.0, 1.0]
+                } else {
+                    horizontal_direction(meeting_point.normal)
                 };
-                let normal = turned(sign * random.range(40.0, 70.0), about);
-                let waves = draw_waves(random, extent, flat);
-                Self::new(random, dims, earlier, (meet.point, normal, waves), None)
+                let normal = rotate_normal(sign * random.range(40.0, 70.0), axis);
+                let waves = draw_waves(random, extent, is_2d);
+                Self::new(
+                    random,
+                    dims,
+                    earlier,
+                    (meeting_point.point, normal, waves),
+                    None,
+                )
             }
         }
     }
@@ -182,7 +201,8 @@ impl DrawnFault {
         }
     }
 
-    /// Whether this fault keeps its distance from fault `k` of the earlier ones, or crosses it well.
+    /// Returns `true` if this fault keeps its distance from fault `k` of the earlier ones, or
+    /// crosses it steeply enough.
     fn is_distinct_from(&self, earlier: &[DrawnFault], k: usize) -> bool {
         let other = &earlier[k];
         let ends_there = self.surface.end.is_some_and(|end| end.surface == k);
@@ -193,45 +213,52 @@ impl DrawnFault {
             }
             let foot = other.surface.closest_point_in_rim(p.point);
             let gap = sub(foot.point, p.point);
-            let shallow = dot(foot.normal, p.normal).abs() > MIN_CROSSING_ANGLE.to_radians().cos();
-            let there = ends_there || other.surface.exists_at(|i| &earlier[i].surface, foot.point);
-            !there || !shallow || dot(gap, gap) > MIN_FAULT_DISTANCE * MIN_FAULT_DISTANCE
+            let is_shallow =
+                dot(foot.normal, p.normal).abs() > MIN_CROSSING_ANGLE.to_radians().cos();
+            let exists = ends_there || other.surface.exists_at(|i| &earlier[i].surface, foot.point);
+            !exists || !is_shallow || dot(gap, gap) > MIN_FAULT_DISTANCE * MIN_FAULT_DISTANCE
         })
     }
 }
 
-fn index_of(all: &[DrawnFault], one: &DrawnFault) -> usize {
-    all.iter().position(|f| std::ptr::eq(f, one)).unwrap_or(0)
+fn index_of(faults: &[DrawnFault], fault: &DrawnFault) -> usize {
+    faults
+        .iter()
+        .position(|f| std::ptr::eq(f, fault))
+        .unwrap_or(0)
 }
 
-/// A horizontal direction in a sheet; y where the sheet itself is horizontal.
+/// Returns a horizontal direction in a surface with this normal; y if the surface itself is
+/// horizontal.
 fn horizontal_direction(normal: [f64; 3]) -> [f64; 3] {
-    let along = cross(normal, [1.0, 0.0, 0.0]);
-    let length = dot(along, along).sqrt();
-    match length > 1e-9 {
-        true => along.map(|c| c / length),
-        false => [0.0, 1.0, 0.0],
+    let direction = cross(normal, [1.0, 0.0, 0.0]);
+    let length = dot(direction, direction).sqrt();
+    if length > 1e-9 {
+        direction.map(|c| c / length)
+    } else {
+        [0.0, 1.0, 0.0]
     }
 }
 
-/// The normal of a steep fault of any strike.
-fn random_normal(random: &mut Random, flat: bool) -> [f64; 3] {
+/// Returns the normal of a steep fault with a random strike.
+fn random_normal(random: &mut Random, is_2d: bool) -> [f64; 3] {
     let dip = random.range(50.0, 88.0).to_radians();
     let strike = random.range(0.0, TAU);
-    match flat {
-        true => [strike.cos(), strike.sin(), 0.0],
-        false => [
+    if is_2d {
+        [strike.cos(), strike.sin(), 0.0]
+    } else {
+        [
             dip.cos(),
             dip.sin() * strike.cos(),
             dip.sin() * strike.sin(),
-        ],
+        ]
     }
 }
 
-/// Two gentle waves (radius of curvature at least 80 samples), or the one long bend of a listric
-/// fault.
-fn draw_waves(random: &mut Random, extent: [f64; 3], flat: bool) -> Vec<Wave> {
-    let size = extent.iter().sum::<f64>() / if flat { 2.0 } else { 3.0 };
+/// Draws two gentle waves (radius of curvature at least 80 samples), or the one long bend of a
+/// listric fault.
+fn draw_waves(random: &mut Random, extent: [f64; 3], is_2d: bool) -> Vec<Wave> {
+    let size = extent.iter().sum::<f64>() / if is_2d { 2.0 } else { 3.0 };
     let listric = random.draw() < 0.25;
     let count = if listric { 1 } else { 2 };
     let radius = random.range(80.0, 200.0) * count as f64;
@@ -239,10 +266,11 @@ fn draw_waves(random: &mut Random, extent: [f64; 3], flat: bool) -> Vec<Wave> {
         .map(|_| {
             let length = if listric { 3.0 } else { random.range(0.8, 1.8) } * size;
             let k = TAU / length;
-            let turn = if flat { 0.0 } else { random.range(0.0, TAU) };
-            let (sin, cos) = turn.sin_cos();
+            let azimuth = if is_2d { 0.0 } else { random.range(0.0, TAU) };
+            let (sin, cos) = azimuth.sin_cos();
             Wave {
-                // The slope stays below 0.35, so that angles of crossings are what was asked for.
+                // The slope stays below 0.35, so that crossing angles are close to those that were
+                // drawn.
                 amplitude: (1.0 / (radius * k * k)).min(0.35 / (k * count as f64)),
                 wave: [k * cos, k * sin],
                 phase: random.range(0.0, TAU),
@@ -251,7 +279,7 @@ fn draw_waves(random: &mut Random, extent: [f64; 3], flat: bool) -> Vec<Wave> {
         .collect()
 }
 
-/// Points all over a fault, inside the box, its rim and the side on which it exists.
+/// Returns points all over a fault, inside the box, its rim and the side on which it exists.
 fn surface_points(
     surface: &ImplicitSurface,
     dims: [usize; 3],
@@ -260,28 +288,29 @@ fn surface_points(
     let extent = dims.map(|n| (n - 1) as f64);
     let reach = (dot(extent, extent).sqrt() / POINT_SPACING) as i32;
     let lines = if dims[2] == 1 { 0..=0 } else { -reach..=reach };
-    let mut found = Vec::new();
+    let mut points = Vec::new();
     for j in lines {
         for i in -reach..=reach {
-            // In the plane a sheet stands upright: its second or third axis is z.
-            let mut at = [f64::from(i) * POINT_SPACING, f64::from(j) * POINT_SPACING];
+            // In 2-D the surface is perpendicular to the plane: its second or third axis is z.
+            let mut coordinates = [f64::from(i) * POINT_SPACING, f64::from(j) * POINT_SPACING];
             if dims[2] == 1 && surface.point_at([1.0, 0.0]).point[2].abs() > 0.5 {
-                at.swap(0, 1);
+                coordinates.swap(0, 1);
             }
-            let foot = surface.point_at(at);
-            let inside =
+            let foot = surface.point_at(coordinates);
+            let is_inside =
                 (0..3).all(|k| (0.0..=extent[k]).contains(&foot.point[k]) || extent[k] == 0.0);
-            let there = surface.exists_at(|i| &earlier[i].surface, foot.point);
-            if inside && there && surface.strength(foot.point) >= 0.5 {
-                found.push(foot);
+            let exists = surface.exists_at(|i| &earlier[i].surface, foot.point);
+            if is_inside && exists && surface.strength(foot.point) >= 0.5 {
+                points.push(foot);
             }
         }
     }
-    found
+    points
 }
 
-/// Fault likelihood: Gaussian ridges of standard deviation `options.width`, each of its own height of
-/// 0.7 to 1 that varies along the fault, tapering out about its rim; the strongest counts.
+/// Returns the fault likelihood: Gaussian ridges of standard deviation `options.width`. Each has
+/// its own height of 0.7 to 1, which varies along the fault, and tapers out about its rim. Where
+/// ridges overlap, the largest value is used.
 pub(super) fn likelihood(faults: &[ImplicitSurface], options: &Options) -> Vec<f32> {
     max_over_faults(faults, options, 4.0 * options.width, |k, foot, distance| {
         let height = 0.85 + 0.15 * slow_variation(options.seed, k as u64, foot.point, options.dims);
@@ -289,39 +318,40 @@ pub(super) fn likelihood(faults: &[ImplicitSurface], options: &Options) -> Vec<f
     })
 }
 
-/// What an interpreter might have painted: 1 on faults, 1 to 5 samples thick, with holes, and stray
-/// pieces beside them; else 0.
+/// Returns a mask as an interpreter might paint it: 1 on faults, 1 to 5 samples thick, with holes,
+/// and on stray pieces away from them; 0 elsewhere.
 pub(super) fn mask(faults: &[ImplicitSurface], options: &Options) -> Vec<f32> {
-    // Twelve holes a fault and twelve stray pieces in 128^3 samples; as dense in other volumes.
+    // There are twelve holes per fault and twelve stray pieces in 128^3 samples, and the same
+    // density in other volumes.
     let size = options.dims.map(|n| n as f64 / 128.0);
     let size = size.iter().product::<f64>().cbrt();
-    let share = |power| (12.0 * size.powi(power)).ceil() as u64;
+    let count_for = |power| (12.0 * size.powi(power)).ceil() as u64;
     let holes: Vec<Vec<([f64; 3], f64)>> = (0..faults.len())
-        .map(|k| blobs(options, 0x401e + k as u64, share(2), [2.0, 6.0]))
+        .map(|k| blobs(options, 0x401e + k as u64, count_for(2), [2.0, 6.0]))
         .collect();
     let mut samples = max_over_faults(faults, options, 3.0, |k, foot, distance| {
-        let thick =
+        let thickness =
             3.0 + 2.0 * slow_variation(options.seed, 0x7c + k as u64, foot.point, options.dims);
-        // Holes are cut out of the sheet by balls about the feet of random places.
-        let hole = holes[k].iter().any(|&(c, r)| {
+        // Holes are cut out of the surface by balls about the closest points of random positions.
+        let is_hole = holes[k].iter().any(|&(c, r)| {
             let gap = sub(faults[k].closest_point(c).point, foot.point);
             dot(gap, gap) < r * r
         });
-        f64::from(!hole && distance <= 0.5 * thick && faults[k].strength(foot.point) >= 0.5)
+        f64::from(!is_hole && distance <= 0.5 * thickness && faults[k].strength(foot.point) >= 0.5)
     });
     let [nx, ny, _] = options.dims;
-    let strays = blobs(options, 0x57aa, share(3), [1.0, 3.0]);
+    let strays = blobs(options, 0x57aa, count_for(3), [1.0, 3.0]);
     samples
         .par_chunks_mut(nx * ny)
         .enumerate()
         .for_each(|(z, plane)| {
             for (i, sample) in plane.iter_mut().enumerate() {
                 let p = [(i % nx) as f64, (i / nx) as f64, z as f64];
-                let inside = |&(c, r): &([f64; 3], f64)| {
+                let is_inside = |&(c, r): &([f64; 3], f64)| {
                     let gap = sub(p, c);
                     dot(gap, gap) < r * r
                 };
-                if strays.iter().any(inside) {
+                if strays.iter().any(is_inside) {
                     *sample = 1.0;
                 }
             }
@@ -329,7 +359,7 @@ pub(super) fn mask(faults: &[ImplicitSurface], options: &Options) -> Vec<f32> {
     samples
 }
 
-/// Random balls in the box.
+/// Returns random balls in the box.
 fn blobs(options: &Options, purpose: u64, count: u64, radii: [f64; 2]) -> Vec<([f64; 3], f64)> {
     let key = splitmix64(options.seed ^ splitmix64(purpose));
     (0..count)
@@ -341,9 +371,9 @@ fn blobs(options: &Options, purpose: u64, count: u64, radii: [f64; 2]) -> Vec<([
         .collect()
 }
 
-/// A number in [-1, 1] that varies slowly over the box.
-fn slow_variation(seed: u64, which: u64, p: [f64; 3], dims: [usize; 3]) -> f64 {
-    let key = splitmix64(seed ^ splitmix64(0x510e ^ which));
+/// Returns a number in [-1, 1] that varies slowly over the box.
+fn slow_variation(seed: u64, stream: u64, p: [f64; 3], dims: [usize; 3]) -> f64 {
+    let key = splitmix64(seed ^ splitmix64(0x510e ^ stream));
     let waves = (0..3).map(|k| {
         let turns = 0.7 + 0.8 * uniform(key, k as u64);
         (TAU * (turns * p[k] / dims[k] as f64 + uniform(key, 3 + k as u64))).sin()
@@ -351,8 +381,8 @@ fn slow_variation(seed: u64, which: u64, p: [f64; 3], dims: [usize; 3]) -> f64 {
     waves.sum::<f64>() / 3.0
 }
 
-/// For each sample the largest of what `value` says of the faults within `reach`: number, closest
-/// point and distance.
+/// Returns for each sample the largest `value` of the faults within `reach`. The arguments of
+/// `value` are the index of the fault, its closest point, and the distance.
 fn max_over_faults(
     faults: &[ImplicitSurface],
     options: &Options,
@@ -411,11 +441,12 @@ mod tests {
             counts[faults.len()] += 1;
             ends += faults.iter().filter(|f| f.end.is_some()).count();
             rims += faults.iter().filter(|f| f.rim.is_some()).count();
-            let made = make(SyntheticKind::Network, &network_options(seed)).unwrap();
-            for [gap, angle] in made.truth.next_feature.unwrap() {
+            let synthetic = make(SyntheticKind::Network, &network_options(seed)).unwrap();
+            for [gap, angle] in synthetic.truth.next_feature.unwrap() {
                 close += usize::from(gap < 12.0 && angle < 5.0);
                 shallow += usize::from(gap < 2.0 && angle < 30.0);
-                // Nothing nearer than can be told apart; points may lie a step off those compared.
+                // Faults that are closer cannot be distinguished; the points here may be one step
+                // away from those that were compared.
                 assert!(
                     gap > 1.0 || angle > 12.0,
                     "seed {seed}: {gap} apart at {angle} degrees"
@@ -438,22 +469,25 @@ mod tests {
             let options = network_options(seed);
             let surfaces = faults(&options).unwrap();
             let truth = make(SyntheticKind::Network, &options).unwrap().truth;
-            // Points a quarter of a sample apart, of what exists of each fault.
-            let mut all = Vec::new();
+            // Points on the existing part of each fault, 0.3 samples apart.
+            let mut points = Vec::new();
             for (k, surface) in surfaces.iter().enumerate() {
                 for i in -250..250 {
                     for j in -250..250 {
-                        let at = [0.3 * f64::from(i), 0.3 * f64::from(j)];
-                        let p = surface.point_at(at).point;
-                        let there = exists_at(&surfaces, k, p)
-                            && surface.rim.is_none_or(|rim| rim.strength(at) >= 0.104);
-                        if there && (0..3).all(|k| p[k] > -12.0 && p[k] < 76.0) {
-                            all.push(p);
+                        let coordinates = [0.3 * f64::from(i), 0.3 * f64::from(j)];
+                        let p = surface.point_at(coordinates).point;
+                        let exists = exists_at(&surfaces, k, p)
+                            && surface
+                                .rim
+                                .is_none_or(|rim| rim.strength(coordinates) >= 0.104);
+                        if exists && (0..3).all(|k| p[k] > -12.0 && p[k] < 76.0) {
+                            points.push(p);
                         }
                     }
                 }
             }
-            // The points are off by 0.21 sideways; beside a rim that counts in full.
+            // The grid of points is up to 0.21 samples away sideways, which counts in full next to
+            // a rim.
             let slack = if surfaces.iter().any(|s| s.rim.is_some()) {
                 0.3
             } else {
@@ -462,15 +496,19 @@ mod tests {
             for i in (0..truth.distance.len()).step_by(4799) {
                 let p = truth.index_of(i).map(|c| c as f64);
                 let square = |q: &[f64; 3]| dot(sub(*q, p), sub(*q, p));
-                let nearest = all.iter().map(square).fold(f64::INFINITY, f64::min).sqrt();
+                let nearest = points
+                    .iter()
+                    .map(square)
+                    .fold(f64::INFINITY, f64::min)
+                    .sqrt();
                 let exact = f64::from(truth.distance[i]);
-                let most = if exact < f64::from(MAX_DISTANCE) {
+                let upper_bound = if exact < f64::from(MAX_DISTANCE) {
                     exact.hypot(0.23) + slack
                 } else {
                     f64::INFINITY
                 };
                 assert!(
-                    exact <= nearest + 1e-3 && nearest <= most,
+                    exact <= nearest + 1e-3 && nearest <= upper_bound,
                     "{seed} {p:?}: {exact} {nearest}"
                 );
             }
@@ -481,9 +519,14 @@ mod tests {
     fn ridges_stand_on_faults_and_taper_out() {
         let (mut strong, mut weak) = (0, 0);
         for seed in 1..8 {
-            let made = make(SyntheticKind::Network, &network_options(seed)).unwrap();
-            for (sample, distance) in made.image.as_slice().iter().zip(&made.truth.distance) {
-                // A tenth of a height of .7 to 1 at the rim, all of it inside.
+            let synthetic = make(SyntheticKind::Network, &network_options(seed)).unwrap();
+            for (sample, distance) in synthetic
+                .image
+                .as_slice()
+                .iter()
+                .zip(&synthetic.truth.distance)
+            {
+                // The height is 0.7 to 1 inside the rim, and a tenth of that at the rim.
                 if *distance < 0.2 {
                     assert!((0.06..=1.0).contains(sample), "{seed} {sample}");
                     strong += usize::from(*sample > 0.65);
@@ -500,11 +543,15 @@ mod tests {
     #[test]
     fn masks_are_one_to_five_samples_thick_with_holes_and_strays() {
         for seed in 1..5 {
-            let made = make(SyntheticKind::NetworkMask, &network_options(seed)).unwrap();
+            let synthetic = make(SyntheticKind::NetworkMask, &network_options(seed)).unwrap();
             let (mut on, mut holes, mut strays) = (0, 0, 0);
-            let next = made.truth.next_feature.unwrap();
-            let samples = made.image.as_slice().iter().zip(&made.truth.distance);
-            // Where a fault tapers out nothing is painted.
+            let next = synthetic.truth.next_feature.unwrap();
+            let samples = synthetic
+                .image
+                .as_slice()
+                .iter()
+                .zip(&synthetic.truth.distance);
+            // No mask is painted where a fault tapers out.
             for ((sample, &distance), _) in samples.zip(&next).filter(|s| s.1[0] >= 0.0) {
                 assert!(*sample == 0.0 || *sample == 1.0);
                 on += usize::from(distance < 0.45 && *sample == 1.0);
@@ -520,19 +567,30 @@ mod tests {
 
     #[test]
     fn throws_taper_out_and_planes_have_networks_too() {
-        let made = make(SyntheticKind::NetworkAmplitude, &network_options(2)).unwrap();
-        let rms = made.image.as_slice().iter().map(|s| s * s).sum::<f32>() / (64.0 * 60.0 * 56.0);
+        let synthetic = make(SyntheticKind::NetworkAmplitude, &network_options(2)).unwrap();
+        let rms = synthetic
+            .image
+            .as_slice()
+            .iter()
+            .map(|s| s * s)
+            .sum::<f32>()
+            / (64.0 * 60.0 * 56.0);
         assert!((rms - 1.0).abs() < 1e-3);
         for seed in 1..6 {
             let flat = Options {
                 dims: [160, 120, 1],
                 ..network_options(seed)
             };
-            let made = make_2d(SyntheticKind::Network, &flat).unwrap();
-            let on = made.truth.distance.iter().filter(|d| **d < 0.5).count();
+            let synthetic = make_2d(SyntheticKind::Network, &flat).unwrap();
+            let on_fault = synthetic
+                .truth
+                .distance
+                .iter()
+                .filter(|d| **d < 0.5)
+                .count();
             assert!(
-                on > 150 && made.truth.next_feature.is_some(),
-                "{seed}: {on}"
+                on_fault > 150 && synthetic.truth.next_feature.is_some(),
+                "{seed}: {on_fault}"
             );
         }
     }

@@ -1,15 +1,15 @@
-//! Surfaces with exact closest points.
+//! Implicit surfaces with exact closest points.
 
 use crate::geometry::{cross, dot, sub};
 
-/// A point of a surface and the surface's unit normal there.
+/// A point of a surface, and the unit normal of the surface there.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SurfacePoint {
     pub point: [f64; 3],
     pub normal: [f64; 3],
 }
 
-/// A plane wave of a sheet's height: `amplitude * sin(wave . (s, t) + phase)`.
+/// A plane wave in the height of a sheet: `amplitude * sin(wave . (s, t) + phase)`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Wave {
     pub amplitude: f64,
@@ -24,18 +24,18 @@ pub(super) struct Termination {
     pub side: f64,
 }
 
-/// A rim inside the volume, at which a sheet has tapered to a tenth of its strength: an ellipse in the
-/// sheet's plane coordinates about its centre.
+/// A rim inside the volume, at which a sheet has tapered to a tenth of its strength: an ellipse
+/// about the centre in the plane coordinates of the sheet.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Rim {
     pub radii: [f64; 2],
-    /// Over this many samples the strength falls from 1 inside of the rim to 0 outside.
+    /// Distance, in samples, over which the strength falls from 1 inside the rim to 0 outside.
     pub taper: f64,
 }
 
 impl Rim {
-    /// How far inside the rim a place is, in samples (negative outside): exact on the rim, to first
-    /// order next to it.
+    /// Returns the distance from a position to the rim, in samples, positive inside and negative
+    /// outside. It is exact on the rim and correct to first order near it.
     fn distance_inside(&self, [s, t]: [f64; 2]) -> f64 {
         let [a, b] = self.radii;
         let level = (s / a).hypot(t / b);
@@ -47,14 +47,15 @@ impl Rim {
         }
     }
 
-    /// Strength there, from 1 well inside to 0 well outside, smooth (cubic) in between.
-    pub fn strength(&self, at: [f64; 2]) -> f64 {
-        // A fifth of the way the cubic is a tenth high.
-        let u = (0.2 + self.distance_inside(at) / self.taper).clamp(0.0, 1.0);
+    /// Returns the strength at a position, from 1 well inside the rim to 0 well outside, with a
+    /// smooth (cubic) transition.
+    pub fn strength(&self, coordinates: [f64; 2]) -> f64 {
+        // At a fifth of the transition the cubic is about a tenth.
+        let u = (0.2 + self.distance_inside(coordinates) / self.taper).clamp(0.0, 1.0);
         u * u * (3.0 - 2.0 * u)
     }
 
-    /// The angle along the rim of the place where rays from the centre through `at` meet it.
+    /// Returns the angle of the point of the rim on the ray from the centre through a position.
     fn angle(&self, [s, t]: [f64; 2]) -> f64 {
         (t / self.radii[1]).atan2(s / self.radii[0])
     }
@@ -66,8 +67,8 @@ impl Rim {
 
 #[derive(Debug, Clone)]
 enum SurfaceShape {
-    /// `u = height(s, t) - height(0, 0)` with (u, s, t) the coordinates along `frame`, whose rows
-    /// are orthonormal.
+    /// `u = height(s, t) - height(0, 0)`, where (u, s, t) are the coordinates along `frame`, whose
+    /// rows are orthonormal.
     Sheet {
         centre: [f64; 3],
         frame: [[f64; 3]; 3],
@@ -78,19 +79,19 @@ enum SurfaceShape {
     Ball { centre: [f64; 3], radius: f64 },
 }
 
-/// The zero set of a smooth function, its *level*.
+/// The zero set of a smooth function, the *level*.
 #[derive(Debug, Clone)]
 pub(super) struct ImplicitSurface {
     shape: SurfaceShape,
-    /// Upper bound of the level's gradient: |level| / steepness never exceeds the distance.
+    /// Upper bound of the gradient of the level: |level| / max_gradient never exceeds the distance.
     pub max_gradient: f64,
-    /// Where the surface ends, if it does not go through the whole volume.
+    /// Other surface at which this one ends, if it does not extend through the whole volume.
     pub end: Option<Termination>,
-    /// Where it tapers out, if it does. Only sheets do.
+    /// Rim at which the surface tapers out, if it does. Only sheets have one.
     pub rim: Option<Rim>,
 }
 
-/// The unit vector along `v`; that of x for zero.
+/// Returns the unit vector along `v`, or that along x if `v` is zero.
 fn unit_vector(v: [f64; 3]) -> [f64; 3] {
     let length = dot(v, v).sqrt();
     if length > 0.0 {
@@ -100,7 +101,7 @@ fn unit_vector(v: [f64; 3]) -> [f64; 3] {
     }
 }
 
-/// Height, gradient and second derivatives (ss, st, tt).
+/// Returns the height, its gradient, and its second derivatives (ss, st, tt).
 fn height(waves: &[Wave], s: f64, t: f64) -> (f64, [f64; 2], [f64; 3]) {
     let (mut h, mut g, mut k) = (0.0, [0.0; 2], [0.0; 3]);
     for w in waves {
@@ -118,10 +119,10 @@ fn height(waves: &[Wave], s: f64, t: f64) -> (f64, [f64; 2], [f64; 3]) {
 }
 
 impl ImplicitSurface {
-    /// A sheet through `centre`, normal to `normal` but for its waves.
+    /// Creates a sheet through `centre` with mean normal `normal` and these waves.
     pub(super) fn sheet(centre: [f64; 3], normal: [f64; 3], waves: Vec<Wave>) -> Self {
         let n = unit_vector(normal);
-        // Any direction not along the normal spans the rest of the frame.
+        // Any direction that is not along the normal completes the frame.
         let k = (0..3).fold(
             0,
             |best, k| if n[k].abs() < n[best].abs() { k } else { best },
@@ -149,7 +150,7 @@ impl ImplicitSurface {
         }
     }
 
-    /// A sphere.
+    /// Creates a sphere.
     pub(super) fn ball(centre: [f64; 3], radius: f64) -> Self {
         Self {
             shape: SurfaceShape::Ball { centre, radius },
@@ -159,7 +160,7 @@ impl ImplicitSurface {
         }
     }
 
-    /// The function whose zero set is the surface (ignoring its end).
+    /// Returns the level: the function whose zero set is the surface (ignoring its end).
     pub(super) fn level(&self, p: [f64; 3]) -> f64 {
         match &self.shape {
             SurfaceShape::Sheet {
@@ -178,8 +179,8 @@ impl ImplicitSurface {
         }
     }
 
-    /// The closest point of the surface (ignoring its end). For a sheet: Newton's method on the
-    /// two coordinates in the sheet, which finds the global minimum for any point closer than the
+    /// Returns the closest point of the surface (ignoring its end). For a sheet, Newton's method on
+    /// the two coordinates in the sheet finds the global minimum for any point closer than the
     /// smallest radius of curvature.
     pub(super) fn closest_point(&self, p: [f64; 3]) -> SurfacePoint {
         match &self.shape {
@@ -208,7 +209,7 @@ impl ImplicitSurface {
                     a -= step[0];
                     b -= step[1];
                     (h, g, k) = height(waves, a, b);
-                    // Convergence is quadratic: the error left is of the order of 1e-10.
+                    // Convergence is quadratic: the remaining error is about 1e-10.
                     if step[0] * step[0] + step[1] * step[1] < 1e-9 {
                         break;
                     }
@@ -225,7 +226,7 @@ impl ImplicitSurface {
         }
     }
 
-    /// A sheet's plane coordinates of a place.
+    /// Returns the plane coordinates of a position in a sheet.
     pub(super) fn plane_coordinates(&self, p: [f64; 3]) -> [f64; 2] {
         match &self.shape {
             SurfaceShape::Sheet { centre, frame, .. } => {
@@ -235,7 +236,7 @@ impl ImplicitSurface {
         }
     }
 
-    /// The point of a sheet at plane coordinates, and its normal there.
+    /// Returns the point of a sheet at plane coordinates, and its normal there.
     pub(super) fn point_at(&self, [s, t]: [f64; 2]) -> SurfacePoint {
         match &self.shape {
             SurfaceShape::Sheet {
@@ -261,23 +262,25 @@ impl ImplicitSurface {
         }
     }
 
-    /// Whether it exists at a point of it: on its side of the one of `all` at which it ends.
+    /// Returns `true` if the surface exists at a point of its level set: the point is on the valid
+    /// side of the surface at which it ends, which `surfaces` returns for an index.
     pub(super) fn exists_at<'a>(
         &self,
-        all: impl Fn(usize) -> &'a ImplicitSurface,
-        at: [f64; 3],
+        surfaces: impl Fn(usize) -> &'a ImplicitSurface,
+        point: [f64; 3],
     ) -> bool {
         self.end
-            .is_none_or(|end| all(end.surface).level(at) * end.side >= 0.0)
+            .is_none_or(|end| surfaces(end.surface).level(point) * end.side >= 0.0)
     }
 
-    /// Strength of a sheet's ridge or likelihood near a place: 1, but for its rim.
+    /// Returns the strength of the ridge or likelihood of a sheet near a position. It is 1 unless
+    /// the sheet has a rim.
     pub(super) fn strength(&self, p: [f64; 3]) -> f64 {
         self.rim
             .map_or(1.0, |rim| rim.strength(self.plane_coordinates(p)))
     }
 
-    /// The normal of a sheet without its waves; x of a ball.
+    /// Returns the normal of a sheet without its waves, or x for a ball.
     pub(super) fn mean_normal(&self) -> [f64; 3] {
         match &self.shape {
             SurfaceShape::Sheet { frame, .. } => frame[0],
@@ -285,33 +288,36 @@ impl ImplicitSurface {
         }
     }
 
-    /// The share of its throw by which a fault displaces a place: 1, but within a rim it falls as an ellipse
-    /// does from the middle outwards, and away from the sheet over the lesser radius.
+    /// Returns the share of its throw by which a fault displaces a position. It is 1 without a rim.
+    /// Within a rim it falls elliptically from the centre outwards, and decreases away from the
+    /// sheet over the smaller radius.
     pub(super) fn throw_share(&self, p: [f64; 3]) -> f64 {
         self.rim.map_or(1.0, |rim| {
             let [s, t] = self.plane_coordinates(p);
             let [a, b] = rim.radii;
-            let inside = 1.0 - (s / a).powi(2) - (t / b).powi(2);
-            let near = 1.0 - (self.level(p) / a.min(b)).powi(2);
-            inside.max(0.0).sqrt() * near.max(0.0).powi(2)
+            let ellipse = 1.0 - (s / a).powi(2) - (t / b).powi(2);
+            let taper = 1.0 - (self.level(p) / a.min(b)).powi(2);
+            ellipse.max(0.0).sqrt() * taper.max(0.0).powi(2)
         })
     }
 
-    /// The closest point inside the rim, if there is one; on the rim the normal is still the sheet's.
+    /// Returns the closest point within the rim, if there is a rim. On the rim the normal is still
+    /// that of the sheet.
     pub(super) fn closest_point_in_rim(&self, p: [f64; 3]) -> SurfacePoint {
         let foot = self.closest_point(p);
         let Some(rim) = self.rim else { return foot };
-        let at = self.plane_coordinates(foot.point);
-        if rim.distance_inside(at) >= 0.0 {
+        let coordinates = self.plane_coordinates(foot.point);
+        if rim.distance_inside(coordinates) >= 0.0 {
             return foot;
         }
-        // Along the rim, from where the ray through the foot meets it, by golden sections: the rim is
-        // wide against its distance, so the minimum near there is the only one.
+        // Golden-section search along the rim, starting where the ray through the foot point meets
+        // it. The radii of the rim are large against the distance to it, so the minimum near the
+        // start is the only one.
         let square = |angle: f64| {
             let r = sub(self.point_at(rim.point_at(angle)).point, p);
             dot(r, r)
         };
-        let middle = rim.angle(at);
+        let middle = rim.angle(coordinates);
         let (mut low, mut high) = (middle - 0.6, middle + 0.6);
         let golden = 0.618_033_988_749_895;
         for _ in 0..40 {
@@ -325,7 +331,7 @@ impl ImplicitSurface {
         self.point_at(rim.point_at(0.5 * (low + high)))
     }
 
-    /// Unit gradient of the level.
+    /// Returns the unit gradient of the level.
     pub(super) fn unit_gradient(&self, p: [f64; 3]) -> [f64; 3] {
         match &self.shape {
             SurfaceShape::Sheet {

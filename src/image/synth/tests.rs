@@ -40,8 +40,8 @@ fn sphere_has_the_analytic_distance_and_direction() {
     }
 }
 
-/// The distance of curved, crossing, ending faults against the nearest of many points found by
-/// scanning a fine grid for changes of a fault's sign.
+/// Compares the distance of curved, crossing, ending faults with a random search for sign changes
+/// of their levels within that distance.
 #[test]
 fn fault_distance_matches_brute_force() {
     let options = Options {
@@ -58,7 +58,8 @@ fn fault_distance_matches_brute_force() {
         if d >= 9.0 {
             continue;
         }
-        // No point nearer than d: levels keep their sign within the ball; a point at d exists.
+        // No point is nearer than d: levels keep their sign within the ball, and a point at
+        // distance d exists.
         let foot: [f64; 3] = std::array::from_fn(|k| p[k] + d * f64::from(truth.direction[i][k]));
         let exists = |f: &surface::ImplicitSurface, q| {
             f.end
@@ -78,7 +79,7 @@ fn fault_distance_matches_brute_force() {
             for f in &faults {
                 let crossed = f.level(p) * f.level(q) < 0.0;
                 if crossed {
-                    // Bisect to the crossing; it may only be where the fault has ended.
+                    // A crossing found by bisection may only lie where the fault has ended.
                     let (mut a, mut b) = (p, q);
                     for _ in 0..50 {
                         let m: [f64; 3] = std::array::from_fn(|k| 0.5 * (a[k] + b[k]));
@@ -104,7 +105,8 @@ fn faults_bend_but_not_too_much_and_cross_at_good_angles() {
         let faults = crossing::faults(&preset.options, 1.0).unwrap();
         assert_eq!(faults.len(), preset.options.count());
         let (truth, sides) = exact_distance::compute_truth(&faults, preset.options.dims);
-        // Curved and crossing: some samples near two faults, more blocks than faults + 1.
+        // Curved, crossing faults form more blocks than faults + 1, and many samples are near a
+        // fault.
         let mut patterns = sides.clone();
         patterns.sort_unstable();
         patterns.dedup();
@@ -113,13 +115,13 @@ fn faults_bend_but_not_too_much_and_cross_at_good_angles() {
             "{}: faults do not cross",
             preset.name
         );
-        let near = truth.distance.iter().filter(|d| **d < 0.5).count();
-        assert!(near > 10_000, "{}: {near} feature points", preset.name);
+        let count = truth.distance.iter().filter(|d| **d < 0.5).count();
+        assert!(count > 10_000, "{}: {count} feature points", preset.name);
     }
 }
 
 #[test]
-fn ridges_stand_on_the_faults_and_noise_has_the_ratio_asked_for() {
+fn ridges_stand_on_the_faults_and_noise_has_the_given_ratio() {
     let options = noise_free_options([64, 56, 48], 3);
     let exact = make(SyntheticKind::Faults, &options).unwrap();
     for (&v, &d) in exact.image.as_slice().iter().zip(&exact.truth.distance) {
@@ -158,18 +160,21 @@ fn every_kind_is_made_the_same_on_any_number_of_threads() {
             count: Some(2),
             ..Options::default()
         };
-        let all = make(kind, &options).unwrap();
+        let parallel = make(kind, &options).unwrap();
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(1)
             .build()
             .unwrap();
-        let one = pool.install(|| make(kind, &options)).unwrap();
-        assert!(all.image.as_slice() == one.image.as_slice(), "{name}");
-        assert!(all.truth == one.truth, "{name}");
-        assert!(all.image.as_slice().iter().all(|v| v.is_finite()));
-        let other = make(kind, &Options { seed: 9, ..options }).unwrap();
+        let single = pool.install(|| make(kind, &options)).unwrap();
         assert!(
-            all.image.as_slice() != other.image.as_slice(),
+            parallel.image.as_slice() == single.image.as_slice(),
+            "{name}"
+        );
+        assert!(parallel.truth == single.truth, "{name}");
+        assert!(parallel.image.as_slice().iter().all(|v| v.is_finite()));
+        let reseeded = make(kind, &Options { seed: 9, ..options }).unwrap();
+        assert!(
+            parallel.image.as_slice() != reseeded.image.as_slice(),
             "{name}: the seed is ignored"
         );
     }
@@ -217,8 +222,8 @@ fn truth_survives_its_array_and_is_found_again_from_distances_alone() {
     let truth = make(SyntheticKind::Shells, &noise_free_options([48, 40, 44], 2))
         .unwrap()
         .truth;
-    let (back, _) = Truth::<3>::from_array(&truth.to_array(), "t").unwrap();
-    assert!(back == truth);
+    let (restored, _) = Truth::<3>::from_array(&truth.to_array(), "t").unwrap();
+    assert!(restored == truth);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("truth.npy");
     truth.write(&path).unwrap();
@@ -226,11 +231,11 @@ fn truth_survives_its_array_and_is_found_again_from_distances_alone() {
     let missing = Truth::<3>::read(&folder.path().join("none.npy")).unwrap_err();
     assert!(missing.to_string().contains("none.npy"));
     let distance = truth.to_array().index_axis_move(ndarray::Axis(0), 0);
-    let (found, note) = Truth::<3>::from_array(&distance, "t").unwrap();
+    let (estimated, note) = Truth::<3>::from_array(&distance, "t").unwrap();
     assert!(note.contains("differences"));
     let mut worst = 0f32;
     for i in (0..truth.distance.len()).filter(|&i| truth.distance[i] < 0.5) {
-        let [a, b] = [truth.direction[i], found.direction[i]];
+        let [a, b] = [truth.direction[i], estimated.direction[i]];
         let gap = (0..3)
             .map(|k| (a[k] - b[k]) * truth.distance[i])
             .fold(0.0, |s, e| s + e * e);
@@ -326,7 +331,8 @@ fn bad_requests_are_refused_in_one_line() {
     assert!(Truth::<3>::from_array(&ArrayD::from_elem(vec![8, 8, 8], f32::NAN), "t").is_err());
 }
 
-/// The distance between samples, as reports interpolate it, against the surfaces themselves.
+/// Compares the distance that reports interpolate between samples with the exact distance to the
+/// surfaces.
 #[test]
 fn distance_between_samples_is_that_of_the_faults() {
     let options = noise_free_options([72, 64, 56], 4);
@@ -335,24 +341,25 @@ fn distance_between_samples_is_that_of_the_faults() {
     let reference = crate::report::Reference::from_truth(&truth);
     let mut random = Random::for_purpose(3, 3);
     let end = faults[3].end.unwrap();
-    let (mut worst, mut behind, mut near) = (0f64, 0f64, 0);
+    let (mut worst, mut behind, mut count) = (0f64, 0f64, 0);
     for _ in 0..40_000 {
         let p: [f64; 3] = std::array::from_fn(|k| random.range(0.0, (options.dims[k] - 1) as f64));
         let exact = exact_distance::distance(&faults, p);
         if exact < 2.0 {
             let error = (reference.distance(p, &mut None) - exact).abs();
-            // Just behind the line where a fault ends, the fault seems to go on.
+            // Just behind the line where a fault ends, the interpolated distance continues the
+            // fault.
             if faults[end.surface].level(p) * end.side < 0.0 && faults[3].level(p).abs() < 1.0 {
                 behind = behind.max(error);
             } else {
                 worst = worst.max(error);
             }
-            near += 1;
+            count += 1;
         }
     }
     assert!(
-        near > 4000 && worst < 0.01,
-        "off by {worst} at worst of {near}"
+        count > 4000 && worst < 0.01,
+        "off by {worst} at worst of {count}"
     );
     assert!(behind < 0.5, "off by {behind} behind an end");
 }

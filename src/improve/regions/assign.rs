@@ -1,4 +1,4 @@
-//! A cell has the label of most of its volume.
+//! Assigns to each cell the label of the largest part of its volume.
 
 use crate::parallel::prelude::*;
 
@@ -9,28 +9,28 @@ use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
 use crate::mesh::poly::PolyMesh;
 
-/// Cells are divided by so many planes along each edge: their label is asked for in as many places as
-/// that gives.
+/// Number of planes that divide a simplex along each edge. They determine the number of sample
+/// points at which the label is evaluated.
 const SUBDIVISIONS: usize = 5;
 
-/// Visits the places in a cell.
+/// Calls a function with every sample point of a cell.
 type PointVisitor<'a, const D: usize> = dyn Fn(usize, &mut dyn FnMut([f64; D])) + Sync + 'a;
 
-/// Cells, and places in them that stand for equal parts of each.
+/// The cells of a mesh with sample points, each of which stands for an equal part of its cell.
 pub struct SamplePoints<'a, const D: usize> {
     visit_cell: Box<PointVisitor<'a, D>>,
     count: usize,
-    /// The cells' volumes (areas in 2-D).
+    /// Volumes of the cells (areas in 2-D).
     pub volumes: Vec<f64>,
 }
 
 impl<'a, const D: usize> SamplePoints<'a, D> {
-    /// Of simplices.
+    /// Creates the sample points of simplices.
     pub fn from_simplices<M: Simplices<D>>(mesh: &'a M) -> Self {
-        let places = sample_weights::<D>(SUBDIVISIONS);
-        let of_cell = move |c: usize, visit: &mut dyn FnMut([f64; D])| {
+        let samples = sample_weights::<D>(SUBDIVISIONS);
+        let visit_cell = move |c: usize, visit: &mut dyn FnMut([f64; D])| {
             let corners = mesh.cell(c);
-            for weights in &places {
+            for weights in &samples {
                 let mut x = [0.0; D];
                 for (weight, &n) in weights.iter().zip(corners) {
                     x = add_scaled(x, *weight, mesh.nodes()[n as usize]);
@@ -39,156 +39,160 @@ impl<'a, const D: usize> SamplePoints<'a, D> {
             }
         };
         Self {
-            visit_cell: Box::new(of_cell),
+            visit_cell: Box::new(visit_cell),
             count: mesh.len(),
             volumes: (0..mesh.len()).map(|c| mesh.volume(c)).collect(),
         }
     }
 
-    /// Of polygons or polyhedra: between the site and the nodes of every face.
+    /// Creates the sample points of polygons or polyhedra, between the site and the nodes of every
+    /// face.
     pub fn from_cells(mesh: &'a PolyMesh<D>) -> Self {
         let count = mesh.sites.len();
-        let ends = mesh
+        let cell_of_side = mesh
             .face_cells
             .iter()
             .flatten()
             .map(|&c| (c as usize).min(count));
-        let (start, ends) = sort_by_group(count + 1, ends);
-        let of_cell = move |c: usize, visit: &mut dyn FnMut([f64; D])| {
+        let (start, sides) = sort_by_group(count + 1, cell_of_side);
+        let visit_cell = move |c: usize, visit: &mut dyn FnMut([f64; D])| {
             let site = mesh.sites[c];
             visit(site);
-            for end in &ends[start[c] as usize..start[c + 1] as usize] {
-                for &n in mesh.faces.get(*end as usize / 2) {
-                    let out = sub(mesh.nodes[n as usize], site);
-                    for share in RADIAL_FRACTIONS {
-                        visit(add_scaled(site, share, out));
+            for side in &sides[start[c] as usize..start[c + 1] as usize] {
+                for &n in mesh.faces.get(*side as usize / 2) {
+                    let direction = sub(mesh.nodes[n as usize], site);
+                    for fraction in RADIAL_FRACTIONS {
+                        visit(add_scaled(site, fraction, direction));
                     }
                 }
             }
         };
         Self {
-            visit_cell: Box::new(of_cell),
+            visit_cell: Box::new(visit_cell),
             count,
             volumes: mesh.cell_shapes().iter().map(|shape| shape.0).collect(),
         }
     }
 
-    /// Visits the places in a cell.
+    /// Calls `visit` with every sample point of a cell.
     pub fn for_each(&self, cell: usize, mut visit: impl FnMut([f64; D])) {
         (self.visit_cell)(cell, &mut visit);
     }
 
-    /// How often which label is found in each cell.
+    /// Counts the labels at the sample points of each cell.
     pub fn votes(&self, labelled: &LabelMap<D>) -> Vec<Votes> {
-        let of_cell = |c: usize| {
+        let cell_votes = |c: usize| {
             let mut votes = Votes::default();
             self.for_each(c, |x| votes.add(labelled.label_at(x)));
             votes
         };
-        (0..self.count).into_par_iter().map(of_cell).collect()
+        (0..self.count).into_par_iter().map(cell_votes).collect()
     }
 }
 
-/// How far out places in polyhedra are, as shares of the way from the site to a node.
+/// Positions of sample points in polyhedra, as fractions of the way from the site to a node.
 const RADIAL_FRACTIONS: [f64; 2] = [0.5, 0.85];
 
-/// For each cell of a mesh with `neighbors`, by face, the faces beyond which another label is.
+/// Returns the faces of each cell beyond which another label lies: bit k for face k. `neighbors`
+/// has the adjacent cell for each cell and face.
 pub fn interface_marks<const D: usize>(regions: &[u32], neighbors: &[u32]) -> Vec<u8> {
-    let of_cell = |(region, beyond): (&u32, &[u32])| {
-        let other = |n: u32| n != NONE && regions[n as usize] != *region;
-        let bits = beyond
+    let cell_marks = |(region, adjacent): (&u32, &[u32])| {
+        let has_other_label = |n: u32| n != NONE && regions[n as usize] != *region;
+        let bits = adjacent
             .iter()
             .enumerate()
-            .map(|(k, &n)| u8::from(other(n)) << k);
+            .map(|(k, &n)| u8::from(has_other_label(n)) << k);
         bits.sum()
     };
     regions
         .iter()
         .zip(neighbors.chunks(D + 1))
-        .map(of_cell)
+        .map(cell_marks)
         .collect()
 }
 
-/// Places in a simplex, as weights of its corners: the corners of as many small ones, drawn inwards.
-fn sample_weights<const D: usize>(planes: usize) -> Vec<Vec<f64>> {
-    let mut found = Vec::new();
+/// Returns the sample points of a simplex as weights of its corners: the corners of the small
+/// simplices of a subdivision, moved inwards.
+fn sample_weights<const D: usize>(subdivisions: usize) -> Vec<Vec<f64>> {
+    let mut samples = Vec::new();
     let mut counts = vec![0; D + 1];
-    visit_compositions(planes - 1, 0, &mut counts, &mut |counts| {
+    visit_compositions(subdivisions - 1, 0, &mut counts, &mut |counts| {
         let inwards = 1.0 / (D + 1) as f64;
-        let weight = |&count: &usize| (count as f64 + inwards) / planes as f64;
-        found.push(counts.iter().map(weight).collect());
+        let weight = |&count: &usize| (count as f64 + inwards) / subdivisions as f64;
+        samples.push(counts.iter().map(weight).collect());
     });
-    found
+    samples
 }
 
-/// Visits every way to put `left` things into the places from `place` on.
+/// Calls `visit` with every way to distribute `remaining` units over the entries of `counts` from
+/// `index` on.
 fn visit_compositions(
-    left: usize,
-    place: usize,
+    remaining: usize,
+    index: usize,
     counts: &mut [usize],
     visit: &mut impl FnMut(&[usize]),
 ) {
-    if place + 1 == counts.len() {
-        counts[place] = left;
+    if index + 1 == counts.len() {
+        counts[index] = remaining;
         visit(counts);
         return;
     }
-    for here in 0..=left {
-        counts[place] = here;
-        visit_compositions(left - here, place + 1, counts, visit);
+    for count in 0..=remaining {
+        counts[index] = count;
+        visit_compositions(remaining - count, index + 1, counts, visit);
     }
 }
 
-/// The label of each simplex: that of most of it, unless it would be a spike between cells of another label
-/// that it has nearly as much of.
+/// Returns the label of each simplex: the label of the largest part of it, unless the cell would
+/// then be a spike between cells of another label that covers nearly as much of it.
 pub fn assign_labels<const D: usize, M: Simplices<D>>(
     mesh: &M,
     neighbors: &[u32],
     labelled: &LabelMap<D>,
 ) -> Vec<u32> {
     let votes = SamplePoints::from_simplices(mesh).votes(labelled);
-    let near = NodeLabels::new(mesh, &votes, labelled);
-    let may_have = |c: usize, label: u32| near.allows(mesh.cell(c), label);
-    let first = |c: usize| {
-        let most = votes[c].winner();
-        if may_have(c, most) {
-            return most;
+    let node_labels = NodeLabels::new(mesh, &votes, labelled);
+    let may_have = |c: usize, label: u32| node_labels.allows(mesh.cell(c), label);
+    let initial_label = |c: usize| {
+        let winner = votes[c].winner();
+        if may_have(c, winner) {
+            return winner;
         }
         votes[c]
             .winner_among(|label| may_have(c, label))
-            .unwrap_or(most)
+            .unwrap_or(winner)
     };
-    let mut regions: Vec<u32> = (0..mesh.len()).into_par_iter().map(first).collect();
+    let mut regions: Vec<u32> = (0..mesh.len()).into_par_iter().map(initial_label).collect();
     for _ in 0..MAX_ROUNDS {
         let mut changed = false;
         for c in 0..mesh.len() {
-            let here = regions[c];
-            let beyond = &neighbors[(D + 1) * c..][..D + 1];
-            let other = |n: u32| n != NONE && regions[n as usize] != here;
-            if !beyond.iter().any(|&n| other(n)) {
+            let current = regions[c];
+            let adjacent = &neighbors[(D + 1) * c..][..D + 1];
+            let has_other_label = |n: u32| n != NONE && regions[n as usize] != current;
+            if !adjacent.iter().any(|&n| has_other_label(n)) {
                 continue;
             }
             let volume = mesh.volume(c);
             let area = |k: usize| M::face_area(&mesh.face(c, k).map(|n| mesh.nodes()[n as usize]));
             let areas: [f64; 4] = std::array::from_fn(|k| if k <= D { area(k) } else { 0.0 });
-            let price = INTERFACE_COST * volume / areas.iter().sum::<f64>();
+            let cost_per_area = INTERFACE_COST * volume / areas.iter().sum::<f64>();
             let cost = |label: u32| {
-                let faces = beyond.iter().zip(areas).filter(|(n, _)| **n != NONE);
-                let parted = faces.filter(|(n, _)| regions[**n as usize] != label);
-                let parted: f64 = parted.map(|(_, area)| area).sum();
-                volume * (1.0 - votes[c].share(label)) + price * parted
+                let faces = adjacent.iter().zip(areas).filter(|(n, _)| **n != NONE);
+                let separating = faces.filter(|(n, _)| regions[**n as usize] != label);
+                let separating_area: f64 = separating.map(|(_, area)| area).sum();
+                volume * (1.0 - votes[c].share(label)) + cost_per_area * separating_area
             };
-            let (mut best, mut least) = (here, cost(here));
-            for &n in beyond.iter().filter(|n| other(**n)) {
+            let (mut best, mut min_cost) = (current, cost(current));
+            for &n in adjacent.iter().filter(|n| has_other_label(**n)) {
                 let label = regions[n as usize];
                 if votes[c].share(label) >= MIN_LABEL_SHARE
-                    && cost(label) < (1.0 - 1e-9) * least
+                    && cost(label) < (1.0 - 1e-9) * min_cost
                     && may_have(c, label)
                 {
-                    (best, least) = (label, cost(label));
+                    (best, min_cost) = (label, cost(label));
                 }
             }
-            changed |= best != here;
+            changed |= best != current;
             regions[c] = best;
         }
         if !changed {
@@ -198,10 +202,10 @@ pub fn assign_labels<const D: usize, M: Simplices<D>>(
     regions
 }
 
-/// The labels near the nodes of cells of several labels. A cell that has a label which is not near one of its
-/// nodes would be a spike.
+/// The labels near the nodes of cells that contain several labels. A cell would be a spike if its
+/// label were not found near each of its nodes.
 struct NodeLabels {
-    /// For each node the labels within a sample of it; empty where that was not asked for.
+    /// Labels within one sample of each node; empty for nodes that need no test.
     by_node: Vec<Vec<u32>>,
 }
 
@@ -211,50 +215,53 @@ impl NodeLabels {
         votes: &[Votes],
         labelled: &LabelMap<D>,
     ) -> Self {
-        let mut asked = vec![false; mesh.nodes().len()];
+        let mut is_needed = vec![false; mesh.nodes().len()];
         for (c, votes) in votes.iter().enumerate() {
             if votes.0.len() > 1 {
-                mesh.cell(c).iter().for_each(|&n| asked[n as usize] = true);
+                mesh.cell(c)
+                    .iter()
+                    .for_each(|&n| is_needed[n as usize] = true);
             }
         }
         let directions = directions::<D>();
-        let of_node = |(x, asked): (&[f64; D], &bool)| {
-            let mut found = Vec::new();
-            if !asked {
-                return found;
+        let labels_near = |(x, is_needed): (&[f64; D], &bool)| {
+            let mut labels = Vec::new();
+            if !is_needed {
+                return labels;
             }
-            found.push(labelled.label_at(*x));
-            for part in SEARCH_RADII {
-                for along in &directions {
-                    let there = std::array::from_fn(|k| x[k] + part * along[k] * labelled.step[k]);
-                    let label = labelled.label_at(there);
-                    if !found.contains(&label) {
-                        found.push(label);
+            labels.push(labelled.label_at(*x));
+            for radius in SEARCH_RADII {
+                for direction in &directions {
+                    let point =
+                        std::array::from_fn(|k| x[k] + radius * direction[k] * labelled.step[k]);
+                    let label = labelled.label_at(point);
+                    if !labels.contains(&label) {
+                        labels.push(label);
                     }
                 }
             }
-            found
+            labels
         };
-        let nodes = mesh.nodes().par_iter().zip(&asked);
+        let nodes = mesh.nodes().par_iter().zip(&is_needed);
         Self {
-            by_node: nodes.map(of_node).collect(),
+            by_node: nodes.map(labels_near).collect(),
         }
     }
 
-    /// Returns whether a cell of these nodes may have a label.
+    /// Returns `true` if a cell with these nodes may have the label.
     fn allows(&self, nodes: &[u32], label: u32) -> bool {
-        let near = |&n: &u32| {
+        let has_label = |&n: &u32| {
             let labels = &self.by_node[n as usize];
             labels.is_empty() || labels.contains(&label)
         };
-        nodes.iter().all(near)
+        nodes.iter().all(has_label)
     }
 }
 
-/// How far round a node labels are looked for, in samples.
+/// Distances from a node, in samples, at which labels are evaluated.
 const SEARCH_RADII: [f64; 2] = [0.5, 1.0];
 
-/// The directions to the samples round one, of length 1.
+/// Returns the unit vectors from a sample to the samples around it.
 pub fn directions<const D: usize>() -> Vec<[f64; D]> {
     let count = 3usize.pow(D as u32);
     let steps = (0..count).map(|i| {
@@ -272,14 +279,15 @@ pub fn directions<const D: usize>() -> Vec<[f64; D]> {
     steps.filter_map(unit).collect()
 }
 
-/// Rounds in which cells may change their labels.
+/// Largest number of rounds in which cells change their labels.
 const MAX_ROUNDS: usize = 5;
-/// What a whole surface between labels costs, in volumes of its cell that has the wrong label.
+/// Cost of a complete surface between labels, relative to the volume of its cell that has the wrong
+/// label.
 const INTERFACE_COST: f64 = 1.5;
-/// A cell takes no label of which it has less than this share.
+/// Smallest share of a cell that a label must cover to be assigned to it.
 const MIN_LABEL_SHARE: f64 = 0.2;
 
-/// How often each label was found.
+/// Number of sample points with each label.
 #[derive(Debug, Clone, Default)]
 pub struct Votes(Vec<(u32, u32)>);
 
@@ -291,22 +299,22 @@ impl Votes {
         }
     }
 
-    /// The share of the finds that were of a label.
+    /// Returns the share of the sample points that have the label.
     fn share(&self, label: u32) -> f64 {
-        let all: u32 = self.0.iter().map(|(_, count)| count).sum();
-        let own = self.0.iter().find(|(known, _)| *known == label);
-        f64::from(own.map_or(0, |(_, count)| *count)) / f64::from(all.max(1))
+        let total: u32 = self.0.iter().map(|(_, count)| count).sum();
+        let entry = self.0.iter().find(|(known, _)| *known == label);
+        f64::from(entry.map_or(0, |(_, count)| *count)) / f64::from(total.max(1))
     }
 
-    /// The label found most often among those that are `wanted`.
-    fn winner_among(&self, wanted: impl Fn(u32) -> bool) -> Option<u32> {
-        let votes = self.0.iter().filter(|(label, _)| wanted(*label));
+    /// Returns the most frequent label of those that `accepts`; `None` if there is none.
+    fn winner_among(&self, accepts: impl Fn(u32) -> bool) -> Option<u32> {
+        let votes = self.0.iter().filter(|(label, _)| accepts(*label));
         let better = |a: (u32, u32), &b: &(u32, u32)| if b.1 > a.1 { b } else { a };
-        let most = votes.fold((0, 0), better);
-        (most.1 > 0).then_some(most.0)
+        let winner = votes.fold((0, 0), better);
+        (winner.1 > 0).then_some(winner.0)
     }
 
-    /// The label found most often; of several the one found first.
+    /// Returns the most frequent label, and the first one found if several are equally frequent.
     pub fn winner(&self) -> u32 {
         let better = |a: (u32, u32), &b: &(u32, u32)| if b.1 > a.1 { b } else { a };
         self.0.iter().fold((0, 0), better).0

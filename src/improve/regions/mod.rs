@@ -1,11 +1,11 @@
-//! Cells take the labels of the image, and the faces between them lie where labels change.
+//! Assigns the labels of the image to cells, and fits faces to the interfaces between labels.
 //!
-//! - `assign`: a cell has the label of most of its volume
-//! - `fit`: nodes between labels move so that faces lie on the interface in the mean
-//! - `balance`: by how much interfaces must give way for regions to have their volumes
+//! - `assign`: assigns to each cell the label of the largest part of its volume
+//! - `fit`: moves nodes between labels so that faces lie on the interface on average
+//! - `balance`: computes by how much interfaces move so that regions have their volumes
 //!
-//! An interface that is a union of faces between cells of different labels has no holes, whatever the
-//! labels are, and counts as what lies on features.
+//! An interface that is a union of faces between cells of different labels has no holes, whatever
+//! the labels are. Its faces count as faces on features.
 
 mod assign;
 mod balance;
@@ -16,7 +16,7 @@ pub use fit::{InterfaceFit, fit, remove_spikes};
 
 use crate::mesh::Simplices;
 
-/// The volume of the cells of each label, of which there are `count`.
+/// Returns the total volume of the cells of each label, for `count` labels.
 fn region_volumes<const D: usize, M: Simplices<D>>(
     mesh: &M,
     regions: &[u32],

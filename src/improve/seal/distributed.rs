@@ -1,6 +1,8 @@
-//! Closing holes in a mesh that is in pieces. What there is to do is near the rims of surfaces: the cells there
-//! are told to all, who do the same to them; which sheets are near one, whoever has it says. Rooms are united across
-//! pieces.
+//! Closes holes in a mesh that is partitioned among ranks.
+//!
+//! All holes lie at the rims of surfaces. Each rank gathers the cells near all rims and performs
+//! the same operations on them. The rank that owns a cell computes the feature planes near it and
+//! sends them to all. Compartments of the partitions are united across the cuts.
 
 use super::gathered_cells::GatheredCells;
 use super::surface::{MarkedSurface, RidgeFan};
@@ -17,91 +19,96 @@ use crate::mesh::partition::MeshPartition;
 use crate::progress::CancelToken;
 use crate::{Error, Result};
 
-/// Where surfaces grow out of what all look at, so many more rings of cells are taken in, at most.
+/// Largest number of rings of cells that are gathered in addition when surfaces grow beyond the
+/// gathered cells.
 const MAX_RINGS: usize = 4;
 
-/// [`seal`](super::seal) of a mesh that is in pieces, which follow one another as the members of the group do;
-/// `marks` are those of this piece's tetrahedra, and `points` at least those near it. What is marked, and what was
-/// closed, are as in the whole mesh.
+/// Closes holes as [`seal`](super::seal) does, in a mesh that is partitioned among the ranks in
+/// their order.
+///
+/// `marks` are those of the tetrahedra of this partition, and `points` must contain at least the
+/// feature points near it. The marked faces and the report are the same as for the whole mesh.
 ///
 /// # Errors
-/// [`Error::Mesh`] if the pieces do not fit one another; those of the others.
+/// Returns [`Error::Mesh`] if the partitions do not fit each other, and an error if another rank
+/// fails.
 pub fn seal_distributed(
-    piece: &MeshPartition,
+    partition: &MeshPartition,
     points: &[FeaturePoint<3>],
     extent: [f64; 3],
     distance: &DistributedDistance<3>,
     marks: &mut [u8],
-    group: &dyn Comm,
-    patience: &CancelToken<'_>,
+    comm: &dyn Comm,
+    cancel: &CancelToken<'_>,
 ) -> Result<SealReport> {
-    let sheets = local_planes(points, extent, &distance.outline());
+    let planes = local_planes(points, extent, &distance.outline());
     let surface = MarkedSurface {
-        mesh: &piece.mesh,
-        neighbors: piece.neighbors.as_flattened(),
+        mesh: &partition.mesh,
+        neighbors: partition.neighbors.as_flattened(),
         marks,
     };
-    let mut own = LocalSurface {
-        partition: piece,
+    let mut local = LocalSurface {
+        partition,
         surface,
-        comm: group,
+        comm,
     };
-    own.mark_both_sides()?;
-    let mut near = GatheredCells::default();
-    let mut more = own.rim_nodes()?;
+    local.mark_both_sides()?;
+    let mut gathered = GatheredCells::default();
+    let mut pending_nodes = local.rim_nodes()?;
     let mut rings = 1;
-    let mut seen = Vec::new();
+    let mut known_planes = Vec::new();
     loop {
         for _ in 0..rings {
-            more = near.gather(&more, piece, own.surface.marks, group)?;
+            pending_nodes =
+                gathered.gather(&pending_nodes, partition, local.surface.marks, comm)?;
         }
-        let (mesh, neighbors) = near.local_mesh()?;
-        let mut marks = near.local_marks();
+        let (mesh, neighbors) = gathered.local_mesh()?;
+        let mut marks = gathered.local_marks();
         let surface = MarkedSurface {
             mesh: &mesh,
             neighbors: neighbors.as_flattened(),
             marks: &mut marks,
         };
-        // All look at these cells, wherever they are.
-        let distance = distance.fetch_near(&mesh.nodes, 0.0, group)?;
-        let mut sealing = Sealer::new(surface, &sheets, &distance);
-        let here = |(number, sides)| (near.local_cell(number), sides);
-        sealing.cell_planes = seen.into_iter().map(here).collect();
-        let over = || {
-            let over = group.all_gather("patience", patience.is_cancelled())?;
-            Ok::<_, Error>(over.contains(&true))
+        // The distance is fetched for all gathered cells, whichever rank owns them.
+        let distance = distance.fetch_near(&mesh.nodes, 0.0, comm)?;
+        let mut sealer = Sealer::new(surface, &planes, &distance);
+        let to_local = |(global_id, planes)| (gathered.local_cell(global_id), planes);
+        sealer.cell_planes = known_planes.into_iter().map(to_local).collect();
+        let is_cancelled = || {
+            let flags = comm.all_gather("cancellation", cancel.is_cancelled())?;
+            Ok::<_, Error>(flags.contains(&true))
         };
-        sealing.grow(over, |sealing, cells| {
-            let own = cells
+        sealer.grow(is_cancelled, |sealer, cells| {
+            let owned_cells = cells
                 .into_iter()
-                .filter(|&c| own.has_cell(near.global_cell(c)));
-            let own: Vec<u32> = own.collect();
-            Ok(concatenate(group.all_gather(
-                "sheets near cells",
-                sealing.planes_near_cells(&own),
+                .filter(|&c| local.has_cell(gathered.global_cell(c)));
+            let owned_cells: Vec<u32> = owned_cells.collect();
+            Ok(concatenate(comm.all_gather(
+                "planes near cells",
+                sealer.planes_near_cells(&owned_cells),
             )?))
         })?;
-        if sealing.incomplete_nodes.is_empty() {
-            sealing.remove_overhangs();
-            return own.close_holes(&sealing, &near);
+        if sealer.incomplete_nodes.is_empty() {
+            sealer.remove_overhangs();
+            return local.close_holes(&sealer, &gathered);
         }
-        // Once more, with what was missed. What cells see is known.
-        more = sealing
+        // Repeat with the missing cells. The planes that are known need not be computed again.
+        pending_nodes = sealer
             .incomplete_nodes
             .iter()
-            .map(|&n| near.global_node(n))
+            .map(|&n| gathered.global_node(n))
             .collect();
-        more.sort_unstable();
-        more.dedup();
-        let sides = sealing.cell_planes.into_iter();
-        seen = sides
-            .map(|(c, sides)| (near.global_cell(c), sides))
+        pending_nodes.sort_unstable();
+        pending_nodes.dedup();
+        let cell_planes = sealer.cell_planes.into_iter();
+        known_planes = cell_planes
+            .map(|(c, planes)| (gathered.global_cell(c), planes))
             .collect();
         rings = MAX_RINGS.min(2 * rings);
     }
 }
 
-/// A piece, its marked faces, and those who hold the others.
+/// The partition of this rank, its marked faces, and the communicator to the other ranks.
 struct LocalSurface<'a> {
     partition: &'a MeshPartition,
     surface: MarkedSurface<'a, 3, TetMesh>,
@@ -109,57 +116,65 @@ struct LocalSurface<'a> {
 }
 
 impl LocalSurface<'_> {
-    /// For each face beyond which another piece goes on, what `value` is there.
-    fn values_across(&self, what: &str, value: impl Fn(u32) -> u32) -> Result<Vec<(u32, u32)>> {
-        // Some member hears of a face from both sides: which one, a node tells.
+    /// Returns `value` on the other side of each face at a cut: pairs of a face and the value
+    /// beyond it.
+    fn values_across(&self, exchange: &str, value: impl Fn(u32) -> u32) -> Result<Vec<(u32, u32)>> {
+        // One rank receives a face from both sides: the smallest node of the face determines which
+        // rank.
         let count = self.comm.size();
         let mut faces = vec![Vec::new(); count];
-        let mut told = vec![Vec::new(); count];
+        let mut sent = vec![Vec::new(); count];
         for (face, &beyond) in (0..).zip(self.surface.neighbors) {
             if beyond == NOT_LOCAL {
-                let mut name = self.surface.face_nodes(face).map(|n| self.global_node(n));
-                name.sort_unstable();
-                let to = name[0] as usize % count;
-                faces[to].push(face);
-                told[to].push((name, value(face)));
+                let mut key = self.surface.face_nodes(face).map(|n| self.global_node(n));
+                key.sort_unstable();
+                let rank = key[0] as usize % count;
+                faces[rank].push(face);
+                sent[rank].push((key, value(face)));
             }
         }
-        let told = self.comm.all_to_all(what, told)?;
-        let mut both = Vec::new();
-        for (from, told) in told.iter().enumerate() {
-            let told = told.iter().enumerate();
-            both.extend(told.map(|(place, &(name, value))| (name, from, place, value)));
+        let received = self.comm.all_to_all(exchange, sent)?;
+        let mut entries = Vec::new();
+        for (sender, values) in received.iter().enumerate() {
+            let values = values.iter().enumerate();
+            entries.extend(values.map(|(position, &(key, value))| (key, sender, position, value)));
         }
-        both.sort_unstable();
-        let mut answers: Vec<Vec<Option<u32>>> =
-            told.iter().map(|told| vec![None; told.len()]).collect();
-        for sides in both.chunk_by(|a, b| a.0 == b.0) {
-            if let &[(_, from, place, value), (_, to, there, other)] = sides {
-                answers[from][place] = Some(other);
-                answers[to][there] = Some(value);
+        entries.sort_unstable();
+        let mut answers: Vec<Vec<Option<u32>>> = received
+            .iter()
+            .map(|values| vec![None; values.len()])
+            .collect();
+        for pair in entries.chunk_by(|a, b| a.0 == b.0) {
+            if let &[
+                (_, sender, position, value),
+                (_, other_sender, other_position, other_value),
+            ] = pair
+            {
+                answers[sender][position] = Some(other_value);
+                answers[other_sender][other_position] = Some(value);
             }
         }
-        let answers = self.comm.all_to_all(what, answers)?;
+        let answers = self.comm.all_to_all(exchange, answers)?;
         let mut across = Vec::new();
         for (faces, answers) in faces.into_iter().zip(answers) {
-            for (face, other) in faces.into_iter().zip(answers) {
-                across.push((face, other.ok_or_else(|| self.unmatched_face_error(face))?));
+            for (face, value) in faces.into_iter().zip(answers) {
+                across.push((face, value.ok_or_else(|| self.unmatched_face_error(face))?));
             }
         }
         Ok(across)
     }
 
-    /// A face beyond which nothing goes on, or too much.
+    /// Returns the error for a face at a cut that does not belong to exactly two partitions.
     fn unmatched_face_error(&self, face: u32) -> Error {
         let nodes = self.surface.face_nodes(face).map(|n| self.global_node(n));
         Error::Mesh(cause(
             format!("face {nodes:?}"),
-            "does not belong to two pieces of the mesh",
+            "does not belong to exactly two partitions of the mesh",
             "mesh the image again",
         ))
     }
 
-    /// The whole's number of a node.
+    /// Returns the global index of a node.
     fn global_node(&self, n: u32) -> u32 {
         self.partition.global_ids[n as usize]
     }
@@ -175,20 +190,22 @@ impl LocalSurface<'_> {
         Ok(())
     }
 
-    /// The whole's numbers of the nodes of all rims in the mesh, rising; some on its outside may be among them.
+    /// Returns the global indices of the nodes of all rims in the mesh, in rising order. Some nodes
+    /// on the outside of the mesh may be among them.
     fn rim_nodes(&self) -> Result<Vec<u32>> {
-        // Each ridge with a node of a marked face that is not on it: by both, faces are known everywhere.
-        let mut met = Vec::new();
+        // Each ridge of a marked face, with the node of the face that is opposite to it. Both
+        // together identify a face on all ranks.
+        let mut ridge_faces = Vec::new();
         for face in self.surface.unique_marked_faces() {
             let ridges = self.surface.ridges(face).zip(self.surface.face_nodes(face));
-            met.extend(ridges.map(|(ridge, node)| (ridge, node, face)));
+            ridge_faces.extend(ridges.map(|(ridge, node)| (ridge, node, face)));
         }
-        met.sort_unstable();
+        ridge_faces.sort_unstable();
         let mut shared = vec![false; self.partition.global_ids.len()];
         for n in self.partition.shared_nodes() {
             shared[n as usize] = true;
         }
-        let at_cut = met
+        let at_cut = ridge_faces
             .iter()
             .filter(|(ridge, ..)| ridge.iter().all(|&n| shared[n as usize]));
         let at_cut: Vec<[u32; 3]> = at_cut
@@ -196,13 +213,13 @@ impl LocalSurface<'_> {
             .collect();
         let at_cuts = self.all_gather_sorted("ridges at cuts", at_cut)?;
         let mut rims = Vec::new();
-        for faces in met.chunk_by(|a, b| a.0 == b.0) {
+        for faces in ridge_faces.chunk_by(|a, b| a.0 == b.0) {
             let &[(ridge, _, face)] = faces else { continue };
             let nodes = ridge.map(|n| self.global_node(n));
-            let first = at_cuts.partition_point(|told| told[..2] < nodes[..]);
-            let there = at_cuts[first..].iter().take(2);
-            let alone = there.filter(|told| told[..2] == nodes[..]).count() < 2;
-            if alone
+            let first = at_cuts.partition_point(|ridge| ridge[..2] < nodes[..]);
+            let matches = at_cuts[first..].iter().take(2);
+            let is_rim = matches.filter(|ridge| ridge[..2] == nodes[..]).count() < 2;
+            if is_rim
                 && self.surface.visit_ridge_cells(face / 4, ridge, |_| ()) != RidgeFan::AtBoundary
             {
                 rims.extend(nodes);
@@ -211,80 +228,86 @@ impl LocalSurface<'_> {
         self.all_gather_sorted("rims", rims)
     }
 
-    /// What all have, rising, each once.
-    fn all_gather_sorted<T: Ord + Codec>(&self, what: &str, own: Vec<T>) -> Result<Vec<T>> {
-        let all = self.comm.all_gather(what, own)?.into_iter();
+    /// Gathers the values of all ranks, in rising order and without duplicates.
+    fn all_gather_sorted<T: Ord + Codec>(&self, exchange: &str, local: Vec<T>) -> Result<Vec<T>> {
+        let all = self.comm.all_gather(exchange, local)?.into_iter();
         let mut all: Vec<T> = all.flatten().collect();
         all.sort_unstable();
         all.dedup();
         Ok(all)
     }
 
-    /// Whether this piece has a cell of the whole mesh.
+    /// Returns `true` if this partition has a cell, given by its global index.
     fn has_cell(&self, cell: usize) -> bool {
         let first = self.partition.first_cell;
         (first..first + self.partition.mesh.tets.len()).contains(&cell)
     }
 
-    /// This piece's number of a face of the whole mesh, if it has that.
+    /// Returns the local index of face `k` of a cell, given by its global index, if this partition
+    /// has the cell.
     fn local_face(&self, cell: usize, k: u32) -> Option<u32> {
         (self.has_cell(cell)).then(|| 4 * (cell - self.partition.first_cell) as u32 + k)
     }
 
-    /// Marks the fresh faces, which all members have found, and opens the pockets that they make.
+    /// Marks the new faces, which all ranks have found, and opens the pockets that they create.
     fn close_holes(
         &mut self,
-        sealing: &Sealer<'_, 3, TetMesh>,
-        near: &GatheredCells,
+        sealer: &Sealer<'_, 3, TetMesh>,
+        gathered: &GatheredCells,
     ) -> Result<SealReport> {
-        // This piece's faces among the sides of the fresh ones.
+        // Sides of the new faces that belong to this partition.
         let mut sides = Vec::new();
-        for (i, &face) in (0..).zip(&sealing.new_faces) {
-            let twin = sealing.surface.twin(face).unwrap_or(face);
+        for (i, &face) in (0..).zip(&sealer.new_faces) {
+            let twin = sealer.surface.twin(face).unwrap_or(face);
             for (side, face) in (2 * i..).zip([face, twin]) {
-                if let Some(face) = self.local_face(near.global_cell(face / 4), face % 4) {
+                if let Some(face) = self.local_face(gathered.global_cell(face / 4), face % 4) {
                     self.surface.set_mark(face, true);
                     sides.push((side, face));
                 }
             }
         }
-        let (room, volume) = self.surface.compartments();
-        let volumes = self.comm.all_gather("rooms", volume)?;
-        let before: usize = volumes[..self.comm.rank()].iter().map(Vec::len).sum();
-        // Rooms of pieces are numbered as their first cells are in the whole: so are those that are united.
+        let (local_compartments, local_volumes) = self.surface.compartments();
+        let volumes = self.comm.all_gather("compartments", local_volumes)?;
+        let first_compartment: usize = volumes[..self.comm.rank()].iter().map(Vec::len).sum();
+        // Compartments of partitions are numbered in the order of their first cells in the whole
+        // mesh, and so are the united ones.
         let volumes = volumes.concat();
-        let room_at = |face: u32| before as u32 + room[(face / 4) as usize];
-        let across = self.values_across("rooms at cuts", room_at)?;
+        let compartment_at =
+            |face: u32| first_compartment as u32 + local_compartments[(face / 4) as usize];
+        let across = self.values_across("compartments at cuts", compartment_at)?;
         let open = across
             .iter()
             .filter(|(face, _)| !self.surface.is_marked(*face));
-        let mut pairs: Vec<[u32; 2]> = open.map(|&(face, other)| [room_at(face), other]).collect();
+        let mut pairs: Vec<[u32; 2]> = open
+            .map(|&(face, other)| [compartment_at(face), other])
+            .collect();
         pairs.sort_unstable();
         pairs.dedup();
-        let mut rooms = UnionFind::new(volumes.len());
-        for [r, s] in self.all_gather_sorted("rooms that are one", pairs)? {
-            rooms.unite(r, s);
+        let mut union = UnionFind::new(volumes.len());
+        for [r, s] in self.all_gather_sorted("united compartments", pairs)? {
+            union.unite(r, s);
         }
-        let (number, count) = rooms.into_labels();
-        let mut volume = vec![0.0; count];
-        for (of_part, &room) in volumes.iter().zip(&number) {
-            volume[room as usize] += of_part;
+        let (labels, count) = union.into_labels();
+        let mut merged_volumes = vec![0.0; count];
+        for (part_volume, &compartment) in volumes.iter().zip(&labels) {
+            merged_volumes[compartment as usize] += part_volume;
         }
-        let room_at = |face: u32| number[room_at(face) as usize];
+        let merged_compartment_at = |face: u32| labels[compartment_at(face) as usize];
         let sides: Vec<(u32, u32)> = (sides.into_iter())
-            .map(|(side, face)| (side, room_at(face)))
+            .map(|(side, face)| (side, merged_compartment_at(face)))
             .collect();
-        let mut beside = vec![[NONE; 2]; sealing.new_faces.len()];
-        for (side, room) in self.all_gather_sorted("rooms beside faces", sides)? {
-            beside.as_flattened_mut()[side as usize] = room;
+        let mut adjacent = vec![[NONE; 2]; sealer.new_faces.len()];
+        for (side, compartment) in self.all_gather_sorted("compartments beside faces", sides)? {
+            adjacent.as_flattened_mut()[side as usize] = compartment;
         }
-        let opened = sealing.find_pockets(&volume, &beside);
-        self.surface.unmark_between(&opened, |c| room_at(4 * c));
+        let opened = sealer.find_pockets(&merged_volumes, &adjacent);
+        self.surface
+            .unmark_between(&opened, |c| merged_compartment_at(4 * c));
         for (face, other) in across {
-            if opened.contains([room_at(face), number[other as usize]]) {
+            if opened.contains([merged_compartment_at(face), labels[other as usize]]) {
                 self.surface.set_mark(face, false);
             }
         }
-        Ok(sealing.report(&opened, &beside, count))
+        Ok(sealer.report(&opened, &adjacent, count))
     }
 }

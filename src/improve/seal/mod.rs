@@ -1,14 +1,14 @@
-//! Surfaces without holes: the faces that close what improvement could not.
+//! Closes holes in feature surfaces by marking further faces.
 //!
-//! Where the mesh could not follow a sheet, cells straddle it, and its faces leave a hole through which
-//! everything flows. But which side of the sheet a cell is on, its centroid tells, and that is one
-//! number for each cell and sheet: so the faces between cells on different sides have no rim but where
-//! the sheet itself has one. Of these faces those are taken that close a hole: those that hang over a
-//! rim (at the tip of a fault; across a hole that the image shows) are taken off again.
+//! Where the mesh could not follow a surface, cells straddle it, and the marked faces leave a hole
+//! through which a fluid could flow. The centroid of each cell is on one side of the surface, so
+//! the faces between cells on different sides form a surface that has no rim, except where the
+//! feature surface itself has one. The faces that close a hole are marked. Faces that hang over a
+//! rim (at the tip of a fault, or across a hole that the image shows) are removed again.
 //!
-//! - `surface`: marked faces, and the rooms between them
-//! - `pieces`: the same where nobody holds the whole mesh
-//! - `near`: the cells of such a mesh that all look at
+//! - `surface`: marked faces, and the compartments between them
+//! - `distributed`: closes holes in a mesh that is partitioned among ranks
+//! - `gathered_cells`: the cells of such a mesh near rims, gathered on all ranks
 
 mod distributed;
 mod gathered_cells;
@@ -31,21 +31,24 @@ use crate::progress::CancelToken;
 pub use distributed::seal_distributed;
 use surface::{CompartmentPairs, MarkedSurface, Ridge, RidgeFan};
 
-/// Radius of the patches that tell on which side a cell is, in units of d; and least and largest. In the plane
-/// a patch holds fewer points.
+/// Radius, in units of d, of the patches that determine on which side of a surface a cell is.
 const PATCH_RADIUS: f64 = 0.8;
+/// Radius of these patches in the plane, in units of d. It is larger because patches contain fewer
+/// points there.
 const CURVE_PATCH_RADIUS: f64 = 1.2;
+/// Smallest and largest radius of the patches, in samples.
 const PATCH_RADIUS_RANGE: [f64; 2] = [2.5, 6.5];
-/// Patches of surfaces wider than this have points enough if every second one is taken.
+/// Radius, in samples, above which patches of surfaces take only every second point.
 const MIN_DENSE_RADIUS: f64 = 4.5;
 
-/// Two cells see the same sheet if one's plane is this little off at the other, in units of their distance.
+/// Largest difference between the planes at two cells that belong to one surface, in units of the
+/// distance of the cells.
 const SAME_SURFACE_SLOPE: f64 = 0.35;
 
-/// Smaller rooms between faces, in units of d^D, are none.
+/// Smallest volume of a compartment between faces, in units of d^D. A smaller one is a pocket.
 const MIN_COMPARTMENT_VOLUME: f64 = 0.5;
 
-/// The radius of patches where the lattice has spacing d.
+/// Returns the radius of patches where the lattice has spacing d.
 fn radius_at<const D: usize>(d: f64) -> f64 {
     let patch = if D == 2 {
         CURVE_PATCH_RADIUS
@@ -55,24 +58,25 @@ fn radius_at<const D: usize>(d: f64) -> f64 {
     (patch * d).clamp(PATCH_RADIUS_RANGE[0], PATCH_RADIUS_RANGE[1])
 }
 
-/// What was closed.
+/// Report of closing holes.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
 pub struct SealReport {
-    /// Faces added.
+    /// Number of faces added.
     pub faces: usize,
-    /// Their area (length in the plane).
+    /// Area of these faces (length in the plane).
     pub area: f64,
-    /// Pockets of a few cells between these faces and others that were opened.
+    /// Number of pockets that were opened: a few cells enclosed by these faces and others.
     pub pockets: usize,
-    /// Rooms into which the faces on features part the mesh: cells between which a way leads through
-    /// other faces are in one room.
+    /// Number of compartments into which the faces on features divide the mesh. Two cells are in
+    /// one compartment if a path connects them without crossing such a face.
     pub compartments: usize,
 }
 
-/// Adds to the marked faces of a mesh (`marks`: bit k of a cell for its face k) those that close holes
-/// in the sheets of `points`, and marks every face on both of its sides.
+/// Marks further faces of a mesh that close holes in the surfaces of `points`, and marks every
+/// marked face on both of its sides.
 ///
-/// `neighbors` has for every cell and face, in order, the cell beyond, or `NONE`.
+/// `marks` has bit k of a cell for its face k. `neighbors` has, for every cell and face in order,
+/// the adjacent cell or `NONE`.
 pub fn seal<const D: usize, M: Simplices<D>>(
     mesh: &M,
     neighbors: &[u32],
@@ -80,33 +84,35 @@ pub fn seal<const D: usize, M: Simplices<D>>(
     extent: [f64; D],
     distance: &Distance<D>,
     marks: &mut [u8],
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> SealReport {
-    let sheets = local_planes(points, extent, distance);
+    let planes = local_planes(points, extent, distance);
     let surface = MarkedSurface {
         mesh,
         neighbors,
         marks,
     };
-    let mut sealing = Sealer::new(surface, &sheets, distance);
-    sealing.surface.mark_both_sides();
-    let over = || Ok::<_, Infallible>(patience.is_cancelled());
-    let Ok(()) = sealing.grow(over, |sealing, cells| Ok(sealing.planes_near_cells(&cells)));
-    sealing.remove_overhangs();
-    let (room, volume) = sealing.surface.compartments();
-    let rooms = |&face: &u32| {
+    let mut sealer = Sealer::new(surface, &planes, distance);
+    sealer.surface.mark_both_sides();
+    let is_cancelled = || Ok::<_, Infallible>(cancel.is_cancelled());
+    let Ok(()) = sealer.grow(is_cancelled, |sealer, cells| {
+        Ok(sealer.planes_near_cells(&cells))
+    });
+    sealer.remove_overhangs();
+    let (compartment_of, volumes) = sealer.surface.compartments();
+    let adjacent_compartments = |&face: &u32| {
         let cells = [face / (D as u32 + 1), neighbors[face as usize]];
-        cells.map(|c| room[c as usize])
+        cells.map(|c| compartment_of[c as usize])
     };
-    let beside: Vec<[u32; 2]> = sealing.new_faces.iter().map(rooms).collect();
-    let opened = sealing.find_pockets(&volume, &beside);
-    sealing
+    let adjacent: Vec<[u32; 2]> = sealer.new_faces.iter().map(adjacent_compartments).collect();
+    let opened = sealer.find_pockets(&volumes, &adjacent);
+    sealer
         .surface
-        .unmark_between(&opened, |c| room[c as usize]);
-    sealing.report(&opened, &beside, volume.len())
+        .unmark_between(&opened, |c| compartment_of[c as usize]);
+    sealer.report(&opened, &adjacent, volumes.len())
 }
 
-/// The features as local planes.
+/// Returns the features as local planes.
 fn local_planes<const D: usize>(
     points: &[FeaturePoint<3>],
     extent: [f64; D],
@@ -116,18 +122,19 @@ fn local_planes<const D: usize>(
     FeaturePlanes::new(points, to_3d(extent), radius, radius)
 }
 
-/// What closes holes in a mesh, or in a part of one: what of it is needed but not here is noted.
+/// State of closing holes in a mesh or in a part of one. Nodes at which cells are missing are
+/// recorded.
 struct Sealer<'a, const D: usize, M> {
     surface: MarkedSurface<'a, D, M>,
     planes: &'a FeaturePlanes,
     distance: &'a Distance<D>,
-    /// The sheets near the centroids of cells, as far as they have been looked at.
+    /// Planes near the centroids of cells, as far as they have been computed.
     cell_planes: HashMap<u32, NearbyPlanes>,
-    /// Faces that may close holes, by the smaller of their two numbers.
+    /// Faces that may close holes, by the smaller of their two indices.
     new_faces: Vec<u32>,
-    /// How many faces, marked or fresh, meet at the ridges of those.
+    /// Number of faces, marked or new, that meet at each ridge of these.
     faces_at_ridge: HashMap<Ridge, u32>,
-    /// Nodes of ridges of fresh faces round which some cells are not here.
+    /// Nodes of ridges of new faces around which cells are not local.
     incomplete_nodes: Vec<u32>,
 }
 
@@ -148,7 +155,8 @@ impl<'a, const D: usize, M: Simplices<D>> Sealer<'a, D, M> {
         }
     }
 
-    /// Whether a surface may end at a ridge of cell c: on the outside of the mesh.
+    /// Returns `true` if a surface may end at a ridge of cell c, because the ridge lies on the
+    /// outside of the mesh.
     fn may_end(&self, c: u32, ridge: Ridge) -> bool {
         self.surface.visit_ridge_cells(c, ridge, |_| ()) != RidgeFan::Closed
     }
@@ -164,7 +172,7 @@ impl<'a, const D: usize, M: Simplices<D>> Sealer<'a, D, M> {
         }))
     }
 
-    /// The sheets near the centroid of a cell.
+    /// Returns the planes near the centroid of a cell.
     fn planes_near(&self, c: u32) -> NearbyPlanes {
         let radius = radius_at::<D>(self.spacing(c));
         let every_second = D == 3 && radius > MIN_DENSE_RADIUS;
@@ -172,7 +180,7 @@ impl<'a, const D: usize, M: Simplices<D>> Sealer<'a, D, M> {
             .planes_within(self.centroid(c), radius, every_second)
     }
 
-    /// The same of some cells.
+    /// Returns each of the cells with the planes near its centroid.
     fn planes_near_cells(&self, cells: &[u32]) -> Vec<(u32, NearbyPlanes)> {
         cells
             .par_iter()
@@ -180,78 +188,80 @@ impl<'a, const D: usize, M: Simplices<D>> Sealer<'a, D, M> {
             .collect()
     }
 
-    /// Whether a sheet passes between two cells.
+    /// Returns `true` if a surface passes between two cells.
     fn are_separated(&self, a: u32, b: u32) -> bool {
-        let (Some(near_a), Some(near_b)) = (self.cell_planes.get(&a), self.cell_planes.get(&b))
+        let (Some(planes_a), Some(planes_b)) = (self.cell_planes.get(&a), self.cell_planes.get(&b))
         else {
             return false;
         };
-        let way = sub(self.centroid(b), self.centroid(a));
-        let far = norm(way);
-        near_a.iter().any(|here| {
-            near_b.iter().any(|there| {
-                let same = dot(here.normal, there.normal);
-                // How far b is off the sheet, as it is known there, and as a's plane has it.
-                let off = there.offset * same.signum();
-                let foreseen = here.offset + dot(way, here.normal);
-                same.abs() > SAME_SURFACE_COSINE
-                    && (here.offset < 0.0) != (off < 0.0)
-                    && (foreseen - off).abs() < SAME_SURFACE_SLOPE * far
+        let displacement = sub(self.centroid(b), self.centroid(a));
+        let distance = norm(displacement);
+        planes_a.iter().any(|plane_a| {
+            planes_b.iter().any(|plane_b| {
+                let cosine = dot(plane_a.normal, plane_b.normal);
+                // Signed distance of b from the surface: as fitted at b, and as predicted by the
+                // plane at a.
+                let offset = plane_b.offset * cosine.signum();
+                let predicted = plane_a.offset + dot(displacement, plane_a.normal);
+                cosine.abs() > SAME_SURFACE_COSINE
+                    && (plane_a.offset < 0.0) != (offset < 0.0)
+                    && (predicted - offset).abs() < SAME_SURFACE_SLOPE * distance
             })
         })
     }
 
-    /// The faces that part cells on different sides of a sheet, from the rims of what is marked on,
-    /// until it is `over`; `look` tells which sheets are near some cells.
+    /// Adds the faces that separate cells on different sides of a surface, starting at the rims of
+    /// the marked faces, until none is left or `is_cancelled` returns `true`. `find_planes` returns
+    /// the planes near some cells.
     fn grow<E>(
         &mut self,
-        over: impl Fn() -> std::result::Result<bool, E>,
-        look: impl Fn(&Self, Vec<u32>) -> std::result::Result<Vec<(u32, NearbyPlanes)>, E>,
+        is_cancelled: impl Fn() -> std::result::Result<bool, E>,
+        find_planes: impl Fn(&Self, Vec<u32>) -> std::result::Result<Vec<(u32, NearbyPlanes)>, E>,
     ) -> std::result::Result<(), E> {
         let n = D as u32 + 1;
-        let mut count: HashMap<Ridge, u32> = HashMap::new();
+        let mut face_count: HashMap<Ridge, u32> = HashMap::new();
         let marked = self.surface.unique_marked_faces();
         for &face in &marked {
             for ridge in self.surface.ridges(face) {
-                *count.entry(ridge).or_default() += 1;
+                *face_count.entry(ridge).or_default() += 1;
             }
         }
         let mut next = Vec::new();
         for &face in &marked {
             for ridge in self.surface.ridges(face) {
-                if count[&ridge] == 1 {
-                    let before = next.len();
-                    // Where it does not close, the surface ends in a side; or there is no rim: all that
-                    // is round rims is here.
-                    let way = self
+                if face_count[&ridge] == 1 {
+                    let old_len = next.len();
+                    // If the cells around a ridge do not form a closed fan, the surface ends at a
+                    // side of the box there. All cells around rims are local.
+                    let fan = self
                         .surface
                         .visit_ridge_cells(face / n, ridge, |c| next.push(c));
-                    if way != RidgeFan::Closed {
-                        next.truncate(before);
+                    if fan != RidgeFan::Closed {
+                        next.truncate(old_len);
                     }
                 }
             }
         }
-        self.faces_at_ridge = count;
-        let mut known = vec![false; self.surface.mesh.len()];
-        while !next.is_empty() && !over()? {
+        self.faces_at_ridge = face_count;
+        let mut is_visited = vec![false; self.surface.mesh.len()];
+        while !next.is_empty() && !is_cancelled()? {
             let mut cells = std::mem::take(&mut next);
             cells.sort_unstable();
             cells.dedup();
-            cells.retain(|&c| !std::mem::replace(&mut known[c as usize], true));
+            cells.retain(|&c| !std::mem::replace(&mut is_visited[c as usize], true));
             let unseen = cells.iter().filter(|c| !self.cell_planes.contains_key(*c));
             self.cell_planes
-                .extend(look(self, unseen.copied().collect())?);
+                .extend(find_planes(self, unseen.copied().collect())?);
             for &c in &cells {
                 for face in n * c..n * (c + 1) {
-                    let beyond = self.surface.neighbors[face as usize];
-                    // Of two that are new, the second sees the first.
-                    let seen = beyond < NOT_LOCAL && known[beyond as usize];
-                    let twice = seen && beyond > c && cells.binary_search(&beyond).is_ok();
+                    let neighbor = self.surface.neighbors[face as usize];
+                    // If both cells of a face are new, only the second one adds the face.
+                    let seen = neighbor < NOT_LOCAL && is_visited[neighbor as usize];
+                    let twice = seen && neighbor > c && cells.binary_search(&neighbor).is_ok();
                     if !seen
                         || twice
                         || self.surface.is_marked(face)
-                        || !self.are_separated(c, beyond)
+                        || !self.are_separated(c, neighbor)
                     {
                         continue;
                     }
@@ -272,90 +282,99 @@ impl<'a, const D: usize, M: Simplices<D>> Sealer<'a, D, M> {
         Ok(())
     }
 
-    /// Takes off fresh faces that hang over a rim.
+    /// Removes new faces that hang over a rim.
     fn remove_overhangs(&mut self) {
-        let mut at: HashMap<Ridge, Vec<u32>> = HashMap::new();
+        let mut faces_at: HashMap<Ridge, Vec<u32>> = HashMap::new();
         for &face in &self.new_faces {
             for ridge in self.surface.ridges(face) {
-                at.entry(ridge).or_default().push(face);
+                faces_at.entry(ridge).or_default().push(face);
             }
         }
-        let mut gone = vec![false; self.new_faces.len()];
+        let mut is_removed = vec![false; self.new_faces.len()];
         let mut queue = self.new_faces.clone();
         while let Some(face) = queue.pop() {
-            let Ok(place) = self.new_faces.binary_search(&face) else {
+            let Ok(index) = self.new_faces.binary_search(&face) else {
                 continue;
             };
             let ridges: Vec<Ridge> = self.surface.ridges(face).collect();
             let cell = face / (D as u32 + 1);
             let hangs =
                 |ridge: &Ridge| self.faces_at_ridge[ridge] == 1 && !self.may_end(cell, *ridge);
-            if gone[place] || !ridges.iter().any(hangs) {
+            if is_removed[index] || !ridges.iter().any(hangs) {
                 continue;
             }
-            gone[place] = true;
+            is_removed[index] = true;
             for ridge in ridges {
-                if let Some(on) = self.faces_at_ridge.get_mut(&ridge) {
-                    *on -= 1;
+                if let Some(count) = self.faces_at_ridge.get_mut(&ridge) {
+                    *count -= 1;
                 }
-                queue.extend(at[&ridge].iter().filter(|&&f| f != face));
+                queue.extend(faces_at[&ridge].iter().filter(|&&f| f != face));
             }
         }
-        let mut left = gone.iter();
+        let mut removed_flags = is_removed.iter();
         self.new_faces
-            .retain(|_| !left.next().is_some_and(|gone| *gone));
+            .retain(|_| !removed_flags.next().is_some_and(|removed| *removed));
         for i in 0..self.new_faces.len() {
             self.surface.set_mark(self.new_faces[i], true);
         }
     }
 
-    /// Pockets that fresh faces have made, each with the room with which it shares most of their area: they
-    /// are to be opened. `volume` is that of each room, and `beside` has the rooms on both sides of each
-    /// fresh face.
-    fn find_pockets(&self, volume: &[f64], beside: &[[u32; 2]]) -> CompartmentPairs {
-        // For each pocket and room beside it, the area of the fresh faces between them.
+    /// Returns the pockets that new faces have created, each with the compartment with which it
+    /// shares most of their area. They are to be opened. `volumes` are those of the compartments,
+    /// and `adjacent` has the compartments on both sides of each new face.
+    fn find_pockets(&self, volumes: &[f64], adjacent: &[[u32; 2]]) -> CompartmentPairs {
+        // For each pocket and adjacent compartment, the area of the new faces between them.
         let mut between: BTreeMap<u32, BTreeMap<u32, f64>> = BTreeMap::new();
-        for (&face, &[r, s]) in self.new_faces.iter().zip(beside) {
+        for (&face, &[r, s]) in self.new_faces.iter().zip(adjacent) {
             let d = self.spacing(face / (D as u32 + 1));
-            for (own, other) in [(r, s), (s, r)] {
-                if r != s && volume[own as usize] < MIN_COMPARTMENT_VOLUME * d.powi(D as i32) {
-                    let areas = between.entry(own).or_default();
+            for (compartment, other) in [(r, s), (s, r)] {
+                if r != s
+                    && volumes[compartment as usize] < MIN_COMPARTMENT_VOLUME * d.powi(D as i32)
+                {
+                    let areas = between.entry(compartment).or_default();
                     *areas.entry(other).or_default() += self.surface.face_area(face);
                 }
             }
         }
-        let mut joined = UnionFind::new(volume.len());
+        let mut merged = UnionFind::new(volumes.len());
         let mut opened = Vec::new();
         for (pocket, areas) in between {
             let larger = |best: (u32, f64), (&other, &area): (&u32, &f64)| {
                 if area > best.1 { (other, area) } else { best }
             };
             let (other, _) = areas.iter().fold((pocket, 0.0), larger);
-            if joined.find(pocket) != joined.find(other) {
-                joined.unite(pocket, other);
+            if merged.find(pocket) != merged.find(other) {
+                merged.unite(pocket, other);
                 opened.push([pocket, other]);
             }
         }
         CompartmentPairs::new(opened)
     }
 
-    /// The lattice's spacing at a cell.
+    /// Returns the lattice spacing at a cell.
     fn spacing(&self, c: u32) -> f64 {
         let mesh = self.surface.mesh;
         self.distance
             .value_at(mesh.nodes()[mesh.cell(c as usize)[0] as usize])
     }
 
-    /// What is closed once pockets are opened; `beside` has the rooms on both sides of each fresh face, and
-    /// there were so many.
-    fn report(&self, opened: &CompartmentPairs, beside: &[[u32; 2]], rooms: usize) -> SealReport {
-        let fresh = self.new_faces.iter().zip(beside);
-        let left = fresh.filter(|(_, beside)| !opened.contains(**beside));
+    /// Returns the report after pockets are opened. `adjacent` has the compartments on both sides
+    /// of each new face, and `compartment_count` is their number before.
+    fn report(
+        &self,
+        opened: &CompartmentPairs,
+        adjacent: &[[u32; 2]],
+        compartment_count: usize,
+    ) -> SealReport {
+        let new_faces = self.new_faces.iter().zip(adjacent);
+        let remaining = new_faces.filter(|(_, adjacent)| !opened.contains(**adjacent));
         SealReport {
-            faces: left.clone().count(),
-            area: left.map(|(&face, _)| self.surface.face_area(face)).sum(),
+            faces: remaining.clone().count(),
+            area: remaining
+                .map(|(&face, _)| self.surface.face_area(face))
+                .sum(),
             pockets: opened.count(),
-            compartments: rooms - opened.count(),
+            compartments: compartment_count - opened.count(),
         }
     }
 }

@@ -1,5 +1,6 @@
-//! Many flips and many moves at once: each is found in the mesh as it is, then those that do not meet are made. So what
-//! becomes of the mesh does not depend on how many look for them, or where: ranks share long sweeps.
+//! Flips and moves in batches: all changes are searched in the unchanged mesh, and then those that
+//! do not overlap are applied. So the result depends neither on the number of threads nor on which
+//! rank searches; ranks share large batches.
 
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
@@ -14,23 +15,24 @@ use crate::mesh::complex::NONE;
 use crate::progress::CancelToken;
 use crate::{Result, comm};
 
-/// So many are looked at in one task.
+/// Number of items that one task searches.
 const TASK_SIZE: usize = 32;
 
-/// Fewer are looked at sooner than they are passed on to other ranks.
+/// Smallest number of items that is shared with other ranks.
 const MIN_SHARED_COUNT: usize = 1 << 12;
 
-/// Where more tetrahedra are poor than can be mended, the last round before nodes may stray is the one that leaves more
-/// than this share of the nodes to smooth.
+/// Largest ratio of the numbers of nodes to smooth in two successive rounds at which another round
+/// follows, while nodes may not leave their features and more tetrahedra are below target than can
+/// be repaired.
 const SLOW_PROGRESS_RATIO: f64 = 0.92;
 
-/// Colours of nodes; there are some ten.
+/// Largest number of colours of nodes; about ten are used.
 const MAX_COLORS: usize = 64;
 
-/// A node without a colour.
+/// Colour of a node that has none.
 pub(super) const NO_COLOR: u8 = u8::MAX;
 
-/// What one who looks needs.
+/// Scratch space of a search task.
 #[derive(Default)]
 pub(super) struct SearchScratch {
     pub flip: Flip,
@@ -39,11 +41,12 @@ pub(super) struct SearchScratch {
     smooth_scratch: smooth::SmoothScratch,
 }
 
-/// Those not in use.
+/// Scratch space that is not in use.
 pub(super) type ScratchPool = Mutex<Vec<SearchScratch>>;
 
-/// A change: tetrahedra that go, and those that take their place; or a node, and the tetrahedra at it, that moves or
-/// (`NONE`) comes with those.
+/// A change of the mesh: tetrahedra that are removed, and those that take their place. Or a node
+/// with its new position and constraints: `old_tets` are then the tetrahedra at it, or, if the node
+/// is `NONE`, it is inserted with the new tetrahedra.
 #[derive(Debug, Default)]
 pub(super) struct BatchChange {
     pub old_tets: Vec<u32>,
@@ -66,7 +69,7 @@ impl BatchChange {
     }
 }
 
-/// The tetrahedra that have changed since others were found in the mesh.
+/// The tetrahedra that have changed since the changes of a batch were searched.
 pub(super) struct ChangedTets {
     is_changed: Vec<bool>,
     tets: Vec<u32>,
@@ -81,34 +84,38 @@ impl ChangedTets {
         }
     }
 
-    /// Whether any of these is among them.
+    /// Returns `true` if any of these tetrahedra has changed.
     pub fn contains_any(&self, tets: &[u32]) -> bool {
         tets.iter()
             .any(|&t| self.is_changed.get(t as usize) == Some(&true))
     }
 
-    /// Makes a change.
-    pub fn apply(&mut self, improver: &mut TetImprover<'_>, step: BatchChange) {
+    /// Applies a change.
+    pub fn apply(&mut self, improver: &mut TetImprover<'_>, change: BatchChange) {
         improver.slots.clear();
-        match step.placed_node {
-            Some((node, (x, hold))) if node != NONE => {
-                improver.star.clone_from(&step.old_tets);
-                improver.move_to(node, x, hold);
+        match change.placed_node {
+            Some((node, (x, constraint))) if node != NONE => {
+                improver.star.clone_from(&change.old_tets);
+                improver.move_to(node, x, constraint);
             }
-            put => improver.apply(&step.old_tets, &step.new_tets, put.map(|put| put.1)),
+            placed => improver.apply(
+                &change.old_tets,
+                &change.new_tets,
+                placed.map(|placed| placed.1),
+            ),
         }
-        for &t in step.old_tets.iter().chain(&improver.slots) {
+        for &t in change.old_tets.iter().chain(&improver.slots) {
             let t = t as usize;
             if t >= self.is_changed.len() {
                 self.is_changed.resize(t + 1, false);
             }
             self.is_changed[t] = true;
         }
-        self.tets.extend(step.old_tets);
+        self.tets.extend(change.old_tets);
         self.tets.extend_from_slice(&improver.slots);
     }
 
-    /// Gives its memory back, with nothing in it.
+    /// Clears the marks and returns their buffer to the improver.
     pub fn return_buffer(mut self, improver: &mut TetImprover<'_>) {
         for t in self.tets {
             self.is_changed[t as usize] = false;
@@ -131,16 +138,16 @@ impl NodeTets {
 }
 
 impl TetImprover<'_> {
-    /// Flips and smoothing in turn until neither helps any more.
+    /// Flips and smooths in turn until neither helps any more.
     ///
     /// # Errors
-    /// Those of other ranks, with which the work is shared.
+    /// Returns an error if another rank that shares the work fails.
     pub(super) fn flip_and_smooth(
         &mut self,
         rounds: usize,
-        patience: &CancelToken<'_>,
+        cancel: &CancelToken<'_>,
     ) -> Result<()> {
-        let mut before = f64::INFINITY;
+        let mut old_count = f64::INFINITY;
         for round in 0..rounds {
             self.smoothing_target = if round == 0 {
                 self.target_sine + SMOOTHING_MARGIN
@@ -148,97 +155,105 @@ impl TetImprover<'_> {
                 1.0
             };
             self.queue = self.tets_below_target();
-            self.flip_all(patience)?;
-            let poor = self.tets_below_target();
-            let many = self.has_too_many(poor.len());
-            let mut nodes: Vec<u32> = (poor.iter())
+            self.flip_all(cancel)?;
+            let below_target = self.tets_below_target();
+            let too_many = self.has_too_many(below_target.len());
+            let mut nodes: Vec<u32> = (below_target.iter())
                 .flat_map(|&t| self.complex.tets[t as usize])
                 .collect();
             nodes.sort_unstable();
             nodes.dedup();
-            let slow = match self.max_deviation == 0.0 && many {
-                true => SLOW_PROGRESS_RATIO,
-                false => 1.0,
+            let max_ratio = if self.max_deviation == 0.0 && too_many {
+                SLOW_PROGRESS_RATIO
+            } else {
+                1.0
             };
-            if nodes.is_empty() || nodes.len() as f64 >= slow * before {
+            if nodes.is_empty() || nodes.len() as f64 >= max_ratio * old_count {
                 break;
             }
-            before = nodes.len() as f64;
-            self.smooth_all(nodes, patience)?;
-            self.flip_all(patience)?;
+            old_count = nodes.len() as f64;
+            self.smooth_all(nodes, cancel)?;
+            self.flip_all(cancel)?;
         }
         Ok(())
     }
 
-    /// Works through the queue with flips, round by round, the poorest first.
-    fn flip_all(&mut self, patience: &CancelToken<'_>) -> Result<()> {
+    /// Works through the queue with flips, in rounds, the worst tetrahedron first.
+    fn flip_all(&mut self, cancel: &CancelToken<'_>) -> Result<()> {
         while !self.queue.is_empty() {
-            let mut poor = std::mem::take(&mut self.queue);
-            if patience.is_cancelled() {
+            let mut below_target = std::mem::take(&mut self.queue);
+            if cancel.is_cancelled() {
                 break;
             }
-            poor.sort_unstable();
-            poor.dedup();
-            poor.retain(|&t| {
-                // All that flips of it depend on is at its nodes.
+            below_target.sort_unstable();
+            below_target.dedup();
+            below_target.retain(|&t| {
+                // The flips of a tetrahedron depend only on what is at its nodes.
                 let tet = self.complex.tets[t as usize];
                 self.is_below_target(t)
                     && !self.attempts.is_known_to_fail(AttemptKind::Flip, t, &tet)
             });
-            // Where two meet, the poorer one is made: in whatever other order, planes that cross lose more faces.
-            poor.sort_by(|&a, &b| self.sine_of(a).total_cmp(&self.sine_of(b)).then(a.cmp(&b)));
-            let found = self.search_each("flips", &poor, |s, t, scratch| {
+            // Of two flips that overlap, the one of the worse tetrahedron is applied. In any other
+            // order, planes that cross lose more faces.
+            below_target
+                .sort_by(|&a, &b| self.sine_of(a).total_cmp(&self.sine_of(b)).then(a.cmp(&b)));
+            let flips = self.search_each("flips", &below_target, |s, t, scratch| {
                 let flip = &mut scratch.flip;
-                let any = !patience.is_cancelled() && s.find_flip(t, flip);
-                any.then(|| BatchChange::from_flip(flip, None))
+                let is_found = !cancel.is_cancelled() && s.find_flip(t, flip);
+                is_found.then(|| BatchChange::from_flip(flip, None))
             })?;
-            for (&t, _) in poor.iter().zip(&found).filter(|(_, flip)| flip.is_none()) {
+            for (&t, _) in below_target
+                .iter()
+                .zip(&flips)
+                .filter(|(_, flip)| flip.is_none())
+            {
                 self.attempts.record_failure(AttemptKind::Flip, t);
             }
-            let mut met = ChangedTets::new(self);
-            for (t, flip) in poor.into_iter().zip(found) {
+            let mut changed = ChangedTets::new(self);
+            for (t, flip) in below_target.into_iter().zip(flips) {
                 match flip {
                     None => {}
-                    Some(step) if met.contains_any(&step.old_tets) => self.queue.push(t),
-                    Some(step) => {
-                        met.apply(self, step);
+                    Some(change) if changed.contains_any(&change.old_tets) => self.queue.push(t),
+                    Some(change) => {
+                        changed.apply(self, change);
                         self.counts.flips += 1;
                     }
                 }
             }
-            met.return_buffer(self);
+            changed.return_buffer(self);
         }
         Ok(())
     }
 
-    /// Smooths each of the nodes once, those without a tetrahedron in common at the same time.
-    fn smooth_all(&mut self, mut nodes: Vec<u32>, patience: &CancelToken<'_>) -> Result<()> {
+    /// Smooths each of the nodes once. Nodes without a common tetrahedron are smoothed at the same
+    /// time.
+    fn smooth_all(&mut self, mut nodes: Vec<u32>, cancel: &CancelToken<'_>) -> Result<()> {
         nodes.retain(|&n| self.constraints[n as usize].fixed_axes != 7);
         let stars = self.collect_node_tets(&nodes);
         for group in self.independent_groups(&nodes, &stars) {
-            if patience.is_cancelled() {
+            if cancel.is_cancelled() {
                 return Ok(());
             }
-            let begun = self.attempts.clock();
-            let found = self.search_each("smoothing", &group, |s, i, scratch| {
+            let start = self.attempts.clock();
+            let positions = self.search_each("smoothing", &group, |s, i, scratch| {
                 let node = nodes[i as usize];
-                let idle = patience.is_cancelled()
+                let skip = cancel.is_cancelled()
                     || s.attempts
                         .is_known_to_fail(AttemptKind::Smooth, node, &[node]);
-                (!idle)
+                (!skip)
                     .then(|| s.smooth_position(node, stars.get(i as usize), scratch))
                     .flatten()
             })?;
-            for (i, place) in group.into_iter().zip(found) {
+            for (i, position) in group.into_iter().zip(positions) {
                 let node = nodes[i as usize];
-                match place {
+                match position {
                     None => self.attempts.record_failure(AttemptKind::Smooth, node),
-                    // Colours may not suffice.
-                    Some(_) if self.attempts.has_changed(begun, &[node]) => {}
-                    Some((x, hold)) => {
+                    // With too few colours, nodes of one group may share a tetrahedron.
+                    Some(_) if self.attempts.has_changed(start, &[node]) => {}
+                    Some((x, constraint)) => {
                         self.star.clear();
                         self.star.extend_from_slice(stars.get(i as usize));
-                        self.move_to(node, x, hold);
+                        self.move_to(node, x, constraint);
                         self.counts.moves += 1;
                     }
                 }
@@ -247,26 +262,27 @@ impl TetImprover<'_> {
         Ok(())
     }
 
-    /// Where smoothing puts a node, and what holds it there, if that helps.
+    /// Returns the position to which smoothing moves a node, and its constraints there, if that
+    /// helps.
     fn smooth_position(
         &self,
         node: u32,
         star: &[u32],
         scratch: &mut SearchScratch,
     ) -> Option<ConstrainedPoint> {
-        let mut hold = self.constraints[node as usize];
+        let mut constraint = self.constraints[node as usize];
         self.collect_link(node, star, &mut scratch.link);
         let best = smooth::best_position(
             self.complex.nodes[node as usize],
             &scratch.link,
-            &mut hold,
+            &mut constraint,
             self.extent,
             self.planes,
             self.max_deviation,
             self.smoothing_target,
             &mut scratch.smooth_scratch,
         );
-        best.map(|(x, _)| (x, hold))
+        best.map(|(x, _)| (x, constraint))
     }
 
     pub(super) fn collect_node_tets(&self, nodes: &[u32]) -> NodeTets {
@@ -299,8 +315,9 @@ impl TetImprover<'_> {
         stars
     }
 
-    /// Groups of nodes, by their places among them, of which no two have a tetrahedron in common: each has the first
-    /// colour that none of those before it has beside it.
+    /// Divides nodes into groups of which no two nodes share a tetrahedron; a group has indices
+    /// into `nodes`. Each node takes the first colour that no node before it uses in a common
+    /// tetrahedron.
     pub(super) fn independent_groups(&mut self, nodes: &[u32], stars: &NodeTets) -> Vec<Vec<u32>> {
         let Self {
             colors, complex, ..
@@ -328,13 +345,13 @@ impl TetImprover<'_> {
         groups
     }
 
-    /// What is found for each.
+    /// Returns the result of `find` for each item.
     ///
     /// # Errors
-    /// Those of other ranks.
+    /// Returns an error if another rank that shares the work fails.
     pub(super) fn search_each<I: Copy + Sync, T: Codec + Send>(
         &self,
-        what: &str,
+        name: &str,
         items: &[I],
         find: impl Fn(&Self, I, &mut SearchScratch) -> T + Sync,
     ) -> Result<Vec<T>> {
@@ -343,7 +360,7 @@ impl TetImprover<'_> {
                 .lock()
                 .unwrap_or_else(PoisonError::into_inner)
         };
-        let look = |items: &[I]| {
+        let search = |items: &[I]| {
             let taken = pool().pop();
             let mut scratch = taken.unwrap_or_default();
             let found: Vec<T> = (items.iter())
@@ -352,19 +369,19 @@ impl TetImprover<'_> {
             pool().push(scratch);
             found
         };
-        let all = |own: Range<usize>| -> Vec<T> {
-            let tasks = items[own].par_chunks(TASK_SIZE);
-            tasks.flat_map_iter(look).collect()
+        let search_range = |range: Range<usize>| -> Vec<T> {
+            let tasks = items[range].par_chunks(TASK_SIZE);
+            tasks.flat_map_iter(search).collect()
         };
         if self.is_rank_local || items.len() < MIN_SHARED_COUNT {
-            return Ok(all(0..items.len()));
+            return Ok(search_range(0..items.len()));
         }
         let mut found = Vec::with_capacity(items.len());
-        let work = |own, give: &mut dyn FnMut(T)| {
-            all(own).into_iter().for_each(give);
+        let work = |range, emit: &mut dyn FnMut(T)| {
+            search_range(range).into_iter().for_each(emit);
             Ok(())
         };
-        comm::distribute(what, items.len(), work, &mut |one| found.push(one))?;
+        comm::distribute(name, items.len(), work, &mut |item| found.push(item))?;
         Ok(found)
     }
 }

@@ -1,40 +1,41 @@
-//! Edge collapse: where nodes stand too close, one of them goes.
+//! Edge collapse: removes one of two nodes that are too close to each other.
 
 use super::TetImprover;
 use crate::mesh::quality::min_sine;
 
 impl TetImprover<'_> {
-    /// Moves node `gone` into node `kept`, if everything that holds the one holds the other and
-    /// every tetrahedron that changes is better than `floor`.
-    pub(super) fn collapse(&mut self, gone: u32, kept: u32, floor: f64) -> bool {
-        self.collapse_if(gone, kept, floor, true)
+    /// Moves node `removed` into node `kept`, if `kept` has all of its constraints and every
+    /// tetrahedron that changes is better than `floor`.
+    pub(super) fn collapse(&mut self, removed: u32, kept: u32, floor: f64) -> bool {
+        self.collapse_if(removed, kept, floor, true)
     }
 
-    /// The same, but new edges may pass through features unless `features_first`.
+    /// Collapses as [`collapse`](Self::collapse) does; new edges may pass through features unless
+    /// `features_first` is set.
     pub(super) fn collapse_if(
         &mut self,
-        gone: u32,
+        removed: u32,
         kept: u32,
         floor: f64,
         features_first: bool,
     ) -> bool {
         let (g, k) = (
-            self.constraints[gone as usize],
+            self.constraints[removed as usize],
             self.constraints[kept as usize],
         );
         if g.fixed_axes == 7 || !g.is_subset_of(&k) {
             return false;
         }
-        // In a side of the box the node must move within that side.
+        // A node in a side of the box may move within that side only.
         let (from, to) = (
-            self.complex.nodes[gone as usize],
+            self.complex.nodes[removed as usize],
             self.complex.nodes[kept as usize],
         );
         if (0..3).any(|c| g.fixed_axes >> c & 1 == 1 && from[c] != to[c]) {
             return false;
         }
         let mut star = std::mem::take(&mut self.star);
-        self.complex.star(gone, &mut star);
+        self.complex.star(removed, &mut star);
         self.new_tets.clear();
         let mut good = true;
         for &t in &star {
@@ -42,12 +43,12 @@ impl TetImprover<'_> {
             if tet.contains(&kept) {
                 continue;
             }
-            let new = tet.map(|n| if n == gone { kept } else { n });
-            if min_sine(&new.map(|n| self.complex.nodes[n as usize])) <= floor {
+            let new_tet = tet.map(|n| if n == removed { kept } else { n });
+            if min_sine(&new_tet.map(|n| self.complex.nodes[n as usize])) <= floor {
                 good = false;
                 break;
             }
-            self.new_tets.push(new);
+            self.new_tets.push(new_tet);
         }
         if good && features_first {
             let mut rim: Vec<u32> = self.new_tets.iter().flatten().copied().collect();

@@ -1,5 +1,5 @@
-//! The second method against slivers: CGAL's exudation. Features are recovered as for the first, and
-//! the nodes that this leaves stay where they are; only what joins them changes.
+//! Removes slivers by CGAL's exudation. Features are recovered as for the other method; after that
+//! nodes stay where they are, and only the tetrahedra change.
 
 use super::TetImprover;
 use super::finish::{blocked_cells, faces_on_surfaces};
@@ -14,35 +14,43 @@ use crate::mesh::{FACES, TetMesh};
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
 
-/// As [`improve`](super::improve), by weights of the nodes instead of flips and smoothing: faces that
-/// lie on a feature are kept, edges that pierce one are not looked for again.
+/// Improves a mesh as [`improve`](super::improve) does, but by weights of the nodes instead of
+/// flips and smoothing. Faces on features are kept. Edges that pass through a feature are not
+/// searched again.
 ///
 /// # Errors
-/// Those of [`exude`](exude::exude).
+/// Returns the errors of [`exude`](exude::exude), and an error if another rank fails.
 pub fn exude(
     mesh: &mut TetMesh,
     neighbors: Vec<[u32; 4]>,
     kinds: &mut Vec<AtomKind>,
     extent: [f64; 3],
-    sheets: &FeaturePlanes,
+    planes: &FeaturePlanes,
     distance: &Distance<3>,
-    aim: &Target,
-    patience: &CancelToken<'_>,
+    target: &Target,
+    cancel: &CancelToken<'_>,
 ) -> Result<(ImproveReport, Vec<u8>)> {
-    let target = aim.min_dihedral.to_radians().sin();
-    let taken = std::mem::take(mesh);
+    let target_sine = target.min_dihedral.to_radians().sin();
+    let owned_mesh = std::mem::take(mesh);
     let mut improver = TetImprover::new(
-        taken, neighbors, kinds, extent, sheets, distance, target, patience,
+        owned_mesh,
+        neighbors,
+        kinds,
+        extent,
+        planes,
+        distance,
+        target_sine,
+        cancel,
     );
-    let poor_before = improver.tets_below_target().len();
-    improver.recover(patience)?;
+    let below_target_before = improver.tets_below_target().len();
+    improver.recover(cancel)?;
     let counts = improver.counts;
     let finished = improver.finish(kinds);
     (*mesh, *kinds) = (finished.mesh, finished.kinds);
-    let holds = finished.constraints;
+    let constraints = finished.constraints;
 
     mesh.tets = exude::unweighted_delaunay(&mesh.nodes)?;
-    let keep: Vec<[u32; 3]> = faces_on_surfaces(mesh, &holds, sheets)
+    let kept_faces: Vec<[u32; 3]> = faces_on_surfaces(mesh, &constraints, planes)
         .iter()
         .zip(&mesh.tets)
         .flat_map(|(&bits, tet)| {
@@ -50,20 +58,20 @@ pub fn exude(
             on_feature.map(|k| FACES[k].map(|i| tet[i]))
         })
         .collect();
-    mesh.tets = exude::exude(&mesh.nodes, &keep, aim.min_dihedral)?;
+    mesh.tets = exude::exude(&mesh.nodes, &kept_faces, target.min_dihedral)?;
 
     let sines: Vec<f64> = (0..mesh.tets.len())
         .into_par_iter()
         .map(|t| min_sine(&mesh.corners(t)))
         .collect();
-    let mut poor: Vec<u32> = (0..mesh.tets.len() as u32).collect();
-    poor.retain(|&t| sines[t as usize] < target);
-    poor.sort_by(|&a, &b| sines[a as usize].total_cmp(&sines[b as usize]));
-    let outcome = ImproveReport {
-        below_target_before: poor_before,
-        below_target_after: poor.len(),
+    let mut below_target: Vec<u32> = (0..mesh.tets.len() as u32).collect();
+    below_target.retain(|&t| sines[t as usize] < target_sine);
+    below_target.sort_by(|&a, &b| sines[a as usize].total_cmp(&sines[b as usize]));
+    let report = ImproveReport {
+        below_target_before,
+        below_target_after: below_target.len(),
         counts,
-        blocked: blocked_cells(&mesh.nodes, &mesh.tets, &holds, &poor),
+        blocked: blocked_cells(&mesh.nodes, &mesh.tets, &constraints, &below_target),
     };
-    Ok((outcome, faces_on_surfaces(mesh, &holds, sheets)))
+    Ok((report, faces_on_surfaces(mesh, &constraints, planes)))
 }

@@ -1,4 +1,5 @@
-//! The mesh at the end: which of its faces lie on features, and what blocks what is still poor.
+//! Finishes the mesh after improvement: determines its faces on features, and what blocks the cells
+//! below target.
 
 use crate::parallel::prelude::*;
 
@@ -12,24 +13,25 @@ use crate::mesh::complex::Complex;
 use crate::mesh::quality::dihedral_angles;
 use crate::mesh::{FACES, TetMesh};
 
-/// A mesh whose improvement is over.
+/// A mesh after its improvement.
 pub(super) struct ImprovedTets {
     pub mesh: TetMesh,
     pub neighbors: Vec<[u32; 4]>,
     pub kinds: Vec<AtomKind>,
-    /// The number that each node had while the mesh was improved.
+    /// Index of each node during the improvement.
     pub old_ids: Vec<u32>,
     pub constraints: Vec<NodeConstraint>,
     pub feature_faces: Vec<u8>,
 }
 
 impl TetImprover<'_> {
-    /// The mesh, and what is known of its nodes and faces; `kinds` are those of the first nodes.
+    /// Returns the mesh with the kinds and constraints of its nodes, and its faces on features.
+    /// `kinds` are those of the first nodes; the kinds of the others follow from their constraints.
     pub(super) fn finish(self, kinds: &[AtomKind]) -> ImprovedTets {
         let Self {
             complex,
-            constraints: holds,
-            planes: sheets,
+            constraints,
+            planes,
             ..
         } = self;
         let (mesh, neighbors, kept) = complex.into_mesh();
@@ -37,7 +39,7 @@ impl TetImprover<'_> {
             .iter()
             .map(|&i| match kinds.get(i as usize) {
                 Some(&kind) => kind,
-                None => match holds[i as usize].fixed_axes.count_ones() {
+                None => match constraints[i as usize].fixed_axes.count_ones() {
                     0 => AtomKind::Interior,
                     1 => AtomKind::Side,
                     2 => AtomKind::Edge,
@@ -45,57 +47,60 @@ impl TetImprover<'_> {
                 },
             })
             .collect();
-        let holds: Vec<NodeConstraint> = kept.iter().map(|&i| holds[i as usize]).collect();
+        let constraints: Vec<NodeConstraint> =
+            kept.iter().map(|&i| constraints[i as usize]).collect();
         ImprovedTets {
-            feature_faces: faces_on_surfaces(&mesh, &holds, sheets),
+            feature_faces: faces_on_surfaces(&mesh, &constraints, planes),
             mesh,
             neighbors,
             kinds,
             old_ids: kept,
-            constraints: holds,
+            constraints,
         }
     }
 
-    /// Whether nodes lie in one side of the box.
+    /// Returns `true` if all of the nodes lie in one side of the box.
     pub(super) fn is_in_side(&self, nodes: &[u32]) -> bool {
         self.common_sides(nodes) != 0
     }
 
-    /// The sides in which all of the nodes lie: bit k for those normal to axis k.
+    /// Returns the sides of the box in which all of the nodes lie: bit k for a side normal to axis
+    /// k.
     pub(super) fn common_sides(&self, nodes: &[u32]) -> u8 {
-        let within = |&k: &usize| {
-            let mut at = nodes.iter().map(|&n| self.complex.nodes[n as usize][k]);
-            let first = at.next().unwrap_or(f64::NAN);
-            (first == 0.0 || first == self.extent[k]) && at.all(|x| x == first)
+        let is_common = |&k: &usize| {
+            let mut coordinates = nodes.iter().map(|&n| self.complex.nodes[n as usize][k]);
+            let first = coordinates.next().unwrap_or(f64::NAN);
+            (first == 0.0 || first == self.extent[k]) && coordinates.all(|x| x == first)
         };
-        (0..3).filter(within).fold(0, |bits, k| bits | 1 << k)
+        (0..3).filter(is_common).fold(0, |bits, k| bits | 1 << k)
     }
 }
 
-/// For every tetrahedron which of its faces lie on a feature: bit k for face k (opposite node k).
+/// Returns the faces of every tetrahedron that lie on a feature: bit k for face k (opposite node
+/// k).
 pub(super) fn faces_on_surfaces(
     mesh: &TetMesh,
-    holds: &[NodeConstraint],
-    sheets: &FeaturePlanes,
+    constraints: &[NodeConstraint],
+    planes: &FeaturePlanes,
 ) -> Vec<u8> {
     (0..mesh.tets.len())
         .into_par_iter()
-        .map(|t| faces_on_features(mesh, t, holds, sheets))
+        .map(|t| faces_on_features(mesh, t, constraints, planes))
         .collect()
 }
 
-/// Which faces of tetrahedron `t` lie on a feature: their nodes are held by one sheet, they lie along
-/// it, and their centroid is on it too.
+/// Returns the faces of tetrahedron `t` that lie on a feature: one surface holds their nodes, they
+/// are parallel to it, and their centroid lies on it, too.
 fn faces_on_features(
     mesh: &TetMesh,
     t: usize,
-    holds: &[NodeConstraint],
-    sheets: &FeaturePlanes,
+    constraints: &[NodeConstraint],
+    planes: &FeaturePlanes,
 ) -> u8 {
     let tet = mesh.tets[t];
     if tet
         .iter()
-        .filter(|&&n| holds[n as usize].surface_count > 0)
+        .filter(|&&n| constraints[n as usize].surface_count > 0)
         .count()
         < 3
     {
@@ -107,15 +112,16 @@ fn faces_on_features(
         let normal = cross(sub(y, x), sub(z, x));
         let length = norm(normal);
         let along = |n: [f64; 3]| dot(n, normal).abs() > SAME_SURFACE_COSINE * length;
-        if !holds[a]
+        if !constraints[a]
             .normals()
-            .any(|n| along(n) && holds[b].is_on_surface(n) && holds[c].is_on_surface(n))
+            .any(|n| along(n) && constraints[b].is_on_surface(n) && constraints[c].is_on_surface(n))
         {
             return false;
         }
         let centroid = std::array::from_fn(|i| (x[i] + y[i] + z[i]) / 3.0);
-        let near = sheets.planes_near(centroid);
-        near.iter()
+        let nearby = planes.planes_near(centroid);
+        nearby
+            .iter()
             .any(|s| s.offset.abs() < MAX_FACE_OFFSET && along(s.normal))
     };
     (0..4)
@@ -124,28 +130,29 @@ fn faces_on_features(
 }
 
 impl TetImprover<'_> {
-    /// What blocks the tetrahedra below target.
+    /// Returns the tetrahedra below target and what may block them, the worst first.
     pub(super) fn blocked_cells(&self) -> Vec<BlockedCell> {
-        let mut poor = self.tets_below_target();
-        poor.sort_by(|a, b| self.sine_of(*a).total_cmp(&self.sine_of(*b)).then(a.cmp(b)));
+        let mut below_target = self.tets_below_target();
+        below_target.sort_by(|a, b| self.sine_of(*a).total_cmp(&self.sine_of(*b)).then(a.cmp(b)));
         let Complex { nodes, tets, .. } = &self.complex;
-        blocked_cells(nodes, tets, &self.constraints, &poor)
+        blocked_cells(nodes, tets, &self.constraints, &below_target)
     }
 }
 
-/// What blocks the tetrahedra `poor`, in that order.
+/// Returns what may block the tetrahedra in `slots`, in that order.
 pub(super) fn blocked_cells(
     nodes: &[[f64; 3]],
     tets: &[[u32; 4]],
-    holds: &[NodeConstraint],
-    poor: &[u32],
+    constraints: &[NodeConstraint],
+    slots: &[u32],
 ) -> Vec<BlockedCell> {
-    poor.iter()
+    slots
+        .iter()
         .map(|&t| {
             let tet = tets[t as usize];
             let p = tet.map(|n| nodes[n as usize]);
-            let holds = tet.map(|n| holds[n as usize]);
-            BlockedCell::new(&p, &dihedral_angles(&p), &holds, 7)
+            let constraints = tet.map(|n| constraints[n as usize]);
+            BlockedCell::new(&p, &dihedral_angles(&p), &constraints, 7)
         })
         .collect()
 }

@@ -1,8 +1,9 @@
 //! Joe's local transformations, generalised: edge removal (3-2, 4-4, 2-2 and larger) by dynamic
-//! programming over the ring (Klincsek 1980; Shewchuk 2002), and the 2-3 swap that makes an edge.
+//! programming over the ring (Klincsek 1980; Shewchuk 2002), and the 2-3 swap that creates an edge.
 //!
-//! A change is made only if the smallest sine of the changed cavity rises, and never if a new edge
-//! would pierce a feature: as long as no edge pierces a sheet, the sheet is made of mesh faces.
+//! A flip is applied only if the smallest sine of its tetrahedra rises, and never if a new edge
+//! would pass through a feature: as long as no edge does, every feature surface is a union of mesh
+//! faces.
 
 use super::{ConstrainedPoint, TetImprover};
 use crate::mesh::complex::{NONE, Ring};
@@ -12,10 +13,11 @@ use crate::mesh::{EDGES, FACES};
 /// Largest ring that edge removal considers.
 const MAX_RING: usize = 10;
 
-/// Least gain in sine: well above rounding, so that no two configurations are exchanged for ever.
+/// Smallest gain in sine of a flip. It is well above rounding errors, so that no two configurations
+/// alternate for ever.
 const MIN_SINE_GAIN: f64 = 1e-5;
 
-/// A transformation: the tetrahedra that go, and those that take their place.
+/// A local transformation: the tetrahedra that are removed, and those that take their place.
 #[derive(Debug, Default)]
 pub(super) struct Flip {
     pub old_tets: Vec<u32>,
@@ -24,106 +26,107 @@ pub(super) struct Flip {
 }
 
 impl TetImprover<'_> {
-    /// Tries every transformation of one tetrahedron and makes the first that helps.
+    /// Tries every transformation of one tetrahedron and applies the first that helps.
     pub(super) fn flip(&mut self, t: u32) -> bool {
-        self.apply_found(|s, found| s.find_flip(t, found), None)
+        self.apply_found(|s, flip| s.find_flip(t, flip), None)
     }
 
-    /// The first transformation of one tetrahedron that helps.
-    pub(super) fn find_flip(&self, t: u32, found: &mut Flip) -> bool {
+    /// Finds the first transformation of one tetrahedron that helps. Returns `false` if none does.
+    pub(super) fn find_flip(&self, t: u32, flip: &mut Flip) -> bool {
         let (tet, sine) = (self.complex.tets[t as usize], self.sine_of(t));
         let mut edges = EDGES.iter().map(|e| e.map(|i| tet[i]));
-        edges.any(|[a, b]| self.find_edge_removal(t, [a, b], sine, found))
-            || (0..4).any(|k| self.find_face_swap(t, k, found))
+        edges.any(|[a, b]| self.find_edge_removal(t, [a, b], sine, flip))
+            || (0..4).any(|k| self.find_face_swap(t, k, flip))
     }
 
-    /// Makes a transformation if there is one, for which a node may come.
+    /// Applies the transformation that `find` returns, if any; it may insert the node `new_node`.
     pub(super) fn apply_found(
         &mut self,
         find: impl FnOnce(&Self, &mut Flip) -> bool,
-        comes: Option<ConstrainedPoint>,
+        new_node: Option<ConstrainedPoint>,
     ) -> bool {
-        let mut found = std::mem::take(&mut self.candidate_flip);
-        let any = find(self, &mut found);
-        if any {
-            self.apply(&found.old_tets, &found.new_tets, comes);
+        let mut flip = std::mem::take(&mut self.candidate_flip);
+        let is_found = find(self, &mut flip);
+        if is_found {
+            self.apply(&flip.old_tets, &flip.new_tets, new_node);
         }
-        self.candidate_flip = found;
-        any
+        self.candidate_flip = flip;
+        is_found
     }
 
-    /// Exchanges `old` for `fresh`, in which the node that comes is `NONE`.
+    /// Exchanges `old_tets` for `new_tets`, in which the inserted node is `NONE`.
     pub(super) fn apply(
         &mut self,
-        old: &[u32],
-        fresh: &[[u32; 4]],
-        comes: Option<ConstrainedPoint>,
+        old_tets: &[u32],
+        new_tets: &[[u32; 4]],
+        new_node: Option<ConstrainedPoint>,
     ) {
-        let mut new = NONE;
-        if let Some((x, hold)) = comes {
-            new = self.complex.add_node(x);
-            self.constraints.push(hold);
-            self.moved_nodes.push(new);
+        let mut node_id = NONE;
+        if let Some((x, constraint)) = new_node {
+            node_id = self.complex.add_node(x);
+            self.constraints.push(constraint);
+            self.moved_nodes.push(node_id);
         }
-        let number = |n: u32| if n == NONE { new } else { n };
+        let number = |n: u32| if n == NONE { node_id } else { n };
         self.new_tets.clear();
         self.new_tets
-            .extend(fresh.iter().map(|tet| tet.map(number)));
-        self.commit(old);
+            .extend(new_tets.iter().map(|tet| tet.map(number)));
+        self.commit(old_tets);
     }
 
     fn sine_of_nodes(&self, tet: [u32; 4]) -> f64 {
         min_sine(&tet.map(|i| self.complex.nodes[i as usize]))
     }
 
-    /// The removal of edge (a, b) of tetrahedron `t`, if every new tetrahedron is better than the worst of
-    /// the old ones (or than `floor`, if that is lower).
+    /// Finds the removal of edge (a, b) of tetrahedron `t`. Every new tetrahedron must be better
+    /// than the worst of the old ones (or than `floor`, if that is lower).
     pub(super) fn find_edge_removal(
         &self,
         t: u32,
         [a, b]: [u32; 2],
         floor: f64,
-        found: &mut Flip,
+        flip: &mut Flip,
     ) -> bool {
         let Flip {
-            old_tets: old,
-            new_tets: fresh,
+            old_tets,
+            new_tets,
             ring,
-        } = found;
+        } = flip;
         if !self.complex.ring(t, a, b, MAX_RING, ring) {
             return false;
         }
         let worst = (ring.tets.iter())
             .map(|&t| self.sine_of(t))
             .fold(f64::INFINITY, f64::min);
-        old.clone_from(&ring.tets);
-        self.fill_ring(ring, [a, b], worst.min(floor) + MIN_SINE_GAIN, fresh)
+        old_tets.clone_from(&ring.tets);
+        self.fill_ring(ring, [a, b], worst.min(floor) + MIN_SINE_GAIN, new_tets)
     }
 
-    /// The tetrahedra above `floor` that fill the ring of an edge without it.
+    /// Finds tetrahedra above `floor` that fill the ring of an edge without the edge.
     fn fill_ring(
         &self,
         ring: &Ring,
         [a, b]: [u32; 2],
         floor: f64,
-        fresh: &mut Vec<[u32; 4]>,
+        new_tets: &mut Vec<[u32; 4]>,
     ) -> bool {
         let r = &ring.nodes;
         let m = r.len();
         if m < 3 || (!ring.is_closed && !self.is_in_side(&[a, b, r[0], r[m - 1]])) {
             return false;
         }
-        // best[i][j]: the best smallest sine of a triangulation of the polygon i..=j.
+        // best[i][j] is the largest smallest sine of a triangulation of the polygon i..=j.
         let mut best = [[f64::INFINITY; MAX_RING + 1]; MAX_RING + 1];
         let mut via = [[0usize; MAX_RING + 1]; MAX_RING + 1];
-        let mut barred = [[false; MAX_RING + 1]; MAX_RING + 1];
-        // Chords are tested against the features only once they are wanted.
+        let mut is_blocked = [[false; MAX_RING + 1]; MAX_RING + 1];
+        // Chords are tested against the features only when the best triangulation uses them, as the
+        // test is slow.
         loop {
             for span in 2..m {
                 for i in 0..m - span {
                     let j = i + span;
                     best[i][j] = f64::NEG_INFINITY;
-                    if barred[i][j] {
+                    if is_blocked[i][j] {
                         continue;
                     }
                     for k in i + 1..j {
@@ -145,11 +148,11 @@ impl TetImprover<'_> {
             if best[0][m - 1] <= floor {
                 return false;
             }
-            fresh.clear();
+            new_tets.clear();
             let mut stack = [(0usize, 0usize); MAX_RING + 1];
             stack[0] = (0, m - 1);
             let mut depth = 1;
-            let mut pierced = false;
+            let mut has_new_block = false;
             while depth > 0 {
                 depth -= 1;
                 let (i, j) = stack[depth];
@@ -158,29 +161,29 @@ impl TetImprover<'_> {
                 }
                 let is_chord = !(i == 0 && j == m - 1 && ring.is_closed);
                 if is_chord && self.intersects(r[i], r[j]) {
-                    barred[i][j] = true;
-                    pierced = true;
+                    is_blocked[i][j] = true;
+                    has_new_block = true;
                     break;
                 }
                 let k = via[i][j];
-                fresh.push([r[i], r[k], r[j], b]);
-                fresh.push([r[i], r[j], r[k], a]);
+                new_tets.push([r[i], r[k], r[j], b]);
+                new_tets.push([r[i], r[j], r[k], a]);
                 stack[depth] = (i, k);
                 stack[depth + 1] = (k, j);
                 depth += 2;
             }
-            if !pierced {
+            if !has_new_block {
                 break;
             }
-            if barred[0][m - 1] {
+            if is_blocked[0][m - 1] {
                 return false;
             }
         }
         true
     }
 
-    /// The 2-3 swap at face k of `t`, if it helps.
-    fn find_face_swap(&self, t: u32, k: usize, found: &mut Flip) -> bool {
+    /// Finds the 2-3 swap at face k of `t`, if it helps.
+    fn find_face_swap(&self, t: u32, k: usize, flip: &mut Flip) -> bool {
         let Some(n) = self.complex.neighbor(t, k) else {
             return false;
         };
@@ -193,36 +196,36 @@ impl TetImprover<'_> {
         let Some(back) = back else { return false };
         let q = self.complex.tets[n as usize][back];
         let floor = self.sine_of(t).min(self.sine_of(n)) + MIN_SINE_GAIN;
-        self.find_2_3_swap([t, n], [u, v, w], [p, q], floor, found)
+        self.find_2_3_swap([t, n], [u, v, w], [p, q], floor, flip)
     }
 
-    /// Exchanges two tetrahedra that share face (u, v, w), with apices p (positive) and q, for the
-    /// three round the new edge (p, q), if each is better than `floor`.
+    /// Exchanges two tetrahedra that share face (u, v, w), with apices p (on its positive side) and
+    /// q, for the three tetrahedra around the new edge (p, q), if each of these is better than
+    /// `floor`.
     pub(super) fn swap_face(
         &mut self,
-        old: [u32; 2],
+        old_tets: [u32; 2],
         face: [u32; 3],
         apices: [u32; 2],
         floor: f64,
     ) -> bool {
-        let find = |s: &Self, found: &mut Flip| s.find_2_3_swap(old, face, apices, floor, found);
+        let find = |s: &Self, flip: &mut Flip| s.find_2_3_swap(old_tets, face, apices, floor, flip);
         self.apply_found(find, None)
     }
 
     fn find_2_3_swap(
         &self,
-        old: [u32; 2],
+        old_tets: [u32; 2],
         [u, v, w]: [u32; 3],
         [p, q]: [u32; 2],
         floor: f64,
-        found: &mut Flip,
+        flip: &mut Flip,
     ) -> bool {
-        found.old_tets.clear();
-        found.old_tets.extend(old);
-        found.new_tets.clear();
-        found
-            .new_tets
+        flip.old_tets.clear();
+        flip.old_tets.extend(old_tets);
+        flip.new_tets.clear();
+        flip.new_tets
             .extend([[q, p, u, v], [q, p, v, w], [q, p, w, u]]);
-        (found.new_tets.iter()).all(|&f| self.sine_of_nodes(f) > floor) && !self.intersects(p, q)
+        (flip.new_tets.iter()).all(|&f| self.sine_of_nodes(f) > floor) && !self.intersects(p, q)
     }
 }

@@ -1,6 +1,7 @@
-//! Many tetrahedra mended at once, those near one another in a copy of what is round them: a patch. Meanwhile the mesh
-//! stays as it is; then it is changed as the patches were. So what becomes of it does not depend on how many are at
-//! work, or where: ranks share them.
+//! Repairs many tetrahedra at once, those near each other in a copy of the mesh around them: a
+//! patch. The mesh itself is unchanged until all patches are done, and then takes over their
+//! changes. So the result depends neither on the number of threads nor on which rank works on a
+//! patch; ranks share them.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -17,48 +18,53 @@ use crate::mesh::complex::{Complex, NONE, PartNumbering};
 use crate::progress::CancelToken;
 use crate::{Result, comm};
 
-/// A patch has all tetrahedra at the nodes so near to the middle of one that is mended there, over d. What asks for
-/// more, as few do, is mended in the mesh itself.
+/// Radius, in units of d, around the centroid of a tetrahedron to be repaired. The patch has all
+/// tetrahedra at the nodes within this radius. The few repairs that need more are done in the mesh
+/// itself.
 const PATCH_RADIUS: f64 = 3.5;
-/// Edge of a cube, over the largest d of what is mended in it: patches of two cubes with one between them do not meet,
-/// as tetrahedra go some 1.3 d beyond the nodes that they have there.
+/// Edge of a cube, in units of the largest d of the tetrahedra to be repaired in it. Patches of two
+/// cubes with another cube in between do not overlap, as tetrahedra extend some 1.3 d beyond their
+/// nodes within the radius.
 const CUBE_EDGE: f64 = 2.0 * (PATCH_RADIUS + 1.3);
-/// What is mended at the same time has about the same d: cubes shrink by this with it.
+/// Factor by which cubes shrink where d is smaller. The tetrahedra of one group of cubes have about
+/// the same d.
 const CUBE_SHRINK_FACTOR: f64 = std::f64::consts::SQRT_2;
 
-/// With fewer cubes there is little to do at the same time, and to mend the poorest of all first is less work and leaves
-/// fewer poor.
+/// Smallest number of cubes for which patches are used. With fewer cubes there is little parallel
+/// work, and to repair the worst of all tetrahedra first is less work and leaves fewer below
+/// target.
 const MIN_CUBES: usize = 64;
 
-/// What becomes of tetrahedra whose middles are in one cube.
+/// A copy of a part of the mesh, in which the tetrahedra of one cube are repaired.
 struct LocalPatch<'a> {
     numbering: PartNumbering,
     improver: TetImprover<'a>,
 }
 
-/// What became of a patch. Numbers are those of the mesh; a node that is not there yet is `NONE` less its number
-/// among the new ones.
+/// Result of the repairs in a patch. Indices are those of the mesh; a new node is `NONE` minus its
+/// index among the new nodes.
 struct PatchResult {
-    /// What it depends on: nodes.
+    /// Nodes on whose tetrahedra the result depends.
     nodes: Vec<u32>,
-    /// The tetrahedra that it was too small for.
+    /// Tetrahedra for which the patch was too small.
     deferred: Vec<u32>,
-    /// Those that nothing mends.
+    /// Tetrahedra that no operation repairs.
     failed: Vec<u32>,
     change: PatchChange,
 }
 
 struct PatchChange {
-    /// Tetrahedra that go, and those that take their place.
+    /// Tetrahedra that are removed, and those that take their place.
     removed_tets: Vec<u32>,
     new_tets: Vec<[u32; 4]>,
-    /// Nodes that move, and to where.
+    /// Nodes that move, with their new positions and constraints.
     moved_nodes: Vec<(u32, ConstrainedPoint)>,
     new_nodes: Vec<ConstrainedPoint>,
     counts: OperationCounts,
 }
 
-/// A cube, by how often its edge has shrunk and its number along each axis, and tetrahedra in it.
+/// A cube and the tetrahedra in it. The key of the cube is the number of times that its edge has
+/// shrunk, and its index along each axis.
 pub(super) type Cube = ((u32, [u32; 3]), Vec<u32>);
 
 codec_fields! {
@@ -67,31 +73,32 @@ codec_fields! {
 }
 
 impl<'a> TetImprover<'a> {
-    /// Mends tetrahedra: in patches if there are enough, the first ones first otherwise and in each; tells how far it
-    /// is.
+    /// Repairs tetrahedra: in patches if there are enough cubes, otherwise one by one in the given
+    /// order. `set_progress` is called with the fraction done.
     ///
     /// # Errors
-    /// Those of [`comm::partition`].
+    /// Returns the errors of [`comm::distribute_weighted`].
     pub(super) fn repair_each(
         &mut self,
-        poor: &[u32],
-        patience: &CancelToken<'_>,
-        reached: impl Fn(f64),
+        tets: &[u32],
+        cancel: &CancelToken<'_>,
+        set_progress: impl Fn(f64),
     ) -> Result<()> {
         let d = |&t: &u32| self.centre_and_spacing(t).1;
-        let edge = CUBE_EDGE * poor.iter().map(d).fold(0.0, f64::max);
-        let apart = self.cubes(poor, edge);
-        let (done, later) = match apart.iter().flatten().count() < MIN_CUBES {
-            true => (0.0, poor.to_vec()),
-            false => (
+        let edge = CUBE_EDGE * tets.iter().map(d).fold(0.0, f64::max);
+        let cube_groups = self.cubes(tets, edge);
+        let (min_progress, deferred) = if cube_groups.iter().flatten().count() < MIN_CUBES {
+            (0.0, tets.to_vec())
+        } else {
+            (
                 1.0,
-                self.repair_in_patches(apart, edge, patience, &reached)?,
-            ),
+                self.repair_in_patches(cube_groups, edge, cancel, &set_progress)?,
+            )
         };
-        let count = later.len() as f64;
-        for (number, t) in later.into_iter().enumerate() {
-            reached((number as f64 / count).max(done));
-            if patience.is_cancelled() {
+        let count = deferred.len() as f64;
+        for (number, t) in deferred.into_iter().enumerate() {
+            set_progress((number as f64 / count).max(min_progress));
+            if cancel.is_cancelled() {
                 break;
             }
             if self.is_below_target(t) && !self.is_known_to_fail(t) {
@@ -101,56 +108,56 @@ impl<'a> TetImprover<'a> {
         Ok(())
     }
 
-    /// Mends tetrahedra in patches, those of each cube in one; gives those for which patches were too small.
+    /// Repairs tetrahedra in patches, one for each cube. Returns the tetrahedra for which the
+    /// patches were too small or overlapped.
     pub(super) fn repair_in_patches(
         &mut self,
-        apart: Vec<Vec<Cube>>,
+        cube_groups: Vec<Vec<Cube>>,
         edge: f64,
-        patience: &CancelToken<'_>,
-        reached: &impl Fn(f64),
+        cancel: &CancelToken<'_>,
+        set_progress: &impl Fn(f64),
     ) -> Result<Vec<u32>> {
         let pool = Mutex::new(Vec::new());
-        let mut later = Vec::new();
-        let phases = apart.len() as f64;
-        for (phase, mut cubes) in apart.into_iter().enumerate() {
-            reached(phase as f64 / phases);
-            // Numbers of tetrahedra that went are those of others now, which may be anywhere.
+        let mut deferred = Vec::new();
+        let phases = cube_groups.len() as f64;
+        for (phase, mut cubes) in cube_groups.into_iter().enumerate() {
+            set_progress(phase as f64 / phases);
+            // Slots of removed tetrahedra are used again, possibly for tetrahedra of another cube.
             for (cube, tets) in &mut cubes {
                 tets.retain(|&t| self.is_below_target(t) && self.cube(t, edge) == *cube);
             }
-            let mut all = Vec::with_capacity(cubes.len());
-            let work = |own: Range<usize>, give: &mut dyn FnMut(PatchResult)| {
-                let tried: Vec<PatchResult> = cubes[own]
+            let mut results = Vec::with_capacity(cubes.len());
+            let work = |range: Range<usize>, emit: &mut dyn FnMut(PatchResult)| {
+                let batch: Vec<PatchResult> = cubes[range]
                     .par_iter()
                     .with_max_len(1)
-                    .map(|(_, tets)| self.try_in_patch(tets, &pool, patience))
+                    .map(|(_, tets)| self.try_in_patch(tets, &pool, cancel))
                     .collect();
-                tried.into_iter().for_each(give);
+                batch.into_iter().for_each(emit);
                 Ok(())
             };
-            let much: Vec<usize> = cubes.iter().map(|(_, tets)| tets.len()).collect();
-            match self.is_rank_local {
-                true => work(0..cubes.len(), &mut |tried| all.push(tried))?,
-                false => {
-                    comm::distribute_weighted("patches", &much, work, &mut |tried| {
-                        all.push(tried)
-                    })?;
-                }
+            let weights: Vec<usize> = cubes.iter().map(|(_, tets)| tets.len()).collect();
+            if self.is_rank_local {
+                work(0..cubes.len(), &mut |result| results.push(result))?;
+            } else {
+                comm::distribute_weighted("patches", &weights, work, &mut |result| {
+                    results.push(result)
+                })?;
             }
-            let begun = self.attempts.clock();
-            for ((_, tets), tried) in cubes.into_iter().zip(all) {
-                if self.attempts.has_changed(begun, &tried.nodes) {
-                    later.extend(tets);
+            let start = self.attempts.clock();
+            for ((_, tets), result) in cubes.into_iter().zip(results) {
+                if self.attempts.has_changed(start, &result.nodes) {
+                    deferred.extend(tets);
                     continue;
                 }
-                self.apply_change(&tried.change);
-                for t in tried.failed {
-                    self.attempts.record_failure(AttemptKind::Mend, t);
+                self.apply_change(&result.change);
+                for t in result.failed {
+                    self.attempts.record_failure(AttemptKind::Repair, t);
                 }
-                later.extend(tried.deferred);
+                deferred.extend(result.deferred);
             }
         }
-        Ok(later)
+        Ok(deferred)
     }
 
     pub(super) fn is_below_target(&self, t: u32) -> bool {
@@ -159,38 +166,39 @@ impl<'a> TetImprover<'a> {
             && self.is_in_range(&self.complex.tets[t as usize])
     }
 
-    /// The cube that the middle of a tetrahedron is in, where the largest have this edge.
+    /// Returns the cube that contains the centroid of a tetrahedron, where the largest cubes have
+    /// this edge.
     fn cube(&self, t: u32, edge: f64) -> (u32, [u32; 3]) {
         let (middle, d) = self.centre_and_spacing(t);
-        let shrunk = (edge / (CUBE_EDGE * d))
+        let shrink_count = (edge / (CUBE_EDGE * d))
             .log(CUBE_SHRINK_FACTOR)
             .max(0.0)
             .floor();
-        let edge = edge / CUBE_SHRINK_FACTOR.powf(shrunk);
-        (shrunk as u32, middle.map(|c| (c / edge) as u32))
+        let edge = edge / CUBE_SHRINK_FACTOR.powf(shrink_count);
+        (shrink_count as u32, middle.map(|c| (c / edge) as u32))
     }
 
-    /// Tetrahedra by their cubes; groups of cubes of which no two patches meet.
+    /// Sorts tetrahedra into cubes, and the cubes into groups in which no two patches overlap.
     pub(super) fn cubes(&self, tets: &[u32], edge: f64) -> Vec<Vec<Cube>> {
         let mut cubes: BTreeMap<(u32, [u32; 3]), Vec<u32>> = BTreeMap::new();
         for &t in tets.iter().filter(|&&t| self.is_below_target(t)) {
             cubes.entry(self.cube(t, edge)).or_default().push(t);
         }
-        let mut apart: BTreeMap<(u32, [u32; 3]), Vec<Cube>> = BTreeMap::new();
+        let mut groups: BTreeMap<(u32, [u32; 3]), Vec<Cube>> = BTreeMap::new();
         for (cube, tets) in cubes {
-            let (shrunk, place) = cube;
-            let group = (shrunk, place.map(|c| c % 2));
-            apart.entry(group).or_default().push((cube, tets));
+            let (shrink_count, index) = cube;
+            let group = (shrink_count, index.map(|c| c % 2));
+            groups.entry(group).or_default().push((cube, tets));
         }
-        apart.into_values().collect()
+        groups.into_values().collect()
     }
 
-    /// Mends tetrahedra in a copy of what is round them.
+    /// Repairs tetrahedra in a copy of the mesh around them.
     fn try_in_patch(
         &self,
         tets: &[u32],
         pool: &Mutex<Vec<LocalPatch<'a>>>,
-        patience: &CancelToken<'_>,
+        cancel: &CancelToken<'_>,
     ) -> PatchResult {
         let lock = || pool.lock().unwrap_or_else(PoisonError::into_inner);
         let taken = lock().pop();
@@ -198,33 +206,33 @@ impl<'a> TetImprover<'a> {
             numbering: PartNumbering::default(),
             improver: Self::empty(self.extent, self.planes, self.distance, self.target_sine),
         });
-        let tried = patch.try_repairs(self, tets, patience);
+        let result = patch.try_repairs(self, tets, cancel);
         lock().push(patch);
-        tried
+        result
     }
 
-    /// Changes the mesh as a patch was.
+    /// Applies the changes of a patch to the mesh.
     fn apply_change(&mut self, change: &PatchChange) {
         let first = self.complex.nodes.len() as u32;
-        let number = |n: u32| match NONE - n {
+        let node_id = |n: u32| match NONE - n {
             new if (new as usize) < change.new_nodes.len() => first + new,
             _ => n,
         };
-        for &(x, hold) in &change.new_nodes {
+        for &(x, constraint) in &change.new_nodes {
             let node = self.complex.add_node(x);
-            self.constraints.push(hold);
+            self.constraints.push(constraint);
             self.moved_nodes.push(node);
         }
-        for &(node, (x, hold)) in &change.moved_nodes {
+        for &(node, (x, constraint)) in &change.moved_nodes {
             self.complex.nodes[node as usize] = x;
-            self.constraints[node as usize] = hold;
-            if !hold.is_far {
+            self.constraints[node as usize] = constraint;
+            if !constraint.is_far {
                 self.moved_nodes.push(node);
             }
         }
         self.new_tets.clear();
-        let made = change.new_tets.iter().map(|tet| tet.map(number));
-        self.new_tets.extend(made);
+        let new_tets = change.new_tets.iter().map(|tet| tet.map(node_id));
+        self.new_tets.extend(new_tets);
         self.commit(&change.removed_tets);
         for &(node, _) in &change.moved_nodes {
             self.complex.star(node, &mut self.star);
@@ -237,109 +245,116 @@ impl<'a> TetImprover<'a> {
 impl<'a> LocalPatch<'a> {
     fn try_repairs(
         &mut self,
-        whole: &TetImprover<'a>,
+        full: &TetImprover<'a>,
         tets: &[u32],
-        patience: &CancelToken<'_>,
+        cancel: &CancelToken<'_>,
     ) -> PatchResult {
-        let (numbers, part) = (&mut self.numbering, &mut self.improver);
+        let (numbering, improver) = (&mut self.numbering, &mut self.improver);
         let balls: Vec<([f64; 3], f64)> = tets
             .iter()
             .map(|&t| {
-                let (middle, d) = whole.centre_and_spacing(t);
+                let (middle, d) = full.centre_and_spacing(t);
                 (middle, (PATCH_RADIUS * d).powi(2))
             })
             .collect();
-        let holds = |x| {
-            let within = |&(middle, square): &([f64; 3], f64)| {
-                let away = sub(x, middle);
-                dot(away, away) <= square
+        let is_inside = |x| {
+            let is_in_ball = |&(middle, square): &([f64; 3], f64)| {
+                let offset = sub(x, middle);
+                dot(offset, offset) <= square
             };
-            balls.iter().any(within)
+            balls.iter().any(is_in_ball)
         };
-        (part.complex).set_to_part(&whole.complex, tets, holds, numbers);
-        let (slots, nodes) = (&numbers.slots, &numbers.nodes);
-        part.sines.clear();
-        part.sines
-            .extend(slots.iter().map(|&t| whole.sines[t as usize]));
-        part.constraints.clear();
-        part.constraints
-            .extend(nodes.iter().map(|&(n, _)| whole.constraints[n as usize]));
-        part.attempts.set_to_part(
-            &whole.attempts,
+        (improver.complex).set_to_part(&full.complex, tets, is_inside, numbering);
+        let (slots, nodes) = (&numbering.slots, &numbering.nodes);
+        improver.sines.clear();
+        improver
+            .sines
+            .extend(slots.iter().map(|&t| full.sines[t as usize]));
+        improver.constraints.clear();
+        improver
+            .constraints
+            .extend(nodes.iter().map(|&(n, _)| full.constraints[n as usize]));
+        improver.attempts.set_to_part(
+            &full.attempts,
             nodes.iter().map(|n| n.0),
             slots.iter().copied(),
         );
-        part.queue.clear();
-        part.moved_nodes.clear();
-        part.counts = OperationCounts::default();
-        (part.smoothing_target, part.max_deviation, part.axis_range) = (
-            whole.smoothing_target,
-            whole.max_deviation,
-            whole.axis_range,
-        );
+        improver.queue.clear();
+        improver.moved_nodes.clear();
+        improver.counts = OperationCounts::default();
+        (
+            improver.smoothing_target,
+            improver.max_deviation,
+            improver.axis_range,
+        ) = (full.smoothing_target, full.max_deviation, full.axis_range);
 
-        let (mut beyond, mut failed) = (Vec::new(), Vec::new());
+        let (mut deferred, mut failed) = (Vec::new(), Vec::new());
         for t in 0..tets.len() as u32 {
-            if patience.is_cancelled() {
+            if cancel.is_cancelled() {
                 break;
             }
-            if !part.is_below_target(t) || part.is_known_to_fail(t) {
+            if !improver.is_below_target(t) || improver.is_known_to_fail(t) {
                 continue;
             }
-            let mended = part.repair_one(t);
-            if part.complex.take_reached_nonlocal() {
-                beyond.push(tets[t as usize]);
-            } else if !mended {
-                part.attempts.record_failure(AttemptKind::Mend, t);
+            let repaired = improver.repair_one(t);
+            if improver.complex.take_reached_nonlocal() {
+                deferred.push(tets[t as usize]);
+            } else if !repaired {
+                improver.attempts.record_failure(AttemptKind::Repair, t);
                 failed.push(t);
             }
         }
-        failed.retain(|&t| part.is_below_target(t) && part.is_known_to_fail(t));
+        failed.retain(|&t| improver.is_below_target(t) && improver.is_known_to_fail(t));
         let inner = nodes.iter().filter(|n| n.1).map(|n| n.0);
         PatchResult {
             nodes: inner.collect(),
-            deferred: beyond,
+            deferred,
             failed: failed.into_iter().map(|t| tets[t as usize]).collect(),
-            change: self.collect_change(&whole.complex),
+            change: self.collect_change(&full.complex),
         }
     }
 
-    /// What has changed.
-    fn collect_change(&self, whole: &Complex) -> PatchChange {
+    /// Returns the difference between the patch and the mesh.
+    fn collect_change(&self, full: &Complex) -> PatchChange {
         let Self {
-            numbering: numbers,
+            numbering,
             improver,
         } = self;
         let Complex { nodes, tets, .. } = &improver.complex;
-        let (slots, known) = (&numbers.slots, numbers.nodes.len());
-        let number = |n: u32| match numbers.nodes.get(n as usize) {
+        let (slots, known_count) = (&numbering.slots, numbering.nodes.len());
+        let number = |n: u32| match numbering.nodes.get(n as usize) {
             Some(&(number, _)) => number,
-            None => NONE - (n - known as u32),
+            None => NONE - (n - known_count as u32),
         };
-        // Those with another in their place come first: it has the same number here and there.
-        let (mut gone, mut made, mut dead, mut new) = (vec![], vec![], vec![], vec![]);
+        // Slots whose tetrahedron is replaced come first: the removed and the new tetrahedron then
+        // have the same position in both lists.
+        let (mut removed_tets, mut new_tets, mut only_removed, mut only_new) =
+            (vec![], vec![], vec![], vec![]);
         for (t, tet) in tets.iter().enumerate() {
             let alive = tet[0] != NONE;
-            let now = tet.map(|n| if alive { number(n) } else { NONE });
+            let global_tet = tet.map(|n| if alive { number(n) } else { NONE });
             match slots.get(t) {
-                Some(&slot) if whole.tets[slot as usize] == now => {}
+                Some(&slot) if full.tets[slot as usize] == global_tet => {}
                 Some(&slot) if alive => {
-                    gone.push(slot);
-                    made.push(now);
+                    removed_tets.push(slot);
+                    new_tets.push(global_tet);
                 }
-                Some(&slot) => dead.push(slot),
-                None => new.extend(alive.then_some(now)),
+                Some(&slot) => only_removed.push(slot),
+                None => only_new.extend(alive.then_some(global_tet)),
             }
         }
-        gone.append(&mut dead);
-        made.append(&mut new);
-        let place = |n: usize| (nodes[n], improver.constraints[n]);
-        let moved = (0..known).filter(|&n| nodes[n] != whole.nodes[numbers.nodes[n].0 as usize]);
+        removed_tets.append(&mut only_removed);
+        new_tets.append(&mut only_new);
+        let constrained_point = |n: usize| (nodes[n], improver.constraints[n]);
+        let moved =
+            (0..known_count).filter(|&n| nodes[n] != full.nodes[numbering.nodes[n].0 as usize]);
         PatchChange {
-            removed_tets: gone,
-            new_tets: made,
-            moved_nodes: moved.map(|n| (numbers.nodes[n].0, place(n))).collect(),
-            new_nodes: (known..nodes.len()).map(place).collect(),
+            removed_tets,
+            new_tets,
+            moved_nodes: moved
+                .map(|n| (numbering.nodes[n].0, constrained_point(n)))
+                .collect(),
+            new_nodes: (known_count..nodes.len()).map(constrained_point).collect(),
             counts: improver.counts,
         }
     }

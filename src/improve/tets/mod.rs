@@ -1,16 +1,17 @@
-//! From a Delaunay mesh in space to one without slivers whose faces lie on the features.
+//! Improves a Delaunay mesh in space: removes its slivers and makes its faces lie on the features.
 //!
-//! - `recover`: features first: no edge may pierce one
+//! - `recover`: removes edges that pass through a feature
 //! - `flips`: Joe's local transformations, generalised
 //! - `smooth`: max-min smoothing
-//! - `sweep`: many flips and moves at once
-//! - `mend`: several changes at once, kept only if together they help
-//! - `patches`: many mended at once
-//! - `collapse`: nodes that stand too close
-//! - `finish`: the mesh at the end, its faces on features, what blocks the rest
-//! - `exude`(fn@exude): the second method: nodes get weights, none of them moves
-//! - `slabs`: large meshes, slab by slab
-//! - `reshape`(fn@reshape): atoms come, go and move in a part of a mesh
+//! - `batch`: many flips and moves at once
+//! - `repair`: several operations at once, kept only if they help together
+//! - `local_patches`: many repairs at once
+//! - `collapse`: removes nodes that are too close to each other
+//! - `attempt_cache`: a cache of attempts that failed
+//! - `finish`: the mesh at the end, its faces on features, and what blocks the rest
+//! - `exude`: the second method; nodes get weights, and none of them moves
+//! - `slabs`: improves large meshes slab by slab
+//! - `reshape`: adds, removes and moves atoms in a part of a mesh
 
 mod attempt_cache;
 mod batch;
@@ -45,89 +46,98 @@ use crate::mesh::quality::{BLOCK_SIZE, CornerBlock, min_sine};
 use crate::mesh::{FACES, TetMesh};
 use crate::progress::CancelToken;
 
-/// The first round of smoothing, over many nodes, stops this far above target (sine).
+/// Margin above the target sine at which the first round of smoothing, over many nodes, stops.
 const SMOOTHING_MARGIN: f64 = 0.02;
 
-/// Where tetrahedra stay below target otherwise, their nodes may at last be so far (samples) off the
-/// features that hold them. No feature is known better than to some tenths of a sample, while an angle
-/// that lacks a degree needs little room.
+/// Largest distances, in samples, of nodes from the features that hold them, used one after the
+/// other where tetrahedra otherwise stay below target. Features are known to some tenths of a
+/// sample only, while an angle that lacks a degree needs little room.
 const MAX_DEVIATIONS: [f64; 2] = [0.25, 0.4];
 
-/// And at most so far, over d.
+/// Largest distance of nodes from the features that hold them, in units of d.
 const MAX_DEVIATION_RATIO: f64 = 0.15;
 
-/// The share of the work that is done once features are recovered, roughly.
+/// Approximate share of the work that is done once features are recovered.
 const RECOVERY_WORK_SHARE: f64 = 0.15;
 
-/// Rounds of flips and smoothing, and where nodes may stray, as many then do little by little.
+/// Largest number of rounds of flips and smoothing: while nodes stay on their features, and while
+/// they may leave them, when many nodes move little by little.
 const MAX_ROUNDS: [usize; 2] = [8, 12];
 
-/// Makes a Delaunay mesh follow the features and frees it of slivers, in place.
+/// Makes a Delaunay mesh follow the features and removes its slivers, in place.
 ///
-/// `neighbors` are those of the tetrahedra (see [`complex`](crate::mesh::complex)) and stay so.
-/// `kinds` says what each node is and follows the nodes that come and go; the result also says
-/// for every tetrahedron which of its faces lie on a feature: bit k for face k (opposite node k).
-/// When `patience` is over, the mesh is left as far as it has come.
+/// `neighbors` are those of the tetrahedra (see [`complex`](crate::mesh::complex)) and are updated.
+/// `kinds` are those of the nodes; nodes that are inserted or removed change it. The result also
+/// has, for every tetrahedron, its faces on features: bit k for face k (opposite node k). If
+/// `cancel` is cancelled, the mesh keeps the changes made so far.
 ///
 /// # Errors
-/// Those of other ranks, with which the work is shared.
+/// Returns an error if another rank that shares the work fails.
 pub fn improve(
     mesh: &mut TetMesh,
     neighbors: &mut Vec<[u32; 4]>,
     kinds: &mut Vec<AtomKind>,
     extent: [f64; 3],
-    sheets: &FeaturePlanes,
+    planes: &FeaturePlanes,
     distance: &Distance<3>,
     target: &Target,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Result<(ImproveReport, Vec<u8>)> {
-    let target = target.min_dihedral.to_radians().sin();
-    let (taken, around) = (std::mem::take(mesh), std::mem::take(neighbors));
+    let target_sine = target.min_dihedral.to_radians().sin();
+    let (owned_mesh, owned_neighbors) = (std::mem::take(mesh), std::mem::take(neighbors));
     let mut improver = TetImprover::new(
-        taken, around, kinds, extent, sheets, distance, target, patience,
+        owned_mesh,
+        owned_neighbors,
+        kinds,
+        extent,
+        planes,
+        distance,
+        target_sine,
+        cancel,
     );
-    let outcome = improver.improve(patience)?;
+    let report = improver.improve(cancel)?;
     let finished = improver.finish(kinds);
     (*mesh, *neighbors, *kinds) = (finished.mesh, finished.neighbors, finished.kinds);
-    Ok((outcome, finished.feature_faces))
+    Ok((report, finished.feature_faces))
 }
 
-/// Tetrahedra that are measured, or looked through, in one task.
+/// Number of tetrahedra that one task measures or searches.
 const TASK_SIZE: usize = 64 * BLOCK_SIZE;
 
-/// Where a node is, and what holds it there.
+/// Position of a node, and its constraints there.
 type ConstrainedPoint = ([f64; 3], NodeConstraint);
 
-/// State of an improvement: the complex, the quality of every slot, what holds every node.
+/// State of an improvement: the complex, the smallest sine of every slot, and the constraints of
+/// every node.
 struct TetImprover<'a> {
     complex: Complex,
     sines: Vec<f32>,
     constraints: Vec<NodeConstraint>,
-    /// What was beside the nodes at first; empty once any has moved.
+    /// Surfaces close to the nodes at the beginning; empty once any node has moved.
     proximities: Vec<SurfaceProximity>,
     extent: [f64; 3],
     planes: &'a FeaturePlanes,
     distance: &'a Distance<3>,
-    /// Tetrahedra to look at.
+    /// Tetrahedra to be processed.
     queue: Vec<u32>,
     target_sine: f64,
-    /// Smoothing a node stops at this sine.
+    /// Sine at which smoothing of a node stops.
     smoothing_target: f64,
-    /// Smoothing may take nodes so far off the sheets that hold them.
+    /// Largest distance, in samples, of smoothed nodes from the surfaces that hold them.
     max_deviation: f64,
-    /// The mesh is this process's: other ranks are at work on others.
+    /// `true` if the mesh belongs to this rank only, while other ranks work on other meshes.
     is_rank_local: bool,
-    /// What is looked at is between two places along an axis.
+    /// Axis and range along it to which the work is limited.
     axis_range: Option<(usize, [f64; 2])>,
     counts: OperationCounts,
-    /// Edges that recovery left piercing a feature, and nodes near features that have moved or come
-    /// since.
+    /// Edges that still pass through a feature after recovery, and nodes near features that have
+    /// moved or are new since.
     unrecovered_edges: Vec<(u32, u32)>,
     moved_nodes: Vec<u32>,
-    /// What a transaction under way has overwritten.
+    /// Values overwritten by the current transaction.
     undo: Option<repair::TransactionLog>,
     attempts: AttemptCache,
-    // Scratch.
+    // Scratch space.
     candidate_flip: flips::Flip,
     new_tets: Vec<[u32; 4]>,
     slots: Vec<u32>,
@@ -145,21 +155,24 @@ impl<'a> TetImprover<'a> {
         neighbors: Vec<[u32; 4]>,
         kinds: &[AtomKind],
         extent: [f64; 3],
-        sheets: &'a FeaturePlanes,
+        planes: &'a FeaturePlanes,
         distance: &'a Distance<3>,
-        target: f64,
-        patience: &CancelToken<'_>,
+        target_sine: f64,
+        cancel: &CancelToken<'_>,
     ) -> Self {
         let (constraints, proximities) = mesh
             .nodes
             .par_iter()
             .zip(kinds)
-            .map(|(&x, &kind)| match patience.is_cancelled() {
-                true => (
-                    NodeConstraint::from_box(x, kind, extent),
-                    SurfaceProximity::Nothing,
-                ),
-                false => NodeConstraint::new(x, kind, extent, sheets),
+            .map(|(&x, &kind)| {
+                if cancel.is_cancelled() {
+                    (
+                        NodeConstraint::from_box(x, kind, extent),
+                        SurfaceProximity::Nothing,
+                    )
+                } else {
+                    NodeConstraint::new(x, kind, extent, planes)
+                }
             })
             .unzip();
         let mut sines = vec![0.0f32; mesh.tets.len()];
@@ -181,11 +194,11 @@ impl<'a> TetImprover<'a> {
             sines,
             constraints,
             proximities,
-            ..Self::empty(extent, sheets, distance, target)
+            ..Self::empty(extent, planes, distance, target_sine)
         }
     }
 
-    /// Of no mesh.
+    /// Creates the state without a mesh.
     fn empty(
         extent: [f64; 3],
         planes: &'a FeaturePlanes,
@@ -228,28 +241,30 @@ impl<'a> TetImprover<'a> {
         f64::from(self.sines[t as usize])
     }
 
-    /// Whether an edge between two nodes would pass through a feature, or cut a corner of it.
+    /// Returns `true` if an edge between two nodes would pass through a feature or cut a corner of
+    /// it.
     fn intersects(&self, a: u32, b: u32) -> bool {
         self.find_intersection(a, b).is_some()
     }
 
-    /// A quick and safe test before [`piercing`](Self::find_intersection).
+    /// Returns `false` only if [`find_intersection`](Self::find_intersection) returns `None`. This
+    /// test is fast.
     fn may_intersect(&self, a: u32, b: u32) -> bool {
         let (i, j) = (a as usize, b as usize);
         let (p, q) = (&self.constraints[i], &self.constraints[j]);
         let (x, y) = (self.complex.nodes[i], self.complex.nodes[j]);
-        let alone = [p.is_isolated, q.is_isolated];
-        // A chord of a sheet may stray from it.
-        let chord = alone == [true; 2];
-        if !chord
+        let is_isolated = [p.is_isolated, q.is_isolated];
+        // A chord of a surface may be off it in its middle.
+        let is_chord = is_isolated == [true; 2];
+        if !is_chord
             && let (Some(at_x), Some(at_y)) = (self.proximities.get(i), self.proximities.get(j))
         {
-            // What passes the middle of the edge is beside one of its ends.
-            if at_x.is_same_side(*at_y, sub(y, x), alone) {
+            // A surface that passes through the edge is close to one of its ends.
+            if at_x.is_same_side(*at_y, sub(y, x), is_isolated) {
                 return false;
             }
         }
-        !(p.is_far && q.is_far) && self.planes.may_intersect(x, y, alone)
+        !(p.is_far && q.is_far) && self.planes.may_intersect(x, y, is_isolated)
     }
 
     fn find_intersection(&self, a: u32, b: u32) -> Option<([f64; 3], LocalPlane)> {
@@ -261,26 +276,25 @@ impl<'a> TetImprover<'a> {
         )
     }
 
-    /// Exchanges `old` for the tetrahedra in `fresh`, and queues those below target.
-    fn commit(&mut self, old: &[u32]) {
+    /// Exchanges `old_tets` for the tetrahedra in `new_tets`, and queues those below target.
+    fn commit(&mut self, old_tets: &[u32]) {
         if self.complex.has_reached_nonlocal() {
-            // Something is missing here; all will be taken back.
+            // A part of the mesh is missing here, and the transaction will be rolled back.
             return;
         }
         if let Some(undo) = &mut self.undo {
-            // Slots that die must count among what was there before.
-            undo.record_slots(old, &self.sines);
+            // The old state must include the slots that become empty.
+            undo.record_slots(old_tets, &self.sines);
         }
         let Self {
-            complex,
-            new_tets: fresh,
-            ..
+            complex, new_tets, ..
         } = self;
-        let before = old.iter().flat_map(|&t| complex.tets[t as usize]);
+        let old_nodes = old_tets.iter().flat_map(|&t| complex.tets[t as usize]);
         self.attempts
-            .record_change(before.chain(fresh.iter().flatten().copied()));
-        self.complex.exchange(old, &self.new_tets, &mut self.slots);
-        for &t in &old[self.new_tets.len().min(old.len())..] {
+            .record_change(old_nodes.chain(new_tets.iter().flatten().copied()));
+        self.complex
+            .exchange(old_tets, &self.new_tets, &mut self.slots);
+        for &t in &old_tets[self.new_tets.len().min(old_tets.len())..] {
             self.sines[t as usize] = f32::INFINITY;
         }
         for i in 0..self.slots.len() {
@@ -288,7 +302,7 @@ impl<'a> TetImprover<'a> {
         }
     }
 
-    /// Measures a tetrahedron anew and queues it if it is below target.
+    /// Measures a tetrahedron again and queues it if it is below target.
     fn measure(&mut self, t: u32) {
         let sine = min_sine(&self.complex.corners(t)) as f32;
         if t as usize == self.sines.len() {
@@ -303,17 +317,17 @@ impl<'a> TetImprover<'a> {
         }
     }
 
-    /// Works through the queue with flips.
-    fn flip_queue(&mut self, patience: &CancelToken<'_>) {
+    /// Processes the queue with flips.
+    fn flip_queue(&mut self, cancel: &CancelToken<'_>) {
         while let Some(t) = self.queue.pop() {
-            if patience.is_cancelled() || self.complex.has_reached_nonlocal() {
+            if cancel.is_cancelled() || self.complex.has_reached_nonlocal() {
                 self.queue.clear();
                 break;
             }
             if !self.complex.is_alive(t) || self.sine_of(t) >= self.target_sine {
                 continue;
             }
-            // All that flips of it depend on is at its nodes.
+            // The flips of a tetrahedron depend only on what is at its nodes.
             let tet = self.complex.tets[t as usize];
             if self.attempts.is_known_to_fail(AttemptKind::Flip, t, &tet) {
                 continue;
@@ -326,30 +340,31 @@ impl<'a> TetImprover<'a> {
         }
     }
 
-    /// The tetrahedra at `node`: slots into `star`, the other three nodes' positions into `spokes`.
+    /// Collects the tetrahedra at `node`: their slots into `star`, the positions of the other three
+    /// nodes into `link`.
     fn gather_star(&mut self, node: u32) {
         self.complex.star(node, &mut self.star);
-        let mut spokes = std::mem::take(&mut self.link);
-        self.collect_link(node, &self.star, &mut spokes);
-        self.link = spokes;
+        let mut link = std::mem::take(&mut self.link);
+        self.collect_link(node, &self.star, &mut link);
+        self.link = link;
     }
 
-    /// Positions of the other three nodes of each of the tetrahedra at `node`.
-    fn collect_link(&self, node: u32, star: &[u32], spokes: &mut smooth::NodeLink) {
-        spokes.clear();
+    /// Collects the positions of the other three nodes of each of the tetrahedra at `node`.
+    fn collect_link(&self, node: u32, star: &[u32], link: &mut smooth::NodeLink) {
+        link.clear();
         for &t in star {
             let tet = self.complex.tets[t as usize];
             let k = self.complex.local_index(t, node);
-            // (face k, k) is positive; (k, face k) is the odd permutation: swap two.
+            // (face k, k) is positive, and (k, face k) is an odd permutation of it: swap two nodes.
             let [u, v, w] = FACES[k].map(|i| self.complex.nodes[tet[i] as usize]);
-            spokes.push([u, w, v]);
+            link.push([u, w, v]);
         }
     }
 
-    /// Smooths one node; true if it moved.
+    /// Smooths one node. Returns `true` if it moved.
     fn smooth(&mut self, node: u32) -> bool {
-        let mut hold = self.constraints[node as usize];
-        if hold.fixed_axes == 7
+        let mut constraint = self.constraints[node as usize];
+        if constraint.fixed_axes == 7
             || self
                 .attempts
                 .is_known_to_fail(AttemptKind::Smooth, node, &[node])
@@ -360,7 +375,7 @@ impl<'a> TetImprover<'a> {
         let best = smooth::best_position(
             self.complex.nodes[node as usize],
             &self.link,
-            &mut hold,
+            &mut constraint,
             self.extent,
             self.planes,
             self.max_deviation,
@@ -371,26 +386,26 @@ impl<'a> TetImprover<'a> {
             self.attempts.record_failure(AttemptKind::Smooth, node);
             return false;
         };
-        self.move_to(node, x, hold);
+        self.move_to(node, x, constraint);
         true
     }
 
-    /// Moves a node whose star has been gathered.
-    fn move_to(&mut self, node: u32, x: [f64; 3], hold: NodeConstraint) {
+    /// Moves a node whose star has been collected.
+    fn move_to(&mut self, node: u32, x: [f64; 3], constraint: NodeConstraint) {
         let i = node as usize;
         if let Some(undo) = &mut self.undo {
             undo.nodes
                 .push((node, self.complex.nodes[i], self.constraints[i]));
         }
         self.complex.nodes[i] = x;
-        self.constraints[i] = hold;
-        if !hold.is_far {
+        self.constraints[i] = constraint;
+        if !constraint.is_far {
             self.moved_nodes.push(node);
         }
         self.measure_star();
     }
 
-    /// Measures the tetrahedra gathered, which have changed.
+    /// Measures the tetrahedra in `star`, which have changed.
     fn measure_star(&mut self) {
         let tets = &self.complex.tets;
         let around = self.star.iter().flat_map(|&t| tets[t as usize]);
@@ -400,72 +415,73 @@ impl<'a> TetImprover<'a> {
         }
     }
 
-    /// Whether nodes are where this looks.
+    /// Returns `true` if all of the nodes are in the range to which the work is limited.
     #[inline]
     fn is_in_range(&self, nodes: &[u32]) -> bool {
-        self.axis_range.is_none_or(|(axis, [from, to])| {
-            let mut along = nodes.iter().map(|&n| self.complex.nodes[n as usize][axis]);
-            along.all(|x| from <= x && x <= to)
+        self.axis_range.is_none_or(|(axis, [low, high])| {
+            let mut coordinates = nodes.iter().map(|&n| self.complex.nodes[n as usize][axis]);
+            coordinates.all(|x| low <= x && x <= high)
         })
     }
 
-    /// Slots of the tetrahedra below target.
+    /// Returns the slots of the tetrahedra below target.
     fn tets_below_target(&self) -> Vec<u32> {
         let tasks = self.sines.par_chunks(TASK_SIZE).enumerate();
-        let poor_in = |(task, sines): (usize, &[f32])| {
-            let mut poor = Vec::new();
+        let below_target_in = |(task, sines): (usize, &[f32])| {
+            let mut below_target = Vec::new();
             for (block, sines) in sines.chunks(BLOCK_SIZE).enumerate() {
-                // Most blocks have none. A dead slot's sine is infinite.
-                let any = |any, &sine: &f32| any | (f64::from(sine) < self.target_sine);
-                if sines.iter().fold(false, any) {
+                // Most blocks contain none. The sine of an empty slot is infinite.
+                let has_low = |low, &sine: &f32| low | (f64::from(sine) < self.target_sine);
+                if sines.iter().fold(false, has_low) {
                     let first = (task * TASK_SIZE + block * BLOCK_SIZE) as u32;
                     let slots = first..first + sines.len() as u32;
-                    let poor_here = |t: &u32| {
+                    let is_below = |t: &u32| {
                         self.sine_of(*t) < self.target_sine
                             && self.is_in_range(&self.complex.tets[*t as usize])
                     };
-                    poor.extend(slots.filter(poor_here));
+                    below_target.extend(slots.filter(is_below));
                 }
             }
-            poor
+            below_target
         };
-        tasks.flat_map_iter(poor_in).collect()
+        tasks.flat_map_iter(below_target_in).collect()
     }
 }
 
 impl TetImprover<'_> {
-    /// All steps, in order.
+    /// Runs all steps in order.
     ///
     /// # Errors
-    /// Those of other ranks, with which the work is shared.
-    fn improve(&mut self, patience: &CancelToken<'_>) -> Result<ImproveReport> {
-        let poor_before = self.tets_below_target().len();
-        patience.set_range(0.0, RECOVERY_WORK_SHARE);
-        self.recover(patience)?;
-        let turn = (1.0 - RECOVERY_WORK_SHARE) / (1 + MAX_DEVIATIONS.len()) as f64;
-        let part = |turns: usize| {
-            let done = RECOVERY_WORK_SHARE + turns as f64 * turn;
-            patience.set_range(done, done + turn);
+    /// Returns an error if another rank that shares the work fails.
+    fn improve(&mut self, cancel: &CancelToken<'_>) -> Result<ImproveReport> {
+        let below_target_before = self.tets_below_target().len();
+        cancel.set_range(0.0, RECOVERY_WORK_SHARE);
+        self.recover(cancel)?;
+        let stage_share = (1.0 - RECOVERY_WORK_SHARE) / (1 + MAX_DEVIATIONS.len()) as f64;
+        let start_stage = |stages_done: usize| {
+            let start = RECOVERY_WORK_SHARE + stages_done as f64 * stage_share;
+            cancel.set_range(start, start + stage_share);
         };
-        part(0);
-        self.flip_and_smooth(MAX_ROUNDS[0], patience)?;
-        // Where features leave the lattice no room, more are poor than can be mended one by one: sooner than that, nodes
-        // may stray, which most need but little.
+        start_stage(0);
+        self.flip_and_smooth(MAX_ROUNDS[0], cancel)?;
+        // Where features leave the lattice too little room, more tetrahedra are below target than
+        // can be repaired one by one. Most of these need only that nodes leave their features a
+        // little, so that comes first.
         if !self.has_too_many(self.tets_below_target().len()) {
-            self.repair(patience)?;
+            self.repair(cancel)?;
         }
-        for (number, stray) in MAX_DEVIATIONS.into_iter().enumerate() {
-            part(1 + number);
-            self.max_deviation = stray.min(MAX_DEVIATION_RATIO * self.distance.min());
+        for (number, deviation) in MAX_DEVIATIONS.into_iter().enumerate() {
+            start_stage(1 + number);
+            self.max_deviation = deviation.min(MAX_DEVIATION_RATIO * self.distance.min());
             self.attempts.clear();
-            self.flip_and_smooth(MAX_ROUNDS[1], patience)?;
-            self.repair(patience)?;
+            self.flip_and_smooth(MAX_ROUNDS[1], cancel)?;
+            self.repair(cancel)?;
         }
-        self.release_nodes(patience)?;
-        self.counts.intersecting_left = self.count_intersecting_edges(patience);
+        self.release_nodes(cancel)?;
+        self.counts.intersecting_left = self.count_intersecting_edges(cancel);
         let blocked = self.blocked_cells();
         Ok(ImproveReport {
-            below_target_before: poor_before,
+            below_target_before,
             below_target_after: blocked.len(),
             counts: self.counts,
             blocked,

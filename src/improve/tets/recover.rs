@@ -1,5 +1,5 @@
-//! Features first: every edge that pierces a feature goes, by a flip, by pulling one of its ends
-//! onto the feature, or by splitting it there.
+//! Recovers the features: removes every edge that passes through a feature, by a flip, by snapping
+//! one of its ends onto the feature, or by splitting it there.
 
 use super::batch::{BatchChange, ChangedTets, SearchScratch};
 use super::flips::Flip;
@@ -12,49 +12,58 @@ use crate::mesh::quality::min_sine;
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
 
-/// A flip that removes a piercing edge may leave tetrahedra as flat as this, round by round: at
-/// first only good ones, so that surfaces are not spanned by long chords; smoothing follows.
+/// Smallest sines that a flip of an intersecting edge may leave, round by round. The first rounds
+/// accept only good tetrahedra, so that surfaces are not spanned by long chords. Smoothing follows.
 const MIN_FLIP_SINES: [f64; 4] = [0.3, 0.15, 0.08, 0.05];
 
-/// A node put on a feature keeps this distance, over d, from the ends of the edge it splits.
+/// Smallest distance, in units of d, of a node on a feature from the ends of the edge that it
+/// splits.
 const MIN_SPLIT_DISTANCE: f64 = 0.35;
 
-/// The least that pulling a node onto a feature may leave.
+/// Smallest sine that snapping a node onto a feature may leave.
 const MIN_SNAP_SINE: f64 = 0.05;
 
-/// So many tetrahedra are searched for piercing edges at a time, remembering so many edges.
-const CHUNK: usize = 1 << 14;
+/// Number of tetrahedra that one task searches for intersecting edges.
+const TETS_PER_CHUNK: usize = 1 << 14;
+/// Number of edges that such a task remembers.
 const EDGE_CACHE_SIZE: usize = 1 << 13;
 
 impl TetImprover<'_> {
-    /// The edges of the given tetrahedra that pierce a feature, as pairs of nodes in rising order; of
-    /// all if `patience` lasts.
-    fn find_intersecting_edges(&self, tets: &[u32], patience: &CancelToken<'_>) -> Vec<(u32, u32)> {
-        // Four nodes of each of millions of tetrahedra: a byte a node stays in the cache.
-        let near: Vec<bool> = self.constraints.iter().map(|hold| !hold.is_far).collect();
+    /// Returns the edges of the given tetrahedra that pass through a feature, as pairs of nodes in
+    /// rising order. The list is complete unless `cancel` is cancelled.
+    fn find_intersecting_edges(&self, tets: &[u32], cancel: &CancelToken<'_>) -> Vec<(u32, u32)> {
+        // The loop reads four nodes of each of millions of tetrahedra. One byte per node stays in
+        // the CPU cache.
+        let is_near: Vec<bool> = self
+            .constraints
+            .iter()
+            .map(|constraint| !constraint.is_far)
+            .collect();
         let mut edges: Vec<(u32, u32)> = tets
-            .par_chunks(CHUNK)
-            .take_any_while(|_| !patience.is_cancelled())
+            .par_chunks(TETS_PER_CHUNK)
+            .take_any_while(|_| !cancel.is_cancelled())
             .flat_map_iter(|tets| {
-                // An edge has some five tetrahedra, most of them close by in memory: those seen
-                // last need no second look.
+                // An edge belongs to some five tetrahedra, most of them close by in memory. Edges
+                // that were seen recently are skipped.
                 let mut seen = vec![(0u32, 0u32); EDGE_CACHE_SIZE];
                 let mut found = Vec::new();
                 for &t in tets.iter().filter(|&&t| self.complex.is_alive(t)) {
                     let tet = self.complex.tets[t as usize];
-                    let near = tet.map(|n| near[n as usize]);
-                    if near == [false; 4] {
+                    let tet_is_near = tet.map(|n| is_near[n as usize]);
+                    if tet_is_near == [false; 4] {
                         continue;
                     }
                     for [i, j] in EDGES {
                         let edge = (tet[i].min(tet[j]), tet[i].max(tet[j]));
-                        if !near[i] && !near[j] || !self.is_in_range(&[edge.0, edge.1]) {
+                        if !tet_is_near[i] && !tet_is_near[j]
+                            || !self.is_in_range(&[edge.0, edge.1])
+                        {
                             continue;
                         }
-                        let place =
+                        let slot =
                             edge.0.wrapping_mul(31).wrapping_add(edge.1) as usize % EDGE_CACHE_SIZE;
-                        if seen[place] != edge {
-                            seen[place] = edge;
+                        if seen[slot] != edge {
+                            seen[slot] = edge;
                             if self.may_intersect(edge.0, edge.1) {
                                 found.push(edge);
                             }
@@ -68,28 +77,28 @@ impl TetImprover<'_> {
         edges.dedup();
         edges
             .into_par_iter()
-            .take_any_while(|_| !patience.is_cancelled())
+            .take_any_while(|_| !cancel.is_cancelled())
             .filter(|&(a, b)| self.intersects(a, b))
             .collect()
     }
 
-    /// Counts the edges that pierce a feature: those that recovery left, and those that moved or
-    /// new nodes have made since. Once `patience` is over, only the former.
-    pub(super) fn count_intersecting_edges(&mut self, patience: &CancelToken<'_>) -> usize {
-        if patience.is_cancelled() {
+    /// Counts the edges that pass through a feature: those that recovery left, and those that moved
+    /// or new nodes have created since. If `cancel` is cancelled, counts only the former.
+    pub(super) fn count_intersecting_edges(&mut self, cancel: &CancelToken<'_>) -> usize {
+        if cancel.is_cancelled() {
             return self.unrecovered_edges.len();
         }
         let mut nodes = std::mem::take(&mut self.moved_nodes);
         nodes.extend(self.unrecovered_edges.iter().flat_map(|&(a, b)| [a, b]));
         nodes.sort_unstable();
         nodes.dedup();
-        // Not those of changes that were taken back.
+        // Some recorded nodes belong to changes that were rolled back.
         nodes.retain(|&n| (n as usize) < self.complex.nodes.len());
         let tets = self.tets_at_nodes(nodes);
-        self.find_intersecting_edges(&tets, patience).len()
+        self.find_intersecting_edges(&tets, cancel).len()
     }
 
-    /// The tetrahedra at any of the nodes, each once.
+    /// Returns the tetrahedra at any of the nodes, each once.
     fn tets_at_nodes(&mut self, nodes: impl IntoIterator<Item = u32>) -> Vec<u32> {
         let mut tets = Vec::new();
         for node in nodes {
@@ -104,68 +113,71 @@ impl TetImprover<'_> {
     /// Makes the mesh follow the features.
     ///
     /// # Errors
-    /// Those of other ranks, with which the work is shared.
-    pub(super) fn recover(&mut self, patience: &CancelToken<'_>) -> Result<()> {
+    /// Returns an error if another rank that shares the work fails.
+    pub(super) fn recover(&mut self, cancel: &CancelToken<'_>) -> Result<()> {
         let all: Vec<u32> = (0..self.complex.tets.len() as u32).collect();
-        let mut pierced = self.find_intersecting_edges(&all, patience);
+        let mut edges = self.find_intersecting_edges(&all, cancel);
         self.proximities = Vec::new();
-        self.counts.intersecting_before = pierced.len();
+        self.counts.intersecting_before = edges.len();
         for (round, floor) in MIN_FLIP_SINES.into_iter().enumerate() {
-            // Flips never make a piercing edge: only moved and new nodes need another look.
-            let again: Vec<u32> = pierced.iter().flat_map(|&(a, b)| [a, b]).collect();
-            let count = pierced.len() as f64;
-            while !pierced.is_empty() {
-                let done = 1.0 - pierced.len() as f64 / count;
-                patience.set_fraction((round as f64 + done) / MIN_FLIP_SINES.len() as f64);
-                pierced = self.recover_edges(pierced, floor, round > 0, patience)?;
-                if patience.is_cancelled() {
-                    // They stay, and are counted.
-                    self.unrecovered_edges = pierced;
+            // Flips never create an intersecting edge. Only moved and new nodes need another test.
+            let changed_nodes: Vec<u32> = edges.iter().flat_map(|&(a, b)| [a, b]).collect();
+            let count = edges.len() as f64;
+            while !edges.is_empty() {
+                let done = 1.0 - edges.len() as f64 / count;
+                cancel.set_fraction((round as f64 + done) / MIN_FLIP_SINES.len() as f64);
+                edges = self.recover_edges(edges, floor, round > 0, cancel)?;
+                if cancel.is_cancelled() {
+                    // The remaining edges are only counted.
+                    self.unrecovered_edges = edges;
                     return Ok(());
                 }
             }
-            let tets = self.tets_at_nodes(again);
-            pierced = self.find_intersecting_edges(&tets, patience);
+            let tets = self.tets_at_nodes(changed_nodes);
+            edges = self.find_intersecting_edges(&tets, cancel);
         }
-        self.unrecovered_edges = pierced;
+        self.unrecovered_edges = edges;
         self.moved_nodes.clear();
         Ok(())
     }
 
-    /// Does what it can about edges that pierce a feature; gives those that are to be looked at again.
+    /// Treats the edges that pass through a feature. Returns those that must be treated again.
     fn recover_edges(
         &mut self,
         edges: Vec<(u32, u32)>,
         floor: f64,
         may_split: bool,
-        patience: &CancelToken<'_>,
+        cancel: &CancelToken<'_>,
     ) -> Result<Vec<(u32, u32)>> {
-        let found = self.search_each("piercing edges", &edges, |s, edge, scratch| {
-            let idle = patience.is_cancelled();
-            (!idle).then(|| s.find_recovery(edge, floor, may_split, scratch))
+        let outcomes = self.search_each("intersecting edges", &edges, |s, edge, scratch| {
+            let is_cancelled = cancel.is_cancelled();
+            (!is_cancelled).then(|| s.find_recovery(edge, floor, may_split, scratch))
         })?;
-        let mut met = ChangedTets::new(self);
-        let mut left = Vec::new();
-        for (edge, found) in edges.into_iter().zip(found) {
-            match found {
-                None => left.push(edge),
+        let mut changed = ChangedTets::new(self);
+        let mut remaining = Vec::new();
+        for (edge, outcome) in edges.into_iter().zip(outcomes) {
+            match outcome {
+                None => remaining.push(edge),
                 Some(None) => {}
-                Some(Some(step)) if met.contains_any(&step.old_tets) => left.push(edge),
-                Some(Some(step)) => {
-                    match step.placed_node {
+                Some(Some(change)) if changed.contains_any(&change.old_tets) => {
+                    remaining.push(edge)
+                }
+                Some(Some(change)) => {
+                    match change.placed_node {
                         None => self.counts.intersecting_flipped += 1,
                         Some((NONE, _)) => self.counts.intersecting_split += 1,
                         Some(_) => self.counts.intersecting_snapped += 1,
                     }
-                    met.apply(self, step);
+                    changed.apply(self, change);
                 }
             }
         }
-        met.return_buffer(self);
-        Ok(left)
+        changed.return_buffer(self);
+        Ok(remaining)
     }
 
-    /// What to do about an edge that pierces a feature.
+    /// Returns the change that removes an edge that passes through a feature; an empty change if
+    /// the edge needs none, and `None` if no change is possible.
     fn find_recovery(
         &self,
         (a, b): (u32, u32),
@@ -174,52 +186,54 @@ impl TetImprover<'_> {
         scratch: &mut SearchScratch,
     ) -> Option<BatchChange> {
         let Some(t) = self.complex.tet_with_edge(a, b, &mut scratch.star) else {
-            // Gone already, with another edge.
+            // Another change has removed the edge already.
             return Some(BatchChange::default());
         };
         if self.find_edge_removal(t, [a, b], floor, &mut scratch.flip) {
             return Some(BatchChange::from_flip(&scratch.flip, None));
         }
-        let Some((at, sheet)) = self.find_intersection(a, b) else {
+        let Some((point, plane)) = self.find_intersection(a, b) else {
             return Some(BatchChange::default());
         };
-        let snapped = self.find_snap([a, b], at, sheet.normal, scratch);
+        let snapped = self.find_snap([a, b], point, plane.normal, scratch);
         snapped.or_else(|| {
-            let (x, hold) = may_split.then(|| self.split_position(a, b, at, sheet.normal))??;
+            let (x, constraint) =
+                may_split.then(|| self.split_position(a, b, point, plane.normal))??;
             let flip = &mut scratch.flip;
             self.find_edge_split(t, [a, b], x, 0.02, flip)
-                .then(|| BatchChange::from_flip(flip, Some((NONE, (x, hold)))))
+                .then(|| BatchChange::from_flip(flip, Some((NONE, (x, constraint)))))
         })
     }
 
-    /// Pulls the end that is nearer to the feature onto it.
+    /// Returns the change that snaps the end nearer to the feature onto it.
     fn find_snap(
         &self,
         [a, b]: [u32; 2],
-        at: [f64; 3],
+        point: [f64; 3],
         normal: [f64; 3],
         scratch: &mut SearchScratch,
     ) -> Option<BatchChange> {
-        let reach = |n: u32| dot(sub(self.complex.nodes[n as usize], at), normal).abs();
+        let distance = |n: u32| dot(sub(self.complex.nodes[n as usize], point), normal).abs();
         let length = norm(sub(
             self.complex.nodes[a as usize],
             self.complex.nodes[b as usize],
         ));
-        let mut ends = [(reach(a), a), (reach(b), b)];
+        let mut ends = [(distance(a), a), (distance(b), b)];
         ends.sort_by(|x, y| x.0.total_cmp(&y.0));
         ends.iter()
             .take_while(|(r, _)| *r < 0.4 * length)
             .find_map(|&(_, node)| {
-                let place = self.snap_position(node, normal, 0.5 * length, scratch)?;
+                let position = self.snap_position(node, normal, 0.5 * length, scratch)?;
                 Some(BatchChange {
                     old_tets: scratch.star.clone(),
                     new_tets: Vec::new(),
-                    placed_node: Some((node, place)),
+                    placed_node: Some((node, position)),
                 })
             })
     }
 
-    /// Where a node is on the sheet of that normal, if its tetrahedra stay well-formed there.
+    /// Returns the position of a node on the surface with this normal, if its tetrahedra stay valid
+    /// there.
     fn snap_position(
         &self,
         node: u32,
@@ -227,94 +241,98 @@ impl TetImprover<'_> {
         reach: f64,
         scratch: &mut SearchScratch,
     ) -> Option<ConstrainedPoint> {
-        let mut hold = self.constraints[node as usize];
-        if hold.fixed_axes == 7 || hold.surface_count >= 2 || hold.is_on_surface(normal) {
+        let mut constraint = self.constraints[node as usize];
+        if constraint.fixed_axes == 7
+            || constraint.surface_count >= 2
+            || constraint.is_on_surface(normal)
+        {
             return None;
         }
-        hold.add_surface(normal);
+        constraint.add_surface(normal);
         let old = self.complex.nodes[node as usize];
-        let x = hold.snap(old, self.extent, self.planes)?;
+        let x = constraint.snap(old, self.extent, self.planes)?;
         if norm(sub(x, old)) > reach {
             return None;
         }
-        let SearchScratch {
-            star, link: spokes, ..
-        } = scratch;
+        let SearchScratch { star, link, .. } = scratch;
         self.complex.star(node, star);
-        self.collect_link(node, star, spokes);
-        (smooth::worst_sine(x, spokes, MIN_SNAP_SINE) > MIN_SNAP_SINE).then_some((x, hold))
+        self.collect_link(node, star, link);
+        (smooth::worst_sine(x, link, MIN_SNAP_SINE) > MIN_SNAP_SINE).then_some((x, constraint))
     }
 
-    /// Where a node on edge (a, b) is on the sheet of that normal.
+    /// Returns the position, on the surface with this normal, of a new node on edge (a, b).
     fn split_position(
         &self,
         a: u32,
         b: u32,
-        at: [f64; 3],
+        point: [f64; 3],
         normal: [f64; 3],
     ) -> Option<ConstrainedPoint> {
-        let mut hold = NodeConstraint {
+        let mut constraint = NodeConstraint {
             fixed_axes: self.common_sides(&[a, b]),
             ..NodeConstraint::default()
         };
-        hold.add_surface(normal);
-        let x = hold.snap(at, self.extent, self.planes)?;
-        // A lattice of spacing d cannot resolve more: what would crowd is left, and counted.
-        let room = MIN_SPLIT_DISTANCE * self.distance.value_at(x);
-        let near = |n: u32| norm(sub(x, self.complex.nodes[n as usize])) < room;
-        (!near(a) && !near(b)).then_some((x, hold))
+        constraint.add_surface(normal);
+        let x = constraint.snap(point, self.extent, self.planes)?;
+        // A lattice of spacing d cannot resolve more detail. Edges that would become too short are
+        // left and counted.
+        let min_distance = MIN_SPLIT_DISTANCE * self.distance.value_at(x);
+        let is_near = |n: u32| norm(sub(x, self.complex.nodes[n as usize])) < min_distance;
+        (!is_near(a) && !is_near(b)).then_some((x, constraint))
     }
 
-    /// Puts a new node on edge (a, b) if every new tetrahedron is better than `floor`.
+    /// Inserts a new node on edge (a, b) if every new tetrahedron is better than `floor`.
     pub(super) fn split_edge(
         &mut self,
         t: u32,
         a: u32,
         b: u32,
         x: [f64; 3],
-        hold: NodeConstraint,
+        constraint: NodeConstraint,
         floor: f64,
     ) -> bool {
         self.apply_found(
-            |s, found| s.find_edge_split(t, [a, b], x, floor, found),
-            Some((x, hold)),
+            |s, flip| s.find_edge_split(t, [a, b], x, floor, flip),
+            Some((x, constraint)),
         )
     }
 
-    /// The tetrahedra that take the place of those at edge (a, b) if there is a new node, `NONE`, on it; each must be
-    /// better than `floor`.
+    /// Finds the tetrahedra that replace those at edge (a, b) when a new node, `NONE`, is inserted
+    /// on it. Each must be better than `floor`.
     fn find_edge_split(
         &self,
         t: u32,
         [a, b]: [u32; 2],
         x: [f64; 3],
         floor: f64,
-        found: &mut Flip,
+        flip: &mut Flip,
     ) -> bool {
         let Flip {
-            old_tets: old,
-            new_tets: fresh,
+            old_tets,
+            new_tets,
             ring,
-        } = found;
-        let whole = self.complex.ring(t, a, b, 40, ring);
-        // What lies beyond the end of a part of a mesh must not be split from here.
-        let in_side = |r: Option<&u32>| r.is_some_and(|&r| self.is_in_side(&[a, b, r]));
-        let ends = ring.is_closed || in_side(ring.nodes.first()) && in_side(ring.nodes.last());
-        if !whole || !ends {
+        } = flip;
+        let has_ring = self.complex.ring(t, a, b, 40, ring);
+        // The edge is on the outside of a part of a mesh, and the tetrahedra beyond it cannot be
+        // split here.
+        let ends_in_side = |r: Option<&u32>| r.is_some_and(|&r| self.is_in_side(&[a, b, r]));
+        let is_complete =
+            ring.is_closed || ends_in_side(ring.nodes.first()) && ends_in_side(ring.nodes.last());
+        if !has_ring || !is_complete {
             return false;
         }
-        old.clone_from(&ring.tets);
-        fresh.clear();
+        old_tets.clone_from(&ring.tets);
+        new_tets.clear();
         let m = ring.nodes.len();
         for i in 0..ring.tets.len() {
             let (r, s) = (ring.nodes[i], ring.nodes[(i + 1) % m]);
-            fresh.extend([[a, NONE, r, s], [NONE, b, r, s]]);
+            new_tets.extend([[a, NONE, r, s], [NONE, b, r, s]]);
         }
         let position = |n: u32| match n {
             NONE => x,
             _ => self.complex.nodes[n as usize],
         };
-        let sound = |f: &[u32; 4]| min_sine(&f.map(position)) > floor;
-        fresh.iter().all(sound)
+        let is_sound = |f: &[u32; 4]| min_sine(&f.map(position)) > floor;
+        new_tets.iter().all(is_sound)
     }
 }

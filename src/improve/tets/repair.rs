@@ -1,6 +1,6 @@
-//! For the tetrahedra that flips and smoothing cannot mend: a split, a collapse or a swap that by
-//! itself makes things worse, followed by flips and smoothing around it, and kept only if the worst
-//! tetrahedron of all that was touched has become better.
+//! Repairs the tetrahedra that flips and smoothing cannot improve: a split, a collapse or a swap
+//! that by itself makes things worse is followed by flips and smoothing around it. All is kept only
+//! if the worst of the changed tetrahedra has become better.
 
 use super::attempt_cache::AttemptKind;
 use super::{NodeConstraint, SMOOTHING_MARGIN, TetImprover};
@@ -10,39 +10,41 @@ use crate::improve::target::UNUSABLE_ANGLE;
 use crate::mesh::{EDGES, FACES};
 use crate::progress::CancelToken;
 
-/// A split, collapse or swap must at least leave tetrahedra with volume.
+/// Smallest sine that a split, collapse or swap may leave.
 const MIN_SINE: f64 = 0.01;
 
-/// Least gain in sine, where target is not reached.
+/// Smallest gain in sine of a repair that does not reach the target.
 const MIN_SINE_GAIN: f32 = 2e-3;
 
-/// Longest edge that may be collapsed and shortest that may be split, over d: the lattice keeps its
-/// spacing.
+/// Longest edge that may be collapsed, in units of d: the lattice keeps its spacing.
 const MAX_COLLAPSE_LENGTH: f64 = 0.85;
+/// Shortest edge that may be split, in units of d.
 const MIN_SPLIT_LENGTH: f64 = 0.95;
 
-/// A node put into a tetrahedron keeps this distance, over d, from others: about what it has in the
-/// middle of a face of a regular one.
+/// Smallest distance, in units of d, of an inserted node from others: about that of the middle of a
+/// face of a regular tetrahedron from its corners.
 const MIN_NODE_DISTANCE: f64 = 0.5;
 
-/// So many tetrahedra, or one in a hundred if that is more, are worked on in a round ...
+/// Largest number of tetrahedra that are repaired in a round; one in a hundred tetrahedra if that is
+/// more.
 const MAX_TETS_PER_ROUND: usize = 1000;
-/// ... of which there are so many at most.
+/// Largest number of rounds of repairs.
 const MAX_ROUNDS: usize = 4;
 
-/// What a transaction has overwritten, beside the complex's own journal.
+/// Values that a transaction has overwritten, except those in the journal of the complex.
 #[derive(Debug, Default)]
 pub(super) struct TransactionLog {
-    /// Slots in the order of their first touch, with the sine they had.
+    /// Slots in the order of their first change, with their old sines.
     slots: Vec<(u32, f32)>,
-    /// Whether a slot is among them; no more slots than have been touched ever.
+    /// `true` for each slot in `slots`; its length is limited to the slots that were changed so
+    /// far.
     touched: Vec<bool>,
     pub(super) nodes: Vec<(u32, [f64; 3], NodeConstraint)>,
     node_count: usize,
 }
 
 impl TransactionLog {
-    /// Its memory of what was touched, for the next transaction: with nothing in it.
+    /// Clears the marks of changed slots and returns their buffer for the next transaction.
     fn take_touched(&mut self) -> Vec<bool> {
         for (t, _) in &self.slots {
             self.touched[*t as usize] = false;
@@ -50,7 +52,7 @@ impl TransactionLog {
         std::mem::take(&mut self.touched)
     }
 
-    /// Remembers what slots hold, unless it is remembered already.
+    /// Records the sines of slots, unless they are recorded already.
     pub(super) fn record_slots(&mut self, slots: &[u32], sines: &[f32]) {
         for &t in slots {
             let i = t as usize;
@@ -65,93 +67,96 @@ impl TransactionLog {
 }
 
 impl TetImprover<'_> {
-    /// Works on the tetrahedra below target, the worst first.
+    /// Repairs the tetrahedra below target, the worst first.
     ///
     /// # Errors
-    /// Those of other ranks, with which the work is shared.
-    pub(super) fn repair(&mut self, patience: &CancelToken<'_>) -> Result<()> {
-        // Each round halves what is left, as a guess.
-        let mut left = 1.0;
+    /// Returns an error if another rank that shares the work fails.
+    pub(super) fn repair(&mut self, cancel: &CancelToken<'_>) -> Result<()> {
+        // For the progress: each round is assumed to halve the remaining work.
+        let mut remaining = 1.0;
         for _ in 0..MAX_ROUNDS {
-            let mut poor = self.tets_below_target();
-            poor.sort_by(|a, b| self.sine_of(*a).total_cmp(&self.sine_of(*b)).then(a.cmp(b)));
-            let before = poor.len();
-            // Where features ask for what no lattice can do, patience must end.
-            poor.truncate(self.max_tets_per_round());
-            let reached = |share| patience.set_fraction(1.0 - left * (1.0 - 0.5 * share));
-            self.repair_each(&poor, patience, reached)?;
-            left *= 0.5;
-            self.flip_and_smooth(2, patience)?;
-            if self.tets_below_target().len() >= before {
+            let mut below_target = self.tets_below_target();
+            below_target
+                .sort_by(|a, b| self.sine_of(*a).total_cmp(&self.sine_of(*b)).then(a.cmp(b)));
+            let old_count = below_target.len();
+            // Where features demand what no lattice can do, the time must be limited.
+            below_target.truncate(self.max_tets_per_round());
+            let set_progress =
+                |fraction| cancel.set_fraction(1.0 - remaining * (1.0 - 0.5 * fraction));
+            self.repair_each(&below_target, cancel, set_progress)?;
+            remaining *= 0.5;
+            self.flip_and_smooth(2, cancel)?;
+            if self.tets_below_target().len() >= old_count {
                 break;
             }
         }
         Ok(())
     }
 
-    /// How many tetrahedra are worked on in a round.
+    /// Returns the largest number of tetrahedra that are repaired in a round.
     fn max_tets_per_round(&self) -> usize {
         MAX_TETS_PER_ROUND.max(self.complex.tets.len() / 100)
     }
 
-    /// Whether so many are poor that not all are worked on.
-    pub(super) fn has_too_many(&self, poor: usize) -> bool {
-        poor > MAX_ROUNDS * self.max_tets_per_round()
+    /// Returns `true` if so many tetrahedra are below target that not all can be repaired.
+    pub(super) fn has_too_many(&self, count: usize) -> bool {
+        count > MAX_ROUNDS * self.max_tets_per_round()
     }
 
-    /// Lets nodes leave their features where a tetrahedron would otherwise stay unusable.
+    /// Releases nodes from their features where a tetrahedron would stay unusable.
     ///
     /// # Errors
-    /// Those of other ranks, with which the work is shared.
-    pub(super) fn release_nodes(&mut self, patience: &CancelToken<'_>) -> Result<()> {
-        let usable = UNUSABLE_ANGLE.to_radians().sin();
+    /// Returns an error if another rank that shares the work fails.
+    pub(super) fn release_nodes(&mut self, cancel: &CancelToken<'_>) -> Result<()> {
+        let usable_sine = UNUSABLE_ANGLE.to_radians().sin();
         for _ in 0..4 {
-            let mut bad = self.tets_below_target();
-            bad.retain(|&t| self.sine_of(t) < usable);
-            if bad.is_empty() {
+            let mut unusable = self.tets_below_target();
+            unusable.retain(|&t| self.sine_of(t) < usable_sine);
+            if unusable.is_empty() {
                 break;
             }
-            for t in bad {
-                if patience.is_cancelled() {
+            for t in unusable {
+                if cancel.is_cancelled() {
                     return Ok(());
                 }
                 if !self.complex.is_alive(t)
-                    || self.sine_of(t) >= usable
+                    || self.sine_of(t) >= usable_sine
                     || !self.is_known_to_fail(t) && self.repair_in_place(t)
                 {
                     continue;
                 }
                 let tet = self.complex.tets[t as usize];
-                let one = (0..4).any(|k| self.attempt(|s| s.free_nodes(t, &tet[k..=k])));
-                if one || self.attempt(|s| s.free_nodes(t, &tet)) {
+                let freed_one = (0..4).any(|k| self.attempt(|s| s.free_nodes(t, &tet[k..=k])));
+                if freed_one || self.attempt(|s| s.free_nodes(t, &tet)) {
                     self.counts.released += 1;
                 }
             }
-            self.flip_and_smooth(2, patience)?;
+            self.flip_and_smooth(2, cancel)?;
         }
         Ok(())
     }
 
-    /// Frees nodes of tetrahedron `t` from the features that hold them.
+    /// Releases nodes of tetrahedron `t` from the features that hold them.
     fn free_nodes(&mut self, t: u32, nodes: &[u32]) -> bool {
-        let mut any = false;
+        let mut changed = false;
         for &node in nodes {
             let i = node as usize;
-            let (x, hold) = (self.complex.nodes[i], self.constraints[i]);
-            if hold.surface_count > 0 {
+            let (x, constraint) = (self.complex.nodes[i], self.constraints[i]);
+            if constraint.surface_count > 0 {
                 if let Some(undo) = &mut self.undo {
-                    undo.nodes.push((node, x, hold));
+                    undo.nodes.push((node, x, constraint));
                 }
                 self.constraints[i].clear_surfaces();
                 self.attempts.record_change(self.complex.tets[t as usize]);
-                any = true;
+                changed = true;
             }
         }
         self.measure(t);
-        any
+        changed
     }
 
-    /// Whether mending a tetrahedron was in vain, and nothing has changed at its neighbours since.
+    /// Returns `true` if the repair of a tetrahedron has failed, and nothing has changed at its
+    /// neighbours since.
     pub(super) fn is_known_to_fail(&mut self, t: u32) -> bool {
         let mut around = Vec::new();
         for node in self.complex.tets[t as usize] {
@@ -163,26 +168,26 @@ impl TetImprover<'_> {
             );
         }
         self.attempts
-            .is_known_to_fail(AttemptKind::Mend, t, &around)
+            .is_known_to_fail(AttemptKind::Repair, t, &around)
     }
 
-    /// Mends a tetrahedron in the mesh itself; false if that fails, and is known to.
+    /// Repairs a tetrahedron in the mesh itself. Returns `false`, and records it, if that fails.
     pub(super) fn repair_in_place(&mut self, t: u32) -> bool {
-        let mended = self.repair_one(t);
-        if !mended {
-            self.attempts.record_failure(AttemptKind::Mend, t);
+        let repaired = self.repair_one(t);
+        if !repaired {
+            self.attempts.record_failure(AttemptKind::Repair, t);
         }
-        mended
+        repaired
     }
 
-    /// The middle of a tetrahedron, and d there.
+    /// Returns the centroid of a tetrahedron, and d there.
     pub(super) fn centre_and_spacing(&self, t: u32) -> ([f64; 3], f64) {
         let p = self.complex.corners(t);
         let middle = std::array::from_fn(|k| p.iter().map(|x| x[k]).sum::<f64>() / 4.0);
         (middle, self.distance.value_at(middle))
     }
 
-    /// Tries all that may mend a tetrahedron, until something does.
+    /// Tries all operations that may repair a tetrahedron, until one succeeds.
     pub(super) fn repair_one(&mut self, t: u32) -> bool {
         let tet = self.complex.tets[t as usize];
         let (_, d) = self.centre_and_spacing(t);
@@ -207,8 +212,8 @@ impl TetImprover<'_> {
             if length(self, a, b) > MAX_COLLAPSE_LENGTH {
                 continue;
             }
-            for (gone, kept) in [(a, b), (b, a)] {
-                if self.attempt(|s| s.collapse(gone, kept, MIN_SINE)) {
+            for (removed, kept) in [(a, b), (b, a)] {
+                if self.attempt(|s| s.collapse(removed, kept, MIN_SINE)) {
                     self.counts.collapses += 1;
                     return true;
                 }
@@ -231,50 +236,50 @@ impl TetImprover<'_> {
         false
     }
 
-    /// Puts a node into the middle of tetrahedron `t`, or of one of its faces, and joins it anew with
-    /// what is around.
-    fn insert_centre(&mut self, t: u32, middle_of: &[u32]) -> bool {
-        // In a face on a side of the box, or on a feature, the node would have to stay.
-        let shared = |normal| {
-            middle_of
+    /// Inserts a node in the middle of tetrahedron `t` or of one of its faces, whose `nodes` are
+    /// given, and joins it with the tetrahedra around.
+    fn insert_centre(&mut self, t: u32, nodes: &[u32]) -> bool {
+        // In a face on a side of the box or on a feature, the node would need constraints.
+        let is_shared = |normal| {
+            nodes
                 .iter()
                 .all(|&n| self.constraints[n as usize].is_on_surface(normal))
         };
-        let first = self.constraints[middle_of[0] as usize];
+        let first = self.constraints[nodes[0] as usize];
         let mut normals = first.normals();
-        if self.is_in_side(middle_of) || middle_of.len() == 3 && normals.any(shared) {
+        if self.is_in_side(nodes) || nodes.len() == 3 && normals.any(is_shared) {
             return false;
         }
         let x: [f64; 3] = std::array::from_fn(|k| {
-            let sum: f64 = (middle_of.iter())
+            let sum: f64 = (nodes.iter())
                 .map(|&n| self.complex.nodes[n as usize][k])
                 .sum();
-            sum / middle_of.len() as f64
+            sum / nodes.len() as f64
         });
-        let hold = NodeConstraint {
+        let constraint = NodeConstraint {
             is_far: self.planes.is_far(x),
             ..NodeConstraint::default()
         };
-        let new = self.complex.add_node(x);
-        self.constraints.push(hold);
-        let Some(cavity) = self.cavity(t, new, true, MIN_SINE) else {
+        let node = self.complex.add_node(x);
+        self.constraints.push(constraint);
+        let Some(cavity) = self.cavity(t, node, true, MIN_SINE) else {
             return false;
         };
         let mut rim: Vec<u32> = self.new_tets.iter().flatten().copied().collect();
         rim.sort_unstable();
         rim.dedup();
-        let room = MIN_NODE_DISTANCE * self.distance.value_at(x);
-        let near = |n: u32| norm(sub(self.complex.nodes[n as usize], x)) < room;
-        if (rim.iter()).any(|&n| n != new && (near(n) || self.intersects(n, new))) {
+        let min_distance = MIN_NODE_DISTANCE * self.distance.value_at(x);
+        let is_near = |n: u32| norm(sub(self.complex.nodes[n as usize], x)) < min_distance;
+        if (rim.iter()).any(|&n| n != node && (is_near(n) || self.intersects(n, node))) {
             return false;
         }
-        self.moved_nodes.push(new);
+        self.moved_nodes.push(node);
         self.commit(&cavity);
         true
     }
 
-    /// Makes a change, mends around it, and keeps it all only if the worst tetrahedron of what was
-    /// touched has become better.
+    /// Applies a change, repairs the mesh around it, and keeps both only if the worst of the
+    /// changed tetrahedra has become better.
     fn attempt(&mut self, change: impl FnOnce(&mut Self) -> bool) -> bool {
         if self.complex.has_reached_nonlocal() {
             return false;
@@ -286,27 +291,27 @@ impl TetImprover<'_> {
             touched: std::mem::take(&mut self.touched),
             ..TransactionLog::default()
         });
-        let outside = std::mem::take(&mut self.queue);
+        let outer_queue = std::mem::take(&mut self.queue);
         let changed = change(self);
         if changed {
             self.repair_around();
         }
-        let inside = std::mem::replace(&mut self.queue, outside);
+        let inner_queue = std::mem::replace(&mut self.queue, outer_queue);
         let mut undo = self.undo.take().unwrap_or_default();
         self.touched = undo.take_touched();
-        let before = undo.slots.iter().map(|s| s.1).fold(f32::INFINITY, f32::min);
-        let after = undo
+        let old_sine = undo.slots.iter().map(|s| s.1).fold(f32::INFINITY, f32::min);
+        let new_sine = undo
             .slots
             .iter()
             .filter(|s| self.complex.is_alive(s.0))
             .map(|s| self.sines[s.0 as usize])
             .fold(f32::INFINITY, f32::min);
         let target = self.target_sine as f32;
-        let better = after > before + MIN_SINE_GAIN || after >= target && before < target;
+        let better = new_sine > old_sine + MIN_SINE_GAIN || new_sine >= target && old_sine < target;
         if changed && better && !self.complex.has_reached_nonlocal() {
             self.complex.commit();
             self.attempts.commit();
-            self.queue.extend(inside);
+            self.queue.extend(inner_queue);
             return true;
         }
         self.complex.rollback();
@@ -315,16 +320,16 @@ impl TetImprover<'_> {
             self.sines[t as usize] = sine;
         }
         self.sines.truncate(self.complex.tets.len());
-        for (node, x, hold) in undo.nodes.into_iter().rev() {
+        for (node, x, constraint) in undo.nodes.into_iter().rev() {
             self.complex.nodes[node as usize] = x;
-            self.constraints[node as usize] = hold;
+            self.constraints[node as usize] = constraint;
         }
         self.complex.truncate_nodes(undo.node_count);
         self.constraints.truncate(undo.node_count);
         false
     }
 
-    /// Flips and smoothing of what the change left below target.
+    /// Flips and smooths where the change left tetrahedra below target.
     fn repair_around(&mut self) {
         let mut nodes = Vec::new();
         self.smoothing_target = self.target_sine + SMOOTHING_MARGIN;
@@ -374,15 +379,16 @@ impl TetImprover<'_> {
             self.complex.nodes[b as usize],
         );
         let (ha, hb) = (self.constraints[a as usize], self.constraints[b as usize]);
-        let mut hold = NodeConstraint {
+        let mut constraint = NodeConstraint {
             fixed_axes: self.common_sides(&[a, b]),
             ..NodeConstraint::default()
         };
         for normal in ha.normals().filter(|&n| hb.is_on_surface(n)) {
-            hold.add_surface(normal);
+            constraint.add_surface(normal);
         }
         let middle = std::array::from_fn(|k| 0.5 * (p[k] + q[k]));
-        hold.snap(middle, self.extent, self.planes)
-            .is_some_and(|x| self.split_edge(t, a, b, x, hold, MIN_SINE))
+        constraint
+            .snap(middle, self.extent, self.planes)
+            .is_some_and(|x| self.split_edge(t, a, b, x, constraint, MIN_SINE))
     }
 }

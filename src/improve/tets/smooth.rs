@@ -1,9 +1,10 @@
 //! Moves a node to where the worst dihedral angle around it is best: optimisation-based smoothing
 //! of a max-min objective (Freitag & Ollivier-Gooch 1997) on the sines of the dihedral angles.
 //!
-//! At a position, every angle of every tetrahedron at the node is a smooth function. The ascent
-//! direction is the shortest vector in the convex hull of the gradients of the smallest ones: no
-//! direction raises all of them faster. Nodes on features and sides move only along them.
+//! Every angle of every tetrahedron at the node is a smooth function of its position. The ascent
+//! direction is the shortest vector in the convex hull of the gradients of the smallest sines: no
+//! direction raises all of them faster. Nodes on features and sides of the box move only along
+//! them.
 
 use crate::geometry::simd::dispatch_simd;
 use crate::geometry::{add_scaled, cross, dot, norm, sub};
@@ -12,28 +13,28 @@ use crate::improve::feature_planes::FeaturePlanes;
 use crate::improve::plane_cache::PlaneCache;
 use crate::mesh::quality::min_sine;
 
-/// One dihedral angle of a tetrahedron as a function of its node 0.
+/// Sine of one dihedral angle of a tetrahedron, and its gradient with respect to node 0.
 #[derive(Clone, Copy, Default)]
 struct Angle {
     sine: f64,
     gradient: [f64; 3],
 }
 
-/// Tetrahedra are worked on side by side, so many at a time.
+/// Number of tetrahedra that are processed side by side in SIMD lanes.
 const LANES: usize = 8;
 
-/// The tetrahedra at a node x: for each the positions of the other three nodes, `(x, p0, p1, p2)`
-/// positive.
+/// The link of a node x: for each tetrahedron at x the positions of its other three nodes, such
+/// that `(x, p0, p1, p2)` is positive.
 #[derive(Default)]
 pub struct NodeLink {
-    /// By node, axis and tetrahedron. The last group is filled up with its first tetrahedron, which
-    /// changes no minimum.
+    /// Coordinates by node, axis and tetrahedron. The last group is filled up with its first
+    /// tetrahedron, which changes no minimum.
     groups: Vec<[[[f64; LANES]; 3]; 3]>,
     count: usize,
 }
 
 impl NodeLink {
-    /// Forgets all.
+    /// Removes all tetrahedra.
     pub fn clear(&mut self) {
         self.groups.clear();
         self.count = 0;
@@ -46,22 +47,22 @@ impl NodeLink {
         if lane == 0 {
             self.groups.push(p.map(|p| p.map(|c| [c; LANES])));
         } else if let Some(group) = self.groups.last_mut() {
-            for (place, c) in group.as_flattened_mut().iter_mut().zip(p.as_flattened()) {
-                place[lane] = *c;
+            for (slot, c) in group.as_flattened_mut().iter_mut().zip(p.as_flattened()) {
+                slot[lane] = *c;
             }
         }
     }
 
-    /// Distance from `x` to the nearest of the nodes.
+    /// Returns the distance from `x` to the nearest of the nodes.
     fn nearest_distance(&self, x: [f64; 3]) -> f64 {
-        let mut least = f64::INFINITY;
+        let mut min_square = f64::INFINITY;
         for node in self.groups.as_flattened() {
             for l in 0..LANES {
-                let gap = sub([node[0][l], node[1][l], node[2][l]], x);
-                least = least.min(dot(gap, gap));
+                let offset = sub([node[0][l], node[1][l], node[2][l]], x);
+                min_square = min_square.min(dot(offset, offset));
             }
         }
-        least.sqrt()
+        min_square.sqrt()
     }
 }
 
@@ -75,7 +76,8 @@ fn lane(group: &[[[f64; LANES]; 3]; 3], l: usize) -> [[f64; 3]; 3] {
     ]
 }
 
-/// The six sines and their gradients with respect to node 0, `(x, p[0], p[1], p[2])` positive.
+/// Returns the six sines and their gradients with respect to node 0 of the tetrahedron `(x, p[0],
+/// p[1], p[2])`, which must be positive.
 #[inline(always)]
 fn angles(x: [f64; 3], p: &[[f64; 3]; 3]) -> [Angle; 6] {
     let (a, b, c) = (sub(p[0], x), sub(p[1], x), sub(p[2], x));
@@ -86,8 +88,9 @@ fn angles(x: [f64; 3], p: &[[f64; 3]; 3]) -> [Angle; 6] {
     for k in 0..4 {
         inverse[k] = 1.0 / norm(normals[k]).max(1e-300);
     }
-    // d ln|n| of the faces; that opposite node 0 stays as it is.
-    let turned = [
+    // Gradients of the logarithm of each normal's length, without a factor; the normal opposite
+    // node 0 does not change.
+    let turned_normals = [
         [0.0; 3],
         cross(normals[1], w),
         cross(normals[2], v),
@@ -96,10 +99,10 @@ fn angles(x: [f64; 3], p: &[[f64; 3]; 3]) -> [Angle; 6] {
     let mut growth = [[0.0; 3]; 4];
     for i in 1..4 {
         for k in 0..3 {
-            growth[i][k] = turned[i][k] * (inverse[i] * inverse[i]);
+            growth[i][k] = turned_normals[i][k] * (inverse[i] * inverse[i]);
         }
     }
-    // Each edge, whether it is at node 0, and the faces that meet there.
+    // Each edge, whether it is at node 0 (1 or 0), and the two faces that meet at it.
     let edges = [
         (a, 1.0, 2, 3),
         (b, 1.0, 1, 3),
@@ -108,39 +111,40 @@ fn angles(x: [f64; 3], p: &[[f64; 3]; 3]) -> [Angle; 6] {
         (v, 0.0, 0, 2),
         (w, 0.0, 0, 1),
     ];
-    let mut found = [Angle::default(); 6];
+    let mut result = [Angle::default(); 6];
     for e in 0..6 {
         let (edge, at_node, i, j) = edges[e];
         let square = dot(edge, edge).max(1e-300);
         let scale = square.sqrt() * (inverse[i] * inverse[j]);
         let sine = volume * scale;
-        let along = at_node / square;
-        found[e].sine = sine;
+        let inverse_square = at_node / square;
+        result[e].sine = sine;
         for k in 0..3 {
-            let change = -edge[k] * along - growth[i][k] - growth[j][k];
-            found[e].gradient[k] = sine * change - scale * normals[0][k];
+            let log_change = -edge[k] * inverse_square - growth[i][k] - growth[j][k];
+            result[e].gradient[k] = sine * log_change - scale * normals[0][k];
         }
     }
-    found
+    result
 }
 
-/// Puts the angles at `x` whose sines are below `limit` at the beginning of `found`.
+/// Writes the angles at `x` whose sines are below `limit` to the beginning of `buffer`, and returns
+/// them.
 fn angles_below<'a>(
     limit: f64,
     x: [f64; 3],
-    star: &NodeLink,
-    found: &'a mut Vec<Angle>,
+    link: &NodeLink,
+    buffer: &'a mut Vec<Angle>,
 ) -> &'a [Angle] {
-    // Room for all, so that which are kept needs no branch.
-    let room = 6 * LANES * star.groups.len();
-    if found.len() < room {
-        found.resize(room, Angle::default());
+    // The buffer has room for all angles, so that the selection needs no branch.
+    let capacity = 6 * LANES * link.groups.len();
+    if buffer.len() < capacity {
+        buffer.resize(capacity, Angle::default());
     }
     let mut count = 0;
     dispatch_simd(
         #[inline(always)]
         || {
-            for group in &star.groups {
+            for group in &link.groups {
                 let mut sines = [[0.0; LANES]; 6];
                 let mut gradients = [[[0.0; LANES]; 3]; 6];
                 for l in 0..LANES {
@@ -155,7 +159,7 @@ fn angles_below<'a>(
                 for l in 0..LANES {
                     for e in 0..6 {
                         let [u, v, w] = &gradients[e];
-                        found[count] = Angle {
+                        buffer[count] = Angle {
                             sine: sines[e][l],
                             gradient: [u[l], v[l], w[l]],
                         };
@@ -165,16 +169,17 @@ fn angles_below<'a>(
             }
         },
     );
-    &found[..count]
+    &buffer[..count]
 }
 
-/// The smallest sine over the star for node 0 at `x`; gives up below `enough`.
-pub fn worst_sine(x: [f64; 3], star: &NodeLink, enough: f64) -> f64 {
+/// Returns the smallest sine over the tetrahedra of the link for node 0 at `x`. Stops early when it
+/// falls to `cutoff` or below.
+pub fn worst_sine(x: [f64; 3], link: &NodeLink, cutoff: f64) -> f64 {
     let mut worst = f64::INFINITY;
     dispatch_simd(
         #[inline(always)]
         || {
-            for group in &star.groups {
+            for group in &link.groups {
                 let mut sines = [0.0; LANES];
                 for l in 0..LANES {
                     let [p, q, r] = lane(group, l);
@@ -183,7 +188,7 @@ pub fn worst_sine(x: [f64; 3], star: &NodeLink, enough: f64) -> f64 {
                 for sine in sines {
                     worst = worst.min(sine);
                 }
-                if worst <= enough {
+                if worst <= cutoff {
                     break;
                 }
             }
@@ -192,20 +197,20 @@ pub fn worst_sine(x: [f64; 3], star: &NodeLink, enough: f64) -> f64 {
     worst
 }
 
-/// The shortest vector in the convex hull of `vectors` (Gilbert's algorithm).
+/// Returns the shortest vector in the convex hull of `vectors` (Gilbert's algorithm).
 fn shortest_in_hull(vectors: &[[f64; 3]]) -> [f64; 3] {
     let mut g = vectors.iter().copied().fold(vectors[0], |best, v| {
         if dot(v, v) < dot(best, best) { v } else { best }
     });
     for _ in 0..40 {
-        let (mut lowest, mut least) = (0, f64::INFINITY);
+        let (mut lowest, mut min_product) = (0, f64::INFINITY);
         for (i, v) in vectors.iter().enumerate() {
-            let along = dot(*v, g);
-            lowest = if along < least { i } else { lowest };
-            least = least.min(along);
+            let product = dot(*v, g);
+            lowest = if product < min_product { i } else { lowest };
+            min_product = min_product.min(product);
         }
         let lowest = vectors[lowest];
-        let gap = dot(g, g) - least;
+        let gap = dot(g, g) - min_product;
         if gap <= 1e-3 * dot(g, g) {
             break;
         }
@@ -216,7 +221,7 @@ fn shortest_in_hull(vectors: &[[f64; 3]]) -> [f64; 3] {
     g
 }
 
-/// A move must raise the smallest sine by this much.
+/// Smallest gain in sine of a move.
 const MIN_SINE_GAIN: f64 = 1e-3;
 
 /// Scratch space of [`best_position`].
@@ -227,34 +232,35 @@ pub struct SmoothScratch {
     plane_cache: PlaneCache,
 }
 
-/// Climbs from `x` to a position where the smallest sine around the node is larger, keeping to what
-/// holds the node. Stops at a sine of `enough`. Returns the position and its smallest sine if that
-/// rose worthwhile.
+/// Climbs from `start` to a position where the smallest sine around the node is larger, within the
+/// constraints of the node. Stops at a sine of `target_sine`. Returns the position and its smallest
+/// sine if the gain is large enough.
 pub fn best_position(
     start: [f64; 3],
-    star: &NodeLink,
-    hold: &mut NodeConstraint,
+    link: &NodeLink,
+    constraint: &mut NodeConstraint,
     extent: [f64; 3],
-    sheets: &FeaturePlanes,
-    stray: f64,
-    enough: f64,
+    planes: &FeaturePlanes,
+    max_deviation: f64,
+    target_sine: f64,
     scratch: &mut SmoothScratch,
 ) -> Option<([f64; 3], f64)> {
-    let first = worst_sine(start, star, f64::NEG_INFINITY);
-    let (mut x, mut best) = (start, first);
-    let size = star.nearest_distance(start);
+    let start_sine = worst_sine(start, link, f64::NEG_INFINITY);
+    let (mut x, mut best) = (start, start_sine);
+    let min_distance = link.nearest_distance(start);
     for _ in 0..12 {
-        if best >= enough {
+        if best >= target_sine {
             break;
         }
-        let angles = angles_below(best + 0.35, x, star, &mut scratch.angles);
-        let freedom = match stray > 0.0 {
-            true => hold.without_surfaces().freedom(),
-            false => hold.freedom(),
+        let angles = angles_below(best + 0.35, x, link, &mut scratch.angles);
+        let freedom = if max_deviation > 0.0 {
+            constraint.without_surfaces().freedom()
+        } else {
+            constraint.freedom()
         };
         let mut band = 0.02;
         let mut moved = false;
-        // A wider band of active angles if the narrow one gives no step.
+        // Take a wider band of active angles if the narrow one gives no step.
         for _ in 0..2 {
             scratch.active.clear();
             for a in angles.iter().filter(|a| a.sine <= best + band) {
@@ -265,42 +271,43 @@ pub fn best_position(
             }
             let g = shortest_in_hull(&scratch.active);
             let gg = dot(g, g);
-            if gg * size * size < 1e-6 {
+            if gg * min_distance * min_distance < 1e-6 {
                 break;
             }
             // The step after which another angle becomes the smallest, by the linear model.
-            let mut step = 0.5 * size / gg.sqrt();
+            let mut step = 0.5 * min_distance / gg.sqrt();
             for a in angles {
                 let rate = dot(a.gradient, g);
                 if a.sine > best + band && rate < gg {
                     step = step.min((a.sine - best) / (gg - rate));
                 }
             }
-            let mut trial_step = step.max(0.01 * size / gg.sqrt());
+            let mut trial_step = step.max(0.01 * min_distance / gg.sqrt());
             for _ in 0..5 {
                 let mut trial = add_scaled(x, trial_step, g);
                 for k in 0..3 {
-                    if hold.fixed_axes >> k & 1 == 0 {
+                    if constraint.fixed_axes >> k & 1 == 0 {
                         trial[k] = trial[k].clamp(0.0, extent[k]);
                     }
                 }
-                // Off the sheets first, along which it has gone straight: what is no better there is not
-                // worth putting onto them.
-                let least = best + 1e-3 * (1.0 - first).max(0.1);
-                let worthwhile = hold.surface_count == 0 || worst_sine(trial, star, least) > least;
-                let mut trial_hold = *hold;
+                // Test the straight step first: a position that is not better there is not worth
+                // snapping onto the surfaces.
+                let required = best + 1e-3 * (1.0 - start_sine).max(0.1);
+                let worthwhile =
+                    constraint.surface_count == 0 || worst_sine(trial, link, required) > required;
+                let mut trial_constraint = *constraint;
                 if worthwhile
-                    && let Some(trial) = trial_hold.snap_within(
-                        stray,
+                    && let Some(trial) = trial_constraint.snap_within(
+                        max_deviation,
                         trial,
                         extent,
-                        sheets,
+                        planes,
                         &mut scratch.plane_cache,
                     )
                 {
-                    let value = worst_sine(trial, star, least);
-                    if value > least {
-                        (x, best, *hold) = (trial, value, trial_hold);
+                    let value = worst_sine(trial, link, required);
+                    if value > required {
+                        (x, best, *constraint) = (trial, value, trial_constraint);
                         moved = true;
                         break;
                     }
@@ -316,7 +323,7 @@ pub fn best_position(
             break;
         }
     }
-    (best > first + MIN_SINE_GAIN).then_some((x, best))
+    (best > start_sine + MIN_SINE_GAIN).then_some((x, best))
 }
 
 #[cfg(test)]
@@ -333,8 +340,8 @@ mod tests {
             let p = [[c[3], c[4], c[5]], [c[6], c[7], c[8]], [c[9], c[10], c[11]]];
             let volume = crate::geometry::volume6(&[x, p[0], p[1], p[2]]);
             prop_assume!(volume.abs() > 0.05);
-            let at = angles(x, &p);
-            let smallest = at.iter().map(|a| a.sine).fold(f64::INFINITY, f64::min);
+            let computed = angles(x, &p);
+            let smallest = computed.iter().map(|a| a.sine).fold(f64::INFINITY, f64::min);
             let direct = crate::mesh::quality::min_sine(&[x, p[0], p[1], p[2]]);
             if volume > 0.0 {
                 prop_assert!((smallest - direct).abs() < 1e-12);
@@ -347,7 +354,7 @@ mod tests {
                 let (low, high) = (angles(low, &p), angles(high, &p));
                 for e in 0..6 {
                     let numeric = (high[e].sine - low[e].sine) / (2.0 * h);
-                    prop_assert!((numeric - at[e].gradient[k]).abs() < 1e-5 * (1.0 + numeric.abs()));
+                    prop_assert!((numeric - computed[e].gradient[k]).abs() < 1e-5 * (1.0 + numeric.abs()));
                 }
             }
         }
@@ -373,31 +380,31 @@ mod tests {
             [-1.0, 0.0, 0.0],
             [0.0, -1.0, 0.0],
         ];
-        // The star lies round the origin: move it into the box.
+        // The link is around the origin. Move it into the box.
         let shift = |p: [f64; 3]| p.map(|c| c + 4.0);
-        let mut star = NodeLink::default();
+        let mut link = NodeLink::default();
         for i in 0..4 {
             let (a, b) = (tips[i], tips[(i + 1) % 4]);
-            // (x, p0, p1, p2) positive with x near the middle.
-            star.push([a, b, [0.0, 0.0, 1.0]].map(shift));
-            star.push([b, a, [0.0, 0.0, -1.0]].map(shift));
+            // (x, p0, p1, p2) is positive for x near the middle.
+            link.push([a, b, [0.0, 0.0, 1.0]].map(shift));
+            link.push([b, a, [0.0, 0.0, -1.0]].map(shift));
         }
-        let sheets = FeaturePlanes::new(&[], [9.0; 3], 1.0, 1.0);
-        let mut hold = NodeConstraint::default();
-        let off = [0.4, 0.2, -0.2];
-        assert!(worst_sine(shift(off), &star, f64::NEG_INFINITY) > 0.0);
+        let planes = FeaturePlanes::new(&[], [9.0; 3], 1.0, 1.0);
+        let mut constraint = NodeConstraint::default();
+        let offset = [0.4, 0.2, -0.2];
+        assert!(worst_sine(shift(offset), &link, f64::NEG_INFINITY) > 0.0);
         let (x, value) = best_position(
-            shift(off),
-            &star,
-            &mut hold,
+            shift(offset),
+            &link,
+            &mut constraint,
             [9.0; 3],
-            &sheets,
+            &planes,
             0.0,
             1.0,
             &mut SmoothScratch::default(),
         )
         .unwrap();
-        let middle = worst_sine([4.0; 3], &star, f64::NEG_INFINITY);
+        let middle = worst_sine([4.0; 3], &link, f64::NEG_INFINITY);
         assert!(value > middle - 0.02, "{value} of {middle} at {x:?}");
     }
 }

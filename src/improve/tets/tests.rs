@@ -1,4 +1,4 @@
-//! Improvement on meshes whose answer is known.
+//! Improves meshes whose result is known.
 
 use super::*;
 use crate::feature::FeaturePoint;
@@ -7,8 +7,8 @@ use crate::geometry::{cross, norm, volume6};
 use crate::mesh::check::check;
 use crate::mesh::complex;
 
-/// `n` cells a side of edge `h`, six tetrahedra each (Kuhn); inner nodes moved by `jitter * h`, those
-/// for which `moves` says so.
+/// Returns a box of `n` cells of edge `h` along each axis, with six tetrahedra each (Kuhn). Inner
+/// nodes for which `moves` is true are moved by up to `jitter * h`.
 pub(super) fn box_mesh(
     n: [usize; 3],
     h: f64,
@@ -80,7 +80,7 @@ fn run(
     mesh: &mut TetMesh,
     kinds: &mut Vec<AtomKind>,
     extent: [f64; 3],
-    sheets: &FeaturePlanes,
+    planes: &FeaturePlanes,
 ) -> (ImproveReport, Vec<u8>) {
     let mut neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
     improve(
@@ -88,7 +88,7 @@ fn run(
         &mut neighbors,
         kinds,
         extent,
-        sheets,
+        planes,
         &Distance::Constant(4.5),
         &Target::default(),
         &CancelToken::never(),
@@ -112,26 +112,26 @@ fn a_jittered_box_becomes_good_and_stays_a_box() {
     );
     let before = worst(&mesh);
     assert!(before < 0.2);
-    let sheets = FeaturePlanes::new(&[], extent, 3.0, 8.0);
-    let (outcome, _) = run(&mut mesh, &mut kinds, extent, &sheets);
-    let found = check(&mesh, [0.0; 3], extent, 1e-12);
-    assert!(found.passed(), "{:?}", found.problems);
+    let planes = FeaturePlanes::new(&[], extent, 3.0, 8.0);
+    let (report, _) = run(&mut mesh, &mut kinds, extent, &planes);
+    let checked = check(&mesh, [0.0; 3], extent, 1e-12);
+    assert!(checked.passed(), "{:?}", checked.problems);
     assert_eq!(kinds.len(), mesh.nodes.len());
     assert!(
         worst(&mesh) >= 0.5 - 1e-6,
-        "{} of {before}: {outcome:?}",
+        "{} of {before}: {report:?}",
         worst(&mesh)
     );
-    assert!(outcome.blocked.is_empty());
+    assert!(report.blocked.is_empty());
 }
 
-/// The area of mesh faces in the plane x = `at`.
-fn area_on_plane(mesh: &TetMesh, at: f64) -> f64 {
-    area_within(mesh, at, 0.12)
+/// Returns the area of the mesh faces in the plane x = `x0`.
+fn area_on_plane(mesh: &TetMesh, x0: f64) -> f64 {
+    area_within(mesh, x0, 0.12)
 }
 
-/// The area of mesh faces that are nowhere farther off the plane x = `at`.
-fn area_within(mesh: &TetMesh, at: f64, off: f64) -> f64 {
+/// Returns the area of the mesh faces that lie within `tolerance` of the plane x = `x0`.
+fn area_within(mesh: &TetMesh, x0: f64, tolerance: f64) -> f64 {
     let mut faces = std::collections::BTreeSet::new();
     for tet in &mesh.tets {
         for f in FACES {
@@ -139,7 +139,7 @@ fn area_within(mesh: &TetMesh, at: f64, off: f64) -> f64 {
             face.sort_unstable();
             if face
                 .iter()
-                .all(|&i| (mesh.nodes[i as usize][0] - at).abs() < off)
+                .all(|&i| (mesh.nodes[i as usize][0] - x0).abs() < tolerance)
             {
                 faces.insert(face);
             }
@@ -154,12 +154,12 @@ fn area_within(mesh: &TetMesh, at: f64, off: f64) -> f64 {
         .sum()
 }
 
-fn plane_points(at: f64, extent: [f64; 3]) -> Vec<FeaturePoint<3>> {
+fn plane_points(x0: f64, extent: [f64; 3]) -> Vec<FeaturePoint<3>> {
     let mut points = Vec::new();
     for k in 0..=extent[2] as usize {
         for j in 0..=extent[1] as usize {
             points.push(FeaturePoint {
-                position: [at as f32, j as f32, k as f32],
+                position: [x0 as f32, j as f32, k as f32],
                 normal: [1.0, 0.0, 0.0],
                 strength: 1.0,
             });
@@ -170,17 +170,17 @@ fn plane_points(at: f64, extent: [f64; 3]) -> Vec<FeaturePoint<3>> {
 
 #[test]
 fn a_plane_of_faces_survives_improvement() {
-    // The plane x = 12 is made of mesh faces; everything else is jittered.
+    // The plane x = 12 consists of mesh faces; all other nodes are jittered.
     let (mut mesh, mut kinds, extent) = box_mesh([6, 6, 6], 4.0, 0.28, |x| x[0] != 12.0);
-    let sheets = FeaturePlanes::new(&plane_points(12.0, extent), extent, 3.0, 8.0);
+    let planes = FeaturePlanes::new(&plane_points(12.0, extent), extent, 3.0, 8.0);
     let area = extent[1] * extent[2];
     assert!((area_on_plane(&mesh, 12.0) - area).abs() < 1e-9);
-    let (outcome, on) = run(&mut mesh, &mut kinds, extent, &sheets);
+    let (report, marks) = run(&mut mesh, &mut kinds, extent, &planes);
     assert!(check(&mesh, [0.0; 3], extent, 1e-12).passed());
-    assert_eq!(outcome.counts.intersecting_left, 0);
+    assert_eq!(report.counts.intersecting_left, 0);
     assert!((area_on_plane(&mesh, 12.0) - area).abs() < 0.01 * area);
-    for (tet, on) in mesh.tets.iter().zip(on) {
-        for k in (0..4).filter(|k| on >> k & 1 == 1) {
+    for (tet, bits) in mesh.tets.iter().zip(marks) {
+        for k in (0..4).filter(|k| bits >> k & 1 == 1) {
             for i in FACES[k] {
                 assert!((mesh.nodes[tet[i] as usize][0] - 12.0).abs() < 0.11);
             }
@@ -191,34 +191,34 @@ fn a_plane_of_faces_survives_improvement() {
 
 #[test]
 fn a_plane_that_cuts_through_cells_is_recovered() {
-    // No node lies on x = 13.3: edges are cut, snapped or flipped until faces cover the plane.
+    // No node lies on x = 13.3: edges are split, snapped or flipped until faces cover the plane.
     let (mut mesh, mut kinds, extent) = box_mesh([7, 6, 6], 4.0, 0.1, |_| true);
-    let sheets = FeaturePlanes::new(&plane_points(13.3, extent), extent, 3.0, 8.0);
-    let (outcome, on) = run(&mut mesh, &mut kinds, extent, &sheets);
-    assert!(outcome.counts.intersecting_before > 50);
-    assert_eq!(outcome.counts.intersecting_left, 0);
+    let planes = FeaturePlanes::new(&plane_points(13.3, extent), extent, 3.0, 8.0);
+    let (report, marks) = run(&mut mesh, &mut kinds, extent, &planes);
+    assert!(report.counts.intersecting_before > 50);
+    assert_eq!(report.counts.intersecting_left, 0);
     assert!(check(&mesh, [0.0; 3], extent, 1e-12).passed());
     let area = extent[1] * extent[2];
     assert!((area_on_plane(&mesh, 13.3) - area).abs() < 0.01 * area);
-    // Every face is seen from both sides.
-    let held = on.iter().map(|bits| bits.count_ones()).sum::<u32>() / 2;
-    assert!(held > 40, "{held} {outcome:?}");
-    assert!(worst(&mesh) > 0.3, "{} {outcome:?}", worst(&mesh));
+    // Every face is marked from both sides.
+    let face_count = marks.iter().map(|bits| bits.count_ones()).sum::<u32>() / 2;
+    assert!(face_count > 40, "{face_count} {report:?}");
+    assert!(worst(&mesh) > 0.3, "{} {report:?}", worst(&mesh));
 }
 
 #[test]
 #[cfg(feature = "cgal")]
 fn exudation_keeps_the_faces_on_a_plane_and_removes_slivers() {
     let (mesh, kinds, extent) = box_mesh([7, 6, 6], 4.0, 0.1, |x| x[0] != 12.0);
-    let sheets = FeaturePlanes::new(&plane_points(12.0, extent), extent, 3.0, 8.0);
+    let planes = FeaturePlanes::new(&plane_points(12.0, extent), extent, 3.0, 8.0);
     let neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
-    let (mut exuded, mut their_kinds) = (mesh.clone(), kinds);
-    let (outcome, on) = exude::exude(
+    let (mut exuded, mut exuded_kinds) = (mesh.clone(), kinds);
+    let (report, marks) = exude::exude(
         &mut exuded,
         neighbors,
-        &mut their_kinds,
+        &mut exuded_kinds,
         extent,
-        &sheets,
+        &planes,
         &Distance::Constant(4.5),
         &Target::default(),
         &CancelToken::never(),
@@ -228,72 +228,76 @@ fn exudation_keeps_the_faces_on_a_plane_and_removes_slivers() {
     assert!(check(&exuded, [0.0; 3], extent, 1e-12).passed());
     let area = extent[1] * extent[2];
     assert!((area_on_plane(&exuded, 12.0) - area).abs() < 1e-9 * area);
-    assert!(on.iter().any(|&bits| bits != 0));
-    let plain = TetMesh {
+    assert!(marks.iter().any(|&bits| bits != 0));
+    let delaunay = TetMesh {
         tets: crate::mesh::delaunay::exude::unweighted_delaunay(&mesh.nodes).unwrap(),
         ..mesh
     };
-    let poor = |mesh: &TetMesh| {
+    let count_below_target = |mesh: &TetMesh| {
         let sines = (0..mesh.tets.len()).map(|t| min_sine(&mesh.corners(t)));
         sines.filter(|&sine| sine < 0.5).count()
     };
-    let (was, is) = (poor(&plain), poor(&exuded));
-    assert_eq!(outcome.below_target_after, is);
-    assert!(2 * is < was, "{was} to {is}");
+    let (before, after) = (count_below_target(&delaunay), count_below_target(&exuded));
+    assert_eq!(report.below_target_after, after);
+    assert!(2 * after < before, "{before} to {after}");
 }
 
 #[test]
-fn a_wide_gap_between_two_sheets_gets_nodes_and_the_sheets_stay_whole() {
-    // No node lies between the sheets, twice the spacing apart: whatever joins them is too steep, and no
-    // flip, collapse or split alone makes it better.
+fn a_wide_gap_between_two_surfaces_gets_nodes_and_the_surfaces_stay_whole() {
+    // No node lies between the surfaces, which are two spacings apart. All tetrahedra between them
+    // are too steep, and no single flip, collapse or split improves them.
     let h = 4.0;
-    let on_sheets = |x: f64| x == h || x == 2.0 * h;
-    let (mut mesh, mut kinds, mut extent) = box_mesh([3, 6, 6], h, 0.1, |x| !on_sheets(x[0]));
+    let is_on_surface = |x: f64| x == h || x == 2.0 * h;
+    let (mut mesh, mut kinds, mut extent) = box_mesh([3, 6, 6], h, 0.1, |x| !is_on_surface(x[0]));
     for x in &mut mesh.nodes {
         x[0] += if x[0] > 1.5 * h { h } else { 0.0 };
     }
     extent[0] += h;
     let mut points = plane_points(h, extent);
     points.extend(plane_points(3.0 * h, extent));
-    let sheets = FeaturePlanes::new(&points, extent, 3.0, 8.0);
+    let planes = FeaturePlanes::new(&points, extent, 3.0, 8.0);
     assert!(worst(&mesh) < 0.45);
-    let (outcome, _) = run(&mut mesh, &mut kinds, extent, &sheets);
+    let (report, _) = run(&mut mesh, &mut kinds, extent, &planes);
     assert!(check(&mesh, [0.0; 3], extent, 1e-12).passed());
-    assert_eq!(outcome.below_target_after, 0, "{outcome:?}");
+    assert_eq!(report.below_target_after, 0, "{report:?}");
     assert!(worst(&mesh) > 0.4999, "{}", worst(&mesh));
-    for at in [h, 3.0 * h] {
-        let area = area_within(&mesh, at, MAX_DEVIATIONS[1] + 0.02) / (extent[1] * extent[2]);
+    for x0 in [h, 3.0 * h] {
+        let area = area_within(&mesh, x0, MAX_DEVIATIONS[1] + 0.02) / (extent[1] * extent[2]);
         assert!((area - 1.0).abs() < 0.01, "{area}");
     }
 }
 
 #[test]
-fn mending_in_patches_leaves_what_is_known_of_the_mesh_true_whoever_does_it() {
+fn repair_in_patches_is_consistent_for_any_number_of_threads() {
     let (mesh, kinds, extent) = box_mesh([24, 10, 10], 2.0, 0.28, |_| true);
-    let sheets = FeaturePlanes::new(&[], extent, 3.0, 8.0);
-    let mended = |threads: usize| {
+    let planes = FeaturePlanes::new(&[], extent, 3.0, 8.0);
+    let repaired = |threads: usize| {
         let distance = Distance::Constant(1.5);
-        let around = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
-        let patience = CancelToken::never();
+        let neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
+        let cancel = CancelToken::never();
         let mut improver = TetImprover::new(
             mesh.clone(),
-            around,
+            neighbors,
             &kinds,
             extent,
-            &sheets,
+            &planes,
             &distance,
             0.5,
-            &patience,
+            &cancel,
         );
-        let poor = improver.tets_below_target();
+        let below_target = improver.tets_below_target();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
-        let apart = improver.cubes(&poor, 15.0);
-        assert!(apart[0].len() > 1);
-        let mend = || improver.repair_in_patches(apart, 15.0, &patience, &|_| {});
-        let later = pool.build().unwrap().install(mend).unwrap();
-        assert!(10 * later.len() < poor.len());
-        let left = improver.tets_below_target().len();
-        assert!(2 * left < poor.len(), "{left} of {}", poor.len());
+        let cube_groups = improver.cubes(&below_target, 15.0);
+        assert!(cube_groups[0].len() > 1);
+        let repair = || improver.repair_in_patches(cube_groups, 15.0, &cancel, &|_| {});
+        let deferred = pool.build().unwrap().install(repair).unwrap();
+        assert!(10 * deferred.len() < below_target.len());
+        let remaining = improver.tets_below_target().len();
+        assert!(
+            2 * remaining < below_target.len(),
+            "{remaining} of {}",
+            below_target.len()
+        );
         for t in (0..improver.complex.tets.len() as u32).filter(|&t| improver.complex.is_alive(t)) {
             assert_eq!(
                 improver.sines[t as usize],
@@ -302,33 +306,32 @@ fn mending_in_patches_leaves_what_is_known_of_the_mesh_true_whoever_does_it() {
         }
         improver.complex.into_mesh()
     };
-    let (one, around, _) = mended(1);
-    assert!(check(&one, [0.0; 3], extent, 1e-12).passed());
-    assert!(around == complex::neighbors(one.nodes.len(), &one.tets).unwrap());
-    let (three, ..) = mended(3);
-    assert!(one.nodes == three.nodes && one.tets == three.tets);
+    let (serial, neighbors, _) = repaired(1);
+    assert!(check(&serial, [0.0; 3], extent, 1e-12).passed());
+    assert!(neighbors == complex::neighbors(serial.nodes.len(), &serial.tets).unwrap());
+    let (parallel, ..) = repaired(3);
+    assert!(serial.nodes == parallel.nodes && serial.tets == parallel.tets);
 }
 
 #[test]
-fn nodes_of_one_tetrahedron_are_smoothed_one_after_the_other_and_whoever_polishes_leaves_the_same()
-{
+fn smoothing_is_the_same_for_any_number_of_threads_and_groups_share_no_tetrahedron() {
     let (mesh, kinds, extent) = box_mesh([12, 10, 10], 2.0, 0.28, |_| true);
-    let sheets = FeaturePlanes::new(&[], extent, 3.0, 8.0);
-    let polished = |threads: usize| {
+    let planes = FeaturePlanes::new(&[], extent, 3.0, 8.0);
+    let improved = |threads: usize| {
         let distance = Distance::Constant(1.5);
-        let around = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
-        let patience = CancelToken::never();
+        let neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
+        let cancel = CancelToken::never();
         let mut improver = TetImprover::new(
             mesh.clone(),
-            around,
+            neighbors,
             &kinds,
             extent,
-            &sheets,
+            &planes,
             &distance,
             0.5,
-            &patience,
+            &cancel,
         );
-        let poor = improver.tets_below_target();
+        let below_target = improver.tets_below_target();
         let nodes: Vec<u32> = (0..mesh.nodes.len() as u32).collect();
         let groups = {
             let stars = improver.collect_node_tets(&nodes);
@@ -338,15 +341,19 @@ fn nodes_of_one_tetrahedron_are_smoothed_one_after_the_other_and_whoever_polishe
         for group in &groups {
             let mut in_group = vec![false; nodes.len()];
             group.iter().for_each(|&i| in_group[i as usize] = true);
-            let own = |tet: &[u32; 4]| tet.iter().filter(|&&n| in_group[n as usize]).count();
-            assert!(mesh.tets.iter().all(|tet| own(tet) <= 1));
+            let count = |tet: &[u32; 4]| tet.iter().filter(|&&n| in_group[n as usize]).count();
+            assert!(mesh.tets.iter().all(|tet| count(tet) <= 1));
         }
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
-        let polish = || improver.flip_and_smooth(3, &patience);
-        pool.build().unwrap().install(polish).unwrap();
+        let run = || improver.flip_and_smooth(3, &cancel);
+        pool.build().unwrap().install(run).unwrap();
         assert!(improver.counts.flips > 100 && improver.counts.moves > 100);
-        let left = improver.tets_below_target().len();
-        assert!(4 * left < poor.len(), "{left} of {}", poor.len());
+        let remaining = improver.tets_below_target().len();
+        assert!(
+            4 * remaining < below_target.len(),
+            "{remaining} of {}",
+            below_target.len()
+        );
         for t in (0..improver.complex.tets.len() as u32).filter(|&t| improver.complex.is_alive(t)) {
             assert_eq!(
                 improver.sines[t as usize],
@@ -355,9 +362,9 @@ fn nodes_of_one_tetrahedron_are_smoothed_one_after_the_other_and_whoever_polishe
         }
         improver.complex.into_mesh()
     };
-    let (one, around, _) = polished(1);
-    assert!(check(&one, [0.0; 3], extent, 1e-12).passed());
-    assert!(around == complex::neighbors(one.nodes.len(), &one.tets).unwrap());
-    let (three, ..) = polished(3);
-    assert!(one.nodes == three.nodes && one.tets == three.tets);
+    let (serial, neighbors, _) = improved(1);
+    assert!(check(&serial, [0.0; 3], extent, 1e-12).passed());
+    assert!(neighbors == complex::neighbors(serial.nodes.len(), &serial.tets).unwrap());
+    let (parallel, ..) = improved(3);
+    assert!(serial.nodes == parallel.nodes && serial.tets == parallel.tets);
 }

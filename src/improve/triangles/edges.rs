@@ -1,4 +1,4 @@
-//! Changes of the triangulation itself: flips, splits and collapses of edges.
+//! Topological changes of the triangulation: flips, splits and collapses of edges.
 
 use super::{MAX_COTANGENT, TriImprover};
 use crate::geometry::to_3d;
@@ -8,7 +8,7 @@ use crate::mesh::complex::NONE;
 use crate::mesh::tri::SIDES;
 
 impl TriImprover<'_> {
-    /// The triangle across side `k` of `t`, and the side of it that is shared.
+    /// Returns the triangle across side `k` of `t`, and the side of it that is shared.
     pub(super) fn neighbor(&self, t: u32, k: usize) -> Option<(u32, usize)> {
         let other = self.neighbors[t as usize][k];
         if other == NONE {
@@ -18,18 +18,18 @@ impl TriImprover<'_> {
         back.map(|j| (other, j))
     }
 
-    /// Writes a triangle with its neighbours and tells these.
-    pub(super) fn set_triangle(&mut self, t: u32, triangle: [u32; 3], around: [u32; 3]) {
+    /// Writes a triangle with its neighbours, and updates the neighbours' own entries.
+    pub(super) fn set_triangle(&mut self, t: u32, triangle: [u32; 3], neighbors: [u32; 3]) {
         self.triangles[t as usize] = triangle;
-        self.neighbors[t as usize] = around;
+        self.neighbors[t as usize] = neighbors;
         for k in 0..3 {
             self.triangle_of_node[triangle[k] as usize] = t;
             let [a, b] = SIDES[k].map(|i| triangle[i]);
-            self.set_neighbor(around[k], [b, a], t);
+            self.set_neighbor(neighbors[k], [b, a], t);
         }
     }
 
-    /// Tells `other` that `t` is now across its edge (a, b).
+    /// Sets `t` as the neighbour of `other` across its edge (a, b).
     pub(super) fn set_neighbor(&mut self, other: u32, [a, b]: [u32; 2], t: u32) {
         if other != NONE {
             let triangle = self.triangles[other as usize];
@@ -41,15 +41,15 @@ impl TriImprover<'_> {
         }
     }
 
-    /// Exchanges the edge opposite node `k` of `t` for the other diagonal; the caller has made sure
-    /// that both new triangles are positive.
+    /// Exchanges the edge opposite node `k` of `t` for the other diagonal. The caller must make
+    /// sure that both new triangles have a positive area.
     pub(super) fn flip(&mut self, t: u32, k: usize) {
         let Some((u, j)) = self.neighbor(t, k) else {
             return;
         };
         let (tt, uu) = (self.triangles[t as usize], self.triangles[u as usize]);
         let (nt, nu) = (self.neighbors[t as usize], self.neighbors[u as usize]);
-        // Quadrilateral: apex c, then a, d, b anticlockwise; the old diagonal is (a, b).
+        // The quadrilateral is apex c, then a, d, b anticlockwise; the old diagonal is (a, b).
         let (c, a, b) = (tt[k], tt[(k + 1) % 3], tt[(k + 2) % 3]);
         let d = uu[j];
         let (ca, cb) = (nt[(k + 2) % 3], nt[(k + 1) % 3]);
@@ -65,7 +65,7 @@ impl TriImprover<'_> {
         }
     }
 
-    /// The two triangles that a flip of side `k` of `t` would give, with the far node.
+    /// Returns the two triangles that a flip of side `k` of `t` would create.
     pub(super) fn flip_result(&self, t: u32, k: usize) -> Option<[[u32; 3]; 2]> {
         let (u, j) = self.neighbor(t, k)?;
         let tt = self.triangles[t as usize];
@@ -74,7 +74,7 @@ impl TriImprover<'_> {
         Some([[c, a, d], [c, d, b]])
     }
 
-    /// The triangle and side that are the edge (a, b).
+    /// Returns the triangle and the side that form the edge (a, b).
     pub(super) fn find_edge(&mut self, a: u32, b: u32) -> Option<(u32, usize)> {
         self.gather_star(a);
         for &t in &self.star {
@@ -89,11 +89,12 @@ impl TriImprover<'_> {
         None
     }
 
-    /// The triangles around a node, into `star`.
+    /// Collects the triangles around a node into `star`.
     pub(super) fn gather_star(&mut self, node: u32) {
         self.star.clear();
         let first = self.triangle_of_node[node as usize];
-        // Anticlockwise; from where that ends at a side of the box, clockwise from the first.
+        // Walk anticlockwise. If that ends at a side of the box, walk clockwise from the first
+        // triangle, too.
         for turn in [1, 2] {
             let mut t = first;
             while t != NONE {
@@ -110,75 +111,81 @@ impl TriImprover<'_> {
         }
     }
 
-    /// Splits side `k` of `t` at a point of it. With `better_than`, only if the smallest angle of
-    /// the new triangles has a smaller cotangent than that.
+    /// Splits side `k` of `t` at a point on it. Returns `false`, and changes nothing, if the
+    /// largest cotangent of the new triangles is not below `better_than` (by default
+    /// [`MAX_COTANGENT`]).
     pub(super) fn split(
         &mut self,
         t: u32,
         k: usize,
-        at: [f64; 2],
+        point: [f64; 2],
         better_than: Option<f64>,
     ) -> bool {
         let triangle = self.triangles[t as usize];
         let (c, a, b) = (triangle[k], triangle[(k + 1) % 3], triangle[(k + 2) % 3]);
         let across = self.neighbor(t, k);
         let node = self.nodes.len() as u32;
-        let mut fresh = vec![[c, a, node], [c, node, b]];
-        let far = across.map(|(u, j)| self.triangles[u as usize][j]);
-        if let Some(d) = far {
-            fresh.extend([[d, b, node], [d, node, a]]);
+        let mut new_triangles = vec![[c, a, node], [c, node, b]];
+        let opposite_node = across.map(|(u, j)| self.triangles[u as usize][j]);
+        if let Some(d) = opposite_node {
+            new_triangles.extend([[d, b, node], [d, node, a]]);
         }
-        let mut at = at;
+        let mut point = point;
         let sides = self.common_sides(a, b);
         if across.is_none() && sides == 0 {
-            // The end of a part of a mesh: what lies beyond must not be split from here.
+            // The edge is on the outline of a part of a mesh, and the triangle beyond it cannot be
+            // split here.
             return false;
         }
         for i in (0..2).filter(|i| sides >> i & 1 == 1) {
-            // Exactly in the side.
-            at[i] = self.nodes[a as usize][i];
+            // The coordinate must be exactly that of the side.
+            point[i] = self.nodes[a as usize][i];
         }
-        self.nodes.push(at);
-        let worst = fresh.iter().map(|&f| self.cotangent(f)).fold(0.0, f64::max);
+        self.nodes.push(point);
+        let worst = new_triangles
+            .iter()
+            .map(|&f| self.cotangent(f))
+            .fold(0.0, f64::max);
         if worst >= better_than.unwrap_or(MAX_COTANGENT) {
             self.nodes.pop();
             return false;
         }
-        let (hold, _) = NodeConstraint::new(
-            to_3d(at),
+        let (constraint, _) = NodeConstraint::new(
+            to_3d(point),
             AtomKind::Interior,
             to_3d(self.extent),
             self.planes,
         );
-        self.kinds.push(match (hold.fixed_axes & 3).count_ones() {
-            0 => AtomKind::Interior,
-            1 => AtomKind::Edge,
-            _ => AtomKind::Corner,
-        });
-        self.constraints.push(hold);
+        self.kinds
+            .push(match (constraint.fixed_axes & 3).count_ones() {
+                0 => AtomKind::Interior,
+                1 => AtomKind::Edge,
+                _ => AtomKind::Corner,
+            });
+        self.constraints.push(constraint);
         self.triangle_of_node.push(t);
-        let around = self.neighbors[t as usize];
-        let (ca, cb) = (around[(k + 2) % 3], around[(k + 1) % 3]);
+        let neighbors = self.neighbors[t as usize];
+        let (ca, cb) = (neighbors[(k + 2) % 3], neighbors[(k + 1) % 3]);
         let second = self.triangles.len() as u32;
-        self.triangles.push(fresh[1]);
+        self.triangles.push(new_triangles[1]);
         self.neighbors.push([NONE; 3]);
-        let beyond = across.map(|(u, j)| {
-            let around = self.neighbors[u as usize];
+        let other_side = across.map(|(u, j)| {
+            let neighbors = self.neighbors[u as usize];
             let fourth = self.triangles.len() as u32;
-            self.triangles.push(fresh[3]);
+            self.triangles.push(new_triangles[3]);
             self.neighbors.push([NONE; 3]);
-            (u, fourth, around[(j + 2) % 3], around[(j + 1) % 3])
+            (u, fourth, neighbors[(j + 2) % 3], neighbors[(j + 1) % 3])
         });
-        let (third, fourth) = beyond.map_or((NONE, NONE), |(u, fourth, ..)| (u, fourth));
-        self.triangles[t as usize] = fresh[0];
-        if let Some((u, ..)) = beyond {
-            self.triangles[u as usize] = fresh[2];
+        let (third, fourth) = other_side.map_or((NONE, NONE), |(u, fourth, ..)| (u, fourth));
+        self.triangles[t as usize] = new_triangles[0];
+        if let Some((u, ..)) = other_side {
+            self.triangles[u as usize] = new_triangles[2];
         }
-        self.set_triangle(t, fresh[0], [fourth, second, ca]);
-        self.set_triangle(second, fresh[1], [third, cb, t]);
-        if let Some((u, fourth, db, da)) = beyond {
-            self.set_triangle(u, fresh[2], [second, fourth, db]);
-            self.set_triangle(fourth, fresh[3], [t, da, u]);
+        self.set_triangle(t, new_triangles[0], [fourth, second, ca]);
+        self.set_triangle(second, new_triangles[1], [third, cb, t]);
+        if let Some((u, fourth, db, da)) = other_side {
+            self.set_triangle(u, new_triangles[2], [second, fourth, db]);
+            self.set_triangle(fourth, new_triangles[3], [t, da, u]);
         }
         for t in [t, second, third, fourth] {
             if t != NONE {
@@ -188,12 +195,12 @@ impl TriImprover<'_> {
         true
     }
 
-    /// Moves node `a` to node `b` and so removes their edge, if `b` is held by all that holds `a`, no
-    /// new edge passes through a curve, and the worst new angle has a cotangent below `limit`.
+    /// Moves node `a` to node `b` and so removes their edge, if `b` has all constraints of `a`, no
+    /// new edge passes through a curve, and the largest new cotangent is below `limit`.
     pub(super) fn collapse(&mut self, a: u32, b: u32, limit: f64) -> bool {
         let (p, q) = (self.constraints[a as usize], self.constraints[b as usize]);
-        // What may not move at all is a fixed node or a corner of the box; another such node, which
-        // is held as much, cannot take its place.
+        // A node with all axes fixed is a fixed node or a corner of the box. Another such node has
+        // the same constraints but cannot take its place.
         if p.fixed_axes == 7 || !p.is_subset_of(&q) {
             return false;
         }
@@ -201,14 +208,14 @@ impl TriImprover<'_> {
         let star = std::mem::take(&mut self.star);
         let moved = |triangle: [u32; 3]| triangle.map(|n| if n == a { b } else { n });
         let holds_b = |t: &u32| self.triangles[*t as usize].contains(&b);
-        let sound = star.iter().filter(|t| !holds_b(t)).all(|&t| {
+        let is_sound = star.iter().filter(|t| !holds_b(t)).all(|&t| {
             let triangle = self.triangles[t as usize];
-            let free = |&n: &u32| n == a || self.find_intersection(n, b).is_none();
-            self.cotangent(moved(triangle)) < limit && triangle.iter().all(free)
+            let is_free = |&n: &u32| n == a || self.find_intersection(n, b).is_none();
+            self.cotangent(moved(triangle)) < limit && triangle.iter().all(is_free)
         });
-        // On a side of the box only along it.
-        let along = p.fixed_axes & 3 == 0 || self.common_sides(a, b) != 0;
-        if sound && along {
+        // A node on a side of the box may move along it only.
+        let stays_in_side = p.fixed_axes & 3 == 0 || self.common_sides(a, b) != 0;
+        if is_sound && stays_in_side {
             for &t in star.iter().filter(|t| holds_b(t)).collect::<Vec<_>>() {
                 let triangle = self.triangles[t as usize];
                 let side = |n: u32| triangle.iter().position(|&m| m == n).unwrap_or(0);
@@ -216,16 +223,16 @@ impl TriImprover<'_> {
                     self.neighbors[t as usize][side(b)],
                     self.neighbors[t as usize][side(a)],
                 );
-                // What lies across (a, c) and across (b, c) become neighbours.
-                for (from, to) in [(over_a, over_b), (over_b, over_a)] {
-                    if from != NONE {
-                        for slot in &mut self.neighbors[from as usize] {
+                // The triangles across (a, c) and across (b, c) become neighbours.
+                for (outer, new_neighbor) in [(over_a, over_b), (over_b, over_a)] {
+                    if outer != NONE {
+                        for slot in &mut self.neighbors[outer as usize] {
                             if *slot == t {
-                                *slot = to;
+                                *slot = new_neighbor;
                             }
                         }
-                        for n in self.triangles[from as usize] {
-                            self.triangle_of_node[n as usize] = from;
+                        for n in self.triangles[outer as usize] {
+                            self.triangle_of_node[n as usize] = outer;
                         }
                     }
                 }
@@ -240,6 +247,6 @@ impl TriImprover<'_> {
             }
         }
         self.star = star;
-        sound && along
+        is_sound && stays_in_side
     }
 }

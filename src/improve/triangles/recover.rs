@@ -1,18 +1,19 @@
-//! Features first: no edge may pass through a curve.
+//! Removes the edges that pass through a curve, which is the first step of improvement.
 
 use super::{MAX_COTANGENT, TriImprover};
 use crate::geometry::to_3d;
 use crate::improve::constraint::NodeConstraint;
 use crate::mesh::tri::worst_cotangent;
 
-/// An end of a pierced edge is pulled onto the curve from this far, in units of d.
+/// Largest distance, in units of d, from which the end of an intersecting edge is snapped onto the
+/// curve.
 const MAX_SNAP_DISTANCE: f64 = 0.5;
 
-/// Edges are freed so many times at most: one that is freed may bring another.
+/// Largest number of rounds. Removing one intersecting edge may create another.
 const MAX_ROUNDS: usize = 6;
 
 impl TriImprover<'_> {
-    /// No edge may pass through a curve.
+    /// Removes all edges that pass through a curve, as far as possible.
     pub(super) fn recover(&mut self) {
         for round in 0..MAX_ROUNDS {
             let edges = self.intersecting_edges();
@@ -29,26 +30,32 @@ impl TriImprover<'_> {
         }
     }
 
-    /// Rids the mesh of an edge that passes through a curve.
+    /// Removes one edge that passes through a curve.
     fn remove_intersecting_edge(&mut self, a: u32, b: u32) {
         let Some((t, k)) = self.find_edge(a, b) else {
             return;
         };
-        let Some(at) = self.find_intersection(a, b) else {
+        let Some(point) = self.find_intersection(a, b) else {
             return;
         };
         if self.flip_away(t, k) {
             return;
         }
-        // The nearer end goes to the curve if it is free to.
-        let gap = |n: u32| {
+        // Snap the nearer end onto the curve if its constraints allow it.
+        let distance_to = |n: u32| {
             let x = self.nodes[n as usize];
-            (x[0] - at[0]).hypot(x[1] - at[1])
+            (x[0] - point[0]).hypot(x[1] - point[1])
         };
-        let near = if gap(a) < gap(b) { a } else { b };
-        if gap(near) < MAX_SNAP_DISTANCE * self.distance.value_at(at) && self.snap_node(near, at) {
+        let nearest = if distance_to(a) < distance_to(b) {
+            a
+        } else {
+            b
+        };
+        if distance_to(nearest) < MAX_SNAP_DISTANCE * self.distance.value_at(point)
+            && self.snap_node(nearest, point)
+        {
             self.counts.intersecting_snapped += 1;
-        } else if self.split(t, k, at, None) {
+        } else if self.split(t, k, point, None) {
             self.counts.intersecting_split += 1;
         }
     }
@@ -66,7 +73,7 @@ impl TriImprover<'_> {
         false
     }
 
-    /// Flips edges that pass through a curve, as long as that helps; nodes stay.
+    /// Flips edges that pass through a curve, as long as that removes some. Nodes do not move.
     pub(super) fn flip_intersecting_edges(&mut self) {
         for _ in 0..MAX_ROUNDS {
             let mut flipped = false;
@@ -83,33 +90,36 @@ impl TriImprover<'_> {
         }
     }
 
-    /// The edges that pass through a curve.
+    /// Returns the edges that pass through a curve.
     pub(super) fn intersecting_edges(&self) -> Vec<[u32; 2]> {
-        let pierced = |&[a, b]: &[u32; 2]| self.find_intersection(a, b).is_some();
-        self.edges().filter(pierced).collect()
+        let intersects = |&[a, b]: &[u32; 2]| self.find_intersection(a, b).is_some();
+        self.edges().filter(intersects).collect()
     }
 
-    /// Moves a node that no feature holds to `at` on a curve, if all triangles stay sound.
-    fn snap_node(&mut self, node: u32, at: [f64; 2]) -> bool {
+    /// Moves a node that no feature holds to `point` on a curve, if all triangles stay valid.
+    fn snap_node(&mut self, node: u32, point: [f64; 2]) -> bool {
         let i = node as usize;
         let old = self.constraints[i];
-        let kept: Vec<usize> = (0..2).filter(|k| old.fixed_axes >> k & 1 == 1).collect();
-        let moves = |k: &usize| self.nodes[i][*k] != at[*k];
-        if old.surface_count > 0 || old.fixed_axes & 3 == 3 || kept.iter().any(moves) {
+        let fixed_axes: Vec<usize> = (0..2).filter(|k| old.fixed_axes >> k & 1 == 1).collect();
+        let moves = |k: &usize| self.nodes[i][*k] != point[*k];
+        if old.surface_count > 0 || old.fixed_axes & 3 == 3 || fixed_axes.iter().any(moves) {
             return false;
         }
         self.gather_star(node);
         let sound = self.star.iter().all(|&t| {
-            let moved = self.triangles[t as usize].map(|n| match n == node {
-                true => at,
-                false => self.nodes[n as usize],
+            let moved = self.triangles[t as usize].map(|n| {
+                if n == node {
+                    point
+                } else {
+                    self.nodes[n as usize]
+                }
             });
             worst_cotangent(&moved) < MAX_COTANGENT
         });
         if sound {
-            self.nodes[i] = at;
+            self.nodes[i] = point;
             self.constraints[i] =
-                NodeConstraint::new(to_3d(at), self.kinds[i], to_3d(self.extent), self.planes).0;
+                NodeConstraint::new(to_3d(point), self.kinds[i], to_3d(self.extent), self.planes).0;
         }
         sound
     }

@@ -1,17 +1,18 @@
-//! Angles are raised: by flips and smoothing, and where that is not enough by other means.
+//! Raises angles by flips and smoothing and, where that is not enough, by collapses, splits and
+//! releasing nodes from curves.
 
 use super::TriImprover;
 use crate::mesh::complex::NONE;
 use crate::mesh::tri::SIDES;
 use crate::progress::CancelToken;
 
-/// Rounds of smoothing; every third also collapses and splits.
+/// Largest number of rounds of smoothing. Every third round also collapses and splits edges.
 const MAX_ROUNDS: usize = 24;
 
 impl TriImprover<'_> {
     /// Flips and smooths, and collapses or splits edges where that is not enough.
-    pub(super) fn flip_and_smooth(&mut self, patience: &CancelToken<'_>) {
-        self.flip_all(patience);
+    pub(super) fn flip_and_smooth(&mut self, cancel: &CancelToken<'_>) {
+        self.flip_all(cancel);
         for round in 0..MAX_ROUNDS {
             if self.triangles_below_target().is_empty() {
                 return;
@@ -22,7 +23,7 @@ impl TriImprover<'_> {
                 .flat_map(|&t| self.triangles[t as usize])
                 .collect();
             if round % 2 == 1 {
-                // Room is made by their neighbours, too.
+                // Moving the neighbours makes room, too.
                 for node in nodes.clone() {
                     self.gather_star(node);
                     let around = self.star.iter().flat_map(|&t| self.triangles[t as usize]);
@@ -32,28 +33,28 @@ impl TriImprover<'_> {
             nodes.sort_unstable();
             nodes.dedup();
             for node in nodes {
-                if patience.is_cancelled() {
+                if cancel.is_cancelled() {
                     return;
                 }
                 if self.smooth(node) {
                     self.counts.moves += 1;
                 }
             }
-            self.flip_queue(patience);
+            self.flip_queue(cancel);
             if round % 3 == 2 {
                 for t in self.triangles_below_target() {
                     if self.triangles[t as usize][0] != NONE {
                         self.repair_triangle(t);
                     }
                 }
-                self.flip_queue(patience);
+                self.flip_queue(cancel);
             }
         }
     }
 
-    /// Lets nodes leave their curves where a triangle would otherwise stay unusable: one node if that
-    /// is enough, else all three.
-    pub(super) fn release_nodes(&mut self, patience: &CancelToken<'_>) {
+    /// Releases nodes from their curves where a triangle would stay unusable: one node if that is
+    /// enough, else all three.
+    pub(super) fn release_nodes(&mut self, cancel: &CancelToken<'_>) {
         for round in 0..4 {
             let bad = self.triangles_above(self.max_usable_cotangent);
             if bad.is_empty() {
@@ -64,29 +65,30 @@ impl TriImprover<'_> {
                 if self.cotangent(triangle) <= self.max_usable_cotangent {
                     continue;
                 }
-                let held: Vec<u32> = triangle
+                let constrained: Vec<u32> = triangle
                     .into_iter()
                     .filter(|&n| self.constraints[n as usize].surface_count > 0)
                     .collect();
-                let one = held.iter().any(|&n| self.free_node(n));
-                // Flips about the first ones may be enough for the others.
-                if !one && round > 1 {
-                    self.counts.released += held.len();
-                    for n in held {
+                let freed_one = constrained.iter().any(|&n| self.free_node(n));
+                // In the first rounds, flips around single released nodes may be enough for the
+                // other triangles.
+                if !freed_one && round > 1 {
+                    self.counts.released += constrained.len();
+                    for n in constrained {
                         self.constraints[n as usize].clear_surfaces();
                     }
                 }
             }
-            self.flip_all(patience);
-            self.flip_and_smooth(patience);
+            self.flip_all(cancel);
+            self.flip_and_smooth(cancel);
         }
     }
 
-    /// Frees a node from the curves that hold it and smooths it; takes that back if an angle about it
-    /// is still of no use.
+    /// Releases a node from its curves and smooths it. Undoes this, and returns `false`, if a
+    /// triangle at the node is still unusable.
     fn free_node(&mut self, node: u32) -> bool {
         let i = node as usize;
-        let (x, hold) = (self.nodes[i], self.constraints[i]);
+        let (x, constraint) = (self.nodes[i], self.constraints[i]);
         self.constraints[i].clear_surfaces();
         self.smooth(node);
         self.gather_star(node);
@@ -95,21 +97,21 @@ impl TriImprover<'_> {
             self.counts.released += 1;
             return true;
         }
-        (self.nodes[i], self.constraints[i]) = (x, hold);
+        (self.nodes[i], self.constraints[i]) = (x, constraint);
         false
     }
 
-    /// Collapses the shortest edge of a poor triangle, or else splits its longest.
+    /// Collapses the shortest edge of a triangle below target, or else splits its longest edge.
     fn repair_triangle(&mut self, t: u32) {
-        let now = self.cotangent(self.triangles[t as usize]);
-        if now <= self.target_cotangent {
+        let current = self.cotangent(self.triangles[t as usize]);
+        if current <= self.target_cotangent {
             return;
         }
         let lengths = SIDES.map(|[i, j]| {
             let [p, q] = [i, j].map(|i| self.nodes[self.triangles[t as usize][i] as usize]);
             (p[0] - q[0]).hypot(p[1] - q[1])
         });
-        let by = |better: fn(f64, f64) -> bool| {
+        let find_side = |better: fn(f64, f64) -> bool| {
             (1..3).fold(0, |best, k| {
                 if better(lengths[k], lengths[best]) {
                     k
@@ -118,16 +120,16 @@ impl TriImprover<'_> {
                 }
             })
         };
-        let (shortest, longest) = (by(|a, b| a < b), by(|a, b| a > b));
+        let (shortest, longest) = (find_side(|a, b| a < b), find_side(|a, b| a > b));
         let [a, b] = SIDES[shortest].map(|i| self.triangles[t as usize][i]);
-        if self.collapse(a, b, now) || self.collapse(b, a, now) {
+        if self.collapse(a, b, current) || self.collapse(b, a, current) {
             self.counts.collapses += 1;
             return;
         }
         let [a, b] = SIDES[longest].map(|i| self.triangles[t as usize][i]);
         let [p, q] = [a, b].map(|n| self.nodes[n as usize]);
         let middle = [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1])];
-        if !self.is_on_feature(a, b) && self.split(t, longest, middle, Some(now)) {
+        if !self.is_on_feature(a, b) && self.split(t, longest, middle, Some(current)) {
             self.counts.insertions += 1;
         }
     }

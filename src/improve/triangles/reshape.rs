@@ -1,7 +1,7 @@
-//! Atoms come, go and move in a part of a mesh, whose outer edges stay what they are.
+//! Adds, removes and moves atoms in a part of a mesh, whose outline does not change.
 //!
-//! In the plane the triangulation of the atoms where they shall be can be made to have the part's
-//! outer edges among its own; what lies outside of them is left out.
+//! In the plane, a constrained triangulation of the target positions contains the outline of the
+//! part. Triangles outside of the outline are removed.
 
 use super::{TriImprover, adjacency};
 use crate::error::{Error, Result, cause};
@@ -14,44 +14,50 @@ use crate::mesh::delaunay::constrained_plane;
 use crate::mesh::tri::{SIDES, double_area};
 use crate::progress::CancelToken;
 
-/// Reshapes a part of a mesh, as [`reshape`](crate::improve::tets::reshape) in space.
+/// Reshapes a part of a mesh, as [`reshape`](crate::improve::tets::reshape) does in space.
 ///
 /// # Errors
-/// The node that lies outside of the part or on its outline; or what else keeps the nodes from being
-/// joined.
+/// Returns [`ReshapeError::Node`] with the node that lies outside of the part or on its outline,
+/// and [`ReshapeError::Mesh`] if the nodes cannot be triangulated for another reason.
 pub fn reshape(
     part: &TriMesh,
-    wanted: &ReshapeRequest<2>,
+    request: &ReshapeRequest<2>,
     extent: [f64; 2],
-    sheets: &FeaturePlanes,
+    planes: &FeaturePlanes,
     distance: &Distance<2>,
     min_angle: f64,
 ) -> std::result::Result<ReshapeResult<TriMesh>, ReshapeError> {
-    let stay: Vec<u32> = (0..wanted.targets.len() as u32)
-        .filter(|&n| !wanted.is_removed[n as usize])
+    let kept_nodes: Vec<u32> = (0..request.targets.len() as u32)
+        .filter(|&n| !request.is_removed[n as usize])
         .collect();
-    let mut number = vec![NONE; wanted.targets.len()];
-    for (new, &n) in stay.iter().enumerate() {
-        number[n as usize] = new as u32;
+    let mut new_ids = vec![NONE; request.targets.len()];
+    for (new, &n) in kept_nodes.iter().enumerate() {
+        new_ids[n as usize] = new as u32;
     }
-    let points: Vec<[f64; 2]> = stay.iter().map(|&n| wanted.targets[n as usize]).collect();
-    let kinds: Vec<_> = stay.iter().map(|&n| wanted.kinds[n as usize]).collect();
+    let points: Vec<[f64; 2]> = kept_nodes
+        .iter()
+        .map(|&n| request.targets[n as usize])
+        .collect();
+    let kinds: Vec<_> = kept_nodes
+        .iter()
+        .map(|&n| request.kinds[n as usize])
+        .collect();
     let rim: Vec<[u32; 2]> = outer_edges(part, extent)
         .map_err(ReshapeError::Mesh)?
         .into_iter()
-        .map(|edge| edge.map(|n| number[n as usize]))
+        .map(|edge| edge.map(|n| new_ids[n as usize]))
         .collect();
-    let whole = constrained_plane(&points, &rim).map_err(ReshapeError::Mesh)?;
-    if let Some(n) = find_node_on_rim(&whole, &rim) {
-        return Err(ReshapeError::Node(stay[n]));
+    let triangulation = constrained_plane(&points, &rim).map_err(ReshapeError::Mesh)?;
+    if let Some(n) = find_node_on_rim(&triangulation, &rim) {
+        return Err(ReshapeError::Node(kept_nodes[n]));
     }
-    let mesh = keep_inside_rim(whole, &rim).map_err(ReshapeError::Mesh)?;
+    let mesh = keep_inside_rim(triangulation, &rim).map_err(ReshapeError::Mesh)?;
     let mut used = vec![false; points.len()];
     for &n in mesh.triangles.as_flattened() {
         used[n as usize] = true;
     }
     if let Some(unused) = used.iter().position(|used| !used) {
-        return Err(ReshapeError::Node(stay[unused]));
+        return Err(ReshapeError::Node(kept_nodes[unused]));
     }
     let area = |mesh: &TriMesh| -> f64 {
         (0..mesh.triangles.len())
@@ -68,28 +74,35 @@ pub fn reshape(
     }
     let neighbors = adjacency(&mesh).map_err(ReshapeError::Mesh)?;
     let mut improver =
-        TriImprover::new(mesh, neighbors, &kinds, extent, sheets, distance, min_angle);
-    let outcome = improver.improve(&CancelToken::never());
+        TriImprover::new(mesh, neighbors, &kinds, extent, planes, distance, min_angle);
+    let report = improver.improve(&CancelToken::never());
     let finished = improver.finish();
-    // Numbers as wanted; what improvement has put in comes after those.
-    let inserted = |n: u32| n - stay.len() as u32 + wanted.targets.len() as u32;
+    // Nodes keep their indices in the request; nodes that improvement has inserted come after
+    // those.
+    let inserted = |n: u32| n - kept_nodes.len() as u32 + request.targets.len() as u32;
     let kept = finished.old_ids.iter();
-    let kept = kept.map(|&n| stay.get(n as usize).copied().unwrap_or_else(|| inserted(n)));
+    let kept = kept.map(|&n| {
+        kept_nodes
+            .get(n as usize)
+            .copied()
+            .unwrap_or_else(|| inserted(n))
+    });
     Ok(ReshapeResult {
         request_nodes: kept.collect(),
         mesh: finished.mesh,
         kinds: finished.kinds,
         feature_faces: finished.feature_faces,
-        report: outcome,
+        report,
     })
 }
 
-/// The part's outer edges but for those in the sides of the box, with the part on their left.
+/// Returns the outline of the part, except for edges in the sides of the box. The part is on the
+/// left of each edge.
 fn outer_edges(part: &TriMesh, extent: [f64; 2]) -> Result<Vec<[u32; 2]>> {
-    let around = adjacency(part)?;
+    let neighbors = adjacency(part)?;
     let mut rim = Vec::new();
-    for (triangle, around) in part.triangles.iter().zip(&around) {
-        for k in (0..3).filter(|&k| around[k] == NONE) {
+    for (triangle, adjacent) in part.triangles.iter().zip(&neighbors) {
+        for k in (0..3).filter(|&k| adjacent[k] == NONE) {
             let edge = SIDES[k].map(|i| triangle[i]);
             let [x, y] = edge.map(|n| part.nodes[n as usize]);
             let in_side = |k: usize| x[k] == y[k] && (x[k] == 0.0 || x[k] == extent[k]);
@@ -101,28 +114,29 @@ fn outer_edges(part: &TriMesh, extent: [f64; 2]) -> Result<Vec<[u32; 2]>> {
     Ok(rim)
 }
 
-/// A node that lies on an edge of the rim, so that the edge is none of the triangles': of all nodes
-/// but its ends, the one nearest to it.
+/// Returns a node that lies on an edge of the outline, so that no triangle has this edge: the node
+/// nearest to the edge, except for its ends. Returns `None` if the triangles have all edges of the
+/// outline.
 fn find_node_on_rim(mesh: &TriMesh, rim: &[[u32; 2]]) -> Option<usize> {
     let sides = |t: &[u32; 3]| SIDES.map(|side| side.map(|i| t[i]));
     let mut edges: Vec<[u32; 2]> = mesh.triangles.iter().flat_map(sides).collect();
     edges.sort_unstable();
-    let lost = |edge: &&[u32; 2]| edges.binary_search(edge).is_err();
-    let &[a, b] = rim.iter().find(lost)?;
+    let is_lost = |edge: &&[u32; 2]| edges.binary_search(edge).is_err();
+    let &[a, b] = rim.iter().find(is_lost)?;
     let [p, q] = [a, b].map(|n| mesh.nodes[n as usize]);
     let along = [q[0] - p[0], q[1] - p[1]];
-    let off = |n: &usize| {
+    let distance = |n: &usize| {
         let [x, y] = mesh.nodes[*n];
         let dot = (x - p[0]) * along[0] + (y - p[1]) * along[1];
-        let share = (dot / (along[0].powi(2) + along[1].powi(2))).clamp(0.0, 1.0);
-        (x - p[0] - share * along[0]).hypot(y - p[1] - share * along[1])
+        let fraction = (dot / (along[0].powi(2) + along[1].powi(2))).clamp(0.0, 1.0);
+        (x - p[0] - fraction * along[0]).hypot(y - p[1] - fraction * along[1])
     };
     let others = (0..mesh.nodes.len()).filter(|&n| n != a as usize && n != b as usize);
-    others.min_by(|m, n| off(m).total_cmp(&off(n)))
+    others.min_by(|m, n| distance(m).total_cmp(&distance(n)))
 }
 
-/// The triangles on the left of the rim's edges, and all that can be reached from there without
-/// crossing it; all if there is no rim.
+/// Keeps the triangles on the left of the outline, and all that can be reached from these without
+/// crossing it. Keeps all triangles if there is no outline.
 fn keep_inside_rim(mesh: TriMesh, rim: &[[u32; 2]]) -> Result<TriMesh> {
     if rim.is_empty() {
         return Ok(mesh);
@@ -130,7 +144,7 @@ fn keep_inside_rim(mesh: TriMesh, rim: &[[u32; 2]]) -> Result<TriMesh> {
     let mut sorted = rim.to_vec();
     sorted.sort_unstable();
     let is_rim = |edge: [u32; 2]| sorted.binary_search(&edge).is_ok();
-    let around = adjacency(&mesh)?;
+    let neighbors = adjacency(&mesh)?;
     let edge = |t: usize, k: usize| SIDES[k].map(|i| mesh.triangles[t][i]);
     let mut inside: Vec<bool> = (0..mesh.triangles.len())
         .map(|t| (0..3).any(|k| is_rim(edge(t, k))))
@@ -138,8 +152,8 @@ fn keep_inside_rim(mesh: TriMesh, rim: &[[u32; 2]]) -> Result<TriMesh> {
     let mut queue: Vec<usize> = (0..inside.len()).filter(|&t| inside[t]).collect();
     while let Some(t) = queue.pop() {
         for k in (0..3).filter(|&k| !is_rim(edge(t, k))) {
-            let next = around[t][k] as usize;
-            if around[t][k] != NONE && !inside[next] {
+            let next = neighbors[t][k] as usize;
+            if neighbors[t][k] != NONE && !inside[next] {
                 inside[next] = true;
                 queue.push(next);
             }
@@ -163,18 +177,18 @@ mod tests {
 
     #[test]
     fn an_l_shaped_part_keeps_its_outline() {
-        // A grid of unit squares, of which an L is the part: its hull is larger than it is.
+        // A grid of unit squares. The part is an L, and its convex hull is larger than the part.
         let nodes: Vec<[f64; 2]> = (0..49)
             .map(|i| [f64::from(i % 7), f64::from(i / 7)])
             .collect();
         let extent = [6.0; 2];
-        let whole = delaunay_plane(&nodes).unwrap();
+        let full = delaunay_plane(&nodes).unwrap();
         let in_part = |t: &[u32; 3]| {
             let middle = |k: usize| t.iter().map(|&n| nodes[n as usize][k]).sum::<f64>() / 3.0;
             let (x, y) = (middle(0), middle(1));
             x > 1.0 && y < 5.0 && !(x > 4.0 && y > 2.0)
         };
-        let cells: Vec<[u32; 3]> = whole.triangles.iter().copied().filter(in_part).collect();
+        let cells: Vec<[u32; 3]> = full.triangles.iter().copied().filter(in_part).collect();
         let mut numbers: Vec<u32> = cells.as_flattened().to_vec();
         numbers.sort_unstable();
         numbers.dedup();
@@ -184,60 +198,60 @@ mod tests {
             triangles: cells.iter().map(|t| t.map(local)).collect(),
         };
         let before = outer_edges(&part, extent).unwrap();
-        let [gone, moved] =
+        let [removed, moved] =
             [[2.0, 2.0], [3.0, 3.0]].map(|x| part.nodes.iter().position(|&y| y == x).unwrap());
-        let mut wanted = ReshapeRequest {
+        let mut request = ReshapeRequest {
             targets: part.nodes.clone(),
             kinds: vec![AtomKind::Fixed; part.nodes.len()],
             is_removed: vec![false; part.nodes.len() + 1],
         };
-        wanted.is_removed[gone] = true;
-        wanted.targets[moved] = [3.2, 3.1];
-        wanted.targets.push([2.4, 2.3]);
-        wanted.kinds.push(AtomKind::Fixed);
-        let sheets = FeaturePlanes::new(&[], [6.0, 6.0, 0.0], 2.0, 2.0);
+        request.is_removed[removed] = true;
+        request.targets[moved] = [3.2, 3.1];
+        request.targets.push([2.4, 2.3]);
+        request.kinds.push(AtomKind::Fixed);
+        let planes = FeaturePlanes::new(&[], [6.0, 6.0, 0.0], 2.0, 2.0);
         let distance = Distance::Constant(1.0);
-        let done = reshape(&part, &wanted, extent, &sheets, &distance, 20.0).unwrap();
-        let mut after: Vec<[u32; 2]> = outer_edges(&done.mesh, extent)
+        let result = reshape(&part, &request, extent, &planes, &distance, 20.0).unwrap();
+        let mut after: Vec<[u32; 2]> = outer_edges(&result.mesh, extent)
             .unwrap()
             .into_iter()
-            .map(|edge| edge.map(|n| done.request_nodes[n as usize]))
+            .map(|edge| edge.map(|n| result.request_nodes[n as usize]))
             .collect();
         let mut before = before;
         before.sort_unstable();
         after.sort_unstable();
         assert_eq!(before, after);
-        assert!(!done.request_nodes.contains(&(gone as u32)));
-        for (x, &n) in done.mesh.nodes.iter().zip(&done.request_nodes) {
-            if let Some(target) = wanted.targets.get(n as usize) {
+        assert!(!result.request_nodes.contains(&(removed as u32)));
+        for (x, &n) in result.mesh.nodes.iter().zip(&result.request_nodes) {
+            if let Some(target) = request.targets.get(n as usize) {
                 assert_eq!(x, target);
             }
         }
-        let refusal = |part: &TriMesh, wanted: &ReshapeRequest<2>| {
-            reshape(part, wanted, extent, &sheets, &distance, 20.0).unwrap_err()
+        let error_of = |part: &TriMesh, request: &ReshapeRequest<2>| {
+            reshape(part, request, extent, &planes, &distance, 20.0).unwrap_err()
         };
-        // A node beyond the outline cannot be, nor one on it.
+        // A node cannot be outside of the outline, nor on it.
         for x in [[5.0, 4.0], [4.0, 3.5]] {
-            wanted.targets[moved] = x;
-            let refusal = refusal(&part, &wanted);
+            request.targets[moved] = x;
+            let error = error_of(&part, &request);
             assert!(
-                matches!(refusal, ReshapeError::Node(n) if n as usize == moved),
-                "{refusal:?}"
+                matches!(error, ReshapeError::Node(n) if n as usize == moved),
+                "{error:?}"
             );
         }
-        // What no node is to blame for is told.
-        wanted.targets[moved] = [f64::NAN, 3.0];
-        let ReshapeError::Mesh(error) = refusal(&part, &wanted) else {
+        // An error that no single node causes is returned as such.
+        request.targets[moved] = [f64::NAN, 3.0];
+        let ReshapeError::Mesh(error) = error_of(&part, &request) else {
             panic!("a node was blamed");
         };
         assert!(
             error.to_string().contains("too large to compute"),
             "{error}"
         );
-        wanted.targets[moved] = [3.2, 3.1];
+        request.targets[moved] = [3.2, 3.1];
         let mut twice = part.clone();
         twice.triangles.push(part.triangles[0]);
-        let ReshapeError::Mesh(error) = refusal(&twice, &wanted) else {
+        let ReshapeError::Mesh(error) = error_of(&twice, &request) else {
             panic!("a node was blamed");
         };
         assert!(error.to_string().contains("overlap"), "{error}");

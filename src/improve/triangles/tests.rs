@@ -10,7 +10,7 @@ use proptest::prelude::*;
 const EXTENT: [f64; 2] = [90.0, 80.0];
 const SPACING: f64 = 6.0;
 
-/// Points on a circle and on a straight line, as detection would give them.
+/// Returns points on a circle and on a straight line, as detection would return them.
 fn circle_and_line() -> Vec<FeaturePoint<3>> {
     let circle = (0..190).map(|i| {
         let (sin, cos) = (f64::from(i) / 190.0 * std::f64::consts::TAU).sin_cos();
@@ -32,38 +32,38 @@ fn distance_to_features([x, y]: [f64; 2]) -> f64 {
 
 #[test]
 fn edges_lie_on_the_curves_and_all_angles_are_large() {
-    let sheets = FeaturePlanes::new(&circle_and_line(), to_3d(EXTENT), 4.8, 1.7 * SPACING);
+    let planes = FeaturePlanes::new(&circle_and_line(), to_3d(EXTENT), 4.8, 1.7 * SPACING);
     let distance = Distance::Constant(SPACING);
     let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::OnFeatures).unwrap();
     let moved = snap_to_features(
         &mut atoms.positions,
         &atoms.kinds,
         EXTENT,
-        &sheets,
+        &planes,
         0.35 * SPACING,
     );
     assert!(moved > 20);
     let mut mesh = delaunay_plane(&atoms.positions).unwrap();
     let mut kinds = atoms.kinds;
-    let (outcome, on) = improve(
+    let (report, marks) = improve(
         &mut mesh,
         &mut kinds,
         EXTENT,
-        &sheets,
+        &planes,
         &distance,
         30.0,
         &CancelToken::never(),
     )
     .unwrap();
-    let found = check(&mesh, [0.0; 2], EXTENT, 1e-12);
-    assert!(found.passed(), "{:?}", found.problems);
+    let checked = check(&mesh, [0.0; 2], EXTENT, 1e-12);
+    assert!(checked.passed(), "{:?}", checked.problems);
     assert_eq!(kinds.len(), mesh.nodes.len());
-    assert_eq!(outcome.counts.intersecting_left, 0, "{:?}", outcome.counts);
+    assert_eq!(report.counts.intersecting_left, 0, "{:?}", report.counts);
 
-    // The marked edges are on the curves, and long enough to be all of them.
+    // The marked edges lie on the curves and cover their whole length.
     let mut length = 0.0;
     let mut smallest = f64::INFINITY;
-    for (t, bits) in on.iter().enumerate() {
+    for (t, bits) in marks.iter().enumerate() {
         smallest = angles(&mesh.corners(t))
             .into_iter()
             .fold(smallest, f64::min);
@@ -75,50 +75,53 @@ fn edges_lie_on_the_curves_and_all_angles_are_large() {
                 "{p:?} {q:?}"
             );
             assert!(distance_to_features(middle) < 0.75);
-            // Both sides of an edge tell.
+            // Each edge is marked from both of its triangles.
             length += 0.5 * (p[0] - q[0]).hypot(p[1] - q[1]);
         }
     }
-    let whole = 20.0 * std::f64::consts::TAU + 80.0;
-    assert!((length / whole - 1.0).abs() < 0.03, "{length} of {whole}");
+    let total_length = 20.0 * std::f64::consts::TAU + 80.0;
+    assert!(
+        (length / total_length - 1.0).abs() < 0.03,
+        "{length} of {total_length}"
+    );
     assert!(smallest > 29.0, "{smallest}");
-    // Nodes on a side of the box are of that kind.
+    // Nodes have the kind of the sides of the box on which they lie.
     for (x, kind) in mesh.nodes.iter().zip(&kinds) {
         let sides = (0..2).filter(|&k| x[k] == 0.0 || x[k] == EXTENT[k]).count();
-        let want = [AtomKind::Interior, AtomKind::Edge, AtomKind::Corner][sides];
-        assert_eq!(*kind, want, "{x:?}");
+        let expected = [AtomKind::Interior, AtomKind::Edge, AtomKind::Corner][sides];
+        assert_eq!(*kind, expected, "{x:?}");
     }
 }
 
 #[test]
 fn without_features_a_regular_lattice_is_left_alone() {
-    let sheets = FeaturePlanes::new(&[], to_3d(EXTENT), 4.8, 1.7 * SPACING);
+    let planes = FeaturePlanes::new(&[], to_3d(EXTENT), 4.8, 1.7 * SPACING);
     let distance = Distance::Constant(SPACING);
     let atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::OnFeatures).unwrap();
     let before = delaunay_plane(&atoms.positions).unwrap();
     let (mut mesh, mut kinds) = (before.clone(), atoms.kinds.clone());
-    let (outcome, on) = improve(
+    let (report, marks) = improve(
         &mut mesh,
         &mut kinds,
         EXTENT,
-        &sheets,
+        &planes,
         &distance,
         25.0,
         &CancelToken::never(),
     )
     .unwrap();
     assert_eq!(
-        (outcome.below_target_before, outcome.below_target_after),
+        (report.below_target_before, report.below_target_after),
         (0, 0)
     );
-    assert!(on.iter().all(|bits| *bits == 0));
+    assert!(marks.iter().all(|bits| *bits == 0));
     assert_eq!(mesh.nodes, before.nodes);
     assert_eq!(kinds, atoms.kinds);
 }
 
 #[test]
 fn triangles_that_overlap_are_refused_and_left_as_they_are() {
-    let sheets = FeaturePlanes::new(&[], to_3d(EXTENT), 4.8, 1.7 * SPACING);
+    let planes = FeaturePlanes::new(&[], to_3d(EXTENT), 4.8, 1.7 * SPACING);
     let distance = Distance::Constant(SPACING);
     let before = TriMesh {
         nodes: vec![
@@ -131,11 +134,11 @@ fn triangles_that_overlap_are_refused_and_left_as_they_are() {
         triangles: vec![[0, 1, 2], [0, 2, 3], [0, 2, 4]],
     };
     let (mut mesh, mut kinds) = (before.clone(), vec![AtomKind::Corner; 5]);
-    let patience = &CancelToken::never();
-    let refused = improve(
-        &mut mesh, &mut kinds, EXTENT, &sheets, &distance, 30.0, patience,
+    let cancel = &CancelToken::never();
+    let result = improve(
+        &mut mesh, &mut kinds, EXTENT, &planes, &distance, 30.0, cancel,
     );
-    let error = refused.unwrap_err().to_string();
+    let error = result.unwrap_err().to_string();
     assert!(
         error.contains("edge [0, 2]: belongs to more than two"),
         "{error}"
@@ -144,17 +147,20 @@ fn triangles_that_overlap_are_refused_and_left_as_they_are() {
 }
 
 #[test]
-fn corners_of_the_box_stay_where_other_nodes_are_held_as_much() {
-    // The corners hold each other's coordinates, and a fixed node those of all: no angle can be as
-    // large as asked for, and the shortest edges are those between such nodes.
-    let boxed = [[0.0, 0.0], [4.0, 0.0], [0.0, 4.0], [4.0, 4.0]];
+fn corners_of_the_box_stay_where_other_nodes_have_the_same_constraints() {
+    // All coordinates of the corners are fixed, and so are those of a fixed node. No angle can
+    // reach the target, and the shortest edges are those between such nodes.
+    let corners = [[0.0, 0.0], [4.0, 0.0], [0.0, 4.0], [4.0, 4.0]];
     let inside = [[2.0, 0.0], [1.0, 2.0], [3.0, 2.0], [2.0, 4.0]];
-    let sheets = FeaturePlanes::new(&[], [4.0, 4.0, 0.0], 4.8, 3.4);
+    let planes = FeaturePlanes::new(&[], [4.0, 4.0, 0.0], 4.8, 3.4);
     for (fixed, min_angle) in [(None, 60.0), (Some([4.0, 0.3]), 30.0)] {
-        let nodes = [&boxed[..], &inside, fixed.as_slice()].concat();
-        let kind = |x: &[f64; 2]| match fixed == Some(*x) {
-            true => AtomKind::Fixed,
-            false => seeding::kind_at(*x, [4.0; 2]),
+        let nodes = [&corners[..], &inside, fixed.as_slice()].concat();
+        let kind = |x: &[f64; 2]| {
+            if fixed == Some(*x) {
+                AtomKind::Fixed
+            } else {
+                seeding::kind_at(*x, [4.0; 2])
+            }
         };
         let mut kinds: Vec<AtomKind> = nodes.iter().map(kind).collect();
         let mut mesh = delaunay_plane(&nodes).unwrap();
@@ -162,15 +168,15 @@ fn corners_of_the_box_stay_where_other_nodes_are_held_as_much() {
             &mut mesh,
             &mut kinds,
             [4.0; 2],
-            &sheets,
+            &planes,
             &Distance::Constant(2.0),
             min_angle,
             &CancelToken::never(),
         )
         .unwrap();
-        let found = check(&mesh, [0.0; 2], [4.0; 2], 1e-12);
-        assert!(found.passed(), "{fixed:?}: {:?}", found.problems);
-        for corner in boxed {
+        let checked = check(&mesh, [0.0; 2], [4.0; 2], 1e-12);
+        assert!(checked.passed(), "{fixed:?}: {:?}", checked.problems);
+        for corner in corners {
             assert!(mesh.nodes.contains(&corner), "{fixed:?}: {corner:?}");
         }
     }
@@ -179,10 +185,10 @@ fn corners_of_the_box_stay_where_other_nodes_are_held_as_much() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..Default::default() })]
     #[test]
-    fn whatever_is_changed_the_mesh_stays_valid(
+    fn the_mesh_stays_valid_whatever_changes(
         jitter in proptest::collection::vec(proptest::array::uniform2(-2.9f64..2.9), 400),
     ) {
-        let sheets = FeaturePlanes::new(&circle_and_line(), to_3d(EXTENT), 4.8, 1.7 * SPACING);
+        let planes = FeaturePlanes::new(&circle_and_line(), to_3d(EXTENT), 4.8, 1.7 * SPACING);
         let distance = Distance::Constant(SPACING);
         let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::OnFeatures).unwrap();
         for (i, (x, kind)) in atoms.positions.iter_mut().zip(&atoms.kinds).enumerate() {
@@ -199,10 +205,12 @@ proptest! {
         };
         let before = worst(&mesh);
         let mut kinds = atoms.kinds;
-        let (outcome, _) = improve(&mut mesh, &mut kinds, EXTENT, &sheets, &distance, 30.0, &CancelToken::never()).unwrap();
-        let found = check(&mesh, [0.0; 2], EXTENT, 1e-9);
-        prop_assert!(found.passed(), "{:?}", found.problems);
-        prop_assert!(outcome.below_target_after < outcome.below_target_before);
+        let cancel = &CancelToken::never();
+        let improved = improve(&mut mesh, &mut kinds, EXTENT, &planes, &distance, 30.0, cancel);
+        let (report, _) = improved.unwrap();
+        let checked = check(&mesh, [0.0; 2], EXTENT, 1e-9);
+        prop_assert!(checked.passed(), "{:?}", checked.problems);
+        prop_assert!(report.below_target_after < report.below_target_before);
         prop_assert!(worst(&mesh) >= before.min(3.0));
     }
 }

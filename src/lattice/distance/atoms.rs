@@ -1,4 +1,4 @@
-//! d(x) as a set of atoms has it.
+//! Nominal distance d(x) from the spacing of given atoms.
 
 use super::{Distance, limit_gradient, lower_cell_corners};
 use crate::geometry::counting_sort::sort_by_group;
@@ -6,19 +6,20 @@ use crate::geometry::distance2;
 use crate::image::ScalarField;
 use crate::progress::CancelToken;
 
-/// Samples of d are about this far apart, in units of the mean distance between atoms.
+/// Step of the grid of d, in units of the mean distance between atoms.
 const SAMPLE_SPACING_RATIO: f64 = 0.5;
 
-/// d(x) of atoms in the box `[0, extent]`: at every atom its distance from its nearest neighbour,
-/// growing away from it by `growth` per lattice unit, up to half the box's shortest side.
+/// Returns d(x) of atoms in the box `[0, extent]`: at every atom the distance of its nearest
+/// neighbour, growing away from it by `growth` per lattice unit, up to half the box's shortest
+/// side.
 pub fn from_atoms<const D: usize>(
     positions: &[[f64; D]],
     extent: [f64; D],
     growth: f64,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Distance<D> {
     let nearest = nearest_neighbours(positions, extent);
-    let most = extent.iter().fold(f64::INFINITY, |a, &e| a.min(e)) / 2.0;
+    let max = extent.iter().fold(f64::INFINITY, |a, &e| a.min(e)) / 2.0;
     let volume: f64 = extent.iter().product();
     let spacing =
         SAMPLE_SPACING_RATIO * (volume / positions.len().max(1) as f64).powf(1.0 / D as f64);
@@ -28,16 +29,17 @@ pub fn from_atoms<const D: usize>(
     let mut field = ScalarField {
         dims,
         step,
-        samples: vec![most as f32; dims.iter().product()],
+        samples: vec![max as f32; dims.iter().product()],
     };
     for (&x, &d) in positions.iter().zip(&nearest) {
         lower_cell_corners(&mut field, x, d as f32);
     }
-    limit_gradient(&mut field, growth, patience);
+    limit_gradient(&mut field, growth, cancel);
     Distance::Field(field)
 }
 
-/// The distance of each of at least two points from its nearest neighbour.
+/// Returns the distance of each point from its nearest neighbour. There must be at least two
+/// points.
 pub fn nearest_neighbours<const D: usize>(positions: &[[f64; D]], extent: [f64; D]) -> Vec<f64> {
     let volume: f64 = extent.iter().product();
     let edge = (volume / positions.len().max(1) as f64).powf(1.0 / D as f64);
@@ -45,15 +47,15 @@ pub fn nearest_neighbours<const D: usize>(positions: &[[f64; D]], extent: [f64; 
     let cell = |x: &[f64; D]| -> [usize; D] {
         std::array::from_fn(|k| ((x[k] / edge).max(0.0) as usize).min(dims[k] - 1))
     };
-    let index = |at: [usize; D]| (0..D).rev().fold(0, |i, k| i * dims[k] + at[k]);
+    let index = |cell: [usize; D]| (0..D).rev().fold(0, |i, k| i * dims[k] + cell[k]);
     let cells = positions.iter().map(|x| index(cell(x)));
     let (start, order) = sort_by_group(dims.iter().product(), cells);
-    let widest = dims.iter().fold(0, |a, &b| a.max(b));
+    let max_cells = dims.iter().fold(0, |a, &b| a.max(b));
     let nearest = |n: usize| {
-        let (x, at) = (&positions[n], cell(&positions[n]));
+        let (x, home) = (&positions[n], cell(&positions[n]));
         let mut best = f64::INFINITY;
-        for ring in 0..=widest {
-            // All that is not seen yet lies beyond the last ring.
+        for ring in 0..=max_cells {
+            // All points that have not been seen yet lie beyond the last ring of cells.
             if ring > 0 && best <= ((ring - 1) as f64 * edge).powi(2) {
                 break;
             }
@@ -65,14 +67,15 @@ pub fn nearest_neighbours<const D: usize>(positions: &[[f64; D]], extent: [f64; 
                     rest /= span;
                     o
                 });
-                let outermost = offset.iter().any(|&o| o == 0 || o == span - 1);
-                let inside = (0..D).all(|k| (ring..ring + dims[k]).contains(&(at[k] + offset[k])));
-                if !outermost || !inside {
+                let is_outermost = offset.iter().any(|&o| o == 0 || o == span - 1);
+                let is_inside =
+                    (0..D).all(|k| (ring..ring + dims[k]).contains(&(home[k] + offset[k])));
+                if !is_outermost || !is_inside {
                     continue;
                 }
-                let c = index(std::array::from_fn(|k| at[k] + offset[k] - ring));
-                let others = &order[start[c] as usize..start[c + 1] as usize];
-                for &m in others.iter().filter(|&&m| m as usize != n) {
+                let c = index(std::array::from_fn(|k| home[k] + offset[k] - ring));
+                let members = &order[start[c] as usize..start[c + 1] as usize];
+                for &m in members.iter().filter(|&&m| m as usize != n) {
                     best = best.min(distance2(&positions[m as usize], x));
                 }
             }
@@ -92,15 +95,15 @@ mod tests {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             f64::from(state >> 8) / f64::from(1 << 24)
         };
-        // Dense at one end, empty at the other.
+        // Points are dense at one end of the box and sparse at the other.
         (0..count)
             .map(|_| std::array::from_fn(|k| extent[k] * random().powi(2)))
             .collect()
     }
 
-    fn finds_what_a_search_of_all_finds<const D: usize>(extent: [f64; D]) {
+    fn check_against_brute_force<const D: usize>(extent: [f64; D]) {
         let positions = random_points(300, extent);
-        let all = |n: usize| {
+        let brute_force = |n: usize| {
             let squares = |m: usize| -> f64 {
                 (0..D)
                     .map(|k| (positions[m][k] - positions[n][k]).powi(2))
@@ -109,15 +112,15 @@ mod tests {
             let others = (0..positions.len()).filter(|&m| m != n);
             others.map(squares).fold(f64::INFINITY, f64::min).sqrt()
         };
-        for (n, got) in nearest_neighbours(&positions, extent).iter().enumerate() {
-            assert!((got - all(n)).abs() < 1e-12);
+        for (n, distance) in nearest_neighbours(&positions, extent).iter().enumerate() {
+            assert!((distance - brute_force(n)).abs() < 1e-12);
         }
     }
 
     #[test]
     fn nearest_neighbours_in_the_plane_and_in_space() {
-        finds_what_a_search_of_all_finds([40.0, 25.0]);
-        finds_what_a_search_of_all_finds([40.0, 25.0, 30.0]);
+        check_against_brute_force([40.0, 25.0]);
+        check_against_brute_force([40.0, 25.0, 30.0]);
     }
 
     #[test]
@@ -131,9 +134,9 @@ mod tests {
             let d = distance.value_at(x);
             assert!((4.0..4.9).contains(&d), "{d}");
         }
-        // Far from all atoms it is larger.
-        let few = [[0.0, 0.0], [4.0, 0.0], [60.0, 48.0], [60.0, 44.0]];
-        let distance = from_atoms(&few, extent, 0.3, &CancelToken::never());
+        // Far from all atoms d is larger.
+        let sparse = [[0.0, 0.0], [4.0, 0.0], [60.0, 48.0], [60.0, 44.0]];
+        let distance = from_atoms(&sparse, extent, 0.3, &CancelToken::never());
         assert!(distance.value_at([30.0, 24.0]) > 8.0);
         assert!((distance.value_at([0.0, 0.0]) - 4.0).abs() < 1e-6);
     }

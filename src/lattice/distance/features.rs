@@ -1,4 +1,4 @@
-//! d(x) that grows away from the features of an image.
+//! Nominal distance d(x) that grows away from the features of an image.
 
 use super::{Distance, DistanceLayers, DistributedDistance, limit_gradient};
 use crate::comm::{Comm, SelfComm};
@@ -7,135 +7,143 @@ use crate::feature::Features;
 use crate::image::ScalarField;
 use crate::progress::CancelToken;
 
-/// Between what, and how fast, a distance varies.
+/// Bounds of a distance and of its gradient.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DistanceLimits {
-    /// The least distance.
+    /// Smallest distance, in lattice units.
     pub min: f64,
-    /// The largest.
+    /// Largest distance, in lattice units.
     pub max: f64,
-    /// The bound on |grad d|.
+    /// Bound on |grad d|.
     pub growth: f64,
 }
 
-/// d(x) = `min` at every feature point, growing away from it by `growth` per lattice unit, up to
-/// `max`.
+/// Returns d(x) = `min` at every feature point, growing away from it by `growth` per lattice unit,
+/// up to `max`.
 ///
 /// Hale (2002) sets d = c / sqrt|laplacian of b| with c such that d = 4 sigma = `min` in the
-/// valleys of b; between the valleys the laplacian vanishes and d would be infinite, so there the
+/// valleys of b. Between the valleys the Laplacian vanishes and d would be infinite, so there the
 /// bound on the gradient alone decides. Setting `min` at the features and letting d grow as fast as
-/// it may is that definition, without its accidents where the laplacian changes sign.
+/// allowed gives the same result without the artefacts where the Laplacian changes sign.
 ///
-/// d is stored on a grid of spacing about `min / 2` that spans the image's box; all corners of a
-/// cell with a feature point in it hold `min`, so d is exactly `min` at the feature points.
+/// d is stored on a grid of spacing about `min / 2` that spans the image's box. All corners of a
+/// cell with a feature point in it have the value `min`, so d is exactly `min` at the feature
+/// points.
 ///
 /// # Errors
-/// [`Error::Distance`] if `min` or `max` is not a positive number, `min > max`, or `growth` is not
-/// between 0 and 1.
+/// Returns [`Error::Distance`] if `min` or `max` is not a positive number, `min > max`, or `growth`
+/// is not in (0, 1].
 pub fn from_features<const D: usize>(
     features: &Features<D>,
     limits: DistanceLimits,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Result<Distance<D>> {
-    distributed_from_features(features, limits, patience, &SelfComm)?.into_global(&SelfComm)
+    distributed_from_features(features, limits, cancel, &SelfComm)?.into_global(&SelfComm)
 }
 
-/// The same; where the points are shared by a group, so is d.
+/// Computes d(x) as [`from_features`] does. If the points are distributed over ranks, so is d.
 ///
 /// # Errors
-/// As [`from_features`], and those of the others of the group.
+/// Returns an error as [`from_features`] does, or if another rank fails.
 pub(crate) fn distributed_from_features<const D: usize>(
     features: &Features<D>,
     limits: DistanceLimits,
-    patience: &CancelToken<'_>,
-    group: &dyn Comm,
+    cancel: &CancelToken<'_>,
+    comm: &dyn Comm,
 ) -> Result<DistributedDistance<D>> {
-    from_points(features, limits, patience, group, |_| limits.min as f32)
+    from_points(features, limits, cancel, comm, |_| limits.min as f32)
 }
 
-/// d(x) as the gaps between features ask for ([`Features::spacing`]) at every feature point, from `min`
-/// to `max`, growing away from where it is small by `growth` per lattice unit. Where the points are shared by a group,
-/// so is d.
+/// Returns d(x) that follows the gaps between features: d is [`Features::spacing`] at every feature
+/// point, clipped to `min` to `max`, and grows away from where it is small by `growth` per lattice
+/// unit. If the points are distributed over ranks, so is d.
 ///
 /// # Errors
-/// As [`from_features`], and those of the others of the group.
+/// Returns an error as [`from_features`] does, or if another rank fails.
 pub(crate) fn distributed_from_gaps<const D: usize>(
     features: &Features<D>,
     limits: DistanceLimits,
-    patience: &CancelToken<'_>,
-    group: &dyn Comm,
+    cancel: &CancelToken<'_>,
+    comm: &dyn Comm,
 ) -> Result<DistributedDistance<D>> {
     let [min, max] = [limits.min, limits.max].map(|d| d as f32);
     let spacing = features.spacing.as_deref().unwrap_or(&[]);
-    let at = |i: usize| spacing.get(i).map_or(max, |d| d.clamp(min, max));
-    let mut fine = (0..features.points.len()).any(|i| at(i) < max);
+    let spacing_at = |i: usize| spacing.get(i).map_or(max, |d| d.clamp(min, max));
+    let mut has_fine_points = (0..features.points.len()).any(|i| spacing_at(i) < max);
     if features.global_counts.is_some() {
-        fine = group.all_gather("fine points", fine)?.contains(&true);
+        has_fine_points = comm
+            .all_gather("fine points", has_fine_points)?
+            .contains(&true);
     }
-    // Where no gap asks for less, one number says it all.
-    if !fine {
+    // If no gap needs a smaller distance, d is constant.
+    if !has_fine_points {
         limits.check()?;
         return Ok(DistributedDistance::Global(Distance::Constant(limits.max)));
     }
-    from_points(features, limits, patience, group, at)
+    from_points(features, limits, cancel, comm, spacing_at)
 }
 
-/// d(x) from d at each feature point.
+/// Returns d(x) from the value of d at each feature point.
 fn from_points<const D: usize>(
     features: &Features<D>,
     limits: DistanceLimits,
-    patience: &CancelToken<'_>,
-    group: &dyn Comm,
-    at_point: impl Fn(usize) -> f32,
+    cancel: &CancelToken<'_>,
+    comm: &dyn Comm,
+    d_at_point: impl Fn(usize) -> f32,
 ) -> Result<DistributedDistance<D>> {
     limits.check()?;
     let extent = features.potential.extent();
     let numbered = features.points.iter().enumerate();
-    let points = numbered.map(|(i, point)| (point.position, at_point(i)));
+    let points = numbered.map(|(i, point)| (point.position, d_at_point(i)));
     if features.global_counts.is_some() {
-        let some = DistanceLayers::from_points(extent, limits, points, patience, group)?;
-        return Ok(DistributedDistance::Layers(some));
+        let layers = DistanceLayers::from_points(extent, limits, points, cancel, comm)?;
+        return Ok(DistributedDistance::Layers(layers));
     }
     let mut field = coarse_field(extent, limits.min, limits.max);
     points.for_each(|(x, d)| lower_cell_corners(&mut field, x.map(f64::from), d));
-    limit_gradient(&mut field, limits.growth, patience);
+    limit_gradient(&mut field, limits.growth, cancel);
     Ok(DistributedDistance::Global(Distance::Field(field)))
 }
 
-/// Lowers d at each corner of the cell that a point is in to what it is at the point.
+/// Lowers d at each corner of the cell that contains a point to the value at the point.
 pub(crate) fn lower_cell_corners<const D: usize>(field: &mut ScalarField<D>, x: [f64; D], d: f32) {
     let dims = field.dims;
-    for_each_corner(x, dims, field.step, |at| {
-        let at = (0..D).rev().fold(0, |all, k| all * dims[k] + at[k]);
-        field.samples[at] = field.samples[at].min(d);
+    for_each_corner(x, dims, field.step, |corner| {
+        let index = (0..D).rev().fold(0, |all, k| all * dims[k] + corner[k]);
+        field.samples[index] = field.samples[index].min(d);
     });
 }
 
-/// Each corner of the cell of a grid that a point is in.
+/// Calls `visit` with the indices of each corner of the grid cell that contains a point.
 pub(super) fn for_each_corner<const D: usize>(
     x: [f64; D],
     dims: [usize; D],
     step: [f64; D],
-    mut each: impl FnMut([usize; D]),
+    mut visit: impl FnMut([usize; D]),
 ) {
-    // A cast cuts off what is below zero.
+    // The cast turns negative values to zero.
     let low: [usize; D] = std::array::from_fn(|k| ((x[k] / step[k]) as usize).min(dims[k] - 2));
     for corner in 0..1usize << D {
-        each(std::array::from_fn(|k| low[k] + (corner >> k & 1)));
+        visit(std::array::from_fn(|k| low[k] + (corner >> k & 1)));
     }
 }
 
-/// Samples along each axis, and the distance between them, of a grid of spacing at most `min / 2` that spans the box.
+/// Returns the count of samples along each axis and the steps of a grid of spacing at most `min /
+/// 2` that spans the box.
 pub(super) fn coarse_grid<const D: usize>(extent: [f64; D], min: f64) -> ([usize; D], [f64; D]) {
     let cells = extent.map(|e| (2.0 * e / min).ceil().max(1.0) as usize);
-    let step = std::array::from_fn(|k| match extent[k] > 0.0 {
-        true => extent[k] / cells[k] as f64,
-        false => 1.0,
+    let step = std::array::from_fn(|k| {
+        if extent[k] > 0.0 {
+            extent[k] / cells[k] as f64
+        } else {
+            1.0
+        }
     });
     (cells.map(|c| c + 1), step)
 }
 
-/// A field of `max` everywhere, on a grid of spacing at most `min / 2` that spans the box.
+/// Returns a field with the value `max` everywhere, on a grid of spacing at most `min / 2` that
+/// spans the box.
 pub(crate) fn coarse_field<const D: usize>(extent: [f64; D], min: f64, max: f64) -> ScalarField<D> {
     let (dims, step) = coarse_grid(extent, min);
     ScalarField {
@@ -146,7 +154,8 @@ pub(crate) fn coarse_field<const D: usize>(extent: [f64; D], min: f64, max: f64)
 }
 
 impl DistanceLimits {
-    /// Refuses limits that are not positive and in order, and a growth that is not in (0, 1].
+    /// Returns an error if the limits are not positive and in order, or if the growth is not in (0,
+    /// 1].
     pub(super) fn check(self) -> Result<()> {
         let Self { min, max, growth } = self;
         let fail = |problem: String, remedy: &str| {
@@ -231,13 +240,14 @@ mod tests {
         }
         for x in 0..64 {
             let p = [x as f64, 23.7, 11.1];
-            // The foot is up to a cell (two samples) wide on either side; interpolation rounds the kinks.
-            let away = (p[0] - 20.3f64).abs();
-            let (least, most) = (4.0 + 0.1 * (away - 2.05).max(0.0), 4.0 + 0.1 * away);
-            let got = d.value_at(p);
+            // The bottom is up to a cell (two samples) wide on either side; interpolation rounds
+            // the kinks.
+            let offset = (p[0] - 20.3f64).abs();
+            let (min, max) = (4.0 + 0.1 * (offset - 2.05).max(0.0), 4.0 + 0.1 * offset);
+            let value = d.value_at(p);
             assert!(
-                got >= least.min(7.0) - 5e-3 && got <= most.min(7.0) + 1e-4,
-                "{x} {got}"
+                value >= min.min(7.0) - 5e-3 && value <= max.min(7.0) + 1e-4,
+                "{x} {value}"
             );
             let (_, gradient) = d.value_and_gradient_at(p);
             assert!(gradient.iter().map(|g| g * g).sum::<f64>().sqrt() <= 0.1 * 1.001);

@@ -1,4 +1,4 @@
-//! Limits the growth of a field: |grad d| <= g, by fast sweeping.
+//! Limits the slope of a field, |grad d| <= g, by fast sweeping.
 
 use std::ops::Range;
 
@@ -10,79 +10,91 @@ use crate::geometry::simd::dispatch_simd;
 use crate::image::ScalarField;
 use crate::progress::CancelToken;
 
-/// Samples that are swept in one task, at least.
+/// Fewest samples per parallel task.
 const MIN_SAMPLES_PER_TASK: usize = 1 << 12;
 
-/// Lowers `field`, which is positive, to the largest function below it whose gradient is nowhere longer than `growth`
-/// (per lattice unit); never raises a sample, so every minimum is kept.
+/// Lowers `field`, which is positive, to the largest function below it whose gradient is nowhere
+/// longer than `growth` (per lattice unit). A sample is never raised, so every minimum is
+/// preserved.
 ///
-/// This is the viscosity solution of |grad d| = `growth` with the field as an obstacle from above,
-/// found by Gauss-Seidel sweeps in the 2^D diagonal orders with Godunov's upwind difference (Zhao,
-/// "A fast sweeping method for eikonal equations", 2005), until no sample falls any more: so it makes no
-/// difference in which order samples are looked at. First-order accurate in the grid step.
+/// The result is the viscosity solution of |grad d| = `growth` with the field as an obstacle from
+/// above. It is found by Gauss-Seidel sweeps in the 2^D diagonal orders with Godunov's upwind
+/// difference (Zhao, "A fast sweeping method for eikonal equations", 2005). Sweeps are repeated
+/// until no sample falls any more, so the order of samples does not change the result. The method
+/// is of first order in the grid step.
 ///
-/// Rows of which neither is beside the other are swept at the same time (Zhao, "Parallel implementations of the
-/// fast sweeping method", 2007).
+/// Rows that are not adjacent to each other are swept at the same time (Zhao, "Parallel
+/// implementations of the fast sweeping method", 2007).
 pub fn limit_gradient<const D: usize>(
     field: &mut ScalarField<D>,
     growth: f64,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) {
     let rows = row_count(field);
-    FastSweeping::new(field, 0..rows, growth).sweep_until_stable(patience);
+    FastSweeping::new(field, 0..rows, growth).sweep_until_stable(cancel);
 }
 
-/// The same of a field of which each of a group has its `layers` along the last axis; of the whole this has those from
-/// `first` on, its own and those of others beside them.
+/// Limits the slope of a field as [`limit_gradient`] does, where the field is distributed over
+/// ranks. Rank r owns the layers `rank_layers[r]` along the last axis. `field` holds the layers
+/// from `first` on: the owned ones and the adjacent layers of other ranks.
 ///
 /// # Errors
-/// Those of the others.
+/// Returns an error if another rank fails.
 pub(super) fn limit_gradient_in_layers<const D: usize>(
     field: &mut ScalarField<D>,
     first: usize,
-    layers: &[Range<usize>],
+    rank_layers: &[Range<usize>],
     growth: f64,
-    patience: &CancelToken<'_>,
-    group: &dyn Comm,
+    cancel: &CancelToken<'_>,
+    comm: &dyn Comm,
 ) -> Result<()> {
-    let all = row_count(field);
-    let (rank, samples) = (group.rank(), field.dims[..D - 1].iter().product::<usize>());
-    let of_layer = samples / field.dims[0].max(1);
-    let own = layers[rank].clone();
-    let held = match own.is_empty() {
-        true => 0..0,
-        false => (own.start - first) * of_layer..((own.end - first) * of_layer).min(all),
+    let all_rows = row_count(field);
+    let (rank, layer_len) = (comm.rank(), field.dims[..D - 1].iter().product::<usize>());
+    let rows_per_layer = layer_len / field.dims[0].max(1);
+    let owned = rank_layers[rank].clone();
+    let mutable_rows = if owned.is_empty() {
+        0..0
+    } else {
+        (owned.start - first) * rows_per_layer..((owned.end - first) * rows_per_layer).min(all_rows)
     };
-    let mut sweeps = FastSweeping::new(field, held, growth);
-    // The layers beside each one's own.
-    let beside = |of: usize| match layers[of].is_empty() {
-        true => [None; 2],
-        false => [layers[of].start.checked_sub(1), Some(layers[of].end)],
-    };
-    let mut first_time = true;
-    loop {
-        let changed = sweeps.sweep_until_stable(patience) || std::mem::take(&mut first_time);
-        let told = (0..layers.len()).map(|to| -> Vec<(usize, Vec<f32>)> {
-            let wanted = beside(to).into_iter().flatten();
-            let wanted = wanted.filter(|at| changed && to != rank && own.contains(at));
-            let layer = |at| sweeps.field.samples[(at - first) * samples..][..samples].to_vec();
-            wanted.map(|at| (at, layer(at))).collect()
-        });
-        let told: Vec<Vec<(usize, Vec<f32>)>> =
-            group.all_to_all("layers of distances", told.collect())?;
-        let mut lower = false;
-        for (at, layer) in told.into_iter().flatten() {
-            lower |= sweeps.lower_layer(at - first, &layer);
+    let mut sweeps = FastSweeping::new(field, mutable_rows, growth);
+    // The layers before and after the owned layers of a rank.
+    let ghost_layers = |rank: usize| {
+        if rank_layers[rank].is_empty() {
+            [None; 2]
+        } else {
+            [
+                rank_layers[rank].start.checked_sub(1),
+                Some(rank_layers[rank].end),
+            ]
         }
-        let all: Vec<(bool, bool)> =
-            group.all_gather("distances", (lower, patience.is_cancelled()))?;
-        if !all.iter().any(|(lower, _)| *lower) || all.iter().any(|(_, over)| *over) {
+    };
+    let mut is_first_round = true;
+    loop {
+        let changed = sweeps.sweep_until_stable(cancel) || std::mem::take(&mut is_first_round);
+        let sent = (0..rank_layers.len()).map(|other_rank| -> Vec<(usize, Vec<f32>)> {
+            let layers = ghost_layers(other_rank).into_iter().flatten();
+            let layers =
+                layers.filter(|index| changed && other_rank != rank && owned.contains(index));
+            let layer =
+                |index| sweeps.field.samples[(index - first) * layer_len..][..layer_len].to_vec();
+            layers.map(|index| (index, layer(index))).collect()
+        });
+        let received: Vec<Vec<(usize, Vec<f32>)>> =
+            comm.all_to_all("layers of distances", sent.collect())?;
+        let mut has_lowered = false;
+        for (index, layer) in received.into_iter().flatten() {
+            has_lowered |= sweeps.lower_layer(index - first, &layer);
+        }
+        let states: Vec<(bool, bool)> =
+            comm.all_gather("distances", (has_lowered, cancel.is_cancelled()))?;
+        if !states.iter().any(|(lower, _)| *lower) || states.iter().any(|(_, over)| *over) {
             return Ok(());
         }
     }
 }
 
-/// Rows along the first axis.
+/// Returns the count of rows along the first axis.
 fn row_count<const D: usize>(field: &ScalarField<D>) -> usize {
     field.dims[1..].iter().product()
 }
@@ -90,13 +102,14 @@ fn row_count<const D: usize>(field: &ScalarField<D>) -> usize {
 struct FastSweeping<'a, const D: usize> {
     field: &'a mut ScalarField<D>,
     growth: f64,
-    /// Rows along the first axis that may change at all ...
+    /// Rows along the first axis that may change at all.
     mutable_rows: Range<usize>,
-    /// ... and those that a sweep may change: those that the last one changed, or beside which one has changed since.
+    /// `true` for each row that a sweep may change: a row that the last sweep changed, or that has
+    /// an adjacent row that has changed since.
     active_rows: Vec<bool>,
 }
 
-/// A row after a sweep that has changed it.
+/// A row that a sweep has changed.
 struct LoweredRow {
     row: usize,
     samples: Vec<f32>,
@@ -114,68 +127,78 @@ impl<'a, const D: usize> FastSweeping<'a, D> {
         }
     }
 
-    /// Sweeps until nothing changes; whether anything has.
-    fn sweep_until_stable(&mut self, patience: &CancelToken<'_>) -> bool {
-        let mut any = false;
+    /// Sweeps until nothing changes. Returns `true` if any sample has changed.
+    fn sweep_until_stable(&mut self, cancel: &CancelToken<'_>) -> bool {
+        let mut has_changed = false;
         loop {
-            let sweeps = (0..1usize << D).map(|order| self.sweep(order, patience));
-            let changed = sweeps.fold(false, |all, one| all | one);
-            any |= changed;
-            if !changed || patience.is_cancelled() {
-                return any;
+            let sweeps = (0..1usize << D).map(|order| self.sweep(order, cancel));
+            let changed = sweeps.fold(false, |all, sweep| all | sweep);
+            has_changed |= changed;
+            if !changed || cancel.is_cancelled() {
+                return has_changed;
             }
         }
     }
 
-    /// Lowers the samples of a layer to those of another; whether any was higher.
-    fn lower_layer(&mut self, at: usize, layer: &[f32]) -> bool {
-        let (count, mut any) = (self.field.dims[0], false);
+    /// Lowers the samples of layer `index` to those of `layer` where these are lower. Returns
+    /// `true` if any sample has changed.
+    fn lower_layer(&mut self, index: usize, layer: &[f32]) -> bool {
+        let (count, mut has_lowered) = (self.field.dims[0], false);
         let rows = layer.len() / count;
-        for (row, lower) in (at * rows..).zip(layer.chunks_exact(count)) {
-            let own = &mut self.field.samples[row * count..][..count];
-            let lowered = own.iter_mut().zip(lower).fold(false, |any, (own, &lower)| {
-                let falls = lower < *own;
-                *own = own.min(lower);
-                any | falls
-            });
+        for (row, lower) in (index * rows..).zip(layer.chunks_exact(count)) {
+            let samples = &mut self.field.samples[row * count..][..count];
+            let lowered = samples
+                .iter_mut()
+                .zip(lower)
+                .fold(false, |any, (own, &lower)| {
+                    let is_lower = lower < *own;
+                    *own = own.min(lower);
+                    any | is_lower
+                });
             if lowered {
                 self.activate_adjacent(row);
-                any = true;
+                has_lowered = true;
             }
         }
-        any
+        has_lowered
     }
 
-    /// Rows beside one may be lower now.
+    /// Marks the rows adjacent to a changed row as active.
     fn activate_adjacent(&mut self, row: usize) {
         for row in self.adjacent_rows(row).into_iter().flatten().flatten() {
             self.active_rows[row] = self.mutable_rows.contains(&row);
         }
     }
 
-    /// One pass in the direction given by the bits of `order`; returns whether anything changed.
-    fn sweep(&mut self, order: usize, patience: &CancelToken<'_>) -> bool {
-        let across = |k: usize| self.field.dims.get(k).copied().unwrap_or(1);
-        let [wide, high] = [across(1), across(2)];
-        let turned = |k: usize, count: usize, i: usize| match order >> k & 1 {
+    /// Sweeps once in the direction given by the bits of `order`. Returns `true` if any sample has
+    /// changed.
+    fn sweep(&mut self, order: usize, cancel: &CancelToken<'_>) -> bool {
+        let len_along = |k: usize| self.field.dims.get(k).copied().unwrap_or(1);
+        let [row_columns, row_layers] = [len_along(1), len_along(2)];
+        let directed = |k: usize, count: usize, i: usize| match order >> k & 1 {
             0 => i,
             _ => count - 1 - i,
         };
         let mut changed = false;
-        for diagonal in 0..wide + high - 1 {
-            if patience.is_cancelled() {
+        for diagonal in 0..row_columns + row_layers - 1 {
+            if cancel.is_cancelled() {
                 break;
             }
-            let rows = (diagonal + 1).saturating_sub(wide)..high.min(diagonal + 1);
-            let row = |k| turned(2, high, k) * wide + turned(1, wide, diagonal - k);
-            let open: Vec<usize> = rows.map(row).filter(|&row| self.active_rows[row]).collect();
-            let least = (MIN_SAMPLES_PER_TASK / self.field.dims[0].max(1)).max(1);
-            let lowered: Vec<Option<LoweredRow>> = open
+            let rows = (diagonal + 1).saturating_sub(row_columns)..row_layers.min(diagonal + 1);
+            let row_at = |k| {
+                directed(2, row_layers, k) * row_columns + directed(1, row_columns, diagonal - k)
+            };
+            let active: Vec<usize> = rows
+                .map(row_at)
+                .filter(|&row| self.active_rows[row])
+                .collect();
+            let min_rows = (MIN_SAMPLES_PER_TASK / self.field.dims[0].max(1)).max(1);
+            let lowered: Vec<Option<LoweredRow>> = active
                 .par_iter()
-                .with_min_len(least)
+                .with_min_len(min_rows)
                 .map(|&row| self.lower_row(row, order & 1 == 1))
                 .collect();
-            open.iter().for_each(|&row| self.active_rows[row] = false);
+            active.iter().for_each(|&row| self.active_rows[row] = false);
             for LoweredRow { row, samples } in lowered.into_iter().flatten() {
                 changed = true;
                 self.field.samples[row * samples.len()..][..samples.len()]
@@ -187,110 +210,120 @@ impl<'a, const D: usize> FastSweeping<'a, D> {
         changed
     }
 
-    /// The rows before and after a row along the other axes, where there are any.
+    /// Returns the rows before and after a row along the other axes, where they exist.
     fn adjacent_rows(&self, row: usize) -> [[Option<usize>; 2]; 2] {
         let mut stride = 1;
         [1, 2].map(|k| {
             let count = self.field.dims.get(k).copied().unwrap_or(1);
-            let (at, s) = (row / stride % count, stride);
+            let (coordinate, s) = (row / stride % count, stride);
             stride *= count;
-            [(at > 0).then(|| row - s), (at + 1 < count).then(|| row + s)]
+            [
+                (coordinate > 0).then(|| row - s),
+                (coordinate + 1 < count).then(|| row + s),
+            ]
         })
     }
 
-    /// A row swept, if that changes it.
+    /// Sweeps a row. Returns its new samples if any has changed.
     fn lower_row(&self, row: usize, backward: bool) -> Option<LoweredRow> {
         let count = self.field.dims[0];
         let samples = |row: usize| &self.field.samples[row * count..][..count];
-        // Where there is none on a side, the row on the other, and on either, the row itself: none is lower than it.
-        let around = self.adjacent_rows(row).map(|[before, after]| {
+        // Where a row is missing on one side, the row on the other side takes its place, and where
+        // both are missing, the row itself: none of these is lower than the missing one would
+        // allow.
+        let adjacent = self.adjacent_rows(row).map(|[before, after]| {
             [before.or(after), after.or(before)].map(|other| samples(other.unwrap_or(row)))
         });
         let slope = SlopeLimit {
             inverse_step2: self.field.step.map(|h| 1.0 / (h * h)),
             slope2: self.growth * self.growth,
         };
-        let own = samples(row);
-        let low = |own: &[f32], i: usize, k: usize| match k {
-            0 => own[i.max(1) - 1].min(own[(i + 1).min(count - 1)]),
-            _ => around[k - 1][0][i].min(around[k - 1][1][i]),
+        let samples = samples(row);
+        let lower_neighbour = |samples: &[f32], i: usize, k: usize| match k {
+            0 => samples[i.max(1) - 1].min(samples[(i + 1).min(count - 1)]),
+            _ => adjacent[k - 1][0][i].min(adjacent[k - 1][1][i]),
         };
-        let ends = [0, count - 1].map(|i| slope.needs_lowering(own[i], |k| low(own, i, k)));
-        if !ends.contains(&true) && !slope.interior_needs_lowering(own, around) {
+        let ends = [0, count - 1]
+            .map(|i| slope.needs_lowering(samples[i], |k| lower_neighbour(samples, i, k)));
+        if !ends.contains(&true) && !slope.interior_needs_lowering(samples, adjacent) {
             return None;
         }
-        let mut own = own.to_vec();
+        let mut samples = samples.to_vec();
         let mut changed = false;
         for i in 0..count {
             let i = if backward { count - 1 - i } else { i };
-            if slope.needs_lowering(own[i], |k| low(&own, i, k)) {
-                let mut lows = std::array::from_fn(|k| (low(&own, i, k), slope.inverse_step2[k]));
-                let new = slope.solve_upwind(&mut lows);
-                changed |= new < own[i];
-                own[i] = new.min(own[i]);
+            if slope.needs_lowering(samples[i], |k| lower_neighbour(&samples, i, k)) {
+                let mut neighbours = std::array::from_fn(|k| {
+                    (lower_neighbour(&samples, i, k), slope.inverse_step2[k])
+                });
+                let new = slope.solve_upwind(&mut neighbours);
+                changed |= new < samples[i];
+                samples[i] = new.min(samples[i]);
             }
         }
-        changed.then_some(LoweredRow { row, samples: own })
+        changed.then_some(LoweredRow { row, samples })
     }
 }
 
-/// How steep a field may be.
+/// The bound on the slope of a field, with the steps of its grid.
 #[derive(Clone, Copy)]
 struct SlopeLimit<const D: usize> {
-    /// One over the squares of steps.
+    /// One over the square of the step along each axis.
     inverse_step2: [f64; D],
-    /// The square of the slope.
+    /// Square of the largest slope.
     slope2: f64,
 }
 
 impl<const D: usize> SlopeLimit<D> {
-    /// Whether a sample must fall, its lower neighbours along axes being these: whether what [`upwind`](Self::solve_upwind) gives
-    /// is rounded to less.
+    /// Returns `true` if a sample must fall, that is, if [`solve_upwind`](Self::solve_upwind) gives
+    /// a value that is rounded to less. `low(k)` is the lower neighbour along axis k.
     #[inline(always)]
     fn needs_lowering(self, sample: f32, low: impl Fn(usize) -> f32) -> bool {
-        // Of what is positive, the next smaller number has the bits of one less.
+        // The next smaller number than a positive one has its bits minus one.
         let next = f32::from_bits(sample.to_bits().wrapping_sub(1));
-        let less = 0.5 * (f64::from(sample) + f64::from(next));
-        let square = |k: usize| (less - f64::from(low(k))).max(0.0).powi(2) * self.inverse_step2[k];
+        let threshold = 0.5 * (f64::from(sample) + f64::from(next));
+        let square =
+            |k: usize| (threshold - f64::from(low(k))).max(0.0).powi(2) * self.inverse_step2[k];
         (0..D).map(square).sum::<f64>() > self.slope2
     }
 
-    /// Whether any sample of a row but the first and the last must fall; the rows on both sides are these.
-    fn interior_needs_lowering(self, own: &[f32], around: [[&[f32]; 2]; 2]) -> bool {
-        let Some(last) = own.len().checked_sub(2) else {
+    /// Returns `true` if any sample of a row, except the first and the last, must fall. `adjacent`
+    /// holds the rows on both sides.
+    fn interior_needs_lowering(self, samples: &[f32], adjacent: [[&[f32]; 2]; 2]) -> bool {
+        let Some(last) = samples.len().checked_sub(2) else {
             return false;
         };
-        let [[a, b], [c, d]] = around.map(|sides| sides.map(|row| &row[1..=last]));
-        let (before, after, own) = (&own[..last], &own[2..], &own[1..=last]);
+        let [[a, b], [c, d]] = adjacent.map(|sides| sides.map(|row| &row[1..=last]));
+        let (before, after, samples) = (&samples[..last], &samples[2..], &samples[1..=last]);
         dispatch_simd(
             #[inline(always)]
             || {
                 let mut any = false;
-                for i in 0..own.len() {
+                for i in 0..samples.len() {
                     let lows = [before[i].min(after[i]), a[i].min(b[i]), c[i].min(d[i])];
-                    any |= self.needs_lowering(own[i], |k| lows[k]);
+                    any |= self.needs_lowering(samples[i], |k| lows[k]);
                 }
                 any
             },
         )
     }
 
-    /// Solves sum_k (max(d - low_k, 0) / h_k)^2 = slope^2 for d. In twice the digits of what it is made of and gives, so
-    /// that lower neighbours never make it higher.
+    /// Solves sum_k (max(d - low_k, 0) / h_k)^2 = slope^2 for d. Computed in double precision, so
+    /// that lower neighbours never give a higher result.
     #[inline]
-    fn solve_upwind(self, lows: &mut [(f32, f64); D]) -> f32 {
+    fn solve_upwind(self, neighbours: &mut [(f32, f64); D]) -> f32 {
         for i in 1..D {
             for j in (1..=i).rev() {
-                if lows[j].0 < lows[j - 1].0 {
-                    lows.swap(j, j - 1);
+                if neighbours[j].0 < neighbours[j - 1].0 {
+                    neighbours.swap(j, j - 1);
                 }
             }
         }
-        // Measured from the lowest neighbour, so that the quadratic loses no digits.
-        let base = f64::from(lows[0].0);
+        // Values are relative to the lowest neighbour, so that the quadratic loses no digits.
+        let base = f64::from(neighbours[0].0);
         let (mut a, mut b, mut c) = (0.0f64, 0.0f64, -self.slope2);
         let mut d = 0.0;
-        for &(low, w) in lows.iter() {
+        for &(low, w) in neighbours.iter() {
             let u = f64::from(low) - base;
             if a > 0.0 && d <= u {
                 break;
@@ -315,9 +348,9 @@ mod tests {
             step,
             samples: vec![1e3; count],
         };
-        let at = dims.map(|n| n / 2);
-        field.samples[(at[2] * dims[1] + at[1]) * dims[0] + at[0]] = 3.0;
-        (field, std::array::from_fn(|k| at[k] as f64 * step[k]))
+        let centre = dims.map(|n| n / 2);
+        field.samples[(centre[2] * dims[1] + centre[1]) * dims[0] + centre[0]] = 3.0;
+        (field, std::array::from_fn(|k| centre[k] as f64 * step[k]))
     }
 
     #[test]
@@ -330,8 +363,8 @@ mod tests {
                 for x in 0..41 {
                     let p = [x as f64, y as f64 * 1.5, z as f64 * 2.0];
                     let r = (0..3).map(|k| (p[k] - apex[k]).powi(2)).sum::<f64>().sqrt();
-                    let got = f64::from(field.samples[(z * 31 + y) * 41 + x]);
-                    worst = worst.max((got - 3.0 - 0.1 * r).abs() / 0.1);
+                    let value = f64::from(field.samples[(z * 31 + y) * 41 + x]);
+                    worst = worst.max((value - 3.0 - 0.1 * r).abs() / 0.1);
                 }
             }
         }
@@ -339,7 +372,7 @@ mod tests {
         assert!(worst < 3.0, "{worst}");
     }
 
-    /// The same, one sample after the other and none passed over.
+    /// Limits the slope serially, one sample after the other, and skips no row.
     fn limit_naively(field: &mut ScalarField<3>, growth: f64) {
         let [nx, ny, nz] = field.dims;
         let slope = SlopeLimit {
@@ -352,40 +385,41 @@ mod tests {
             if order == 0 && !std::mem::take(&mut changed) && pass > 0 {
                 break;
             }
-            let turned = |k: usize, count: usize, i: usize| match order >> k & 1 {
+            let directed = |k: usize, count: usize, i: usize| match order >> k & 1 {
                 0 => i,
                 _ => count - 1 - i,
             };
-            for at in 0..nx * ny * nz {
-                let x = turned(0, nx, at % nx);
-                let y = turned(1, ny, at / nx % ny);
-                let z = turned(2, nz, at / nx / ny);
+            for n in 0..nx * ny * nz {
+                let x = directed(0, nx, n % nx);
+                let y = directed(1, ny, n / nx % ny);
+                let z = directed(2, nz, n / nx / ny);
                 let index = [x, y, z];
-                let at = (z * ny + y) * nx + x;
-                let mut lows = [0, 1, 2].map(|k| {
+                let sample = (z * ny + y) * nx + x;
+                let mut neighbours = [0, 1, 2].map(|k| {
                     let stride = [1, nx, nx * ny][k];
                     let below = match index[k] {
                         0 => f32::INFINITY,
-                        _ => field.samples[at - stride],
+                        _ => field.samples[sample - stride],
                     };
-                    let above = match index[k] + 1 == field.dims[k] {
-                        true => f32::INFINITY,
-                        false => field.samples[at + stride],
+                    let above = if index[k] + 1 == field.dims[k] {
+                        f32::INFINITY
+                    } else {
+                        field.samples[sample + stride]
                     };
                     (below.min(above), slope.inverse_step2[k])
                 });
-                let old = field.samples[at];
-                let new = slope.solve_upwind(&mut lows);
+                let old = field.samples[sample];
+                let new = slope.solve_upwind(&mut neighbours);
                 if new < old {
                     changed = true;
-                    field.samples[at] = new;
+                    field.samples[sample] = new;
                 }
             }
         }
     }
 
     #[test]
-    fn rows_swept_at_the_same_time_give_what_one_after_the_other_does() {
+    fn parallel_sweeps_equal_serial_ones() {
         for dims in [[23, 31, 17], [40, 1, 19], [5, 64, 1], [1, 30, 30]] {
             let count = dims.iter().product();
             let height = |i: usize| match i % 97 {
@@ -397,10 +431,10 @@ mod tests {
                 step: [1.0, 1.5, 0.75],
                 samples: (0..count).map(height).collect(),
             };
-            let mut plain = field.clone();
+            let mut expected = field.clone();
             limit_gradient(&mut field, 0.3, &CancelToken::never());
-            limit_naively(&mut plain, 0.3);
-            assert!(field == plain, "{dims:?}");
+            limit_naively(&mut expected, 0.3);
+            assert!(field == expected, "{dims:?}");
         }
     }
 
@@ -416,25 +450,25 @@ mod tests {
             samples: samples.clone(),
         };
         limit_gradient(&mut field, 0.25, &CancelToken::never());
-        let least = |s: &[f32]| s.iter().copied().fold(f32::INFINITY, f32::min);
-        assert_eq!(least(&samples), least(&field.samples));
+        let min = |s: &[f32]| s.iter().copied().fold(f32::INFINITY, f32::min);
+        assert_eq!(min(&samples), min(&field.samples));
         assert!(field.samples.iter().zip(&samples).all(|(a, b)| a <= b));
         let mut steepest = 0.0f32;
         for z in 0..17 {
             for y in 0..20 {
                 for x in 0..24 {
-                    let at = (z * 20 + y) * 24 + x;
-                    let here = field.samples[at];
+                    let index = (z * 20 + y) * 24 + x;
+                    let sample = field.samples[index];
                     let drop = |inside: bool, s: usize| {
                         if inside {
-                            (here - field.samples[at - s].min(here)).max(0.0)
+                            (sample - field.samples[index - s].min(sample)).max(0.0)
                         } else {
                             0.0
                         }
                     };
                     let rise = |inside: bool, s: usize| {
                         if inside {
-                            (here - field.samples[at + s].min(here)).max(0.0)
+                            (sample - field.samples[index + s].min(sample)).max(0.0)
                         } else {
                             0.0
                         }

@@ -1,10 +1,10 @@
 //! The nominal distance d(x) between neighbouring atoms near x, in lattice units.
 //!
-//! - `atoms`: d as a set of atoms has it
-//! - `grading`: |grad d| limited by fast sweeping, minima kept
-//! - `features`: d grows away from detected features
-//! - `share`: d of which each of a group has some layers, and is told what is near
-//! - `sources`: d from an image, from the Laplacian of b, as given
+//! - `atoms`: d from the spacing of given atoms
+//! - `grading`: limits |grad d| by fast sweeping and preserves minima
+//! - `features`: d that grows away from detected features
+//! - `partition`: d that is distributed over ranks in layers
+//! - `sources`: d from an image, from the Laplacian of b, or given as samples
 
 pub(crate) mod atoms;
 pub(crate) mod features;
@@ -37,12 +37,13 @@ pub enum Distance<const D: usize> {
     /// Samples over the lattice-space box, interpolated multilinearly, so that a value is never
     /// below the smallest or above the largest sample.
     Field(ScalarField<D>),
-    /// The same of which only some is known here.
+    /// Samples as for `Field`, of which only some bricks are local.
     Bricks(DistanceBricks<D>),
 }
 
 impl<const D: usize> Distance<D> {
-    /// d at a position in lattice space; outside the box, d at the nearest point of the box.
+    /// Returns d at a position in lattice space; outside the box, d at the nearest point of the
+    /// box.
     #[inline]
     pub fn value_at(&self, position: [f64; D]) -> f64 {
         match self {
@@ -54,8 +55,8 @@ impl<const D: usize> Distance<D> {
         }
     }
 
-    /// d and its gradient: the exact derivative of [`Distance::value_at`] inside each cell of the grid,
-    /// zero along axes where the position lies outside the box.
+    /// Returns d and its gradient. The gradient is the exact derivative of [`Distance::value_at`]
+    /// inside each cell of the grid, and zero along axes where the position lies outside the box.
     #[inline]
     pub fn value_and_gradient_at(&self, position: [f64; D]) -> (f64, [f64; D]) {
         match self {
@@ -68,12 +69,12 @@ impl<const D: usize> Distance<D> {
         }
     }
 
-    /// Whether it was asked for where it is not known here.
+    /// Returns `true` if d was requested at a position where it is not local.
     pub(crate) fn has_misses(&self) -> bool {
         matches!(self, Self::Bricks(bricks) if bricks.has_misses())
     }
 
-    /// The smallest d anywhere; NaN if any sample is NaN.
+    /// Returns the smallest d anywhere; NaN if any sample is NaN.
     pub fn min(&self) -> f64 {
         match self {
             Self::Constant(d) => *d,
@@ -82,7 +83,7 @@ impl<const D: usize> Distance<D> {
         }
     }
 
-    /// The largest d anywhere; NaN if any sample is NaN.
+    /// Returns the largest d anywhere; NaN if any sample is NaN.
     pub fn max(&self) -> f64 {
         match self {
             Self::Constant(d) => *d,
@@ -91,8 +92,8 @@ impl<const D: usize> Distance<D> {
         }
     }
 
-    /// A bound on |grad d|, from the largest difference between neighbouring samples along each axis: d is
-    /// interpolated linearly between them.
+    /// Returns a bound on |grad d|, from the largest difference between neighbouring samples along
+    /// each axis. The bound holds because d is interpolated linearly between samples.
     pub fn max_slope(&self) -> f64 {
         match self {
             Self::Constant(_) => 0.0,
@@ -101,12 +102,12 @@ impl<const D: usize> Distance<D> {
         }
     }
 
-    /// Checks d against the box `[0, extent]` that it has to fill with atoms.
+    /// Checks that a lattice of spacing d can fill the box `[0, extent]`.
     ///
     /// # Errors
-    /// [`Error::Distance`] if d is not a positive number, if it is larger than the box, if a side
-    /// of the box is shorter than two d, if a field does not span the box, or if it asks for more
-    /// atoms than can be numbered.
+    /// Returns [`Error::Distance`] if d is not a positive number, if it is larger than the box, if
+    /// a side of the box is shorter than two d, if a field does not span the box, or if d needs
+    /// more atoms than can be numbered.
     pub fn validate(&self, extent: [f64; D]) -> Result<()> {
         let fail = |problem: String, remedy: String| {
             Err(Error::Distance(cause("distance", problem, remedy)))
@@ -161,8 +162,9 @@ impl<const D: usize> Distance<D> {
         Ok(())
     }
 
-    /// About how many atoms so far apart the box `[0, extent]` holds, those on its sides included: the
-    /// densest lattice has sqrt(2) / d^3 in space, 2 / (sqrt(3) d^2) in the plane.
+    /// Estimates the count of atoms of spacing d in the box `[0, extent]`, with those on its sides:
+    /// the densest lattice has sqrt(2) / d^3 atoms per volume in space, and 2 / (sqrt(3) d^2) per
+    /// area in the plane.
     pub fn estimate_atom_count(&self, extent: [f64; D]) -> f64 {
         let per_volume = match self {
             Self::Constant(d) => d.powi(-(D as i32)),
@@ -174,21 +176,21 @@ impl<const D: usize> Distance<D> {
             }
             Self::Bricks(bricks) => bricks.summary.mean_density,
         };
-        let room: f64 = extent.iter().product();
+        let volume: f64 = extent.iter().product();
         let densest = if D == 2 { 2.0 / 3f64.sqrt() } else { SQRT_2 };
         let d = per_volume.powf(-1.0 / D as f64);
         let with_sides: f64 = extent.iter().map(|e| 1.0 + d / e).product();
-        densest * room * per_volume * with_sides
+        densest * volume * per_volume * with_sides
     }
 }
 
-/// The largest slope between neighbouring samples along each axis.
+/// Returns the largest slope between neighbouring samples along each axis.
 fn max_slopes<const D: usize>(field: &ScalarField<D>) -> [f64; D] {
     let mut stride = 1;
     std::array::from_fn(|k| {
         let next = field.samples.get(stride..).unwrap_or_default();
-        let along = field.samples.par_iter().zip(next);
-        let steepest = along
+        let pairs = field.samples.par_iter().zip(next);
+        let steepest = pairs
             .enumerate()
             .filter(|(n, _)| n / stride % field.dims[k] + 1 < field.dims[k])
             .map(|(_, (a, b))| (b - a).abs())
@@ -202,45 +204,50 @@ fn slope_norm<const D: usize>(slopes: [f64; D]) -> f64 {
     slopes.iter().map(|slope| slope.powi(2)).sum::<f64>().sqrt()
 }
 
-/// The sum of d^-D over the samples of a layer.
+/// Returns the sum of d^-D over the samples of a layer.
 fn density_sum<const D: usize>(layer: &[f32]) -> f64 {
     layer.iter().map(|&d| f64::from(d).powi(-(D as i32))).sum()
 }
 
-/// Atoms have numbers of 32 bits, and so have cells, of which there are up to seven times as many.
+/// Most atoms of a lattice. Atoms have indices of 32 bits, and so have cells, of which there are up
+/// to seven times as many.
 const MAX_ATOMS: f64 = 6e8;
 
-/// Folds samples with `f`, but lets one NaN make the result NaN.
+/// Folds samples with `f`; the result is NaN if any sample is NaN.
 fn reduce(samples: &[f32], f: impl Fn(f32, f32) -> f32 + Sync) -> f64 {
     const LANES: usize = 16;
     let chunks = samples.par_chunks(1 << 16).map(|chunk| {
-        let (mut found, mut nan) = ([chunk[0]; LANES], false);
+        let (mut extremes, mut has_nan) = ([chunk[0]; LANES], false);
         for block in chunk.chunks(LANES) {
-            for (found, &sample) in found.iter_mut().zip(block) {
-                *found = f(*found, sample);
-                nan |= sample.is_nan();
+            for (extreme, &sample) in extremes.iter_mut().zip(block) {
+                *extreme = f(*extreme, sample);
+                has_nan |= sample.is_nan();
             }
         }
-        match nan {
-            true => f32::NAN,
-            false => found.into_iter().fold(chunk[0], &f),
+        if has_nan {
+            f32::NAN
+        } else {
+            extremes.into_iter().fold(chunk[0], &f)
         }
     });
-    let both = |a: f32, b: f32| match a.is_nan() || b.is_nan() {
-        true => f32::NAN,
-        false => f(a, b),
+    let combine = |a: f32, b: f32| {
+        if a.is_nan() || b.is_nan() {
+            f32::NAN
+        } else {
+            f(a, b)
+        }
     };
     f64::from(
         chunks
             .collect::<Vec<f32>>()
             .into_iter()
-            .reduce(both)
+            .reduce(combine)
             .unwrap_or(f32::NAN),
     )
 }
 
-/// The grid cell around a position: the samples that it is among, its lowest corner, the step along each axis, and the
-/// fraction inside.
+/// The grid cell around a position: the samples of the grid, the index of the cell's lowest corner,
+/// the strides along each axis, and the position inside the cell.
 struct GridCell<'a, const D: usize> {
     samples: &'a [f32],
     corner: usize,
@@ -248,11 +255,11 @@ struct GridCell<'a, const D: usize> {
     position: CellPosition<D>,
 }
 
-/// A position in the cell of a grid.
+/// A position inside a cell of a grid.
 struct CellPosition<const D: usize> {
-    /// The cell's lowest corner.
+    /// Indices of the cell's lowest corner.
     low: [usize; D],
-    /// From there, in cells.
+    /// Offset from that corner along each axis, in cells.
     fraction: [f64; D],
     /// d(fraction)/d(position): zero where the position was clamped to the box.
     slope: [f64; D],
@@ -261,7 +268,7 @@ struct CellPosition<const D: usize> {
 impl<const D: usize> CellPosition<D> {
     #[inline]
     fn locate(dims: &[usize; D], step: &[f64; D], position: &[f64; D]) -> Self {
-        let mut within = Self {
+        let mut cell = Self {
             low: [0; D],
             fraction: [0.0; D],
             slope: [0.0; D],
@@ -272,12 +279,12 @@ impl<const D: usize> CellPosition<D> {
                 let u = position[k] / step[k];
                 let clamped = u.clamp(0.0, last as f64);
                 let low = (clamped as usize).min(last - 1);
-                within.low[k] = low;
-                within.fraction[k] = clamped - low as f64;
-                within.slope[k] = if u == clamped { 1.0 / step[k] } else { 0.0 };
+                cell.low[k] = low;
+                cell.fraction[k] = clamped - low as f64;
+                cell.slope[k] = if u == clamped { 1.0 / step[k] } else { 0.0 };
             }
         }
-        within
+        cell
     }
 }
 
@@ -288,7 +295,7 @@ impl<'a, const D: usize> GridCell<'a, D> {
         let (mut corner, mut strides, mut stride) = (0, [0; D], 1);
         for k in 0..D {
             corner += position.low[k] * stride;
-            // Of one sample there is no other corner.
+            // Along an axis of one sample there is no other corner.
             strides[k] = if field.dims[k] > 1 { stride } else { 0 };
             stride *= field.dims[k];
         }
@@ -321,7 +328,7 @@ impl<'a, const D: usize> GridCell<'a, D> {
         (value, gradient)
     }
 
-    /// Product of the linear weights of corner `c`, leaving out axis `without`.
+    /// Returns the product of the linear weights of corner `c` over all axes except `without`.
     #[inline]
     fn weight(&self, c: usize, without: usize) -> f64 {
         (0..D)

@@ -1,7 +1,7 @@
-//! d(x) from an image, from the Laplacian of the potential, or as given.
+//! Nominal distance d(x) from an image, from the Laplacian of the potential, or given as samples.
 //!
-//! All are clipped to `min` to `max` and then graded: their slope is limited as
-//! [`limit_gradient`] does, which lowers but never raises, so that minima are kept.
+//! All are clipped to `min` to `max` and then graded: [`limit_gradient`] limits their slope. It
+//! lowers but never raises samples, so minima are preserved.
 
 use super::features::{DistanceLimits, coarse_field};
 use super::{Distance, limit_gradient};
@@ -10,7 +10,7 @@ use crate::feature::gaussian::smooth;
 use crate::image::ScalarField;
 use crate::progress::CancelToken;
 
-/// Where an image asks for atoms near each other.
+/// Where in an image atoms are dense.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DenseRegion {
     /// Where it is dark, as in Hale 2001.
@@ -19,27 +19,27 @@ pub enum DenseRegion {
     Bright,
 }
 
-/// d(x) = `min` where the smoothed image is darkest (or brightest, as `dense` says), `max` where it is
-/// most unlike that, and linear between (Hale 2001, figure 5).
+/// Returns d(x) = `min` where the smoothed image is darkest (or brightest, as `dense` says), `max`
+/// at the other extreme, and linear between (Hale 2001, figure 5).
 ///
-/// The image is smoothed by a Gaussian of width `max` (lattice units): what is finer no lattice of
-/// such distances can follow.
+/// The image is smoothed by a Gaussian of width `max` (lattice units), because a lattice of such
+/// distances cannot follow finer detail.
 ///
 /// # Errors
-/// [`Error::Distance`] for limits that are not positive and in order, a growth that is not in
-/// (0, 1], and an image that is constant.
+/// Returns [`Error::Distance`] if the limits are not positive and in order, if the growth is not in
+/// (0, 1], or if the image is constant.
 pub fn from_image<const D: usize>(
     image: &ScalarField<D>,
     dense: DenseRegion,
     min: f64,
     max: f64,
     growth: f64,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Result<Distance<D>> {
     DistanceLimits { min, max, growth }.check()?;
     let mut field = image.clone();
     let sigma = field.step.map(|step| max / step);
-    smooth(field.dims, &mut field.samples, sigma, patience);
+    smooth(field.dims, &mut field.samples, sigma, cancel);
     let (low, high) = field
         .samples
         .iter()
@@ -56,36 +56,36 @@ pub fn from_image<const D: usize>(
     }
     let slope = (max - min) as f32 / span;
     for s in &mut field.samples {
-        let away = match dense {
+        let excess = match dense {
             DenseRegion::Dark => *s - low,
             DenseRegion::Bright => high - *s,
         };
-        *s = (min as f32 + slope * away).clamp(min as f32, max as f32);
+        *s = (min as f32 + slope * excess).clamp(min as f32, max as f32);
     }
-    limit_gradient(&mut field, growth, patience);
+    limit_gradient(&mut field, growth, cancel);
     Ok(Distance::Field(field))
 }
 
-/// Samples between two questions whether to go on.
+/// Samples between two checks for cancellation.
 const CANCEL_CHECK_INTERVAL: usize = 1 << 14;
 
-/// d(x) = c / sqrt |laplacian of b|, with c such that d is `min` in the valleys of b, whose width is
-/// `sigma`; at most `max` (Hale 2002).
+/// Returns d(x) = c / sqrt |laplacian of b|, with c such that d is `min` in the valleys of b, whose
+/// width is `sigma`; at most `max` (Hale 2002).
 ///
-/// b = -exp(-s^2 / (2 sigma^2)) has the Laplacian 1 / sigma^2 in the valley, so c = min / sigma; his
-/// sigma is min / 4, and then c = 4. The Laplacian vanishes on either side of a valley: the least d
-/// within about `min / 2` counts, and the slope's limit bridges the rest.
+/// b = -exp(-s^2 / (2 sigma^2)) has the Laplacian 1 / sigma^2 in the valley, so c = min / sigma.
+/// Hale's sigma is min / 4, so that c = 4. The Laplacian vanishes on either side of a valley: the
+/// smallest d within about `min / 2` counts, and the limit on the slope bridges the gap.
 ///
 /// # Errors
-/// [`Error::Distance`] for limits that are not positive and in order, and a growth that is not in
-/// (0, 1].
+/// Returns [`Error::Distance`] if the limits are not positive and in order, or if the growth is not
+/// in (0, 1].
 pub fn from_laplacian<const D: usize>(
     potential: &ScalarField<D>,
     sigma: f64,
     min: f64,
     max: f64,
     growth: f64,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Result<Distance<D>> {
     DistanceLimits { min, max, growth }.check()?;
     let mut field = coarse_field(potential.extent(), min, max);
@@ -95,7 +95,7 @@ pub fn from_laplacian<const D: usize>(
     }
     let b = &potential.samples;
     for i in 0..b.len() {
-        if i % CANCEL_CHECK_INTERVAL == 0 && patience.is_cancelled() {
+        if i % CANCEL_CHECK_INTERVAL == 0 && cancel.is_cancelled() {
             break;
         }
         let (mut rest, mut laplacian, mut cell) = (i, 0.0, 0);
@@ -118,21 +118,21 @@ pub fn from_laplacian<const D: usize>(
         let d = (min / sigma / laplacian.abs().sqrt()).clamp(min, max);
         field.samples[cell] = field.samples[cell].min(d as f32);
     }
-    limit_gradient(&mut field, growth, patience);
+    limit_gradient(&mut field, growth, cancel);
     Ok(Distance::Field(field))
 }
 
-/// d(x) as given on a grid that spans the box, clipped to `min` to `max`.
+/// Returns d(x) from samples on a grid that spans the box, clipped to `min` to `max`.
 ///
 /// # Errors
-/// [`Error::Distance`] for limits that are not positive and in order, a growth that is not in
-/// (0, 1], and a distance that is not a positive number.
+/// Returns [`Error::Distance`] if the limits are not positive and in order, if the growth is not in
+/// (0, 1], or if a sample is not a positive number.
 pub fn from_samples<const D: usize>(
     mut field: ScalarField<D>,
     min: f64,
     max: f64,
     growth: f64,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Result<Distance<D>> {
     DistanceLimits { min, max, growth }.check()?;
     if let Some(bad) = field.samples.iter().find(|d| !(**d > 0.0 && d.is_finite())) {
@@ -145,7 +145,7 @@ pub fn from_samples<const D: usize>(
     for d in &mut field.samples {
         *d = d.clamp(min as f32, max as f32);
     }
-    limit_gradient(&mut field, growth, patience);
+    limit_gradient(&mut field, growth, cancel);
     Ok(Distance::Field(field))
 }
 
@@ -169,14 +169,14 @@ mod tests {
         for x in 0..80 {
             let mut p: [f64; D] = std::array::from_fn(|k| 0.45 * (dims[k] - 1) as f64);
             p[0] = x as f64;
-            let away = (p[0] - 20.0).abs().min((p[0] - 60.0).abs());
+            let offset = (p[0] - 20.0).abs().min((p[0] - 60.0).abs());
             let (value, slope) = d.value_and_gradient_at(p);
             // Second differences of a bell as narrow as two samples are a tenth too small, and a
-            // node of the grid knows what is half a cell (two samples) away.
-            if away == 0.0 {
+            // node of the grid includes values up to half a cell (two samples) away.
+            if offset == 0.0 {
                 assert!((min..min * 1.08).contains(&value), "{x} {value}");
             }
-            let truth = min + 0.1 * away;
+            let truth = min + 0.1 * offset;
             assert!(
                 value <= truth.min(max) + 0.6 && value >= (truth - 0.75).clamp(min, max) - 1e-3,
                 "{x}: {value} {truth}"
@@ -191,7 +191,7 @@ mod tests {
         laplacian_gives_min_in_valleys([81, 64]);
     }
 
-    fn image_gives_its_own_shape<const D: usize>(dims: [usize; D]) {
+    fn image_is_mapped_to_the_limits<const D: usize>(dims: [usize; D]) {
         // One period of a cosine, mirrored at the sides, so that smoothing only damps it.
         let k = std::f64::consts::PI / dims[0] as f64;
         let image = ScalarField::from_fn(dims, [1.0; D], |p| 50.0 + 7.0 * ((p[0] + 0.5) * k).cos());
@@ -214,29 +214,29 @@ mod tests {
 
     #[test]
     fn an_image_is_scaled_and_biased_to_the_limits() {
-        image_gives_its_own_shape([96, 20, 24]);
-        image_gives_its_own_shape([96, 40]);
+        image_is_mapped_to_the_limits([96, 20, 24]);
+        image_is_mapped_to_the_limits([96, 40]);
     }
 
     #[test]
-    fn given_distances_are_kept_clipped_and_graded() {
+    fn sampled_distances_are_clipped_and_graded() {
         let dims = [50, 30];
         // A gentle ramp from 4 to 8.9 with one narrow pit.
-        let given = ScalarField::from_fn(dims, [1.0; 2], |p| {
+        let field = ScalarField::from_fn(dims, [1.0; 2], |p| {
             if p == [40.0, 15.0] {
                 5.0
             } else {
                 4.0 + 0.1 * p[0]
             }
         });
-        let d = from_samples(given, 4.5, 8.0, 0.1, &CancelToken::never()).unwrap();
+        let d = from_samples(field, 4.5, 8.0, 0.1, &CancelToken::never()).unwrap();
         assert!((d.value_at([0.0, 3.0]) - 4.5).abs() < 1e-6);
         assert!((d.value_at([20.0, 3.0]) - 6.0).abs() < 1e-5);
-        // Far from the pit, too, the way from it decides (sweeping is of first order).
+        // Far from the pit, too, d is determined by the path from it (sweeping is of first order).
         let truth = 5.0 + 0.1 * 9f64.hypot(15.0);
         assert!((d.value_at([49.0, 0.0]) - truth).abs() < 0.15);
         assert!((d.value_at([40.0, 15.0]) - 5.0).abs() < 1e-6);
-        // Up from the pit along an axis by the growth.
+        // Along an axis d rises from the pit by the growth.
         assert!((d.value_at([40.0, 20.0]) - 5.5).abs() < 1e-3);
     }
 

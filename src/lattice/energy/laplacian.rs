@@ -1,5 +1,6 @@
-//! A more regular lattice: part of the energy is how far atoms are from the middle of their neighbours
-//! (Esperanca, Oliveira & Cavalcanti 2008, as told by Fernandes & Gattass 2009, equations 8 and 9).
+//! Regularised energy: part of the energy is the distance of each atom from the mean position of
+//! its neighbours (Esperanca, Oliveira & Cavalcanti 2008, as described by Fernandes & Gattass 2009,
+//! equations 8 and 9).
 //!
 //! ```text
 //! A'   = kappa A + (1 - kappa) sum_i |L(x_i)| / d(x_i)
@@ -7,15 +8,16 @@
 //! P    = (1 - beta) A' + beta B
 //! ```
 //!
-//! As printed, equation 8 adds vectors L / d; their lengths are meant. A length has no derivative where it
-//! is nought, as it is all over a regular lattice, so that |v| is rounded off to
-//! sqrt(|v|^2 + e^2) - e, with e of 0.02 d: at most 0.02 less, and exactly 0 still where v is.
+//! As printed, equation 8 adds vectors L / d; their lengths are meant. A length has no derivative
+//! at zero, where it is all over a regular lattice. So |v| is replaced by sqrt(|v|^2 + e^2) - e,
+//! with e = 0.02: at most 0.02 less than |v|, and exactly 0 where v is 0.
 //!
-//! An atom that a side of the box holds has neighbours on one side of it only. Its L counts along the
-//! axes along which it may move, and that of corners and of atoms that users fixed does not count.
+//! An atom on a side of the box has neighbours on one side of it only. Its L counts only along the
+//! axes along which the atom may move. The L of corners and of atoms that users fixed does not
+//! count.
 //!
-//! Neighbours are found when a round begins ([`Energy::refresh`]) and then kept, so that energy and
-//! gradient are smooth:
+//! Neighbours are found when a round begins ([`Energy::refresh`]) and are kept during the round, so
+//! that energy and gradient are smooth:
 //!
 //! ```text
 //! dP / dx_k gets  s_k - sum over neighbours i of k of s_i / n_i  - w_k |v_k|^2 / (root_k d_k) grad d(x_k)
@@ -36,10 +38,10 @@ use crate::lattice::halo::OwnedAndGhosts;
 use crate::mesh::Simplices;
 use crate::mesh::delaunay::{delaunay, delaunay_plane};
 
-/// Rounding of |L| near nought, in units of d.
+/// Rounding e of |L| near zero, in units of d.
 const ROUNDING_LENGTH: f64 = 0.02;
 
-/// The weight of A that Esperanca et al. suggest.
+/// The weight kappa of A that Esperanca et al. suggest.
 pub const DEFAULT_KAPPA: f64 = 0.7;
 
 /// The Delaunay neighbours of every atom.
@@ -52,7 +54,7 @@ struct AtomAdjacency {
 }
 
 impl AtomAdjacency {
-    /// Of a mesh.
+    /// Returns the adjacency of the nodes of a mesh.
     fn from_mesh<const D: usize>(mesh: &impl Simplices<D>) -> Self {
         let mut pairs: Vec<[u32; 2]> = Vec::with_capacity(mesh.len() * D * (D + 1));
         for cell in mesh.connectivity().chunks_exact(D + 1) {
@@ -75,9 +77,9 @@ impl AtomAdjacency {
         }
     }
 
-    /// Of atoms in the plane or in space.
+    /// Returns the Delaunay neighbours of atoms in the plane or in space.
     fn delaunay<const D: usize>(x: &[[f64; D]]) -> Result<Self> {
-        // `D` is not known to the compiler to be what it is: axes are copied one by one.
+        // The compiler does not know that `D` is 2 or 3, so coordinates are copied one by one.
         fn cast_dims<const D: usize, const E: usize>(x: &[[f64; D]]) -> Vec<[f64; E]> {
             x.iter().map(|x| std::array::from_fn(|k| x[k])).collect()
         }
@@ -102,18 +104,18 @@ pub struct RegularisedEnergy<'a, const D: usize> {
     /// 1 for each coordinate that may change, else 0.
     mobility: Vec<[f64; D]>,
     adjacency: Arc<AtomAdjacency>,
-    /// s_i over the number of neighbours of i.
+    /// s_i over the count of neighbours of i.
     neighbour_shares: Vec<[f64; D]>,
     parts: EnergyParts,
 }
 
 impl<'a, const D: usize> RegularisedEnergy<'a, D> {
-    /// `pairs`, an evaluator for `distance` and `beta` of atoms on features, of which A shall count for
-    /// `kappa`; `mobility` says which coordinates of each atom may change
-    /// ([`Atoms::mobility`](crate::lattice::seeding::Atoms::mobility)).
+    /// Creates the regularised energy from `pairs`, an evaluator for `distance` and `beta` of atoms
+    /// on features. A gets the weight `kappa`. `mobility` says which coordinates of each atom may
+    /// change ([`Atoms::mobility`](crate::lattice::seeding::Atoms::mobility)).
     ///
     /// # Errors
-    /// [`Error::Optimize`] unless kappa is in [0, 1].
+    /// Returns [`Error::Optimize`] if kappa is not in [0, 1].
     pub fn new(
         pairs: PairwiseEnergy<'a, D>,
         distance: &'a Distance<D>,
@@ -140,30 +142,34 @@ impl<'a, const D: usize> RegularisedEnergy<'a, D> {
         })
     }
 
-    /// (1 - kappa) (1 - beta) and its gradient.
+    /// Returns (1 - kappa) (1 - beta) and its gradient.
     fn laplacian_weight(&self, x: [f64; D]) -> (f64, [f64; D]) {
-        let share = 1.0 - self.kappa;
+        let lattice_weight = 1.0 - self.kappa;
         match &self.beta {
-            Beta::Constant(beta) => (share * (1.0 - beta), [0.0; D]),
+            Beta::Constant(beta) => (lattice_weight * (1.0 - beta), [0.0; D]),
             Beta::Field(field) => {
                 let (beta, slope) = field.value_and_gradient(x);
-                (share * (1.0 - beta), slope.map(|s| -share * s))
+                (
+                    lattice_weight * (1.0 - beta),
+                    slope.map(|s| -lattice_weight * s),
+                )
             }
         }
     }
 
-    /// The term of atom `n`, unweighted and weighted; adds what of its derivative belongs to its own
-    /// position, and writes its share in that of each neighbour.
+    /// Returns the term of atom `n`, unweighted and weighted. Adds the derivative with respect to
+    /// the atom's own position to `gradient`, and writes the part of each neighbour to
+    /// `neighbour_share`.
     fn term(
         &self,
         x: &[[f64; D]],
         n: usize,
         gradient: &mut [f64; D],
-        part: &mut [f64; D],
+        neighbour_share: &mut [f64; D],
     ) -> [f64; 2] {
         let neighbours = self.adjacency.neighbours_of(n);
         if neighbours.is_empty() {
-            *part = [0.0; D];
+            *neighbour_share = [0.0; D];
             return [0.0; 2];
         }
         let mut sum = [0.0; D];
@@ -182,7 +188,7 @@ impl<'a, const D: usize> RegularisedEnergy<'a, D> {
         let length = root - ROUNDING_LENGTH;
         for k in 0..D {
             let slope = weight * v[k] / (root * d);
-            part[k] = slope / count;
+            neighbour_share[k] = slope / count;
             gradient[k] += slope - weight * v2 / (root * d) * d_slope[k] + length * weight_slope[k];
         }
         [length, weight * length]
@@ -200,8 +206,8 @@ impl<const D: usize> Energy<D> for RegularisedEnergy<'_, D> {
             .enumerate()
             .map(|(chunk, (gradient, shares))| {
                 let mut total = [0.0; 2];
-                for (n, (gradient, part)) in gradient.iter_mut().zip(shares).enumerate() {
-                    let [length, weighted] = self.term(x, chunk * CHUNK_ATOMS + n, gradient, part);
+                for (n, (gradient, share)) in gradient.iter_mut().zip(shares).enumerate() {
+                    let [length, weighted] = self.term(x, chunk * CHUNK_ATOMS + n, gradient, share);
                     total[0] += length;
                     total[1] += weighted;
                 }
@@ -234,15 +240,15 @@ impl<const D: usize> Energy<D> for RegularisedEnergy<'_, D> {
     fn terms(
         &mut self,
         x: &[[f64; D]],
-        held: &OwnedAndGhosts<'_>,
+        halo: &OwnedAndGhosts<'_>,
         minimised: f64,
         gradient: &mut [[f64; D]],
     ) -> Result<EnergyTerms> {
-        // Atoms alone, A counting in full.
-        let alone = self.pairs.clone().with_kappa(1.0).evaluate(x, gradient)?;
-        let terms = self.pairs.terms(x, held, alone, gradient)?;
+        // The energy without regularisation, in which A counts fully.
+        let unregularised = self.pairs.clone().with_kappa(1.0).evaluate(x, gradient)?;
+        let terms = self.pairs.terms(x, halo, unregularised, gradient)?;
         Ok(EnergyTerms {
-            smoothing: minimised - alone,
+            smoothing: minimised - unregularised,
             ..terms
         })
     }
@@ -271,7 +277,7 @@ mod tests {
     use crate::image::{ScalarField, SparseField};
     use crate::lattice::seeding::{self, Alignment, Atoms};
 
-    /// A slowly waving field between two values.
+    /// A slowly varying field between two values.
     fn smooth<const D: usize>(extent: [f64; D], low: f64, high: f64) -> ScalarField<D> {
         let dims = extent.map(|l| l as usize + 1);
         ScalarField::from_fn(dims, [1.0; D], |x| {
@@ -280,19 +286,20 @@ mod tests {
         })
     }
 
-    /// A lattice of the box with all that may move moved.
+    /// A lattice of the box in which every atom that may move is moved.
     fn perturbed_lattice<const D: usize>(extent: [f64; D], distance: &Distance<D>) -> Atoms<D> {
         let mut atoms = seeding::fcc(extent, distance, &[], Alignment::OnFeatures).unwrap();
         let mobility = atoms.mobility(extent);
-        for (n, (x, free)) in atoms.positions.iter_mut().zip(&mobility).enumerate() {
+        for (n, (x, mobility)) in atoms.positions.iter_mut().zip(&mobility).enumerate() {
             for k in 0..D {
-                x[k] += 0.5 * free[k] * ((n * D + k) as f64 * 12.9898).sin();
+                x[k] += 0.5 * mobility[k] * ((n * D + k) as f64 * 12.9898).sin();
             }
         }
         atoms
     }
 
-    /// The largest error of the gradient, over its root mean square, of coordinates that may change.
+    /// Returns the largest error of the gradient over its root mean square, for coordinates that
+    /// may change.
     fn error<const D: usize>(
         extent: [f64; D],
         distance: &Distance<D>,
@@ -318,17 +325,18 @@ mod tests {
         let (mut worst, mut square, mut count) = (0.0f64, 0.0, 0.0);
         for n in 0..x.len() {
             for k in (0..D).filter(|&k| mobility[n][k] > 0.0) {
-                // Large enough for the single precision of pairs, if they count; errors are of fourth order.
+                // The step is large enough for the single precision of pairs, if they count; errors
+                // are of fourth order.
                 let h = if kappa > 0.0 { 4e-3 } else { 1e-3 };
-                let at = x[n][k];
+                let original = x[n][k];
                 let mut value = |offset: f64| {
-                    x[n][k] = at + offset;
+                    x[n][k] = original + offset;
                     energy.evaluate(&x, &mut unused).unwrap()
                 };
-                let near = value(h) - value(-h);
-                let far = value(2.0 * h) - value(-2.0 * h);
-                x[n][k] = at;
-                let slope = (8.0 * near - far) / (12.0 * h);
+                let inner_difference = value(h) - value(-h);
+                let outer_difference = value(2.0 * h) - value(-2.0 * h);
+                x[n][k] = original;
+                let slope = (8.0 * inner_difference - outer_difference) / (12.0 * h);
                 worst = worst.max((slope - gradient[n][k]).abs());
                 square += gradient[n][k].powi(2);
                 count += 1.0;
@@ -344,7 +352,7 @@ mod tests {
             let field = Distance::Field(smooth(extent, 3.5, 4.5));
             for distance in [Distance::Constant(4.0), field] {
                 for beta in [Beta::Constant(0.4), Beta::Field(smooth(extent, 0.2, 0.8))] {
-                    // Without pairs, whose energies are of single precision, to many more digits.
+                    // Without pairs, whose energies have single precision, the bound is tighter.
                     for (kappa, bound) in [(0.0, 5e-4), (DEFAULT_KAPPA, 2e-3)] {
                         let error = error(extent, &distance, &beta, kappa);
                         println!("{D}-D, kappa {kappa}: {error:.1e}");
@@ -363,11 +371,11 @@ mod tests {
         let (extent, d) = ([40.0, 12.0 * 12.0f64.sqrt()], 4.0);
         let distance = Distance::Constant(d);
         let atoms = seeding::fcc(extent, &distance, &[], Alignment::OnFeatures).unwrap();
-        let inner = |x: &[f64; 2]| (0..2).all(|k| x[k] > 2.5 * d && x[k] < extent[k] - 2.5 * d);
+        let is_inner = |x: &[f64; 2]| (0..2).all(|k| x[k] > 2.5 * d && x[k] < extent[k] - 2.5 * d);
         let mobility = atoms
             .positions
             .iter()
-            .map(|x| [f64::from(u8::from(inner(x))); 2]);
+            .map(|x| [f64::from(u8::from(is_inner(x))); 2]);
         let beta = Beta::Constant(0.0);
         let pairs = PairwiseEnergy::new(extent, &distance, None, beta.clone()).unwrap();
         let mut energy =
@@ -376,18 +384,18 @@ mod tests {
         let mut gradient = vec![[0.0; 2]; atoms.len()];
         let zero = energy.evaluate(&atoms.positions, &mut gradient).unwrap();
         assert!(zero.abs() < 1e-9, "{zero}");
-        let n = atoms.positions.iter().position(inner).unwrap();
-        let deep = |x: &[f64; 2]| (0..2).all(|k| x[k] > 3.8 * d && x[k] < extent[k] - 3.8 * d);
-        let n = atoms.positions.iter().position(deep).unwrap_or(n);
+        let n = atoms.positions.iter().position(is_inner).unwrap();
+        let is_deep = |x: &[f64; 2]| (0..2).all(|k| x[k] > 3.8 * d && x[k] < extent[k] - 3.8 * d);
+        let n = atoms.positions.iter().position(is_deep).unwrap_or(n);
         let mut x = atoms.positions.clone();
         x[n][0] += 0.3 * d;
         let moved = energy.evaluate(&x, &mut gradient).unwrap();
-        // Its own L, and a sixth of it for each of the six neighbours that count.
+        // The atom's own L, and a sixth of it for each of the six neighbours that count.
         let counted = energy
             .adjacency
             .neighbours_of(n)
             .iter()
-            .filter(|&&j| inner(&atoms.positions[j as usize]));
+            .filter(|&&j| is_inner(&atoms.positions[j as usize]));
         let rounded = |v: f64| (v * v + ROUNDING_LENGTH * ROUNDING_LENGTH).sqrt() - ROUNDING_LENGTH;
         let expected = rounded(0.3) + counted.count() as f64 * rounded(0.05);
         assert!((moved - expected).abs() < 1e-9, "{moved} {expected}");

@@ -2,18 +2,20 @@
 //!
 //! With atoms at x_i, nominal distance d(x), image potential b(x) in [-1, 0] and weight beta:
 //!
-//! - A = 1/2 sum over i != j of phi(|x_i - x_j| / d(x_j)), the lattice's own energy
+//! - A = 1/2 sum over i != j of phi(|x_i - x_j| / d(x_j)), the energy between atoms
 //! - B = sum over i of b(x_i), the energy of the atoms in the image
 //! - P = (1 - beta) A + beta B; where beta is a field, atom i counts with beta(x_i)
 //!
-//! b aligns atoms *on* features. To align them *alongside* ([`Alignment`](crate::lattice::seeding::Alignment)),
-//! -b takes its place, and mirror images of the atoms stand beyond the sides.
+//! b aligns atoms *on* features. To align them *alongside* features
+//! ([`Alignment`](crate::lattice::seeding::Alignment)), -b takes its place, and mirror images of
+//! the atoms stand beyond the sides.
 //!
 //! - [`pair`]: phi and the force
 //! - `neighbours`: the Verlet list
-//! - `images`: mirror images of atoms beyond the sides
+//! - `mirror_images`: mirror images of atoms beyond the sides
 //! - [`pairwise`]: the exact energy and gradient from pairs of atoms, the default
-//! - [`laplacian`]: A joined with how far each atom is from the middle of its Delaunay neighbours
+//! - [`laplacian`]: A combined with the distance of each atom from the mean of its Delaunay
+//!   neighbours
 //! - `sampled`: the energy from a field sampled like the image, as first published
 
 pub mod laplacian;
@@ -42,7 +44,7 @@ pub enum Beta<const D: usize> {
 }
 
 impl<const D: usize> Beta<D> {
-    /// The [stiffening](pair) that suits beta: its largest value where it is a field.
+    /// Returns the [stiffening](pair) that suits beta, or its largest value where beta is a field.
     fn stiffness(&self) -> f32 {
         pair::stiffness(match self {
             Self::Constant(beta) => *beta,
@@ -54,27 +56,30 @@ impl<const D: usize> Beta<D> {
 /// The two parts of an energy, unweighted.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct EnergyParts {
-    /// A, the energy between atoms; A' where it is regularised.
+    /// A, the energy between atoms; A' if it is regularised.
     pub lattice: f64,
-    /// B, the energy of atoms in the image; of -b alongside.
+    /// B, the energy of atoms in the image; that of -b for alignment alongside features.
     pub image: f64,
 }
 
-/// What the energy of a lattice consists of. What is minimised is the sum P + stiffening + smoothing.
+/// The terms of the energy of a lattice. The optimiser minimises the sum P + stiffening +
+/// smoothing.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct EnergyTerms {
     /// A between atoms and B in the image, both as published and unweighted.
     pub published: EnergyParts,
-    /// P = (1 - beta) A + beta B of these.
+    /// P = (1 - beta) A + beta B of the published parts.
     pub energy: f64,
-    /// What the [stiffening](pair) of the force between atoms adds to P.
+    /// The part of the minimised energy that comes from the [stiffening](pair) of the force between
+    /// atoms.
     pub stiffening: f64,
-    /// What A' in the place of A adds to that ([`laplacian`]).
+    /// The part of the minimised energy that comes from A' in the place of A ([`laplacian`]).
     pub smoothing: f64,
 }
 
 impl EnergyTerms {
-    /// Without Laplacian coordinates: what of the `minimised` is not P is stiffening.
+    /// Returns the terms without Laplacian coordinates: the part of `minimised` that is not P is
+    /// stiffening.
     fn from_pairs(published: EnergyParts, energy: f64, minimised: f64) -> Self {
         Self {
             published,
@@ -85,69 +90,70 @@ impl EnergyTerms {
     }
 }
 
-/// Something that knows the energy of a lattice.
+/// An evaluator of the energy of a lattice.
 pub trait Energy<const D: usize> {
     /// Computes P at the positions `x` and, in `gradient`, its derivative with respect to every
     /// coordinate. The two slices have the same length.
     ///
     /// # Errors
-    /// If the energy cannot be told.
+    /// Returns an error if the energy cannot be computed.
     fn evaluate(&mut self, x: &[[f64; D]], gradient: &mut [[f64; D]]) -> Result<f64>;
 
-    /// P of a lattice of which some atoms are held here, at `x`, and its derivatives with respect to the coordinates of
-    /// own ones; the others' are of no use. All ranks ask for the same lattice at the same time.
+    /// Computes P of a distributed lattice, of which the local atoms are at `x`, and its
+    /// derivatives with respect to the coordinates of owned atoms. The derivatives of ghosts are
+    /// meaningless. All ranks must call this for the same lattice at the same time.
     ///
     /// # Errors
-    /// As [`evaluate`](Self::evaluate).
+    /// Returns an error as [`evaluate`](Self::evaluate) does.
     fn evaluate_partition(
         &mut self,
         x: &[[f64; D]],
-        held: &OwnedAndGhosts<'_>,
+        halo: &OwnedAndGhosts<'_>,
         gradient: &mut [[f64; D]],
     ) -> Result<f64> {
-        debug_assert!(!held.is_partitioned());
+        debug_assert!(!halo.is_partitioned());
         self.evaluate(x, gradient)
     }
 
-    /// Whether some of the atoms are enough for that, if all within 1.7 d of own ones are held.
+    /// Returns `true` if [`Energy::evaluate_partition`] needs local atoms only, provided that all
+    /// atoms within 1.7 d of owned ones are local.
     fn supports_partition(&self) -> bool {
         false
     }
 
-    /// About how many times as stiffly as by the lattice alone each atom is held: a hint by which
-    /// minimisers scale their steps.
+    /// Returns the stiffness with which each atom is held, as a multiple of that of the lattice
+    /// alone: a rough estimate by which minimisers scale their steps.
     fn stiffness(&self, x: &[[f64; D]]) -> Vec<f32> {
         vec![1.0; x.len()]
     }
 
-    /// What the energy of the lattice at `x`, of which these atoms are held and which is `minimised` by
-    /// [`Energy::evaluate`], consists of.
-    /// What it writes to `gradient`, which is as long, is of no use. Neither the parts of the last
-    /// evaluation nor what a round has frozen changes.
+    /// Returns the terms of the energy of the local atoms at `x`, whose value by
+    /// [`Energy::evaluate`] is `minimised`. `gradient` has the same length and is scratch memory.
+    /// Neither the parts of the last evaluation nor the data frozen in a round change.
     ///
     /// # Errors
-    /// As [`Energy::evaluate`].
+    /// Returns an error as [`Energy::evaluate`] does.
     fn terms(
         &mut self,
         x: &[[f64; D]],
-        held: &OwnedAndGhosts<'_>,
+        halo: &OwnedAndGhosts<'_>,
         minimised: f64,
         gradient: &mut [[f64; D]],
     ) -> Result<EnergyTerms>;
 
-    /// Called with the lattice at the start of every round of an optimisation: what is frozen in a
-    /// round may change here. Says whether it has, so that energies of before are no longer to be
-    /// compared with.
+    /// Updates data that is frozen during a round of an optimisation. It is called with the lattice
+    /// at the start of every round. Returns `true` if the energy has changed, so that energies from
+    /// before can no longer be compared with it.
     ///
     /// # Errors
-    /// If the lattice is one for which the energy cannot be told.
+    /// Returns an error if the energy of this lattice cannot be computed.
     fn refresh(&mut self, _x: &[[f64; D]]) -> Result<bool> {
         Ok(false)
     }
 
-    /// Another evaluator of the same energy, for another thread.
+    /// Returns another evaluator of the same energy, for another thread.
     fn duplicate(&self) -> Box<dyn Energy<D> + Send + '_>;
 
-    /// The parts of the energy of the last call of [`Energy::evaluate`].
+    /// Returns the parts of the energy of the last call of [`Energy::evaluate`].
     fn parts(&self) -> EnergyParts;
 }

@@ -1,18 +1,19 @@
-//! The energy by a sampled potential field: Hale 2001, Algorithm 1.
+//! The energy from a sampled potential field: Hale 2001, Algorithm 1.
 //!
-//! The potential that all atoms make, a(x) = sum over j of phi(|x - x_j| / d(x_j)), is accumulated on
-//! the grid of the image from tabulated stamps, one for each nominal distance, and read off at each
-//! atom's nearest sample:
+//! The potential of all atoms, a(x) = sum over j of phi(|x - x_j| / d(x_j)), is accumulated on the
+//! grid of the image from tabulated stamps, one for each nominal distance, and read at the sample
+//! nearest to each atom:
 //!
 //! - p(x) = (1 - beta) a(x) + beta b(x)
 //! - P = 1/2 sum over i of p(x_i) + beta b(x_i)
 //! - dP / dx_i = the central difference of p at x_i
 //!
-//! Atoms count as if they were at their nearest samples, and derivatives of d(x) and beta(x) are
-//! neglected, as in the paper; errors fall like 1 / d. The energy of each atom with itself, phi(0),
-//! is subtracted, so that the result is that of [`Pairwise`](super::PairwiseEnergy) up to sampling. The
-//! cost grows with the samples of the image, about 20 additions a sample in 3-D; this is the
-//! reference and the thing to beat, not the tool of choice.
+//! As in the paper, atoms count as if they were at their nearest samples, and derivatives of d(x)
+//! and beta(x) are neglected; errors fall like 1 / d. The energy of each atom with itself, phi(0),
+//! is subtracted, so that the result is that of [`PairwiseEnergy`](super::PairwiseEnergy) up to
+//! sampling. The cost grows with the samples of the image, about 20 additions a sample in 3-D. This
+//! evaluator is a reference for comparison; [`PairwiseEnergy`](super::PairwiseEnergy) is faster and
+//! more accurate.
 
 use super::pair::{CUTOFF_RATIO, potential};
 use super::{Beta, Energy, EnergyParts, EnergyTerms};
@@ -22,7 +23,7 @@ use crate::lattice::distance::Distance;
 use crate::lattice::halo::OwnedAndGhosts;
 use crate::lattice::seeding::Alignment;
 
-/// Stamps per doubling of d, where d varies: neighbouring ones differ by less than one percent.
+/// Stamps per doubling of d, where d varies: neighbouring stamps differ by less than one percent.
 const STAMPS_PER_OCTAVE: f64 = 80.0;
 
 /// phi around one atom, cut into runs of samples along x.
@@ -34,32 +35,32 @@ struct Stamp<const D: usize> {
 /// Successive samples along x.
 #[derive(Clone)]
 struct SampleRun<const D: usize> {
-    /// Offset in samples from the atom to the first, along each axis.
+    /// Offset in samples from the atom to the first sample, along each axis.
     offset: [i64; D],
     values: Vec<f32>,
 }
 
 impl<const D: usize> Stamp<D> {
     fn new(d: f64, step: [f64; D], stiffness: f32) -> Self {
-        let reach = step.map(|s| (f64::from(CUTOFF_RATIO) * d / s) as i64);
-        let rows: i64 = reach[1..].iter().map(|r| 2 * r + 1).product();
+        let radius = step.map(|s| (f64::from(CUTOFF_RATIO) * d / s) as i64);
+        let rows: i64 = radius[1..].iter().map(|r| 2 * r + 1).product();
         let mut runs = Vec::new();
         for row in 0..rows {
             let mut rest = row;
             let mut first = [0; D];
             for k in 1..D {
-                first[k] = rest % (2 * reach[k] + 1) - reach[k];
-                rest /= 2 * reach[k] + 1;
+                first[k] = rest % (2 * radius[k] + 1) - radius[k];
+                rest /= 2 * radius[k] + 1;
             }
-            let across: f64 = (1..D).map(|k| (first[k] as f64 * step[k]).powi(2)).sum();
-            let left = (f64::from(CUTOFF_RATIO) * d).powi(2) - across;
-            if left < 0.0 {
+            let across2: f64 = (1..D).map(|k| (first[k] as f64 * step[k]).powi(2)).sum();
+            let remaining2 = (f64::from(CUTOFF_RATIO) * d).powi(2) - across2;
+            if remaining2 < 0.0 {
                 continue;
             }
-            let half = (left.sqrt() / step[0]) as i64;
+            let half = (remaining2.sqrt() / step[0]) as i64;
             first[0] = -half;
             let value = |x: i64| {
-                let r = (across + (x as f64 * step[0]).powi(2)).sqrt();
+                let r = (across2 + (x as f64 * step[0]).powi(2)).sqrt();
                 potential((r / d) as f32, stiffness)
             };
             runs.push(SampleRun {
@@ -79,7 +80,7 @@ pub struct SampledEnergy<'a, const D: usize> {
     beta: Beta<D>,
     alignment: Alignment,
     stiffness: f32,
-    /// From the smallest d up, [`STAMPS_PER_OCTAVE`] per doubling.
+    /// Ordered by d, from the smallest up, [`STAMPS_PER_OCTAVE`] per doubling.
     stamps: Vec<Stamp<D>>,
     min_d: f64,
     /// a(x) on the grid of `potential`.
@@ -88,7 +89,7 @@ pub struct SampledEnergy<'a, const D: usize> {
 }
 
 impl<'a, const D: usize> SampledEnergy<'a, D> {
-    /// An evaluator on the grid of the image potential.
+    /// Creates an evaluator on the grid of the image potential.
     pub fn new(distance: &'a Distance<D>, potential: ScalarField<D>, beta: Beta<D>) -> Self {
         let field = vec![0.0; potential.samples.len()];
         let mut sampled = Self {
@@ -106,19 +107,22 @@ impl<'a, const D: usize> SampledEnergy<'a, D> {
         sampled
     }
 
-    /// Where atoms shall end up, as in [`Pairwise::aligned`](super::PairwiseEnergy::with_alignment).
+    /// Sets where atoms shall end up, as
+    /// [`PairwiseEnergy::with_alignment`](super::PairwiseEnergy::with_alignment) does.
     pub fn with_alignment(mut self, alignment: Alignment) -> Self {
         self.alignment = alignment;
         self
     }
 
-    /// The same stiffening as [`Pairwise::uncrowded`](super::PairwiseEnergy::with_auto_stiffness).
+    /// Sets the stiffening as
+    /// [`PairwiseEnergy::with_auto_stiffness`](super::PairwiseEnergy::with_auto_stiffness) does.
     pub fn with_auto_stiffness(self) -> Self {
         let stiffness = self.beta.stiffness();
         self.with_stiffness(stiffness)
     }
 
-    /// The same stiffening as [`Pairwise::stiffened`](super::PairwiseEnergy::with_stiffness).
+    /// Sets the stiffening as
+    /// [`PairwiseEnergy::with_stiffness`](super::PairwiseEnergy::with_stiffness) does.
     pub fn with_stiffness(mut self, stiffness: f32) -> Self {
         self.stiffness = stiffness.max(0.0);
         self.build_stamps();
@@ -133,8 +137,8 @@ impl<'a, const D: usize> SampledEnergy<'a, D> {
         self.stamps = (0..count).map(stamp).collect();
     }
 
-    /// The total potential field p(x) = (1 - beta) a(x) + beta b(x) of the atoms last evaluated, on
-    /// the grid of the image potential (Hale 2001, equation 5 and figures 6 and 7).
+    /// Returns the total potential field p(x) = (1 - beta) a(x) + beta b(x) of the atoms last
+    /// evaluated, on the grid of the image potential (Hale 2001, equation 5 and figures 6 and 7).
     pub fn total_potential(&self) -> ScalarField<D> {
         let ScalarField { dims, step, .. } = self.potential;
         let mut flat = 0;
@@ -149,7 +153,7 @@ impl<'a, const D: usize> SampledEnergy<'a, D> {
         })
     }
 
-    /// The index of the sample nearest to a position, along each axis.
+    /// Returns the index of the sample nearest to a position, along each axis.
     fn nearest_sample(&self, x: &[f64; D]) -> [usize; D] {
         std::array::from_fn(|k| {
             let last = self.potential.dims[k] - 1;
@@ -165,7 +169,7 @@ impl<'a, const D: usize> SampledEnergy<'a, D> {
             .fold(0, |flat, k| flat * self.potential.dims[k] + index[k])
     }
 
-    /// The sign of b in the energy.
+    /// Returns the sign of b in the energy.
     fn sign(&self) -> f64 {
         match self.alignment {
             Alignment::OnFeatures => 1.0,
@@ -173,7 +177,8 @@ impl<'a, const D: usize> SampledEnergy<'a, D> {
         }
     }
 
-    /// Adds the stamps of an atom and, alongside, of its mirror images to the field.
+    /// Adds the stamp of an atom to the field and, for alignment alongside features, the stamps of
+    /// its mirror images.
     fn add_atom(&mut self, x: &[f64; D]) {
         let centre = self.nearest_sample(x).map(|c| c as i64);
         let images = match self.alignment {
@@ -181,7 +186,8 @@ impl<'a, const D: usize> SampledEnergy<'a, D> {
             Alignment::AlongsideFeatures => 3usize.pow(D as u32),
         };
         for image in 0..images {
-            // Along each axis itself, mirrored in the near side, or in the far one.
+            // Along each axis: the atom itself, mirrored in the near side, or mirrored in the far
+            // side.
             let centre = std::array::from_fn(|k| match image / 3usize.pow(k as u32) % 3 {
                 0 => centre[k],
                 1 => -centre[k],
@@ -191,7 +197,8 @@ impl<'a, const D: usize> SampledEnergy<'a, D> {
         }
     }
 
-    /// Adds the stamp of an atom at `x`, moved to a centre in samples, as far as it is in the box.
+    /// Adds the stamp of an atom at `x`, moved to a centre in samples. Parts outside the box are
+    /// left out.
     fn add_stamp(&mut self, x: &[f64; D], centre: [i64; D]) {
         let octaves = (self.distance.value_at(*x) / self.min_d).log2();
         let stamp = (octaves * STAMPS_PER_OCTAVE).round().max(0.0) as usize;
@@ -236,7 +243,7 @@ impl<const D: usize> Energy<D> for SampledEnergy<'_, D> {
         for atom in x {
             self.add_atom(atom);
         }
-        let itself = f64::from(potential(0.0, self.stiffness));
+        let self_potential = f64::from(potential(0.0, self.stiffness));
         let sign = self.sign();
         let total_at = |index: &[usize; D]| {
             let (flat, beta) = (self.flat_index(index), self.beta_at(index));
@@ -248,7 +255,7 @@ impl<const D: usize> Energy<D> for SampledEnergy<'_, D> {
         for (atom, gradient) in x.iter().zip(gradient) {
             let index = self.nearest_sample(atom);
             let (flat, beta) = (self.flat_index(&index), self.beta_at(&index));
-            let a = 0.5 * (f64::from(self.atom_potential[flat]) - itself);
+            let a = 0.5 * (f64::from(self.atom_potential[flat]) - self_potential);
             let b = sign * f64::from(self.potential.samples[flat]);
             parts.lattice += a;
             parts.image += b;
@@ -276,10 +283,10 @@ impl<const D: usize> Energy<D> for SampledEnergy<'_, D> {
         self.stiffness = 0.0;
         self.build_stamps();
         let energy = self.evaluate(x, gradient);
-        let found = std::mem::replace(&mut self.parts, parts);
+        let published = std::mem::replace(&mut self.parts, parts);
         self.stiffness = stiffness;
         self.build_stamps();
-        Ok(EnergyTerms::from_pairs(found, energy?, minimised))
+        Ok(EnergyTerms::from_pairs(published, energy?, minimised))
     }
 
     fn duplicate(&self) -> Box<dyn Energy<D> + Send + '_> {
@@ -297,7 +304,7 @@ mod tests {
     use crate::image::SparseField;
     use crate::lattice::energy::PairwiseEnergy;
 
-    /// A jittered lattice and a potential, d samples to the nominal distance.
+    /// A jittered lattice and a potential; d is the nominal distance in samples.
     fn case(
         d: f64,
         on_samples: bool,
@@ -347,11 +354,11 @@ mod tests {
             sampled.evaluate(&atoms, &mut rough).unwrap(),
             exact.evaluate(&atoms, &mut truth).unwrap(),
         );
-        // Sides, where the central difference turns one-sided, are left out.
-        let inside = |x: &[f64; 3]| x.iter().all(|&c| c > 1.0 && c < extent[0] - 1.0);
+        // Atoms at the sides, where the central difference becomes one-sided, are left out.
+        let is_inside = |x: &[f64; 3]| x.iter().all(|&c| c > 1.0 && c < extent[0] - 1.0);
         let (mut error2, mut size2) = (0.0, 0.0);
         for ((x, a), b) in atoms.iter().zip(&rough).zip(&truth) {
-            if inside(x) {
+            if is_inside(x) {
                 error2 += (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>();
                 size2 += b.iter().map(|c| c * c).sum::<f64>();
             }
@@ -370,7 +377,7 @@ mod tests {
 
     #[test]
     fn agrees_with_pairs_within_the_sampling_error() {
-        let mut before = f64::INFINITY;
+        let mut previous = f64::INFINITY;
         for d in [4.0, 6.0, 8.0, 12.0] {
             let (energy, gradient) = difference(d, false, 0.4, Alignment::OnFeatures);
             println!("d = {d}: energy {energy:.4}, gradient {gradient:.4}");
@@ -379,8 +386,8 @@ mod tests {
                 energy < 0.5 / d && gradient < 3.0 / d,
                 "{d}: {energy} {gradient}"
             );
-            assert!(gradient < before);
-            before = gradient;
+            assert!(gradient < previous);
+            previous = gradient;
         }
     }
 
@@ -391,29 +398,36 @@ mod tests {
             let sparse = SparseField::from_field(&field);
             let (distance, beta) = (Distance::Constant(d), Beta::Constant(0.4));
             let mut gradient = vec![[0.0; 3]; atoms.len()];
-            let mut both = |stiff: bool| {
+            let mut energies = |is_stiff: bool| {
                 let sampled = SampledEnergy::new(&distance, field.clone(), beta.clone());
                 let exact =
                     PairwiseEnergy::new(extent, &distance, Some(&sparse), beta.clone()).unwrap();
-                let (mut sampled, mut exact) = match stiff {
-                    true => (sampled.with_auto_stiffness(), exact.with_auto_stiffness()),
-                    false => (sampled, exact),
+                let (mut sampled, mut exact) = if is_stiff {
+                    (sampled.with_auto_stiffness(), exact.with_auto_stiffness())
+                } else {
+                    (sampled, exact)
                 };
                 [
                     sampled.evaluate(&atoms, &mut gradient).unwrap(),
                     exact.evaluate(&atoms, &mut gradient).unwrap(),
                 ]
             };
-            let (published, whole) = (both(false), both(true));
-            let added: [f64; 2] = std::array::from_fn(|i| whole[i] - published[i]);
+            let (published, stiffened) = (energies(false), energies(true));
+            let added: [f64; 2] = std::array::from_fn(|i| stiffened[i] - published[i]);
             println!("d = {d}: published {published:?}, added {added:?}");
-            let off = |[p, q]: [f64; 2]| (p - q).abs() / q.abs();
-            // Not small, so that leaving it out would be seen.
+            let relative_difference = |[p, q]: [f64; 2]| (p - q).abs() / q.abs();
+            // The added energy is large enough for the test to notice if it were missing.
             assert!(added[1] > 0.08 * published[1].abs(), "{added:?}");
-            // Measured: 0.036, 0.014 and 0.009. What is added rises steeply as atoms come near each other,
-            // and moving them to samples raises it: by 0.62, 0.19 and 0.15.
-            assert!(off(published) < 0.25 / d, "{d}: {published:?}");
-            assert!(off(added) < 25.0 / (d * d), "{d}: {added:?}");
+            // Measured: 0.036, 0.014 and 0.009. The added energy rises steeply as atoms approach
+            // each other, and moving them to samples raises it: by 0.62, 0.19 and 0.15.
+            assert!(
+                relative_difference(published) < 0.25 / d,
+                "{d}: {published:?}"
+            );
+            assert!(
+                relative_difference(added) < 25.0 / (d * d),
+                "{d}: {added:?}"
+            );
         }
     }
 
@@ -452,7 +466,7 @@ mod tests {
         let total = sampled.total_potential();
         for (i, p) in total.samples.iter().enumerate() {
             let x = [(i % 17) as f64, (i / 17) as f64];
-            let each = atoms.map(|a| {
+            let stamps = atoms.map(|a| {
                 let u = (x[0] - a[0]).hypot(x[1] - a[1]) / 4.0;
                 if u < 1.5 {
                     potential(u as f32, 0.0)
@@ -460,8 +474,8 @@ mod tests {
                     0.0
                 }
             });
-            let want = 0.75 * (each[0] + each[1]) + 0.25 * valley.samples[i];
-            assert!((p - want).abs() < 1e-5, "{x:?}: {p} {want}");
+            let expected = 0.75 * (stamps[0] + stamps[1]) + 0.25 * valley.samples[i];
+            assert!((p - expected).abs() < 1e-5, "{x:?}: {p} {expected}");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! How far each atom may move, and chance moves within that.
+//! Bounds on the moves of atoms, and random moves within them.
 
 use crate::parallel::prelude::*;
 
@@ -7,20 +7,21 @@ use crate::lattice::distance::Distance;
 use crate::lattice::halo::OwnedAndGhosts;
 use crate::lattice::seeding::Atoms;
 
-/// Nearest a free coordinate may come to a side of the box, in units of d.
+/// Smallest distance of a free coordinate from a side of the box, in units of d.
 const MIN_SIDE_DISTANCE: f64 = 0.2;
 
 /// The bounds of a lattice in a box.
 pub struct MoveBounds<const D: usize> {
-    /// d times mobility of each coordinate, 0 where it is held.
+    /// d times mobility of each coordinate, 0 where it is fixed.
     move_scale: Vec<[f32; D]>,
-    /// Nearest allowed distance to the sides.
+    /// Smallest allowed distance to the sides.
     margin: Vec<f32>,
     extent: [f64; D],
 }
 
 impl<const D: usize> MoveBounds<D> {
-    /// For the atoms of a lattice, each coordinate of which follows its force by its `mobility`.
+    /// Computes the bounds for the atoms of a lattice; each coordinate follows its force by its
+    /// `mobility`.
     pub fn new(
         atoms: &Atoms<D>,
         distance: &Distance<D>,
@@ -32,9 +33,9 @@ impl<const D: usize> MoveBounds<D> {
             .par_iter()
             .map(|x| distance.value_at(*x))
             .collect();
-        let reach = mobility.iter().zip(&spacing);
+        let pairs = mobility.iter().zip(&spacing);
         Self {
-            move_scale: reach.map(|(m, d)| m.map(|m| (m * d) as f32)).collect(),
+            move_scale: pairs.map(|(m, d)| m.map(|m| (m * d) as f32)).collect(),
             margin: spacing
                 .iter()
                 .map(|d| (MIN_SIDE_DISTANCE * d) as f32)
@@ -43,21 +44,22 @@ impl<const D: usize> MoveBounds<D> {
         }
     }
 
-    /// d times mobility of each coordinate, 0 where it is held.
+    /// Returns d times mobility of each coordinate, 0 where it is fixed.
     pub fn move_scale(&self) -> &[[f32; D]] {
         &self.move_scale
     }
 
-    /// Lattice units per scaled unit of each coordinate: less where an atom is held stiffly, so that
-    /// in scaled units all curvatures are alike.
+    /// Returns the lattice units per scaled unit of each coordinate. They are smaller where an atom
+    /// is held stiffly, so that in scaled units all curvatures are alike.
     pub fn scale(&self, stiffness: &[f32]) -> Vec<[f32; D]> {
         let atoms = self.move_scale.iter().zip(stiffness);
         atoms
-            .map(|(reach, s)| reach.map(|r| r / s.sqrt()))
+            .map(|(scale, s)| scale.map(|r| r / s.sqrt()))
             .collect()
     }
 
-    /// The position of atom `n` after a step from `x`, kept in the box; held coordinates stay.
+    /// Returns the position of atom `n` after a step from `x`, kept in the box. Fixed coordinates
+    /// do not change.
     #[inline(always)]
     pub fn apply_step(&self, n: usize, x: &[f64; D], step: [f64; D]) -> [f64; D] {
         let margin = f64::from(self.margin[n]);
@@ -65,41 +67,43 @@ impl<const D: usize> MoveBounds<D> {
             if self.move_scale[n][k] == 0.0 {
                 return x[k];
             }
-            // An atom that starts nearer to a side may stay, but not go farther.
+            // An atom that starts nearer to a side may stay, but may not go farther.
             let (low, high) = (margin.min(x[k]), (self.extent[k] - margin).max(x[k]));
             (x[k] + step[k]).clamp(low, high)
         })
     }
 
-    /// Every free coordinate of atom `n`, which has this number in the lattice, moved by chance, the atom by no more
-    /// than `size` d.
+    /// Returns the position of atom `n` after a random move of at most `size` d in its free
+    /// coordinates. `index` is the atom's index in the lattice.
     #[inline(always)]
     pub fn perturb_atom(
         &self,
         n: usize,
-        number: usize,
+        index: usize,
         x: &[f64; D],
         size: f64,
         key: u64,
     ) -> [f64; D] {
-        let share = size / (D as f64).sqrt();
-        let moved = std::array::from_fn(|k| {
-            share * uniform_signed(key, (number * D + k) as u64) * f64::from(self.move_scale[n][k])
+        let axis_size = size / (D as f64).sqrt();
+        let step = std::array::from_fn(|k| {
+            axis_size
+                * uniform_signed(key, (index * D + k) as u64)
+                * f64::from(self.move_scale[n][k])
         });
-        self.apply_step(n, x, moved)
+        self.apply_step(n, x, step)
     }
 
-    /// All atoms held moved by chance, none by more than `size` d.
+    /// Returns the positions of all local atoms after random moves of at most `size` d.
     pub fn perturb(
         &self,
         x: &[[f64; D]],
-        held: &OwnedAndGhosts<'_>,
+        halo: &OwnedAndGhosts<'_>,
         size: f64,
         key: u64,
     ) -> Vec<[f64; D]> {
         let atoms = x.par_iter().enumerate();
         atoms
-            .map(|(n, x)| self.perturb_atom(n, held.global_index(n), x, size, key))
+            .map(|(n, x)| self.perturb_atom(n, halo.global_index(n), x, size, key))
             .collect()
     }
 }

@@ -1,22 +1,22 @@
 //! A genetic algorithm for lattices (Fernandes & Gattass 2009).
 //!
-//! An individual is the positions of all atoms. Of a population of ten the one of least energy is kept
-//! as it is, and is a parent of the nine others of the next generation:
+//! An individual is the positions of all atoms. In a population of ten, the individual of lowest
+//! energy is preserved, and is a parent of the nine others of the next generation:
 //!
-//! - *crossover*: the child has the positions of one parent up to an atom chosen by chance, and of the
-//!   other from there on (single point). Atoms come in the order of a space-filling curve, so that each
-//!   part is mostly one region of the box.
-//! - *mutation*: each atom of the child moves or not. One that moves goes, as likely, in a direction by
-//!   chance or down the gradient of the energy; not farther than 0.1 d
+//! - *crossover*: the child has the positions of one parent up to a random atom, and of the other
+//!   parent from there on (single point). Atoms are in the order of a space-filling curve, so that
+//!   each part is mostly one region of the box.
+//! - *mutation*: each atom of the child moves or not. One that moves goes, with equal probability,
+//!   in a random direction or down the gradient of the energy, by at most 0.1 d
 //!   ([`OptimizeOptions::perturbation`]).
 //!
-//! How many atoms of a child move (up to all) and how far those by chance (up to all the way) is by
-//! chance itself, for each child: where the lattice is far from rest large changes pay, and later small
-//! ones. Down the gradient, a move is what steepest descent would take, times a number by chance up
-//! to 2.
+//! For each child, the fraction of atoms that move and the size of the random moves are themselves
+//! random: large changes pay while the lattice is far from its minimum, and small ones later. A
+//! move down the gradient is the step of steepest descent times a random number up to 2.
 //!
-//! Individuals are made and evaluated in parallel. All chance depends on nothing but seed, generation,
-//! individual and atom, so that the result is the same for any number of threads.
+//! Individuals are created and evaluated in parallel. All random numbers depend only on seed,
+//! round, generation, individual and atom, so that the result is the same for any number of
+//! threads.
 
 use crate::parallel::prelude::*;
 
@@ -31,10 +31,10 @@ use crate::progress::{CancelToken, OptimizeStatus, Progress};
 
 /// Individuals in a generation (Fernandes & Gattass 2009).
 pub const POPULATION_SIZE: usize = 10;
-/// The decrease that ends an evolution is that over this many generations.
+/// An evolution ends when the decrease of the energy over this many generations is small.
 const CONVERGENCE_WINDOW: usize = 10;
 
-/// A lattice, and what is known of it.
+/// A lattice with its energy and gradient.
 #[derive(Clone)]
 struct Individual<const D: usize> {
     positions: Vec<[f64; D]>,
@@ -43,9 +43,9 @@ struct Individual<const D: usize> {
     parts: EnergyParts,
 }
 
-/// Lets a population evolve from `start` until the energy of its best has fallen by less than the
-/// tolerance, relatively, in ten generations, or the budget is spent. What is found is the
-/// minimiser's.
+/// Lets a population evolve from `start` until the energy of its best individual has fallen by less
+/// than the tolerance, relatively, in ten generations, or until the budget is spent. The result is
+/// stored in the minimiser.
 pub fn evolve<const D: usize>(
     minimiser: &mut Minimiser<'_, D>,
     start: &[[f64; D]],
@@ -53,9 +53,9 @@ pub fn evolve<const D: usize>(
     options: &OptimizeOptions,
     round: usize,
     budget: &mut Budget,
-    observer: &mut dyn Progress,
+    progress: &mut dyn Progress,
 ) -> Result<StopReason> {
-    let held = OwnedAndGhosts::all(start.len());
+    let halo = OwnedAndGhosts::all(start.len());
     let bounds = minimiser.bounds();
     let scale = bounds.scale(&energy.stiffness(start));
     let mut first = Individual {
@@ -67,23 +67,23 @@ pub fn evolve<const D: usize>(
     first.energy = check_finite(energy.evaluate(start, &mut first.gradient)?)?;
     first.parts = energy.parts();
     budget.evaluations += 1;
-    let mut twins: Vec<_> = (1..POPULATION_SIZE).map(|_| energy.duplicate()).collect();
+    let mut evaluators: Vec<_> = (1..POPULATION_SIZE).map(|_| energy.duplicate()).collect();
     let mut history = vec![first.energy];
-    // All alike at first: the best, and those that will be its children's other parents.
+    // All are alike at first: the best individual, and the other parents of its children.
     let mut parents = vec![first; POPULATION_SIZE];
     let mut children = parents[1..].to_vec();
     let stop = loop {
-        if !observer.keep_going() {
+        if !progress.keep_going() {
             break StopReason::Interrupted;
         }
         if budget.is_spent() {
             break StopReason::MaxIterations;
         }
         let generation = history.len() as u64;
-        let others = children.par_iter_mut().zip(&mut twins).enumerate();
-        let evolve = |patience: &CancelToken<'_>| -> Result<bool> {
-            others.try_for_each(|(n, (child, twin))| {
-                if patience.is_cancelled() {
+        let tasks = children.par_iter_mut().zip(&mut evaluators).enumerate();
+        let evolve = |cancel: &CancelToken<'_>| -> Result<bool> {
+            tasks.try_for_each(|(n, (child, evaluator))| {
+                if cancel.is_cancelled() {
                     return Ok(());
                 }
                 let key = [options.seed, round as u64, generation, n as u64]
@@ -91,21 +91,21 @@ pub fn evolve<const D: usize>(
                     .fold(0, |key: u64, part| {
                         (key ^ part).wrapping_mul(0x9E37_79B9_7F4A_7C15)
                     });
-                let birth = Reproduction {
+                let reproduction = Reproduction {
                     bounds,
                     scale: &scale,
                     max_move: options.perturbation,
                     key,
                 };
-                birth.cross_over(&parents[0], &parents[n + 1], child);
-                birth.mutate(child);
-                child.energy = twin.evaluate(&child.positions, &mut child.gradient)?;
-                child.parts = twin.parts();
+                reproduction.cross_over(&parents[0], &parents[n + 1], child);
+                reproduction.mutate(child);
+                child.energy = evaluator.evaluate(&child.positions, &mut child.gradient)?;
+                child.parts = evaluator.parts();
                 Ok(())
             })?;
-            Ok(patience.is_cancelled())
+            Ok(cancel.is_cancelled())
         };
-        if CancelToken::run(&mut || observer.keep_going(), evolve)? {
+        if CancelToken::run(&mut || progress.keep_going(), evolve)? {
             break StopReason::Interrupted;
         }
         budget.evaluations += children.len();
@@ -115,7 +115,7 @@ pub fn evolve<const D: usize>(
         for (parent, child) in parents[1..].iter_mut().zip(&mut children) {
             std::mem::swap(parent, child);
         }
-        // The first of the least: a child as good as its parent does not take its place.
+        // The first of the lowest: a child as good as its parent does not take its place.
         let best = (1..POPULATION_SIZE).fold(0, |best, n| {
             if parents[n].energy < parents[best].energy {
                 n
@@ -125,61 +125,61 @@ pub fn evolve<const D: usize>(
         });
         parents.swap(0, best);
         let Individual {
-            energy: least,
+            energy: min_energy,
             parts,
             ..
         } = parents[0];
         if best != 0 {
             budget.iterations += 1;
-            observer.optimize_step(&OptimizeStatus {
+            progress.optimize_step(&OptimizeStatus {
                 round,
                 iterations: budget.iterations,
                 evaluations: budget.evaluations,
-                energy: least,
+                energy: min_energy,
                 lattice_energy: parts.lattice,
                 image_energy: parts.image,
             });
         }
-        history.push(least);
-        let spare = &mut children[0].gradient;
+        history.push(min_energy);
+        let scratch = &mut children[0].gradient;
         send_snapshot(
             &parents[0].positions,
-            &held,
-            least,
+            &halo,
+            min_energy,
             generation as usize,
-            &mut *twins[0],
-            spare,
-            observer,
+            &mut *evaluators[0],
+            scratch,
+            progress,
         )?;
         if let Some(n) = history.len().checked_sub(CONVERGENCE_WINDOW + 1)
-            && history[n] - least <= options.tolerance * least.abs()
+            && history[n] - min_energy <= options.tolerance * min_energy.abs()
         {
             break StopReason::Converged;
         }
     };
-    drop(twins);
+    drop(evaluators);
     let best = parents.swap_remove(0);
     minimiser.set_result(best.positions, best.energy, best.parts);
     Ok(stop)
 }
 
-/// How a child comes to be.
+/// The rules by which a child is created.
 struct Reproduction<'a, const D: usize> {
     bounds: &'a MoveBounds<D>,
     scale: &'a [[f32; D]],
-    /// Farthest move, in units of d.
+    /// Largest move, in units of d.
     max_move: f64,
     key: u64,
 }
 
 impl<const D: usize> Reproduction<'_, D> {
-    /// A number in [0, 1) for this child.
+    /// Returns a random number in [0, 1) for this child.
     fn uniform(&self, counter: u64) -> f64 {
         uniform(self.key, counter)
     }
 
-    /// The child has the positions (and the gradient there) of one parent up to some atom and of the
-    /// other from it on.
+    /// Gives the child the positions (and the gradients there) of one parent up to some atom, and
+    /// of the other parent from there on.
     fn cross_over(&self, a: &Individual<D>, b: &Individual<D>, child: &mut Individual<D>) {
         let [first, second] = if self.uniform(0) < 0.5 {
             [a, b]
@@ -188,22 +188,22 @@ impl<const D: usize> Reproduction<'_, D> {
         };
         let count = a.positions.len();
         let cut = (self.uniform(1) * (count + 1) as f64) as usize;
-        let both = |from: fn(&Individual<D>) -> &Vec<[f64; D]>, to: &mut [[f64; D]]| {
-            to[..cut].copy_from_slice(&from(first)[..cut]);
-            to[cut..].copy_from_slice(&from(second)[cut..]);
+        let combine = |field: fn(&Individual<D>) -> &Vec<[f64; D]>, target: &mut [[f64; D]]| {
+            target[..cut].copy_from_slice(&field(first)[..cut]);
+            target[cut..].copy_from_slice(&field(second)[cut..]);
         };
-        both(|parent| &parent.positions, &mut child.positions);
-        both(|parent| &parent.gradient, &mut child.gradient);
+        combine(|parent| &parent.positions, &mut child.positions);
+        combine(|parent| &parent.gradient, &mut child.gradient);
     }
 
-    /// Moves some of the child's atoms, by chance or down the gradient.
+    /// Moves some of the child's atoms, randomly or down the gradient.
     fn mutate(&self, child: &mut Individual<D>) {
         let (rate, size) = (self.uniform(2), self.max_move * self.uniform(3));
-        // Numbers of the atoms, apart from those of their jumps.
-        let own = self.key ^ 0x5851_F42D_4C95_7F2D;
+        // Random numbers of the choices, independent of those of the moves.
+        let mutation_key = self.key ^ 0x5851_F42D_4C95_7F2D;
         for (n, (x, gradient)) in child.positions.iter_mut().zip(&child.gradient).enumerate() {
-            // One number says whether an atom moves and which way, another how far.
-            let draw = uniform(own, 2 * n as u64);
+            // One number decides whether an atom moves and which way, another how far.
+            let draw = uniform(mutation_key, 2 * n as u64);
             if draw >= rate {
                 continue;
             }
@@ -211,18 +211,18 @@ impl<const D: usize> Reproduction<'_, D> {
                 *x = self.bounds.perturb_atom(n, n, x, size, self.key);
                 continue;
             }
-            let length = INITIAL_INVERSE_CURVATURE * 2.0 * uniform(own, 2 * n as u64 + 1);
+            let length = INITIAL_INVERSE_CURVATURE * 2.0 * uniform(mutation_key, 2 * n as u64 + 1);
             let scale = self.scale[n].map(f64::from);
             let mut step: [f64; D] =
                 std::array::from_fn(|k| -length * scale[k] * scale[k] * gradient[k]);
-            // No farther than allowed, in units of d.
-            let reach = self.bounds.move_scale()[n].map(f64::from);
-            let far2: f64 = (0..D)
-                .filter(|&k| reach[k] > 0.0)
-                .map(|k| (step[k] / reach[k]).powi(2))
+            // Limit the step, in units of d.
+            let move_scale = self.bounds.move_scale()[n].map(f64::from);
+            let length2: f64 = (0..D)
+                .filter(|&k| move_scale[k] > 0.0)
+                .map(|k| (step[k] / move_scale[k]).powi(2))
                 .sum();
-            if far2 > self.max_move * self.max_move {
-                let shrink = self.max_move / far2.sqrt();
+            if length2 > self.max_move * self.max_move {
+                let shrink = self.max_move / length2.sqrt();
                 step = step.map(|s| s * shrink);
             }
             *x = self.bounds.apply_step(n, x, step);
@@ -256,12 +256,12 @@ mod tests {
     }
 
     fn random_lattice(valley: &SparseField<2>) -> Atoms<2> {
-        let how = Seeding::Guide {
+        let seeding = Seeding::Guide {
             seed: 1,
             max_atoms: usize::MAX,
         };
         seed(
-            how,
+            seeding,
             EXTENT,
             &DISTANCE,
             &[],
@@ -279,7 +279,7 @@ mod tests {
     fn run(
         method: Method,
         evaluations: usize,
-        observer: &mut dyn Progress,
+        progress: &mut dyn Progress,
     ) -> (Atoms<2>, OptimizeResult) {
         let valley = valley();
         let mut atoms = random_lattice(&valley);
@@ -291,13 +291,13 @@ mod tests {
             ..OptimizeOptions::default()
         };
         let energy = &mut evaluator(&valley);
-        let outcome = optimize(&mut atoms, energy, &DISTANCE, EXTENT, &options, observer).unwrap();
-        // What is said of the lattice is true of it.
+        let outcome = optimize(&mut atoms, energy, &DISTANCE, EXTENT, &options, progress).unwrap();
+        // The reported energy is the energy of the lattice.
         let mut gradient = vec![[0.0; 2]; atoms.len()];
-        let again = evaluator(&valley)
+        let recomputed = evaluator(&valley)
             .evaluate(&atoms.positions, &mut gradient)
             .unwrap();
-        assert!((again - outcome.energy_after).abs() < 1e-6 * again.abs());
+        assert!((recomputed - outcome.energy_after).abs() < 1e-6 * recomputed.abs());
         (atoms, outcome)
     }
 
@@ -306,8 +306,8 @@ mod tests {
         #[derive(Default)]
         struct Energies(Vec<f64>);
         impl Progress for Energies {
-            fn optimize_step(&mut self, progress: &OptimizeStatus) {
-                self.0.push(progress.energy);
+            fn optimize_step(&mut self, status: &OptimizeStatus) {
+                self.0.push(status.energy);
             }
         }
         let mut energies = Energies::default();
@@ -317,11 +317,11 @@ mod tests {
         assert_eq!(energies.0.last(), Some(&outcome.energy_after));
         assert_eq!(outcome.iterations, energies.0.len());
         assert!(outcome.evaluations < 900 + POPULATION_SIZE);
-        let before = random_lattice(&valley());
-        let free = before.mobility(EXTENT);
-        for (n, (x, old)) in atoms.positions.iter().zip(&before.positions).enumerate() {
+        let initial = random_lattice(&valley());
+        let mobility = initial.mobility(EXTENT);
+        for (n, (x, old)) in atoms.positions.iter().zip(&initial.positions).enumerate() {
             for k in 0..2 {
-                assert!(if free[n][k] == 0.0 {
+                assert!(if mobility[n][k] == 0.0 {
                     x[k] == old[k]
                 } else {
                     x[k] > 0.0 && x[k] < EXTENT[k]
@@ -348,21 +348,21 @@ mod tests {
 
     #[test]
     fn any_number_of_threads_gives_the_same_bytes() {
-        let with = |threads: usize| {
+        let run_with = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new();
             let pool = pool.num_threads(threads).build().unwrap();
             pool.install(|| run(Method::Genetic, 100, &mut NoProgress).0)
         };
-        assert_eq!(with(1), with(3));
+        assert_eq!(run_with(1), run_with(3));
     }
 
     #[test]
     fn an_interrupt_keeps_the_best_so_far() {
-        /// Says no once there were so many evaluations; remembers how many.
+        /// Stops after a given count of evaluations.
         struct Stopper(usize);
         impl Progress for Stopper {
-            fn optimize_step(&mut self, progress: &OptimizeStatus) {
-                self.0 = progress.evaluations;
+            fn optimize_step(&mut self, status: &OptimizeStatus) {
+                self.0 = status.evaluations;
             }
             fn keep_going(&mut self) -> bool {
                 self.0 < 2 + 5 * (POPULATION_SIZE - 1)
@@ -371,7 +371,8 @@ mod tests {
         let mut stopper = Stopper(0);
         let (_, outcome) = run(Method::Genetic, 1000, &mut stopper);
         assert_eq!(outcome.stop, StopReason::Interrupted);
-        // At the start twice (as given, and as the first of its kind), then whole generations.
+        // The start is evaluated twice (as given, and as the first individual), then whole
+        // generations follow.
         assert_eq!(outcome.evaluations, stopper.0);
         assert_eq!((outcome.evaluations - 2) % (POPULATION_SIZE - 1), 0);
         assert!(outcome.energy_after < outcome.energy_before);
@@ -383,34 +384,37 @@ mod tests {
         let length = |kappa: f64, method| {
             let mut atoms = random_lattice(&valley);
             let energy = |kappa| {
-                let free = random_lattice(&valley).mobility(EXTENT);
+                let mobility = random_lattice(&valley).mobility(EXTENT);
                 let beta = Beta::Constant(0.5);
-                RegularisedEnergy::new(evaluator(&valley), &DISTANCE, beta, kappa, free).unwrap()
+                RegularisedEnergy::new(evaluator(&valley), &DISTANCE, beta, kappa, mobility)
+                    .unwrap()
             };
             let options = OptimizeOptions {
                 max_rounds: 3,
                 ..OptimizeOptions::default().with_method(method, true)
             };
-            let used = &mut energy(kappa);
+            let regularised = &mut energy(kappa);
             optimize(
                 &mut atoms,
-                used,
+                regularised,
                 &DISTANCE,
                 EXTENT,
                 &options,
                 &mut NoProgress,
             )
             .unwrap();
-            let mut all = energy(0.0);
-            all.refresh(&atoms.positions).unwrap();
+            let mut laplacian_only = energy(0.0);
+            laplacian_only.refresh(&atoms.positions).unwrap();
             let mut gradient = vec![[0.0; 2]; atoms.len()];
-            all.evaluate(&atoms.positions, &mut gradient).unwrap();
-            all.parts().lattice / atoms.len() as f64
+            laplacian_only
+                .evaluate(&atoms.positions, &mut gradient)
+                .unwrap();
+            laplacian_only.parts().lattice / atoms.len() as f64
         };
         for method in [Method::Lbfgs, Method::Genetic] {
-            let (with, without) = (length(0.7, method), length(1.0, method));
-            println!("{method:?}: mean |L| / d {with:.4} with, {without:.4} without");
-            assert!(with < without);
+            let (regularised, plain) = (length(0.7, method), length(1.0, method));
+            println!("{method:?}: mean |L| / d {regularised:.4} with, {plain:.4} without");
+            assert!(regularised < plain);
         }
     }
 
@@ -434,32 +438,32 @@ mod tests {
         let [a, b] = [individual(0.0), individual(1.0)];
         let (mut cuts, mut by_chance, mut down) = (Vec::new(), 0, 0);
         for key in 0..200 {
-            let birth = Reproduction {
+            let reproduction = Reproduction {
                 bounds: &bounds,
                 scale: &scale,
                 max_move: 0.1,
                 key: key * 977,
             };
             let mut child = a.clone();
-            birth.cross_over(&a, &b, &mut child);
-            let of_b: Vec<bool> = child.gradient.iter().map(|g| g[0] == 1.0).collect();
-            assert!(of_b.windows(2).filter(|w| w[0] != w[1]).count() <= 1);
+            reproduction.cross_over(&a, &b, &mut child);
+            let is_from_b: Vec<bool> = child.gradient.iter().map(|g| g[0] == 1.0).collect();
+            assert!(is_from_b.windows(2).filter(|w| w[0] != w[1]).count() <= 1);
             for n in 0..atoms.len() {
                 assert_eq!(
                     child.positions[n],
-                    if of_b[n] {
+                    if is_from_b[n] {
                         b.positions[n]
                     } else {
                         a.positions[n]
                     }
                 );
             }
-            cuts.push(of_b.iter().filter(|of_b| **of_b).count());
+            cuts.push(is_from_b.iter().filter(|is_from_b| **is_from_b).count());
 
-            // A gradient so long that every move down it is 0.1 d along the diagonal.
+            // The gradient is so long that every move down it is 0.1 d along the diagonal.
             let mut child = a.clone();
             child.gradient.fill([1e3; 2]);
-            birth.mutate(&mut child);
+            reproduction.mutate(&mut child);
             for n in (0..atoms.len()).filter(|&n| mobility[n] == [1.0; 2]) {
                 let step: [f64; 2] =
                     std::array::from_fn(|k| child.positions[n][k] - a.positions[n][k]);
@@ -471,12 +475,12 @@ mod tests {
                 by_chance += usize::from(!is_down && step != [0.0; 2]);
             }
         }
-        // Cuts everywhere; both mutations as likely as each other.
+        // Cuts are everywhere, and both mutations are equally likely.
         cuts.sort_unstable();
         let share = |n: usize| cuts[n] as f64 / atoms.len() as f64;
         assert!(share(20) < 0.25 && share(180) > 0.75 && (share(100) - 0.5).abs() < 0.15);
-        let even = f64::from(by_chance as u32) / f64::from((by_chance + down) as u32);
+        let chance_share = f64::from(by_chance as u32) / f64::from((by_chance + down) as u32);
         println!("{by_chance} moves by chance, {down} down the gradient");
-        assert!((even - 0.5).abs() < 0.02, "{even}");
+        assert!((chance_share - 0.5).abs() < 0.02, "{chance_share}");
     }
 }

@@ -1,10 +1,11 @@
 //! Limited-memory BFGS (Nocedal 1980): the descent direction from the last few steps.
 //!
-//! The two-loop recursion is run on the *coefficients* of the direction in the basis of stored steps
+//! The two-loop recursion runs on the *coefficients* of the direction in the basis of stored steps
 //! s, gradient changes y and the gradient g, with all inner products kept in a small Gram matrix
 //! (Chen, Wang & Zhou 2014). So one pass over memory adds a step and takes its inner products with
-//! all the others, and one more makes the direction. Vectors are `f32`, sums are taken in chunks of
-//! fixed size and added up in `f64` in a fixed order: the same bytes for any number of threads.
+//! all other vectors, and one more pass computes the direction. Vectors are `f32`; sums are taken
+//! in chunks of fixed size and added up in `f64` in a fixed order, so the bytes are the same for
+//! any number of threads.
 
 use crate::parallel::prelude::*;
 use pulp::{Arch, Simd, WithSimd};
@@ -12,37 +13,41 @@ use pulp::{Arch, Simd, WithSimd};
 use crate::Result;
 use crate::lattice::halo::OwnedAndGhosts;
 
-/// Number of steps remembered.
+/// Count of steps in memory.
 const MEMORY_STEPS: usize = 5;
 /// Index of the gradient in the basis s_0.., y_0.., g.
 const GRADIENT_INDEX: usize = 2 * MEMORY_STEPS;
 const BASIS_SIZE: usize = 2 * MEMORY_STEPS + 1;
 
-/// Coordinates per unit of parallel work: a multiple of 2, 3 and 8, and small enough that a chunk of
-/// every vector stays in the cache.
+/// Coordinates per unit of parallel work: a multiple of 2, 3 and 8, and small enough that a chunk
+/// of every vector stays in the cache.
 pub const CHUNK_COORDINATES: usize = 3072;
 
-/// The memory of a minimisation over scaled coordinates: of those that are held here.
+/// The memory of a minimisation over scaled coordinates, of the owned atoms of this rank.
 pub struct Lbfgs<'a> {
-    /// s in slots `0..MEMORY`, y in `MEMORY..2 * MEMORY`, the gradient last.
+    /// s in slots `0..MEMORY_STEPS`, y in `MEMORY_STEPS..2 * MEMORY_STEPS`, the gradient last.
     basis: [Vec<f32>; BASIS_SIZE],
-    /// Inner products of the basis; meaningful for the live slots and the gradient.
+    /// Inner products of the basis; valid for the live slots and the gradient.
     gram: [[f64; BASIS_SIZE]; BASIS_SIZE],
     /// Live slots, oldest first.
     live_slots: Vec<usize>,
-    /// Inverse curvature to assume while there is no memory.
+    /// Inverse curvature to assume while no steps are stored.
     initial_inverse_curvature: f64,
     halo: &'a OwnedAndGhosts<'a>,
 }
 
 impl<'a> Lbfgs<'a> {
-    /// An empty memory at a point whose gradient is `gradient`. `guess` is the step length that
-    /// steepest descent would take. The coordinates are those of own ones of the atoms `held`: from the beginning of
-    /// a chunk on.
+    /// Creates an empty memory at a point whose gradient is `gradient`. `initial_inverse_curvature`
+    /// is the step length of steepest descent. The coordinates are those of the owned atoms in
+    /// `halo`, from the beginning of a chunk on.
     ///
     /// # Errors
-    /// Those of other ranks, where these hold the rest.
-    pub fn new(gradient: Vec<f32>, guess: f64, held: &'a OwnedAndGhosts<'a>) -> Result<Self> {
+    /// Returns an error if another rank fails.
+    pub fn new(
+        gradient: Vec<f32>,
+        initial_inverse_curvature: f64,
+        halo: &'a OwnedAndGhosts<'a>,
+    ) -> Result<Self> {
         let n = gradient.len();
         let mut basis: [Vec<f32>; BASIS_SIZE] = std::array::from_fn(|_| vec![0.0; n]);
         basis[GRADIENT_INDEX] = gradient;
@@ -50,8 +55,8 @@ impl<'a> Lbfgs<'a> {
             basis,
             gram: [[0.0; BASIS_SIZE]; BASIS_SIZE],
             live_slots: Vec::new(),
-            initial_inverse_curvature: guess,
-            halo: held,
+            initial_inverse_curvature,
+            halo,
         };
         memory.reset()?;
         Ok(memory)
@@ -60,7 +65,7 @@ impl<'a> Lbfgs<'a> {
     /// Drops all steps; the next direction is steepest descent.
     ///
     /// # Errors
-    /// Those of other ranks, where these hold the rest.
+    /// Returns an error if another rank fails.
     pub fn reset(&mut self) -> Result<()> {
         self.live_slots.clear();
         let gradient = &self.basis[GRADIENT_INDEX];
@@ -72,17 +77,17 @@ impl<'a> Lbfgs<'a> {
         Ok(())
     }
 
-    /// Whether the next direction is plain steepest descent.
+    /// Returns `true` if the next direction is plain steepest descent.
     pub fn is_empty(&self) -> bool {
         self.live_slots.is_empty()
     }
 
     /// Goes to a new point: `advance(chunk, s, g)` writes the step taken and the new gradient of
-    /// the coordinates from `chunk * CHUNK` on, of those held here. The step is remembered if the curvature along it is
-    /// positive.
+    /// the coordinates from `chunk * CHUNK_COORDINATES` on. The step is stored if the curvature
+    /// along it is positive.
     ///
     /// # Errors
-    /// Those of other ranks, where these hold the rest.
+    /// Returns an error if another rank fails.
     pub fn advance(
         &mut self,
         advance: impl Fn(usize, &mut [f32], &mut [f32]) + Sync,
@@ -103,7 +108,7 @@ impl<'a> Lbfgs<'a> {
             .flat_map(|&k| [k, MEMORY_STEPS + k])
             .collect();
         let basis = &self.basis;
-        // Of each chunk: inner products of s, y, g with the others, then among themselves.
+        // For each chunk: inner products of s, y, g with the other vectors, then among themselves.
         const SUM_COUNT: usize = 3 * (BASIS_SIZE + 2);
         let partial: Vec<[f64; SUM_COUNT]> = s
             .par_chunks_mut(CHUNK_COORDINATES)
@@ -133,16 +138,16 @@ impl<'a> Lbfgs<'a> {
             .collect();
         let total = self.halo.all_reduce_sum(partial)?;
         let (total, _) = total.as_chunks::<3>();
-        let new = [slot, MEMORY_STEPS + slot, GRADIENT_INDEX];
+        let new_indices = [slot, MEMORY_STEPS + slot, GRADIENT_INDEX];
         for (sum, &other) in total.iter().zip(&others) {
             for k in 0..3 {
-                self.gram[new[k]][other] = sum[k];
-                self.gram[other][new[k]] = sum[k];
+                self.gram[new_indices[k]][other] = sum[k];
+                self.gram[other][new_indices[k]] = sum[k];
             }
         }
         for (k, sum) in total[BASIS_SIZE - 1..].iter().enumerate() {
             for (l, &value) in sum.iter().enumerate() {
-                self.gram[new[k]][new[l]] = value;
+                self.gram[new_indices[k]][new_indices[l]] = value;
             }
         }
         self.basis[slot] = s;
@@ -159,12 +164,12 @@ impl<'a> Lbfgs<'a> {
         Ok(())
     }
 
-    /// Writes the descent direction, no block of `D` coordinates (an atom) of it longer than
-    /// `longest`, and returns its slope: the inner product with the gradient.
+    /// Writes the descent direction, in which no block of `D` coordinates (an atom) is longer than
+    /// `max_length`. Returns its slope: the inner product with the gradient.
     ///
     /// # Errors
-    /// Those of other ranks, where these hold the rest.
-    pub fn direction<const D: usize>(&self, longest: f32, direction: &mut [f32]) -> Result<f64> {
+    /// Returns an error if another rank fails.
+    pub fn direction<const D: usize>(&self, max_length: f32, direction: &mut [f32]) -> Result<f64> {
         let weights = self.coefficients();
         let terms: Vec<(f32, &[f32])> = (0..BASIS_SIZE)
             .filter(|&k| weights[k] != 0.0)
@@ -187,8 +192,8 @@ impl<'a> Lbfgs<'a> {
                 }
                 for atom in direction.chunks_exact_mut(D) {
                     let length2: f32 = atom.iter().map(|c| c * c).sum();
-                    if length2 > longest * longest {
-                        let shrink = longest / length2.sqrt();
+                    if length2 > max_length * max_length {
+                        let shrink = max_length / length2.sqrt();
                         atom.iter_mut().for_each(|c| *c *= shrink);
                     }
                 }
@@ -199,22 +204,22 @@ impl<'a> Lbfgs<'a> {
         Ok(slope)
     }
 
-    /// The two-loop recursion in the space of coefficients.
+    /// Runs the two-loop recursion in the space of coefficients.
     fn coefficients(&self) -> [f64; BASIS_SIZE] {
         let gram = &self.gram;
-        let along = |weights: &[f64; BASIS_SIZE], k: usize| -> f64 {
-            let live = self
+        let product = |weights: &[f64; BASIS_SIZE], k: usize| -> f64 {
+            let indices = self
                 .live_slots
                 .iter()
                 .flat_map(|&j| [j, MEMORY_STEPS + j])
                 .chain([GRADIENT_INDEX]);
-            live.map(|j| weights[j] * gram[j][k]).sum()
+            indices.map(|j| weights[j] * gram[j][k]).sum()
         };
         let mut weights = [0.0; BASIS_SIZE];
         weights[GRADIENT_INDEX] = -1.0;
         let mut alpha = [0.0; MEMORY_STEPS];
         for &k in self.live_slots.iter().rev() {
-            alpha[k] = along(&weights, k) / gram[k][MEMORY_STEPS + k];
+            alpha[k] = product(&weights, k) / gram[k][MEMORY_STEPS + k];
             weights[MEMORY_STEPS + k] -= alpha[k];
         }
         let scale = match self.live_slots.last() {
@@ -223,19 +228,19 @@ impl<'a> Lbfgs<'a> {
         };
         weights.iter_mut().for_each(|w| *w *= scale);
         for &k in &self.live_slots {
-            let beta = along(&weights, MEMORY_STEPS + k) / gram[k][MEMORY_STEPS + k];
+            let beta = product(&weights, MEMORY_STEPS + k) / gram[k][MEMORY_STEPS + k];
             weights[k] += alpha[k] - beta;
         }
         weights
     }
 }
 
-/// Inner product of two chunks.
+/// Returns the inner product of two chunks.
 pub fn dot(a: &[f32], b: &[f32]) -> f64 {
     Arch::new().dispatch(DotKernel { a, others: [b] })[0]
 }
 
-/// Inner products of `a` with three others in one go.
+/// Returns the inner products of `a` with three other chunks in one pass.
 fn dot_three(a: &[f32], s: &[f32], y: &[f32], g: &[f32]) -> [f64; 3] {
     Arch::new().dispatch(DotKernel {
         a,
@@ -261,7 +266,7 @@ impl<const N: usize> WithSimd for DotKernel<'_, N> {
     }
 }
 
-/// Inner product in sixteen running sums, which the compiler keeps in vector registers.
+/// Returns the inner product in sixteen running sums, which the compiler keeps in vector registers.
 #[inline(always)]
 fn dot_in_lanes(a: &[f32], b: &[f32]) -> f64 {
     const LANE_COUNT: usize = 16;
@@ -299,37 +304,37 @@ impl WithSimd for AddScaledKernel<'_> {
 mod tests {
     use super::*;
 
-    /// Minimises with unit steps and plain halving; returns the number of evaluations.
+    /// Minimises with unit steps and plain halving. Returns the count of evaluations.
     fn minimise(f: impl Fn(&[f64]) -> (f64, Vec<f32>), x: &mut Vec<f64>, tolerance: f64) -> usize {
         let (mut value, gradient) = f(x);
-        let all = OwnedAndGhosts::all(x.len());
-        let mut memory = Lbfgs::new(gradient, 1e-3, &all).unwrap();
+        let halo = OwnedAndGhosts::all(x.len());
+        let mut memory = Lbfgs::new(gradient, 1e-3, &halo).unwrap();
         let mut direction = vec![0.0f32; x.len()];
         for evaluations in 1..2000 {
             let slope = memory.direction::<1>(10.0, &mut direction).unwrap();
             assert!(slope <= 0.0);
             let mut alpha = 1.0;
-            let (next, found) = loop {
+            let (next, evaluated) = loop {
                 let next: Vec<f64> = x
                     .iter()
                     .zip(&direction)
                     .map(|(x, p)| x + alpha * f64::from(*p))
                     .collect();
-                let found = f(&next);
-                if found.0 <= value + 1e-4 * alpha * slope || alpha < 1e-12 {
-                    break (next, found);
+                let evaluated = f(&next);
+                if evaluated.0 <= value + 1e-4 * alpha * slope || alpha < 1e-12 {
+                    break (next, evaluated);
                 }
                 alpha *= 0.5;
             };
             let old = x.clone();
             *x = next;
-            value = found.0;
+            value = evaluated.0;
             memory
                 .advance(|chunk, s, g| {
                     let first = chunk * CHUNK_COORDINATES;
                     for n in 0..s.len() {
                         s[n] = (x[first + n] - old[first + n]) as f32;
-                        g[n] = found.1[first + n];
+                        g[n] = evaluated.1[first + n];
                     }
                 })
                 .unwrap();
@@ -389,8 +394,8 @@ mod tests {
     fn no_atom_moves_farther_than_allowed() {
         let gradient = vec![3.0, 4.0, 0.0, 0.1, 0.0, 0.0];
         let mut direction = vec![0.0; 6];
-        let all = OwnedAndGhosts::all(2);
-        let memory = Lbfgs::new(gradient, 1.0, &all).unwrap();
+        let halo = OwnedAndGhosts::all(2);
+        let memory = Lbfgs::new(gradient, 1.0, &halo).unwrap();
         let slope = memory.direction::<3>(0.25, &mut direction).unwrap();
         assert!((direction[0] + 0.15).abs() < 1e-7 && (direction[1] + 0.2).abs() < 1e-7);
         assert_eq!(direction[3], -0.1);

@@ -1,17 +1,18 @@
 //! Moves the atoms of a lattice to lower its energy (Hale 2001, Algorithm 3).
 //!
-//! Repeat: perturb every atom a little, then minimise the energy with L-BFGS until it no longer
-//! falls; stop when a whole round no longer pays, and keep the best.
+//! Each round perturbs every atom a little and then minimises the energy with L-BFGS until it no
+//! longer falls. The optimisation stops when a whole round no longer pays, and keeps the best
+//! lattice.
 //!
-//! Atoms keep to their place in the box: corners and fixed atoms stay, edge atoms slide along their
-//! edge, side atoms in their side, and no free coordinate comes nearer to a side than a fifth of d.
-//! Coordinates are scaled by d(x) (and the square root of an atom's temperature), so that fine and
-//! coarse parts of a lattice converge alike.
+//! Atoms keep to their place in the box: corners and fixed atoms do not move, edge atoms slide
+//! along their edge, side atoms in their side, and no free coordinate comes nearer to a side than a
+//! fifth of d. Coordinates are scaled by d(x) (and the square root of an atom's temperature), so
+//! that fine and coarse parts of a lattice converge alike.
 //!
-//! - `bounds`: how far atoms may move, and chance moves
+//! - `bounds`: bounds on moves, and random moves
 //! - `lbfgs`: the descent direction
 //! - `minimise`: one minimisation: line search, stopping
-//! - `genetic`: a population of lattices instead, of which the best have descendants
+//! - `genetic`: a genetic algorithm with a population of lattices
 //! - `temperature`: which atoms a local edit may move
 
 pub(crate) mod bounds;
@@ -35,18 +36,18 @@ use crate::lattice::seeding::Atoms;
 use bounds::MoveBounds;
 use minimise::{Budget, Minimiser};
 
-/// Why an optimisation ended. Every one leaves a usable lattice.
+/// The reason why an optimisation ended. Every one leaves a usable lattice.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StopReason {
     /// The energy no longer falls by more than the tolerance.
     Converged,
     /// The allowed rounds or evaluations are used up.
     MaxIterations,
-    /// The observer asked to stop.
+    /// The progress callback asked to stop.
     Interrupted,
 }
 
-/// How the energy is lowered in a round.
+/// The method that lowers the energy in a round.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
@@ -60,10 +61,10 @@ pub enum Method {
     Genetic,
 }
 
-/// How, and how hard, to optimise.
+/// Options of an optimisation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OptimizeOptions {
-    /// How each round goes.
+    /// The method of each round.
     pub method: Method,
     /// Relative decrease of P, a step and a round, below which steps and rounds end (Hale: 1e-3).
     pub tolerance: f64,
@@ -73,7 +74,7 @@ pub struct OptimizeOptions {
     pub max_evaluations: usize,
     /// Largest perturbation of an atom, in units of d (Hale: 0.1).
     pub perturbation: f64,
-    /// Decides the perturbations; the same seed gives the same bytes.
+    /// Seed of the perturbations; the same seed gives the same bytes.
     pub seed: u64,
     /// Temperature of each atom in [0, 1], which scales its force; empty for 1 everywhere.
     pub temperature: Vec<f64>,
@@ -94,16 +95,17 @@ impl Default for OptimizeOptions {
 }
 
 impl OptimizeOptions {
-    /// With another method and the effort that suits it: steepest descent takes more evaluations, and a
-    /// genetic algorithm many, but of these as many at once as there are threads. Where energies change
-    /// from round to round (`regular`, by Laplacian coordinates) there are three.
-    pub fn with_method(self, method: Method, regular: bool) -> Self {
+    /// Sets the method and scales the limits to it: steepest descent needs more evaluations, and a
+    /// genetic algorithm many, of which as many run at once as there are threads. Three times as
+    /// many rounds are allowed if `is_regularised`, that is, if Laplacian coordinates change the
+    /// energy from round to round.
+    pub fn with_method(self, method: Method, is_regularised: bool) -> Self {
         let effort = match method {
             Method::Lbfgs => 1,
             Method::Descent => 5,
             Method::Genetic => 25,
         };
-        let rounds = if regular { 3 } else { 1 };
+        let rounds = if is_regularised { 3 } else { 1 };
         Self {
             method,
             max_rounds: self.max_rounds * rounds,
@@ -113,7 +115,7 @@ impl OptimizeOptions {
     }
 }
 
-/// How a lattice came to rest, and what that took.
+/// Result of an optimisation: why it stopped, its cost and the energies.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OptimizeResult {
     /// Why it ended.
@@ -124,31 +126,33 @@ pub struct OptimizeResult {
     pub iterations: usize,
     /// Evaluations of the energy.
     pub evaluations: usize,
-    /// What is minimised, of the lattice as given.
+    /// The minimised energy of the initial lattice.
     pub energy_before: f64,
-    /// The same of the lattice as left.
+    /// The minimised energy of the final lattice.
     pub energy_after: f64,
-    /// What the latter consists of.
+    /// The terms of the energy of the final lattice.
     pub terms: EnergyTerms,
 }
 
-/// How far apart, in units of d, atoms that are listed as neighbours may be.
+/// Largest distance, in units of d, of atoms that are listed as neighbours.
 const NEIGHBOUR_RADIUS: f64 = 1.75;
-/// How far, in units of the largest d, atoms are expected to move at most ...
+/// Largest expected move of an atom, in units of the largest d, where d is constant.
 const EXPECTED_MOVE: f64 = 0.75;
-/// ... and where d varies, as a grown lattice is less even.
+/// Largest expected move of an atom, in units of the largest d, where d varies. It is larger
+/// because a grown lattice is less even.
 const VARYING_D_FACTOR: f64 = 1.5;
 
-/// How far atoms are expected to move at most.
+/// Returns the largest expected move of an atom.
 fn expected_move<const D: usize>(distance: &Distance<D>) -> f64 {
-    let moves = match distance.max_slope() > 0.0 {
-        true => VARYING_D_FACTOR,
-        false => EXPECTED_MOVE,
+    let factor = if distance.max_slope() > 0.0 {
+        VARYING_D_FACTOR
+    } else {
+        EXPECTED_MOVE
     };
-    moves * distance.max()
+    factor * distance.max()
 }
 
-/// How far, along each axis, atoms that one of a group holds may be from its own.
+/// Returns the largest distance, along each axis, of a rank's ghosts from its owned atoms.
 pub(crate) fn halo_width<const D: usize>(distance: &Distance<D>) -> f64 {
     halo::halo_extent(NEIGHBOUR_RADIUS * distance.max() + 2.0 * expected_move(distance))
 }
@@ -156,95 +160,100 @@ pub(crate) fn halo_width<const D: usize>(distance: &Distance<D>) -> f64 {
 /// Lowers the energy of a lattice in the box `[0, extent]`.
 ///
 /// # Errors
-/// [`Error::Optimize`] if an option is impossible or the energy is not a number.
+/// Returns [`Error::Optimize`] if an option is impossible or the energy is not a number.
 pub fn optimize<const D: usize>(
     atoms: &mut Atoms<D>,
     energy: &mut dyn Energy<D>,
     distance: &Distance<D>,
     extent: [f64; D],
     options: &OptimizeOptions,
-    observer: &mut dyn Progress,
+    progress: &mut dyn Progress,
 ) -> Result<OptimizeResult> {
     check_options(options, atoms.len())?;
-    let held = &OwnedAndGhosts::all(atoms.len());
-    lower_energy(atoms, held, energy, distance, extent, options, observer).map(|(rest, _)| rest)
+    let halo = &OwnedAndGhosts::all(atoms.len());
+    lower_energy(atoms, halo, energy, distance, extent, options, progress).map(|(result, _)| result)
 }
 
-/// The same by a group, each of which has a share of the lattice: if the energy [takes parts](Energy::supports_partition), each
-/// moves its own atoms and holds those near them. The lattice comes to rest as one would bring it.
+/// Lowers the energy of a lattice that is distributed over ranks. If the energy [supports
+/// it](Energy::supports_partition), each rank moves its owned atoms and keeps ghosts; otherwise all
+/// ranks have the whole lattice. The result is the same as that of one process.
 ///
 /// # Errors
-/// As [`optimize`], and those of others.
+/// Returns an error as [`optimize`] does, or if another rank fails.
 pub(crate) fn optimize_partition<const D: usize>(
-    share: &mut OwnedAtoms<D>,
+    owned: &mut OwnedAtoms<D>,
     energy: &mut dyn Energy<D>,
     distance: &Distance<D>,
     extent: [f64; D],
     options: &OptimizeOptions,
-    group: &dyn Comm,
-    observer: &mut dyn Progress,
+    comm: &dyn Comm,
+    progress: &mut dyn Progress,
 ) -> Result<OptimizeResult> {
-    let parted = energy.supports_partition()
+    let can_partition = energy.supports_partition()
         && Minimiser::<D>::CAN_PARTITION
         && options.temperature.is_empty();
-    if group.size() > 1 && parted && options.method != Method::Genetic {
-        let room = expected_move(distance);
+    if comm.size() > 1 && can_partition && options.method != Method::Genetic {
+        let max_move = expected_move(distance);
         return optimize_with_halo(
-            share, energy, distance, extent, options, room, group, observer,
+            owned, energy, distance, extent, options, max_move, comm, progress,
         );
     }
-    let mut atoms = std::mem::take(share).all_gather(group)?;
-    let rest = optimize(&mut atoms, energy, distance, extent, options, observer);
-    *share = OwnedAtoms::from_global(atoms, group);
-    rest
+    let mut atoms = std::mem::take(owned).all_gather(comm)?;
+    let result = optimize(&mut atoms, energy, distance, extent, options, progress);
+    *owned = OwnedAtoms::from_global(atoms, comm);
+    result
 }
 
-/// The same where none is expected to move farther than `room`.
+/// Lowers the energy of a distributed lattice with ghosts; no atom is expected to move farther than
+/// `max_move`.
 fn optimize_with_halo<const D: usize>(
-    share: &mut OwnedAtoms<D>,
+    owned: &mut OwnedAtoms<D>,
     energy: &mut dyn Energy<D>,
     distance: &Distance<D>,
     extent: [f64; D],
     options: &OptimizeOptions,
-    mut room: f64,
-    group: &dyn Comm,
-    observer: &mut dyn Progress,
+    mut max_move: f64,
+    comm: &dyn Comm,
+    progress: &mut dyn Progress,
 ) -> Result<OptimizeResult> {
-    check_options(options, share.global_count)?;
+    check_options(options, owned.global_count)?;
     loop {
-        let reach = NEIGHBOUR_RADIUS * distance.max() + 2.0 * room;
-        let (held, mut atoms) = OwnedAndGhosts::with_halo(share, reach, group)?;
+        let halo_width = NEIGHBOUR_RADIUS * distance.max() + 2.0 * max_move;
+        let (halo, mut atoms) = OwnedAndGhosts::with_halo(owned, halo_width, comm)?;
         let energy = &mut *energy.duplicate();
-        let (rest, strayed) = lower_energy(
-            &mut atoms, &held, energy, distance, extent, options, observer,
+        let (result, displacement) = lower_energy(
+            &mut atoms, &halo, energy, distance, extent, options, progress,
         )?;
-        let strayed = held.all_gather("farthest move", strayed)?;
-        if strayed.iter().all(|&strayed| strayed <= room) {
-            let own = &atoms.positions[held.owned()];
-            share.atoms.positions.copy_from_slice(own);
-            return Ok(rest);
+        let displacements = halo.all_gather("farthest move", displacement)?;
+        if displacements
+            .iter()
+            .all(|&displacement| displacement <= max_move)
+        {
+            let positions = &atoms.positions[halo.owned()];
+            owned.atoms.positions.copy_from_slice(positions);
+            return Ok(result);
         }
-        // Some may have met others that are not held: once more, with more of them.
-        room *= 2.0;
+        // Some atoms may have met others that are not local: repeat with a wider halo.
+        max_move *= 2.0;
     }
 }
 
-/// Lowers the energy of a lattice, of which these atoms are held. Says also how far an own one has been from where it
-/// was, where not all are held.
+/// Lowers the energy of a lattice of which the atoms in `halo` are local. Returns also the largest
+/// distance of an owned atom from its start, or 0 if all atoms are local.
 fn lower_energy<const D: usize>(
     atoms: &mut Atoms<D>,
-    held: &OwnedAndGhosts<'_>,
+    halo: &OwnedAndGhosts<'_>,
     energy: &mut dyn Energy<D>,
     distance: &Distance<D>,
     extent: [f64; D],
     options: &OptimizeOptions,
-    observer: &mut dyn Progress,
+    progress: &mut dyn Progress,
 ) -> Result<(OptimizeResult, f64)> {
     let mobility = mobility(atoms, extent, &options.temperature);
     let bounds = MoveBounds::new(atoms, distance, extent, &mobility);
     drop(mobility);
-    let steepest = options.method == Method::Descent;
-    let mut minimiser = Minimiser::new(held, &atoms.positions, bounds, steepest);
+    let is_steepest_descent = options.method == Method::Descent;
+    let mut minimiser = Minimiser::new(halo, &atoms.positions, bounds, is_steepest_descent);
     let mut budget = Budget {
         evaluations: 0,
         iterations: 0,
@@ -253,16 +262,16 @@ fn lower_energy<const D: usize>(
     energy.refresh(&atoms.positions)?;
     let (energy_before, _) = minimiser.evaluate(&atoms.positions, energy, &mut budget)?;
     let mut best = energy_before;
-    let mut spare = vec![[0.0; D]; atoms.len()];
+    let mut scratch = vec![[0.0; D]; atoms.len()];
     let x = &atoms.positions;
-    send_snapshot(x, held, best, 0, energy, &mut spare, observer)?;
+    send_snapshot(x, halo, best, 0, energy, &mut scratch, progress)?;
     let mut rounds = 0;
     let stop = loop {
         if rounds == options.max_rounds || budget.is_spent() {
             break StopReason::MaxIterations;
         }
-        // To begin a round takes several evaluations.
-        if !observer.keep_going() {
+        // Starting a round takes several evaluations, so check for a stop first.
+        if !progress.keep_going() {
             break StopReason::Interrupted;
         }
         if rounds > 0 && energy.refresh(&atoms.positions)? {
@@ -278,66 +287,67 @@ fn lower_energy<const D: usize>(
                 options,
                 rounds,
                 &mut budget,
-                observer,
+                progress,
             )?,
             Method::Lbfgs | Method::Descent => {
                 let bounds = minimiser.bounds();
-                let start = bounds.perturb(&atoms.positions, held, options.perturbation, key);
+                let start = bounds.perturb(&atoms.positions, halo, options.perturbation, key);
                 minimiser.run(
                     start,
                     energy,
                     options.tolerance,
                     rounds,
                     &mut budget,
-                    observer,
+                    progress,
                 )?
             }
         };
-        let before = best;
-        let first = rounds == 1;
+        let previous_best = best;
+        let is_first_round = rounds == 1;
         if minimiser.energy() < best {
             best = minimiser.energy();
             atoms.positions.copy_from_slice(minimiser.positions());
         }
         if options.method != Method::Genetic {
             let x = &atoms.positions;
-            send_snapshot(x, held, best, rounds, energy, &mut spare, observer)?;
+            send_snapshot(x, halo, best, rounds, energy, &mut scratch, progress)?;
         }
         if stop == StopReason::Interrupted {
             break stop;
         }
-        if !first && before - best <= options.tolerance * before.abs() {
+        if !is_first_round && previous_best - best <= options.tolerance * previous_best.abs() {
             break StopReason::Converged;
         }
     };
-    let rest = OptimizeResult {
+    let result = OptimizeResult {
         stop,
         rounds,
         iterations: budget.iterations,
         evaluations: budget.evaluations,
         energy_before,
         energy_after: best,
-        terms: energy.terms(&atoms.positions, held, best, &mut spare)?,
+        terms: energy.terms(&atoms.positions, halo, best, &mut scratch)?,
     };
-    Ok((rest, minimiser.max_displacement()))
+    Ok((result, minimiser.max_displacement()))
 }
 
-/// Shows an observer who wants to see it a lattice, of which so much is minimised.
+/// Passes a lattice, whose minimised energy is `minimised`, to the progress callback if it wants
+/// lattices.
 fn send_snapshot<const D: usize>(
     x: &[[f64; D]],
-    held: &OwnedAndGhosts<'_>,
+    halo: &OwnedAndGhosts<'_>,
     minimised: f64,
     round: usize,
     energy: &mut (impl Energy<D> + ?Sized),
-    spare: &mut [[f64; D]],
-    observer: &mut dyn Progress,
+    scratch: &mut [[f64; D]],
+    progress: &mut dyn Progress,
 ) -> Result<()> {
-    if !observer.wants_lattices() {
+    if !progress.wants_lattices() {
         return Ok(());
     }
-    let terms = energy.terms(x, held, minimised, spare)?;
+    let terms = energy.terms(x, halo, minimised, scratch)?;
     let positions: Vec<[f64; 3]> = x.iter().map(|&x| to_3d(x)).collect();
-    observer.lattice(&LatticeSnapshot {
+    progress.lattice(&LatticeSnapshot {
         round,
         positions: &positions,
         energy: terms.energy,
@@ -347,7 +357,7 @@ fn send_snapshot<const D: usize>(
     Ok(())
 }
 
-fn check_options(options: &OptimizeOptions, atoms: usize) -> Result<()> {
+fn check_options(options: &OptimizeOptions, atom_count: usize) -> Result<()> {
     let fail = |place: &str, problem: String, remedy: &str| {
         Err(Error::Optimize(cause(place, problem, remedy)))
     };
@@ -360,8 +370,8 @@ fn check_options(options: &OptimizeOptions, atoms: usize) -> Result<()> {
         return fail("perturbation", problem, "give for example 0.1");
     }
     let temperature = &options.temperature;
-    if !(temperature.is_empty() || temperature.len() == atoms) {
-        let problem = format!("{} values for {atoms} atoms", temperature.len());
+    if !(temperature.is_empty() || temperature.len() == atom_count) {
+        let problem = format!("{} values for {atom_count} atoms", temperature.len());
         return fail(
             "temperature",
             problem,
@@ -379,8 +389,8 @@ fn check_options(options: &OptimizeOptions, atoms: usize) -> Result<()> {
     Ok(())
 }
 
-/// How far each coordinate of each atom may follow its force: mobility in the box, times the square
-/// root of temperature (the gradient is scaled by it once, and so is the step).
+/// Returns how far each coordinate of each atom may follow its force: mobility in the box, times
+/// the square root of temperature (the gradient is scaled by it once, and so is the step).
 fn mobility<const D: usize>(
     atoms: &Atoms<D>,
     extent: [f64; D],

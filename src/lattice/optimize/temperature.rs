@@ -3,12 +3,13 @@
 
 use crate::parallel::prelude::*;
 
-/// How far an edit is felt, in units of d (Hale 2002).
+/// Radius of the neighbourhood of an edit, in units of d (Hale 2002).
 pub const EDIT_RADIUS: f64 = 5.0;
 
-/// The temperature of each atom, for [`Effort::temperature`](super::OptimizeOptions::temperature): 1 where
-/// an `edited` position is, falling linearly to 0 five d away from the nearest of them; each comes
-/// with the d that is there.
+/// Returns the temperature of each atom, for
+/// [`OptimizeOptions::temperature`](super::OptimizeOptions::temperature): 1 at an `edited`
+/// position, falling linearly to 0 at five d from the nearest of them. Each edited position comes
+/// with the d there.
 pub fn temperatures<const D: usize>(
     positions: &[[f64; D]],
     edited: &[([f64; D], f64)],
@@ -20,13 +21,13 @@ pub fn temperatures<const D: usize>(
         .collect()
 }
 
-/// The distance of a position from the nearest edited one, in units of the d there.
+/// Returns the distance of a position from the nearest edited one, in units of the d there.
 pub fn relative_distance<const D: usize>(x: &[f64; D], edited: &[([f64; D], f64)]) -> f64 {
-    let of = |(y, d): &([f64; D], f64)| {
+    let distance_to = |(y, d): &([f64; D], f64)| {
         let r2: f64 = (0..D).map(|k| (x[k] - y[k]).powi(2)).sum();
         r2.sqrt() / d
     };
-    edited.iter().map(of).fold(f64::INFINITY, f64::min)
+    edited.iter().map(distance_to).fold(f64::INFINITY, f64::min)
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Optimisation: what it gains, and what it keeps.
+//! Tests of the optimisation: the gain in energy, and what must not change.
 
 use super::*;
 use crate::image::{ScalarField, SparseField};
@@ -9,7 +9,7 @@ use crate::lattice::seeding::{self, Alignment};
 const D: f64 = 4.0;
 const EXTENT: [f64; 3] = [47.0, 43.0, 51.0];
 
-/// Signed distance, nearly, to a gently curved surface across the box.
+/// The approximate signed distance to a gently curved surface across the box.
 fn surface(x: [f64; 3]) -> f64 {
     (x[0] + 0.25 * x[1] - 30.0 + 2.0 * (x[2] / 9.0).sin()) / 1.05
 }
@@ -40,10 +40,10 @@ struct Recorder {
 }
 
 impl Progress for Recorder {
-    fn optimize_step(&mut self, progress: &OptimizeStatus) {
-        self.energies.push(progress.energy);
-        let energy = 0.4 * progress.lattice_energy + 0.6 * progress.image_energy;
-        assert!((energy - progress.energy).abs() < 1e-6);
+    fn optimize_step(&mut self, status: &OptimizeStatus) {
+        self.energies.push(status.energy);
+        let energy = 0.4 * status.lattice_energy + 0.6 * status.image_energy;
+        assert!((energy - status.energy).abs() < 1e-6);
     }
     fn lattice(&mut self, snapshot: &LatticeSnapshot<'_>) {
         assert_eq!(self.snapshots, snapshot.round);
@@ -70,7 +70,7 @@ fn atoms_settle_on_the_surface_and_the_box_stays_exact() {
         Alignment::OnFeatures,
     )
     .unwrap();
-    let before = atoms.clone();
+    let initial = atoms.clone();
     let mut energy = evaluator(&distance, &valley);
     let mut recorder = Recorder::default();
     let options = OptimizeOptions::default();
@@ -95,15 +95,15 @@ fn atoms_settle_on_the_surface_and_the_box_stays_exact() {
         (recorder.snapshots - 1, recorder.energies.len())
     );
 
-    // The box: every atom still on its sides, none outside, none freed or fixed.
-    assert_eq!(atoms.kinds, before.kinds);
+    // The box: every atom is still on its sides, none is outside, none freed or fixed.
+    assert_eq!(atoms.kinds, initial.kinds);
     for ((x, old), kind) in atoms
         .positions
         .iter()
-        .zip(&before.positions)
+        .zip(&initial.positions)
         .zip(&atoms.kinds)
     {
-        let mut held = 0;
+        let mut side_count = 0;
         for k in 0..3 {
             let on_side = old[k] == 0.0 || old[k] == EXTENT[k];
             assert!(if on_side {
@@ -111,28 +111,33 @@ fn atoms_settle_on_the_surface_and_the_box_stays_exact() {
             } else {
                 x[k] > 0.0 && x[k] < EXTENT[k]
             });
-            held += usize::from(on_side);
+            side_count += usize::from(on_side);
         }
         match kind {
             AtomKind::Corner | AtomKind::Fixed => assert_eq!(x, old),
-            AtomKind::Edge => assert_eq!(held, 2),
-            AtomKind::Side => assert_eq!(held, 1),
-            AtomKind::Interior => assert_eq!(held, 0),
+            AtomKind::Edge => assert_eq!(side_count, 2),
+            AtomKind::Side => assert_eq!(side_count, 1),
+            AtomKind::Interior => assert_eq!(side_count, 0),
         }
     }
 
-    // Alignment: few atoms between the surface and the layers beside it, none too close.
-    let far = |x: &&[f64; 3]| (0..3).all(|k| x[k] > D && x[k] < EXTENT[k] - D);
+    // Alignment: few atoms lie between the surface and the layers beside it, and none are too
+    // close.
+    let is_inner = |x: &&[f64; 3]| (0..3).all(|k| x[k] > D && x[k] < EXTENT[k] - D);
     let inner: Vec<f64> = atoms
         .positions
         .iter()
-        .filter(far)
+        .filter(is_inner)
         .map(|x| surface(*x).abs() / D)
         .collect();
-    let within = |low, high| inner.iter().filter(|&&s| s >= low && s < high).count();
-    println!("on {}, between {}", within(0.0, 0.15), within(0.15, 0.5));
-    assert!(within(0.0, 0.15) > 100);
-    assert!(within(0.15, 0.5) * 8 < within(0.0, 0.15));
+    let count_between = |low, high| inner.iter().filter(|&&s| s >= low && s < high).count();
+    println!(
+        "on {}, between {}",
+        count_between(0.0, 0.15),
+        count_between(0.15, 0.5)
+    );
+    assert!(count_between(0.0, 0.15) > 100);
+    assert!(count_between(0.15, 0.5) * 8 < count_between(0.0, 0.15));
     let nearest = |n: usize| {
         let others = atoms.positions.iter().enumerate().filter(|&(m, _)| m != n);
         let r2 = |y: &[f64; 3]| (0..3).map(|k| (atoms.positions[n][k] - y[k]).powi(2)).sum();
@@ -142,9 +147,9 @@ fn atoms_settle_on_the_surface_and_the_box_stays_exact() {
             .sqrt()
             / D
     };
-    let least = (0..atoms.len()).map(nearest).fold(f64::INFINITY, f64::min);
-    println!("nearest neighbours {least:.3} d");
-    assert!(least > 0.6, "{least}");
+    let min_distance = (0..atoms.len()).map(nearest).fold(f64::INFINITY, f64::min);
+    println!("nearest neighbours {min_distance:.3} d");
+    assert!(min_distance > 0.6, "{min_distance}");
 }
 
 #[test]
@@ -169,10 +174,10 @@ fn energy_never_rises_within_a_round_and_the_best_is_kept() {
     assert!(recorder.energies.is_sorted_by(|a, b| a >= b));
     assert_eq!(recorder.energies.last(), Some(&outcome.energy_after));
     let mut gradient = vec![[0.0; 3]; atoms.len()];
-    let again = evaluator(&distance, &valley)
+    let recomputed = evaluator(&distance, &valley)
         .evaluate(&atoms.positions, &mut gradient)
         .unwrap();
-    assert!((again - outcome.energy_after).abs() < 1e-6 * again.abs());
+    assert!((recomputed - outcome.energy_after).abs() < 1e-6 * recomputed.abs());
 }
 
 #[test]
@@ -234,24 +239,32 @@ fn any_number_of_threads_and_any_run_give_the_same_bytes() {
                 max_rounds: 2,
                 ..OptimizeOptions::default()
             };
-            let stop = &mut NoProgress;
-            optimize(&mut atoms, &mut energy, &distance, EXTENT, &options, stop).unwrap();
+            let progress = &mut NoProgress;
+            optimize(
+                &mut atoms,
+                &mut energy,
+                &distance,
+                EXTENT,
+                &options,
+                progress,
+            )
+            .unwrap();
             atoms.positions
         })
     };
-    let one = run(1, 1);
-    assert_eq!(one, run(3, 1));
-    assert_ne!(one, run(1, 2));
+    let reference = run(1, 1);
+    assert_eq!(reference, run(3, 1));
+    assert_ne!(reference, run(1, 2));
 }
 
 #[test]
 fn frozen_atoms_stay() {
     let (distance, valley) = (Distance::Constant(D), valley());
     let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::OnFeatures).unwrap();
-    let before = atoms.positions.clone();
-    let warm = |x: &[f64; 3]| f64::from(u8::from((x[0] - 25.0).abs() < 8.0));
+    let initial = atoms.positions.clone();
+    let temperature_at = |x: &[f64; 3]| f64::from(u8::from((x[0] - 25.0).abs() < 8.0));
     let options = OptimizeOptions {
-        temperature: before.iter().map(warm).collect(),
+        temperature: initial.iter().map(temperature_at).collect(),
         max_rounds: 1,
         ..OptimizeOptions::default()
     };
@@ -266,8 +279,8 @@ fn frozen_atoms_stay() {
     )
     .unwrap();
     let mut moved = 0;
-    for (x, old) in atoms.positions.iter().zip(&before) {
-        assert!(warm(old) > 0.0 || x == old);
+    for (x, old) in atoms.positions.iter().zip(&initial) {
+        assert!(temperature_at(old) > 0.0 || x == old);
         moved += usize::from(x != old);
     }
     assert!(moved > 200);
@@ -290,14 +303,15 @@ fn an_edit_changes_its_neighbourhood_only() {
         .unwrap();
     atoms.positions[nearest] = centre;
     atoms.kinds[nearest] = AtomKind::Fixed;
-    let before = atoms.positions.clone();
+    let initial = atoms.positions.clone();
     let run = |warmth: f64| {
         let mut atoms = atoms.clone();
-        let around = temperature::temperatures(&before, &[(centre, distance.value_at(centre))]);
+        let temperatures =
+            temperature::temperatures(&initial, &[(centre, distance.value_at(centre))]);
         let options = OptimizeOptions {
-            temperature: around.iter().map(|t| warmth * t).collect(),
+            temperature: temperatures.iter().map(|t| warmth * t).collect(),
             max_rounds: 1,
-            // As given, at the start, and after one step, which is along the force.
+            // Evaluations: as given, at the start, and after one step, which is along the force.
             max_evaluations: 3,
             perturbation: 0.0,
             ..OptimizeOptions::default()
@@ -316,7 +330,7 @@ fn an_edit_changes_its_neighbourhood_only() {
             assert!(r(old) < 5.0 * D || x == old);
             (0..3).map(|k| (x[k] - old[k]).powi(2)).sum::<f64>().sqrt()
         };
-        atoms.positions.iter().zip(&before).map(moved).sum::<f64>()
+        atoms.positions.iter().zip(&initial).map(moved).sum::<f64>()
     };
     let (warm, cool) = (run(1.0), run(0.05));
     println!("moved {warm:.2} warm, {cool:.2} cool");
@@ -326,7 +340,7 @@ fn an_edit_changes_its_neighbourhood_only() {
     );
 }
 
-/// The same energy as a problem for argmin, over flat coordinates, the held ones left out.
+/// The same energy as a problem for argmin, over flat coordinates without the fixed ones.
 struct ArgminProblem<'a> {
     energy: std::cell::RefCell<PairwiseEnergy<'a, 3>>,
     start: Vec<[f64; 3]>,
@@ -460,14 +474,15 @@ fn impossible_options_are_refused() {
 
 #[test]
 #[ignore = "slow: make test-all"]
-fn those_who_hold_parts_move_atoms_as_one_who_holds_all() {
+fn partitioned_optimisation_equals_the_single_process_one() {
     use crate::comm::run_threads;
 
     let extent = [74.0, 43.0, 51.0];
     let valley = valley();
     let varying = ScalarField::from_fn([75, 44, 52], [1.0; 3], |x| 2.6 + 0.015 * x[0]);
-    // In turn: on and along features, distance the same and varying, and so little room that it does not do at first.
-    for (alignment, distance, rooms) in [
+    // Cases: on and alongside features, constant and varying distance, and an expected move that is
+    // too small at first.
+    for (alignment, distance, max_moves) in [
         (
             Alignment::OnFeatures,
             Distance::Constant(2.6),
@@ -502,34 +517,37 @@ fn those_who_hold_parts_move_atoms_as_one_who_holds_all() {
                 .with_auto_stiffness()
                 .with_alignment(alignment)
         };
-        let mut alone = seeded.clone();
-        let observer = &mut NoProgress;
-        let rest = optimize(
-            &mut alone,
+        let mut expected = seeded.clone();
+        let progress = &mut NoProgress;
+        let result = optimize(
+            &mut expected,
             &mut energy(),
             &distance,
             extent,
             &options,
-            observer,
+            progress,
         );
-        let rest = rest.unwrap();
-        assert!(rest.energy_after < rest.energy_before && rest.rounds == 2);
-        for (count, room) in [2, 7]
+        let result = result.unwrap();
+        assert!(result.energy_after < result.energy_before && result.rounds == 2);
+        for (count, max_move) in [2, 7]
             .into_iter()
-            .flat_map(|n| rooms.iter().map(move |r| (n, r)))
+            .flat_map(|n| max_moves.iter().map(move |r| (n, r)))
         {
-            let room = room * distance.max();
-            let parts = run_threads(count, |group| {
-                let mut share = OwnedAtoms::from_global(seeded.clone(), group);
-                let (energy, observer, distance) = (&mut energy(), &mut NoProgress, &distance);
-                let rest = optimize_with_halo(
-                    &mut share, energy, distance, extent, &options, room, group, observer,
+            let max_move = max_move * distance.max();
+            let outcomes = run_threads(count, |comm| {
+                let mut owned = OwnedAtoms::from_global(seeded.clone(), comm);
+                let (energy, progress, distance) = (&mut energy(), &mut NoProgress, &distance);
+                let result = optimize_with_halo(
+                    &mut owned, energy, distance, extent, &options, max_move, comm, progress,
                 );
-                (share.all_gather(group).unwrap(), rest.unwrap())
+                (owned.all_gather(comm).unwrap(), result.unwrap())
             });
-            for (atoms, found) in parts {
-                assert!(atoms == alone, "{alignment:?}, {count} of them, {room}");
-                assert_eq!(found, rest);
+            for (atoms, outcome) in outcomes {
+                assert!(
+                    atoms == expected,
+                    "{alignment:?}, {count} of them, {max_move}"
+                );
+                assert_eq!(outcome, result);
             }
         }
     }

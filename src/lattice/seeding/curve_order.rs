@@ -1,4 +1,5 @@
-//! Sites in their turn along a curve, of which each of a group has a share: whole chunks of the lattice that they become.
+//! Distribution of sites along a space-filling curve over ranks, in whole chunks of the lattice
+//! that they become.
 
 use std::ops::Range;
 
@@ -12,23 +13,24 @@ use crate::error::Result;
 use crate::lattice::AtomKind;
 use crate::lattice::partition::{OwnedAtoms, owned_range};
 
-/// Stretches of the curve whose sites are counted, at most.
+/// Most segments of the curve whose sites are counted.
 pub const MAX_SEGMENTS: usize = 1 << 16;
 
-/// Which atoms of a lattice are whose: sites along a curve, and fixed atoms behind them.
+/// The distribution of a lattice over ranks: sites along a curve, and fixed atoms after them.
 pub struct CurvePartition {
-    /// How many sites there are up to the end of each stretch of the curve.
+    /// Count of sites up to the end of each segment of the curve.
     segment_ends: Vec<usize>,
     fixed_count: usize,
 }
 
 impl CurvePartition {
-    /// Of so many sites in each stretch, and so many fixed atoms.
+    /// Creates the distribution from the count of sites in each segment and the count of fixed
+    /// atoms.
     pub fn new(mut counts: Vec<usize>, fixed_count: usize) -> Self {
-        let mut before = 0;
+        let mut total = 0;
         for count in &mut counts {
-            before += *count;
-            *count = before;
+            total += *count;
+            *count = total;
         }
         Self {
             segment_ends: counts,
@@ -36,96 +38,100 @@ impl CurvePartition {
         }
     }
 
-    /// How many sites there are.
+    /// Returns the count of sites.
     fn site_count(&self) -> usize {
         self.segment_ends.last().copied().unwrap_or(0)
     }
 
-    /// The sites of one of `count`, by their turn.
-    fn site_range(&self, rank: usize, count: usize) -> Range<usize> {
-        let own = owned_range(self.site_count() + self.fixed_count, rank, count);
-        own.start.min(self.site_count())..own.end.min(self.site_count())
+    /// Returns the sites of one of `rank_count` ranks, by their order along the curve.
+    fn site_range(&self, rank: usize, rank_count: usize) -> Range<usize> {
+        let range = owned_range(self.site_count() + self.fixed_count, rank, rank_count);
+        range.start.min(self.site_count())..range.end.min(self.site_count())
     }
 
-    /// The stretches in which these are.
-    pub fn segments(&self, rank: usize, count: usize) -> Range<usize> {
-        let own = self.site_range(rank, count);
-        let first = self.segment_ends.partition_point(|&end| end <= own.start);
-        match own.is_empty() {
-            true => first..first,
-            false => first..self.segment_ends.partition_point(|&end| end < own.end) + 1,
+    /// Returns the segments that contain the sites of a rank.
+    pub fn segments(&self, rank: usize, rank_count: usize) -> Range<usize> {
+        let sites = self.site_range(rank, rank_count);
+        let first = self.segment_ends.partition_point(|&end| end <= sites.start);
+        if sites.is_empty() {
+            first..first
+        } else {
+            first..self.segment_ends.partition_point(|&end| end < sites.end) + 1
         }
     }
 
-    /// The share of one of a group: of sites in the order of the curve, which are all of its stretches, its own, and its
-    /// own of the fixed atoms.
+    /// Returns the owned atoms of this rank. `sites` are all sites of the rank's segments in the
+    /// order of the curve; the rank's own sites and fixed atoms are selected from them and from
+    /// `fixed`.
     pub fn local_partition<const D: usize>(
         &self,
         mut sites: Vec<[f64; D]>,
         extent: [f64; D],
         fixed: &[[f64; D]],
-        group: &dyn Comm,
+        comm: &dyn Comm,
     ) -> OwnedAtoms<D> {
-        let (rank, count) = (group.rank(), group.size());
-        let (own, before) = (self.site_range(rank, count), self.site_count());
-        let first = self.segments(rank, count).start;
-        let start = first
+        let (rank, rank_count) = (comm.rank(), comm.size());
+        let (site_range, site_count) = (self.site_range(rank, rank_count), self.site_count());
+        let first_segment = self.segments(rank, rank_count).start;
+        let start = first_segment
             .checked_sub(1)
-            .map_or(0, |before| self.segment_ends[before]);
-        sites.drain(..(own.start - start).min(sites.len()));
-        sites.truncate(own.len());
-        let whole = before + self.fixed_count;
-        let own = owned_range(whole, rank, count);
-        let of_fixed = own.start.max(before) - before..own.end.max(before) - before;
+            .map_or(0, |previous| self.segment_ends[previous]);
+        sites.drain(..(site_range.start - start).min(sites.len()));
+        sites.truncate(site_range.len());
+        let global_count = site_count + self.fixed_count;
+        let range = owned_range(global_count, rank, rank_count);
+        let fixed_range =
+            range.start.max(site_count) - site_count..range.end.max(site_count) - site_count;
         let mut atoms = Atoms::from_positions(sites, extent);
-        atoms.positions.extend_from_slice(&fixed[of_fixed]);
+        atoms.positions.extend_from_slice(&fixed[fixed_range]);
         atoms.kinds.resize(atoms.positions.len(), AtomKind::Fixed);
         OwnedAtoms {
             atoms,
-            first_index: own.start,
-            global_count: whole,
+            first_index: range.start,
+            global_count,
         }
     }
 }
 
-/// Of sites of which each of a group has some, with their numbers, its share along the curve, in the cubes of which they
-/// go by their numbers. Fixed atoms, for which others make room, come last.
+/// Distributes sites, of which each rank has some with their indices, over the ranks along the
+/// curve. Sites of one cube of the curve are ordered by their indices. Fixed atoms come last; sites
+/// too near to them are removed.
 ///
 /// # Errors
-/// Those of the others.
+/// Returns an error if another rank fails.
 pub fn redistribute<const D: usize>(
     mut sites: Vec<([f64; D], u32)>,
     curve: &MortonCurve<D>,
     extent: [f64; D],
-    (fixed, room): (&[[f64; D]], &Clearance<'_, D>),
-    group: &dyn Comm,
+    (fixed, clearance): (&[[f64; D]], &Clearance<'_, D>),
+    comm: &dyn Comm,
 ) -> Result<OwnedAtoms<D>> {
-    sites.retain(|(x, _)| room.allows(x));
-    let mut turns = CurvePartition::new(vec![sites.len()], fixed.len());
-    if group.size() > 1 {
-        let stretch = |x: [f64; D]| curve.segment(curve.key(x), MAX_SEGMENTS);
+    sites.retain(|(x, _)| clearance.allows(x));
+    let mut partition = CurvePartition::new(vec![sites.len()], fixed.len());
+    if comm.size() > 1 {
+        let segment = |x: [f64; D]| curve.segment(curve.key(x), MAX_SEGMENTS);
         let mut counts = vec![0u64; MAX_SEGMENTS];
-        sites.iter().for_each(|(x, _)| counts[stretch(*x)] += 1);
-        let counts = group.all_reduce_sum("sites along a curve", counts)?;
-        turns = CurvePartition::new(
+        sites.iter().for_each(|(x, _)| counts[segment(*x)] += 1);
+        let counts = comm.all_reduce_sum("sites along a curve", counts)?;
+        partition = CurvePartition::new(
             counts.into_iter().map(|n| n as usize).collect(),
             fixed.len(),
         );
-        let wanted = (0..group.size()).map(|rank| turns.segments(rank, group.size()));
-        let to = wanted.map(|stretches| -> Vec<([f64; D], u32)> {
-            let wanted = sites
+        let segments = (0..comm.size()).map(|rank| partition.segments(rank, comm.size()));
+        let messages = segments.map(|segments| -> Vec<([f64; D], u32)> {
+            let local_sites = sites
                 .iter()
-                .filter(|(x, _)| stretches.contains(&stretch(*x)));
-            wanted.copied().collect()
+                .filter(|(x, _)| segments.contains(&segment(*x)));
+            local_sites.copied().collect()
         });
-        sites = concatenate(group.all_to_all("sites along a curve", to.collect())?);
+        sites = concatenate(comm.all_to_all("sites along a curve", messages.collect())?);
     }
     let keyed = sites.par_iter().enumerate();
-    let keyed = keyed.map(|(at, (x, number))| (curve.key(*x), *number, at as u32));
+    let keyed = keyed.map(|(n, (x, index))| (curve.key(*x), *index, n as u32));
     let mut order: Vec<(u64, u32, u32)> = keyed.collect();
     order.par_sort_unstable();
-    let sorted = order.par_iter().map(|&(_, _, at)| sites[at as usize].0);
-    Ok(turns.local_partition(sorted.collect(), extent, fixed, group))
+    let sorted = order.par_iter().map(|&(_, _, n)| sites[n as usize].0);
+    Ok(partition.local_partition(sorted.collect(), extent, fixed, comm))
 }
 
 #[cfg(test)]
@@ -138,28 +144,29 @@ mod tests {
     use crate::progress::CancelToken;
 
     #[test]
-    fn shares_of_a_grown_lattice_are_the_lattice_in_turn() {
+    fn partitions_of_a_grown_lattice_are_the_lattice_in_order() {
         let extent = [90.0, 80.0, 170.0];
         let distance: Distance<3> = varying_distance(extent);
         let fixed = [[45.0, 41.0, 86.0], [0.0, 20.0, 20.0], [88.5, 1.0, 1.0]];
         for fixed in [&fixed[..], &[]] {
-            let (on, patience) = (Alignment::OnFeatures, &CancelToken::never());
-            let whole = fcc(extent, &distance, fixed, on).unwrap();
-            assert!(whole.len() > 3 * CHUNK_ATOMS, "{}", whole.len());
+            let (alignment, cancel) = (Alignment::OnFeatures, &CancelToken::never());
+            let expected = fcc(extent, &distance, fixed, alignment).unwrap();
+            assert!(expected.len() > 3 * CHUNK_ATOMS, "{}", expected.len());
             for count in [2, 3, 7] {
-                let shares = run_threads(count, |group| {
-                    let how = Seeding::Fcc;
-                    seed_regular(how, extent, &distance, fixed, on, patience, group).unwrap()
+                let partitions = run_threads(count, |comm| {
+                    let seeding = Seeding::Fcc;
+                    seed_regular(seeding, extent, &distance, fixed, alignment, cancel, comm)
+                        .unwrap()
                 });
-                let mut all = Atoms::default();
-                for share in shares {
+                let mut gathered = Atoms::default();
+                for owned in partitions {
                     assert_eq!(
-                        (share.first_index, share.global_count),
-                        (all.len(), whole.len())
+                        (owned.first_index, owned.global_count),
+                        (gathered.len(), expected.len())
                     );
-                    all.append(share.atoms);
+                    gathered.append(owned.atoms);
                 }
-                assert!(all == whole, "{count}");
+                assert!(gathered == expected, "{count}");
             }
         }
     }

@@ -1,4 +1,4 @@
-//! Fixed atoms: wells, sources, sinks. They come from the user and never move.
+//! Fixed atoms: wells, sources, sinks. The user gives them, and they never move.
 
 use super::{Alignment, Atoms, side_count};
 use crate::error::{Error, Result, cause};
@@ -6,18 +6,18 @@ use crate::geometry::distance2;
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 
-/// Lattice atoms nearer to a fixed atom than this, in units of d, make room for it.
+/// Lattice atoms nearer to a fixed atom than this, in units of d, are removed.
 const CLEARANCE_RATIO: f64 = 0.7;
-/// Positions this near to a side (relative to the box) or to each other (relative to d) are taken
-/// to be on it, or the same.
+/// Positions this near to a side (relative to the box) or to each other (relative to d) count as on
+/// the side, or as the same.
 const COINCIDENCE_TOLERANCE: f64 = 1e-6;
 
-/// Checks fixed atoms against the box `[0, extent]` and against each other; those within rounding
-/// of a side are put exactly on it.
+/// Checks fixed atoms against the box `[0, extent]` and against each other. Atoms within rounding
+/// of a side are moved exactly onto it.
 ///
 /// # Errors
-/// [`Error::Seeding`] if one lies outside the box or, alongside, on a side of it, or two at one
-/// place.
+/// Returns [`Error::Seeding`] if an atom lies outside the box, if two atoms are at one place, or,
+/// with [`Alignment::AlongsideFeatures`], if an atom lies on a side.
 pub fn validate<const D: usize>(
     fixed: &[[f64; D]],
     extent: [f64; D],
@@ -56,15 +56,15 @@ pub fn validate<const D: usize>(
     if snapped.is_empty() {
         return Ok(snapped);
     }
-    let same = COINCIDENCE_TOLERANCE * distance.min();
+    let tolerance = COINCIDENCE_TOLERANCE * distance.min();
     let mut order: Vec<usize> = (0..snapped.len()).collect();
     order.sort_by(|&a, &b| snapped[a][0].total_cmp(&snapped[b][0]));
     for (n, &a) in order.iter().enumerate() {
         let others = order[n + 1..]
             .iter()
-            .take_while(|&&b| snapped[b][0] - snapped[a][0] <= same);
+            .take_while(|&&b| snapped[b][0] - snapped[a][0] <= tolerance);
         for &b in others {
-            if distance2(&snapped[a], &snapped[b]) <= same * same {
+            if distance2(&snapped[a], &snapped[b]) <= tolerance * tolerance {
                 let (first, second) = (a.min(b), a.max(b));
                 return Err(Error::Seeding(cause(
                     place(second, fixed[second]),
@@ -77,7 +77,8 @@ pub fn validate<const D: usize>(
     Ok(snapped)
 }
 
-/// Adds fixed atoms (already [`validate`]) to a lattice, of which those make [room](Clearance) that must.
+/// Adds fixed atoms (which [`validate`] has checked) to a lattice. Lattice atoms within their
+/// [clearance](Clearance) are removed.
 pub fn insert<const D: usize>(
     atoms: &mut Atoms<D>,
     fixed: &[[f64; D]],
@@ -87,32 +88,39 @@ pub fn insert<const D: usize>(
     if fixed.is_empty() {
         return;
     }
-    let room = Clearance::new(fixed, extent, distance);
-    let keep: Vec<bool> = atoms.positions.iter().map(|x| room.allows(x)).collect();
-    let mut kept = keep.iter();
+    let clearance = Clearance::new(fixed, extent, distance);
+    let is_kept: Vec<bool> = atoms
+        .positions
+        .iter()
+        .map(|x| clearance.allows(x))
+        .collect();
+    let mut flags = is_kept.iter();
     atoms
         .positions
-        .retain(|_| kept.next().copied().unwrap_or(true));
-    let mut kept = keep.iter();
-    atoms.kinds.retain(|_| kept.next().copied().unwrap_or(true));
+        .retain(|_| flags.next().copied().unwrap_or(true));
+    let mut flags = is_kept.iter();
+    atoms
+        .kinds
+        .retain(|_| flags.next().copied().unwrap_or(true));
     atoms.positions.extend_from_slice(fixed);
     atoms.kinds.resize(atoms.positions.len(), AtomKind::Fixed);
 }
 
-/// The room that fixed atoms take: lattice atoms nearer to one than 0.7 d go, unless they lie on more sides of the box
-/// than it does: the box keeps its corners, edges and sides.
+/// The clearance around fixed atoms: lattice atoms nearer to a fixed atom than 0.7 d are removed,
+/// unless they lie on more sides of the box than it does, so that the box keeps its corners, edges
+/// and sides.
 pub struct Clearance<'a, const D: usize> {
     fixed: &'a [[f64; D]],
     extent: [f64; D],
-    /// Of each the square of how far it reaches, and on how many sides it lies.
+    /// For each fixed atom the square of its clearance, and the count of sides on which it lies.
     radius2_and_side_count: Vec<(f64, usize)>,
-    /// Along x, so that each lattice atom looks at a few only.
+    /// Fixed atoms sorted along x, so that each lattice atom is compared with a few only.
     x_order: Vec<usize>,
     max_radius: f64,
 }
 
 impl<'a, const D: usize> Clearance<'a, D> {
-    /// Of fixed atoms in the box `[0, extent]`.
+    /// Computes the clearance of fixed atoms in the box `[0, extent]`.
     pub fn new(fixed: &'a [[f64; D]], extent: [f64; D], distance: &Distance<D>) -> Self {
         let radius2_and_side_count: Vec<(f64, usize)> = fixed
             .iter()
@@ -138,21 +146,21 @@ impl<'a, const D: usize> Clearance<'a, D> {
         }
     }
 
-    /// Whether a lattice atom at `x` may stay.
+    /// Returns `true` if a lattice atom at `x` may stay.
     pub fn allows(&self, x: &[f64; D]) -> bool {
         let fixed = self.fixed;
         let first = (self.x_order).partition_point(|&n| fixed[n][0] < x[0] - self.max_radius);
-        let mut near = self.x_order[first..]
+        let mut nearby = self.x_order[first..]
             .iter()
             .take_while(|&&n| fixed[n][0] <= x[0] + self.max_radius)
             .peekable();
-        if near.peek().is_none() {
+        if nearby.peek().is_none() {
             return true;
         }
-        let held = side_count(*x, self.extent);
-        near.all(|&n| {
-            let (room2, fixed_held) = self.radius2_and_side_count[n];
-            held > fixed_held || distance2(x, &fixed[n]) >= room2
+        let atom_sides = side_count(*x, self.extent);
+        nearby.all(|&n| {
+            let (radius2, fixed_sides) = self.radius2_and_side_count[n];
+            atom_sides > fixed_sides || distance2(x, &fixed[n]) >= radius2
         })
     }
 }
@@ -163,7 +171,7 @@ mod tests {
     use crate::lattice::seeding::fcc;
 
     #[test]
-    fn lattice_makes_room_and_the_box_stays_whole() {
+    fn lattice_atoms_make_room_and_the_box_keeps_its_corners() {
         let extent = [40.0, 44.0, 48.0];
         let distance = Distance::Constant(6.0);
         let fixed = [
@@ -175,13 +183,16 @@ mod tests {
         let plain = fcc(extent, &distance, &[], Alignment::OnFeatures).unwrap();
         let atoms = fcc(extent, &distance, &fixed, Alignment::OnFeatures).unwrap();
         assert!(atoms.len() <= plain.len() + fixed.len());
-        let is = |kind| atoms.kinds.iter().filter(|&&k| k == kind).count();
-        assert_eq!((is(AtomKind::Fixed), is(AtomKind::Corner)), (4, 8));
+        let count_kind = |kind| atoms.kinds.iter().filter(|&&k| k == kind).count();
+        assert_eq!(
+            (count_kind(AtomKind::Fixed), count_kind(AtomKind::Corner)),
+            (4, 8)
+        );
         for (x, kind) in atoms.positions.iter().zip(&atoms.kinds) {
             if *kind == AtomKind::Interior {
-                let near =
+                let is_near =
                     |f: &&[f64; 3]| crate::geometry::distance2(x, f) < (0.7f64 * 6.0).powi(2);
-                assert!(fixed.iter().find(near).is_none(), "{x:?}");
+                assert!(fixed.iter().find(is_near).is_none(), "{x:?}");
             }
         }
     }

@@ -1,4 +1,4 @@
-//! Lattices that are grown: how regular they are, and the same by any number of a group.
+//! Tests of grown lattices: their regularity, and equality for any number of ranks.
 
 use super::*;
 use crate::comm::{SelfComm, run_threads};
@@ -24,10 +24,10 @@ pub fn spacing_quantiles<const D: usize>(atoms: &Atoms<D>, distance: &Distance<D
         .enumerate()
         .map(|(n, x)| {
             let others = atoms.positions.iter().enumerate().filter(|(m, _)| *m != n);
-            let least = others
+            let nearest2 = others
                 .map(|(_, y)| distance2(x, y))
                 .fold(f64::INFINITY, f64::min);
-            least.sqrt() / distance.value_at(*x)
+            nearest2.sqrt() / distance.value_at(*x)
         })
         .collect();
     nearest.sort_by(f64::total_cmp);
@@ -58,53 +58,58 @@ fn fills_the_box_with_atoms_about_d_apart() {
     let share = atoms.len() as f64 / expected;
     println!("{share:.3} of the atoms of a perfect lattice");
     assert!(share > 0.8 && share < 1.5, "{share}");
-    // No large holes: every point has an atom within d.
+    // No large holes: every point has an atom within about d.
     let mut widest = 0.0f64;
     for n in 0..3000u32 {
         let t = |k: u32| f64::from((n * 7919 + 13) * (k + 3) % 9973) / 9973.0;
         let x = [extent[0] * t(0), extent[1] * t(5), extent[2] * t(11)];
-        let near = atoms
+        let nearest2 = atoms
             .positions
             .iter()
             .map(|y| distance2(&x, y))
             .fold(f64::MAX, f64::min);
-        widest = widest.max(near.sqrt() / distance.value_at(x));
+        widest = widest.max(nearest2.sqrt() / distance.value_at(x));
     }
     println!("widest hole {widest:.3} d");
     assert!(widest < 1.1, "{widest}");
 }
 
-/// The share of atoms, farther than 2 d from all sides, that have as many others within 1.25 d as in the
-/// densest lattice.
-fn regular_share<const D: usize>(how: Seeding, extent: [f64; D], distance: &Distance<D>) -> f64 {
-    let patience = &CancelToken::never();
+/// Returns the fraction of atoms, farther than 2 d from all sides, that have as many others within
+/// 1.25 d as in the densest lattice.
+fn regular_share<const D: usize>(
+    seeding: Seeding,
+    extent: [f64; D],
+    distance: &Distance<D>,
+) -> f64 {
+    let cancel = &CancelToken::never();
     let atoms = seed(
-        how,
+        seeding,
         extent,
         distance,
         &[],
         Alignment::OnFeatures,
         None,
-        patience,
+        cancel,
     )
     .unwrap();
-    // The sides are exact and carry their own lattice.
+    // The sides are exact and have their own lattice.
     let count = |kind| atoms.kinds.iter().filter(|&&k| k == kind).count();
     assert_eq!(count(AtomKind::Corner), 1 << D);
     assert!(count(AtomKind::Edge) > 6 * D && (D == 2 || count(AtomKind::Side) > 100));
-    let wanted = if D == 2 { 6 } else { 12 };
-    let (mut all, mut whole) = (0, 0);
+    let neighbour_count = if D == 2 { 6 } else { 12 };
+    let (mut inner_count, mut regular_count) = (0, 0);
     for x in &atoms.positions {
         let d = distance.value_at(*x);
         if (0..D).any(|k| x[k].min(extent[k] - x[k]) < 2.0 * d) {
             continue;
         }
-        let near = |y: &&[f64; D]| distance2(x, y) < (1.25 * d).powi(2);
-        all += 1;
-        whole += usize::from(atoms.positions.iter().filter(near).count() - 1 == wanted);
+        let is_near = |y: &&[f64; D]| distance2(x, y) < (1.25 * d).powi(2);
+        inner_count += 1;
+        regular_count +=
+            usize::from(atoms.positions.iter().filter(is_near).count() - 1 == neighbour_count);
     }
-    assert!(all > 50, "{all}");
-    f64::from(whole as u32) / f64::from(all)
+    assert!(inner_count > 50, "{inner_count}");
+    f64::from(regular_count as u32) / f64::from(inner_count)
 }
 
 /// d rises along the diagonal by `slope`, or in waves whose slope is at most that.
@@ -147,7 +152,7 @@ fn a_variable_lattice_is_regular_inside() {
 }
 
 #[test]
-fn grown_at_a_constant_distance_it_is_regular_inside() {
+fn a_lattice_grown_at_constant_distance_is_regular_inside() {
     for d in [5.0, 6.0] {
         let distance = Distance::Constant(d);
         assert!(regular_share(Seeding::Grown, [120.0, 91.0], &distance) >= 0.95);
@@ -161,13 +166,13 @@ fn edges_carry_evenly_spread_atoms() {
     let extent = [60.0, 30.0, 30.0];
     let distance = varying_distance(extent);
     let lattice = GrowingLattice::new(extent, &distance, Alignment::OnFeatures, &SelfComm);
-    let mut along: Vec<f64> = lattice.edge_atoms(0, 0b110).iter().map(|x| x[0]).collect();
-    along.insert(0, 0.0);
-    along.push(60.0);
-    for pair in along.windows(2) {
+    let mut positions: Vec<f64> = lattice.edge_atoms(0, 0b110).iter().map(|x| x[0]).collect();
+    positions.insert(0, 0.0);
+    positions.push(60.0);
+    for pair in positions.windows(2) {
         let d = distance.value_at([0.5 * (pair[0] + pair[1]), 0.0, 0.0]);
         let spacing = (pair[1] - pair[0]) / (SQRT_2 * d);
-        assert!((0.85..1.15).contains(&spacing), "{along:?}");
+        assert!((0.85..1.15).contains(&spacing), "{positions:?}");
     }
 }
 
@@ -203,14 +208,17 @@ fn fills_a_rectangle() {
     let extent = [120.0, 91.0];
     let distance = varying_distance(extent);
     let atoms = fcc(extent, &distance, &[[30.0, 40.5]], Alignment::OnFeatures).unwrap();
-    let is = |kind| atoms.kinds.iter().filter(|&&k| k == kind).count();
-    assert_eq!((is(AtomKind::Corner), is(AtomKind::Fixed)), (4, 1));
+    let count_kind = |kind| atoms.kinds.iter().filter(|&&k| k == kind).count();
+    assert_eq!(
+        (count_kind(AtomKind::Corner), count_kind(AtomKind::Fixed)),
+        (4, 1)
+    );
     // As many atoms along the edges as d asks for.
     let step = |n: u32| 0.5 + f64::from(n);
-    let along = |n: u32| 1.0 / distance.value_at([step(n), 0.0]);
-    let across = |n: u32| 1.0 / distance.value_at([0.0, step(n)]);
-    let expected = 2.0 * ((0..120).map(along).sum::<f64>() + (0..91).map(across).sum::<f64>());
-    let on_edges = (is(AtomKind::Edge) + 4) as f64;
+    let along_x = |n: u32| 1.0 / distance.value_at([step(n), 0.0]);
+    let along_y = |n: u32| 1.0 / distance.value_at([0.0, step(n)]);
+    let expected = 2.0 * ((0..120).map(along_x).sum::<f64>() + (0..91).map(along_y).sum::<f64>());
+    let on_edges = (count_kind(AtomKind::Edge) + 4) as f64;
     assert!((on_edges - expected).abs() < 3.0, "{on_edges} {expected}");
     let spacing = spacing_quantiles(&atoms, &distance);
     println!("{} atoms, nearest / d {spacing:.3?}", atoms.len());
@@ -218,28 +226,30 @@ fn fills_a_rectangle() {
     assert!(spacing[2] > 0.8 && spacing[2] < 1.05, "{spacing:?}");
 }
 
-/// Whether the mirror image in the nearest side of an atom near it is about d away.
+/// Checks that the outermost atoms are about half a d from the nearest side, so that their mirror
+/// images are about d away.
 fn assert_alongside<const D: usize>(atoms: &Atoms<D>, extent: [f64; D], distance: &Distance<D>) {
     assert!(atoms.kinds.iter().all(|&k| k == AtomKind::Interior));
-    let mut outermost = 0;
+    let mut outermost_count = 0;
     for x in &atoms.positions {
         let d = distance.value_at(*x);
         for k in 0..D {
             let depth = x[k].min(extent[k] - x[k]) / d;
             assert!(depth > 0.39, "{x:?} {depth}");
-            outermost += usize::from(depth < 0.6);
+            outermost_count += usize::from(depth < 0.6);
         }
     }
-    assert!(outermost > 40, "{outermost}");
+    assert!(outermost_count > 40, "{outermost_count}");
     let spacing = spacing_quantiles(atoms, distance);
     println!("{} atoms, nearest / d {spacing:.3?}", atoms.len());
     assert!(spacing[0] > 0.7 && spacing[4] < 1.5, "{spacing:?}");
 }
 
-fn assert_inset<const D: usize>(extent: [f64; D], vary: bool) {
-    let distance = match vary {
-        true => varying_distance(extent),
-        false => Distance::Constant(6.0),
+fn assert_inset<const D: usize>(extent: [f64; D], is_varying: bool) {
+    let distance = if is_varying {
+        varying_distance(extent)
+    } else {
+        Distance::Constant(6.0)
     };
     let atoms = fcc(extent, &distance, &[], Alignment::AlongsideFeatures).unwrap();
     assert_alongside(&atoms, extent, &distance);
@@ -247,9 +257,9 @@ fn assert_inset<const D: usize>(extent: [f64; D], vary: bool) {
 
 #[test]
 fn keeps_off_the_sides_alongside() {
-    for vary in [false, true] {
-        assert_inset([120.0, 91.0], vary);
-        assert_inset([50.0, 43.0, 55.0], vary);
+    for is_varying in [false, true] {
+        assert_inset([120.0, 91.0], is_varying);
+        assert_inset([50.0, 43.0, 55.0], is_varying);
     }
     let refused = fcc(
         [50.0; 2],
@@ -262,13 +272,14 @@ fn keeps_off_the_sides_alongside() {
 
 #[test]
 fn wells_are_seeds_of_the_lattice() {
-    // How many of the twelve neighbours that a well has in the lattice are where they should be.
+    // Count of the twelve neighbours that each well has in the lattice, for both wells, that are
+    // where they should be.
     let extent = [61.0, 57.0, 63.0];
     let distance = Distance::Constant(5.0);
     let wells = [[22.3, 31.1, 17.7], [40.9, 20.2, 44.4]];
-    let neighbours = |how: Seeding| {
+    let neighbours = |seeding: Seeding| {
         let atoms = seed(
-            how,
+            seeding,
             extent,
             &distance,
             &wells,
@@ -282,15 +293,15 @@ fn wells_are_seeds_of_the_lattice() {
             let step = |step: [f64; 3]| std::array::from_fn(|k| well[k] + 5.0 * step[k]);
             neighbour_steps::<3>(&[0, 1, 2]).into_iter().map(step)
         });
-        let taken = |site: &[f64; 3]| {
+        let is_taken = |site: &[f64; 3]| {
             let mut atoms = atoms.positions.iter();
             atoms.any(|x| distance2(x, site) < 1e-12)
         };
-        sites.filter(taken).count()
+        sites.filter(is_taken).count()
     };
     assert_eq!(neighbours(Seeding::Grown), 24);
     assert!(neighbours(Seeding::Fcc) < 4);
-    // In the plane they are six.
+    // In the plane there are six.
     let (well, extent) = ([22.3, 31.1], [61.0, 57.0]);
     let atoms = seed(
         Seeding::Grown,
@@ -302,44 +313,44 @@ fn wells_are_seeds_of_the_lattice() {
         &CancelToken::never(),
     );
     let atoms = atoms.unwrap().positions;
-    let taken = |step: [f64; 2]| {
+    let is_taken = |step: [f64; 2]| {
         let site = [well[0] + 5.0 * step[0], well[1] + 5.0 * step[1]];
         atoms.iter().any(|x| distance2(x, &site) < 1e-12)
     };
-    assert!(neighbour_steps::<2>(&[0, 1]).into_iter().all(taken));
+    assert!(neighbour_steps::<2>(&[0, 1]).into_iter().all(is_taken));
 }
 
-/// The lattice that so many grow together, in the order in which atoms came.
+/// Grows a lattice with `count` ranks. Returns its atoms in the order in which they were added.
 fn grow_in_threads<const D: usize>(
     extent: [f64; D],
     distance: &Distance<D>,
     fixed: &[[f64; D]],
     count: usize,
 ) -> Vec<([f64; D], u32)> {
-    let (on, patience) = (Alignment::OnFeatures, &CancelToken::never());
-    let parts = run_threads(count, |group| {
-        grow_lattice(extent, distance, fixed, on, patience, group).unwrap()
+    let (alignment, cancel) = (Alignment::OnFeatures, &CancelToken::never());
+    let parts = run_threads(count, |comm| {
+        grow_lattice(extent, distance, fixed, alignment, cancel, comm).unwrap()
     });
     assert!(count > 9 || parts.iter().all(|part| !part.is_empty()));
-    let mut all = parts.concat();
-    all.sort_by_key(|(_, number)| *number);
-    all
+    let mut atoms = parts.concat();
+    atoms.sort_by_key(|(_, index)| *index);
+    atoms
 }
 
 #[test]
-fn in_slabs_the_same_atoms_come_in_the_same_order() {
+fn slabs_grow_the_same_atoms_in_the_same_order() {
     let fixed = [[20.3, 19.1, 20.7], [0.0, 13.3, 12.2], [40.0, 0.0, 61.0]];
     for fixed in [&fixed[..], &[]] {
         let extent = [40.0, 30.0, 121.0];
         let distance = varying_distance(extent);
-        let alone = grow_in_threads(extent, &distance, fixed, 1);
-        assert!(alone.len() > 800, "{}", alone.len());
+        let expected = grow_in_threads(extent, &distance, fixed, 1);
+        assert!(expected.len() > 800, "{}", expected.len());
         for count in [2, 3, 7, 13] {
             let slabs = grow_in_threads(extent, &distance, fixed, count);
-            assert!(slabs == alone, "{count}");
+            assert!(slabs == expected, "{count}");
         }
     }
     let (extent, waves) = ([70.0, 260.0], sloping_distance([70.0, 260.0], 0.05, true));
-    let alone = grow_in_threads(extent, &waves, &[], 1);
-    assert!(grow_in_threads(extent, &waves, &[], 4) == alone);
+    let expected = grow_in_threads(extent, &waves, &[], 1);
+    assert!(grow_in_threads(extent, &waves, &[], 4) == expected);
 }

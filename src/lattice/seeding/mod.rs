@@ -1,16 +1,16 @@
 //! Initial lattices of atoms: image box and nominal distance d(x) -> [`Atoms`].
 //!
-//! - [`densest_lattice`]: the densest regular densest_lattice fitted to the box, for constant d
-//! - `regular`: its atoms, or some of them for each of a group
+//! - [`densest_lattice`]: the densest regular lattice fitted to the box, for constant d
+//! - `regular`: the atoms of that lattice, or those of one rank
 //! - `grow`: a pseudo-regular lattice grown atom by atom, for variable d
 //! - `refine`: an isotropic lattice by Delaunay refinement
-//! - `guide`: drawn by chance under the image, features first
+//! - `guide`: random atoms with the image as their density, features first
 //! - `projection`: sites projected onto features
-//! - `canny`: on features, dense where these bend, and few elsewhere
-//! - `fixed`: atoms given by the user
+//! - `canny`: atoms on features, dense where these bend, and few elsewhere
+//! - `fixed_atoms`: atoms given by the user
 //! - `wells`: atoms along trajectories, and d(x) near them
-//! - [`morton`]: memory morton of atoms, for cache locality
-//! - `turns`: sites in that order, of which each of a group has a share
+//! - [`morton`]: memory order of atoms along a Morton curve, for cache locality
+//! - `curve_order`: distribution of sites in that order over ranks
 
 pub(crate) mod canny;
 mod curve_order;
@@ -36,50 +36,50 @@ use crate::lattice::partition::OwnedAtoms;
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
 
-/// Where atoms end up: on features, so that the faces of a Delaunay mesh follow them, or alongside,
-/// so that the faces of Voronoi cells do.
+/// Where atoms end up: on features, so that the faces of a Delaunay mesh follow the features, or
+/// alongside them, so that the faces of Voronoi cells do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Alignment {
     /// On features and on the sides of the box.
     #[default]
     OnFeatures,
     /// Beside features and strictly inside the box. The mirror images of atoms near a side stand
-    /// beyond it, and act on atoms inside as if they were atoms.
+    /// beyond it, and act on atoms inside as atoms do.
     AlongsideFeatures,
 }
 
-/// The atoms of a lattice: the nodes of the mesh to come.
+/// The atoms of a lattice, which become the nodes of the mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Atoms<const D: usize> {
     /// Positions in lattice space, inside the box `[0, extent]`; on its sides exactly (`0.0` or
     /// `extent[k]`) where the kind says so.
     pub positions: Vec<[f64; D]>,
-    /// What each atom may do.
+    /// The constraint on each atom.
     pub kinds: Vec<AtomKind>,
 }
 
 impl<const D: usize> Atoms<D> {
-    /// Atoms whose kinds follow from the number of sides of the box they lie on.
+    /// Creates atoms whose kinds follow from the count of sides of the box on which they lie.
     pub fn from_positions(positions: Vec<[f64; D]>, extent: [f64; D]) -> Self {
         let kinds = positions.par_iter();
         let kinds = kinds.map(|&x| kind_at(x, extent)).collect();
         Self { positions, kinds }
     }
 
-    /// Number of atoms.
+    /// Returns the count of atoms.
     pub fn len(&self) -> usize {
         self.positions.len()
     }
 
-    /// Whether there are none.
+    /// Returns `true` if there are no atoms.
     pub fn is_empty(&self) -> bool {
         self.positions.is_empty()
     }
 
-    /// Which coordinates of each atom may change: 1 for free, 0 for held. Corners and fixed atoms
-    /// are held, edge atoms keep to their edge, side atoms to their side.
+    /// Returns for each coordinate of each atom 1 if it may change, else 0. Corners and fixed atoms
+    /// do not move, edge atoms keep to their edge, side atoms to their side.
     pub fn mobility(&self, extent: [f64; D]) -> Vec<[f64; D]> {
-        let free = |x: &[f64; D], kind: &AtomKind| match kind {
+        let mobility_of = |x: &[f64; D], kind: &AtomKind| match kind {
             AtomKind::Interior => [1.0; D],
             AtomKind::Corner | AtomKind::Fixed => [0.0; D],
             AtomKind::Side | AtomKind::Edge => {
@@ -89,24 +89,24 @@ impl<const D: usize> Atoms<D> {
         self.positions
             .par_iter()
             .zip(&self.kinds)
-            .map(|(x, kind)| free(x, kind))
+            .map(|(x, kind)| mobility_of(x, kind))
             .collect()
     }
 }
 
-/// The number of sides of the box `[0, extent]` on which `x` lies exactly.
+/// Returns the count of sides of the box `[0, extent]` on which `x` lies exactly.
 pub fn side_count<const D: usize>(x: [f64; D], extent: [f64; D]) -> usize {
     (0..D).filter(|&k| x[k] <= 0.0 || x[k] >= extent[k]).count()
 }
 
-/// The kind of an atom at `x` that no user fixed.
+/// Returns the kind of an atom at `x` that is not fixed by the user.
 pub fn kind_at<const D: usize>(x: [f64; D], extent: [f64; D]) -> AtomKind {
-    let held = side_count(x, extent);
-    if held == 0 {
+    let count = side_count(x, extent);
+    if count == 0 {
         AtomKind::Interior
-    } else if held == D {
+    } else if count == D {
         AtomKind::Corner
-    } else if held + 1 == D {
+    } else if count + 1 == D {
         // In 2-D a side of the box is an edge.
         AtomKind::Edge
     } else {
@@ -116,111 +116,118 @@ pub fn kind_at<const D: usize>(x: [f64; D], extent: [f64; D]) -> AtomKind {
 
 /// A site is free if no atom is nearer than this, in units of d (Hale 2001: 0.8).
 const MIN_SITE_DISTANCE: f64 = 0.8;
-/// Nearest to the sides of what it fills that a site may be, in units of d; 0.71 in a regular
-/// lattice.
+/// Smallest distance of a site from the sides of the region that it fills, in units of d; 0.71 in a
+/// regular lattice.
 const SIDE_MARGIN: f64 = 0.4;
 
-/// No atoms yet, in the box from `low` to `high`; `apart` is about how near to each other the nearest will be.
-fn empty_grid<const D: usize>(low: [f64; D], high: [f64; D], apart: f64) -> IncrementalGrid<D> {
-    // A few atoms a cell where they are dense; never more than some ten million cells.
+/// Creates an empty grid for atoms in the box from `low` to `high` that are at least about
+/// `min_distance` apart.
+fn empty_grid<const D: usize>(
+    low: [f64; D],
+    high: [f64; D],
+    min_distance: f64,
+) -> IncrementalGrid<D> {
+    // A few atoms a cell where they are dense, and never more than about ten million cells.
     let volume: f64 = high
         .iter()
         .zip(&low)
         .map(|(high, low)| high - low)
         .product();
-    let edge = (1.6 * apart).max((volume / 1e7).powf(1.0 / D as f64));
+    let edge = (1.6 * min_distance).max((volume / 1e7).powf(1.0 / D as f64));
     IncrementalGrid::new(low, high, edge)
 }
 
-/// How atoms are placed.
+/// The method by which atoms are placed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Seeding {
     /// The densest regular lattice, face-centred cubic in 3-D and triangular in 2-D: for constant d
-    /// slightly stretched per axis to fit ([`densest_lattice::fit_lattice`]), else grown by Hale's Algorithm 2
-    /// (`grow::grown`).
+    /// slightly stretched per axis to fit ([`densest_lattice::fit_lattice`]), else grown by Hale's
+    /// Algorithm 2 (`grow::grow_lattice`).
     #[default]
     Fcc,
-    /// Grown by Algorithm 2 whatever d, from fixed atoms or the centre of the box: the lattice is
-    /// regular around wells rather than in the box.
+    /// Grown by Algorithm 2 also for constant d, from fixed atoms or the centre of the box: the
+    /// lattice is regular around wells rather than in the box.
     Grown,
-    /// Delaunay refinement (`refine::refined`), isotropic.
+    /// Delaunay refinement (`refine::refine_lattice`), isotropic.
     Refine {
-        /// Decides where the first point inside is.
+        /// Seed of the position of the first point inside.
         seed: u64,
     },
-    /// Drawn by chance under the image, where its features are first (`guide::drawn`).
+    /// Random atoms with the image as their density, features first (`guide::draw_lattice`).
     Guide {
-        /// Decides what is drawn.
+        /// Seed of the random numbers.
         seed: u64,
-        /// Most atoms.
+        /// Largest count of atoms.
         max_atoms: usize,
     },
-    /// Sites of a fine lattice projected onto the image's features (`projection::projected`).
+    /// Sites of a fine lattice projected onto the image's features (`projection::project_lattice`).
     Projection,
-    /// From features and image (`canny::seeded`), which decide d, too.
+    /// From features and image (`canny::place_atoms`), which determine d, too.
     Canny,
 }
 
-/// Seeds a lattice that fills the box `[0, extent]`. [`Alignment::OnFeatures`], corners, edges and sides of
-/// the box carry atoms; [`Alignment::AlongsideFeatures`], the outermost atoms are half a d inside.
+/// Seeds a lattice that fills the box `[0, extent]`. With [`Alignment::OnFeatures`], corners, edges
+/// and sides of the box have atoms; with [`Alignment::AlongsideFeatures`], the outermost atoms are
+/// half a d inside.
 ///
-/// `potential` is the image as -1 on features and 0 elsewhere, over the box; only some ways need it.
-/// `fixed` atoms (lattice space) are kept exactly where they are; a lattice that is grown grows from
-/// them, others make room for them (`fixed::insert`). Atoms come in the order of a space-filling
-/// curve, fixed atoms last.
+/// `potential` is the image as -1 on features and 0 elsewhere, over the box; only some methods need
+/// it. `fixed` atoms (lattice space) are kept exactly where they are. A lattice that is grown grows
+/// from them; in other lattices, atoms too near to them are removed (`fixed_atoms::insert`). Atoms
+/// come in the order of a space-filling curve, fixed atoms last.
 ///
 /// # Errors
-/// [`Error::Distance`] if d does not suit the box,
-/// [`Error::Seeding`] if a fixed atom lies outside the box (alongside, also
-/// on a side of it) or two lie at one place, or for [`Seeding::Canny`], [`Error::Delaunay`] for
-/// refinement in 3-D without the feature `cgal`. Of the ways that need an image, `Error::Seeding` also
-/// if there is none or it is the same everywhere, and for projection alongside.
+/// Returns [`Error::Distance`] if d does not suit the box. Returns [`Error::Seeding`] if a fixed
+/// atom lies outside the box (alongside, also on a side of it), if two lie at one place, for
+/// [`Seeding::Canny`], for projection alongside features, and for the methods that need an image if
+/// there is none or it is the same everywhere. Returns [`Error::Delaunay`] for refinement in 3-D
+/// without the feature `cgal`.
 ///
-/// Once `patience` is over it ends soon, and what it gives is of no use.
+/// Once `cancel` is cancelled, the function returns soon, with a useless result.
 pub fn seed<const D: usize>(
-    how: Seeding,
+    seeding: Seeding,
     extent: [f64; D],
     distance: &Distance<D>,
     fixed: &[[f64; D]],
     alignment: Alignment,
     potential: Option<&SparseField<D>>,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Result<Atoms<D>> {
-    let regular = || seed_regular(how, extent, distance, fixed, alignment, patience, &SelfComm);
+    let regular = || {
+        seed_regular(
+            seeding, extent, distance, fixed, alignment, cancel, &SelfComm,
+        )
+    };
     distance.validate(extent)?;
     let image = || {
         potential.map(SparseField::to_dense).ok_or_else(|| {
             seeding_error(
                 "needs the potential of an image",
-                "give one, or seed regularly",
+                "give one, or use a regular seeding",
             )
         })
     };
     let fixed = fixed_atoms::validate(fixed, extent, distance, alignment)?;
-    let mut positions = match how {
+    let mut positions = match seeding {
         Seeding::Fcc | Seeding::Grown => return Ok(regular()?.atoms),
         Seeding::Refine { seed } => {
-            refine::refine_lattice(extent, distance, &fixed, alignment, seed, patience)?
+            refine::refine_lattice(extent, distance, &fixed, alignment, seed, cancel)?
         }
         Seeding::Canny => {
             return Err(Error::Seeding(cause(
                 "seeding 'canny'",
                 "places atoms by features and image, not by a distance",
-                "call seeding::canny::seeded",
+                "call seeding::canny::place_atoms",
             )));
         }
-        Seeding::Guide {
-            seed,
-            max_atoms: most,
-        } => guide::draw_lattice(
+        Seeding::Guide { seed, max_atoms } => guide::draw_lattice(
             extent,
             distance,
             &image()?,
             &fixed,
             alignment,
             seed,
-            most,
-            patience,
+            max_atoms,
+            cancel,
         )?,
         Seeding::Projection if alignment == Alignment::AlongsideFeatures => {
             return Err(seeding_error(
@@ -229,7 +236,7 @@ pub fn seed<const D: usize>(
             ));
         }
         Seeding::Projection => {
-            projection::project_lattice(extent, distance, &image()?, &fixed, patience)?
+            projection::project_lattice(extent, distance, &image()?, &fixed, cancel)?
         }
     };
     morton::sort_by_curve(&mut positions, extent, 2.0 * distance.min());
@@ -238,82 +245,86 @@ pub fn seed<const D: usize>(
     Ok(atoms)
 }
 
-/// The regular lattice of constant d, or the one that is grown; each of a group has a share.
+/// Returns this rank's atoms of the regular lattice of constant d, or of the lattice that is grown.
 fn seed_regular<const D: usize>(
-    how: Seeding,
+    seeding: Seeding,
     extent: [f64; D],
     distance: &Distance<D>,
     fixed: &[[f64; D]],
     alignment: Alignment,
-    patience: &CancelToken<'_>,
-    group: &dyn Comm,
+    cancel: &CancelToken<'_>,
+    comm: &dyn Comm,
 ) -> Result<OwnedAtoms<D>> {
-    if let (Seeding::Fcc, Distance::Constant(_)) = (how, distance) {
-        return regular::place_atoms(extent, distance, fixed, alignment, group);
+    if let (Seeding::Fcc, Distance::Constant(_)) = (seeding, distance) {
+        return regular::place_atoms(extent, distance, fixed, alignment, comm);
     }
     distance.validate(extent)?;
     let fixed = &fixed_atoms::validate(fixed, extent, distance, alignment)?;
-    let sites = grow::grow_lattice(extent, distance, fixed, alignment, patience, group)?;
+    let sites = grow::grow_lattice(extent, distance, fixed, alignment, cancel, comm)?;
     let curve = MortonCurve::new(extent, 2.0 * distance.min());
-    let room = Clearance::new(fixed, extent, distance);
-    curve_order::redistribute(sites, &curve, extent, (fixed, &room), group)
+    let clearance = Clearance::new(fixed, extent, distance);
+    curve_order::redistribute(sites, &curve, extent, (fixed, &clearance), comm)
 }
 
-/// [`seed`], of whose atoms each of a group has a share in the end. Where the lattice is regular or grown, none ever has
-/// more.
+/// Seeds a lattice as [`seed`] does and returns the atoms that this rank owns. If the lattice is
+/// regular or grown, no rank ever has more than these.
 ///
 /// # Errors
-/// Those of [`seed`].
+/// Returns an error as [`seed`] does, or if another rank fails.
 pub(crate) fn seed_partition<const D: usize>(
-    how: Seeding,
+    seeding: Seeding,
     extent: [f64; D],
     distance: &DistributedDistance<D>,
     fixed: &[[f64; D]],
     potential: &SparseField<D>,
-    group: &dyn Comm,
-    patience: &CancelToken<'_>,
+    comm: &dyn Comm,
+    cancel: &CancelToken<'_>,
 ) -> Result<OwnedAtoms<D>> {
-    let on = Alignment::OnFeatures;
-    if let Seeding::Fcc | Seeding::Grown = how {
-        let last = D - 1;
-        let looked_at = grow::required_range(extent[last], distance.max(), group);
-        let distance = distance.fetch_between(last, looked_at, group)?;
-        return seed_regular(how, extent, &distance, fixed, on, patience, group);
+    let alignment = Alignment::OnFeatures;
+    if let Seeding::Fcc | Seeding::Grown = seeding {
+        let axis = D - 1;
+        let range = grow::required_range(extent[axis], distance.max(), comm);
+        let distance = distance.fetch_between(axis, range, comm)?;
+        return seed_regular(seeding, extent, &distance, fixed, alignment, cancel, comm);
     }
-    let distance = distance.global(group)?;
+    let distance = distance.global(comm)?;
     let potential = Some(potential);
-    let all = seed(how, extent, &distance, fixed, on, potential, patience)?;
-    comm::ensure_identical("atoms placed", &all)?;
-    Ok(OwnedAtoms::from_global(all, group))
+    let atoms = seed(
+        seeding, extent, &distance, fixed, alignment, potential, cancel,
+    )?;
+    comm::ensure_identical("atoms placed", &atoms)?;
+    Ok(OwnedAtoms::from_global(atoms, comm))
 }
 
-/// [`seed`] with [`Seeding::Fcc`].
+/// Seeds a lattice by [`seed`] with [`Seeding::Fcc`].
 ///
 /// # Errors
-/// Those of [`seed`].
+/// Returns an error as [`seed`] does.
 pub fn fcc<const D: usize>(
     extent: [f64; D],
     distance: &Distance<D>,
     fixed: &[[f64; D]],
     alignment: Alignment,
 ) -> Result<Atoms<D>> {
-    let how = Seeding::Fcc;
-    let patience = &CancelToken::never();
-    seed(how, extent, distance, fixed, alignment, None, patience)
+    let seeding = Seeding::Fcc;
+    let cancel = &CancelToken::never();
+    seed(seeding, extent, distance, fixed, alignment, None, cancel)
 }
 
 fn seeding_error(problem: impl std::fmt::Display, remedy: &str) -> Error {
     Error::Seeding(cause("seeding", problem, remedy))
 }
 
-/// The least and the largest sample of a potential by which atoms are placed in the box `[0, extent]`.
+/// Returns the smallest and the largest sample of a potential from which atoms are placed in the
+/// box `[0, extent]`. Returns an error if the potential does not span the box, is not finite or is
+/// constant.
 fn potential_range<const D: usize>(
     potential: &ScalarField<D>,
     extent: [f64; D],
-    how: &str,
+    name: &str,
 ) -> Result<[f32; 2]> {
     let refuse = |problem: String, remedy: &str| {
-        let place = format!("seeding {how}: image potential");
+        let place = format!("seeding {name}: image potential");
         Err(Error::Seeding(cause(place, problem, remedy)))
     };
     let count: usize = potential.dims.iter().product();
@@ -342,7 +353,7 @@ fn potential_range<const D: usize>(
     if low < high {
         Ok([low, high])
     } else {
-        let problem = format!("is {low} everywhere: no place is likelier than another");
+        let problem = format!("is {low} everywhere: no place is more likely than another");
         refuse(problem, "follow other features, or use another seeding")
     }
 }

@@ -1,9 +1,9 @@
-//! Memory order of atoms: neighbours in space should be neighbours in memory.
+//! Memory order of atoms along a Morton curve, so that neighbours in space are near in memory.
 
 use crate::parallel::prelude::*;
 
-/// Sorts positions in the box `[0, extent]` along a Morton (Z-order) [`MortonCurve`] through cubes of edge
-/// `cell`; inside a cube they keep their order. Deterministic.
+/// Sorts positions in the box `[0, extent]` along a Morton (Z-order) [`MortonCurve`] through cubes
+/// of edge `cell`. Inside a cube, positions keep their order.
 pub fn sort_by_curve<const D: usize>(positions: &mut Vec<[f64; D]>, extent: [f64; D], cell: f64) {
     let curve = MortonCurve::new(extent, cell);
     let mut keyed: Vec<(u64, u32)> = positions
@@ -20,15 +20,15 @@ pub fn sort_by_curve<const D: usize>(positions: &mut Vec<[f64; D]>, extent: [f64
 pub struct MortonCurve<const D: usize> {
     extent: [f64; D],
     cell: f64,
-    /// Of a cube's index along an axis.
+    /// Bits of a cube's index along an axis.
     bits_per_axis: usize,
 }
 
 impl<const D: usize> MortonCurve<D> {
-    /// Through cubes of edge `cell` in the box `[0, extent]`.
+    /// Creates a curve through cubes of edge `cell` in the box `[0, extent]`.
     pub fn new(extent: [f64; D], cell: f64) -> Self {
-        let most = extent.iter().fold(0.0f64, |a, &b| a.max(b)) / cell;
-        let bits_per_axis = (64 - (most as u64).leading_zeros() as usize).min(63 / D);
+        let max_index = extent.iter().fold(0.0f64, |a, &b| a.max(b)) / cell;
+        let bits_per_axis = (64 - (max_index as u64).leading_zeros() as usize).min(63 / D);
         Self {
             extent,
             cell,
@@ -36,7 +36,7 @@ impl<const D: usize> MortonCurve<D> {
         }
     }
 
-    /// The place along the curve of the cube that holds `x`.
+    /// Returns the position along the curve of the cube that contains `x`.
     pub fn key(&self, x: [f64; D]) -> u64 {
         let mut key = 0u64;
         for (axis, &coordinate) in x.iter().enumerate() {
@@ -48,7 +48,8 @@ impl<const D: usize> MortonCurve<D> {
         key
     }
 
-    /// Which of `count` stretches of the curve, a power of two, a place along it is in.
+    /// Returns which of `count` segments of the curve contains a key. `count` must be a power of
+    /// two.
     pub fn segment(&self, key: u64, count: usize) -> usize {
         let bits = (self.bits_per_axis * D) as u32;
         (key >> bits.saturating_sub(count.ilog2())) as usize

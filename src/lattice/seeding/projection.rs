@@ -1,17 +1,19 @@
-//! Atoms projected onto features (Esperanca, Oliveira & Cavalcanti 2008, as told by Fernandes & Gattass
-//! 2009).
+//! Atoms projected onto features (Esperanca, Oliveira & Cavalcanti 2008, as described by Fernandes
+//! & Gattass 2009).
 //!
-//! Sites of the densest regular lattice of spacing sqrt(3)/3 d(x) look for the best sample of the image
-//! within d(x). Pairs of a site and its sample are taken in the order of the distance between the two,
-//! nearest first, and the sample becomes an atom if no atom is nearer than 0.8 d(x). In the plane every
-//! third site is one of a lattice of spacing d.
+//! Sites of the densest regular lattice of spacing sqrt(3)/3 d(x) look for the best sample of the
+//! image within d(x). Pairs of a site and its sample are processed in the order of the distance
+//! between the two, nearest first, and the sample becomes an atom if no atom is nearer than 0.8
+//! d(x). In the plane every third site is one of a lattice of spacing d.
 //!
-//! What is told leaves open what becomes of sites far from features, all of which have their best sample
-//! at no distance. Here a pair needs a sample in the bottom of a valley, lower than none of the samples
-//! beside it; and when all pairs have been tried, first the sites of the lattice of spacing d, then
-//! those of the fine one, become atoms where they are, if they are free.
+//! The description leaves open what happens to sites far from features, all of which have their
+//! best sample at distance zero. Here a pair needs a sample at the bottom of a valley, that is, no
+//! adjacent sample is lower. When all pairs have been tried, first the sites of the lattice of
+//! spacing d, then those of the fine lattice, become atoms at their own positions, if they are
+//! free.
 //!
-//! Sites on edges and sides of the box look along them only, and come first, so that the box is filled.
+//! Sites on edges and sides of the box look along these only, and come first, so that the box is
+//! filled.
 
 use crate::parallel::prelude::*;
 
@@ -28,89 +30,93 @@ use crate::progress::CancelToken;
 /// Spacing of the sites, in units of d: sqrt(3) / 3.
 const SITE_SPACING_RATIO: f64 = 0.577_350_269_189_625_8;
 
-/// Positions of a lattice of spacing d(x) that fills the box `[0, extent]`, for `D` of 2 or 3, with
-/// atoms on the samples of the features of `potential`, which spans the box: -1 on features, 0
-/// elsewhere. Atoms on sides have coordinates of exactly `0.0` or `extent[k]`. None is nearer than 0.8 d
-/// to `fixed` atoms, which are in the box and not in the result.
+/// Returns the positions of a lattice of spacing d(x) that fills the box `[0, extent]`, for `D` of
+/// 2 or 3, with atoms on the samples of the features of `potential`, which spans the box: -1 on
+/// features, 0 elsewhere. Atoms on sides have coordinates of exactly `0.0` or `extent[k]`. None is
+/// nearer than 0.8 d to `fixed` atoms, which are in the box and not in the result.
 ///
 /// # Errors
-/// [`Error::Seeding`](crate::Error::Seeding) if the potential is the same everywhere or does not span
-/// the box.
+/// Returns [`Error::Seeding`](crate::Error::Seeding) if the potential is the same everywhere or
+/// does not span the box.
 pub fn project_lattice<const D: usize>(
     extent: [f64; D],
     distance: &Distance<D>,
     potential: &ScalarField<D>,
     fixed: &[[f64; D]],
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Result<Vec<[f64; D]>> {
     potential_range(potential, extent, "projection")?;
-    let sites = regular_lattice(extent, &site_distance(distance), patience)?;
+    let sites = regular_lattice(extent, &site_distance(distance), cancel)?;
     let best: Vec<Option<(f64, [f64; D])>> = sites
         .par_iter()
-        .map(|&site| match patience.is_cancelled() {
-            true => None,
-            false => lowest_sample(potential, extent, site, distance.value_at(site)),
+        .map(|&site| {
+            if cancel.is_cancelled() {
+                None
+            } else {
+                lowest_sample(potential, extent, site, distance.value_at(site))
+            }
         })
         .collect();
-    // Nearest first; of two as near, the one first in the lattice.
+    // Nearest first; of two at the same distance, the one that is first in the lattice.
     let mut pairs: Vec<(f64, [f64; D])> = best.into_iter().flatten().collect();
     pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
     let pairs: Vec<[f64; D]> = pairs.into_iter().map(|pair| pair.1).collect();
-    let coarse = regular_lattice(extent, distance, patience)?;
+    let coarse = regular_lattice(extent, distance, cancel)?;
 
-    let mut placed = empty_grid([0.0; D], extent, MIN_SITE_DISTANCE * distance.min());
+    let mut grid = empty_grid([0.0; D], extent, MIN_SITE_DISTANCE * distance.min());
     for &x in fixed {
-        placed.add(x);
+        grid.add(x);
     }
-    // Corners, then edges, sides, inside.
+    // Corners first, then edges, sides, and the inside.
     for rank in (0..=D).rev() {
         for &x in pairs.iter().chain(&coarse).chain(&sites) {
-            if side_count(x, extent) != rank || patience.is_cancelled() {
+            if side_count(x, extent) != rank || cancel.is_cancelled() {
                 continue;
             }
             let d = distance.value_at(x);
-            let inside = |k: usize| {
+            let is_clear = |k: usize| {
                 let depth = x[k].min(extent[k] - x[k]);
                 depth <= 0.0 || depth >= SIDE_MARGIN * d
             };
-            let room = if rank == D { 1e-3 } else { MIN_SITE_DISTANCE };
-            if (0..D).all(inside) && placed.is_free(&x, room * d) {
-                placed.add(x);
+            let min_distance = if rank == D { 1e-3 } else { MIN_SITE_DISTANCE };
+            if (0..D).all(is_clear) && grid.is_free(&x, min_distance * d) {
+                grid.add(x);
             }
         }
     }
-    Ok(placed.positions()[fixed.len()..].to_vec())
+    Ok(grid.positions()[fixed.len()..].to_vec())
 }
 
-/// A regular lattice whose sites reach the sides of the box.
+/// Returns a regular lattice whose sites reach the sides of the box.
 fn regular_lattice<const D: usize>(
     extent: [f64; D],
     distance: &Distance<D>,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Result<Vec<[f64; D]>> {
-    let on = Alignment::OnFeatures;
+    let alignment = Alignment::OnFeatures;
     Ok(match distance {
-        Distance::Constant(d) => densest_lattice::fit_lattice(extent, *d, on),
+        Distance::Constant(d) => densest_lattice::fit_lattice(extent, *d, alignment),
         Distance::Field(_) | Distance::Bricks(_) => {
-            let atoms = grow::grow_lattice(extent, distance, &[], on, patience, &SelfComm)?;
+            let atoms = grow::grow_lattice(extent, distance, &[], alignment, cancel, &SelfComm)?;
             atoms.into_iter().map(|(x, _)| x).collect()
         }
     })
 }
 
-/// Distances as those of sites are.
+/// Scales distances between atoms to distances between sites.
 fn site_distance<const D: usize>(distance: &Distance<D>) -> Distance<D> {
     match distance {
         Distance::Constant(d) => Distance::Constant(SITE_SPACING_RATIO * d),
         Distance::Field(field) => Distance::Field(field.map(|d| SITE_SPACING_RATIO * d)),
-        // No one projects a share of a lattice.
+        // This does not occur: projection needs d everywhere.
         Distance::Bricks(_) => distance.clone(),
     }
 }
 
-/// The lowest sample within `radius` of a site and the square of its distance; of several the nearest.
-/// On a side of the box, of the samples of that side. `None` if it is not the bottom of a valley: if it
-/// is not negative, or a sample beside it is lower.
+/// Returns the lowest sample within `radius` of a site and the square of its distance; of several
+/// lowest samples the nearest. For a site on a side of the box, only the samples of that side
+/// count. Returns `None` if the sample is not the bottom of a valley: if it is not negative, or an
+/// adjacent sample is lower.
 fn lowest_sample<const D: usize>(
     potential: &ScalarField<D>,
     extent: [f64; D],
@@ -122,9 +128,9 @@ fn lowest_sample<const D: usize>(
         step,
         samples,
     } = potential;
-    let held: [bool; D] = std::array::from_fn(|k| site[k] <= 0.0 || site[k] >= extent[k]);
-    // Indices along each axis, x first; and where they are.
-    let ends: [[usize; 2]; D] = std::array::from_fn(|k| match (held[k], site[k] > 0.0) {
+    let is_on_side: [bool; D] = std::array::from_fn(|k| site[k] <= 0.0 || site[k] >= extent[k]);
+    // Range of indices along each axis, x first.
+    let ends: [[usize; 2]; D] = std::array::from_fn(|k| match (is_on_side[k], site[k] > 0.0) {
         (true, true) => [dims[k] - 1; 2],
         (true, false) => [0; 2],
         (false, _) => {
@@ -136,21 +142,26 @@ fn lowest_sample<const D: usize>(
     if (0..D).any(|k| ends[k][0] > ends[k][1]) {
         return None;
     }
-    let at = |k: usize, index: usize| match held[k] {
-        true => site[k],
-        false => index as f64 * step[k],
+    let coordinate = |k: usize, index: usize| {
+        if is_on_side[k] {
+            site[k]
+        } else {
+            index as f64 * step[k]
+        }
     };
     let strides: [usize; D] = std::array::from_fn(|k| dims[..k].iter().product());
     let mut best = (0.0f32, f64::INFINITY, [0; D]);
     let mut index = ends.map(|e| e[0]);
     loop {
-        let across: f64 = (1..D).map(|k| (at(k, index[k]) - site[k]).powi(2)).sum();
+        let across2: f64 = (1..D)
+            .map(|k| (coordinate(k, index[k]) - site[k]).powi(2))
+            .sum();
         let row: usize = (1..D).map(|k| index[k] * strides[k]).sum();
         for (x, &b) in (ends[0][0]..).zip(&samples[row + ends[0][0]..=row + ends[0][1]]) {
             if b > best.0 || b >= 0.0 {
                 continue;
             }
-            let r2 = across + (at(0, x) - site[0]).powi(2);
+            let r2 = across2 + (coordinate(0, x) - site[0]).powi(2);
             if r2 <= radius * radius && (b < best.0 || r2 < best.1) {
                 index[0] = x;
                 best = (b, r2, index);
@@ -167,9 +178,11 @@ fn lowest_sample<const D: usize>(
     }
     let (depth, r2, index) = best;
     let flat: usize = (0..D).map(|k| index[k] * strides[k]).sum();
-    let lowest =
-        |k: usize| held[k] || depth <= samples[flat - strides[k]].min(samples[flat + strides[k]]);
-    (depth < 0.0 && (0..D).all(lowest)).then(|| (r2, std::array::from_fn(|k| at(k, index[k]))))
+    let is_lowest = |k: usize| {
+        is_on_side[k] || depth <= samples[flat - strides[k]].min(samples[flat + strides[k]])
+    };
+    (depth < 0.0 && (0..D).all(is_lowest))
+        .then(|| (r2, std::array::from_fn(|k| coordinate(k, index[k]))))
 }
 
 #[cfg(test)]
@@ -181,10 +194,11 @@ mod tests {
     use crate::lattice::seeding::{Seeding, seed};
 
     #[test]
-    fn the_best_sample_is_found() {
+    fn the_lowest_sample_is_found() {
         let extent = [30.0, 20.0, 24.0];
         let mut field = ScalarField::from_fn([31, 21, 25], [1.0; 3], |_| 0.0);
-        let mut set = |at: [usize; 3], b| field.samples[(at[2] * 21 + at[1]) * 31 + at[0]] = b;
+        let mut set =
+            |index: [usize; 3], b| field.samples[(index[2] * 21 + index[1]) * 31 + index[0]] = b;
         set([10, 10, 10], -0.5);
         set([14, 10, 10], -1.0);
         set([0, 10, 10], -0.9);
@@ -195,21 +209,21 @@ mod tests {
             Some((9.25, [14.0, 10.0, 10.0]))
         );
         assert_eq!(find([11.0, 10.0, 14.0], 3.0), None);
-        // On a side, only there; inside, not there.
+        // A site on a side finds samples on that side only; a site inside finds none on sides.
         assert_eq!(find([0.0, 9.0, 10.0], 3.0), Some((1.0, [0.0, 10.0, 10.0])));
         assert_eq!(find([2.0, 10.0, 10.0], 4.0), None);
         assert_eq!(find([0.0, 9.0, 0.0], 11.0), None);
-        // A slope is no bottom.
+        // A slope is not the bottom of a valley.
         let slope = ScalarField::from_fn([31, 21, 25], [1.0; 3], |x| -x[0] / 30.0);
         assert_eq!(lowest_sample(&slope, extent, [11.0, 10.0, 10.0], 3.0), None);
     }
 
     fn check<const D: usize>(extent: [f64; D], distance: &Distance<D>, densest: f64) {
         let potential = valley(extent);
-        let place = || {
-            let how = Seeding::Projection;
+        let place_atoms = || {
+            let seeding = Seeding::Projection;
             seed(
-                how,
+                seeding,
                 extent,
                 distance,
                 &[],
@@ -219,23 +233,28 @@ mod tests {
             )
             .unwrap()
         };
-        let atoms = place();
+        let atoms = place_atoms();
         let spacing = spacing_quantiles(&atoms, distance);
-        let [least, _, median, _, widest] = spacing;
-        let off = |x: &[f64; D]| (x[0] + 0.25 * x[1] - 0.6 * extent[0]).abs();
-        let on = atoms.positions.iter().filter(|x| off(x) < 1.0).count();
+        let [min, _, median, _, max] = spacing;
+        let distance_to_feature = |x: &[f64; D]| (x[0] + 0.25 * x[1] - 0.6 * extent[0]).abs();
+        let on_feature = atoms
+            .positions
+            .iter()
+            .filter(|x| distance_to_feature(x) < 1.0)
+            .count();
         println!(
-            "{D}-D: {} atoms, {on} on the feature; nearest / d {spacing:.3?}",
+            "{D}-D: {} atoms, {on_feature} on the feature; nearest / d {spacing:.3?}",
             atoms.len()
         );
-        assert!(least > 0.72 && widest < 1.5 && median < 1.05);
+        assert!(min > 0.72 && max < 1.5 && median < 1.05);
         let length = extent[1] * 17.0f64.sqrt() / 4.0;
         let area: f64 = (2..D).map(|k| extent[k]).product::<f64>() * length;
         assert!(
-            on as f64 > densest * area / (MIN_SITE_DISTANCE * distance.max()).powi(D as i32 - 1),
-            "{on}"
+            on_feature as f64
+                > densest * area / (MIN_SITE_DISTANCE * distance.max()).powi(D as i32 - 1),
+            "{on_feature}"
         );
-        assert_eq!(atoms, place());
+        assert_eq!(atoms, place_atoms());
     }
 
     #[test]
@@ -255,9 +274,9 @@ mod tests {
     #[test]
     fn cells_alongside_are_refused() {
         let (extent, distance) = ([40.0, 30.0], Distance::Constant(5.0));
-        let how = Seeding::Projection;
+        let seeding = Seeding::Projection;
         let refused = seed(
-            how,
+            seeding,
             extent,
             &distance,
             &[],

@@ -1,9 +1,10 @@
-//! An isotropic lattice by Delaunay refinement (Hale 2002): corners and one more point, then the
-//! centre of the largest circumsphere in units of d, until none is larger than a share of d.
+//! An isotropic lattice by Delaunay refinement (Hale 2002): corners and one more point, then
+//! repeatedly the centre of the largest circumsphere in units of d, until no circumsphere is larger
+//! than a fixed fraction of d.
 //!
 //! So that the box is filled exactly, its edges come first, evenly divided; then each of its sides,
-//! refined in the plane; then the inside. Circumcentres outside the box are no points. No direction
-//! is favoured: images, not the lattice, say where atoms line up.
+//! refined in the plane; then the inside. Circumcentres outside the box are not used. No direction
+//! is favoured: the image, not the lattice, determines where atoms line up.
 
 use super::{Alignment, side_count};
 use crate::error::Result;
@@ -18,77 +19,80 @@ use crate::progress::CancelToken;
 const MAX_CIRCUMRADIUS_2D: f64 = 0.760;
 /// Largest circumradius in space, in units of d (Hale 2002).
 const MAX_CIRCUMRADIUS_3D: f64 = 0.803;
-/// Nearest to a fixed atom that an atom of an edge may be, in units of d.
+/// Smallest distance of an atom on an edge from a fixed atom, in units of d.
 const MIN_FIXED_DISTANCE: f64 = 0.8;
 
-/// Positions of an isotropic lattice of spacing d(x) that fills the box `[0, extent]`, for `D` of 2
-/// or 3; atoms on its sides have coordinates of exactly `0.0` or `extent[k]`. Keeps its distance from
-/// `fixed` atoms, which are in the box and not in the result. `seed` chooses the first point inside.
+/// Returns the positions of an isotropic lattice of spacing d(x) that fills the box `[0, extent]`,
+/// for `D` of 2 or 3. Atoms on its sides have coordinates of exactly `0.0` or `extent[k]`. The
+/// lattice keeps its distance from `fixed` atoms, which are in the box and not in the result.
+/// `seed` chooses the first point inside.
 ///
-/// Alongside, all atoms are moved inwards, those of a side by half a d.
+/// With [`Alignment::AlongsideFeatures`], all atoms are moved inwards, those of a side by half a d.
 ///
 /// # Errors
-/// [`Error::Delaunay`](crate::Error::Delaunay) in 3-D if built without the feature `cgal`.
+/// Returns [`Error::Delaunay`](crate::Error::Delaunay) in 3-D if the crate is built without the
+/// feature `cgal`.
 pub fn refine_lattice<const D: usize>(
     extent: [f64; D],
     distance: &Distance<D>,
     fixed: &[[f64; D]],
     alignment: Alignment,
     seed: u64,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Result<Vec<[f64; D]>> {
     let mut atoms = fixed.to_vec();
     let corners = faces::<D>(&[]).map(|end| std::array::from_fn(|k| end[k] * extent[k]));
     atoms.extend(corners.filter(|x| !fixed.contains(x)));
     for axis in 0..D {
         for end in faces::<D>(&[axis]) {
-            let at = |t: f64| -> [f64; D] {
+            let point_at = |t: f64| -> [f64; D] {
                 std::array::from_fn(|k| if k == axis { t } else { end[k] * extent[k] })
             };
-            let free = |x: &[f64; D]| {
+            let is_free = |x: &[f64; D]| {
                 let radius = MIN_FIXED_DISTANCE * distance.value_at(*x);
                 fixed.iter().all(|y| distance2(x, y) >= radius * radius)
             };
-            let spread =
-                graded_positions(extent[axis], distance.min(), |t| distance.value_at(at(t)));
-            atoms.extend(spread.into_iter().map(at).filter(free));
+            let positions = graded_positions(extent[axis], distance.min(), |t| {
+                distance.value_at(point_at(t))
+            });
+            atoms.extend(positions.into_iter().map(point_at).filter(is_free));
         }
     }
     if D == 3 {
         for normal in 0..D {
-            let along: [usize; 2] = [(normal + 1) % D, (normal + 2) % D];
-            for end in faces::<D>(&along) {
+            let axes: [usize; 2] = [(normal + 1) % D, (normal + 2) % D];
+            for end in faces::<D>(&axes) {
                 let level = end[normal] * extent[normal];
                 let lift = |x: [f64; 2]| -> [f64; D] {
                     std::array::from_fn(|k| match k {
                         _ if k == normal => level,
-                        _ => x[usize::from(k == along[1])],
+                        _ => x[usize::from(k == axes[1])],
                     })
                 };
-                let on = atoms.iter().filter(|x| x[normal] == level);
-                let start: Vec<[f64; 2]> = on.map(|x| along.map(|k| x[k])).collect();
+                let on_side = atoms.iter().filter(|x| x[normal] == level);
+                let start: Vec<[f64; 2]> = on_side.map(|x| axes.map(|k| x[k])).collect();
                 let d = |x| distance.value_at(lift(x));
                 let added = refine_plane(
                     &start,
-                    along.map(|k| extent[k]),
+                    axes.map(|k| extent[k]),
                     d,
                     MAX_CIRCUMRADIUS_2D,
-                    patience,
+                    cancel,
                 )?;
                 atoms.extend(added.into_iter().map(lift));
             }
         }
     }
-    // One point away from the corners, by chance.
+    // One random point away from the corners.
     let mut random = Random::new(seed);
     let first = extent.map(|e| e * (0.35 + 0.3 * random.draw()));
-    let near = |y: &[f64; D]| {
+    let is_near = |y: &[f64; D]| {
         distance2(&first, y) < (MIN_FIXED_DISTANCE * distance.value_at(first)).powi(2)
     };
-    if !atoms.iter().any(near) {
+    if !atoms.iter().any(is_near) {
         atoms.push(first);
     }
-    let added = refine_interior(&atoms, extent, distance, patience)?;
+    let added = refine_interior(&atoms, extent, distance, cancel)?;
     atoms.extend(added);
     atoms.drain(..fixed.len());
     if alignment == Alignment::AlongsideFeatures {
@@ -96,30 +100,30 @@ pub fn refine_lattice<const D: usize>(
             let d = distance.value_at(*x);
             *x = std::array::from_fn(|k| x[k] + d * (0.5 - x[k] / extent[k]));
         }
-        let free = |x: &[f64; D]| {
+        let is_free = |x: &[f64; D]| {
             let radius = MIN_FIXED_DISTANCE * distance.value_at(*x);
             fixed.iter().all(|y| distance2(x, y) >= radius * radius)
         };
-        atoms.retain(|x| free(x) && side_count(*x, extent) == 0);
+        atoms.retain(|x| is_free(x) && side_count(*x, extent) == 0);
     }
     Ok(atoms)
 }
 
-/// Refines the whole box.
+/// Refines the inside of the box.
 fn refine_interior<const D: usize>(
     atoms: &[[f64; D]],
     extent: [f64; D],
     distance: &Distance<D>,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Result<Vec<[f64; D]>> {
-    // `D` is not known to the compiler to be what it is: axes are copied one by one.
+    // The compiler does not know that `D` is 2 or 3, so coordinates are copied one by one.
     fn cast_dims<const D: usize, const E: usize>(x: [f64; D]) -> [f64; E] {
         std::array::from_fn(|k| x[k])
     }
     if D == 2 {
         let plane: Vec<[f64; 2]> = atoms.iter().map(|x| cast_dims(*x)).collect();
         let d = |x: [f64; 2]| distance.value_at(cast_dims(x));
-        let added = refine_plane(&plane, cast_dims(extent), d, MAX_CIRCUMRADIUS_2D, patience)?;
+        let added = refine_plane(&plane, cast_dims(extent), d, MAX_CIRCUMRADIUS_2D, cancel)?;
         return Ok(added.into_iter().map(cast_dims).collect());
     }
     let space: Vec<[f64; 3]> = atoms.iter().map(|x| cast_dims(*x)).collect();
@@ -136,8 +140,8 @@ fn refine_interior<const D: usize>(
         },
         Distance::Bricks(_) => {
             return Err(super::seeding_error(
-                "by refinement asks for the distance everywhere",
-                "give all of it",
+                "by refinement needs the distance everywhere",
+                "give the complete distance",
             ));
         }
     };
@@ -145,34 +149,34 @@ fn refine_interior<const D: usize>(
     Ok(added.into_iter().map(cast_dims).collect())
 }
 
-/// The faces of the unit box that lie along the given axes, by the coordinates (0 or 1) along the
-/// others.
-fn faces<const D: usize>(along: &[usize]) -> impl Iterator<Item = [f64; D]> {
+/// Returns the faces of the unit box that lie along the given axes, by the coordinates (0 or 1)
+/// along the other axes.
+fn faces<const D: usize>(axes: &[usize]) -> impl Iterator<Item = [f64; D]> {
     (0..1usize << D)
-        .filter(move |n| along.iter().all(|k| n >> k & 1 == 0))
+        .filter(move |n| axes.iter().all(|k| n >> k & 1 == 0))
         .map(|n| std::array::from_fn(|k| (n >> k & 1) as f64))
 }
 
-/// Places between the ends of a length, evenly spread in units of d(t).
-pub(super) fn graded_positions(length: f64, least: f64, d: impl Fn(f64) -> f64) -> Vec<f64> {
-    // How many spacings from the start to each of many points (midpoint rule).
-    let pieces = (8.0 * length / least).ceil().max(8.0) as usize;
-    let piece = length / pieces as f64;
+/// Returns positions between the ends of a length, evenly spread in units of d(t).
+pub(super) fn graded_positions(length: f64, min_d: f64, d: impl Fn(f64) -> f64) -> Vec<f64> {
+    // Count of spacings from the start to each of many points (midpoint rule).
+    let piece_count = (8.0 * length / min_d).ceil().max(8.0) as usize;
+    let piece = length / piece_count as f64;
     let mut spacings = vec![0.0];
-    for n in 0..pieces {
+    for n in 0..piece_count {
         spacings.push(spacings[n] + piece / d((n as f64 + 0.5) * piece));
     }
-    let count = spacings[pieces].round().max(1.0);
-    let scale = spacings[pieces] / count;
+    let count = spacings[piece_count].round().max(1.0);
+    let scale = spacings[piece_count] / count;
     let mut n = 0;
-    let place = |k: usize| {
+    let position = |k: usize| {
         let target = k as f64 * scale;
-        while n + 1 < pieces && spacings[n + 1] < target {
+        while n + 1 < piece_count && spacings[n + 1] < target {
             n += 1;
         }
         (n as f64 + (target - spacings[n]) / (spacings[n + 1] - spacings[n])) * piece
     };
-    (1..count as usize).map(place).collect()
+    (1..count as usize).map(position).collect()
 }
 
 #[cfg(test)]
@@ -183,9 +187,9 @@ mod tests {
     use crate::lattice::seeding::{Atoms, Seeding, seed};
 
     fn check<const D: usize>(extent: [f64; D], distance: &Distance<D>) -> [f64; 5] {
-        let how = Seeding::Refine { seed: 1 };
+        let seeding = Seeding::Refine { seed: 1 };
         let atoms = seed(
-            how,
+            seeding,
             extent,
             distance,
             &[],
@@ -194,9 +198,9 @@ mod tests {
             &CancelToken::never(),
         )
         .unwrap();
-        let is = |kind| atoms.kinds.iter().filter(|&&k| k == kind).count();
-        assert_eq!(is(AtomKind::Corner), 1 << D);
-        assert!(is(AtomKind::Edge) > 20 && (D == 2 || is(AtomKind::Side) > 100));
+        let count_kind = |kind| atoms.kinds.iter().filter(|&&k| k == kind).count();
+        assert_eq!(count_kind(AtomKind::Corner), 1 << D);
+        assert!(count_kind(AtomKind::Edge) > 20 && (D == 2 || count_kind(AtomKind::Side) > 100));
         let refined = spacing_quantiles(&atoms, distance);
         let regular = seed(
             Seeding::Fcc,
@@ -220,11 +224,11 @@ mod tests {
     fn a_rectangle_is_filled_evenly() {
         let extent = [120.0, 91.0];
         for distance in [Distance::Constant(5.0), varying_distance(extent)] {
-            let [least, low, median, high, _] = check(extent, &distance);
+            let [min, low, median, high, _] = check(extent, &distance);
             // 0.76 at the circumcentre, where d may be larger by its slope.
             assert!(
-                least > 0.70 && low > 0.70 && high < 1.15,
-                "{least} {low} {high}"
+                min > 0.70 && low > 0.70 && high < 1.15,
+                "{min} {low} {high}"
             );
             assert!((0.76..1.0).contains(&median), "{median}");
         }
@@ -235,11 +239,8 @@ mod tests {
     fn a_box_is_filled_evenly() {
         let extent = [60.0, 53.0, 48.0];
         for distance in [Distance::Constant(5.0), varying_distance(extent)] {
-            let [least, low, median, high, _] = check(extent, &distance);
-            assert!(
-                least > 0.7 && low > 0.74 && high < 1.2,
-                "{least} {low} {high}"
-            );
+            let [min, low, median, high, _] = check(extent, &distance);
+            assert!(min > 0.7 && low > 0.74 && high < 1.2, "{min} {low} {high}");
             assert!((0.8..1.0).contains(&median), "{median}");
         }
     }
@@ -249,10 +250,10 @@ mod tests {
         let extent = [80.0, 70.0];
         let distance = Distance::Constant(5.0);
         let fixed = [[31.0, 22.0], [70.0, 12.5]];
-        let how = Seeding::Refine { seed: 3 };
+        let seeding = Seeding::Refine { seed: 3 };
         for alignment in [Alignment::OnFeatures, Alignment::AlongsideFeatures] {
             let atoms = seed(
-                how,
+                seeding,
                 extent,
                 &distance,
                 &fixed,
@@ -263,15 +264,15 @@ mod tests {
             .unwrap();
             assert_eq!(atoms.positions[atoms.len() - 2..], fixed);
             assert!(spacing_quantiles(&atoms, &distance)[0] > 0.65);
-            let inside = |x: &[f64; 2]| (0..2).all(|k| x[k] > 2.0 && x[k] < extent[k] - 2.0);
-            let all = atoms.positions.iter().all(inside);
-            assert_eq!(all, alignment == Alignment::AlongsideFeatures);
+            let is_inside = |x: &[f64; 2]| (0..2).all(|k| x[k] > 2.0 && x[k] < extent[k] - 2.0);
+            let all_inside = atoms.positions.iter().all(is_inside);
+            assert_eq!(all_inside, alignment == Alignment::AlongsideFeatures);
         }
     }
 
     #[test]
     fn another_seed_gives_another_lattice() {
-        let of = |seed| {
+        let refine_with = |seed| {
             refine_lattice(
                 [50.0, 40.0],
                 &Distance::Constant(4.0),
@@ -281,8 +282,8 @@ mod tests {
                 &CancelToken::never(),
             )
         };
-        assert_eq!(of(1).unwrap(), of(1).unwrap());
-        assert_ne!(of(1).unwrap(), of(2).unwrap());
-        assert!(Atoms::from_positions(of(1).unwrap(), [50.0, 40.0]).len() > 100);
+        assert_eq!(refine_with(1).unwrap(), refine_with(1).unwrap());
+        assert_ne!(refine_with(1).unwrap(), refine_with(2).unwrap());
+        assert!(Atoms::from_positions(refine_with(1).unwrap(), [50.0, 40.0]).len() > 100);
     }
 }

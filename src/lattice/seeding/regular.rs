@@ -1,6 +1,8 @@
-//! The regular lattice along a curve, of which each of a group has a share and none more.
+//! The regular lattice along a curve, distributed over ranks. No rank stores more than the atoms
+//! that it owns.
 //!
-//! Where a site is follows from its number, so that all can look at all sites, and keep their own.
+//! The position of a site follows from its index, so that every rank can visit all sites and keep
+//! its own.
 
 use crate::parallel::prelude::*;
 
@@ -14,17 +16,18 @@ use crate::error::Result;
 use crate::lattice::distance::Distance;
 use crate::lattice::partition::OwnedAtoms;
 
-/// A share of the densest lattice whose nearest neighbours are `distance` apart, the same everywhere, in the order of a
-/// space-filling curve; fixed atoms, for which others make room, come last.
+/// Returns this rank's atoms of the densest lattice whose nearest neighbours are `distance` apart
+/// (constant), in the order of a space-filling curve. Fixed atoms come last; lattice atoms too near
+/// to them are removed.
 ///
 /// # Errors
-/// Those of [`seed`](super::seed).
+/// Returns an error as [`seed`](super::seed) does, or if another rank fails.
 pub fn place_atoms<const D: usize>(
     extent: [f64; D],
     distance: &Distance<D>,
     fixed: &[[f64; D]],
     alignment: Alignment,
-    group: &dyn Comm,
+    comm: &dyn Comm,
 ) -> Result<OwnedAtoms<D>> {
     distance.validate(extent)?;
     let fixed = fixed_atoms::validate(fixed, extent, distance, alignment)?;
@@ -33,23 +36,23 @@ pub fn place_atoms<const D: usize>(
         curve: MortonCurve::new(extent, 2.0 * distance.min()),
         clearance: Clearance::new(&fixed, extent, distance),
     };
-    let (turns, sites) = match group.size() {
-        // One alone has all, and need not count.
+    let (partition, sites) = match comm.size() {
+        // A single process has all sites, and need not count them.
         1 => {
             let sites = lattice.sorted_sites(0..usize::MAX);
             (CurvePartition::new(vec![sites.len()], fixed.len()), sites)
         }
         count => {
-            let turns = CurvePartition::new(lattice.segment_counts(), fixed.len());
-            let sites = lattice.sorted_sites(turns.segments(group.rank(), count));
-            (turns, sites)
+            let partition = CurvePartition::new(lattice.segment_counts(), fixed.len());
+            let sites = lattice.sorted_sites(partition.segments(comm.rank(), count));
+            (partition, sites)
         }
     };
     let positions = sites.par_iter();
     let positions = positions.map(|&(_, site)| lattice.sites.position(site));
     let positions = positions.collect();
     drop(sites);
-    Ok(turns.local_partition(positions, extent, &fixed, group))
+    Ok(partition.local_partition(positions, extent, &fixed, comm))
 }
 
 /// The sites of a lattice along a curve.
@@ -60,7 +63,7 @@ struct CurveLattice<'a, const D: usize> {
 }
 
 impl<const D: usize> CurveLattice<'_, D> {
-    /// The sites of a row that stay, each with its place along the curve.
+    /// Returns the sites of a row that are not removed, each with its key along the curve.
     fn row(&self, row: usize) -> impl Iterator<Item = (u64, u64)> {
         self.sites.row(row).filter_map(|site| {
             let x = self.sites.position(site);
@@ -68,27 +71,27 @@ impl<const D: usize> CurveLattice<'_, D> {
         })
     }
 
-    /// The sites of some stretches, in the order of the curve.
-    fn sorted_sites(&self, stretches: std::ops::Range<usize>) -> Vec<(u64, u64)> {
-        let wanted =
-            |(key, _): &(u64, u64)| stretches.contains(&self.curve.segment(*key, MAX_SEGMENTS));
+    /// Returns the sites of some segments, in the order of the curve.
+    fn sorted_sites(&self, segments: std::ops::Range<usize>) -> Vec<(u64, u64)> {
+        let is_wanted =
+            |(key, _): &(u64, u64)| segments.contains(&self.curve.segment(*key, MAX_SEGMENTS));
         let rows = (0..self.sites.row_count()).into_par_iter();
         let mut sites: Vec<(u64, u64)> = rows
-            .flat_map_iter(|row| self.row(row).filter(&wanted))
+            .flat_map_iter(|row| self.row(row).filter(&is_wanted))
             .collect();
         sites.par_sort_unstable();
         sites
     }
 
-    /// How many sites each stretch has.
+    /// Returns the count of sites in each segment.
     fn segment_counts(&self) -> Vec<usize> {
         let rows = (0..self.sites.row_count()).into_par_iter();
-        let none = || vec![0; MAX_SEGMENTS];
-        rows.fold(none, |mut counts, row| {
+        let zeros = || vec![0; MAX_SEGMENTS];
+        rows.fold(zeros, |mut counts, row| {
             (self.row(row)).for_each(|(key, _)| counts[self.curve.segment(key, MAX_SEGMENTS)] += 1);
             counts
         })
-        .reduce(none, |mut sum, counts| {
+        .reduce(zeros, |mut sum, counts| {
             sum.iter_mut().zip(counts).for_each(|(sum, n)| *sum += n);
             sum
         })
@@ -104,7 +107,7 @@ mod tests {
     use crate::lattice::seeding::Atoms;
 
     #[test]
-    fn shares_of_the_lattice_are_the_lattice_in_turn() {
+    fn partitions_are_the_lattice_in_order() {
         let fixed = [[20.0, 21.0, 22.0], [0.0, 20.0, 20.0], [88.5, 1.0, 1.0]];
         for (extent, d, fixed) in [
             ([90.0, 50.0, 60.0], 3.0, &fixed[..]),
@@ -112,29 +115,30 @@ mod tests {
             ([20.0, 21.0, 23.0], 5.0, &[]),
         ] {
             let distance = Distance::Constant(d);
-            let whole = fcc(extent, &distance, fixed, Alignment::OnFeatures).unwrap();
+            let expected = fcc(extent, &distance, fixed, Alignment::OnFeatures).unwrap();
             let mut sites =
                 super::super::densest_lattice::fit_lattice(extent, d, Alignment::OnFeatures);
             morton::sort_by_curve(&mut sites, extent, 2.0 * d);
             let mut atoms = Atoms::from_positions(sites, extent);
             fixed_atoms::insert(&mut atoms, fixed, extent, &distance);
-            assert!(whole == atoms, "{extent:?}");
+            assert!(expected == atoms, "{extent:?}");
             for count in [2, 3, 7] {
-                let shares = run_threads(count, |group| {
-                    place_atoms(extent, &distance, fixed, Alignment::OnFeatures, group).unwrap()
+                let partitions = run_threads(count, |comm| {
+                    place_atoms(extent, &distance, fixed, Alignment::OnFeatures, comm).unwrap()
                 });
-                let mut all = Atoms::default();
-                for share in shares {
+                let mut gathered = Atoms::default();
+                for owned in partitions {
                     assert_eq!(
-                        (share.first_index, share.global_count),
-                        (all.len(), whole.len())
+                        (owned.first_index, owned.global_count),
+                        (gathered.len(), expected.len())
                     );
                     assert!(
-                        share.atoms.len() <= (whole.len() / CHUNK_ATOMS / count + 2) * CHUNK_ATOMS
+                        owned.atoms.len()
+                            <= (expected.len() / CHUNK_ATOMS / count + 2) * CHUNK_ATOMS
                     );
-                    all.append(share.atoms);
+                    gathered.append(owned.atoms);
                 }
-                assert!(all == whole, "{extent:?}, {count}");
+                assert!(gathered == expected, "{extent:?}, {count}");
             }
         }
     }

@@ -1,4 +1,4 @@
-//! Wells along trajectories: d(x) falls near them, and fixed atoms stand along them, d apart.
+//! Wells along trajectories: d(x) is reduced near them, and fixed atoms stand along them, d apart.
 
 use super::Alignment;
 use crate::error::{Error, Result, cause};
@@ -7,39 +7,39 @@ use crate::image::ScalarField;
 use crate::lattice::distance::{Distance, limit_gradient, lower_cell_corners};
 use crate::progress::CancelToken;
 
-/// Atoms of two wells nearer than this, in d, are too near.
+/// Smallest distance between atoms of two wells, in units of d.
 const MIN_WELL_DISTANCE: f64 = 0.7;
-/// A well that ends nearer to a side than this, in d, ends on it (or, where no atoms may be there, this
-/// far inside).
+/// A well that ends nearer to a side than this, in units of d, ends on the side (or, where atoms
+/// may not be on sides, this far inside).
 const SIDE_SNAP_RATIO: f64 = 0.5;
-/// Steps, in d, in which a way is followed.
+/// Step along a trajectory, in units of d.
 const STEP_RATIO: f64 = 0.05;
 
-/// A well's way in lattice space: straight legs between points, or one point.
+/// A well's trajectory in lattice space: straight segments between points, or one point.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WellTrajectory<const D: usize> {
-    /// What errors call it.
+    /// The well's name in error messages.
     pub name: String,
-    /// Its points.
+    /// The points of the trajectory.
     pub points: Vec<[f64; D]>,
 }
 
 impl<const D: usize> WellTrajectory<D> {
-    /// Those parts of the way that lie in the box `[0, extent]`: a way each.
+    /// Returns the parts of the trajectory that lie in the box `[0, extent]`, each as a trajectory.
     pub fn clip_to_box(&self, extent: [f64; D]) -> Vec<Self> {
-        let holds = |x: &[f64; D]| (0..D).all(|k| x[k] >= 0.0 && x[k] <= extent[k]);
+        let is_inside = |x: &[f64; D]| (0..D).all(|k| x[k] >= 0.0 && x[k] <= extent[k]);
         if let [x] = self.points[..] {
-            return if holds(&x) {
+            return if is_inside(&x) {
                 vec![self.clone()]
             } else {
                 Vec::new()
             };
         }
         let mut parts: Vec<Self> = Vec::new();
-        let mut goes_on = false;
+        let mut is_continued = false;
         for leg in self.points.windows(2) {
             let [a, b] = [leg[0], leg[1]];
-            let (mut from, mut to) = (0.0f64, 1.0f64);
+            let (mut start, mut end) = (0.0f64, 1.0f64);
             for k in 0..D {
                 let speed = b[k] - a[k];
                 let [mut enter, mut leave] = [-a[k] / speed, (extent[k] - a[k]) / speed];
@@ -47,143 +47,150 @@ impl<const D: usize> WellTrajectory<D> {
                     (enter, leave) = (leave, enter);
                 }
                 if speed != 0.0 {
-                    (from, to) = (from.max(enter), to.min(leave));
+                    (start, end) = (start.max(enter), end.min(leave));
                 } else if !(0.0..=extent[k]).contains(&a[k]) {
-                    to = -1.0;
+                    end = -1.0;
                 }
             }
-            if from >= to {
-                goes_on = false;
+            if start >= end {
+                is_continued = false;
                 continue;
             }
-            let at = |share: f64| {
-                std::array::from_fn(|k| (a[k] + share * (b[k] - a[k])).clamp(0.0, extent[k]))
+            let point_at = |fraction: f64| {
+                std::array::from_fn(|k| (a[k] + fraction * (b[k] - a[k])).clamp(0.0, extent[k]))
             };
-            if !goes_on {
-                let (name, points) = (self.name.clone(), vec![at(from)]);
+            if !is_continued {
+                let (name, points) = (self.name.clone(), vec![point_at(start)]);
                 parts.push(Self { name, points });
             }
             if let Some(part) = parts.last_mut() {
-                part.points.push(if to == 1.0 { b } else { at(to) });
+                part.points.push(if end == 1.0 { b } else { point_at(end) });
             }
-            goes_on = to == 1.0;
+            is_continued = end == 1.0;
         }
         parts
     }
 
-    /// Points along the way, their distance growing with d: `(position, d)`.
+    /// Returns points along the trajectory, whose spacing grows with d, as `(position, d)`.
     fn sample_points(&self, d: impl Fn([f64; D]) -> f64) -> Vec<([f64; D], f64)> {
-        let mut found: Vec<_> = self.points[..1].iter().map(|&x| (x, d(x))).collect();
+        let mut samples: Vec<_> = self.points[..1].iter().map(|&x| (x, d(x))).collect();
         for leg in self.points.windows(2) {
             let length = distance2(&leg[0], &leg[1]).sqrt();
             let mut s = 0.0;
             while s < length {
-                let here = found[found.len() - 1].1;
-                s = (s + STEP_RATIO * here).min(length);
-                let share = s / length;
-                let x = match s < length {
-                    true => std::array::from_fn(|k| leg[0][k] + share * (leg[1][k] - leg[0][k])),
-                    false => leg[1],
+                let local_d = samples[samples.len() - 1].1;
+                s = (s + STEP_RATIO * local_d).min(length);
+                let fraction = s / length;
+                let x = if s < length {
+                    std::array::from_fn(|k| leg[0][k] + fraction * (leg[1][k] - leg[0][k]))
+                } else {
+                    leg[1]
                 };
-                found.push((x, d(x)));
+                samples.push((x, d(x)));
             }
         }
-        found
+        samples
     }
 }
 
-/// `distance`, but at most `least` on the ways, growing away from them by `growth` per lattice unit.
+/// Returns `distance`, reduced to at most `well_distance` on the trajectories, and growing away
+/// from them by `growth` per lattice unit.
 ///
 /// # Errors
-/// [`Error::Distance`] if `least` is not positive or above every distance.
+/// Returns [`Error::Distance`] if `well_distance` is not positive or is above every distance.
 pub fn refine_near_wells<const D: usize>(
     distance: Distance<D>,
-    ways: &[WellTrajectory<D>],
-    least: f64,
+    wells: &[WellTrajectory<D>],
+    well_distance: f64,
     growth: f64,
     extent: [f64; D],
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Result<Distance<D>> {
-    if !(least > 0.0 && least <= distance.max()) {
+    if !(well_distance > 0.0 && well_distance <= distance.max()) {
         return Err(Error::Distance(cause(
             "distance at wells",
-            format!("{least} is not above 0 and at most {}", distance.max()),
+            format!(
+                "{well_distance} is not above 0 and at most {}",
+                distance.max()
+            ),
             "give fewer samples than the mesh has elsewhere",
         )));
     }
-    let finest = least.min(distance.min());
-    let cells = extent.map(|e| (2.0 * e / finest).ceil().max(1.0) as usize);
+    let min_d = well_distance.min(distance.min());
+    let cells = extent.map(|e| (2.0 * e / min_d).ceil().max(1.0) as usize);
     let step: [f64; D] = std::array::from_fn(|k| extent[k] / cells[k] as f64);
     let mut field = ScalarField::from_fn(cells.map(|c| c + 1), step, |x| distance.value_at(x));
-    for way in ways {
-        // All corners of every cell of the grid that the way passes.
-        for (x, _) in way.sample_points(|_| finest) {
-            lower_cell_corners(&mut field, x, least as f32);
+    for well in wells {
+        // All corners of every cell of the grid that the trajectory passes.
+        for (x, _) in well.sample_points(|_| min_d) {
+            lower_cell_corners(&mut field, x, well_distance as f32);
         }
     }
-    limit_gradient(&mut field, growth, patience);
+    limit_gradient(&mut field, growth, cancel);
     Ok(Distance::Field(field))
 }
 
-/// Atoms along ways in the box, d apart, the first and the last at a way's ends; ends within half a d
-/// of a side are put on it (alongside features, half a d from it).
+/// Returns atoms along trajectories in the box, d apart, the first and the last at the ends. Ends
+/// within half a d of a side are moved onto it (with [`Alignment::AlongsideFeatures`], to half a d
+/// from it).
 ///
 /// # Errors
-/// [`Error::Seeding`] if two ways are nearer than 0.7 d.
+/// Returns [`Error::Seeding`] if two wells are nearer to each other than 0.7 d.
 pub fn place_atoms<const D: usize>(
-    ways: &[WellTrajectory<D>],
+    wells: &[WellTrajectory<D>],
     distance: &Distance<D>,
     extent: [f64; D],
     alignment: Alignment,
 ) -> Result<Vec<[f64; D]>> {
-    let mut found: Vec<([f64; D], usize)> = Vec::new();
-    for (number, way) in ways.iter().enumerate() {
-        let mut way = way.clone();
-        let last = way.points.len() - 1;
-        for at in [0, last] {
-            let x = &mut way.points[at];
-            let room = SIDE_SNAP_RATIO * distance.value_at(*x);
+    let mut atoms: Vec<([f64; D], usize)> = Vec::new();
+    for (index, well) in wells.iter().enumerate() {
+        let mut well = well.clone();
+        let last = well.points.len() - 1;
+        for end in [0, last] {
+            let x = &mut well.points[end];
+            let snap_distance = SIDE_SNAP_RATIO * distance.value_at(*x);
             for k in 0..D {
-                let (on, off) = match alignment {
+                let (low, high) = match alignment {
                     Alignment::OnFeatures => (0.0, extent[k]),
-                    Alignment::AlongsideFeatures => (room, extent[k] - room),
+                    Alignment::AlongsideFeatures => (snap_distance, extent[k] - snap_distance),
                 };
-                if x[k] < room {
-                    x[k] = on;
-                } else if x[k] > extent[k] - room {
-                    x[k] = off;
+                if x[k] < snap_distance {
+                    x[k] = low;
+                } else if x[k] > extent[k] - snap_distance {
+                    x[k] = high;
                 }
             }
         }
-        // Places at equal shares of the way measured in d.
-        let followed = way.sample_points(|x| distance.value_at(x));
+        // Atoms are evenly spread along the trajectory measured in units of d.
+        let samples = well.sample_points(|x| distance.value_at(x));
         let mut measure = vec![0.0];
-        for pair in followed.windows(2) {
+        for pair in samples.windows(2) {
             let length = distance2(&pair[0].0, &pair[1].0).sqrt();
             measure.push(measure[measure.len() - 1] + 2.0 * length / (pair[0].1 + pair[1].1));
         }
-        let whole = measure[measure.len() - 1];
-        let count = whole.round().max(if whole > 0.5 { 1.0 } else { 0.0 }) as usize;
+        let total = measure[measure.len() - 1];
+        let count = total.round().max(if total > 0.5 { 1.0 } else { 0.0 }) as usize;
         for i in 0..=count {
-            let goal = (whole * i as f64 / count.max(1) as f64).min(whole);
-            let at = measure.partition_point(|m| *m < goal);
-            let x = match at.checked_sub(1) {
-                None => followed[0].0,
-                // Rounded, it could lie beside the end.
-                _ if i == count => followed[followed.len() - 1].0,
-                Some(before) => {
-                    let share = (goal - measure[before]) / (measure[at] - measure[before]);
-                    let (a, b) = (followed[before].0, followed[at].0);
-                    std::array::from_fn(|k| a[k] + share * (b[k] - a[k]))
+            let goal = (total * i as f64 / count.max(1) as f64).min(total);
+            let next = measure.partition_point(|m| *m < goal);
+            let x = match next.checked_sub(1) {
+                None => samples[0].0,
+                // Because of rounding, an interpolated position could miss the end.
+                _ if i == count => samples[samples.len() - 1].0,
+                Some(previous) => {
+                    let fraction = (goal - measure[previous]) / (measure[next] - measure[previous]);
+                    let (a, b) = (samples[previous].0, samples[next].0);
+                    std::array::from_fn(|k| a[k] + fraction * (b[k] - a[k]))
                 }
             };
-            let near = found.iter().find(|(other, of)| {
-                let most = MIN_WELL_DISTANCE * distance.value_at(x);
-                ways[*of].name != way.name && distance2(other, &x) < most * most
+            let too_near = atoms.iter().find(|(other, other_well)| {
+                let min_distance = MIN_WELL_DISTANCE * distance.value_at(x);
+                wells[*other_well].name != well.name
+                    && distance2(other, &x) < min_distance * min_distance
             });
-            if let Some((_, of)) = near {
+            if let Some((_, other_well)) = too_near {
                 return Err(Error::Seeding(cause(
-                    format!("wells {} and {}", ways[*of].name, way.name),
+                    format!("wells {} and {}", wells[*other_well].name, well.name),
                     format!(
                         "are nearer to each other than the distance {:.3} between atoms, at {x:?} (lattice)",
                         distance.value_at(x)
@@ -192,10 +199,10 @@ pub fn place_atoms<const D: usize>(
                 )
                 .with_parameter("well-distance")));
             }
-            found.push((x, number));
+            atoms.push((x, index));
         }
     }
-    Ok(found.into_iter().map(|f| f.0).collect())
+    Ok(atoms.into_iter().map(|f| f.0).collect())
 }
 
 #[cfg(test)]
@@ -210,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_outside_is_cut_off() {
+    fn trajectories_are_clipped_to_the_box() {
         let extent = [10.0; 3];
         let from_above =
             well_trajectory("A", &[[5.0, 5.0, -20.0], [5.0, 5.0, 4.0], [15.0, 5.0, 4.0]]);
@@ -240,50 +247,52 @@ mod tests {
     #[test]
     fn atoms_stand_d_apart_and_ends_on_the_sides() {
         let extent = [40.0, 40.0, 40.0];
-        let ways = [well_trajectory(
+        let wells = [well_trajectory(
             "A",
             &[[20.0, 20.0, 1.0], [20.0, 20.0, 21.0], [33.0, 20.0, 21.0]],
         )];
         let distance = Distance::Constant(4.0);
-        let on = place_atoms(&ways, &distance, extent, Alignment::OnFeatures).unwrap();
+        let atoms = place_atoms(&wells, &distance, extent, Alignment::OnFeatures).unwrap();
         assert_eq!(
-            (on[0], on[on.len() - 1]),
+            (atoms[0], atoms[atoms.len() - 1]),
             ([20.0, 20.0, 0.0], [33.0, 20.0, 21.0])
         );
-        let beside = place_atoms(&ways, &distance, extent, Alignment::AlongsideFeatures).unwrap();
-        assert_eq!(beside[0], [20.0, 20.0, 2.0]);
-        for pair in on.windows(2) {
-            // Round the corner the way is longer than the distance.
-            let apart = distance2(&pair[0], &pair[1]).sqrt();
-            assert!((2.6..4.6).contains(&apart), "{apart}");
+        let alongside =
+            place_atoms(&wells, &distance, extent, Alignment::AlongsideFeatures).unwrap();
+        assert_eq!(alongside[0], [20.0, 20.0, 2.0]);
+        for pair in atoms.windows(2) {
+            // At the corner the trajectory is longer than the straight distance.
+            let gap = distance2(&pair[0], &pair[1]).sqrt();
+            assert!((2.6..4.6).contains(&gap), "{gap}");
         }
-        let near = well_trajectory("B", &[[22.0, 20.0, 5.0], [22.0, 20.0, 30.0]]);
-        let both = [ways[0].clone(), near];
-        let said = place_atoms(&both, &distance, extent, Alignment::OnFeatures)
+        let close_well = well_trajectory("B", &[[22.0, 20.0, 5.0], [22.0, 20.0, 30.0]]);
+        let close_wells = [wells[0].clone(), close_well];
+        let message = place_atoms(&close_wells, &distance, extent, Alignment::OnFeatures)
             .unwrap_err()
             .to_string();
-        assert!(said.contains("wells A and B: are nearer"), "{said}");
+        assert!(message.contains("wells A and B: are nearer"), "{message}");
     }
 
     #[test]
     fn wells_of_any_length_have_an_atom_at_either_end() {
-        // The shares of some lengths do not add up to the whole but for rounding.
+        // For some lengths the fractions do not add up exactly because of rounding.
         for step in 0..2000 {
             let end = [10.0, 11.0 + 0.017 * f64::from(step)];
-            let ways = [well_trajectory("A", &[[10.0, 10.0], end])];
+            let wells = [well_trajectory("A", &[[10.0, 10.0], end])];
             let distance = Distance::Constant(1.7);
-            let on = place_atoms(&ways, &distance, [60.0, 60.0], Alignment::OnFeatures).unwrap();
-            assert_eq!((on[0], on[on.len() - 1]), ([10.0, 10.0], end));
+            let atoms =
+                place_atoms(&wells, &distance, [60.0, 60.0], Alignment::OnFeatures).unwrap();
+            assert_eq!((atoms[0], atoms[atoms.len() - 1]), ([10.0, 10.0], end));
         }
     }
 
     #[test]
     fn distance_falls_at_wells_and_grows_away_from_them() {
         let extent = [60.0, 50.0];
-        let ways = [well_trajectory("A", &[[20.0, 25.0]])];
+        let wells = [well_trajectory("A", &[[20.0, 25.0]])];
         let distance = refine_near_wells(
             Distance::Constant(8.0),
-            &ways,
+            &wells,
             2.0,
             0.1,
             extent,
@@ -302,12 +311,12 @@ mod tests {
             &CancelToken::never(),
         )
         .unwrap();
-        let on = place_atoms(&spaced, &graded, extent, Alignment::OnFeatures).unwrap();
-        assert_eq!(on.len(), 16);
+        let atoms = place_atoms(&spaced, &graded, extent, Alignment::OnFeatures).unwrap();
+        assert_eq!(atoms.len(), 16);
         assert!(
             refine_near_wells(
                 Distance::Constant(8.0),
-                &ways,
+                &wells,
                 9.0,
                 0.1,
                 extent,

@@ -1,5 +1,5 @@
-//! Polyhedra and polygons: cells closed, with their sites inside; faces flat, between two cells or in a
-//! side of the box.
+//! Checks of polyhedra and polygons: cells are closed and contain their sites; faces are flat and
+//! lie between two cells or in a side of the box.
 
 use super::{BoxBounds, CellChecks, Check, CheckHints, SideCoverage, flat};
 use crate::geometry::dot;
@@ -9,21 +9,22 @@ use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
 use serde::Serialize;
 
-/// What the check finds of polyhedra and polygons only.
+/// Results of the check that exist for polyhedra and polygons only.
 #[derive(Debug, Clone, Serialize, PartialEq, Default)]
 pub struct CellCheck {
     /// Number of faces, each counted once.
     pub faces: usize,
-    /// Whether the cells are columns whose layers, top or base are not level.
+    /// `true` if the cells are columns whose layers, top or base are not level.
     pub is_columnar: bool,
-    /// Cells whose faces do not close: an edge (a node in 2-D) is not met by exactly two of them.
+    /// Number of cells whose faces do not close: an edge (a node in 2-D) is not shared by exactly
+    /// two of them.
     pub open_cells: usize,
-    /// Cells that do not hold their own site.
+    /// Number of cells that do not contain their own site.
     pub cells_without_site: usize,
-    /// Largest distance of a node from the plane of its face, over the box's longest side.
+    /// Largest distance of a node from the plane of its face, relative to the box's longest side.
     pub warp: f64,
-    /// How wide the part is that the outline of a face ties off where it crosses itself, the widest,
-    /// over the box's longest side.
+    /// Largest width of a part that the outline of a face cuts off where it crosses itself,
+    /// relative to the box's longest side.
     pub self_crossing_width: f64,
 }
 
@@ -60,25 +61,26 @@ impl<const D: usize> CellChecks<D> for PolyMesh<D> {
     }
 
     fn target_volume(&self, bounds: &BoxBounds<D>) -> f64 {
-        match is_columnar(self, bounds) {
-            true => self.enclosed_volume(),
-            false => bounds.extent().iter().product(),
+        if is_columnar(self, bounds) {
+            self.enclosed_volume()
+        } else {
+            bounds.extent().iter().product()
         }
     }
 
     fn check_faces(
         &self,
-        known: CheckHints<'_>,
+        hints: CheckHints<'_>,
         bounds: &BoxBounds<D>,
-        found: &mut Check,
-        patience: &CancelToken<'_>,
+        report: &mut Check,
+        cancel: &CancelToken<'_>,
     ) -> Option<SideCoverage<D>> {
         let in_columns = is_columnar(self, bounds);
         let faces = self.faces_of_cells();
-        let sound: Vec<[bool; 2]> = (0..self.sites.len())
+        let validity: Vec<[bool; 2]> = (0..self.sites.len())
             .into_par_iter()
             .map(|cell| {
-                if patience.is_cancelled() {
+                if cancel.is_cancelled() {
                     return [true; 2];
                 }
                 let faces = faces.get(cell);
@@ -86,56 +88,62 @@ impl<const D: usize> CellChecks<D> for PolyMesh<D> {
                 [is_closed(self, cell, faces), holds_site]
             })
             .collect();
-        let mut without = |which: usize, what: &str| {
-            let count = sound.iter().filter(|c| !c[which]).count();
-            if let Some(first) = sound.iter().position(|c| !c[which]) {
-                found.add_problem(format!(
-                    "{count} {} {what}, the first is {first}",
+        let mut count_failures = |criterion: usize, problem: &str| {
+            let count = validity.iter().filter(|c| !c[criterion]).count();
+            if let Some(first) = validity.iter().position(|c| !c[criterion]) {
+                report.add_problem(format!(
+                    "{count} {} {problem}, the first is {first}",
                     Self::CELLS_NAME
                 ));
             }
             count
         };
         let (not_closed, without_site) = (
-            without(0, "are not closed"),
-            without(1, "do not hold their site"),
+            count_failures(0, "are not closed"),
+            count_failures(1, "do not contain their site"),
         );
 
-        let widest = |of: &(dyn Fn(usize) -> f64 + Sync)| {
-            let off = |f: usize| match patience.is_cancelled() {
-                true => 0.0,
-                false => (of(f) - flat::weld_offset(self, f, known.weld)).max(0.0),
+        let max_excess = |deviation: &(dyn Fn(usize) -> f64 + Sync)| {
+            let excess = |f: usize| {
+                if cancel.is_cancelled() {
+                    0.0
+                } else {
+                    (deviation(f) - flat::weld_offset(self, f, hints.weld)).max(0.0)
+                }
             };
-            let off = (0..self.face_cells.len()).into_par_iter().map(off);
-            off.reduce(|| 0.0, f64::max) / bounds.longest_side()
+            let excesses = (0..self.face_cells.len()).into_par_iter().map(excess);
+            excesses.reduce(|| 0.0, f64::max) / bounds.longest_side()
         };
-        let warp = widest(&|f| match in_columns && !self.is_upright(f) {
-            true => 0.0,
-            false => flat::warp(self, f),
+        let warp = max_excess(&|f| {
+            if in_columns && !self.is_upright(f) {
+                0.0
+            } else {
+                flat::warp(self, f)
+            }
         });
         if warp > bounds.tolerance {
-            found.add_problem(format!("a face is not flat, by {warp:.1e} of the box"));
+            report.add_problem(format!("a face is not flat, by {warp:.1e} of the box"));
         }
-        let tied_off = widest(&|f| flat::self_crossing_width(self, f));
-        if tied_off > bounds.tolerance {
-            found.add_problem(format!(
-                "the outline of a face crosses itself, by {tied_off:.1e} of the box"
+        let crossing_width = max_excess(&|f| flat::self_crossing_width(self, f));
+        if crossing_width > bounds.tolerance {
+            report.add_problem(format!(
+                "the outline of a face crosses itself, by {crossing_width:.1e} of the box"
             ));
         }
-        found.cell_check = Some(CellCheck {
+        report.cell_check = Some(CellCheck {
             faces: self.face_cells.len(),
             is_columnar: in_columns,
             open_cells: not_closed,
             cells_without_site: without_site,
             warp,
-            self_crossing_width: tied_off,
+            self_crossing_width: crossing_width,
         });
-        boundary_sides(self, in_columns, bounds, found)
+        boundary_sides(self, in_columns, bounds, report)
     }
 }
 
-/// The cells that are none: not closed, without their site, flat or inverted, or with a face that has a node
-/// twice; ascending.
+/// Returns the invalid cells, in ascending order: cells that are not closed, do not contain their
+/// site, are flat or inverted, or have a face that uses a node twice.
 pub fn broken_cells<const D: usize>(mesh: &PolyMesh<D>) -> Vec<u32> {
     let faces = mesh.faces_of_cells();
     let shapes = mesh.cell_shapes();
@@ -144,30 +152,30 @@ pub fn broken_cells<const D: usize>(mesh: &PolyMesh<D>) -> Vec<u32> {
         ring.len() >= D && (1..ring.len()).all(|i| !ring[..i].contains(&ring[i]))
     };
     let is_broken = |cell: &u32| {
-        let (cell, own) = (*cell as usize, faces.get(*cell as usize));
-        let sound = own.iter().all(is_ring)
-            && is_closed(mesh, cell, own)
-            && contains_site(mesh, cell, own, false)
+        let (cell, cell_faces) = (*cell as usize, faces.get(*cell as usize));
+        let is_valid = cell_faces.iter().all(is_ring)
+            && is_closed(mesh, cell, cell_faces)
+            && contains_site(mesh, cell, cell_faces, false)
             && shapes[cell].0 > 0.0;
-        !sound
+        !is_valid
     };
     let cells = 0..mesh.sites.len() as u32;
     cells.into_par_iter().filter(is_broken).collect()
 }
 
-/// Whether the cells are columns whose layers, top or base are not level.
+/// Returns `true` if the cells are columns whose layers, top or base are not level.
 fn is_columnar<const D: usize>(mesh: &PolyMesh<D>, bounds: &BoxBounds<D>) -> bool {
-    let most = bounds.tolerance * bounds.longest_side();
-    mesh.is_columnar() && has_bent_layer(mesh, bounds.low, bounds.high, most)
+    let max_offset = bounds.tolerance * bounds.longest_side();
+    mesh.is_columnar() && has_bent_layer(mesh, bounds.low, bounds.high, max_offset)
 }
 
-/// Whether a face above or below a cell of columns is not level, or the top or the base is not a side
-/// of the box.
+/// Returns `true` if a face above or below a cell of a column is not level, or the top or the base
+/// is not in a side of the box. A height may differ by `max_offset`.
 fn has_bent_layer<const D: usize>(
     mesh: &PolyMesh<D>,
     low: [f64; D],
     high: [f64; D],
-    most: f64,
+    max_offset: f64,
 ) -> bool {
     (0..mesh.face_cells.len()).any(|f| {
         let ring = mesh.faces.get(f);
@@ -177,19 +185,19 @@ fn has_bent_layer<const D: usize>(
             FaceNeighbour::Side(5) => high[D - 1],
             _ => return false,
         };
-        let off = |&n: &u32| (mesh.nodes[n as usize][D - 1] - plane).abs();
-        ring.iter().map(off).any(|off| off > most)
+        let offset = |&n: &u32| (mesh.nodes[n as usize][D - 1] - plane).abs();
+        ring.iter().map(offset).any(|off| off > max_offset)
     })
 }
 
-/// Whether every edge of a cell is met by two of its faces, in opposite directions (in 2-D: every
-/// node by the end of one edge and the start of another).
+/// Returns `true` if every edge of a cell is shared by two of its faces, in opposite directions (in
+/// 2-D: every node is the end of one edge and the start of another).
 fn is_closed<const D: usize>(mesh: &PolyMesh<D>, cell: usize, faces: &[u32]) -> bool {
     let mut edges: Vec<([u32; 2], i32)> = Vec::with_capacity(6 * faces.len());
     for &f in faces {
         let ring = mesh.faces.get(f as usize);
-        let own = mesh.face_cells[f as usize][0] as usize == cell;
-        let sign = if own { 1 } else { -1 };
+        let is_first_cell = mesh.face_cells[f as usize][0] as usize == cell;
+        let sign = if is_first_cell { 1 } else { -1 };
         if D == 2 {
             edges.push(([ring[0]; 2], sign));
             edges.push(([ring[1]; 2], -sign));
@@ -208,7 +216,7 @@ fn is_closed<const D: usize>(mesh: &PolyMesh<D>, cell: usize, faces: &[u32]) -> 
             .all(|e| e.len() == 2 && e[0].1 + e[1].1 == 0)
 }
 
-/// Whether a cell's site is on the inner side of all its faces that have an area.
+/// Returns `true` if a cell's site is on the inner side of all its faces that have an area.
 fn contains_site<const D: usize>(
     mesh: &PolyMesh<D>,
     cell: usize,
@@ -218,35 +226,39 @@ fn contains_site<const D: usize>(
     faces.iter().all(|&f| {
         let shape = mesh.face_shape(f as usize);
         let site = mesh.sites[cell];
-        // What is above or below the site in a column counts there, as the face is bent.
-        let on = (in_columns && !mesh.is_upright(f as usize))
+        // Layers may be bent, so the point of the face directly above or below the site is
+        // compared.
+        let projection = (in_columns && !mesh.is_upright(f as usize))
             .then(|| mesh.vertical_projection(f as usize, site));
-        let on = on.flatten().unwrap_or(shape.apex);
-        let out: [f64; D] = std::array::from_fn(|k| on[k] - site[k]);
-        let own = mesh.face_cells[f as usize][0] as usize == cell;
-        let height = dot(out, shape.area_vector) * if own { 1.0 } else { -1.0 };
-        // Faces this small (and narrow ones among them) have a normal that is mere rounding.
+        let point = projection.flatten().unwrap_or(shape.apex);
+        let out: [f64; D] = std::array::from_fn(|k| point[k] - site[k]);
+        let is_first_cell = mesh.face_cells[f as usize][0] as usize == cell;
+        let height = dot(out, shape.area_vector) * if is_first_cell { 1.0 } else { -1.0 };
+        // The normal of such a small face (or of a narrow one, which has a small area too) is
+        // dominated by rounding.
         let distance = dot(out, out).sqrt();
         shape.area() < (1e-4 * distance).powi(D as i32 - 1)
             || height >= -1e-12 * distance * shape.area()
     })
 }
 
-/// Every face without a cell beyond it, in its side of the box; `None` if one has no side.
+/// Adds every face with one cell to the coverage of its side of the box. Returns `None` if such a
+/// face lies in no side.
 fn boundary_sides<const D: usize>(
     mesh: &PolyMesh<D>,
     in_columns: bool,
     bounds: &BoxBounds<D>,
-    found: &mut Check,
+    report: &mut Check,
 ) -> Option<SideCoverage<D>> {
-    // The upright sides of columns are as high as top and base make them.
+    // The upright sides of columns end at the top and the base, so they need not cover the box's
+    // sides.
     let mut sides = SideCoverage::uncovered();
     if in_columns {
         sides.must_be_covered = std::array::from_fn(|axis| axis == 2);
     }
     for f in mesh.inner_face_count()..mesh.face_cells.len() {
         let FaceNeighbour::Side(side) = mesh.face_neighbour(f) else {
-            found.add_problem(format!(
+            report.add_problem(format!(
                 "face {f} has one cell and lies in no side of the box"
             ));
             return None;
@@ -255,11 +267,11 @@ fn boundary_sides<const D: usize>(
         let plane = if upper { bounds.high } else { bounds.low }[axis];
         let bent = in_columns && axis == 2;
         let nodes = mesh.faces.get(f).iter().filter(|_| !bent);
-        let off = nodes.map(|&n| (mesh.nodes[n as usize][axis] - plane).abs());
-        let off = off.fold(0.0, f64::max);
+        let offsets = nodes.map(|&n| (mesh.nodes[n as usize][axis] - plane).abs());
+        let max_offset = offsets.fold(0.0, f64::max);
         let area = mesh.face_shape(f).area_vector[axis];
         let area = if upper { area } else { -area };
-        sides.add((axis, upper), area, off, bounds, found);
+        sides.add((axis, upper), area, max_offset, bounds, report);
     }
     Some(sides)
 }
@@ -295,7 +307,7 @@ mod tests {
                 "face 0 has the nodes",
             ),
             (&|m| m.face_cells[0] = [1, 0], "between the cells 1 and 0"),
-            (&|m| m.sites[0][0] = 1.0, " do not hold their site"),
+            (&|m| m.sites[0][0] = 1.0, " do not contain their site"),
             (&|m| m.region.clear(), "differ in length"),
             (
                 &|m| {
@@ -308,15 +320,15 @@ mod tests {
                 " are not closed, the first is 1",
             ),
             (&|m| m.face_cells[1][1] = NO_CELL, "lies in no side"),
-            (&|m| m.sites.swap(0, 1), "hold their site"),
+            (&|m| m.sites.swap(0, 1), "contain their site"),
             (
                 &|m| m.nodes.iter_mut().for_each(|p| p[0] = -p[0]),
                 " are flat or inverted",
             ),
         ] {
-            let found = checked(change);
-            let said = found.problems.join("\n");
-            assert!(said.contains(want), "{want}: {said:?}");
+            let report = checked(change);
+            let problems = report.problems.join("\n");
+            assert!(problems.contains(want), "{want}: {problems:?}");
         }
     }
 
@@ -329,12 +341,16 @@ mod tests {
     #[test]
     fn warped_faces_are_found() {
         let mut mesh = two_cells::<3>(0.75);
-        // A corner of the cut moves along x: the cut is no longer flat.
+        // One corner of the face between the cells moves along x, so the face is no longer flat.
         mesh.nodes[5][0] += 0.04;
-        let found = check(&mesh, [0.0; 3], [2.0, 1.0, 1.0], 1e-12);
-        let of_cells = found.cell_check.clone().unwrap();
-        assert!((0.004..0.02).contains(&of_cells.warp), "{}", of_cells.warp);
-        assert_eq!((of_cells.open_cells, found.volume_error), (0, 0.0));
-        assert!(!found.passed());
+        let report = check(&mesh, [0.0; 3], [2.0, 1.0, 1.0], 1e-12);
+        let cell_check = report.cell_check.clone().unwrap();
+        assert!(
+            (0.004..0.02).contains(&cell_check.warp),
+            "{}",
+            cell_check.warp
+        );
+        assert_eq!((cell_check.open_cells, report.volume_error), (0, 0.0));
+        assert!(!report.passed());
     }
 }

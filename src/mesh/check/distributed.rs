@@ -1,4 +1,4 @@
-//! A mesh of tetrahedra of which several hold a piece each.
+//! Checks a mesh of tetrahedra that is distributed over several ranks, one partition each.
 
 use super::simplices::{
     boundary_sides, first_unreadable, mismatch_message, unpaired_count, unreadable_message,
@@ -12,164 +12,172 @@ use crate::mesh::partition::MeshPartition;
 use crate::mesh::{Mesh, TetMesh};
 use crate::progress::CancelToken;
 
-/// [`check`](super::check()) of a mesh of which each of a group holds a piece, on all of them. Faces between pieces
-/// must be in just two. Once `patience` is over, nothing can be said of the mesh.
+/// Performs [`check`](super::check()) on a mesh of which each rank of `comm` has one partition, and
+/// returns the result on all ranks. Faces between partitions must belong to exactly two tetrahedra.
+/// After `cancel` is cancelled, the result has no meaning.
 ///
 /// # Errors
-/// Those of the others.
+/// Returns the errors of the communication.
 pub(crate) fn check_distributed(
-    piece: &MeshPartition,
-    group: &dyn Comm,
+    partition: &MeshPartition,
+    comm: &dyn Comm,
     low: [f64; 3],
     high: [f64; 3],
     tolerance: f64,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Result<Check> {
-    let mesh = &piece.mesh;
-    let mut found = Check {
-        nodes: piece.global_counts[0],
-        cells: piece.global_counts[1],
+    let mesh = &partition.mesh;
+    let mut report = Check {
+        nodes: partition.global_counts[0],
+        cells: partition.global_counts[1],
         ..Check::default()
     };
-    let first = first_unreadable(mesh).map(|cell| piece.first_cell + cell);
-    let all = group.all_gather(
+    let first = first_unreadable(mesh).map(|cell| partition.first_cell + cell);
+    let gathered = comm.all_gather(
         "whether meshes are readable",
         (first, are_finite(&mesh.nodes)),
     )?;
-    if let Some(cell) = all.iter().filter_map(|(first, _)| *first).min() {
-        found.add_problem(unreadable_message::<3, TetMesh>(cell));
-        return Ok(found);
+    if let Some(cell) = gathered.iter().filter_map(|(first, _)| *first).min() {
+        report.add_problem(unreadable_message::<3, TetMesh>(cell));
+        return Ok(report);
     }
-    if all.iter().any(|(_, finite)| !finite) {
-        found.add_problem(NOT_FINITE.into());
-        return Ok(found);
+    if gathered.iter().any(|(_, finite)| !finite) {
+        report.add_problem(NOT_FINITE.into());
+        return Ok(report);
     }
     let bounds = BoxBounds {
         low,
         high,
         tolerance,
     };
-    let filled = cell_totals(piece, group)?;
-    let unused = unused_nodes(piece, group)?;
-    found.judge(
+    let totals = cell_totals(partition, comm)?;
+    let unused = unused_nodes(partition, comm)?;
+    report.judge(
         TetMesh::CELLS_NAME,
-        &filled,
+        &totals,
         unused,
         mesh.target_volume(&bounds),
         tolerance,
     );
-    if let Some(cell) = first_mismatched_cell(piece, group, patience)? {
-        found.add_problem(mismatch_message::<3, TetMesh>(cell));
-        return Ok(found);
+    if let Some(cell) = first_mismatched_cell(partition, comm, cancel)? {
+        report.add_problem(mismatch_message::<3, TetMesh>(cell));
+        return Ok(report);
     }
-    check_sides(piece, group, &bounds, &mut found)?;
-    Ok(found)
+    check_sides(partition, comm, &bounds, &mut report)?;
+    Ok(report)
 }
 
-/// What all tetrahedra are in sum.
-fn cell_totals(piece: &MeshPartition, group: &dyn Comm) -> Result<CellTotals> {
-    let own = CellTotals::from_volumes(&piece.mesh.volumes());
-    let first = own.first_not_positive.map(|cell| piece.first_cell + cell);
-    let all = group.all_gather("volumes", ((own.not_positive, first), own.volume))?;
+/// Sums up the volumes of all tetrahedra of all ranks.
+fn cell_totals(partition: &MeshPartition, comm: &dyn Comm) -> Result<CellTotals> {
+    let local = CellTotals::from_volumes(&partition.mesh.volumes());
+    let first = local
+        .first_not_positive
+        .map(|cell| partition.first_cell + cell);
+    let gathered = comm.all_gather("volumes", ((local.not_positive, first), local.volume))?;
     Ok(CellTotals {
-        not_positive: all.iter().map(|((not_positive, _), _)| not_positive).sum(),
-        first_not_positive: all.iter().filter_map(|((_, first), _)| *first).min(),
-        volume: all.iter().map(|(_, volume)| volume).sum(),
+        not_positive: gathered
+            .iter()
+            .map(|((not_positive, _), _)| not_positive)
+            .sum(),
+        first_not_positive: gathered.iter().filter_map(|((_, first), _)| *first).min(),
+        volume: gathered.iter().map(|(_, volume)| volume).sum(),
     })
 }
 
-/// How many nodes of the whole no piece uses. Each is looked for by one of the group.
-fn unused_nodes(piece: &MeshPartition, group: &dyn Comm) -> Result<usize> {
-    let mut to = vec![Vec::new(); Comm::size(group)];
-    let used = piece.global_ids.iter().zip(piece.mesh.used_nodes());
+/// Counts the nodes of the global mesh that no partition uses. One rank, the owner, looks for each
+/// node.
+fn unused_nodes(partition: &MeshPartition, comm: &dyn Comm) -> Result<usize> {
+    let mut by_rank = vec![Vec::new(); Comm::size(comm)];
+    let used = partition.global_ids.iter().zip(partition.mesh.used_nodes());
     for (&node, _) in used.filter(|(_, used)| *used) {
-        to[group.owner_rank(node, piece.global_counts[0])].push(node);
+        by_rank[comm.owner_rank(node, partition.global_counts[0])].push(node);
     }
-    let mut used = group.all_to_all("used nodes", to)?.concat();
+    let mut used = comm.all_to_all("used nodes", by_rank)?.concat();
     used.sort_unstable();
     used.dedup();
-    let used: usize = group
+    let used: usize = comm
         .all_gather("counts of used nodes", used.len())?
         .iter()
         .sum();
-    Ok(piece.global_counts[0].saturating_sub(used))
+    Ok(partition.global_counts[0].saturating_sub(used))
 }
 
-/// The first tetrahedron that has not each of its faces in common with the neighbour there, if it has one. Those of
-/// faces between pieces meet at one of the group, at which nobody else's do.
+/// Returns the first tetrahedron of which a face is not shared with the neighbour that is given for
+/// it. Each face between two partitions is sent to the rank that owns its first node, so both of
+/// its copies meet there.
 fn first_mismatched_cell(
-    piece: &MeshPartition,
-    group: &dyn Comm,
-    patience: &CancelToken<'_>,
+    partition: &MeshPartition,
+    comm: &dyn Comm,
+    cancel: &CancelToken<'_>,
 ) -> Result<Option<usize>> {
-    let mesh = &piece.mesh;
-    let inside = unpaired_count(
+    let mesh = &partition.mesh;
+    let local = unpaired_count(
         mesh,
-        piece.neighbors.as_flattened(),
+        partition.neighbors.as_flattened(),
         &[NONE, NOT_LOCAL],
-        patience,
+        cancel,
     );
-    let (apart, left_over) = match inside {
-        Ok(left_over) => (None, left_over as i64),
-        Err(cell) => (Some(piece.first_cell + cell), 0),
+    let (mismatched, unpaired) = match local {
+        Ok(unpaired) => (None, unpaired as i64),
+        Err(cell) => (Some(partition.first_cell + cell), 0),
     };
-    let mut to = vec![Vec::new(); Comm::size(group)];
-    for (cell, (tet, around)) in mesh.tets.iter().zip(&piece.neighbors).enumerate() {
-        for k in (0..4).filter(|&k| around[k] == NOT_LOCAL) {
-            let number = |i: usize| piece.global_ids[tet[i + usize::from(i >= k)] as usize];
-            let mut face = [0, 1, 2].map(number);
+    let mut by_rank = vec![Vec::new(); Comm::size(comm)];
+    for (cell, (tet, adjacent)) in mesh.tets.iter().zip(&partition.neighbors).enumerate() {
+        for k in (0..4).filter(|&k| adjacent[k] == NOT_LOCAL) {
+            let global_id = |i: usize| partition.global_ids[tet[i + usize::from(i >= k)] as usize];
+            let mut face = [0, 1, 2].map(global_id);
             face.sort_unstable();
-            to[group.owner_rank(face[0], piece.global_counts[0])]
-                .push((face, piece.first_cell + cell));
+            by_rank[comm.owner_rank(face[0], partition.global_counts[0])]
+                .push((face, partition.first_cell + cell));
         }
     }
-    let from = group.all_to_all("faces between pieces", to)?;
-    let mut faces: Vec<([u32; 3], (usize, usize))> = (from.into_iter().enumerate())
-        .flat_map(|(member, faces)| {
-            let of = move |(face, cell)| (face, (cell, member));
-            faces.into_iter().map(of)
+    let received = comm.all_to_all("faces between pieces", by_rank)?;
+    let mut faces: Vec<([u32; 3], (usize, usize))> = (received.into_iter().enumerate())
+        .flat_map(|(rank, faces)| {
+            let with_rank = move |(face, cell)| (face, (cell, rank));
+            faces.into_iter().map(with_rank)
         })
         .collect();
     faces.sort_unstable();
-    let alone = faces.chunk_by(|a, b| a.0 == b.0).filter(|same| match same {
+    let unmatched = faces.chunk_by(|a, b| a.0 == b.0).filter(|same| match same {
         [(_, (_, one)), (_, (_, other))] => one == other,
         _ => true,
     });
-    let apart = alone.map(|same| same[0].1.0).chain(apart).min();
-    let all = group.all_gather("whether neighbours fit", (apart, left_over))?;
-    let left_over: i64 = all.iter().map(|(_, left_over)| left_over).sum();
-    let apart = all.iter().filter_map(|(apart, _)| *apart).min();
-    Ok(apart.or((left_over != 0).then_some(0)))
+    let mismatched = unmatched.map(|same| same[0].1.0).chain(mismatched).min();
+    let gathered = comm.all_gather("whether neighbours fit", (mismatched, unpaired))?;
+    let unpaired: i64 = gathered.iter().map(|(_, left_over)| left_over).sum();
+    let mismatched = gathered.iter().filter_map(|(apart, _)| *apart).min();
+    Ok(mismatched.or((unpaired != 0).then_some(0)))
 }
 
-/// Checks that the outer faces of all cover the sides of the box.
+/// Checks that the outer faces of all partitions cover the sides of the box.
 fn check_sides(
-    piece: &MeshPartition,
-    group: &dyn Comm,
+    partition: &MeshPartition,
+    comm: &dyn Comm,
     bounds: &BoxBounds<3>,
-    found: &mut Check,
+    report: &mut Check,
 ) -> Result<()> {
-    let mut own = Check::default();
+    let mut local = Check::default();
     let mut sides = boundary_sides(
-        &piece.mesh,
-        piece.neighbors.as_flattened(),
+        &partition.mesh,
+        partition.neighbors.as_flattened(),
         bounds,
-        &mut own,
+        &mut local,
     );
-    let counts = [own.boundary_faces, own.faces_off_sides];
-    let own = (counts, (own.flatness_error, sides.area));
+    let counts = [local.boundary_faces, local.faces_off_sides];
+    let local = (counts, (local.flatness_error, sides.area));
     sides.area = [[0.0; 2]; 3];
     for ([boundary_faces, faces_off_sides], (flatness_error, area)) in
-        group.all_gather("sides", own)?
+        comm.all_gather("sides", local)?
     {
-        found.boundary_faces += boundary_faces;
-        found.faces_off_sides += faces_off_sides;
-        found.flatness_error = found.flatness_error.max(flatness_error);
+        report.boundary_faces += boundary_faces;
+        report.faces_off_sides += faces_off_sides;
+        report.flatness_error = report.flatness_error.max(flatness_error);
         let sums = sides.area.as_flattened_mut().iter_mut();
         sums.zip(area.as_flattened())
             .for_each(|(sum, area)| *sum += area);
     }
-    sides.judge(bounds, found);
+    sides.judge(bounds, report);
     Ok(())
 }
 
@@ -183,34 +191,36 @@ pub(crate) mod tests {
 
     const BOX: [[f64; 3]; 2] = [[0.0; 3], [3.0, 2.0, 4.0]];
 
-    /// What is found of a whole mesh, and what of its pieces, by each of those who hold them.
+    /// Returns the check of a global mesh, and the check of its partitions as each rank computes
+    /// it.
     fn check_both(
         mesh: &TetMesh,
         count: usize,
         change: impl Fn(&mut [MeshPartition]),
     ) -> (Check, Vec<Check>) {
-        let around = neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
-        let known = CheckHints {
-            neighbors: Some(around.as_flattened()),
+        let adjacent = neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
+        let hints = CheckHints {
+            neighbors: Some(adjacent.as_flattened()),
             ..CheckHints::default()
         };
-        let whole = check_with_hints(mesh, known, BOX[0], BOX[1], 1e-9);
-        let mut pieces = MeshPartition::split(mesh, &around, count);
-        change(&mut pieces);
-        let of_pieces = run_threads(count, |group| {
-            let piece = &pieces[group.rank()];
-            let endless = CancelToken::never();
-            check_distributed(piece, group, BOX[0], BOX[1], 1e-9, &endless).unwrap()
+        let global = check_with_hints(mesh, hints, BOX[0], BOX[1], 1e-9);
+        let mut partitions = MeshPartition::split(mesh, &adjacent, count);
+        change(&mut partitions);
+        let distributed = run_threads(count, |comm| {
+            let partition = &partitions[comm.rank()];
+            let never = CancelToken::never();
+            check_distributed(partition, comm, BOX[0], BOX[1], 1e-9, &never).unwrap()
         });
-        (whole, of_pieces)
+        (global, distributed)
     }
 
-    /// The same but for how sums are rounded: volumes are said to all their digits.
-    pub fn assert_same_check(found: &Check, whole: &Check) {
-        let near = |a: f64, b: f64| (a - b).abs() <= 1e-12 * b.abs().max(1.0);
-        assert!(near(found.volume_error, whole.volume_error));
-        assert!(near(found.area_error, whole.area_error));
-        let but_volumes = |check: &Check| Check {
+    /// Asserts that two checks are equal except for the rounding of sums (the messages print
+    /// volumes with all digits).
+    pub fn assert_same_check(report: &Check, expected: &Check) {
+        let is_close = |a: f64, b: f64| (a - b).abs() <= 1e-12 * b.abs().max(1.0);
+        assert!(is_close(report.volume_error, expected.volume_error));
+        assert!(is_close(report.area_error, expected.area_error));
+        let without_volumes = |check: &Check| Check {
             volume_error: 0.0,
             area_error: 0.0,
             problems: (check.problems.iter())
@@ -218,11 +228,11 @@ pub(crate) mod tests {
                 .collect(),
             ..check.clone()
         };
-        assert_eq!(but_volumes(found), but_volumes(whole));
+        assert_eq!(without_volumes(report), without_volumes(expected));
     }
 
     #[test]
-    fn what_is_said_of_pieces_is_said_of_the_whole() {
+    fn partitions_give_the_check_of_the_global_mesh() {
         let right = kuhn_box([3, 2, 4], 1.0);
         let changed = |change: &dyn Fn(&mut TetMesh)| {
             let mut mesh = right.clone();
@@ -242,49 +252,50 @@ pub(crate) mod tests {
         ];
         for (is_right, mesh) in &meshes {
             for count in [1, 2, 3, 7] {
-                let (whole, found) = check_both(mesh, count, |_| ());
-                assert_eq!(whole.passed(), *is_right, "{:?}", whole.problems);
+                let (expected, found) = check_both(mesh, count, |_| ());
+                assert_eq!(expected.passed(), *is_right, "{:?}", expected.problems);
                 found
                     .iter()
-                    .for_each(|found| assert_same_check(found, &whole));
+                    .for_each(|found| assert_same_check(found, &expected));
             }
         }
     }
 
     #[test]
-    fn pieces_that_do_not_fit_are_found() {
+    fn partitions_that_do_not_match_are_found() {
         let mesh = kuhn_box([3, 2, 4], 1.0);
         let problems = |change: &dyn Fn(&mut [MeshPartition])| {
-            let (_, found) = check_both(&mesh, 3, change);
-            assert!(found.iter().all(|other| *other == found[0]));
-            found[0].problems.concat()
+            let (_, reports) = check_both(&mesh, 3, change);
+            assert!(reports.iter().all(|other| *other == reports[0]));
+            reports[0].problems.concat()
         };
         assert_eq!(problems(&|_| ()), "");
-        let apart = "it and its neighbours do not fit";
-        // A face that only one side, or neither of one piece and one more of another, knows to go on.
-        let first_of = |piece: &mut MeshPartition, sought: u32| {
-            let mut all = piece.neighbors.as_flattened_mut().iter_mut();
-            *all.find(|n| **n == sought).unwrap() = NOT_LOCAL ^ NONE ^ sought;
+        let expected = "its faces do not match its neighbours";
+        // Flips the mark of one face: it is outside on one side only, or has one neighbour too few.
+        let flip_first = |partition: &mut MeshPartition, sought: u32| {
+            let mut adjacent = partition.neighbors.as_flattened_mut().iter_mut();
+            *adjacent.find(|n| **n == sought).unwrap() = NOT_LOCAL ^ NONE ^ sought;
         };
-        assert!(problems(&|all| first_of(&mut all[1], NOT_LOCAL)).contains(apart));
-        assert!(problems(&|all| first_of(&mut all[1], NONE)).contains(apart));
-        let inner = |all: &mut [MeshPartition]| all[2].neighbors[10] = [NONE; 4];
-        assert!(problems(&inner).contains(apart));
-        // A tetrahedron of another node: its faces are not those of its neighbours.
-        let other = |all: &mut [MeshPartition]| all[0].mesh.tets[5].swap(0, 3);
-        assert!(!problems(&other).is_empty());
-        let missing = |all: &mut [MeshPartition]| all[2].mesh.tets[5][1] = 99;
+        assert!(problems(&|all| flip_first(&mut all[1], NOT_LOCAL)).contains(expected));
+        assert!(problems(&|all| flip_first(&mut all[1], NONE)).contains(expected));
+        let isolated = |partitions: &mut [MeshPartition]| partitions[2].neighbors[10] = [NONE; 4];
+        assert!(problems(&isolated).contains(expected));
+        // A tetrahedron with two nodes exchanged: its faces no longer match those of its
+        // neighbours.
+        let misoriented = |partitions: &mut [MeshPartition]| partitions[0].mesh.tets[5].swap(0, 3);
+        assert!(!problems(&misoriented).is_empty());
+        let missing = |partitions: &mut [MeshPartition]| partitions[2].mesh.tets[5][1] = 99;
         assert_eq!(
             problems(&missing),
             "tetrahedron 101: it names a node that does not exist"
         );
-        let gone = |all: &mut [MeshPartition]| {
-            all[1] = MeshPartition {
+        let emptied = |partitions: &mut [MeshPartition]| {
+            partitions[1] = MeshPartition {
                 mesh: TetMesh::default(),
                 neighbors: vec![],
-                ..all[1].clone()
+                ..partitions[1].clone()
             }
         };
-        assert!(problems(&gone).contains(apart));
+        assert!(problems(&emptied).contains(expected));
     }
 }

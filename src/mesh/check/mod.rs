@@ -1,9 +1,10 @@
-//! The one checker: is this mesh valid, and does it fill its box exactly?
+//! Checks that a mesh is valid and that it fills its box exactly.
 //!
-//! What holds for all meshes is checked here: positive volumes, no unused node, the box filled, sides
-//! flat and covered once. That faces conform means something else for each kind of cells, and polyhedra
-//! have more that can be wrong: `simplices` and `cells` see to that, and `flat` to faces of more than
-//! three nodes. `pieces` checks a mesh of which nobody holds the whole.
+//! This module checks what holds for all meshes: cells have positive volumes, no node is unused,
+//! the box is filled, its sides are flat and covered once. Conformity of faces depends on the kind
+//! of cells, and polyhedra can have further faults: `simplices` and `cells` check these, and `flat`
+//! checks faces of more than three nodes. `distributed` checks a mesh that is distributed over
+//! several ranks.
 
 mod cells;
 mod distributed;
@@ -20,37 +21,37 @@ use super::Mesh;
 use crate::progress::CancelToken;
 use serde::Serialize;
 
-/// What [`check`] found. A mesh that is right has `problems` empty.
+/// Result of [`check`]. A valid mesh has no `problems`.
 #[derive(Debug, Clone, Serialize, PartialEq, Default)]
 pub struct Check {
     /// Number of nodes.
     pub nodes: usize,
     /// Number of cells.
     pub cells: usize,
-    /// Cells of zero or negative volume.
+    /// Number of cells with zero or negative volume.
     pub non_positive_cells: usize,
-    /// Nodes that no cell uses.
+    /// Number of nodes that no cell uses.
     pub unused_nodes: usize,
-    /// Faces on the boundary (edges, in the plane).
+    /// Number of faces on the boundary (in 2-D: of edges).
     pub boundary_faces: usize,
-    /// Boundary faces that do not lie in a side of the box.
+    /// Number of boundary faces that do not lie in a side of the box.
     pub faces_off_sides: usize,
-    /// |sum of volumes - volume of the box| / volume of the box; of columns, the volume between top and
-    /// base.
+    /// |sum of volumes - volume of the box| / volume of the box. For columns, the volume between top and base replaces that of the box.
     pub volume_error: f64,
-    /// Largest distance of a boundary node from the side of its face, over the box's longest side.
+    /// Largest distance of a boundary node from the side of its face, relative to the box's longest
+    /// side.
     pub flatness_error: f64,
-    /// Largest relative error of a side's area, summed over its faces.
+    /// Largest relative error of the area of a side, summed over its faces.
     pub area_error: f64,
-    /// What is known of polyhedra and polygons only.
+    /// Results that exist for polyhedra and polygons only.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub cell_check: Option<CellCheck>,
-    /// Each fault in one line.
+    /// All faults, one line each.
     pub problems: Vec<String>,
 }
 
 impl Check {
-    /// Whether nothing is wrong.
+    /// Returns `true` if the check found no problem.
     pub fn passed(&self) -> bool {
         self.problems.is_empty()
     }
@@ -59,20 +60,20 @@ impl Check {
         self.problems.push(problem);
     }
 
-    /// Judges cells, whose kind is `cells`, by what they are in sum, and by how many nodes belong to none; `room` is
-    /// what they are to fill.
+    /// Records what the totals of the cells and the number of unused nodes say. `cells_name` is the
+    /// plural name of the cells; `target_volume` is the volume that they should fill.
     fn judge(
         &mut self,
-        cells: &str,
-        filled: &CellTotals,
+        cells_name: &str,
+        totals: &CellTotals,
         unused: usize,
-        room: f64,
+        target_volume: f64,
         tolerance: f64,
     ) {
-        self.non_positive_cells = filled.not_positive;
-        if let Some(first) = filled.first_not_positive {
+        self.non_positive_cells = totals.not_positive;
+        if let Some(first) = totals.first_not_positive {
             self.add_problem(format!(
-                "{} {cells} are flat or inverted, the first is {first}",
+                "{} {cells_name} are flat or inverted, the first is {first}",
                 self.non_positive_cells
             ));
         }
@@ -80,65 +81,64 @@ impl Check {
         if unused > 0 {
             self.add_problem(format!(
                 "{unused} nodes belong to no {}",
-                singular_name(cells)
+                singular_name(cells_name)
             ));
         }
-        let volume = filled.volume;
-        self.volume_error = ((volume - room) / room).abs();
+        let volume = totals.volume;
+        self.volume_error = ((volume - target_volume) / target_volume).abs();
         if self.volume_error > tolerance || self.volume_error.is_nan() {
             self.add_problem(format!(
-                "the {cells} fill {volume} instead of the box's {room}"
+                "the {cells_name} fill {volume} instead of the box's {target_volume}"
             ));
         }
     }
 }
 
-/// What cells are in sum.
+/// Totals over all cells.
 struct CellTotals {
-    /// How many are of zero or negative volume, and the first of them.
+    /// Number of cells with zero or negative volume.
     not_positive: usize,
     first_not_positive: Option<usize>,
-    /// Of all.
+    /// Sum of the volumes of all cells.
     volume: f64,
 }
 
 impl CellTotals {
     fn from_volumes(volumes: &[f64]) -> Self {
-        let wrong = |v: &f64| *v <= 0.0;
+        let is_not_positive = |v: &f64| *v <= 0.0;
         Self {
-            not_positive: volumes.iter().filter(|v| wrong(v)).count(),
-            first_not_positive: volumes.iter().position(wrong),
+            not_positive: volumes.iter().filter(|v| is_not_positive(v)).count(),
+            first_not_positive: volumes.iter().position(is_not_positive),
             volume: volumes.iter().sum(),
         }
     }
 }
 
-/// Whether all nodes are somewhere.
+/// Returns `true` if all coordinates are finite.
 fn are_finite<const D: usize>(nodes: &[[f64; D]]) -> bool {
     nodes.as_flattened().iter().all(|c| c.is_finite())
 }
 
-/// What is said if they are not.
+/// Problem that the check reports if a coordinate is not finite.
 const NOT_FINITE: &str = "a node is not finite";
 
-/// What a caller knows of a mesh beforehand.
+/// Facts about a mesh that a caller already knows.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct CheckHints<'a> {
-    /// Of simplices: for every cell and face, in order, the cell on its other side, or
-    /// `NONE`. Whether they are right is checked, which takes less time than to
-    /// find them.
+    /// For simplices: the cell on the other side of each face, for every cell and face in order, or
+    /// `NONE`. The check verifies these numbers, which takes less time than finding them.
     pub neighbors: Option<&'a [u32]>,
-    /// Of polyhedra and polygons: the share of their distance to their sites within which nodes are
-    /// welded. Faces need be flat to that only.
+    /// For polyhedra and polygons: nodes are welded within this fraction of their distance to their
+    /// sites. Faces need to be flat only to that distance.
     pub weld: f64,
 }
 
-/// The box that a mesh is to fill, and how exactly.
+/// The box that a mesh should fill, and the tolerance.
 #[derive(Debug, Clone, Copy)]
 pub struct BoxBounds<const D: usize> {
     low: [f64; D],
     high: [f64; D],
-    /// Relative to the box.
+    /// Tolerance relative to the box's longest side, areas and volume.
     tolerance: f64,
 }
 
@@ -152,35 +152,36 @@ impl<const D: usize> BoxBounds<D> {
     }
 }
 
-/// What of the check depends on the kind of cells.
+/// The parts of the check that depend on the kind of cells.
 pub trait CellChecks<const D: usize> {
-    /// What makes a mesh unreadable, if anything does: numbers of nodes that do not exist, and the like.
+    /// Returns the reason why a mesh cannot be read, if there is one: indices of nodes that do not
+    /// exist, for instance.
     fn unreadable_reason(&self) -> Option<String>;
 
-    /// Whether each node belongs to a cell.
+    /// Returns for each node whether a cell uses it.
     fn used_nodes(&self) -> Vec<bool>;
 
-    /// The volume that the cells are to fill.
+    /// Returns the volume that the cells should fill.
     fn target_volume(&self, bounds: &BoxBounds<D>) -> f64;
 
-    /// Checks the faces, and gives what each side of the box is covered with; `None` if that cannot be
-    /// told.
+    /// Checks the faces, and returns how they cover each side of the box. Returns `None` if that
+    /// cannot be determined.
     fn check_faces(
         &self,
-        known: CheckHints<'_>,
+        hints: CheckHints<'_>,
         bounds: &BoxBounds<D>,
-        found: &mut Check,
-        patience: &CancelToken<'_>,
+        report: &mut Check,
+        cancel: &CancelToken<'_>,
     ) -> Option<SideCoverage<D>>;
 }
 
-/// Checks a mesh against the box `[low, high]`: positive volumes, conforming faces, no unused nodes,
-/// sides exactly flat (to `tolerance` of the longest side), areas and volume filled to `tolerance`.
-/// In the plane the same with areas for volumes and lengths for areas.
+/// Checks a mesh against the box `[low, high]`: cells have positive volumes, faces conform, no node
+/// is unused, sides are flat (to `tolerance` times the longest side), and areas and volume are
+/// filled (to the relative `tolerance`). In 2-D areas replace volumes, and lengths replace areas.
 ///
-/// Of polyhedra and polygons also: cells closed with their sites inside, faces flat, their outlines not
-/// crossing themselves. Columns fill the box as seen from above: their layers, their top and their base
-/// may be bent, and their volume is what lies between top and base.
+/// For polyhedra and polygons also: cells are closed and contain their sites, faces are flat, and
+/// their outlines do not cross themselves. Columns fill the box as seen from above: their layers,
+/// top and base may be bent, and they fill the volume between top and base.
 pub fn check<const D: usize, M: Mesh<D>>(
     mesh: &M,
     low: [f64; D],
@@ -190,38 +191,38 @@ pub fn check<const D: usize, M: Mesh<D>>(
     check_with_hints(mesh, CheckHints::default(), low, high, tolerance)
 }
 
-/// [`check`] of a mesh of which something is known.
+/// Performs [`check`] with facts about the mesh that the caller already knows.
 pub fn check_with_hints<const D: usize, M: Mesh<D>>(
     mesh: &M,
-    known: CheckHints<'_>,
+    hints: CheckHints<'_>,
     low: [f64; D],
     high: [f64; D],
     tolerance: f64,
 ) -> Check {
-    check_cancellable(mesh, known, low, high, tolerance, &CancelToken::never())
+    check_cancellable(mesh, hints, low, high, tolerance, &CancelToken::never())
 }
 
-/// The same as long as `patience` lasts; once it is over, nothing can be said of the mesh.
+/// Performs [`check_with_hints`] until `cancel` is cancelled. After that the result has no meaning.
 pub(crate) fn check_cancellable<const D: usize, M: Mesh<D>>(
     mesh: &M,
-    known: CheckHints<'_>,
+    hints: CheckHints<'_>,
     low: [f64; D],
     high: [f64; D],
     tolerance: f64,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Check {
-    let mut found = Check {
+    let mut report = Check {
         nodes: mesh.nodes().len(),
         cells: mesh.len(),
         ..Check::default()
     };
     if let Some(problem) = mesh.unreadable_reason() {
-        found.add_problem(problem);
-        return found;
+        report.add_problem(problem);
+        return report;
     }
     if !are_finite(mesh.nodes()) {
-        found.add_problem(NOT_FINITE.into());
-        return found;
+        report.add_problem(NOT_FINITE.into());
+        return report;
     }
     let bounds = BoxBounds {
         low,
@@ -229,43 +230,44 @@ pub(crate) fn check_cancellable<const D: usize, M: Mesh<D>>(
         tolerance,
     };
 
-    if patience.is_cancelled() {
-        return found;
+    if cancel.is_cancelled() {
+        return report;
     }
-    let filled = CellTotals::from_volumes(&mesh.volumes());
+    let totals = CellTotals::from_volumes(&mesh.volumes());
     let unused = mesh.used_nodes().iter().filter(|used| !**used).count();
-    found.judge(
+    report.judge(
         M::CELLS_NAME,
-        &filled,
+        &totals,
         unused,
         mesh.target_volume(&bounds),
         tolerance,
     );
-    if let Some(sides) = mesh.check_faces(known, &bounds, &mut found, patience) {
-        sides.judge(&bounds, &mut found);
+    if let Some(sides) = mesh.check_faces(hints, &bounds, &mut report, cancel) {
+        sides.judge(&bounds, &mut report);
     }
-    found
+    report
 }
 
-/// The share of the box `[0, extent]` that cells fill: 1 of a valid mesh, less of one with a hole, more
-/// where cells overlap. `None` if a cell is flat or inverted, so that their sum says nothing.
+/// Returns the fraction of the box `[0, extent]` that the cells fill: 1 for a valid mesh, less for
+/// a mesh with a hole, more where cells overlap. Returns `None` if a cell is flat or inverted,
+/// because then the sum has no meaning.
 pub fn filled_share<const D: usize, M: Mesh<D>>(mesh: &M, extent: [f64; D]) -> Option<f64> {
     let bounds = BoxBounds {
         low: [0.0; D],
         high: extent,
         tolerance: 0.0,
     };
-    let mut filled = 0.0;
+    let mut total = 0.0;
     for volume in mesh.volumes() {
         if volume <= 0.0 {
             return None;
         }
-        filled += volume;
+        total += volume;
     }
-    Some(filled / mesh.target_volume(&bounds))
+    Some(total / mesh.target_volume(&bounds))
 }
 
-/// The name of one cell.
+/// Returns the singular of a plural name of cells.
 fn singular_name(name: &str) -> String {
     match name.strip_suffix("hedra") {
         Some(start) => format!("{start}hedron"),
@@ -273,16 +275,16 @@ fn singular_name(name: &str) -> String {
     }
 }
 
-/// What covers the sides of the box.
+/// Areas of the box's sides that boundary faces cover.
 pub struct SideCoverage<const D: usize> {
-    /// Area on the low and the high side of each axis.
+    /// Covered area on the low and the high side of each axis.
     area: [[f64; 2]; D],
-    /// Whether the sides of each axis must be covered.
+    /// `true` for each axis whose two sides must be covered.
     must_be_covered: [bool; D],
 }
 
 impl<const D: usize> SideCoverage<D> {
-    /// None of them covered; of each axis both must be.
+    /// Returns a coverage of zero, where the sides of all axes must be covered.
     fn uncovered() -> Self {
         Self {
             area: [[0.0; 2]; D],
@@ -290,42 +292,43 @@ impl<const D: usize> SideCoverage<D> {
         }
     }
 
-    /// Adds a boundary face that lies in the upper or lower side of an axis, but for a distance of `off`.
+    /// Adds a boundary face of the upper or lower side of an axis. `offset` is the largest distance
+    /// of its nodes from that side.
     fn add(
         &mut self,
         (axis, upper): (usize, bool),
         area: f64,
-        off: f64,
+        offset: f64,
         bounds: &BoxBounds<D>,
-        found: &mut Check,
+        report: &mut Check,
     ) {
-        found.boundary_faces += 1;
-        found.flatness_error = found.flatness_error.max(off / bounds.longest_side());
-        if off > bounds.tolerance * bounds.longest_side() {
-            found.faces_off_sides += 1;
+        report.boundary_faces += 1;
+        report.flatness_error = report.flatness_error.max(offset / bounds.longest_side());
+        if offset > bounds.tolerance * bounds.longest_side() {
+            report.faces_off_sides += 1;
         }
         self.area[axis][usize::from(upper)] += area;
     }
 
-    /// Every boundary face lies in a side, every side is covered once.
-    fn judge(self, bounds: &BoxBounds<D>, found: &mut Check) {
-        if found.faces_off_sides > 0 {
-            found.add_problem(format!(
+    /// Checks that every boundary face lies in a side, and that every side is covered once.
+    fn judge(self, bounds: &BoxBounds<D>, report: &mut Check) {
+        if report.faces_off_sides > 0 {
+            report.add_problem(format!(
                 "{} boundary faces are off the box's sides: the mesh has holes or bumps",
-                found.faces_off_sides
+                report.faces_off_sides
             ));
         }
         let extent = bounds.extent();
         for k in (0..D).filter(|&k| self.must_be_covered[k]) {
             let want: f64 = (0..D).filter(|&j| j != k).map(|j| extent[j]).product();
             for got in self.area[k] {
-                found.area_error = found.area_error.max((got - want).abs() / want);
+                report.area_error = report.area_error.max((got - want).abs() / want);
             }
         }
-        if found.area_error > bounds.tolerance {
-            found.add_problem(format!(
+        if report.area_error > bounds.tolerance {
+            report.add_problem(format!(
                 "a side of the box is covered with a relative area error of {:.2e}",
-                found.area_error
+                report.area_error
             ));
         }
     }
@@ -338,61 +341,68 @@ mod tests {
     use crate::mesh::complex::NONE;
     use crate::mesh::{Simplices, TetMesh};
 
-    /// The unit cube as six tetrahedra.
+    /// Returns the unit cube as six tetrahedra.
     fn cube() -> TetMesh {
         kuhn_box([1; 3], 1.0)
     }
 
     #[test]
     fn a_right_mesh_passes() {
-        let found = check(&cube(), [0.0; 3], [1.0; 3], 1e-12);
-        assert!(found.passed(), "{:?}", found.problems);
-        assert_eq!(found.boundary_faces, 12);
+        let report = check(&cube(), [0.0; 3], [1.0; 3], 1e-12);
+        assert!(report.passed(), "{:?}", report.problems);
+        assert_eq!(report.boundary_faces, 12);
     }
 
     #[test]
     fn known_neighbours_are_checked() {
         let mesh = cube();
-        let right = Simplices::neighbors(&mesh).unwrap();
-        let joined = |neighbors: &[u32]| {
-            let known = CheckHints {
+        let expected = Simplices::neighbors(&mesh).unwrap();
+        let check_neighbors = |neighbors: &[u32]| {
+            let hints = CheckHints {
                 neighbors: Some(neighbors),
                 ..CheckHints::default()
             };
-            check_with_hints(&mesh, known, [0.0; 3], [1.0; 3], 1e-12)
+            check_with_hints(&mesh, hints, [0.0; 3], [1.0; 3], 1e-12)
         };
-        let found = |neighbors: &[u32]| joined(neighbors).problems;
-        assert_eq!(joined(&right), check(&mesh, [0.0; 3], [1.0; 3], 1e-12));
-        for i in 0..right.len() {
+        let problems = |neighbors: &[u32]| check_neighbors(neighbors).problems;
+        assert_eq!(
+            check_neighbors(&expected),
+            check(&mesh, [0.0; 3], [1.0; 3], 1e-12)
+        );
+        for i in 0..expected.len() {
             for other in [0, 1, 2, 3, 4, 5, 6, NONE] {
-                let mut wrong = right.clone();
+                let mut wrong = expected.clone();
                 wrong[i] = other;
-                assert_eq!(found(&wrong).is_empty(), wrong == right, "{i} {other}");
+                assert_eq!(
+                    problems(&wrong).is_empty(),
+                    wrong == expected,
+                    "{i} {other}"
+                );
             }
         }
-        assert!(!found(&right[1..]).is_empty());
+        assert!(!problems(&expected[1..]).is_empty());
     }
 
     #[test]
     fn each_fault_is_found() {
-        let fault = |change: &dyn Fn(&mut TetMesh)| {
+        let checked = |change: &dyn Fn(&mut TetMesh)| {
             let mut mesh = cube();
             change(&mut mesh);
             check(&mesh, [0.0; 3], [1.0; 3], 1e-12)
         };
-        assert_eq!(fault(&|m| m.tets[0].swap(0, 1)).non_positive_cells, 1);
-        assert_eq!(fault(&|m| m.nodes.push([0.5; 3])).unused_nodes, 1);
-        assert!(fault(&|m| m.tets.truncate(5)).faces_off_sides > 0);
-        assert!(fault(&|m| m.nodes[7][0] = 1.1).flatness_error > 0.05);
-        assert!(!fault(&|m| m.tets[0][1] = 99).passed());
+        assert_eq!(checked(&|m| m.tets[0].swap(0, 1)).non_positive_cells, 1);
+        assert_eq!(checked(&|m| m.nodes.push([0.5; 3])).unused_nodes, 1);
+        assert!(checked(&|m| m.tets.truncate(5)).faces_off_sides > 0);
+        assert!(checked(&|m| m.nodes[7][0] = 1.1).flatness_error > 0.05);
+        assert!(!checked(&|m| m.tets[0][1] = 99).passed());
         assert!(
-            !fault(&|m| {
+            !checked(&|m| {
                 let t = m.tets[0];
                 m.tets.push(t);
                 m.tets.push(t)
             })
             .passed()
         );
-        assert!(!fault(&|m| m.nodes[3][1] = f64::NAN).passed());
+        assert!(!checked(&|m| m.nodes[3][1] = f64::NAN).passed());
     }
 }

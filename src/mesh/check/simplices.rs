@@ -1,4 +1,5 @@
-//! Triangles and tetrahedra: each face belongs to one cell or two, and cells that meet share all of it.
+//! Checks of triangles and tetrahedra: each face belongs to one cell or two, and neighbouring cells
+//! share a whole face.
 
 use super::{BoxBounds, CellChecks, Check, CheckHints, SideCoverage, singular_name};
 use crate::mesh::Simplices;
@@ -7,7 +8,7 @@ use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
 use std::ops::Range;
 
-/// Cells in one task, from one question whether to go on to the next.
+/// Number of cells in one parallel task. Cancellation is checked between tasks.
 const TASK_SIZE: usize = 1 << 14;
 
 impl<const D: usize, M: Simplices<D>> CellChecks<D> for M {
@@ -29,26 +30,26 @@ impl<const D: usize, M: Simplices<D>> CellChecks<D> for M {
 
     fn check_faces(
         &self,
-        known: CheckHints<'_>,
+        hints: CheckHints<'_>,
         bounds: &BoxBounds<D>,
-        found: &mut Check,
-        patience: &CancelToken<'_>,
+        report: &mut Check,
+        cancel: &CancelToken<'_>,
     ) -> Option<SideCoverage<D>> {
-        if patience.is_cancelled() {
+        if cancel.is_cancelled() {
             return None;
         }
-        if let Some(neighbors) = known.neighbors {
-            match unpaired_count(self, neighbors, &[NONE], patience) {
-                Ok(0) => return Some(boundary_sides(self, neighbors, bounds, found)),
-                Ok(_) => found.add_problem(mismatch_message::<D, M>(0)),
-                Err(cell) => found.add_problem(mismatch_message::<D, M>(cell)),
+        if let Some(neighbors) = hints.neighbors {
+            match unpaired_count(self, neighbors, &[NONE], cancel) {
+                Ok(0) => return Some(boundary_sides(self, neighbors, bounds, report)),
+                Ok(_) => report.add_problem(mismatch_message::<D, M>(0)),
+                Err(cell) => report.add_problem(mismatch_message::<D, M>(cell)),
             }
             return None;
         }
         match self.neighbors() {
-            Ok(neighbors) => Some(boundary_sides(self, &neighbors, bounds, found)),
+            Ok(neighbors) => Some(boundary_sides(self, &neighbors, bounds, report)),
             Err(face) => {
-                found.add_problem(format!(
+                report.add_problem(format!(
                     "face {face:?} belongs to more than two {}",
                     M::CELLS_NAME
                 ));
@@ -58,58 +59,61 @@ impl<const D: usize, M: Simplices<D>> CellChecks<D> for M {
     }
 }
 
-/// The first cell of a node that does not exist.
+/// Returns the first cell that uses a node that does not exist.
 pub(super) fn first_unreadable<const D: usize, M: Simplices<D>>(mesh: &M) -> Option<usize> {
     let mut corners = mesh.connectivity().iter();
-    let at = corners.position(|&i| i as usize >= mesh.nodes().len())?;
-    Some(at / (D + 1))
+    let position = corners.position(|&i| i as usize >= mesh.nodes().len())?;
+    Some(position / (D + 1))
 }
 
-/// What is said of it.
+/// Returns the problem that the check reports for a cell that uses a node that does not exist.
 pub(super) fn unreadable_message<const D: usize, M: Simplices<D>>(cell: usize) -> String {
     let name = singular_name(M::CELLS_NAME);
     format!("{name} {cell}: it names a node that does not exist")
 }
 
-/// What is said of a cell that has not its faces in common with its neighbours.
+/// Returns the problem that the check reports for a cell whose faces are not those of its
+/// neighbours.
 pub(super) fn mismatch_message<const D: usize, M: Simplices<D>>(cell: usize) -> String {
     let name = singular_name(M::CELLS_NAME);
-    format!("{name} {cell}: it and its neighbours do not fit")
+    format!("{name} {cell}: its faces do not match its neighbours")
 }
 
-/// A face seen from the cell of the lower number pairs with one seen from the higher: how many more of the first
-/// than of the second there are, where none may be left over; or the first cell that has not each of its faces in
-/// common with the neighbour there, and with that alone. Faces with one of the `open` numbers beyond are not looked
-/// at, and none once `patience` is over.
+/// Returns how many more faces are seen from their cell with the lower number than from their cell
+/// with the higher number: 0 if all faces pair.
+///
+/// Returns as the error the first cell of which a face is not shared with the neighbour given for
+/// it, and with that one only. Faces whose neighbour is one of the `skipped` numbers are not
+/// checked, and none is checked after `cancel` is cancelled.
 pub(super) fn unpaired_count<const D: usize, M: Simplices<D>>(
     mesh: &M,
     neighbors: &[u32],
-    open: &[u32],
-    patience: &CancelToken<'_>,
+    skipped: &[u32],
+    cancel: &CancelToken<'_>,
 ) -> Result<isize, usize> {
     if neighbors.len() != (D + 1) * mesh.len() {
         return Err(0);
     }
-    let of_row = |row: usize| {
-        let cells = row * TASK_SIZE..mesh.len().min((row + 1) * TASK_SIZE);
-        unpaired_count_in(mesh, neighbors, open, cells)
+    let count_in_task = |task: usize| {
+        let cells = task * TASK_SIZE..mesh.len().min((task + 1) * TASK_SIZE);
+        unpaired_count_in(mesh, neighbors, skipped, cells)
     };
-    let rows: Vec<Result<isize, usize>> = (0..mesh.len().div_ceil(TASK_SIZE))
+    let counts: Vec<Result<isize, usize>> = (0..mesh.len().div_ceil(TASK_SIZE))
         .into_par_iter()
-        .take_any_while(|_| !patience.is_cancelled())
-        .map(of_row)
+        .take_any_while(|_| !cancel.is_cancelled())
+        .map(count_in_task)
         .collect();
-    if patience.is_cancelled() {
+    if cancel.is_cancelled() {
         return Ok(0);
     }
-    rows.into_iter().sum()
+    counts.into_iter().sum()
 }
 
-/// The same of some cells.
+/// Performs [`unpaired_count`] for a range of cells.
 fn unpaired_count_in<const D: usize, M: Simplices<D>>(
     mesh: &M,
     neighbors: &[u32],
-    open: &[u32],
+    skipped: &[u32],
     cells: Range<usize>,
 ) -> Result<isize, usize> {
     let faces = D + 1;
@@ -117,30 +121,33 @@ fn unpaired_count_in<const D: usize, M: Simplices<D>>(
     for c in cells {
         let cell = mesh.cell(c);
         for (k, n) in neighbors[faces * c..faces * (c + 1)].iter().enumerate() {
-            if open.contains(n) {
+            if skipped.contains(n) {
                 continue;
             }
-            let n = *n as usize;
-            if n >= mesh.len() || n == c {
+            let beyond = *n as usize;
+            if beyond >= mesh.len() || beyond == c {
                 return Err(c);
             }
-            if n < c {
+            if beyond < c {
                 unpaired -= 1;
                 continue;
             }
             unpaired += 1;
-            let (other, back) = (mesh.cell(n), &neighbors[faces * n..faces * (n + 1)]);
+            let (other_cell, other_neighbors) = (
+                mesh.cell(beyond),
+                &neighbors[faces * beyond..faces * (beyond + 1)],
+            );
             let mut pairs = 0;
             let mut shared = 0;
-            for (&node, &cell_beyond) in other.iter().zip(back) {
-                // The node opposite the face that they share is not in it.
+            for (&node, &cell_beyond) in other_cell.iter().zip(other_neighbors) {
+                // The node opposite the shared face does not belong to it.
                 let is_apex = cell_beyond as usize == c;
                 pairs += usize::from(is_apex);
-                for (i, &own) in cell.iter().enumerate() {
-                    shared += usize::from((own == node) & (i != k) & !is_apex);
+                for (i, &own_node) in cell.iter().enumerate() {
+                    shared += usize::from((own_node == node) & (i != k) & !is_apex);
                 }
             }
-            // Nodes of a cell differ, so that many in common are the face.
+            // The nodes of a cell differ, so D common nodes are the whole face.
             if (pairs, shared) != (1, D) {
                 return Err(c);
             }
@@ -149,12 +156,12 @@ fn unpaired_count_in<const D: usize, M: Simplices<D>>(
     Ok(unpaired)
 }
 
-/// Every face without a neighbour, in the side of the box to whose plane it keeps closest.
+/// Adds every face without a neighbour to the side of the box whose plane is nearest to it.
 pub(super) fn boundary_sides<const D: usize, M: Simplices<D>>(
     mesh: &M,
     neighbors: &[u32],
     bounds: &BoxBounds<D>,
-    found: &mut Check,
+    report: &mut Check,
 ) -> SideCoverage<D> {
     let mut sides = SideCoverage::uncovered();
     for (i, _) in neighbors.iter().enumerate().filter(|(_, n)| **n == NONE) {
@@ -163,13 +170,13 @@ pub(super) fn boundary_sides<const D: usize, M: Simplices<D>>(
         let mut best = ((0, false), f64::INFINITY);
         for k in 0..D {
             for (upper, plane) in [(false, bounds.low[k]), (true, bounds.high[k])] {
-                let off = p.iter().map(|q| (q[k] - plane).abs()).fold(0.0, f64::max);
-                if off < best.1 {
-                    best = ((k, upper), off);
+                let offset = p.iter().map(|q| (q[k] - plane).abs()).fold(0.0, f64::max);
+                if offset < best.1 {
+                    best = ((k, upper), offset);
                 }
             }
         }
-        sides.add(best.0, M::face_area(&p), best.1, bounds, found);
+        sides.add(best.0, M::face_area(&p), best.1, bounds, report);
     }
     sides
 }

@@ -1,14 +1,16 @@
-//! Faces that lack a tetrahedron on one side, by their nodes.
+//! Open faces: faces that still lack a tetrahedron on one side, stored by their nodes.
 
 use std::collections::HashMap;
 
-/// So many tetrahedra have so few faces that they are looked through.
+/// Largest number of tetrahedra for which a list of open faces is searched linearly. A hash map is
+/// faster for more.
 const MAX_LIST_TETS: usize = 48;
 
-/// A face's nodes in rising order.
+/// The nodes of a face in ascending order.
 type FaceKey = [u32; 3];
 
-/// Faces, each with the tetrahedron on its other side and the face's number there.
+/// Open faces, each with the tetrahedron on its other side and the number of the face in that
+/// tetrahedron.
 #[derive(Debug, Clone, Default)]
 pub(super) struct OpenFaces {
     list: Vec<(FaceKey, u32, u32)>,
@@ -16,36 +18,36 @@ pub(super) struct OpenFaces {
 }
 
 impl OpenFaces {
-    /// Forgets all, and gets ready for those of so many tetrahedra.
+    /// Removes all faces, and prepares for the faces of `tets` tetrahedra.
     pub fn clear(&mut self, tets: usize) {
         self.list.clear();
         self.map = (tets > MAX_LIST_TETS).then(HashMap::new);
     }
 
-    pub fn insert(&mut self, name: FaceKey, tet: u32, number: u32) {
+    pub fn insert(&mut self, key: FaceKey, tet: u32, number: u32) {
         match &mut self.map {
-            Some(many) => {
-                many.insert(name, (tet, number));
+            Some(map) => {
+                map.insert(key, (tet, number));
             }
-            None => self.list.push((name, tet, number)),
+            None => self.list.push((key, tet, number)),
         }
     }
 
-    /// Takes a face out, if it is there.
-    pub fn remove(&mut self, name: FaceKey) -> Option<(u32, u32)> {
+    /// Removes a face and returns its tetrahedron and number, if it is present.
+    pub fn remove(&mut self, key: FaceKey) -> Option<(u32, u32)> {
         match &mut self.map {
-            Some(many) => many.remove(&name),
+            Some(map) => map.remove(&key),
             None => {
-                let at = self.list.iter().position(|face| face.0 == name)?;
-                let (_, tet, number) = self.list.swap_remove(at);
+                let index = self.list.iter().position(|face| face.0 == key)?;
+                let (_, tet, number) = self.list.swap_remove(index);
                 Some((tet, number))
             }
         }
     }
 
-    /// The tetrahedra on the other sides of those that are left.
+    /// Returns the tetrahedra on the other sides of the faces that remain.
     pub fn remaining_tets(&self) -> impl Iterator<Item = u32> + '_ {
-        let many = self.map.iter().flat_map(|many| many.values().map(|f| f.0));
-        self.list.iter().map(|face| face.1).chain(many)
+        let in_map = self.map.iter().flat_map(|many| many.values().map(|f| f.0));
+        self.list.iter().map(|face| face.1).chain(in_map)
     }
 }

@@ -1,9 +1,9 @@
 //! Tetrahedra with neighbours, for local changes: rings of edges, stars of nodes, and the exchange
 //! of one set of tetrahedra for another that fills the same cavity.
 //!
-//! - `neighbors`(fn@neighbors): which tetrahedra share a face
-//! - `faces`: which of them still lack a tetrahedron
-//! - `part`: a part of a complex as one of its own
+//! - `neighbors`(fn@neighbors): finds the tetrahedra that share a face
+//! - `faces`: faces that still lack a tetrahedron on one side
+//! - `part`: a part of a complex as a complex of its own
 
 mod faces;
 mod neighbors;
@@ -21,16 +21,16 @@ use neighbors::face_key;
 pub use neighbors::neighbors;
 pub use part::PartNumbering;
 
-/// Slots renumbered in one task, at least.
+/// Smallest number of slots that one parallel task renumbers.
 const MIN_TASK_SLOTS: usize = 1 << 14;
 
-/// No tetrahedron: beyond the box.
+/// Stands for no tetrahedron: beyond the box.
 pub const NONE: u32 = u32::MAX;
 
-/// In a part of a complex: a tetrahedron that is not in the part.
+/// Stands for a tetrahedron that is not in this part of a complex.
 pub const NOT_LOCAL: u32 = NONE - 1;
 
-/// A tetrahedral complex under change. A dead slot has `tets[t][0] == NONE`.
+/// A tetrahedral complex that can be changed. A dead slot has `tets[t][0] == NONE`.
 #[derive(Debug, Default)]
 pub struct Complex {
     /// Node positions.
@@ -48,7 +48,7 @@ pub struct Complex {
     reached_nonlocal: AtomicBool,
 }
 
-/// One write to a complex, and what was there before.
+/// One write to a complex, with the previous value.
 #[derive(Debug, Clone, Copy)]
 enum JournalEntry {
     Tet(u32, [u32; 4], [u32; 4]),
@@ -66,12 +66,12 @@ pub struct Ring {
     pub nodes: Vec<u32>,
     /// The tetrahedra; as many as nodes if closed, one fewer if the edge lies on the boundary.
     pub tets: Vec<u32>,
-    /// Whether the ring closes, that is, the edge is inside.
+    /// `true` if the ring closes, that is, the edge is inside the mesh.
     pub is_closed: bool,
 }
 
 impl Complex {
-    /// From a mesh and its neighbours (see [`neighbors`]).
+    /// Creates a complex from a mesh and its neighbours (see [`neighbors`]).
     pub fn new(mesh: TetMesh, neighbors: Vec<[u32; 4]>) -> Self {
         let mut tet_of_node = vec![NONE; mesh.nodes.len()];
         for (t, tet) in mesh.tets.iter().enumerate() {
@@ -90,32 +90,32 @@ impl Complex {
         }
     }
 
-    /// Whether slot `t` holds a tetrahedron.
+    /// Returns `true` if slot `t` contains a tetrahedron.
     #[inline]
     pub fn is_alive(&self, t: u32) -> bool {
         self.tets[t as usize][0] != NONE
     }
 
-    /// Corner positions of tetrahedron `t`.
+    /// Returns the corner positions of tetrahedron `t`.
     #[inline]
     pub fn corners(&self, t: u32) -> [[f64; 3]; 4] {
         self.tets[t as usize].map(|i| self.nodes[i as usize])
     }
 
-    /// Adds a node that no tetrahedron uses yet.
+    /// Adds a node that no tetrahedron uses yet, and returns its number.
     pub fn add_node(&mut self, x: [f64; 3]) -> u32 {
         self.nodes.push(x);
         self.tet_of_node.push(NONE);
         (self.nodes.len() - 1) as u32
     }
 
-    /// Forgets the nodes from number `count` on, which no tetrahedron may use.
+    /// Removes the nodes from number `count` on, which no tetrahedron may use.
     pub fn truncate_nodes(&mut self, count: usize) {
         self.nodes.truncate(count);
         self.tet_of_node.truncate(count);
     }
 
-    /// From now on every [`exchange`](Self::exchange) can be taken back.
+    /// Starts a journal: every later [`exchange`](Self::exchange) can be undone.
     pub fn begin(&mut self) {
         self.journal = Some(self.journal.take().map_or_else(Vec::new, |mut j| {
             j.clear();
@@ -123,18 +123,18 @@ impl Complex {
         }));
     }
 
-    /// Keeps everything since [`begin`](Self::begin).
+    /// Keeps all exchanges since [`begin`](Self::begin) and ends the journal.
     pub fn commit(&mut self) {
         self.journal = None;
     }
 
-    /// Takes back every exchange since [`begin`](Self::begin). Node positions are the caller's.
+    /// Undoes every exchange since [`begin`](Self::begin). The caller restores node positions.
     pub fn rollback(&mut self) {
         let Some(journal) = self.journal.take() else {
             return;
         };
-        for undo in journal.into_iter().rev() {
-            match undo {
+        for entry in journal.into_iter().rev() {
+            match entry {
                 JournalEntry::Tet(t, tet, neighbors) => {
                     self.tets[t as usize] = tet;
                     self.neighbors[t as usize] = neighbors;
@@ -155,9 +155,9 @@ impl Complex {
     }
 
     #[inline]
-    fn log(&mut self, undo: JournalEntry) {
+    fn log(&mut self, entry: JournalEntry) {
         if let Some(journal) = &mut self.journal {
-            journal.push(undo);
+            journal.push(entry);
         }
     }
 
@@ -182,7 +182,7 @@ impl Complex {
         self.stamp
     }
 
-    /// The tetrahedron across face k of `t`, if there is one.
+    /// Returns the tetrahedron across face k of `t`, if there is one.
     #[inline]
     pub fn neighbor(&self, t: u32, k: usize) -> Option<u32> {
         let n = self.neighbors[t as usize][k];
@@ -192,7 +192,7 @@ impl Complex {
         (n < NOT_LOCAL).then_some(n)
     }
 
-    /// The tetrahedra at a node, into `star`.
+    /// Writes the tetrahedra at a node into `star`.
     pub fn star(&self, node: u32, star: &mut Vec<u32>) {
         star.clear();
         let first = self.tet_of_node[node as usize];
@@ -205,7 +205,7 @@ impl Complex {
             let t = star[head];
             head += 1;
             for k in 0..4 {
-                // There are some two dozen.
+                // A linear search is fast enough: a star has about 24 tetrahedra.
                 if self.tets[t as usize][k] != node
                     && let Some(n) = self.neighbor(t, k)
                     && !star.contains(&n)
@@ -216,7 +216,7 @@ impl Complex {
         }
     }
 
-    /// Local index of `node` in tetrahedron `t`.
+    /// Returns the local index of `node` in tetrahedron `t`.
     #[inline]
     pub fn local_index(&self, t: u32, node: u32) -> usize {
         let tet = &self.tets[t as usize];
@@ -231,12 +231,13 @@ impl Complex {
         }
     }
 
-    /// The other two nodes (c, d) of tetrahedron `t`, such that (a, b, c, d) is positive.
+    /// Returns the other two nodes (c, d) of tetrahedron `t`, ordered so that (a, b, c, d) is
+    /// positive.
     #[inline]
     fn opposite_edge(&self, t: u32, a: u32, b: u32) -> (u32, u32) {
         let tet = &self.tets[t as usize];
         let (i, j) = (self.local_index(t, a), self.local_index(t, b));
-        // Remaining local indices in the order that makes (i, j, k, l) an even permutation.
+        // The remaining local indices, ordered so that (i, j, k, l) is an even permutation.
         const NEXT_NODES: [[[u8; 2]; 4]; 4] = [
             [[0, 0], [2, 3], [3, 1], [1, 2]],
             [[3, 2], [0, 0], [0, 3], [2, 0]],
@@ -247,12 +248,12 @@ impl Complex {
         (tet[k as usize], tet[l as usize])
     }
 
-    /// The ring of tetrahedra round edge (a, b) of tetrahedron `t`, into `ring`. Stops and returns
-    /// false if there are more than `most`.
-    pub fn ring(&self, t: u32, a: u32, b: u32, most: usize, ring: &mut Ring) -> bool {
+    /// Writes the ring of tetrahedra round edge (a, b) of tetrahedron `t` into `ring`. Stops and
+    /// returns `false` if there are more than `max_tets`.
+    pub fn ring(&self, t: u32, a: u32, b: u32, max_tets: usize, ring: &mut Ring) -> bool {
         ring.nodes.clear();
         ring.tets.clear();
-        // Back to the boundary, if there is one.
+        // Go back to the boundary, if there is one.
         let mut first = t;
         let mut steps = 0;
         ring.is_closed = true;
@@ -267,30 +268,31 @@ impl Complex {
                 break;
             }
             steps += 1;
-            if steps > most {
+            if steps > max_tets {
                 return false;
             }
         }
-        let mut at = first;
+        let mut current = first;
         loop {
-            let (c, d) = self.opposite_edge(at, a, b);
-            ring.tets.push(at);
+            let (c, d) = self.opposite_edge(current, a, b);
+            ring.tets.push(current);
             ring.nodes.push(c);
-            if ring.tets.len() > most {
+            if ring.tets.len() > max_tets {
                 return false;
             }
-            let Some(next) = self.neighbor(at, self.local_index(at, c)) else {
+            let Some(next) = self.neighbor(current, self.local_index(current, c)) else {
                 ring.nodes.push(d);
                 return true;
             };
             if next == first {
                 return true;
             }
-            at = next;
+            current = next;
         }
     }
 
-    /// Whether nodes `a` and `b` share an edge; gives a tetrahedron that has it.
+    /// Returns a tetrahedron that has the edge between nodes `a` and `b`, if there is one. `star`
+    /// is a buffer.
     pub fn tet_with_edge(&self, a: u32, b: u32, star: &mut Vec<u32>) -> Option<u32> {
         self.star(a, star);
         star.iter()
@@ -298,14 +300,16 @@ impl Complex {
             .find(|&t| self.tets[t as usize].contains(&b))
     }
 
-    /// Exchanges the tetrahedra `old` for `new`, which must fill the same cavity with the same outer
-    /// faces (but for faces on the boundary, which may cover the same area otherwise). The slots of the new ones go to `slots`, in the order of `new`.
+    /// Replaces the tetrahedra `old` by `new`, which must fill the same cavity with the same outer
+    /// faces. Only faces on the boundary may differ if they cover the same area. The slots of the
+    /// new tetrahedra are written to `slots`, in the order of `new`.
     pub fn exchange(&mut self, old: &[u32], new: &[[u32; 4]], slots: &mut Vec<u32>) {
         let stamp = self.next_stamp();
         for &t in old {
             self.slot_stamps[t as usize] = stamp;
         }
-        // Outer faces: the face, the neighbour beyond, and that neighbour's local index.
+        // Collects the outer faces: the face, the neighbour beyond it, and the face's index in that
+        // neighbour.
         let mut faces = std::mem::take(&mut self.open_faces);
         faces.clear(old.len());
         for &t in old {
@@ -314,8 +318,8 @@ impl Complex {
                 if n < NOT_LOCAL && self.slot_stamps[n as usize] == stamp {
                     continue;
                 }
-                let name = face_key(FACES[k].map(|i| self.tets[t as usize][i]));
-                let back = if n >= NOT_LOCAL {
+                let key = face_key(FACES[k].map(|i| self.tets[t as usize][i]));
+                let back_index = if n >= NOT_LOCAL {
                     0
                 } else {
                     self.neighbors[n as usize]
@@ -323,11 +327,11 @@ impl Complex {
                         .position(|&x| x == t)
                         .unwrap_or(0) as u32
                 };
-                faces.insert(name, n, back);
+                faces.insert(key, n, back_index);
             }
         }
         for &t in old {
-            // Nodes that vanish with the cavity must not point at a dead tetrahedron.
+            // A node that vanishes with the cavity must not point to a dead tetrahedron.
             for n in self.tets[t as usize] {
                 self.set_tet_of_node(n, NONE);
             }
@@ -359,25 +363,26 @@ impl Complex {
                 self.set_tet_of_node(n, slot);
             }
             for k in 0..4 {
-                let name = face_key(FACES[k].map(|i| tet[i]));
-                if let Some((n, back)) = faces.remove(name) {
-                    // The slot's own neighbours go back with the slot.
+                let key = face_key(FACES[k].map(|i| tet[i]));
+                if let Some((n, back_index)) = faces.remove(key) {
+                    // The journal restores these neighbours together with the slot.
                     self.neighbors[slot as usize][k] = n;
                     if n < NOT_LOCAL {
                         self.log(JournalEntry::Neighbor(
                             n,
-                            back as u8,
-                            self.neighbors[n as usize][back as usize],
+                            back_index as u8,
+                            self.neighbors[n as usize][back_index as usize],
                         ));
-                        self.neighbors[n as usize][back as usize] = slot;
+                        self.neighbors[n as usize][back_index as usize] = slot;
                     }
                 } else {
-                    // An inner face: wait for the other new tetrahedron that has it.
-                    faces.insert(name, slot, k as u32);
+                    // This is an inner face: the other new tetrahedron that has it completes it.
+                    faces.insert(key, slot, k as u32);
                 }
             }
         }
-        // On the boundary old faces may go and new ones come; inside they must match.
+        // On the boundary, old faces may vanish and new ones may appear; inside, the faces must
+        // match.
         debug_assert!(
             faces
                 .remaining_tets()
@@ -387,27 +392,27 @@ impl Complex {
         self.open_faces = faces;
     }
 
-    /// The mesh without dead slots and unused nodes, and its neighbours; `kept[i]` is the old number
-    /// of node i.
+    /// Returns the mesh without dead slots and unused nodes, its neighbours, and the old number of
+    /// each node.
     pub fn into_mesh(self) -> (TetMesh, Vec<[u32; 4]>, Vec<u32>) {
-        let mut number = vec![NONE; self.nodes.len()];
+        let mut new_index = vec![NONE; self.nodes.len()];
         let mut kept = Vec::with_capacity(self.nodes.len());
         for (i, &t) in self.tet_of_node.iter().enumerate() {
             if t != NONE {
-                number[i] = kept.len() as u32;
+                new_index[i] = kept.len() as u32;
                 kept.push(i as u32);
             }
         }
         let nodes = kept.iter().map(|&i| self.nodes[i as usize]).collect();
         let (mut tets, mut neighbors) = (self.tets, self.neighbors);
-        // What a slot's number becomes.
+        // The new number of each slot.
         let mut live = 0;
         let renumbered: Vec<u32> = tets
             .iter()
             .map(|tet| {
-                let this = live;
+                let index = live;
                 live += u32::from(tet[0] != NONE);
-                this
+                index
             })
             .collect();
         let mut slot = 0;
@@ -416,11 +421,13 @@ impl Complex {
             tets[slot - 1][0] != NONE
         });
         tets.retain(|t| t[0] != NONE);
-        let all = tets.par_iter_mut().zip(&mut neighbors);
-        all.with_min_len(MIN_TASK_SLOTS).for_each(|(tet, around)| {
-            *tet = tet.map(|i| number[i as usize]);
-            *around = around.map(|n| renumbered.get(n as usize).copied().unwrap_or(NONE));
-        });
+        let pairs = tets.par_iter_mut().zip(&mut neighbors);
+        pairs
+            .with_min_len(MIN_TASK_SLOTS)
+            .for_each(|(tet, adjacent)| {
+                *tet = tet.map(|i| new_index[i as usize]);
+                *adjacent = adjacent.map(|n| renumbered.get(n as usize).copied().unwrap_or(NONE));
+            });
         (TetMesh { nodes, tets }, neighbors, kept)
     }
 }
@@ -430,7 +437,7 @@ mod tests {
     use super::*;
     use crate::geometry::volume6;
 
-    /// An octahedron about the axis (0, 1), split into four.
+    /// Returns an octahedron about the axis (0, 1), split into four tetrahedra.
     fn octahedron() -> Complex {
         let nodes = vec![
             [0.0, 0.0, -1.0],
@@ -458,11 +465,11 @@ mod tests {
                     let tet = [a, b, ring.nodes[i], ring.nodes[(i + 1) % 4]];
                     let p = tet.map(|n| complex.nodes[n as usize]);
                     assert!(volume6(&p) > 0.0);
-                    let mut have = complex.tets[ring.tets[i] as usize];
-                    let mut want = tet;
-                    have.sort_unstable();
-                    want.sort_unstable();
-                    assert_eq!(have, want);
+                    let mut found = complex.tets[ring.tets[i] as usize];
+                    let mut expected = tet;
+                    found.sort_unstable();
+                    expected.sort_unstable();
+                    assert_eq!(found, expected);
                 }
             }
             assert!(complex.ring(t, 0, 2, 9, &mut ring) || t == 1 || t == 2);
@@ -486,10 +493,10 @@ mod tests {
         for tets in [10, 1000] {
             let mut faces = OpenFaces::default();
             faces.clear(tets);
-            let name = |i: u32| [i, i + 1, i + 2];
-            (0..100).for_each(|i| faces.insert(name(i), 2 * i, i % 4));
-            assert_eq!(faces.remove(name(7)), Some((14, 3)));
-            assert_eq!(faces.remove(name(7)), None);
+            let face = |i: u32| [i, i + 1, i + 2];
+            (0..100).for_each(|i| faces.insert(face(i), 2 * i, i % 4));
+            assert_eq!(faces.remove(face(7)), Some((14, 3)));
+            assert_eq!(faces.remove(face(7)), None);
             let mut left: Vec<u32> = faces.remaining_tets().collect();
             left.sort_unstable();
             assert!(left.len() == 99 && left[7] == 16);
@@ -500,32 +507,32 @@ mod tests {
     fn exchanging_the_axis_keeps_the_surface() {
         let mut complex = octahedron();
         let mut slots = Vec::new();
-        // The axis 0-1 goes, the axis 2-4 comes.
+        // The exchange removes the edge 0-1 and creates the edge 2-4.
         let new = [[4, 2, 3, 1], [4, 2, 0, 3], [4, 2, 5, 0], [4, 2, 1, 5]];
         for tet in new {
             assert!(volume6(&tet.map(|n| complex.nodes[n as usize])) > 0.0);
         }
-        let (tets, around) = (complex.tets.clone(), complex.neighbors.clone());
+        let (tets, adjacent) = (complex.tets.clone(), complex.neighbors.clone());
         complex.begin();
         complex.exchange(&[0, 1, 2, 3], &new, &mut slots);
         complex.exchange(&[slots[0]], &[new[0]], &mut slots);
         complex.rollback();
         assert_eq!(
-            (tets, around),
+            (tets, adjacent),
             (complex.tets.clone(), complex.neighbors.clone())
         );
         complex.exchange(&[0, 1, 2, 3], &new, &mut slots);
         let expected = neighbors(6, &complex.tets).unwrap();
         assert_eq!(expected, complex.neighbors);
-        // Two become three and two again, which leaves a dead slot among the others.
+        // Two tetrahedra become three, and two again, which leaves a dead slot among the others.
         let (mut three, mut two) = (Vec::new(), Vec::new());
         let fresh = [[0, 1, 4, 2], [0, 1, 2, 3], [0, 1, 3, 4]];
         complex.exchange(&slots[..2], &fresh, &mut three);
         complex.exchange(&[three[2], three[0], three[1]], &new[..2], &mut two);
         assert!(!complex.is_alive(three[1]) && complex.tets.len() == 5);
-        let (mesh, around, kept) = complex.into_mesh();
+        let (mesh, adjacent, kept) = complex.into_mesh();
         assert_eq!(mesh.tets.len(), 4);
-        assert_eq!(around, neighbors(6, &mesh.tets).unwrap());
+        assert_eq!(adjacent, neighbors(6, &mesh.tets).unwrap());
         assert_eq!(kept.len(), 6);
     }
 }

@@ -1,4 +1,5 @@
-//! A part of a complex as one of its own: to try changes there while nothing of the whole changes.
+//! Copies a part of a complex into a complex of its own, so that changes can be tried without
+//! touching the global complex.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -7,21 +8,21 @@ use std::sync::atomic::Ordering::Relaxed;
 
 use super::{Complex, NONE, NOT_LOCAL};
 
-/// What the nodes and tetrahedra of a part are in the whole.
+/// Global numbers of the nodes and tetrahedra of a part.
 #[derive(Debug, Default)]
 pub struct PartNumbering {
-    /// The whole's number of each node, and whether the part has all tetrahedra at it.
+    /// For each node its global number, and `true` if the part contains all tetrahedra at it.
     pub nodes: Vec<(u32, bool)>,
-    /// Of each tetrahedron.
+    /// For each tetrahedron its global slot.
     pub slots: Vec<u32>,
-    /// The other way round.
+    /// Local number of each global node, the inverse of `nodes`.
     local_nodes: IdMap,
     local_slots: IdMap,
 }
 
 type IdMap = HashMap<u32, u32, BuildHasherDefault<FibonacciHasher>>;
 
-/// Hashing of numbers that no one chose in bad faith.
+/// A fast hash (Fibonacci hashing) for numbers that are not chosen by an attacker.
 #[derive(Default)]
 struct FibonacciHasher(u64);
 
@@ -41,25 +42,26 @@ impl Hasher for FibonacciHasher {
 }
 
 impl Complex {
-    /// Becomes the part of `whole` that has all tetrahedra at nodes where it `holds`, as far as they are joined to
-    /// the tetrahedra `first`, whose numbers become 0, 1 and so on. Nothing that it was before is left.
+    /// Replaces this complex by a part of `global`: all tetrahedra at nodes for which `is_inside`
+    /// holds, as far as they are connected with the tetrahedra `seeds`. The seeds get the numbers
+    /// 0, 1 and so on.
     pub fn set_to_part(
         &mut self,
-        whole: &Complex,
-        first: &[u32],
-        holds: impl Fn([f64; 3]) -> bool,
-        numbers: &mut PartNumbering,
+        global: &Complex,
+        seeds: &[u32],
+        is_inside: impl Fn([f64; 3]) -> bool,
+        numbering: &mut PartNumbering,
     ) {
         let PartNumbering {
             nodes,
             slots,
-            local_nodes: node_here,
-            local_slots: slot_here,
-        } = numbers;
+            local_nodes,
+            local_slots,
+        } = numbering;
         nodes.clear();
         slots.clear();
-        node_here.clear();
-        slot_here.clear();
+        local_nodes.clear();
+        local_slots.clear();
         self.nodes.clear();
         self.tets.clear();
         self.neighbors.clear();
@@ -69,77 +71,86 @@ impl Complex {
         (self.stamp, self.journal) = (0, None);
         *self.reached_nonlocal.get_mut() = false;
 
-        slots.extend_from_slice(first);
-        slot_here.extend(first.iter().copied().zip(0..));
-        let mut here = 0;
-        while here < slots.len() {
-            let slot = slots[here];
-            let tet = whole.tets[slot as usize].map(|n| {
-                *node_here.entry(n).or_insert_with(|| {
-                    let x = whole.nodes[n as usize];
-                    nodes.push((n, holds(x)));
+        slots.extend_from_slice(seeds);
+        local_slots.extend(seeds.iter().copied().zip(0..));
+        let mut current = 0;
+        while current < slots.len() {
+            let slot = slots[current];
+            let tet = global.tets[slot as usize].map(|n| {
+                *local_nodes.entry(n).or_insert_with(|| {
+                    let x = global.nodes[n as usize];
+                    nodes.push((n, is_inside(x)));
                     self.nodes.push(x);
-                    self.tet_of_node.push(here as u32);
+                    self.tet_of_node.push(current as u32);
                     nodes.len() as u32 - 1
                 })
             });
             self.tets.push(tet);
-            let all = tet.map(|n| nodes[n as usize].1);
-            let around = whole.neighbors[slot as usize];
+            let is_complete = tet.map(|n| nodes[n as usize].1);
+            let adjacent = global.neighbors[slot as usize];
             self.neighbors.push(std::array::from_fn(|k| {
-                let n = around[k];
+                let n = adjacent[k];
                 if n == NONE {
                     return NONE;
                 }
-                // It is at a node that has all if one of the face does.
-                let wanted = (0..4).any(|i| i != k && all[i]);
-                match slot_here.entry(n) {
-                    Entry::Occupied(here) => *here.get(),
-                    Entry::Vacant(place) if wanted => {
+                // The neighbour belongs to the part if a node of the shared face is complete.
+                let is_needed = (0..4).any(|i| i != k && is_complete[i]);
+                match local_slots.entry(n) {
+                    Entry::Occupied(local) => *local.get(),
+                    Entry::Vacant(entry) if is_needed => {
                         slots.push(n);
-                        *place.insert(slots.len() as u32 - 1)
+                        *entry.insert(slots.len() as u32 - 1)
                     }
                     Entry::Vacant(_) => NOT_LOCAL,
                 }
             }));
-            here += 1;
+            current += 1;
         }
         self.slot_stamps.resize(self.tets.len(), 0);
-        // What came later than its neighbour looked.
+        // Links to neighbours that were added after this tetrahedron was visited.
         for t in 0..self.tets.len() {
             for k in 0..4 {
                 if self.neighbors[t][k] == NOT_LOCAL {
-                    let there = whole.neighbors[slots[t] as usize][k];
-                    self.neighbors[t][k] = slot_here.get(&there).copied().unwrap_or(NOT_LOCAL);
+                    let neighbor = global.neighbors[slots[t] as usize][k];
+                    self.neighbors[t][k] = local_slots.get(&neighbor).copied().unwrap_or(NOT_LOCAL);
                 }
             }
         }
-        self.renumber(numbers);
+        self.renumber(numbering);
     }
 
-    /// Numbers the nodes of a part in the order of the whole's: what goes through them goes the same way.
-    fn renumber(&mut self, numbers: &mut PartNumbering) {
+    /// Numbers the nodes of the part in the order of the global numbers, so that loops over nodes
+    /// visit them in the same order.
+    fn renumber(&mut self, numbering: &mut PartNumbering) {
         let mut order: Vec<u32> = (0..self.nodes.len() as u32).collect();
-        order.sort_unstable_by_key(|&n| numbers.nodes[n as usize].0);
-        let mut now = vec![0; order.len()];
+        order.sort_unstable_by_key(|&n| numbering.nodes[n as usize].0);
+        let mut new_index = vec![0; order.len()];
         for (i, &n) in order.iter().enumerate() {
-            now[n as usize] = i as u32;
+            new_index[n as usize] = i as u32;
         }
-        let before = |i: &u32| *i as usize;
-        numbers.nodes = order.iter().map(|i| numbers.nodes[before(i)]).collect();
-        self.nodes = order.iter().map(|i| self.nodes[before(i)]).collect();
-        self.tet_of_node = order.iter().map(|i| self.tet_of_node[before(i)]).collect();
+        let old_index = |i: &u32| *i as usize;
+        numbering.nodes = order
+            .iter()
+            .map(|i| numbering.nodes[old_index(i)])
+            .collect();
+        self.nodes = order.iter().map(|i| self.nodes[old_index(i)]).collect();
+        self.tet_of_node = order
+            .iter()
+            .map(|i| self.tet_of_node[old_index(i)])
+            .collect();
         for tet in &mut self.tets {
-            *tet = tet.map(|n| now[n as usize]);
+            *tet = tet.map(|n| new_index[n as usize]);
         }
     }
 
-    /// Whether anything was asked of this part that only the whole knows: the answer was wrong.
+    /// Returns `true` if a query needed tetrahedra that are only in the global complex. Its answer
+    /// was wrong then.
     pub fn has_reached_nonlocal(&self) -> bool {
         self.reached_nonlocal.load(Relaxed)
     }
 
-    /// The same, and forgets it: it may be asked other things.
+    /// Returns the value of [`has_reached_nonlocal`](Self::has_reached_nonlocal) and resets it, for
+    /// further queries.
     pub fn take_reached_nonlocal(&mut self) -> bool {
         std::mem::take(self.reached_nonlocal.get_mut())
     }
@@ -151,7 +162,7 @@ mod tests {
     use crate::mesh::TetMesh;
     use crate::mesh::complex::{Ring, neighbors};
 
-    /// So many tetrahedra round the axis (0, 1), in a fan that is open.
+    /// Returns an open fan of `count` tetrahedra round the axis (0, 1).
     fn fan(count: u32) -> Complex {
         let mut nodes = vec![[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]];
         for i in 0..=count {
@@ -159,35 +170,41 @@ mod tests {
             nodes.push([cos, sin, 0.0]);
         }
         let tets: Vec<[u32; 4]> = (0..count).map(|i| [0, 1, i + 2, i + 3]).collect();
-        let around = neighbors(nodes.len(), &tets).unwrap();
-        Complex::new(TetMesh { nodes, tets }, around)
+        let adjacent = neighbors(nodes.len(), &tets).unwrap();
+        Complex::new(TetMesh { nodes, tets }, adjacent)
     }
 
     #[test]
-    fn a_part_knows_what_it_does_not_know() {
-        let whole = fan(8);
-        let (mut part, mut numbers) = (Complex::default(), PartNumbering::default());
-        // The tetrahedra at node 5: numbers 2 and 3.
-        let at = whole.nodes[5];
-        part.set_to_part(&whole, &[3], |x| x == at, &mut numbers);
-        assert_eq!(numbers.slots, [3, 2]);
-        let of_whole: Vec<u32> = numbers.nodes.iter().map(|n| n.0).collect();
-        assert_eq!(of_whole, [0, 1, 4, 5, 6]);
+    fn a_part_reports_queries_beyond_itself() {
+        let global = fan(8);
+        let (mut part, mut numbering) = (Complex::default(), PartNumbering::default());
+        // The tetrahedra at node 5 are numbers 2 and 3.
+        let position = global.nodes[5];
+        part.set_to_part(&global, &[3], |x| x == position, &mut numbering);
+        assert_eq!(numbering.slots, [3, 2]);
+        let global_nodes: Vec<u32> = numbering.nodes.iter().map(|n| n.0).collect();
+        assert_eq!(global_nodes, [0, 1, 4, 5, 6]);
         assert_eq!(part.neighbors[0], [NONE, NONE, NOT_LOCAL, 1]);
         let mut star = Vec::new();
         part.star(3, &mut star);
         star.sort_unstable();
         assert_eq!(star, [0, 1]);
-        assert!(!part.take_reached_nonlocal(), "all at node 5 is here");
+        assert!(
+            !part.take_reached_nonlocal(),
+            "all tetrahedra at node 5 are local"
+        );
         part.star(0, &mut star);
-        assert!(part.take_reached_nonlocal(), "others are at node 0");
-        assert!(!part.take_reached_nonlocal(), "asked before");
+        assert!(
+            part.take_reached_nonlocal(),
+            "some tetrahedra at node 0 are not local"
+        );
+        assert!(!part.take_reached_nonlocal(), "the mark was reset");
         let mut ring = Ring::default();
         part.ring(0, 0, 1, 9, &mut ring);
         assert!(part.take_reached_nonlocal());
-        // Another part of the same size in the same room.
-        part.set_to_part(&whole, &[0], |x| x == whole.nodes[2], &mut numbers);
-        assert_eq!((numbers.slots.len(), part.tets.len()), (1, 1));
+        // A second part reuses the same memory.
+        part.set_to_part(&global, &[0], |x| x == global.nodes[2], &mut numbering);
+        assert_eq!((numbering.slots.len(), part.tets.len()), (1, 1));
         assert_eq!(part.neighbors[0], [NONE, NONE, NOT_LOCAL, NONE]);
     }
 }

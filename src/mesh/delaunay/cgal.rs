@@ -1,51 +1,53 @@
-//! A second opinion by CGAL (feature `cgal`): a Delaunay triangulation that shares no code with
-//! TetGen's, and a judgement on any tetrahedral mesh, by exact predicates.
+//! Validation by CGAL (feature `cgal`): a Delaunay triangulation that shares no code with TetGen's,
+//! and an independent check of any tetrahedral mesh with exact predicates.
 
 use crate::error::{Error, Result, cause};
 
-/// What CGAL finds in a mesh.
+/// Results of CGAL's check of a mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CgalReport {
-    /// Tetrahedra whose exact orientation is negative.
+    /// Number of tetrahedra whose exact orientation is negative.
     pub inverted: u64,
-    /// Tetrahedra whose four nodes lie exactly in one plane.
+    /// Number of tetrahedra whose four nodes lie exactly in one plane.
     pub flat: u64,
-    /// Nodes of no tetrahedron.
+    /// Number of nodes that no tetrahedron uses.
     pub unused_nodes: u64,
-    /// Faces of more than two tetrahedra, or edges of the hull with other than two hull faces.
+    /// Number of faces of more than two tetrahedra, and of hull edges that do not belong to exactly
+    /// two hull faces.
     pub overfull_faces: u64,
-    /// Faces of one tetrahedron.
+    /// Number of faces of only one tetrahedron.
     pub hull_faces: u64,
-    /// CGAL's `is_valid` on its own data structure made of the tetrahedra and an infinite node
-    /// beyond the hull: neighbours are mutual and turn alike, Euler's relation holds.
+    /// Result of CGAL's `is_valid` for its own data structure, made of the tetrahedra and an
+    /// infinite node beyond the hull: neighbours are mutual, orientations agree, and Euler's
+    /// relation holds.
     pub valid_topology: bool,
     /// Sum of the signed volumes.
     pub volume: f64,
-    /// Volume of the convex hull of the hull's nodes.
+    /// Volume of the convex hull of the nodes on the hull.
     pub hull_volume: f64,
 }
 
 impl CgalReport {
-    /// What is wrong, in plain words; nothing if the mesh is a triangulation of its convex hull.
-    /// The volumes may differ by the fraction `tolerance`: sides that are flat in lattice space
-    /// are flat only up to rounding after a turn.
+    /// Returns the faults as readable text, one per entry; none if the mesh is a triangulation of
+    /// its convex hull. The volumes may differ by the relative `tolerance`: sides that are exactly
+    /// flat in lattice space are flat only up to rounding after a rotation.
     pub fn faults(&self, tolerance: f64) -> Vec<String> {
         let mut faults = Vec::new();
-        for (count, what) in [
+        for (count, description) in [
             (self.inverted, "inverted tetrahedra"),
             (self.flat, "flat tetrahedra"),
             (self.unused_nodes, "unused nodes"),
             (
                 self.overfull_faces,
-                "faces or hull edges that do not join exactly two",
+                "faces or hull edges that do not connect exactly two others",
             ),
         ] {
             if count > 0 {
-                faults.push(format!("{count} {what}"));
+                faults.push(format!("{count} {description}"));
             }
         }
         if !self.valid_topology {
-            faults.push("CGAL's data structure of it is not valid".to_string());
+            faults.push("CGAL's data structure of the mesh is not valid".to_string());
         }
         let error = self.volume / self.hull_volume - 1.0;
         if error.is_nan() || error.abs() > tolerance {
@@ -58,28 +60,28 @@ impl CgalReport {
     }
 }
 
-/// CGAL's Delaunay tetrahedra of `points`, positively oriented (see [`crate::mesh`]).
+/// Returns CGAL's Delaunay tetrahedra of `points`, positively oriented (see [`crate::mesh`]).
 ///
-/// Where more than four points lie on a sphere the triangulation is not unique: CGAL breaks the
-/// tie in its own way.
+/// Where more than four points lie on a sphere, the triangulation is not unique, and CGAL may
+/// choose another one than TetGen.
 ///
 /// # Errors
-/// [`Error::Delaunay`] if a coordinate is not finite, two points coincide, or built without the
-/// feature `cgal`.
+/// Returns [`Error::Delaunay`] if a coordinate is not finite, if two points coincide, or without
+/// the feature `cgal`.
 pub fn triangulate(points: &[[f64; 3]]) -> Result<Vec<[u32; 4]>> {
     check_points(points)?;
     bridge::triangulate(points)
 }
 
-/// Judges tetrahedra as a triangulation of their points' convex hull.
+/// Checks that tetrahedra are a triangulation of the convex hull of their points.
 ///
 /// # Errors
-/// [`Error::Mesh`] if a tetrahedron has a node that is not there or a coordinate is not finite,
-/// [`Error::Delaunay`] without the feature `cgal`.
+/// Returns [`Error::Mesh`] if a tetrahedron uses a node that does not exist, and
+/// [`Error::Delaunay`] if a coordinate is not finite or without the feature `cgal`.
 pub fn validate(points: &[[f64; 3]], tets: &[[u32; 4]]) -> Result<CgalReport> {
     check_points(points)?;
-    let stray = |t: &&[u32; 4]| t.iter().any(|&node| node as usize >= points.len());
-    if let Some(tet) = tets.iter().find(stray) {
+    let is_out_of_range = |t: &&[u32; 4]| t.iter().any(|&node| node as usize >= points.len());
+    if let Some(tet) = tets.iter().find(is_out_of_range) {
         return Err(Error::Mesh(cause(
             "mesh",
             format!(
@@ -89,10 +91,11 @@ pub fn validate(points: &[[f64; 3]], tets: &[[u32; 4]]) -> Result<CgalReport> {
             "write it again",
         )));
     }
-    // Faces, four a tetrahedron and four beyond each hull face, are numbered in 32 bits.
+    // CGAL's structure numbers four faces for each tetrahedron, and four beyond each hull face,
+    // with 32 bits.
     if points.len().max(tets.len()) > u32::MAX as usize / 32 {
         let problem = format!("{} nodes, {} tetrahedra", points.len(), tets.len());
-        return Err(cgal_error(problem, "give fewer than 134 million of either"));
+        return Err(cgal_error(problem, "give fewer than 134 million of each"));
     }
     bridge::validate(points, tets)
 }
@@ -107,7 +110,7 @@ fn check_points(points: &[[f64; 3]]) -> Result<()> {
 }
 
 fn cgal_error(problem: impl std::fmt::Display, remedy: impl std::fmt::Display) -> Error {
-    Error::Delaunay(cause("CGAL's opinion", problem, remedy))
+    Error::Delaunay(cause("validation by CGAL", problem, remedy))
 }
 
 #[cfg(not(feature = "cgal"))]
@@ -134,12 +137,12 @@ mod bridge {
 mod bridge {
     use super::{CgalReport, Result, cgal_error};
 
-    /// The other side is `cpp/cgal_bridge.h`. Slices in, owned vectors out, C++ exceptions as
-    /// errors: cxx checks both sides against each other at compile time.
+    /// The C++ side is `cpp/cgal_bridge.h`. Slices go in, owned vectors come out, and C++
+    /// exceptions become errors. cxx checks both sides against each other at compile time.
     #[cxx::bridge(namespace = "atomesh")]
     #[allow(unsafe_code)]
     mod ffi {
-        /// See [`super::super::Verdict`].
+        /// See [`super::super::CgalReport`].
         struct CgalVerdict {
             inverted: u64,
             flat: u64,
@@ -151,8 +154,8 @@ mod bridge {
             hull_volume: f64,
         }
 
-        // SAFETY: both functions only read their slices, and `check` and `validate` have seen to
-        // it that all coordinates are finite and all node numbers in range.
+        // SAFETY: both functions only read their slices. `check_points` and `validate` have checked
+        // that all coordinates are finite and all node numbers are in range.
         unsafe extern "C++" {
             include!("atomesh/cpp/cgal_bridge.h");
 
@@ -190,7 +193,7 @@ mod tests {
     use super::*;
     use crate::mesh::delaunay::delaunay;
 
-    /// Distinct points without a pattern.
+    /// Returns distinct points without a pattern.
     fn scattered_points(count: usize) -> Vec<[f64; 3]> {
         let mut state = 1u64;
         let mut next = || {
@@ -221,10 +224,10 @@ mod tests {
     #[test]
     fn cgal_and_tetgen_make_the_same_tetrahedra() {
         let points = scattered_points(3000);
-        let ours = delaunay(&points).unwrap();
-        let theirs = triangulate(&points).unwrap();
-        assert_eq!(sorted(&ours.tets), sorted(&theirs));
-        for tets in [&ours.tets, &theirs] {
+        let by_tetgen = delaunay(&points).unwrap();
+        let by_cgal = triangulate(&points).unwrap();
+        assert_eq!(sorted(&by_tetgen.tets), sorted(&by_cgal));
+        for tets in [&by_tetgen.tets, &by_cgal] {
             assert_eq!(validate(&points, tets).unwrap().faults(1e-12), [""; 0]);
         }
     }
@@ -235,12 +238,13 @@ mod tests {
         let mesh = delaunay(&points).unwrap();
         let verdict = validate(&points, &mesh.tets).unwrap();
         assert_eq!(verdict.faults(1e-12), [""; 0]);
-        // Six sides of 61 nodes each: 2 triangles an inner node, 1 a rim node, less 2.
+        // Each side has 61 nodes: 2 triangles for each inner node and 1 for each node on the rim,
+        // minus 2.
         assert_eq!(verdict.hull_faces, 6 * (2 * 41 + 20 - 2));
         assert!((verdict.volume / 343.0 - 1.0).abs() < 1e-12);
     }
 
-    /// Two tetrahedra and the three that a flip makes of them: one of the two is not Delaunay.
+    /// A flip turns two tetrahedra into three; one of the two triangulations is not Delaunay.
     #[test]
     fn meshes_need_not_be_delaunay_to_be_valid() {
         let points = [
@@ -262,71 +266,75 @@ mod tests {
     #[test]
     fn every_kind_of_damage_is_found() {
         let points = lattice(4);
-        let good = delaunay(&points).unwrap().tets;
-        let judged = |points: &[[f64; 3]], tets: &[[u32; 4]]| {
+        let valid_tets = delaunay(&points).unwrap().tets;
+        let faulty_report = |points: &[[f64; 3]], tets: &[[u32; 4]]| {
             let verdict = validate(points, tets).unwrap();
             assert!(!verdict.faults(1e-9).is_empty(), "{verdict:?}");
             verdict
         };
-        assert_eq!(validate(&points, &good).unwrap().faults(1e-12), [""; 0]);
+        assert_eq!(
+            validate(&points, &valid_tets).unwrap().faults(1e-12),
+            [""; 0]
+        );
 
-        let mut turned = good.clone();
+        let mut turned = valid_tets.clone();
         turned[5].swap(0, 1);
-        let verdict = judged(&points, &turned);
+        let verdict = faulty_report(&points, &turned);
         assert!(
             verdict.inverted == 1 && !verdict.valid_topology,
             "{verdict:?}"
         );
 
-        let mut extra = good.clone();
-        extra.push([0, 1, 2, 0]);
-        assert_eq!(judged(&points, &extra).flat, 1);
+        let mut with_flat = valid_tets.clone();
+        with_flat.push([0, 1, 2, 0]);
+        assert_eq!(faulty_report(&points, &with_flat).flat, 1);
 
-        let mut twice = good.clone();
-        twice.push(good[7]);
-        assert!(judged(&points, &twice).overfull_faces > 0);
+        let mut duplicated = valid_tets.clone();
+        duplicated.push(valid_tets[7]);
+        assert!(faulty_report(&points, &duplicated).overfull_faces > 0);
 
-        // An inner hole: all faces are shared properly, but volume is missing.
+        // Without one inner tetrahedron all faces are still shared properly, but volume is missing.
         let hull_node = |n: u32| {
             points[n as usize]
                 .iter()
                 .any(|&c| c == 0.0 || c == 4.0 * 0.7)
         };
-        let inside = good
+        let inner_tet = valid_tets
             .iter()
             .position(|t| !t.iter().any(|&n| hull_node(n)))
             .unwrap();
-        let mut hole = good.clone();
-        hole.remove(inside);
-        let verdict = judged(&points, &hole);
+        let mut with_hole = valid_tets.clone();
+        with_hole.remove(inner_tet);
+        let verdict = faulty_report(&points, &with_hole);
         assert!(verdict.volume < verdict.hull_volume * (1.0 - 1e-4));
 
-        let mut more = points.clone();
-        more.push([1.0, 1.1, 1.2]);
-        assert_eq!(judged(&more, &good).unused_nodes, 1);
+        let mut more_points = points.clone();
+        more_points.push([1.0, 1.1, 1.2]);
+        assert_eq!(faulty_report(&more_points, &valid_tets).unused_nodes, 1);
 
-        // A node pushed through the far faces of its star.
+        // A node moves through the opposite faces of its star.
         let mut moved = points.clone();
-        let node = good[inside][0] as usize;
+        let node = valid_tets[inner_tet][0] as usize;
         moved[node][0] += 2.0;
-        let verdict = judged(&moved, &good);
+        let verdict = faulty_report(&moved, &valid_tets);
         assert!(
             verdict.inverted > 0 && verdict.valid_topology,
             "{verdict:?}"
         );
 
-        judged(&points, &[]);
-        judged(&[], &[]);
-        // Both sides of one tetrahedron: closed, without a hull.
-        let closed = judged(&points[..4], &[[0, 1, 2, 3], [1, 0, 2, 3]]);
+        faulty_report(&points, &[]);
+        faulty_report(&[], &[]);
+        // Two tetrahedra with opposite orientation on the same nodes: a closed surface without a
+        // hull.
+        let closed = faulty_report(&points[..4], &[[0, 1, 2, 3], [1, 0, 2, 3]]);
         assert!(closed.hull_faces == 0 && !closed.valid_topology);
     }
 
     #[test]
     fn impossible_input_is_named() {
         let mut points = lattice(2);
-        let twin = points[3];
-        points.push(twin);
+        let duplicate = points[3];
+        points.push(duplicate);
         let text = triangulate(&points).unwrap_err().to_string();
         assert!(text.contains("1 points coincide"), "{text}");
         points[2][1] = f64::NAN;
@@ -353,7 +361,7 @@ mod tests {
 #[cfg(not(feature = "cgal"))]
 mod tests_without_cgal {
     #[test]
-    fn says_what_is_missing() {
+    fn error_names_the_missing_library() {
         let text = super::triangulate(&[]).unwrap_err().to_string();
         assert!(
             text.contains("without CGAL") && text.contains("libcgal-dev"),

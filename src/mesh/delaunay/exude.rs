@@ -1,25 +1,28 @@
-//! Sliver exudation (Cheng, Dey, Edelsbrunner, Facello & Teng 2000) by CGAL (feature `cgal`): points
-//! get weights that make the flattest cells vanish from the weighted Delaunay triangulation.
+//! Sliver exudation by CGAL (feature `cgal`) after Cheng, Dey, Edelsbrunner, Facello & Teng (2000):
+//! points get weights that remove the flattest cells from the weighted Delaunay triangulation.
 
 use crate::error::{Error, Result, cause};
 
-/// The Delaunay tetrahedra that [`exude`] starts from, positively oriented (see [`crate::mesh`]).
+/// Returns the Delaunay tetrahedra that [`exude`] starts from, positively oriented (see
+/// [`crate::mesh`]).
 ///
 /// # Errors
-/// [`Error::Delaunay`] if a coordinate is not finite, two points coincide, or built without the
-/// feature `cgal`.
+/// Returns [`Error::Delaunay`] if a coordinate is not finite, if two points coincide, or without
+/// the feature `cgal`.
 pub fn unweighted_delaunay(points: &[[f64; 3]]) -> Result<Vec<[u32; 4]>> {
     check_points(points)?;
     bridge::unweighted_delaunay(points)
 }
 
-/// The tetrahedra of [`unweighted_delaunay`] after points that belong to one with a dihedral angle below
-/// `angle` degrees got the weight that makes the smallest angle about them largest. No point moves;
-/// the hull stays, and so do those of `faces` that are faces of [`unweighted_delaunay`], except at the rim of a
-/// surface: a face with an edge that no other of `faces` shares may go.
+/// Returns the tetrahedra of [`unweighted_delaunay`] after sliver exudation. Each point of a
+/// tetrahedron with a dihedral angle below `angle` degrees gets the weight that maximises the
+/// smallest angle at the point. No point moves, and the hull stays.
+///
+/// The `faces` that are faces of [`unweighted_delaunay`] stay too, except at the rim of a surface:
+/// a face with an edge that no other of `faces` shares may vanish.
 ///
 /// # Errors
-/// Those of [`unweighted_delaunay`].
+/// Returns the errors of [`unweighted_delaunay`].
 pub fn exude(points: &[[f64; 3]], faces: &[[u32; 3]], angle: f64) -> Result<Vec<[u32; 4]>> {
     check_points(points)?;
     bridge::exude(points, faces, angle)
@@ -32,7 +35,7 @@ fn check_points(points: &[[f64; 3]]) -> Result<()> {
             "give finite coordinates",
         ));
     }
-    // CGAL's indices are ints.
+    // CGAL numbers points with 32-bit signed integers.
     if points.len() > i32::MAX as usize {
         return Err(exude_error(
             "more than 2^31 points",
@@ -57,7 +60,7 @@ mod bridge {
         ))
     }
 
-    pub fn unweighted(_: &[[f64; 3]]) -> Result<Vec<[u32; 4]>> {
+    pub fn unweighted_delaunay(_: &[[f64; 3]]) -> Result<Vec<[u32; 4]>> {
         missing()
     }
 
@@ -70,11 +73,11 @@ mod bridge {
 mod bridge {
     use super::{Result, exude_error};
 
-    /// The other side is `cpp/exude.h`.
+    /// The C++ side is `cpp/exude.h`.
     #[cxx::bridge(namespace = "atomesh")]
     #[allow(unsafe_code)]
     mod ffi {
-        // SAFETY: both functions only read their slices; `check` has seen to it that all
+        // SAFETY: both functions only read their slices. `check_points` has checked that all
         // coordinates are finite and the points can be numbered. Faces are only compared.
         unsafe extern "C++" {
             include!("atomesh/cpp/exude.h");
@@ -109,8 +112,8 @@ mod tests {
     use crate::mesh::{FACES, TetMesh, quality};
     use std::collections::{BTreeMap, BTreeSet};
 
-    /// A cubic lattice jittered by a tenth, its sides flat: slivers wherever eight points of a cube
-    /// lie nearly on one sphere.
+    /// Returns a cubic lattice with flat sides, its inner points moved at random by up to a tenth.
+    /// It has slivers wherever the eight points of a cube lie nearly on one sphere.
     fn jittered(n: usize) -> Vec<[f64; 3]> {
         let mut state = 7u64;
         let mut next = || {
@@ -121,11 +124,11 @@ mod tests {
         };
         let mut points = Vec::new();
         for i in 0..n.pow(3) {
-            let place = [i % n, i / n % n, i / (n * n)];
-            points.push(place.map(|c| {
+            let index = [i % n, i / n % n, i / (n * n)];
+            points.push(index.map(|c| {
                 let jitter = 0.2 * next();
-                let inner = c > 0 && c < n - 1;
-                c as f64 + if inner { jitter } else { 0.0 }
+                let is_inner = c > 0 && c < n - 1;
+                c as f64 + if is_inner { jitter } else { 0.0 }
             }));
         }
         points
@@ -156,39 +159,44 @@ mod tests {
         let faces_of = |mesh: &TetMesh| -> BTreeSet<[u32; 3]> {
             mesh.tets.iter().flat_map(sorted_faces).collect()
         };
-        // A surface from side to side: the lower of two layers of tetrahedra, seen from above.
-        let below = |tet: &[u32; 4]| tet.iter().map(|&n| nodes[n as usize][2]).sum::<f64>() < 16.0;
+        // The surface from side to side between two layers of tetrahedra: the upper faces of the
+        // lower layer.
+        let is_below =
+            |tet: &[u32; 4]| tet.iter().map(|&n| nodes[n as usize][2]).sum::<f64>() < 16.0;
         let mut counts = BTreeMap::new();
-        for tet in before.tets.iter().filter(|tet| below(tet)) {
+        for tet in before.tets.iter().filter(|tet| is_below(tet)) {
             for face in sorted_faces(tet) {
                 *counts.entry(face).or_insert(0) += 1;
             }
         }
-        let on_side = |face: &[u32; 3]| {
+        let is_on_side = |face: &[u32; 3]| {
             (0..3).any(|k| {
                 [0.0, 8.0]
                     .iter()
                     .any(|&side| face.iter().all(|&n| nodes[n as usize][k] == side))
             })
         };
-        let keep: Vec<[u32; 3]> = counts
+        let kept_faces: Vec<[u32; 3]> = counts
             .into_iter()
-            .filter(|(face, count)| *count == 1 && !on_side(face))
+            .filter(|(face, count)| *count == 1 && !is_on_side(face))
             .map(|(face, _)| face)
             .collect();
-        assert!(keep.len() > 64);
+        assert!(kept_faces.len() > 64);
         let after = TetMesh {
-            tets: exude(&nodes, &keep, 30.0).unwrap(),
+            tets: exude(&nodes, &kept_faces, 30.0).unwrap(),
             nodes: nodes.clone(),
         };
         for mesh in [&before, &after] {
-            let filling = check(mesh, [0.0; 3], [8.0; 3], 1e-12);
-            assert!(filling.passed(), "{filling:?}");
+            let report = check(mesh, [0.0; 3], [8.0; 3], 1e-12);
+            assert!(report.passed(), "{report:?}");
         }
-        let left = faces_of(&after);
-        assert!(keep.iter().all(|face| left.contains(face)));
-        let (was, is) = (smallest_angle(&before), smallest_angle(&after));
-        assert!(was < 1.0 && is > 5.0 * was, "{was} to {is}");
+        let remaining_faces = faces_of(&after);
+        assert!(kept_faces.iter().all(|face| remaining_faces.contains(face)));
+        let (angle_before, angle_after) = (smallest_angle(&before), smallest_angle(&after));
+        assert!(
+            angle_before < 1.0 && angle_after > 5.0 * angle_before,
+            "{angle_before} to {angle_after}"
+        );
     }
 
     #[test]

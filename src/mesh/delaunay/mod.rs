@@ -1,10 +1,11 @@
-//! Points -> Delaunay tetrahedra or triangles, and second opinions on the result.
+//! Delaunay triangulation of points into tetrahedra or triangles, and validation and refinement of
+//! the result.
 //!
 //! - `planar`: triangles in the plane, by spade
-//! - `tetgen`: the Delaunay triangulation, by TetGen (feature `tetgen`)
-//! - `cgal`: the same by CGAL, and its judgement on any mesh (feature `cgal`)
-//! - `exude`: slivers removed by weights, by CGAL
-//! - `refine`: points added until no circumsphere is too large, by spade and CGAL
+//! - `tetgen`: tetrahedra, by TetGen (feature `tetgen`)
+//! - `cgal`: tetrahedra by CGAL, and its check of any mesh (feature `cgal`)
+//! - `exude`: removes slivers by weights, with CGAL
+//! - `refine`: adds points until no circumsphere is too large, with spade and CGAL
 
 pub mod cgal;
 pub(crate) mod exude;

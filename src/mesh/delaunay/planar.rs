@@ -1,7 +1,7 @@
 //! The Delaunay triangulation of points in the plane, by spade.
 //!
-//! spade's predicates are exact, so points on a lattice (four on a circle) and points that lie
-//! exactly on the sides of a box are no special cases: the triangles fill the hull.
+//! spade's predicates are exact. Therefore points on a lattice (four on a circle), and points
+//! exactly on the sides of a box, need no special treatment: the triangles fill the hull.
 
 use spade::{
     ConstrainedDelaunayTriangulation, DelaunayTriangulation, HasPosition, Point2, Triangulation,
@@ -11,7 +11,7 @@ use crate::error::cause;
 use crate::mesh::TriMesh;
 use crate::{Error, Result};
 
-/// A point that knows its number.
+/// A point with its index.
 struct IndexedPoint {
     position: Point2<f64>,
     index: u32,
@@ -25,14 +25,15 @@ impl HasPosition for IndexedPoint {
     }
 }
 
-/// The Delaunay triangles of `points`, in a fixed order; node numbers are the points'.
+/// Returns the Delaunay triangles of `points`, in an order that depends only on the input. Nodes
+/// are numbered as the points.
 ///
-/// Expected time n log n; the points are best given in a spatial order. Of four points on a circle
-/// either diagonal may be chosen, always the same for the same input.
+/// The expected time is O(n log n); points in a spatial order are fastest. If four points lie on a
+/// circle, either diagonal may be chosen, but always the same one for the same input.
 ///
 /// # Errors
-/// [`Error::Delaunay`] for fewer than three points, points on one line, two points at one place,
-/// and coordinates that are not finite or beyond spade's range (1e-42 to 1e60).
+/// Returns [`Error::Delaunay`] for fewer than three points, for points on one line, for coinciding
+/// points, and for coordinates that are not finite or outside spade's range (1e-42 to 1e60).
 pub fn delaunay_plane(points: &[[f64; 2]]) -> Result<TriMesh> {
     let numbered = indexed_points(points)?;
     let triangulation = DelaunayTriangulation::<IndexedPoint>::bulk_load(numbered)
@@ -40,22 +41,26 @@ pub fn delaunay_plane(points: &[[f64; 2]]) -> Result<TriMesh> {
     triangles(points, &triangulation)
 }
 
-/// The same with the given `edges` (pairs of points) among those of the triangles.
+/// Returns the Delaunay triangles of `points` with the constraint that all `edges` (pairs of
+/// points) are edges of triangles.
 ///
 /// # Errors
-/// Also if edges cross one another.
+/// Returns the errors of [`delaunay_plane`], and [`Error::Delaunay`] if edges cross one another.
 pub fn constrained_plane(points: &[[f64; 2]], edges: &[[u32; 2]]) -> Result<TriMesh> {
     let numbered = indexed_points(points)?;
     let edges = edges.iter().map(|edge| edge.map(|n| n as usize)).collect();
-    let mut crossing = 0;
+    let mut crossing_count = 0;
     let triangulation = ConstrainedDelaunayTriangulation::<IndexedPoint>::try_bulk_load_cdt(
         numbered,
         edges,
-        |_| crossing += 1,
+        |_| crossing_count += 1,
     )
     .or_else(|error| invalid_input(error.to_string(), "give finite coordinates"))?;
-    if crossing > 0 {
-        return invalid_input(format!("{crossing} edges cross others"), "leave them out");
+    if crossing_count > 0 {
+        return invalid_input(
+            format!("{crossing_count} edges cross others"),
+            "leave them out",
+        );
     }
     triangles(points, &triangulation)
 }
@@ -65,7 +70,7 @@ fn invalid_input<T>(problem: String, remedy: &str) -> Result<T> {
     Err(Error::Delaunay(cause(place, problem, remedy)))
 }
 
-/// Points that know their numbers, checked.
+/// Checks the points and combines them with their indices.
 fn indexed_points(points: &[[f64; 2]]) -> Result<Vec<IndexedPoint>> {
     if points.len() < 3 || points.len() >= u32::MAX as usize {
         return invalid_input(
@@ -83,14 +88,14 @@ fn indexed_points(points: &[[f64; 2]]) -> Result<Vec<IndexedPoint>> {
     }
     Ok((0u32..)
         .zip(points)
-        .map(|(number, &[x, y])| IndexedPoint {
+        .map(|(index, &[x, y])| IndexedPoint {
             position: Point2::new(x, y),
-            index: number,
+            index,
         })
         .collect())
 }
 
-/// The triangles, if every point is a node of them.
+/// Returns the triangles, if every point is a node of a triangle.
 fn triangles(
     points: &[[f64; 2]],
     triangulation: &impl Triangulation<Vertex = IndexedPoint>,
@@ -128,7 +133,8 @@ mod tests {
     use crate::mesh::tri::{angles, double_area};
     use proptest::prelude::*;
 
-    /// Whether no node lies inside the circle through a triangle's corners (to rounding).
+    /// Returns `true` if no node lies inside the circle through a triangle's corners (up to
+    /// rounding).
     fn is_delaunay(mesh: &TriMesh) -> bool {
         (0..mesh.triangles.len()).all(|t| {
             let p = mesh.corners(t);
@@ -141,7 +147,8 @@ mod tests {
         })
     }
 
-    /// Points in the unit square with its corners and `sides` points on each side.
+    /// Returns points in the unit square: the given ones, its corners and `sides` points on each
+    /// side.
     fn points_in_square(inside: Vec<[f64; 2]>, sides: usize) -> Vec<[f64; 2]> {
         let mut points = inside;
         for k in 0..=sides {
@@ -178,18 +185,18 @@ mod tests {
             .collect();
         let mesh = delaunay_plane(&points).unwrap();
         assert_eq!(mesh.triangles.len(), 2 * 19 * 19);
-        let found = check(&mesh, [0.0; 2], [19.0; 2], 1e-12);
-        assert!(found.passed(), "{:?}", found.problems);
+        let report = check(&mesh, [0.0; 2], [19.0; 2], 1e-12);
+        assert!(report.passed(), "{:?}", report.problems);
     }
 
     #[test]
     fn points_that_span_no_plane_are_refused() {
-        let says = |points: &[[f64; 2]]| delaunay_plane(points).unwrap_err().to_string();
-        assert!(says(&[[0.0; 2]; 2]).contains("2 points"));
-        assert!(says(&[[0.0; 2], [1.0; 2], [2.0; 2]]).contains("one line"));
-        assert!(says(&[[0.0; 2], [1.0, 0.0], [0.0, 1.0], [1.0, 0.0]]).contains("1 of 4"));
-        for wrong in [f64::NAN, f64::INFINITY, 1e70] {
-            assert!(says(&[[0.0; 2], [1.0, 0.0], [0.0, wrong]]).contains("point 2"));
+        let message = |points: &[[f64; 2]]| delaunay_plane(points).unwrap_err().to_string();
+        assert!(message(&[[0.0; 2]; 2]).contains("2 points"));
+        assert!(message(&[[0.0; 2], [1.0; 2], [2.0; 2]]).contains("one line"));
+        assert!(message(&[[0.0; 2], [1.0, 0.0], [0.0, 1.0], [1.0, 0.0]]).contains("1 of 4"));
+        for bad_value in [f64::NAN, f64::INFINITY, 1e70] {
+            assert!(message(&[[0.0; 2], [1.0, 0.0], [0.0, bad_value]]).contains("point 2"));
         }
     }
 

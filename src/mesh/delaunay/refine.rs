@@ -1,5 +1,5 @@
-//! Delaunay refinement: points are added at the centres of too large circumspheres, the largest in
-//! units of d first (Hale 2002), by CGAL in space (feature `cgal`) and by spade in the plane.
+//! Delaunay refinement: adds points at the centres of circumspheres that are too large, the one
+//! largest relative to d first (Hale 2002). In 3-D by CGAL (feature `cgal`), in 2-D by spade.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -11,9 +11,9 @@ use crate::error::{Error, Result, cause};
 use crate::image::ScalarField;
 use crate::progress::CancelToken;
 
-/// A triangle whose circumcentre is to become a point.
+/// A triangle at whose circumcentre a point may be added.
 struct RefineCandidate {
-    /// Circumradius over d.
+    /// Circumradius over the nominal distance d at the circumcentre.
     ratio: f64,
     corners: [FixedVertexHandle; 3],
     face: spade::handles::FixedFaceHandle<spade::handles::InnerTag>,
@@ -22,7 +22,7 @@ struct RefineCandidate {
 
 impl Ord for RefineCandidate {
     fn cmp(&self, other: &Self) -> Ordering {
-        // Of equal ratios in the order of the vertices: the same on every run.
+        // Equal ratios are sorted by vertices, so that every run gives the same result.
         let corners = |entry: &Self| entry.corners.map(|corner| corner.index());
         let by_ratio = self.ratio.total_cmp(&other.ratio);
         by_ratio.then_with(|| corners(other).cmp(&corners(self)))
@@ -43,18 +43,18 @@ impl PartialEq for RefineCandidate {
 
 impl Eq for RefineCandidate {}
 
-/// The points to add to `points` so that no triangle of their Delaunay triangulation with its
-/// circumcentre in the rectangle `[0, extent]` has a circumradius of more than `limit` d; fewer once
-/// `patience` is over.
+/// Returns the points to add to `points` so that no triangle of their Delaunay triangulation with
+/// its circumcentre in the rectangle `[0, extent]` has a circumradius above `limit` times d.
+/// Returns fewer points if `cancel` is cancelled.
 ///
 /// # Errors
-/// [`Error::Delaunay`] if a coordinate is not finite.
+/// Returns [`Error::Delaunay`] if a coordinate is not finite.
 pub fn refine_plane(
     points: &[[f64; 2]],
     extent: [f64; 2],
     d: impl Fn([f64; 2]) -> f64,
     limit: f64,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Result<Vec<[f64; 2]>> {
     let mut delaunay: DelaunayTriangulation<Point2<f64>> = DelaunayTriangulation::new();
     let insert = |delaunay: &mut DelaunayTriangulation<_>, x: Point2<f64>| {
@@ -65,7 +65,7 @@ pub fn refine_plane(
         insert(&mut delaunay, Point2::new(x, y))?;
     }
     let mut queue = BinaryHeap::new();
-    let consider =
+    let candidate =
         |face: spade::handles::FaceHandle<spade::handles::InnerTag, Point2<f64>, (), (), ()>| {
             let centre = face.circumcenter();
             let x = [centre.x, centre.y];
@@ -80,13 +80,14 @@ pub fn refine_plane(
                 centre,
             })
         };
-    queue.extend(delaunay.inner_faces().filter_map(consider));
+    queue.extend(delaunay.inner_faces().filter_map(candidate));
     let mut added = Vec::new();
     while let Some(worst) = queue.pop() {
-        if patience.is_cancelled() {
+        if cancel.is_cancelled() {
             break;
         }
-        // Faces are reused, never given up: the triangle is there if its corners are.
+        // spade reuses face handles and never removes them: the triangle still exists if its
+        // corners are unchanged.
         let face = delaunay.face(worst.face);
         if face.vertices().map(|vertex| vertex.fix()) != worst.corners {
             continue;
@@ -97,18 +98,18 @@ pub fn refine_plane(
             continue;
         }
         added.push([worst.centre.x, worst.centre.y]);
-        let around = delaunay.vertex(vertex).out_edges();
-        queue.extend(around.filter_map(|edge| edge.face().as_inner().and_then(consider)));
+        let out_edges = delaunay.vertex(vertex).out_edges();
+        queue.extend(out_edges.filter_map(|edge| edge.face().as_inner().and_then(candidate)));
     }
     Ok(added)
 }
 
-/// The points to add to `points` so that no tetrahedron of their Delaunay triangulation with its
-/// circumcentre in the box `[0, extent]` has a circumradius of more than `limit` d. `d` spans the
-/// box.
+/// Returns the points to add to `points` so that no tetrahedron of their Delaunay triangulation
+/// with its circumcentre in the box `[0, extent]` has a circumradius above `limit` times d. The
+/// field `d` covers the box.
 ///
 /// # Errors
-/// [`Error::Delaunay`] if a coordinate is not finite, the points do not span space, or built
+/// Returns [`Error::Delaunay`] if a coordinate is not finite, if the points lie in one plane, or
 /// without the feature `cgal`.
 pub fn refine_space(
     points: &[[f64; 3]],
@@ -150,12 +151,12 @@ mod bridge {
 mod bridge {
     use super::{Result, ScalarField, refine_error};
 
-    /// The other side is `cpp/refine.h`.
+    /// The C++ side is `cpp/refine.h`.
     #[cxx::bridge(namespace = "atomesh")]
     #[allow(unsafe_code)]
     mod ffi {
-        // SAFETY: the function only reads its slices; `refine_space` has seen to it that all
-        // coordinates are finite, and a field has as many samples as its dims say.
+        // SAFETY: the function only reads its slices. `refine_space` has checked that all
+        // coordinates are finite and that the field has as many samples as its dims say.
         unsafe extern "C++" {
             include!("atomesh/cpp/refine.h");
 

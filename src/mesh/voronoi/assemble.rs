@@ -1,5 +1,5 @@
-//! Rings of simplices and their centres -> the mesh: faces with the nodes that differ, in order,
-//! numbered as they are met.
+//! Builds the mesh from the rings of simplices and their centres: faces with their distinct nodes
+//! in order, numbered as they occur.
 
 use super::mirror::MirroredAtoms;
 use super::needles::{EdgePaths, merge_sides};
@@ -8,11 +8,11 @@ use super::rings::Rings;
 use crate::error::{Error, Result, cause};
 use crate::mesh::poly::{FIRST_SIDE, Lists, PolyMesh};
 
-/// The mesh of the cells.
+/// Returns the mesh of the cells.
 ///
 /// # Errors
-/// [`Error::Delaunay`] if an atom's cell ends on another atom's image, which no true Delaunay
-/// triangulation can say.
+/// Returns [`Error::Delaunay`] if an atom's cell ends on another atom's image, which is impossible
+/// in a Delaunay triangulation.
 pub fn assemble<const D: usize>(
     mirrored: &MirroredAtoms<D>,
     rings: Vec<Rings>,
@@ -29,11 +29,11 @@ pub fn assemble<const D: usize>(
         merge_sides(&mut centres, first, &[s, t], extent);
     }
     let paths = EdgePaths::new(&rings, &mut groups, &mut centres, extent, reach);
-    // Nodes are numbered as they are met, in the order of atoms.
-    let mut number = vec![u32::MAX; centres.len()];
+    // Nodes are numbered in the order of the atoms at which they first occur.
+    let mut node_numbers = vec![u32::MAX; centres.len()];
     let mut nodes = Vec::with_capacity(centres.len());
-    let mut node_of = |first: u32| {
-        let number = &mut number[first as usize];
+    let mut node_number = |first: u32| {
+        let number = &mut node_numbers[first as usize];
         if *number == u32::MAX {
             *number = nodes.len() as u32;
             nodes.push(centres[first as usize]);
@@ -56,7 +56,7 @@ pub fn assemble<const D: usize>(
             if ring.len() < D {
                 continue;
             }
-            ring.iter_mut().for_each(|s| *s = node_of(*s));
+            ring.iter_mut().for_each(|s| *s = node_number(*s));
             if (b as usize) < mirrored.atom_count {
                 faces.push(ring.iter().copied());
                 face_cells.push([a, b]);
@@ -66,7 +66,7 @@ pub fn assemble<const D: usize>(
             if atom != a {
                 return Err(Error::Delaunay(cause(
                     "Voronoi cells",
-                    format!("atom {a} seems to be nearest beyond the side of atom {atom}"),
+                    format!("the cell of atom {a} ends on the image of atom {atom}"),
                     "please report it with the atoms",
                 )));
             }

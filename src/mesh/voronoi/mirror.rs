@@ -1,29 +1,29 @@
-//! Mirror images of the atoms near a side, outside the box.
+//! Mirror images outside the box of the atoms near a side.
 //!
-//! The plane half-way between an atom and its image in a side *is* that side. The image of another
-//! atom cuts nothing off inside the box (every point inside is nearer to the atom itself). So with
-//! the images of all atoms, in all sides, the Voronoi cells of the atoms are the Voronoi cells of
-//! the atoms alone, cut by the box; and the image of an atom whose cell does not touch the side may
-//! be left out. Should one be missing, a cell comes out larger than the box: that is checked, and
-//! [`MirroredAtoms::add_cells`] helps.
+//! The plane half-way between an atom and its image in a side is that side. The image of another
+//! atom cuts nothing off inside the box, because every point inside is nearer to the atom itself.
+//! So with the images of all atoms in all sides, the Voronoi cells of the atoms are the Voronoi
+//! cells of the atoms alone, cut by the box. The image of an atom whose cell does not touch the
+//! side can be omitted. If a needed image is missing, a cell extends beyond the box; the caller
+//! checks that and calls [`MirroredAtoms::add`].
 
 /// Atoms and their images.
 #[derive(Debug, Clone)]
 pub struct MirroredAtoms<const D: usize> {
-    /// The atoms, and behind them the images.
+    /// The atoms, followed by the images.
     pub points: Vec<[f64; D]>,
     /// Number of atoms.
     pub atom_count: usize,
     /// For each image, its atom and the side: 2 axis for the lower one, 2 axis + 1 for the upper.
     pub images: Vec<(u32, u8)>,
-    /// For each atom, bit s: it has an image in side s.
+    /// For each atom, bit s is set if it has an image in side s.
     image_sides: Vec<u8>,
     extent: [f64; D],
 }
 
-/// Coordinates rounded so that images in both sides are exact: to multiples of the last digit of
-/// twice the extent (about 1e-16 of it). Symmetric points then give exactly symmetric results, which
-/// TetGen's exact predicates need to see that an atom, its neighbour and their images lie on a
+/// Rounds coordinates so that the images in both sides are exact: to multiples of the last digit of
+/// twice the extent (about 1e-16 of it). Then symmetric points give exactly symmetric results, and
+/// TetGen's exact predicates recognise that an atom, its neighbour and their images lie on a
 /// circle.
 pub fn round_coordinates<const D: usize>(atoms: &[[f64; D]], extent: [f64; D]) -> Vec<[f64; D]> {
     let unit = extent.map(|e| (2.0 * e).next_up() - 2.0 * e);
@@ -34,7 +34,7 @@ pub fn round_coordinates<const D: usize>(atoms: &[[f64; D]], extent: [f64; D]) -
 }
 
 impl<const D: usize> MirroredAtoms<D> {
-    /// The atom that a point is, or is an image of.
+    /// Returns the atom of a point, which is the atom itself or one of its images.
     pub fn owner(&self, point: u32) -> usize {
         match (point as usize).checked_sub(self.atom_count) {
             None => point as usize,
@@ -42,7 +42,8 @@ impl<const D: usize> MirroredAtoms<D> {
         }
     }
 
-    /// Atoms, already [`round_coordinates`], with the images that they need and a few more.
+    /// Creates the images that the cells of `atoms` need, and a few more. The coordinates are
+    /// rounded by [`round_coordinates`].
     pub fn new(atoms: Vec<[f64; D]>, extent: [f64; D]) -> Self {
         let mut mirrored = Self {
             atom_count: atoms.len(),
@@ -53,9 +54,9 @@ impl<const D: usize> MirroredAtoms<D> {
         };
         for side in 0..2 * D {
             let atoms = &mirrored.points[..mirrored.atom_count];
-            let beneath = NearestAtomBins::new(atoms, extent, side);
+            let bins = NearestAtomBins::new(atoms, extent, side);
             let touching: Vec<usize> = (0..atoms.len())
-                .filter(|&atom| beneath.may_touch(atoms[atom]))
+                .filter(|&atom| bins.may_touch(atoms[atom]))
                 .collect();
             for atom in touching {
                 mirrored.add(atom, side);
@@ -64,7 +65,7 @@ impl<const D: usize> MirroredAtoms<D> {
         mirrored
     }
 
-    /// Adds the image of an atom in a side; says whether it was new.
+    /// Adds the image of an atom in a side. Returns `true` if it is new.
     pub fn add(&mut self, atom: usize, side: usize) -> bool {
         let bit = 1 << side;
         if self.image_sides[atom] & bit != 0 {
@@ -83,7 +84,7 @@ impl<const D: usize> MirroredAtoms<D> {
     }
 }
 
-/// For every bin of a side, an atom near to it: the nearest to the bin's centre, or one not much
+/// A nearby atom for every bin of a side: the atom nearest to the bin's centre, or one slightly
 /// farther where atoms are sparse.
 struct NearestAtomBins<'a, const D: usize> {
     atoms: &'a [[f64; D]],
@@ -92,14 +93,14 @@ struct NearestAtomBins<'a, const D: usize> {
     size: [f64; D],
     dims: [usize; D],
     nearest: Vec<u32>,
-    /// The largest distance from a bin's centre to its atom.
+    /// Largest distance from a bin's centre to its atom.
     max_distance: f64,
 }
 
 impl<'a, const D: usize> NearestAtomBins<'a, D> {
-    /// Size of bins over the mean distance between atoms.
+    /// Size of bins, relative to the mean distance between atoms.
     const BIN_SIZE_RATIO: f64 = 0.3;
-    /// Most bins to either side that are looked at for one atom.
+    /// Largest number of bins to either side that are searched for one atom.
     const MAX_BIN_RADIUS: f64 = 32.0;
 
     fn new(atoms: &'a [[f64; D]], extent: [f64; D], side: usize) -> Self {
@@ -109,7 +110,7 @@ impl<'a, const D: usize> NearestAtomBins<'a, D> {
         let mut dims =
             extent.map(|e| ((e / (Self::BIN_SIZE_RATIO * spacing)) as usize).clamp(1, 1024));
         dims[axis] = 1;
-        let mut beneath = Self {
+        let mut bins = Self {
             atoms,
             axis,
             plane: if side.is_multiple_of(2) {
@@ -122,83 +123,87 @@ impl<'a, const D: usize> NearestAtomBins<'a, D> {
             nearest: Vec::new(),
             max_distance: 0.0,
         };
-        let mut found = vec![(f64::INFINITY, 0u32); dims.iter().product()];
+        let mut nearest = vec![(f64::INFINITY, 0u32); dims.iter().product()];
         for (atom, &x) in atoms.iter().enumerate() {
-            let reach = if beneath.height(x) < spacing {
+            let radius = if bins.height(x) < spacing {
                 spacing
             } else {
                 0.0
             };
-            beneath.visit_bins(x, reach, |bin, _, square| {
-                if square < found[bin].0 {
-                    found[bin] = (square, atom as u32);
+            bins.visit_bins(x, radius, |bin, _, squared_distance| {
+                if squared_distance < nearest[bin].0 {
+                    nearest[bin] = (squared_distance, atom as u32);
                 }
                 false
             });
         }
-        beneath.propagate_nearest(&mut found);
-        let square = found.iter().fold(0.0, |most: f64, f| most.max(f.0));
-        beneath.max_distance = square.sqrt();
-        beneath.nearest = found.into_iter().map(|f| f.1).collect();
-        beneath
+        bins.propagate_nearest(&mut nearest);
+        let max_square = nearest.iter().fold(0.0, |max: f64, f| max.max(f.0));
+        bins.max_distance = max_square.sqrt();
+        bins.nearest = nearest.into_iter().map(|f| f.1).collect();
+        bins
     }
 
-    /// Hands atoms on from bin to bin where they are nearer than what a bin has, there and back
-    /// along each direction.
-    fn propagate_nearest(&self, found: &mut [(f64, u32)]) {
+    /// Passes atoms from bin to bin, forwards and backwards along each direction, if they are
+    /// nearer than the bin's current atom.
+    fn propagate_nearest(&self, nearest: &mut [(f64, u32)]) {
         for k in (0..D).filter(|&k| k != self.axis) {
             let stride: usize = self.dims[..k].iter().product();
-            let mut hand_on = |from: usize, to: usize| {
-                if found[from].0 < f64::INFINITY && found[from].1 != found[to].1 {
-                    let square = self.squared_distance(self.centre(to), found[from].1);
-                    if square < found[to].0 {
-                        found[to] = (square, found[from].1);
+            let mut propagate = |source: usize, target: usize| {
+                if nearest[source].0 < f64::INFINITY && nearest[source].1 != nearest[target].1 {
+                    let square = self.squared_distance(self.centre(target), nearest[source].1);
+                    if square < nearest[target].0 {
+                        nearest[target] = (square, nearest[source].1);
                     }
                 }
             };
             let count = self.dims.iter().product::<usize>();
-            let row = |i: usize| (i / stride) % self.dims[k];
+            let position = |i: usize| (i / stride) % self.dims[k];
             (0..count)
-                .filter(|&i| row(i) > 0)
-                .for_each(|i| hand_on(i - stride, i));
+                .filter(|&i| position(i) > 0)
+                .for_each(|i| propagate(i - stride, i));
             (0..count)
                 .rev()
-                .filter(|&i| row(i) + 1 < self.dims[k])
-                .for_each(|i| hand_on(i + stride, i));
+                .filter(|&i| position(i) + 1 < self.dims[k])
+                .for_each(|i| propagate(i + stride, i));
         }
     }
 
-    /// Whether the cell of an atom at x may touch the side: surely if it does.
+    /// Returns `true` if the cell of an atom at x may touch the side. There may be false positives,
+    /// but no false negatives.
     ///
-    /// Where x is nearer than another atom n, `|p - x|^2 - |p - n|^2` is negative; it is linear in
+    /// Where x is nearer than another atom n, `|p - x|^2 - |p - n|^2` is negative. It is linear in
     /// p, so its smallest value in a bin is known.
     fn may_touch(&self, x: [f64; D]) -> bool {
-        let half = |k: usize| {
+        let half_size = |k: usize| {
             if k == self.axis {
                 0.0
             } else {
                 0.5 * self.size[k]
             }
         };
-        let slack = (0..D).map(|k| half(k).powi(2)).sum::<f64>().sqrt();
-        // From a point of the side to the atom nearest to it.
-        let farthest = self.max_distance + slack;
+        let half_diagonal = (0..D).map(|k| half_size(k).powi(2)).sum::<f64>().sqrt();
+        // No point of the side is farther than this from its nearest atom.
+        let max_distance = self.max_distance + half_diagonal;
         let height = self.height(x);
-        if height > farthest {
+        if height > max_distance {
             return false;
         }
-        let reach = (farthest * farthest - height * height).sqrt();
-        let widest = self.size.iter().copied().fold(f64::INFINITY, f64::min) * Self::MAX_BIN_RADIUS;
-        reach > widest
-            || self.visit_bins(x, reach, |bin, centre, square| {
-                let other = self.nearest[bin];
-                let n = &self.atoms[other as usize];
-                let least: f64 = (0..D).map(|k| 2.0 * half(k) * (n[k] - x[k]).abs()).sum();
-                square - least <= self.squared_distance(centre, other)
+        let radius = (max_distance * max_distance - height * height).sqrt();
+        let max_radius =
+            self.size.iter().copied().fold(f64::INFINITY, f64::min) * Self::MAX_BIN_RADIUS;
+        radius > max_radius
+            || self.visit_bins(x, radius, |bin, centre, square| {
+                let other_atom = self.nearest[bin];
+                let n = &self.atoms[other_atom as usize];
+                let max_change: f64 = (0..D)
+                    .map(|k| 2.0 * half_size(k) * (n[k] - x[k]).abs())
+                    .sum();
+                square - max_change <= self.squared_distance(centre, other_atom)
             })
     }
 
-    /// The centre of a bin.
+    /// Returns the centre of a bin.
     fn centre(&self, mut bin: usize) -> [f64; D] {
         std::array::from_fn(|k| {
             let i = bin % self.dims[k];
@@ -211,47 +216,47 @@ impl<'a, const D: usize> NearestAtomBins<'a, D> {
         })
     }
 
-    /// The square of the distance from a position to an atom.
+    /// Returns the squared distance from a position to an atom.
     fn squared_distance(&self, x: [f64; D], atom: u32) -> f64 {
         let n = &self.atoms[atom as usize];
         (0..D).map(|k| (x[k] - n[k]).powi(2)).sum()
     }
 
-    /// Runs `found(bin, its centre, square of the distance from x)` on the bins within `reach` along
-    /// the side, and on the one below x, until it returns true; says whether it did.
+    /// Calls `visit(bin, its centre, squared distance from x)` for the bins within `radius` along
+    /// the side, including the bin below x, until it returns `true`. Returns `true` if it did.
     fn visit_bins(
         &self,
         x: [f64; D],
-        reach: f64,
-        mut found: impl FnMut(usize, [f64; D], f64) -> bool,
+        radius: f64,
+        mut visit: impl FnMut(usize, [f64; D], f64) -> bool,
     ) -> bool {
         let bin = |k: usize, c: f64| ((c / self.size[k]) as usize).min(self.dims[k] - 1);
-        let low: [usize; D] = std::array::from_fn(|k| bin(k, x[k] - reach));
-        let high: [usize; D] = std::array::from_fn(|k| bin(k, x[k] + reach));
-        let mut at = low;
+        let low: [usize; D] = std::array::from_fn(|k| bin(k, x[k] - radius));
+        let high: [usize; D] = std::array::from_fn(|k| bin(k, x[k] + radius));
+        let mut index = low;
         loop {
-            let mut index = 0;
+            let mut flat_index = 0;
             let mut centre = [self.plane; D];
             let mut square = 0.0;
             for k in (0..D).rev() {
-                index = index * self.dims[k] + at[k];
+                flat_index = flat_index * self.dims[k] + index[k];
                 if k != self.axis {
-                    centre[k] = (at[k] as f64 + 0.5) * self.size[k];
+                    centre[k] = (index[k] as f64 + 0.5) * self.size[k];
                 }
                 square += (centre[k] - x[k]) * (centre[k] - x[k]);
             }
-            if found(index, centre, square) {
+            if visit(flat_index, centre, square) {
                 return true;
             }
-            let Some(k) = (0..D).find(|&k| at[k] < high[k]) else {
+            let Some(k) = (0..D).find(|&k| index[k] < high[k]) else {
                 return false;
             };
-            at[k] += 1;
-            at[..k].copy_from_slice(&low[..k]);
+            index[k] += 1;
+            index[..k].copy_from_slice(&low[..k]);
         }
     }
 
-    /// Distance of a position from the side.
+    /// Returns the distance of a position from the side.
     fn height(&self, x: [f64; D]) -> f64 {
         (x[self.axis] - self.plane).abs()
     }
@@ -263,7 +268,7 @@ mod tests {
 
     #[test]
     fn images_are_exact_and_few() {
-        // The first layer of a lattice touches the side, the second does not.
+        // The first layer of a lattice touches the side, the second layer does not.
         let extent = [12.3, 12.3, 12.3];
         let mut atoms = Vec::new();
         for k in 0..10 {

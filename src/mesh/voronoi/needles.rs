@@ -1,9 +1,10 @@
-//! Faces too narrow to be any: the edges along them are led through the nodes that they pass, so that
-//! both long sides are the same way, and the face is gone.
+//! Removes needles: faces that are as narrow as rounding errors. The edges along a needle are led
+//! through the nodes that they pass, so that both long sides follow the same path and the face
+//! vanishes.
 //!
-//! Where atoms miss a symmetric place by rounding, nodes that should be one may lie anywhere on the
-//! line between two others (the centre of a flat simplex moves along its axis), and faces are as long
-//! as any and as narrow as rounding.
+//! Where atoms miss a symmetric position by rounding errors, nodes that should coincide may lie
+//! anywhere on the line between two other nodes (the centre of a flat simplex moves along its
+//! axis). The faces there can be long but are as narrow as rounding errors.
 
 use crate::geometry::distance2;
 use std::collections::HashMap;
@@ -11,42 +12,45 @@ use std::collections::HashMap;
 use super::nodes::SimplexGroups;
 use super::rings::Rings;
 
-/// More rounds than any atoms need: one splits edges, the next may find those of the next needle.
+/// Largest number of rounds, more than any atoms need. One round splits edges, and the next may
+/// find nodes on the edges of the next needle.
 const MAX_ROUNDS: usize = 32;
 
-/// Whether a polygon is longer than `width` but narrower: all its nodes are that near to its long axis.
+/// Returns `true` if a polygon is longer than `width` but narrower: all its nodes are within
+/// `width` of its long axis.
 pub fn is_narrow<const D: usize>(
     nodes: impl Iterator<Item = [f64; D]> + Clone,
     width: f64,
 ) -> bool {
-    let mut rest = nodes.clone();
-    let Some(first) = rest.next() else {
+    let mut others = nodes.clone();
+    let Some(first) = others.next() else {
         return true;
     };
-    let far = rest.fold(first, |far, x| {
+    let farthest = others.fold(first, |far, x| {
         if distance2(&x, &first) > distance2(&far, &first) {
             x
         } else {
             far
         }
     });
-    let length = distance2(&far, &first);
+    let length = distance2(&farthest, &first);
     length > width * width
         && nodes.into_iter().all(|x| {
-            let share = projection_product(&x, &first, &far) / length;
-            let foot = std::array::from_fn(|k| first[k] + share * (far[k] - first[k]));
+            let fraction = projection_product(&x, &first, &farthest) / length;
+            let foot = std::array::from_fn(|k| first[k] + fraction * (farthest[k] - first[k]));
             distance2(&x, &foot) <= width * width
         })
 }
 
-/// The distance from `first` to the foot of `x`, times that to `far`.
-fn projection_product<const D: usize>(x: &[f64; D], first: &[f64; D], far: &[f64; D]) -> f64 {
+/// Returns the scalar product of `x - first` and `farthest - first`: the distance from `first` to
+/// the foot of `x`, times the distance to `farthest`.
+fn projection_product<const D: usize>(x: &[f64; D], first: &[f64; D], farthest: &[f64; D]) -> f64 {
     (0..D)
-        .map(|k| (x[k] - first[k]) * (far[k] - first[k]))
+        .map(|k| (x[k] - first[k]) * (farthest[k] - first[k]))
         .sum()
 }
 
-/// Puts the first node of a group onto the sides of the box that its members are on.
+/// Moves the first node of a group onto the sides of the box on which members of the group lie.
 pub fn merge_sides<const D: usize>(
     centres: &mut [[f64; D]],
     first: u32,
@@ -63,17 +67,17 @@ pub fn merge_sides<const D: usize>(
     }
 }
 
-/// Edges that lead through other nodes.
+/// Paths of edges that lead through other nodes.
 #[derive(Debug, Default)]
 pub struct EdgePaths {
-    /// From the edge's lower node to its higher one: the nodes between.
+    /// For each edge the nodes between its lower and its higher node, in that order.
     inner_nodes: HashMap<[u32; 2], Vec<u32>>,
 }
 
 impl EdgePaths {
-    /// The paths that make the narrow faces of `rings` vanish: narrower than the `reach` of their nodes.
-    /// Of nodes that turn out to be one, groups are joined. Nodes that an edge on the box's sides is led
-    /// through go onto them.
+    /// Finds the paths that make the narrow faces of `rings` vanish, that is, faces narrower than
+    /// `reach` of their nodes. Merges the groups of nodes that coincide. Moves the inner nodes of
+    /// an edge on the box's sides onto these sides.
     pub fn new<'a, const D: usize>(
         rings: &'a [Rings],
         groups: &mut SimplexGroups,
@@ -90,26 +94,27 @@ impl EdgePaths {
             };
             rings.iter().flat_map(faces)
         };
-        let (mut way, mut order) = (Vec::new(), Vec::new());
+        let (mut path, mut order) = (Vec::new(), Vec::new());
         for _ in 0..MAX_ROUNDS {
             let mut changed = false;
             for needle in needles() {
-                paths.trace(needle.iter().map(|&s| groups.find_first(s)), &mut way);
-                if way.len() < 3 {
+                paths.trace(needle.iter().map(|&s| groups.find_first(s)), &mut path);
+                if path.len() < 3 {
                     continue;
                 }
-                let width = way.iter().map(|&s| reach(s)).fold(f64::INFINITY, f64::min);
-                let first = centres[way[0] as usize];
-                let off = |s: u32| distance2(&centres[s as usize], &first);
-                let far = way.iter().copied();
-                let far = far.max_by(|&s, &t| off(s).total_cmp(&off(t)));
-                let far = centres[far.unwrap_or(way[0]) as usize];
-                let length = distance2(&far, &first).sqrt();
-                let at = |centres: &[[f64; D]], s: u32| {
-                    projection_product(&centres[s as usize], &first, &far) / length
+                let width = path.iter().map(|&s| reach(s)).fold(f64::INFINITY, f64::min);
+                let first = centres[path[0] as usize];
+                let squared_distance = |s: u32| distance2(&centres[s as usize], &first);
+                let candidates = path.iter().copied();
+                let farthest =
+                    candidates.max_by(|&s, &t| squared_distance(s).total_cmp(&squared_distance(t)));
+                let farthest = centres[farthest.unwrap_or(path[0]) as usize];
+                let length = distance2(&farthest, &first).sqrt();
+                let position = |centres: &[[f64; D]], s: u32| {
+                    projection_product(&centres[s as usize], &first, &farthest) / length
                 };
                 order.clear();
-                order.extend(way.iter().map(|&s| (at(centres, s), s)));
+                order.extend(path.iter().map(|&s| (position(centres, s), s)));
                 order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
                 order.dedup_by_key(|node| node.1);
                 for pair in order.windows(2) {
@@ -123,33 +128,33 @@ impl EdgePaths {
                 if changed {
                     continue;
                 }
-                for i in 0..way.len() {
-                    let (s, t) = (way[i], way[(i + 1) % way.len()]);
-                    let [from, to] = [at(centres, s), at(centres, t)];
-                    let (low, high) = (from.min(to), from.max(to));
-                    let passed = order.iter().filter(|node| low < node.0 && node.0 < high);
-                    let mut passed: Vec<u32> = passed.map(|node| node.1).collect();
-                    if passed.is_empty() {
+                for i in 0..path.len() {
+                    let (s, t) = (path[i], path[(i + 1) % path.len()]);
+                    let [start, end] = [position(centres, s), position(centres, t)];
+                    let (low, high) = (start.min(end), start.max(end));
+                    let inner = order.iter().filter(|node| low < node.0 && node.0 < high);
+                    let mut inner: Vec<u32> = inner.map(|node| node.1).collect();
+                    if inner.is_empty() {
                         continue;
                     }
-                    if (from < to) != (s < t) {
-                        passed.reverse();
+                    if (start < end) != (s < t) {
+                        inner.reverse();
                     }
                     for k in 0..D {
                         let side = centres[s as usize][k];
                         if side == centres[t as usize][k] && (side == 0.0 || side == extent[k]) {
-                            passed.iter().for_each(|&m| centres[m as usize][k] = side);
+                            inner.iter().for_each(|&m| centres[m as usize][k] = side);
                         }
                     }
-                    paths.inner_nodes.insert([s.min(t), s.max(t)], passed);
+                    paths.inner_nodes.insert([s.min(t), s.max(t)], inner);
                 }
             }
             if changed {
-                // The paths lead through nodes that are others now.
+                // The paths use nodes that have been merged.
                 paths.inner_nodes.clear();
             } else if needles().all(|needle| {
-                paths.trace(needle.iter().map(|&s| groups.find_first(s)), &mut way);
-                way.len() < 3
+                paths.trace(needle.iter().map(|&s| groups.find_first(s)), &mut path);
+                path.len() < 3
             }) {
                 break;
             }
@@ -157,41 +162,42 @@ impl EdgePaths {
         paths
     }
 
-    /// A ring led along the paths: without repeats and ways to a node and back.
-    pub fn trace(&self, ring: impl Iterator<Item = u32>, way: &mut Vec<u32>) {
-        way.clear();
+    /// Writes a ring led along the paths to `path`, without repeated nodes and without spikes (a
+    /// path to a node and back).
+    pub fn trace(&self, ring: impl Iterator<Item = u32>, path: &mut Vec<u32>) {
+        path.clear();
         for node in ring {
-            if let Some(&before) = way.last() {
-                self.append_path(before, node, way, 0);
+            if let Some(&previous) = path.last() {
+                self.append_path(previous, node, path, 0);
             }
-            way.push(node);
+            path.push(node);
         }
-        if let [first, .., last] = way[..] {
-            self.append_path(last, first, way, 0);
+        if let [first, .., last] = path[..] {
+            self.append_path(last, first, path, 0);
         }
-        remove_backtracks(way);
+        remove_backtracks(path);
     }
 
-    /// Appends what lies between two nodes.
-    fn append_path(&self, from: u32, to: u32, way: &mut Vec<u32>, depth: usize) {
+    /// Appends the nodes between two nodes.
+    fn append_path(&self, from: u32, to: u32, path: &mut Vec<u32>, depth: usize) {
         if self.inner_nodes.is_empty() || depth > MAX_ROUNDS {
             return;
         }
         let Some(between) = self.inner_nodes.get(&[from.min(to), from.max(to)]) else {
             return;
         };
-        let mut at = from;
+        let mut current = from;
         for i in 0..between.len() {
             let next = between[if from < to { i } else { between.len() - 1 - i }];
-            self.append_path(at, next, way, depth + 1);
-            way.push(next);
-            at = next;
+            self.append_path(current, next, path, depth + 1);
+            path.push(next);
+            current = next;
         }
-        self.append_path(at, to, way, depth + 1);
+        self.append_path(current, to, path, depth + 1);
     }
 }
 
-/// Takes repeats out of a ring, and ways to a node and back.
+/// Removes repeated nodes and spikes from a ring.
 fn remove_backtracks(nodes: &mut Vec<u32>) {
     let mut kept = 0;
     for i in 0..nodes.len() {
@@ -206,18 +212,18 @@ fn remove_backtracks(nodes: &mut Vec<u32>) {
         }
     }
     nodes.truncate(kept);
-    // The same where the end meets the beginning.
+    // Does the same across the end and the start of the ring.
     let mut start = 0;
     loop {
-        let rest = &nodes[start..];
-        match rest {
+        let ring = &nodes[start..];
+        match ring {
             [first, .., last] if first == last => {
                 nodes.pop();
             }
-            [first, .., second_last, _] if rest.len() > 2 && first == second_last => {
+            [first, .., second_last, _] if ring.len() > 2 && first == second_last => {
                 nodes.truncate(nodes.len() - 2);
             }
-            [_, second, .., last] if rest.len() > 2 && second == last => start += 2,
+            [_, second, .., last] if ring.len() > 2 && second == last => start += 2,
             _ => break,
         }
     }
@@ -230,15 +236,15 @@ mod tests {
 
     #[test]
     fn rings_lose_repeats_and_spikes() {
-        let check = |ring: &[u32], want: &[u32]| {
+        let check = |ring: &[u32], expected: &[u32]| {
             let mut nodes = Vec::new();
             EdgePaths::default().trace(ring.iter().copied(), &mut nodes);
-            let mut turned = want.to_vec();
-            let any = (0..want.len().max(1)).any(|_| {
-                turned.rotate_left(1.min(want.len()));
-                turned == nodes
+            let mut rotated = expected.to_vec();
+            let is_equal = (0..expected.len().max(1)).any(|_| {
+                rotated.rotate_left(1.min(expected.len()));
+                rotated == nodes
             });
-            assert!(any, "{ring:?}: {nodes:?}, not {want:?}");
+            assert!(is_equal, "{ring:?}: {nodes:?}, not {expected:?}");
         };
         check(&[1, 2, 3], &[1, 2, 3]);
         check(&[1, 1, 2, 2, 3, 1], &[1, 2, 3]);

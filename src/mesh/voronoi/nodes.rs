@@ -1,11 +1,12 @@
-//! The nodes of Voronoi cells: centres of Delaunay simplices, those at one place made one node, and
-//! those at a side of the box put onto it exactly.
+//! The nodes of Voronoi cells: centres of Delaunay simplices. Coinciding centres become one node,
+//! and centres close to a side of the box are moved onto it exactly.
 
 use crate::parallel::prelude::*;
 
 use super::mirror::MirroredAtoms;
 
-/// The centre of every simplex. Coordinates within `tolerance` of a side of the box are on it exactly.
+/// Returns the centre of every simplex. Coordinates within `tolerance` of a side of the box are set
+/// to that side exactly.
 pub fn centres<const D: usize, const N: usize>(
     mirrored: &MirroredAtoms<D>,
     simplices: &[[u32; N]],
@@ -29,7 +30,7 @@ pub fn centres<const D: usize, const N: usize>(
         .collect()
 }
 
-/// The sides of the box beyond which a node lies, as bits.
+/// Returns the sides of the box beyond which a node lies, as bits.
 pub fn sides_beyond<const D: usize>(node: &[f64; D], extent: [f64; D]) -> u8 {
     (0..D).fold(0, |sides, k| {
         let below = u8::from(node[k] < 0.0);
@@ -38,31 +39,31 @@ pub fn sides_beyond<const D: usize>(node: &[f64; D], extent: [f64; D]) -> u8 {
     })
 }
 
-/// Simplices whose centres are one node, in groups that grow.
+/// Groups of simplices whose centres coincide: a union-find structure.
 pub struct SimplexGroups {
-    /// A simplex before it in its group, or itself: the first.
+    /// A lower simplex of the same group, or the simplex itself if it is the first.
     parents: Vec<u32>,
 }
 
 impl SimplexGroups {
-    /// Each of `count` simplices alone.
+    /// Returns `count` groups of one simplex each.
     pub fn new(count: usize) -> Self {
         Self {
             parents: (0..count as u32).collect(),
         }
     }
 
-    /// The first simplex of the group of `s`.
+    /// Returns the first simplex of the group of `s`.
     pub fn find_first(&mut self, mut s: u32) -> u32 {
-        let before = &mut self.parents;
-        while before[s as usize] != s {
-            before[s as usize] = before[before[s as usize] as usize];
-            s = before[s as usize];
+        let parents = &mut self.parents;
+        while parents[s as usize] != s {
+            parents[s as usize] = parents[parents[s as usize] as usize];
+            s = parents[s as usize];
         }
         s
     }
 
-    /// Makes one group of two; says whether they were two.
+    /// Merges two groups. Returns `true` if they were different.
     pub fn merge(&mut self, s: u32, t: u32) -> bool {
         let (s, t) = (self.find_first(s), self.find_first(t));
         self.parents[s.max(t) as usize] = s.min(t);

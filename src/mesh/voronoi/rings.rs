@@ -1,34 +1,35 @@
-//! The Delaunay simplices round every edge, in order: the faces of the Voronoi cells before they
-//! have coordinates.
+//! Finds the Delaunay simplices round every edge, in order: the faces of the Voronoi cells before
+//! they have coordinates.
 //!
-//! Everything about an atom's faces is in its star (the simplices at it), so atoms are independent.
-//! In a positive tetrahedron (a, b, c, d), the ring of edge a-b passes from c to d, anticlockwise
-//! seen from b. In a positive triangle (a, b, c), the edge a-b has the triangle on its left and a-c
-//! has it on its right; right then left is the order in which the Voronoi edge has a on its left.
+//! An atom's faces depend only on its star (the simplices at it), so atoms can be processed in
+//! parallel. In a positive tetrahedron (a, b, c, d), the ring of edge a-b passes from c to d,
+//! anticlockwise seen from b. In a positive triangle (a, b, c), the edge a-b has the triangle on
+//! its left, and a-c has it on its right. Right then left is the order in which the Voronoi edge
+//! has a on its left.
 
 use crate::parallel::prelude::*;
 
 use crate::mesh::poly::Lists;
 
-/// Rings of the edges of some atoms.
+/// Rings of the edges of a chunk of atoms.
 #[derive(Debug, Default)]
 pub struct Rings {
-    /// The edges (a, b): a is an atom, b another one with a higher number or an image. Ascending.
+    /// The edges (a, b), ascending: a is an atom, b another atom with a higher number, or an image.
     pub edges: Vec<[u32; 2]>,
     /// The simplices round each edge, anticlockwise seen from b (in 2-D: right, left).
     pub simplices: Lists,
-    /// Simplices that follow one another and whose centres are one node.
+    /// Successive simplices in a ring whose centres coincide.
     pub coincident_pairs: Vec<[u32; 2]>,
-    /// Edges (by their place in the list) whose face is as narrow as rounding, though long.
+    /// Edges (indices into `edges`) whose face is long but as narrow as rounding errors.
     pub narrow_edges: Vec<u32>,
-    /// Atoms with an edge on the hull: their cells have no end.
+    /// Atoms with an edge on the hull: their cells are unbounded.
     pub open_atoms: Vec<u32>,
 }
 
-/// Atoms in one task.
+/// Number of atoms in one parallel task.
 const CHUNK_SIZE: usize = 2048;
 
-/// One simplex at an edge (a, b), round which it leads from one face to another.
+/// One simplex at an edge (a, b), which leads round the edge from one face to the next.
 #[derive(Debug, Clone, Copy, Default)]
 struct RingStep {
     from_neighbour: u32,
@@ -36,26 +37,27 @@ struct RingStep {
     simplex: u32,
 }
 
-/// The turns at the edges of one atom.
+/// The steps round all edges of one atom.
 #[derive(Debug, Default)]
 struct AtomEdges {
-    /// The other ends b of the edges, and how many turns each has.
+    /// The other ends b of the edges, and the number of steps of each.
     ends: Vec<(u32, u32)>,
-    /// Every turn, with the number of its edge.
+    /// All steps, each with the number of its edge.
     steps: Vec<(u32, RingStep)>,
-    /// The edges by their ends.
+    /// The edges, sorted by their ends.
     order: Vec<u32>,
-    /// The turns edge by edge.
+    /// The steps, sorted by edge.
     sorted_steps: Vec<RingStep>,
 }
 
-/// The rings of all edges of atoms, and of no others. Simplices have N = D + 1 corners; `one` says
-/// whether the centres of two of them are one node, `narrow` whether a face with such centres is none.
+/// Returns the rings of all edges that have an atom as one end. Simplices have N = D + 1 corners.
+/// `coincide` returns whether the centres of two simplices coincide, `is_narrow` whether a face
+/// with these centres is a needle.
 pub fn rings<const N: usize>(
     atoms: usize,
     simplices: &[[u32; N]],
-    one: impl Fn(u32, u32) -> bool + Sync,
-    narrow: impl Fn(&[u32]) -> bool + Sync,
+    coincide: impl Fn(u32, u32) -> bool + Sync,
+    is_narrow: impl Fn(&[u32]) -> bool + Sync,
 ) -> Vec<Rings> {
     let stars = simplices_of_atoms(atoms, simplices);
     (0..atoms.div_ceil(CHUNK_SIZE))
@@ -76,11 +78,11 @@ pub fn rings<const N: usize>(
                 let ring = part.simplices.get(edge);
                 for (i, &s) in ring.iter().enumerate() {
                     let t = ring[(i + 1) % ring.len()];
-                    if one(s, t) {
+                    if coincide(s, t) {
                         part.coincident_pairs.push([s, t]);
                     }
                 }
-                if narrow(ring) {
+                if is_narrow(ring) {
                     part.narrow_edges.push(edge as u32);
                 }
             }
@@ -89,13 +91,13 @@ pub fn rings<const N: usize>(
         .collect()
 }
 
-/// The simplices that have an atom, ordered by their first one: what lies together in space, as
-/// atoms do, is then together in memory.
+/// Returns the simplices that have an atom as a corner, sorted by their first corner. Atoms close
+/// to each other in space have close numbers, so neighbouring simplices are then close in memory.
 pub fn ordered_simplices<const N: usize>(atoms: usize, simplices: &[[u32; N]]) -> Vec<[u32; N]> {
-    let first = |simplex: &[u32; N]| simplex.iter().fold(u32::MAX, |a, &b| a.min(b)) as usize;
+    let first_node = |simplex: &[u32; N]| simplex.iter().fold(u32::MAX, |a, &b| a.min(b)) as usize;
     let mut next = vec![0u32; atoms + 1];
     for simplex in simplices {
-        if let Some(count) = next.get_mut(first(simplex) + 1) {
+        if let Some(count) = next.get_mut(first_node(simplex) + 1) {
             *count += 1;
         }
     }
@@ -104,7 +106,7 @@ pub fn ordered_simplices<const N: usize>(atoms: usize, simplices: &[[u32; N]]) -
     }
     let mut sorted = vec![[0; N]; next[atoms] as usize];
     for simplex in simplices {
-        let first = first(simplex);
+        let first = first_node(simplex);
         if first < atoms {
             sorted[next[first] as usize] = *simplex;
             next[first] += 1;
@@ -113,7 +115,7 @@ pub fn ordered_simplices<const N: usize>(atoms: usize, simplices: &[[u32; N]]) -
     sorted
 }
 
-/// The simplices at each atom, ascending.
+/// Returns the simplices at each atom, ascending.
 fn simplices_of_atoms<const N: usize>(atoms: usize, simplices: &[[u32; N]]) -> Lists {
     let mut offsets = vec![0u32; atoms + 1];
     for &node in simplices.as_flattened() {
@@ -129,9 +131,9 @@ fn simplices_of_atoms<const N: usize>(atoms: usize, simplices: &[[u32; N]]) -> L
     for (s, simplex) in simplices.iter().enumerate() {
         for &node in simplex {
             if (node as usize) < atoms {
-                let at = &mut next[node as usize];
-                items[*at as usize] = s as u32;
-                *at += 1;
+                let slot = &mut next[node as usize];
+                items[*slot as usize] = s as u32;
+                *slot += 1;
             }
         }
     }
@@ -139,29 +141,29 @@ fn simplices_of_atoms<const N: usize>(atoms: usize, simplices: &[[u32; N]]) -> L
 }
 
 impl AtomEdges {
-    /// Enters a simplex at the edges that it has from `a` to higher numbers.
+    /// Adds a simplex to the edges that it has from `a` to higher numbers.
     #[inline]
     fn add_simplex<const N: usize>(&mut self, a: u32, s: u32, simplex: &[u32; N]) {
-        let at = |i: usize| simplex[i % N];
+        let corner = |i: usize| simplex[i % N];
         let Some(i) = simplex.iter().position(|&n| n == a) else {
             return;
         };
         if N == 3 {
-            let (b, c) = (at(i + 1), at(i + 2));
+            let (b, c) = (corner(i + 1), corner(i + 2));
             self.add_step(a, b, 1, 0, s);
             self.add_step(a, c, 0, 1, s);
             return;
         }
-        // The others in an order that keeps (a, b, c, d) positive.
+        // The other corners in an order that keeps (a, b, c, d) positive.
         const OTHER_CORNERS: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
-        let [b, c, d] = OTHER_CORNERS[i].map(at);
+        let [b, c, d] = OTHER_CORNERS[i].map(corner);
         self.add_step(a, b, c, d, s);
         self.add_step(a, c, d, b, s);
         self.add_step(a, d, b, c, s);
     }
 
     #[inline]
-    fn add_step(&mut self, a: u32, b: u32, from: u32, to: u32, simplex: u32) {
+    fn add_step(&mut self, a: u32, b: u32, from_neighbour: u32, to_neighbour: u32, simplex: u32) {
         if b < a {
             return;
         }
@@ -176,14 +178,14 @@ impl AtomEdges {
         self.steps.push((
             edge as u32,
             RingStep {
-                from_neighbour: from,
-                to_neighbour: to,
+                from_neighbour,
+                to_neighbour,
                 simplex,
             },
         ));
     }
 
-    /// Puts edges in the order of their ends and turns in that of edges.
+    /// Sorts the edges by their ends, and the steps by edge.
     fn sort_steps(&mut self) {
         self.order.clear();
         self.order.extend(0..self.ends.len() as u32);
@@ -197,39 +199,39 @@ impl AtomEdges {
         }
         self.sorted_steps
             .resize(self.steps.len(), RingStep::default());
-        for (edge, turn) in &self.steps {
-            let at = &mut self.ends[*edge as usize].1;
-            self.sorted_steps[*at as usize] = *turn;
-            *at += 1;
+        for (edge, step) in &self.steps {
+            let slot = &mut self.ends[*edge as usize].1;
+            self.sorted_steps[*slot as usize] = *step;
+            *slot += 1;
         }
-        // Each count has become the end of the edge's turns.
+        // Each count has now become the end of the edge's steps.
     }
 }
 
 impl Rings {
-    /// Chains an atom's turns into rings.
+    /// Chains an atom's steps into rings.
     fn append_rings(&mut self, atom: u32, star: &AtomEdges) {
         let mut start = 0;
         for &edge in &star.order {
             let (b, end) = star.ends[edge as usize];
-            let turns = &star.sorted_steps[start..end as usize];
+            let steps = &star.sorted_steps[start..end as usize];
             start = end as usize;
-            // In the plane, right (from 0) comes before left.
-            let first = turns.iter().min_by_key(|turn| turn.from_neighbour);
+            // In 2-D, right (from 0) comes before left.
+            let first = steps.iter().min_by_key(|step| step.from_neighbour);
             let Some(&first) = first else { continue };
-            let mut at = first;
-            self.simplices.items.push(at.simplex);
-            for _ in 1..turns.len() {
-                match turns
+            let mut current = first;
+            self.simplices.items.push(current.simplex);
+            for _ in 1..steps.len() {
+                match steps
                     .iter()
-                    .find(|turn| turn.from_neighbour == at.to_neighbour)
+                    .find(|step| step.from_neighbour == current.to_neighbour)
                 {
-                    Some(&next) => at = next,
+                    Some(&next) => current = next,
                     None => break,
                 }
-                self.simplices.items.push(at.simplex);
+                self.simplices.items.push(current.simplex);
             }
-            if at.to_neighbour != first.from_neighbour {
+            if current.to_neighbour != first.from_neighbour {
                 self.open_atoms.push(atom);
             }
             self.edges.push([atom, b]);

@@ -4,7 +4,8 @@ use crate::mesh::check::{Check, CheckHints, check_with_hints};
 use crate::mesh::graph::Graph;
 use proptest::prelude::*;
 
-/// A small generator of uniform numbers in [0, 1); the tests need no quality.
+/// Returns a uniform random number in [0, 1), from a simple generator that is good enough for
+/// tests.
 fn uniform(state: &mut u64) -> f64 {
     *state = state
         .wrapping_mul(6364136223846793005)
@@ -19,9 +20,10 @@ fn random_points(n: usize, extent: [f64; 3], seed: u64) -> Vec<[f64; 3]> {
         .collect()
 }
 
-/// The sites (i, j, k) with i + j + k a multiple of `parity`, `h` apart, `counts` of them along each
-/// axis, in a box that leaves `offset` of a step before the first and the rest after the last; moved
-/// by up to `jitter` steps.
+/// Returns the sites (i, j, k) for which i + j + k is a multiple of `parity`, with spacing `h` and
+/// `counts` of them along each axis, and the extent of the box. The box leaves `offset` steps
+/// before the first site and the remainder after the last. Sites are moved at random by up to
+/// `jitter` steps.
 fn lattice(
     counts: [usize; 3],
     parity: usize,
@@ -45,23 +47,24 @@ fn lattice(
     (atoms, counts.map(|n| n as f64 * h))
 }
 
-/// The cells, checked: valid, the box filled, faces square to their connections.
+/// Returns the cells after checking that they are valid and fill the box, and that faces are normal
+/// to their connections.
 fn checked_cells(atoms: &[[f64; 3]], extent: [f64; 3]) -> PolyMesh<3> {
     let mesh = voronoi(atoms, extent).unwrap();
-    let found = check(&mesh, [0.0; 3], extent, 1e-9);
-    assert!(found.passed(), "{:?}", found.problems);
+    let report = check(&mesh, [0.0; 3], extent, 1e-9);
+    assert!(report.passed(), "{:?}", report.problems);
     assert!(
-        found.volume_error < 1e-12 && found.area_error < 1e-12,
-        "{found:?}"
+        report.volume_error < 1e-12 && report.area_error < 1e-12,
+        "{report:?}"
     );
-    assert_eq!(found.flatness_error, 0.0);
+    assert_eq!(report.flatness_error, 0.0);
     let graph = Graph::from_poly(&mesh);
     let mean = graph.connections.iter().map(|c| c.area).sum::<f64>()
         / graph.connections.len().max(1) as f64;
     for c in &graph.connections {
         let [a, b] = c.cells.map(|i| mesh.sites[i as usize]);
         assert!(c.distance[0] > 0.0 && c.distance[1] > 0.0, "{c:?}");
-        // The face is half-way, and as square as its size lets one say.
+        // The face is half-way between the sites, and as close to normal as its size allows.
         assert!((c.distance[0] / c.distance[1] - 1.0).abs() < 1e-6, "{c:?}");
         if c.area > 1e-6 * mean {
             assert!(c.angle_error(&mesh.sites) < 1e-5, "{c:?} {a:?} {b:?}");
@@ -70,12 +73,13 @@ fn checked_cells(atoms: &[[f64; 3]], extent: [f64; 3]) -> PolyMesh<3> {
     mesh
 }
 
-/// Volumes cell by cell as another program finds them, relative to the mean volume.
+/// Asserts that volumes and centroids of all cells agree with those of another program, relative to
+/// the mean volume.
 fn assert_like_meshless(atoms: &[[f64; 3]], extent: [f64; 3], mesh: &PolyMesh<3>) {
     use glam::DVec3;
     use meshless_voronoi::{Dimensionality, Voronoi};
     let points: Vec<DVec3> = atoms.iter().map(|&x| DVec3::from(x)).collect();
-    let other = Voronoi::build(
+    let by_meshless = Voronoi::build(
         &points,
         DVec3::ZERO,
         DVec3::from(extent),
@@ -84,13 +88,13 @@ fn assert_like_meshless(atoms: &[[f64; 3]], extent: [f64; 3], mesh: &PolyMesh<3>
     );
     let mean = extent.iter().product::<f64>() / atoms.len() as f64;
     let shapes = mesh.cell_shapes();
-    for (cell, theirs) in other.cells().iter().enumerate() {
-        let error = (shapes[cell].0 - theirs.volume()).abs() / mean;
+    for (cell, other_cell) in by_meshless.cells().iter().enumerate() {
+        let error = (shapes[cell].0 - other_cell.volume()).abs() / mean;
         assert!(error < 1e-11, "cell {cell}: {error}");
-        let off = DVec3::from(shapes[cell].1).distance(theirs.centroid());
+        let distance = DVec3::from(shapes[cell].1).distance(other_cell.centroid());
         assert!(
-            off < 1e-9 * mean.cbrt() * (1.0 + mean / shapes[cell].0),
-            "cell {cell}: {off}"
+            distance < 1e-9 * mean.cbrt() * (1.0 + mean / shapes[cell].0),
+            "cell {cell}: {distance}"
         );
     }
 }
@@ -117,7 +121,7 @@ fn lattices_have_the_cells_that_another_program_finds() {
         for jitter in [0.0, 1e-13, 1e-9, 1e-7, 0.05] {
             let (atoms, extent) = lattice([8, 7, 6], parity, 0.7, 0.5, jitter);
             let mesh = checked_cells(&atoms, extent);
-            // The other program gives up on points that are cospherical but for rounding.
+            // The other program fails for points that are cospherical up to rounding.
             if jitter >= 1e-7 {
                 assert_like_meshless(&atoms, extent, &mesh);
             }
@@ -128,65 +132,70 @@ fn lattices_have_the_cells_that_another_program_finds() {
 #[test]
 fn cubic_lattices_have_cubes_and_centred_ones_rhombic_dodecahedra() {
     for (parity, faces, nodes) in [(1, 6, 8), (2, 12, 14)] {
-        // 0.7 is no dyadic fraction: points are cospherical only but for rounding.
+        // 0.7 is not a dyadic fraction: points are cospherical only up to rounding.
         let (atoms, extent) = lattice([9, 9, 9], parity, 0.7, 0.5, 0.0);
         let mesh = checked_cells(&atoms, extent);
         let lists = mesh.faces_of_cells();
-        let inside = |x: &[f64; 3]| x.iter().all(|&c| c > 1.4 && c < 4.9);
-        let mut seen = 0;
-        for cell in (0..atoms.len()).filter(|&i| inside(&atoms[i])) {
+        let is_inside = |x: &[f64; 3]| x.iter().all(|&c| c > 1.4 && c < 4.9);
+        let mut count = 0;
+        for cell in (0..atoms.len()).filter(|&i| is_inside(&atoms[i])) {
             let list = lists.get(cell);
-            let mut around: Vec<u32> = list
+            let mut cell_nodes: Vec<u32> = list
                 .iter()
                 .flat_map(|&f| mesh.faces.get(f as usize).to_vec())
                 .collect();
-            around.sort_unstable();
-            around.dedup();
-            assert_eq!((list.len(), around.len()), (faces, nodes));
+            cell_nodes.sort_unstable();
+            cell_nodes.dedup();
+            assert_eq!((list.len(), cell_nodes.len()), (faces, nodes));
             assert!(list.iter().all(|&f| mesh.faces.get(f as usize).len() == 4));
             let volume = parity as f64 * 0.7f64.powi(3);
             assert!((mesh.cell_shapes()[cell].0 / volume - 1.0).abs() < 1e-12);
-            seen += 1;
+            count += 1;
         }
-        assert!(seen > 30);
+        assert!(count > 30);
     }
 }
 
 #[test]
 fn turned_lattices_have_no_faces_from_rounding() {
-    // A centred lattice turned about (1, 1, 1): nothing about it is exact any more.
+    // A centred lattice rotated about (1, 1, 1), so that nothing about it is exact.
     let (s, c) = (0.6f64, 0.8f64);
     let third = (1.0 - c) / 3.0;
     let (p, q) = (third - s / 3f64.sqrt(), third + s / 3f64.sqrt());
-    let turn = [[c + third, p, q], [q, c + third, p], [p, q, c + third]];
+    let rotation = [[c + third, p, q], [q, c + third, p], [p, q, c + third]];
     let extent = [6.0, 6.5, 7.0];
     let mut atoms = Vec::new();
     for index in 0..41 * 41 * 41 {
         let x = [index % 41, index / 41 % 41, index / 1681].map(|c| c - 20);
-        let at: [f64; 3] = std::array::from_fn(|k| {
-            3.3 + 0.7 * (0..3).map(|l| turn[k][l] * f64::from(x[l])).sum::<f64>()
+        let position: [f64; 3] = std::array::from_fn(|k| {
+            3.3 + 0.7
+                * (0..3)
+                    .map(|l| rotation[k][l] * f64::from(x[l]))
+                    .sum::<f64>()
         });
-        if (x[0] + x[1] + x[2]) % 2 == 0 && (0..3).all(|k| at[k] > 0.0 && at[k] < extent[k]) {
-            atoms.push(at);
+        if (x[0] + x[1] + x[2]) % 2 == 0
+            && (0..3).all(|k| position[k] > 0.0 && position[k] < extent[k])
+        {
+            atoms.push(position);
         }
     }
     let mesh = checked_cells(&atoms, extent);
     assert_like_meshless(&atoms, extent, &mesh);
     let lists = mesh.faces_of_cells();
-    let inside = |x: &[f64; 3]| (0..3).all(|k| x[k] > 1.2 && x[k] < extent[k] - 1.2);
-    for cell in (0..atoms.len()).filter(|&i| inside(&atoms[i])) {
+    let is_inside = |x: &[f64; 3]| (0..3).all(|k| x[k] > 1.2 && x[k] < extent[k] - 1.2);
+    for cell in (0..atoms.len()).filter(|&i| is_inside(&atoms[i])) {
         assert_eq!(lists.get(cell).len(), 12);
     }
 }
 
 #[test]
 fn crowded_and_empty_places_in_one_box_are_cut_exactly() {
-    // Nearly all atoms in one corner: cells reach across the whole box.
+    // Nearly all atoms are in one corner, so some cells extend across the whole box.
     let extent = [20.0, 20.0, 20.0];
     let mut atoms = random_points(300, [1.0, 1.0, 1.0], 5);
     atoms.push([15.0, 3.0, 19.9999]);
     assert_like_meshless(&atoms, extent, &checked_cells(&atoms, extent));
-    // A flat box, and a row of atoms along its middle.
+    // A flat box, with a row of atoms along its middle.
     let extent = [50.0, 3.0, 0.02];
     let row: Vec<[f64; 3]> = (0..25)
         .map(|i| [2.0 * f64::from(i) + 1.0, 1.5, 0.01])
@@ -218,14 +227,15 @@ fn polygons_fill_their_rectangle() {
             .map(|_| extent.map(|e| e * (0.001 + 0.998 * uniform(&mut state))))
             .collect();
         let mesh = voronoi_plane(&atoms, extent).unwrap();
-        let found = check(&mesh, [0.0; 2], extent, 1e-9);
-        assert!(found.passed() && found.volume_error < 1e-12, "{found:?}");
+        let report = check(&mesh, [0.0; 2], extent, 1e-9);
+        assert!(report.passed() && report.volume_error < 1e-12, "{report:?}");
         assert!(Graph::from_poly(&mesh).angle_errors().0 < 1e-4);
     }
 }
 
-/// Share of connections smaller than `limit` times the mean, their number, and the worst angle between
-/// face and connection of those above a hundredth of it.
+/// Returns the fraction of connections smaller than `limit` times the mean, the number of
+/// connections, and the largest angle between normal and connection of the faces above a hundredth
+/// of the mean.
 fn small_faces<const D: usize>(mesh: &PolyMesh<D>, limit: f64) -> (f64, usize, f64) {
     let graph = Graph::from_poly(mesh);
     let count = graph.connections.len();
@@ -238,13 +248,13 @@ fn small_faces<const D: usize>(mesh: &PolyMesh<D>, limit: f64) -> (f64, usize, f
     (small.count() as f64 / count as f64, count, angle)
 }
 
-/// What the checker finds of cells whose nodes are welded.
+/// Checks cells whose nodes are welded.
 fn check_welded<const D: usize>(mesh: &PolyMesh<D>, extent: [f64; D], weld: f64) -> Check {
-    let known = CheckHints {
+    let hints = CheckHints {
         weld,
         ..CheckHints::default()
     };
-    check_with_hints(mesh, known, [0.0; D], extent, 1e-9)
+    check_with_hints(mesh, hints, [0.0; D], extent, 1e-9)
 }
 
 #[test]
@@ -255,49 +265,49 @@ fn welding_takes_small_faces_away_and_keeps_cells_whole() {
     let mut last = before.1;
     for weld in [1e-3, 1e-2, 5e-2] {
         let mesh = voronoi_welded(&atoms, extent, weld).unwrap();
-        let found = check_welded(&mesh, extent, weld);
-        assert!(found.passed(), "{weld}: {:?}", found.problems);
+        let report = check_welded(&mesh, extent, weld);
+        assert!(report.passed(), "{weld}: {:?}", report.problems);
         assert!(
-            found.volume_error < 1e-12 && found.area_error < 1e-12,
-            "{found:?}"
+            report.volume_error < 1e-12 && report.area_error < 1e-12,
+            "{report:?}"
         );
-        assert_eq!(found.flatness_error, 0.0);
+        assert_eq!(report.flatness_error, 0.0);
         let (tiny, count, angle) = small_faces(&mesh, 1e-4);
         assert!(count < last, "{weld}: {count} of {last}");
-        // Two nodes of a face may both move, across a face that is not large.
+        // Two nodes of one face may both move, and the face may be small.
         assert!(angle < 20.0 * weld.to_degrees(), "{weld}: {angle}");
         if weld == 5e-2 {
             assert!(before.0 > 1e-3 && tiny == 0.0, "{before:?} {tiny}");
         }
         last = count;
     }
-    // Atoms without any order, in a box with cells of all sizes at its sides.
+    // Random atoms, with cells of all sizes at the sides of the box.
     for seed in 0..4 {
         let (atoms, extent) = (random_points(400, [5.0, 4.0, 3.0], seed), [5.0, 4.0, 3.0]);
         let mesh = voronoi_welded(&atoms, extent, 2e-3).unwrap();
-        let found = check_welded(&mesh, extent, 2e-3);
+        let report = check_welded(&mesh, extent, 2e-3);
         assert!(
-            found.passed() && found.volume_error < 1e-12,
+            report.passed() && report.volume_error < 1e-12,
             "{:?}",
-            found.problems
+            report.problems
         );
-        assert_eq!(found.flatness_error, 0.0);
+        assert_eq!(report.flatness_error, 0.0);
     }
-    // Perfect lattices stay what they are.
+    // Perfect lattices do not change.
     let (atoms, extent) = lattice([8, 8, 8], 2, 1.0, 0.5, 0.0);
     assert_eq!(
         voronoi_welded(&atoms, extent, 0.05).unwrap(),
         voronoi(&atoms, extent).unwrap()
     );
-    // However far: cells that would break keep their nodes.
+    // For any weld radius: cells that would break keep their nodes.
     let (atoms, extent) = (random_points(300, [5.0; 3], 3), [5.0; 3]);
     let count = |mesh: &PolyMesh<3>| mesh.face_cells.len();
     let mut last = count(&voronoi(&atoms, extent).unwrap());
     for weld in [0.02, 0.1, 0.2] {
         let mesh = voronoi_welded(&atoms, extent, weld).unwrap();
-        let found = check_welded(&mesh, extent, weld);
-        assert!(found.passed(), "{weld}: {:?}", found.problems);
-        assert!(found.volume_error < 1e-12, "{weld}: {found:?}");
+        let report = check_welded(&mesh, extent, weld);
+        assert!(report.passed(), "{weld}: {:?}", report.problems);
+        assert!(report.volume_error < 1e-12, "{weld}: {report:?}");
         assert!(count(&mesh) < last, "{weld}");
         last = count(&mesh);
     }
@@ -312,8 +322,8 @@ fn short_edges_of_polygons_are_welded() {
         .collect();
     let before = small_faces(&voronoi_plane(&atoms, extent).unwrap(), 0.02);
     let mesh = voronoi_plane_welded(&atoms, extent, 0.03).unwrap();
-    let found = check_welded(&mesh, extent, 0.03);
-    assert!(found.passed() && found.volume_error < 1e-12, "{found:?}");
+    let report = check_welded(&mesh, extent, 0.03);
+    assert!(report.passed() && report.volume_error < 1e-12, "{report:?}");
     let after = small_faces(&mesh, 0.02);
     assert!(
         before.0 > 0.01 && after.0 < 0.2 * before.0,
@@ -326,23 +336,23 @@ fn bad_atoms_are_named() {
     let refusal = |atoms: &[[f64; 3]]| voronoi(atoms, [4.0; 3]).unwrap_err().to_string();
     assert!(refusal(&[]).contains("0 atoms"));
     for bad in [0.0, 4.0, -1.0, f64::NAN] {
-        let said = refusal(&[[1.0; 3], [2.0, bad, 2.0]]);
+        let message = refusal(&[[1.0; 3], [2.0, bad, 2.0]]);
         assert!(
-            said.contains("atom 1") && said.contains("not inside"),
-            "{said}"
+            message.contains("atom 1") && message.contains("not inside"),
+            "{message}"
         );
     }
-    let said = refusal(&[[1.0; 3], [2.0; 3], [1.0; 3]]);
+    let message = refusal(&[[1.0; 3], [2.0; 3], [1.0; 3]]);
     assert!(
-        said.contains("points 0 and 2 are 0e0 apart") || said.contains("points 2 and 0"),
-        "{said}"
+        message.contains("points 0 and 2 are 0e0 apart") || message.contains("points 2 and 0"),
+        "{message}"
     );
 }
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(40))]
 
-    /// Atoms on a coarse grid, where anything may be degenerate, and off it.
+    /// Atoms on a coarse grid, where all degeneracies can occur, or moved off it.
     #[test]
     fn any_atoms_fill_their_box(
         cells in prop::collection::hash_set((0u8..6, 0u8..5, 0u8..4), 1..60),

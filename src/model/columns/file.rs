@@ -1,4 +1,4 @@
-//! A map and horizons to a file of columns.
+//! Converts columns to the contents of a mesh file.
 
 use crate::files::vtk::DataArray;
 use crate::image::Geometry;
@@ -8,8 +8,9 @@ use crate::store::output::{Provenance, common_fields};
 use crate::store::stored_mesh::bounding_box;
 use crate::store::{LatticeSpace, MeshFile};
 
-/// Columns on the cells of a map, which have `regions`, as a file. Its lattice space is the map's, with
-/// z as it is, from the lowest node up; `z_unit` is z's unit.
+/// Converts columns on the cells of a map to a mesh file. `regions` holds the region of each cell
+/// of the map. The lattice space is that of the map, with z from the lowest node upwards; `z_unit`
+/// is the unit of z.
 pub fn columns_to_file(
     columns: Columns,
     regions: &[i32],
@@ -30,10 +31,10 @@ pub fn columns_to_file(
         DataArray::scalars("volume", volume),
     ];
     if regions.iter().any(|r| *r != 0) {
-        let block = columns.column.iter().map(|&c| regions[c as usize]);
+        let map_region = columns.column.iter().map(|&c| regions[c as usize]);
         cell_data.push(DataArray::scalars(
             "map_region",
-            block.collect::<Vec<i32>>(),
+            map_region.collect::<Vec<i32>>(),
         ));
     }
     MeshFile {

@@ -1,10 +1,10 @@
-//! Flow between cells by two-point fluxes: one pressure a cell, and from cell to cell a rate that is
-//! proportional to the difference of their pressures.
+//! Flow between cells by two-point fluxes: one pressure in each cell, and a rate between two cells
+//! that is proportional to the difference of their pressures.
 //!
-//! That is right where the line between two sites is square to their common face (and to it after
-//! multiplication by the permeability): on Voronoi cells of isotropic rock, and on boxes whose axes
-//! are the permeability's. It is then exact for linear pressure. On tetrahedra it is not even
-//! consistent; they have [`ElementFlow`](super::ElementFlow).
+//! Two-point fluxes are correct where the line between two sites is parallel to the permeability
+//! times the normal of the common face: on Voronoi cells of isotropic rock, and on boxes whose axes
+//! are those of the permeability. They are then exact for linear pressure. On tetrahedra they are
+//! not even consistent; use [`ElementFlow`](super::ElementFlow) there.
 
 use crate::parallel::prelude::*;
 
@@ -22,17 +22,19 @@ use crate::{Error, Result};
 /// The pressure system of a graph of cells, ready for any sources.
 #[derive(Debug, Clone)]
 pub struct CellFlow<'a, const D: usize> {
-    /// Rate through each connection of the graph per difference of pressure, with its fault.
+    /// Rate through each connection of the graph per pressure difference. It includes the
+    /// resistance of the fault on the connection.
     pub transmissibility: Vec<f64>,
-    /// Rate through each boundary face per difference between its pressure and its cell's.
+    /// Rate through each boundary face per difference between the pressures of the face and of its
+    /// cell.
     pub boundary_transmissibility: Vec<f64>,
-    /// The angle in degrees, on average over area, between the lines from site to site and the
-    /// permeability times the face's normal: 0 where two-point fluxes are right.
+    /// Mean angle in degrees, weighted by area, between the line from site to site and the
+    /// permeability times the face's normal. It is 0 where two-point fluxes are correct.
     pub angle_error: f64,
     graph: &'a Graph<D>,
 }
 
-/// What enters and leaves where, given pressures.
+/// Rates through all faces for a given pressure.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct CellRates {
     /// Rate through each connection, from its first cell to its second.
@@ -42,22 +44,23 @@ pub struct CellRates {
 }
 
 impl<'a, const D: usize> CellFlow<'a, D> {
-    /// The transmissibility of every connection: `1 / T = (d_1 / k_1 + d_2 / k_2 + r) / area`, with
-    /// the distances from sites to face, the mobilities along the face's normal, and the resistance
-    /// r of the fault where the face lies on a feature.
+    /// Computes the transmissibility of every connection: `1 / T = (d_1 / k_1 + d_2 / k_2 + r) /
+    /// area`. Here d are the distances from the sites to the face, k the mobilities along the
+    /// face's normal, and r is the resistance of the fault if the face lies on a feature.
     ///
     /// # Errors
-    /// [`Error::Flow`] if a face does not lie between its sites, so that the transmissibility would
-    /// not be positive.
+    /// Returns [`Error::Flow`] if a face does not lie between its sites, so that the
+    /// transmissibility would not be positive.
     pub fn new(graph: &'a Graph<D>, rock: &Rock, faults: FaultLaw) -> Result<Self> {
         let law = |c: &Connection<D>| (c.on_feature && !faults.is_open()).then_some(faults);
         Self::with_laws(graph, rock, law)
     }
 
-    /// The same with barriers that may differ, on the faces that they name.
+    /// Computes the transmissibilities with the barriers in `barriers`, each with its own law,
+    /// instead of one law for all features.
     ///
     /// # Errors
-    /// As [`new`](Self::new).
+    /// Returns [`Error::Flow`] in the same cases as [`new`](Self::new).
     pub fn with_barriers(graph: &'a Graph<D>, rock: &Rock, barriers: &Barriers) -> Result<Self> {
         let law = |c: &Connection<D>| {
             let label = barriers.label(c.face as usize);
@@ -71,7 +74,7 @@ impl<'a, const D: usize> CellFlow<'a, D> {
         rock: &Rock,
         law: impl Fn(&Connection<D>) -> Option<FaultLaw> + Sync,
     ) -> Result<Self> {
-        let between = |c: &Connection<D>| {
+        let transmissibility_of = |c: &Connection<D>| {
             let mobility = c
                 .cells
                 .map(|cell| rock.mobility(cell as usize).normal_component(c.normal));
@@ -81,7 +84,11 @@ impl<'a, const D: usize> CellFlow<'a, D> {
             }
             c.area / resistance
         };
-        let transmissibility: Vec<f64> = graph.connections.par_iter().map(between).collect();
+        let transmissibility: Vec<f64> = graph
+            .connections
+            .par_iter()
+            .map(transmissibility_of)
+            .collect();
         let boundary_transmissibility: Vec<f64> = graph
             .boundary
             .par_iter()
@@ -90,7 +97,7 @@ impl<'a, const D: usize> CellFlow<'a, D> {
                 f.area * mobility / f.distance
             })
             .collect();
-        let wrong = |t: &f64| t.is_nan() || *t < 0.0 || *t == f64::INFINITY;
+        let is_invalid = |t: &f64| t.is_nan() || *t < 0.0 || *t == f64::INFINITY;
         let refuse = |place: String| {
             Error::Flow(cause(
                 place,
@@ -98,11 +105,11 @@ impl<'a, const D: usize> CellFlow<'a, D> {
                 "make the cells again, with their sites inside",
             ))
         };
-        if let Some(c) = transmissibility.iter().position(wrong) {
+        if let Some(c) = transmissibility.iter().position(is_invalid) {
             let [a, b] = graph.connections[c].cells;
             return Err(refuse(format!("the face between cells {a} and {b}")));
         }
-        if let Some(f) = boundary_transmissibility.iter().position(wrong) {
+        if let Some(f) = boundary_transmissibility.iter().position(is_invalid) {
             let cell = graph.boundary[f].cell;
             return Err(refuse(format!("the boundary face of cell {cell}")));
         }
@@ -114,25 +121,26 @@ impl<'a, const D: usize> CellFlow<'a, D> {
         })
     }
 
-    /// Steady pressure where fluid enters each cell at its rate in `rates`, and pressure is given on
-    /// some sides of the box. Where no pressure is given, its mean is zero. The solution's unknowns
-    /// are the cells and then the given sides, in the order given.
+    /// Returns the steady pressure. `rates` is the rate at which fluid enters each cell; `sides`
+    /// are pairs of a side of the box and its pressure. If no pressure is given, the mean pressure
+    /// is zero. The unknowns of the solution are the cells, then the sides in the given order.
     ///
     /// # Errors
-    /// [`Error::Flow`] if rates do not balance where they must, or a side has no faces.
+    /// Returns [`Error::Flow`] if rates do not balance where they must, or if a side has no faces.
     pub fn solve(&self, rates: &[f64], sides: &[(u8, f64)]) -> Result<Solution> {
         self.solve_cancellable(rates, sides, &CancelToken::never())
     }
 
-    /// The same as long as `patience` lasts, which is asked between iterations.
+    /// Returns the same as [`solve`](Self::solve), but checks `cancel` between iterations.
     ///
     /// # Errors
-    /// Those of [`solve`](Self::solve), and [`Error::Interrupted`] once it is over.
+    /// Returns the errors of [`solve`](Self::solve), and [`Error::Interrupted`] once `cancel` is
+    /// cancelled.
     pub fn solve_cancellable(
         &self,
         rates: &[f64],
         sides: &[(u8, f64)],
-        patience: &CancelToken<'_>,
+        cancel: &CancelToken<'_>,
     ) -> Result<Solution> {
         let (cells, n) = (rates.len(), rates.len() + sides.len());
         let mut couplings = Vec::new();
@@ -150,8 +158,8 @@ impl<'a, const D: usize> CellFlow<'a, D> {
             .iter()
             .zip(&self.boundary_transmissibility)
         {
-            if let Some(at) = sides.iter().position(|s| Some(s.0) == f.side) {
-                couple(f.cell as usize, cells + at, t);
+            if let Some(index) = sides.iter().position(|s| Some(s.0) == f.side) {
+                couple(f.cell as usize, cells + index, t);
             }
         }
         couplings.par_sort_by_key(|c| c.0);
@@ -160,17 +168,17 @@ impl<'a, const D: usize> CellFlow<'a, D> {
         for i in 0..n {
             start[i + 1] += start[i];
         }
-        if let Some(bare) = (cells..n).find(|&i| start[i] == start[i + 1]) {
+        if let Some(empty_side) = (cells..n).find(|&i| start[i] == start[i + 1]) {
             return Err(Error::Flow(cause(
-                format!("side {}", sides[bare - cells].0),
+                format!("side {}", sides[empty_side - cells].0),
                 "has no faces, so that no pressure can be given there",
                 "give the pressure of a side of the box",
             )));
         }
         let matrix = Matrix::from_rows(n, n, |i, row| {
-            let own = &couplings[start[i]..start[i + 1]];
-            row.add(i as u32, own.iter().map(|c| c.2).sum());
-            own.iter().for_each(|c| row.add(c.1, -c.2));
+            let row_couplings = &couplings[start[i]..start[i + 1]];
+            row.add(i as u32, row_couplings.iter().map(|c| c.2).sum());
+            row_couplings.iter().for_each(|c| row.add(c.1, -c.2));
         });
         let fixed: Vec<(u32, f64)> = sides
             .iter()
@@ -181,10 +189,10 @@ impl<'a, const D: usize> CellFlow<'a, D> {
         all_rates.resize(n, 0.0);
         let mut weights = self.graph.volume.clone();
         weights.resize(n, 0.0);
-        solve(&matrix, &all_rates, &fixed, &weights, 0.0, patience)
+        solve(&matrix, &all_rates, &fixed, &weights, 0.0, cancel)
     }
 
-    /// The rate through every face; `sides` as given to [`solve`](Self::solve).
+    /// Returns the rate through every face. `sides` are those given to [`solve`](Self::solve).
     pub fn rates(&self, pressure: &[f64], sides: &[(u8, f64)]) -> CellRates {
         let connections = self.graph.connections.iter().zip(&self.transmissibility);
         let boundary = self
@@ -198,17 +206,18 @@ impl<'a, const D: usize> CellFlow<'a, D> {
                 .collect(),
             boundary: boundary
                 .map(|(f, t)| {
-                    let given = sides.iter().find(|s| Some(s.0) == f.side);
-                    given.map_or(0.0, |s| t * (pressure[f.cell as usize] - s.1))
+                    let side = sides.iter().find(|s| Some(s.0) == f.side);
+                    side.map_or(0.0, |s| t * (pressure[f.cell as usize] - s.1))
                 })
                 .collect(),
         }
     }
 
-    /// The Darcy velocity of each cell: of all constant vectors the one whose fluxes through the
-    /// cell's faces are nearest, by area, to those that are. Exact where the velocity is constant.
+    /// Returns the Darcy velocity of each cell: the constant vector whose fluxes through the cell's
+    /// faces fit the computed rates best, in the least-squares sense weighted by area. It is exact
+    /// where the velocity is constant.
     pub fn velocity(&self, rates: &CellRates) -> Vec<[f64; D]> {
-        // Sums over each cell's faces of area n n^T and of flux n.
+        // Sums over the faces of each cell: area n n^T, and rate times n.
         let mut sums = vec![([[0.0; D]; D], [0.0; D]); self.graph.volume.len()];
         let mut add = |cell: u32, area: f64, n: [f64; D], rate: f64| {
             let (square, flux) = &mut sums[cell as usize];
@@ -231,10 +240,10 @@ impl<'a, const D: usize> CellFlow<'a, D> {
             .collect()
     }
 
-    /// The rate of each cell due to wells, each in the cell that holds it.
+    /// Returns the rate of each cell due to the wells that lie in it.
     ///
     /// # Errors
-    /// [`Error::Flow`] names a well outside the mesh.
+    /// Returns [`Error::Flow`] with the name of the well if a well lies outside the mesh.
     pub fn well_rates(&self, wells: &[PointWell<D>]) -> Result<Vec<f64>> {
         let mut rates = vec![0.0; self.graph.volume.len()];
         let locator = Locator::new(self.graph);
@@ -248,7 +257,8 @@ impl<'a, const D: usize> CellFlow<'a, D> {
     }
 }
 
-/// The mean angle, weighted by area, between sites' lines and conormals.
+/// Returns the mean angle in degrees, weighted by area, between the lines from site to site and the
+/// conormals (permeability times normal).
 fn angle_error<const D: usize>(graph: &Graph<D>, rock: &Rock) -> f64 {
     let connections = &graph.connections;
     let angle = |i: usize| {
@@ -273,8 +283,8 @@ mod tests {
     use crate::mesh::graph::BoundaryFace;
     use crate::model::flow::Tensor;
 
-    /// A grid of boxes, their edges in geometric progression along each axis; features where x is
-    /// `fault`.
+    /// Returns a grid of boxes whose edges grow in geometric progression along each axis. Faces
+    /// after `fault` boxes along x lie on a feature.
     fn grid<const D: usize>(n: [usize; D], extent: [f64; D], fault: Option<usize>) -> Graph<D> {
         let edge = |k: usize, i: usize| {
             let q: f64 = 1.2;
@@ -284,15 +294,15 @@ mod tests {
         let count: usize = n.iter().product();
         let strides: [usize; D] = std::array::from_fn(|k| n[..k].iter().product());
         for cell in 0..count {
-            let at: [usize; D] = std::array::from_fn(|k| cell / strides[k] % n[k]);
-            let size: [f64; D] = std::array::from_fn(|k| edge(k, at[k] + 1) - edge(k, at[k]));
+            let index: [usize; D] = std::array::from_fn(|k| cell / strides[k] % n[k]);
+            let size: [f64; D] = std::array::from_fn(|k| edge(k, index[k] + 1) - edge(k, index[k]));
             let volume: f64 = size.iter().product();
             let site: [f64; D] =
-                std::array::from_fn(|k| 0.5 * (edge(k, at[k]) + edge(k, at[k] + 1)));
+                std::array::from_fn(|k| 0.5 * (edge(k, index[k]) + edge(k, index[k] + 1)));
             graph.volume.push(volume);
             graph.site.push(site);
             graph.centroid.push(site);
-            graph.region.push((at[0] >= n[0] / 2) as i32);
+            graph.region.push((index[0] >= n[0] / 2) as i32);
             for k in 0..D {
                 let area = volume / size[k];
                 for upper in [false, true] {
@@ -300,7 +310,7 @@ mod tests {
                     normal[k] = if upper { 1.0 } else { -1.0 };
                     let mut point = site;
                     point[k] += 0.5 * size[k] * normal[k];
-                    if at[k] + 1 == n[k] && upper || at[k] == 0 && !upper {
+                    if index[k] + 1 == n[k] && upper || index[k] == 0 && !upper {
                         graph.boundary.push(BoundaryFace {
                             cell: cell as u32,
                             side: Some(2 * k as u8 + upper as u8),
@@ -311,11 +321,11 @@ mod tests {
                             normal,
                         });
                     } else if upper {
-                        let next = edge(k, at[k] + 2) - edge(k, at[k] + 1);
+                        let next = edge(k, index[k] + 2) - edge(k, index[k] + 1);
                         graph.connections.push(Connection {
                             cells: [cell as u32, (cell + strides[k]) as u32],
                             face: 0,
-                            on_feature: k == 0 && fault == Some(at[0] + 1),
+                            on_feature: k == 0 && fault == Some(index[0] + 1),
                             area,
                             distance: [0.5 * size[k], 0.5 * next],
                             point,
@@ -336,24 +346,24 @@ mod tests {
         assert!(flow.angle_error < 1e-9);
         for axis in 0..D {
             let sides = [(2 * axis as u8, 5.0), (2 * axis as u8 + 1, 1.0)];
-            let found = flow.solve(&vec![0.0; graph.volume.len()], &sides).unwrap();
-            for (p, x) in found.pressure.iter().zip(&graph.site) {
+            let solution = flow.solve(&vec![0.0; graph.volume.len()], &sides).unwrap();
+            for (p, x) in solution.pressure.iter().zip(&graph.site) {
                 assert!((p - (5.0 - 4.0 * x[axis] / extent[axis])).abs() < 1e-10);
             }
-            let rates = flow.rates(&found.pressure, &sides);
+            let rates = flow.rates(&solution.pressure, &sides);
             let u = [4.0, 60.0, 0.2][axis] * 4.0 / extent[axis];
             for velocity in flow.velocity(&rates) {
                 for k in 0..D {
-                    let want = if k == axis { u } else { 0.0 };
+                    let expected = if k == axis { u } else { 0.0 };
                     assert!(
-                        (velocity[k] - want).abs() < 1e-9 * (1.0 + u),
+                        (velocity[k] - expected).abs() < 1e-9 * (1.0 + u),
                         "{velocity:?}"
                     );
                 }
             }
             let area: f64 = extent.iter().product::<f64>() / extent[axis];
-            assert!((found.stats.throughput / (u * area) - 1.0).abs() < 1e-10);
-            assert!(found.stats.total_imbalance < 1e-10 && found.stats.max_imbalance < 1e-10);
+            assert!((solution.stats.throughput / (u * area) - 1.0).abs() < 1e-10);
+            assert!(solution.stats.total_imbalance < 1e-10 && solution.stats.max_imbalance < 1e-10);
         }
     }
 
@@ -366,8 +376,8 @@ mod tests {
     #[test]
     fn regions_and_a_fault_in_series() {
         let graph = grid([8, 3, 2], [4.0, 1.0, 1.0], Some(4));
-        let (half, k, w, m) = (graph.connections[0].normal, [2.0, 0.5], 0.01, 1e-3);
-        assert_eq!(half, [1.0, 0.0, 0.0]);
+        let (normal, k, w, m) = (graph.connections[0].normal, [2.0, 0.5], 0.01, 1e-3);
+        assert_eq!(normal, [1.0, 0.0, 0.0]);
         let kinds = [(0, Tensor::isotropic(k[0])), (1, Tensor::isotropic(k[1]))];
         let rock = Rock::by_region(&graph.region, &kinds, 1.0).unwrap();
         let faults = FaultLaw::new(m, Some(w)).unwrap();
@@ -380,22 +390,22 @@ mod tests {
             .point[0];
         let layer = 0.5 * w * (1.0 / k[0] + 1.0 / k[1]) * (1.0 / m - 1.0);
         let resistance = middle / k[0] + (4.0 - middle) / k[1] + layer;
-        let found = flow
+        let solution = flow
             .solve(&vec![0.0; graph.volume.len()], &[(0, 1.0), (1, 0.0)])
             .unwrap();
-        assert!((found.stats.throughput * resistance - 1.0).abs() < 1e-10);
+        assert!((solution.stats.throughput * resistance - 1.0).abs() < 1e-10);
         let closed = CellFlow::new(&graph, &rock, FaultLaw::CLOSED).unwrap();
-        let found = closed
+        let solution = closed
             .solve(&vec![0.0; graph.volume.len()], &[(0, 1.0), (1, 0.0)])
             .unwrap();
-        assert_eq!(found.stats.compartments, 2);
-        for (p, region) in found.pressure.iter().zip(&graph.region) {
+        assert_eq!(solution.stats.compartments, 2);
+        for (p, region) in solution.pressure.iter().zip(&graph.region) {
             assert!((p - f64::from(1 - region)).abs() < 1e-10);
         }
     }
 
     #[test]
-    fn wells_go_to_the_cells_that_hold_them_and_balance() {
+    fn wells_go_to_the_cells_that_contain_them_and_balance() {
         let graph = grid([9, 8, 7], [4.0, 5.0, 6.0], None);
         let rock = Rock::uniform(Tensor::isotropic(1.0), 1.0);
         let flow = CellFlow::new(&graph, &rock, FaultLaw::OPEN).unwrap();
@@ -404,24 +414,25 @@ mod tests {
             position,
             rate,
         };
-        let at = graph.site[137];
-        let shifted = at.map(|x| x + 0.01);
+        let site = graph.site[137];
+        let shifted = site.map(|x| x + 0.01);
         let rates = flow
             .well_rates(&[well(shifted, 3.0), well(graph.site[300], -3.0)])
             .unwrap();
         assert_eq!((rates[137], rates[300]), (3.0, -3.0));
-        let found = flow.solve(&rates, &[]).unwrap();
-        assert!(found.stats.max_imbalance < 1e-10 && found.stats.total_imbalance < 1e-10);
-        let through = flow.rates(&found.pressure, &[]);
-        let mut out = vec![0.0; rates.len()];
-        for (c, rate) in graph.connections.iter().zip(&through.connections) {
-            out[c.cells[0] as usize] += rate;
-            out[c.cells[1] as usize] -= rate;
+        let solution = flow.solve(&rates, &[]).unwrap();
+        assert!(solution.stats.max_imbalance < 1e-10 && solution.stats.total_imbalance < 1e-10);
+        let cell_rates = flow.rates(&solution.pressure, &[]);
+        let mut outflow = vec![0.0; rates.len()];
+        for (c, rate) in graph.connections.iter().zip(&cell_rates.connections) {
+            outflow[c.cells[0] as usize] += rate;
+            outflow[c.cells[1] as usize] -= rate;
         }
         assert!(
-            out.iter()
+            outflow
+                .iter()
                 .zip(&rates)
-                .all(|(out, rate)| (out - rate).abs() < 1e-9)
+                .all(|(outflow, rate)| (outflow - rate).abs() < 1e-9)
         );
         for position in [[-0.1, 1.0, 1.0], [1.0, 5.1, 1.0]] {
             let error = flow
@@ -434,7 +445,7 @@ mod tests {
             );
         }
         assert!(
-            flow.solve(&flow.well_rates(&[well(at, 1.0)]).unwrap(), &[])
+            flow.solve(&flow.well_rates(&[well(site, 1.0)]).unwrap(), &[])
                 .is_err()
         );
         assert!(flow.solve(&rates, &[(9, 1.0)]).is_err());

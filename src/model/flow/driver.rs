@@ -1,5 +1,5 @@
-//! Flow through a mesh that a file holds: boundary conditions by the sides of its box, barriers by
-//! its surfaces, results as arrays of a file.
+//! Computes the flow through a mesh from a file: takes boundary conditions on the sides of the box
+//! and barriers on surfaces, and returns the results as arrays of a mesh file.
 
 use crate::Result;
 use crate::files::vtk::DataArray;
@@ -22,65 +22,67 @@ use crate::model::surface::stored_surfaces::{find_interfaces, numbered_surfaces}
 use crate::progress::CancelToken;
 use crate::store::{FieldValue, MeshFile, Storable, StoredMesh};
 
-/// How near a side, in parts of the box, its nodes lie.
+/// Largest distance of a node from its side, as a fraction of the box.
 const SIDE_TOLERANCE: f64 = 1e-7;
 
-/// Angle in degrees from which on two-point fluxes are called rough.
+/// Smallest mean angle error, in degrees, at which two-point fluxes are called rough.
 pub const ROUGH_ANGLE_DEGREES: f64 = 1.0;
 
-/// The sides of the box, in the order of their numbers.
+/// The names of the sides of the box, in the order of their numbers.
 pub const SIDE_NAMES: [&str; 6] = ["xmin", "xmax", "ymin", "ymax", "zmin", "zmax"];
 
-/// Where fluid enters and leaves.
+/// Wells and sides where fluid enters and leaves.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct BoundaryConditions<const D: usize> {
     /// Sources and sinks.
     pub wells: Vec<PointWell<D>>,
-    /// Sides of the box with their pressures, Pa. Where two meet, the first holds.
+    /// Sides of the box with their pressures in Pa. On an edge where two sides meet, the first one
+    /// applies.
     pub sides: Vec<(u8, f64)>,
 }
 
-/// Which surfaces are barriers.
+/// The surfaces that are barriers.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub enum BarrierSelection {
-    /// Those that are neither horizons nor part labels.
+    /// Surfaces that are neither horizons nor interfaces between labels.
     #[default]
     Faults,
     /// Horizons only.
     Horizons,
-    /// All.
+    /// All surfaces.
     All,
-    /// Those that one of these picks.
+    /// Surfaces that at least one of these selectors selects.
     Selected(Vec<Selector>),
 }
 
 impl BarrierSelection {
-    fn includes(&self, surfaces: &SurfaceNames, at: usize) -> bool {
+    fn includes(&self, surfaces: &SurfaceNames, surface: usize) -> bool {
         match self {
-            Self::Faults => surfaces.kinds[at] == SurfaceKind::Fault,
-            Self::Horizons => surfaces.kinds[at] == SurfaceKind::Horizon,
+            Self::Faults => surfaces.kinds[surface] == SurfaceKind::Fault,
+            Self::Horizons => surfaces.kinds[surface] == SurfaceKind::Horizon,
             Self::All => true,
-            Self::Selected(selectors) => selectors.iter().any(|s| s.selects(surfaces, at)),
+            Self::Selected(selectors) => selectors.iter().any(|s| s.selects(surfaces, surface)),
         }
     }
 }
 
-/// How the surfaces of a mesh resist flow.
+/// The fault laws of the surfaces of a mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FaultLaws {
-    /// Which of them resist.
+    /// The surfaces to which `law` applies.
     pub selection: BarrierSelection,
-    /// How they do.
+    /// The law of these surfaces.
     pub law: FaultLaw,
-    /// Surfaces with a law of their own, whether they are in `standing` or not. Of several that pick a
-    /// surface, the last holds.
+    /// Surfaces with their own law, whether `selection` includes them or not. If several selectors
+    /// select the same surface, the last one applies.
     pub overrides: Vec<(Selector, FaultLaw)>,
-    /// Whether it is an error if `law` is for faults, but no surface of a mesh of labels is one.
+    /// If `true`, it is an error if `law` is for faults but the mesh has interfaces between labels
+    /// and no faults.
     pub must_apply: bool,
 }
 
 impl From<FaultLaw> for FaultLaws {
-    /// The same for all faults; horizons are open.
+    /// Applies one law to all faults; horizons are open.
     fn from(law: FaultLaw) -> Self {
         Self {
             selection: BarrierSelection::Faults,
@@ -92,38 +94,42 @@ impl From<FaultLaw> for FaultLaws {
 }
 
 impl FaultLaws {
-    /// Whether any law is neither open nor closed.
+    /// Returns `true` if any law is neither open nor closed.
     pub fn has_partial_law(&self) -> bool {
-        let own = self.overrides.iter().map(|own| own.1);
-        own.chain([self.law])
+        let laws = self.overrides.iter().map(|entry| entry.1);
+        laws.chain([self.law])
             .any(|law| law.multiplier() > 0.0 && !law.is_open())
     }
 
-    /// Whether a pattern picks a name.
+    /// Returns `true` if a selector matches this name.
     pub fn selects_name(&self, name: &str) -> bool {
-        let standing = match &self.selection {
+        let selected = match &self.selection {
             BarrierSelection::Selected(selectors) => selectors.as_slice(),
             _ => &[],
         };
-        let own = self.overrides.iter().map(|own| &own.0);
-        own.chain(standing).any(|selector| selector.matches(name))
+        let overrides = self.overrides.iter().map(|entry| &entry.0);
+        overrides
+            .chain(selected)
+            .any(|selector| selector.matches(name))
     }
 
-    /// Whether `law`, which is for faults, resists in a mesh of labels in which nothing is a fault.
+    /// Returns `true` if `law` is for faults and resists flow, but the mesh has interfaces between
+    /// labels and no faults.
     pub fn has_no_effect(&self, surfaces: &SurfaceNames) -> bool {
-        let of_labels = surfaces.kinds.contains(&SurfaceKind::Interface);
-        let none = of_labels && !surfaces.kinds.contains(&SurfaceKind::Fault);
+        let has_interfaces = surfaces.kinds.contains(&SurfaceKind::Interface);
+        let no_faults = has_interfaces && !surfaces.kinds.contains(&SurfaceKind::Fault);
         self.selection == BarrierSelection::Faults
-            && none
+            && no_faults
             && !self.law.is_open()
             && self.overrides.is_empty()
     }
 
-    /// The law of each surface; `option` is the one that says which surfaces resist.
+    /// Returns the law of each surface. `option` is the command-line option that selects barriers,
+    /// for error messages.
     ///
     /// # Errors
-    /// [`Error::Flow`](crate::Error::Flow) with the names of the surfaces if what is to resist does not
-    /// exist.
+    /// Returns [`Error::Flow`](crate::Error::Flow) with the names of all surfaces if a selected
+    /// surface does not exist.
     pub fn surface_laws(&self, surfaces: &SurfaceNames, option: &str) -> Result<Vec<FaultLaw>> {
         for (selector, _) in &self.overrides {
             surfaces.check("--fault-multiplier", selector)?;
@@ -143,15 +149,15 @@ impl FaultLaws {
             return Err(surfaces.no_match_error(
                 "--faults",
                 "is for faults, but no surface is one",
-                "say by --barriers which surfaces resist, or omit it",
+                "select the surfaces that resist with --barriers, or omit it",
             ));
         }
-        let law = |at: usize| {
-            let own = self.overrides.iter().rev();
-            let mut own = own.filter(|own| own.0.selects(surfaces, at));
-            match own.next() {
+        let law = |surface: usize| {
+            let overrides = self.overrides.iter().rev();
+            let mut matching = overrides.filter(|entry| entry.0.selects(surfaces, surface));
+            match matching.next() {
                 Some(&(_, law)) => law,
-                None if self.selection.includes(surfaces, at) => self.law,
+                None if self.selection.includes(surfaces, surface) => self.law,
                 None => FaultLaw::OPEN,
             }
         };
@@ -159,11 +165,13 @@ impl FaultLaws {
     }
 }
 
-/// The barriers on the faces of a mesh where its file has it, its surfaces [`numbered_surfaces`]; and whether
-/// surfaces are there but none that `laws` are for.
+/// Returns the barriers on the faces of a mesh in world coordinates, one label for each of its
+/// [`numbered_surfaces`]. The second value is `true` if the mesh has surfaces but none to which
+/// `laws` apply.
 ///
 /// # Errors
-/// [`Error::Flow`](crate::Error::Flow) with the names of the surfaces if what is to resist does not exist.
+/// Returns [`Error::Flow`](crate::Error::Flow) with the names of all surfaces if a selected surface
+/// does not exist.
 pub fn barriers<const D: usize, M: Storable<D>>(
     stored: &mut StoredMesh<D, M>,
     marks: &[bool],
@@ -176,74 +184,79 @@ pub fn barriers<const D: usize, M: Storable<D>>(
         });
     }
     let names = surfaces.all_names();
-    let idle = laws.has_no_effect(&names);
+    let no_effect = laws.has_no_effect(&names);
     let laws = laws.surface_laws(&names, "--barriers")?;
     let label =
         stored.with_world_mesh(|mesh| facet_selection::labels_of_faces(mesh, &surfaces.facets));
-    Ok((Barriers::new(label, laws)?.with_names(names.names), idle))
+    Ok((
+        Barriers::new(label, laws)?.with_names(names.names),
+        no_effect,
+    ))
 }
 
-/// A flow that was computed: the file to write, and what is said of it.
+/// A computed flow: the file to write and the report.
 #[derive(Debug, Clone)]
 pub struct FlowOutcome<const D: usize, M> {
-    /// The mesh, torn along its faults, with pressure and velocity.
+    /// The mesh, split along its faults, with pressure and velocity.
     pub file: MeshFile<M>,
-    /// Its figures.
+    /// The report.
     pub report: FlowReport,
-    /// Paths of fluid, if they were asked for.
+    /// Streamlines, if requested.
     pub streamlines: Option<Streamlines<D>>,
 }
 
-/// Flow through triangles or tetrahedra, and `lines` streamlines.
+/// Computes the flow through triangles or tetrahedra, and `streamline_count` streamlines if it is
+/// not `None`.
 ///
 /// # Errors
-/// Those of [`ElementFlow`]; [`Error::Interrupted`](crate::Error::Interrupted) once `patience` is over.
+/// Returns the errors of [`ElementFlow`], and [`Error::Interrupted`](crate::Error::Interrupted)
+/// once `cancel` is cancelled.
 pub fn flow_through_elements<const D: usize, M: Simplices<D>>(
     stored: StoredMesh<D, M>,
     rock: Rock,
     barriers: &Barriers,
     conditions: &BoundaryConditions<D>,
-    lines: Option<usize>,
-    patience: &CancelToken<'_>,
+    streamline_count: Option<usize>,
+    cancel: &CancelToken<'_>,
 ) -> Result<FlowOutcome<D, M>> {
-    let on_sides = side_nodes(&stored, &conditions.sides);
+    let nodes_on_sides = side_nodes(&stored, &conditions.sides);
     let (mesh, arrays) = stored.into_file().into_parts();
     let flow = ElementFlow::new(&mesh, barriers, rock)?;
     drop(mesh);
     let located = flow.locate(&conditions.wells)?;
-    let (fixed, sides) = fixed_nodes(&flow, &on_sides);
-    let found = flow.solve_cancellable(&flow.rates(&located), &fixed, patience)?;
+    let (fixed, sides) = fixed_nodes(&flow, &nodes_on_sides);
+    let solution = flow.solve_cancellable(&flow.rates(&located), &fixed, cancel)?;
 
-    let p = &found.pressure;
+    let p = &solution.pressure;
     let mut side_rates = [0.0; 6];
     for (&(node, _), &side) in fixed.iter().zip(&sides) {
-        side_rates[usize::from(side)] += found.inflow[node as usize];
+        side_rates[usize::from(side)] += solution.inflow[node as usize];
     }
     let nodes = flow.split_mesh.original_node.iter().zip(0u32..);
-    let doubled = nodes.filter(|(from, node)| *from != node).count();
-    let torn = flow.split_mesh.faces.iter().zip(flow.fault_rates(p));
-    let crossings = torn.map(|(face, rate)| {
-        let [here, there] = face.nodes;
-        let jumps = here.iter().zip(there);
-        let jump = jumps.fold(0.0, |jump: f64, (&a, b)| {
-            jump.max((p[a as usize] - p[b as usize]).abs())
+    let doubled = nodes.filter(|(original, node)| *original != node).count();
+    let faces_and_rates = flow.split_mesh.faces.iter().zip(flow.fault_rates(p));
+    let crossings = faces_and_rates.map(|(face, rate)| {
+        let [side_a, side_b] = face.nodes;
+        let node_pairs = side_a.iter().zip(side_b);
+        let jump = node_pairs.fold(0.0, |max_jump: f64, (&a, b)| {
+            max_jump.max((p[a as usize] - p[b as usize]).abs())
         });
         (face.label, rate, jump)
     });
-    let mut report = flow_report(&found, p, conditions, &side_rates, barriers, crossings);
+    let mut report = flow_report(&solution, p, conditions, &side_rates, barriers, crossings);
     report.faults.doubled_nodes = doubled;
 
     let mut streamlines = None;
-    if let Some(count) = lines {
-        let rates = flow.face_rates(p, &located, &fixed, patience)?;
+    if let Some(count) = streamline_count {
+        let rates = flow.face_rates(p, &located, &fixed, cancel)?;
         let positions: Vec<[f64; D]> = conditions.wells.iter().map(|well| well.position).collect();
         let mesh = &flow.split_mesh.mesh;
         streamlines = Some(Streamlines::trace(
-            mesh, &rates, &located, &positions, count, patience,
+            mesh, &rates, &located, &positions, count, cancel,
         ));
     }
-    check_cancelled(patience)?;
-    let file = split_mesh_file(flow, found, arrays, &report);
+    check_cancelled(cancel)?;
+    let file = split_mesh_file(flow, solution, arrays, &report);
     Ok(FlowOutcome {
         file,
         report,
@@ -251,20 +264,21 @@ pub fn flow_through_elements<const D: usize, M: Simplices<D>>(
     })
 }
 
-/// Flow through Voronoi cells, or any polyhedra or polygons, by two-point fluxes, with `lines`
-/// streamlines; and if two-point fluxes are rough, what to say of that: by how many degrees the lines
-/// between cells are off square to the permeability times their faces' normals, on average, and what becomes
-/// of the flow along each axis.
+/// Computes the flow through Voronoi cells, or any polyhedra or polygons, by two-point fluxes, and
+/// `streamline_count` streamlines if it is not `None`. If two-point fluxes are rough, the second
+/// value holds notes: the mean angle between the lines from site to site and the permeability times
+/// the faces' normals, and the error of the flow along each axis.
 ///
 /// # Errors
-/// Those of [`CellFlow`]; [`Error::Interrupted`](crate::Error::Interrupted) once `patience` is over.
+/// Returns the errors of [`CellFlow`], and [`Error::Interrupted`](crate::Error::Interrupted) once
+/// `cancel` is cancelled.
 pub fn flow_through_cells<const D: usize>(
     stored: StoredMesh<D, PolyMesh<D>>,
     rock: &Rock,
     barriers: &Barriers,
     conditions: &BoundaryConditions<D>,
-    lines: Option<usize>,
-    patience: &CancelToken<'_>,
+    streamline_count: Option<usize>,
+    cancel: &CancelToken<'_>,
 ) -> Result<(FlowOutcome<D, PolyMesh<D>>, Vec<String>)>
 where
     MeshSpace<D>: Meshing<D>,
@@ -275,24 +289,24 @@ where
     let flow = CellFlow::with_barriers(&graph, rock, barriers)?;
     let cells = graph.volume.len();
     let sides = &conditions.sides;
-    let found = flow.solve_cancellable(&flow.well_rates(&conditions.wells)?, sides, patience)?;
-    let (p, of_sides) = found.pressure.split_at(cells);
+    let solution = flow.solve_cancellable(&flow.well_rates(&conditions.wells)?, sides, cancel)?;
+    let (p, side_pressures) = solution.pressure.split_at(cells);
     let rates = flow.rates(p, sides);
     let mut side_rates = [0.0; 6];
-    for (&(side, _), at) in sides.iter().zip(cells..cells + of_sides.len()) {
-        side_rates[usize::from(side)] = found.inflow[at];
+    for (&(side, _), unknown) in sides.iter().zip(cells..cells + side_pressures.len()) {
+        side_rates[usize::from(side)] = solution.inflow[unknown];
     }
     let connections = graph.connections.iter().zip(&rates.connections);
     let crossings = connections.filter_map(|(c, &rate)| {
         let [a, b] = c.cells.map(|c| p[c as usize]);
         Some((barriers.label(c.face as usize)?, rate, a - b))
     });
-    let report = flow_report(&found, p, conditions, &side_rates, barriers, crossings);
+    let report = flow_report(&solution, p, conditions, &side_rates, barriers, crossings);
     let velocity = flow.velocity(&rates);
     let mut streamlines = None;
-    if let Some(count) = lines {
+    if let Some(count) = streamline_count {
         let mesh = &file.mesh;
-        let inside: CellReconstruction<D, <MeshSpace<D> as Meshing<D>>::Mesh> =
+        let reconstruction: CellReconstruction<D, <MeshSpace<D> as Meshing<D>>::Mesh> =
             CellReconstruction::new(mesh, &graph, &rates, &velocity);
         let wells = conditions.wells.iter();
         let positions: Vec<[f64; D]> = wells.clone().map(|well| well.position).collect();
@@ -301,10 +315,14 @@ where
             .filter_map(|well| Some((locator.cell_at(well.position)? as u32, well.rate)))
             .collect();
         streamlines = Some(Streamlines::trace_polyhedra(
-            &inside, &wells, &positions, count, patience,
+            &reconstruction,
+            &wells,
+            &positions,
+            count,
+            cancel,
         ));
     }
-    check_cancelled(patience)?;
+    check_cancelled(cancel)?;
     let velocity = pad_to_3d(&velocity);
     let pressure = DataArray::scalars("pressure", p.to_vec());
     file.cell_data
@@ -322,42 +340,42 @@ where
             flow.angle_error
         ));
         let axes = &space.geometry.axes;
-        let ratios = AxisRatios::new(&graph, rock, axes, space.step, patience)?;
+        let ratios = AxisRatios::new(&graph, rock, axes, space.step, cancel)?;
         notes.extend(ratios.note());
     }
     Ok((outcome, notes))
 }
 
-/// A side with its pressure, and which nodes of a mesh lie on it.
+/// A side, its pressure, and for each node of a mesh whether it lies on the side.
 type SideNodes = (u8, f64, Vec<bool>);
 
-/// Which nodes lie on the sides whose pressures are given.
+/// Finds the nodes that lie on the sides with given pressures.
 fn side_nodes<const D: usize, M: Simplices<D>>(
     stored: &StoredMesh<D, M>,
-    given: &[(u8, f64)],
+    sides: &[(u8, f64)],
 ) -> Vec<SideNodes> {
     let nodes = stored.lattice.nodes();
-    let found = given.iter().map(|&(side, pressure)| {
+    let nodes_on_sides = sides.iter().map(|&(side, pressure)| {
         let axis = usize::from(side / 2);
         let extent = stored.space.extent[axis];
         let plane = if side % 2 == 0 { 0.0 } else { extent };
         let is_on = |x: &[f64; D]| (x[axis] - plane).abs() <= SIDE_TOLERANCE * extent;
         (side, pressure, nodes.iter().map(is_on).collect())
     });
-    found.collect()
+    nodes_on_sides.collect()
 }
 
-/// Nodes with given pressure, and for each of them the side that gives it.
+/// Returns the nodes with given pressure, and for each of them the side that gives it.
 fn fixed_nodes<const D: usize, M: Simplices<D>>(
     flow: &ElementFlow<D, M>,
-    given: &[SideNodes],
+    side_nodes: &[SideNodes],
 ) -> (Vec<(u32, f64)>, Vec<u8>) {
-    let mut taken = vec![false; flow.split_mesh.original_node.len()];
+    let mut is_fixed = vec![false; flow.split_mesh.original_node.len()];
     let (mut fixed, mut sides) = (Vec::new(), Vec::new());
-    for (side, pressure, is_on) in given {
+    for (side, pressure, is_on) in side_nodes {
         for node in flow.nodes_where(|i| is_on[i]) {
-            // Where two sides meet, the first holds.
-            if !std::mem::replace(&mut taken[node as usize], true) {
+            // Where two sides meet, the first one applies.
+            if !std::mem::replace(&mut is_fixed[node as usize], true) {
                 fixed.push((node, *pressure));
                 sides.push(*side);
             }
@@ -366,9 +384,9 @@ fn fixed_nodes<const D: usize, M: Simplices<D>>(
     (fixed, sides)
 }
 
-/// What is said; `crossings` are label, rate and jump of pressure of each face on a barrier.
+/// Builds the report. `crossings` holds label, rate and pressure jump of each face on a barrier.
 fn flow_report<const D: usize>(
-    found: &Solution,
+    solution: &Solution,
     pressure: &[f64],
     conditions: &BoundaryConditions<D>,
     side_rates: &[f64; 6],
@@ -393,53 +411,53 @@ fn flow_report<const D: usize>(
     });
     let numbered = (1..).zip(by_fault).filter(|(_, fault)| fault.faces > 0);
     FlowReport {
-        solver: found.stats,
+        solver: solution.stats,
         pressure: ValueRange::from_values(pressure),
         faults,
         by_fault: numbered
-            .map(|(surface, faulted)| FaultReport {
+            .map(|(surface, stats)| FaultReport {
                 surface,
                 name: barriers.name(surface),
                 multiplier: barriers.law(surface).multiplier(),
-                stats: faulted,
+                stats,
             })
             .collect(),
         exchange: wells.chain(sides).collect(),
     }
 }
 
-/// The torn mesh with pressure, velocity, and what crosses faults.
+/// Returns the split mesh with pressure, velocity, and the rates across fault faces.
 fn split_mesh_file<const D: usize, M: Simplices<D>>(
     flow: ElementFlow<D, M>,
-    found: Solution,
+    solution: Solution,
     arrays: MeshFile<()>,
     report: &FlowReport,
 ) -> MeshFile<M> {
-    let velocity = pad_to_3d(&flow.velocity(&found.pressure));
-    let mut across = vec![0.0; flow.split_mesh.mesh.connectivity().len()];
-    let rates = flow.fault_rates(&found.pressure);
+    let velocity = pad_to_3d(&flow.velocity(&solution.pressure));
+    let mut fault_rates = vec![0.0; flow.split_mesh.mesh.connectivity().len()];
+    let rates = flow.fault_rates(&solution.pressure);
     for (face, rate) in flow.split_mesh.faces.iter().zip(rates) {
         for (side, sign) in [(0, 1.0), (1, -1.0)] {
-            let first = face.cells[side] as usize * (D + 1);
-            across[first + usize::from(face.local_faces[side])] = sign * rate;
+            let first_face = face.cells[side] as usize * (D + 1);
+            fault_rates[first_face + usize::from(face.local_faces[side])] = sign * rate;
         }
     }
     let split = flow.split_mesh;
-    let torn = |array: DataArray| DataArray {
+    let split_array = |array: DataArray| DataArray {
         values: array
             .values
             .select_tuples(&split.original_node, array.components),
         ..array
     };
-    let mut point_data: Vec<DataArray> = arrays.point_data.into_iter().map(torn).collect();
+    let mut point_data: Vec<DataArray> = arrays.point_data.into_iter().map(split_array).collect();
     point_data.push(DataArray::scalars("node", split.original_node.clone()));
-    point_data.push(DataArray::scalars("pressure", found.pressure));
+    point_data.push(DataArray::scalars("pressure", solution.pressure));
     let mut cell_data = arrays.cell_data;
     cell_data.push(vectors("velocity", velocity));
     cell_data.push(DataArray {
         name: "fault_rate".into(),
         components: D + 1,
-        values: across.into(),
+        values: fault_rates.into(),
     });
     let mut field_data = arrays.field_data;
     field_data.push(report_field(report));
@@ -451,7 +469,7 @@ fn split_mesh_file<const D: usize, M: Simplices<D>>(
     }
 }
 
-/// Vectors as VTK wants them, with three components.
+/// Returns vectors with three components each, as VTK requires.
 fn pad_to_3d<const D: usize>(vectors: &[[f64; D]]) -> Vec<f64> {
     vectors.iter().flat_map(|&v| to_3d(v)).collect()
 }

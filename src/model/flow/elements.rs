@@ -1,17 +1,17 @@
-//! Flow through triangles or tetrahedra: linear finite elements on a mesh torn along its faults,
-//! which are at the same time a finite-volume method on the control volumes round the nodes.
+//! Flow through triangles or tetrahedra: linear finite elements on a mesh split along its faults.
+//! They are at the same time a finite-volume method on the control volumes around the nodes.
 //!
-//! Inside each cell pressure is linear. The stiffness of nodes i and j is `V grad_i . K grad_j`; a
-//! row of it times the pressures is just the Darcy flux out of the part of the cell that is nearest
-//! to node i (its median dual), so fluid is conserved exactly on these control volumes whatever the
-//! shape of the cells, and linear pressure is exact for any mesh and tensor. (Two-point fluxes
-//! between tetrahedra are not even consistent.)
+//! Pressure is linear inside each cell. The stiffness of nodes i and j is `V grad_i . K grad_j`. A
+//! row of the stiffness matrix times the pressures is the Darcy flux out of the part of the cell
+//! that is nearest to node i (its median dual). So fluid is conserved exactly on these control
+//! volumes, for cells of any shape, and linear pressure is exact for any mesh and tensor.
+//! (Two-point fluxes between tetrahedra are not even consistent.)
 //!
-//! Where faces lie on faults the nodes are doubled ([`SplitMesh`]). What crosses such a face is
-//! its conductance times the jump of pressure, an equal share of the face at each of its D nodes:
-//! lumping keeps the couplings positive, so no fault makes pressures overshoot.
+//! The nodes of faces on faults are doubled ([`SplitMesh`]). The rate across such a face is its
+//! conductance times the pressure jump, lumped: each of the D nodes gets an equal share of the
+//! face. Lumping keeps the couplings positive, so that pressures do not overshoot at faults.
 //!
-//! In the plane all is for a layer of unit thickness: rates are per length of it.
+//! In 2-D, the mesh is a layer of unit thickness: rates are per unit length of thickness.
 
 use crate::parallel::prelude::*;
 
@@ -32,9 +32,9 @@ use crate::{Error, Result};
 /// The pressure system of a mesh, ready for any sources.
 #[derive(Debug, Clone)]
 pub struct ElementFlow<const D: usize = 3, M = TetMesh> {
-    /// The mesh, torn along its faults unless they are open.
+    /// The mesh, split along its faults unless they are open.
     pub split_mesh: SplitMesh<D, M>,
-    /// Rate across each face of `split.faces` per jump of pressure.
+    /// Rate across each face of `split_mesh.faces` per pressure jump.
     pub transmissibility: Vec<f64>,
     rock: Rock,
     matrix: Matrix,
@@ -43,18 +43,18 @@ pub struct ElementFlow<const D: usize = 3, M = TetMesh> {
 }
 
 impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
-    /// Prepares the pressure system: `mesh` where flow shall be computed (physical coordinates; its
-    /// length unit is that of permeability's square), barriers on its faces, one mobility for each
-    /// cell.
+    /// Prepares the pressure system. `mesh` is in physical coordinates; the square of its length
+    /// unit is the unit of permeability. `barriers` lie on its faces, and `rock` has one mobility
+    /// for each cell.
     ///
     /// # Errors
-    /// [`Error::Mesh`] if a cell has no positive volume or the mesh is no mesh.
+    /// Returns [`Error::Mesh`] if a cell has no positive volume or a face has more than two cells.
     pub fn new(mesh: &M, barriers: &Barriers, rock: Rock) -> Result<Self> {
-        let flat = |c: &usize| {
+        let has_no_volume = |c: &usize| {
             let volume = mesh.volume(*c);
             volume.is_nan() || volume <= 0.0
         };
-        if let Some(c) = (0..mesh.len()).find(flat) {
+        if let Some(c) = (0..mesh.len()).find(has_no_volume) {
             return Err(Error::Mesh(cause(
                 format!("cell {c} of the {}", M::CELLS_NAME),
                 "has no positive volume",
@@ -64,14 +64,14 @@ impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
         let split = SplitMesh::new(mesh, barriers)?;
         let transmissibility = (split.faces.par_iter())
             .map(|face| {
-                let seen = [0, 1].map(|side| {
+                let side_gradients = [0, 1].map(|side| {
                     let (g, size) = gradients(&corners(mesh, face.cells[side] as usize));
                     (g[usize::from(face.local_faces[side])], size)
                 });
-                let area = area_vector(seen[0].0);
+                let area = area_vector(side_gradients[0].0);
                 let size = dot(area, area).sqrt();
                 let normal = area.map(|c| c / size);
-                let distance = seen.map(|(g, size)| centre_to_face(g, size));
+                let distance = side_gradients.map(|(g, size)| centre_to_face(g, size));
                 let mobility = face
                     .cells
                     .map(|c| rock.mobility(c as usize).normal_component(normal));
@@ -88,30 +88,32 @@ impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
         })
     }
 
-    /// Steady pressure where fluid enters at each node of the torn mesh at its rate in `rates`, and
-    /// some nodes' pressures are given (the first of several for one node holds). Where no pressure
-    /// is given, its mean is zero.
+    /// Returns the steady pressure. `rates` is the rate at which fluid enters at each node of the
+    /// split mesh; `fixed` are pairs of a node and its given pressure (of several pressures for one
+    /// node, the first one applies). If no pressure is given, the mean pressure is zero.
     ///
     /// # Errors
-    /// [`Error::Flow`] if rates do not balance where they must.
+    /// Returns [`Error::Flow`] if rates do not balance where they must.
     pub fn solve(&self, rates: &[f64], fixed: &[(u32, f64)]) -> Result<Solution> {
         self.solve_cancellable(rates, fixed, &CancelToken::never())
     }
 
-    /// The same as long as `patience` lasts, which is asked between iterations.
+    /// Returns the same as [`solve`](Self::solve), but checks `cancel` between iterations.
     ///
     /// # Errors
-    /// Those of [`solve`](Self::solve), and [`Error::Interrupted`] once it is over.
+    /// Returns the errors of [`solve`](Self::solve), and [`Error::Interrupted`] once `cancel` is
+    /// cancelled.
     pub fn solve_cancellable(
         &self,
         rates: &[f64],
         fixed: &[(u32, f64)],
-        patience: &CancelToken<'_>,
+        cancel: &CancelToken<'_>,
     ) -> Result<Solution> {
-        solve(&self.matrix, rates, fixed, &self.volume, 0.0, patience)
+        solve(&self.matrix, rates, fixed, &self.volume, 0.0, cancel)
     }
 
-    /// The rate at each node due to wells: shared between the nodes of its cell.
+    /// Returns the rate at each node due to wells. The rate of a well is shared between the nodes
+    /// of its cell.
     pub fn rates(&self, wells: &[LocatedWell]) -> Vec<f64> {
         let mut rates = vec![0.0; self.volume.len()];
         for well in wells {
@@ -123,16 +125,16 @@ impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
         rates
     }
 
-    /// The volume of each node's control volume.
+    /// Returns the volume of each node's control volume.
     pub fn control_volumes(&self) -> &[f64] {
         &self.volume
     }
 
-    /// The cell of each well and how its rate is shared between the nodes: by the linear base
-    /// functions, which is what the finite-element method makes of a point source.
+    /// Returns the cell of each well and the shares of its nodes in its rate: the values of the
+    /// linear shape functions, as the finite-element method treats a point source.
     ///
     /// # Errors
-    /// [`Error::Flow`] names a well outside the mesh.
+    /// Returns [`Error::Flow`] with the name of the well if a well lies outside the mesh.
     pub fn locate(&self, wells: &[PointWell<D>]) -> Result<Vec<LocatedWell>> {
         wells
             .iter()
@@ -140,24 +142,24 @@ impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
             .collect()
     }
 
-    /// The mobility of a cell.
+    /// Returns the mobility of a cell.
     #[inline]
     pub fn mobility(&self, cell: usize) -> &Tensor {
         self.rock.mobility(cell)
     }
 
-    /// The nodes of the torn mesh for which `chosen` holds of the node they were made from.
-    pub fn nodes_where(&self, chosen: impl Fn(usize) -> bool) -> Vec<u32> {
+    /// Returns the nodes of the split mesh for whose original node `predicate` is `true`.
+    pub fn nodes_where(&self, predicate: impl Fn(usize) -> bool) -> Vec<u32> {
         let nodes = 0..self.split_mesh.original_node.len() as u32;
         nodes
-            .filter(|&i| chosen(self.split_mesh.original_node[i as usize] as usize))
+            .filter(|&i| predicate(self.split_mesh.original_node[i as usize] as usize))
             .collect()
     }
 
-    /// The Darcy velocity `-K grad p / viscosity` of each cell (rate per area).
+    /// Returns the Darcy velocity `-K grad p / viscosity` of each cell (rate per area).
     pub fn velocity(&self, pressure: &[f64]) -> Vec<[f64; D]> {
         let mesh = &self.split_mesh.mesh;
-        let one = |c: usize| {
+        let cell_velocity = |c: usize| {
             let (g, size) = gradients(&corners(mesh, c));
             let nodes = mesh.cell(c);
             let p = |k: usize| pressure[nodes[k] as usize];
@@ -166,16 +168,16 @@ impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
             });
             self.rock.mobility(c).times(gradient).map(|v| -v)
         };
-        (0..mesh.len()).into_par_iter().map(one).collect()
+        (0..mesh.len()).into_par_iter().map(cell_velocity).collect()
     }
 
-    /// The rate across each face of `split.faces`, from its first cell to its second.
+    /// Returns the rate across each face of `split_mesh.faces`, from its first cell to its second.
     pub fn fault_rates(&self, pressure: &[f64]) -> Vec<f64> {
-        let across = |(face, t): (&FaultFace<D>, &f64)| {
-            let [here, there] = face.nodes;
-            let jumps = here
+        let face_rate = |(face, t): (&FaultFace<D>, &f64)| {
+            let [side_a, side_b] = face.nodes;
+            let jumps = side_a
                 .iter()
-                .zip(there)
+                .zip(side_b)
                 .map(|(&a, b)| pressure[a as usize] - pressure[b as usize]);
             t / D as f64 * jumps.sum::<f64>()
         };
@@ -183,12 +185,12 @@ impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
             .faces
             .iter()
             .zip(&self.transmissibility)
-            .map(across)
+            .map(face_rate)
             .collect()
     }
 }
 
-/// The system's matrix and the control volumes.
+/// Returns the matrix of the system and the volumes of the control volumes.
 fn assemble<const D: usize, M: Simplices<D>>(
     split: &SplitMesh<D, M>,
     transmissibility: &[f64],
@@ -196,7 +198,7 @@ fn assemble<const D: usize, M: Simplices<D>>(
 ) -> (Matrix, Vec<f64>) {
     let mesh = &split.mesh;
     let n = mesh.nodes().len();
-    let (start, around) = sort_by_group(n, mesh.connectivity().iter().map(|&i| i as usize));
+    let (start, sorted_corners) = sort_by_group(n, mesh.connectivity().iter().map(|&i| i as usize));
     let mut couplings: Vec<(u32, u32, f64)> = Vec::with_capacity(2 * D * split.faces.len());
     for (face, t) in split.faces.iter().zip(transmissibility) {
         for (&a, &b) in face.nodes[0].iter().zip(&face.nodes[1]) {
@@ -207,15 +209,15 @@ fn assemble<const D: usize, M: Simplices<D>>(
         }
     }
     couplings.sort_by_key(|coupling| (coupling.0, coupling.1));
-    let corners_of = |i: usize| &around[start[i] as usize..start[i + 1] as usize];
+    let corners_of = |i: usize| &sorted_corners[start[i] as usize..start[i + 1] as usize];
     let matrix = Matrix::from_rows(n, n, |i, row| {
         for &corner in corners_of(i) {
             let (cell, k) = (corner as usize / (D + 1), corner as usize % (D + 1));
             let (g, size) = gradients(&corners(mesh, cell));
             let scale = 1.0 / (const { factorial(D) } * size);
-            let out = rock.mobility(cell).times(g[k]).map(|v| v * scale);
+            let flux = rock.mobility(cell).times(g[k]).map(|v| v * scale);
             for (&j, gradient) in mesh.cell(cell).iter().zip(g) {
-                row.add(j, dot(out, gradient));
+                row.add(j, dot(flux, gradient));
             }
         }
         let first = couplings.partition_point(|c| (c.0 as usize) < i);

@@ -1,4 +1,5 @@
-//! Flow through triangles and tetrahedra against known answers: each test that can be is for both.
+//! Tests of flow through triangles and tetrahedra against known solutions. Where possible, each
+//! test runs in 2-D and 3-D.
 
 use std::f64::consts::PI;
 
@@ -8,14 +9,14 @@ use crate::mesh::boxes::{faces_on, jittered_box};
 use crate::model::flow::FaultLaw;
 use crate::model::flow::test_meshes::{faulted_box, flow_through};
 
-/// Nodes of the torn mesh in sides of the box, by a predicate of position.
+/// Returns the nodes of the split mesh whose positions fulfil a predicate.
 fn nodes_at<const D: usize, M: Simplices<D>>(
     flow: &ElementFlow<D, M>,
-    chosen: impl Fn([f64; D]) -> bool,
+    is_selected: impl Fn([f64; D]) -> bool,
 ) -> Vec<u32> {
     let nodes = flow.split_mesh.mesh.nodes();
     (0..nodes.len() as u32)
-        .filter(|&i| chosen(nodes[i as usize]))
+        .filter(|&i| is_selected(nodes[i as usize]))
         .collect()
 }
 
@@ -23,40 +24,41 @@ fn full_tensor() -> Tensor {
     Tensor::from_numbers(&[3.0, 1.0, 0.1, 0.5, -0.1, 0.2]).unwrap()
 }
 
-/// Pressures at x = 0 and x = length given.
+/// Returns fixed pressures for the nodes at x = 0 and x = `length`.
 fn end_pressures<const D: usize, M: Simplices<D>>(
     flow: &ElementFlow<D, M>,
     length: f64,
     low: f64,
     high: f64,
 ) -> Vec<(u32, f64)> {
-    let at = |x: f64, p: f64| {
+    let fixed_at = |x: f64, p: f64| {
         let nodes = nodes_at(flow, |y| y[0] == x);
         nodes.into_iter().map(move |i| (i, p))
     };
-    at(0.0, low).chain(at(length, high)).collect()
+    fixed_at(0.0, low).chain(fixed_at(length, high)).collect()
 }
 
 fn no_rates<const D: usize, M: Simplices<D>>(flow: &ElementFlow<D, M>) -> Vec<f64> {
     vec![0.0; flow.split_mesh.mesh.nodes().len()]
 }
 
-/// The first coordinates of a point in space.
+/// Returns the first D coordinates of a point in space.
 fn truncate_point<const D: usize>(x: [f64; 3]) -> [f64; D] {
     std::array::from_fn(|k| x[k])
 }
 
-/// Mean of points.
+/// Returns the mean of points.
 fn middle<const D: usize>(points: &[[f64; D]]) -> [f64; D] {
     std::array::from_fn(|k| points.iter().map(|p| p[k]).sum::<f64>() / points.len() as f64)
 }
 
-/// The net flux out of each node's control volume through the facets between control volumes, from
-/// geometry alone: in the plane from an edge's middle to the cell's centre, in space quadrilaterals
-/// from an edge's middle over two faces' centres to the cell's.
+/// Computes the net flux out of each node's control volume from geometry alone, through the facets
+/// between control volumes. In 2-D a facet goes from the midpoint of an edge to the centre of the
+/// cell. In 3-D it is a quadrilateral from the midpoint of an edge over the centres of two faces to
+/// the centre of the cell.
 fn outflow_by_facets<const D: usize, M: Simplices<D>>(mesh: &M, velocity: &[[f64; D]]) -> Vec<f64> {
     let sub = |a: [f64; D], b: [f64; D]| -> [f64; D] { std::array::from_fn(|k| a[k] - b[k]) };
-    let mut out = vec![0.0; mesh.nodes().len()];
+    let mut outflow = vec![0.0; mesh.nodes().len()];
     for c in 0..mesh.len() {
         let p = &corners(mesh, c)[..=D];
         let centre = middle(p);
@@ -82,12 +84,12 @@ fn outflow_by_facets<const D: usize, M: Simplices<D>>(mesh: &M, velocity: &[[f64
                     area = area.map(|c| -c);
                 }
                 let flux = dot(velocity[c], area);
-                out[mesh.cell(c)[i] as usize] += flux;
-                out[mesh.cell(c)[j] as usize] -= flux;
+                outflow[mesh.cell(c)[i] as usize] += flux;
+                outflow[mesh.cell(c)[j] as usize] -= flux;
             }
         }
     }
-    out
+    outflow
 }
 
 fn check_linear_pressure<const D: usize, M: Simplices<D>>() {
@@ -106,18 +108,18 @@ fn check_linear_pressure<const D: usize, M: Simplices<D>>() {
             .into_iter()
             .map(|i| (i, exact(mesh.nodes()[i as usize])))
             .collect();
-        let found = flow.solve(&no_rates(&flow), &fixed).unwrap();
-        for (p, &x) in found.pressure.iter().zip(mesh.nodes()) {
+        let solution = flow.solve(&no_rates(&flow), &fixed).unwrap();
+        for (p, &x) in solution.pressure.iter().zip(mesh.nodes()) {
             assert!((p - exact(x)).abs() < 1e-10, "{p} {}", exact(x));
         }
-        let want = tensor.times(slope).map(|v| -v / 0.5);
-        for velocity in flow.velocity(&found.pressure) {
+        let expected = tensor.times(slope).map(|v| -v / 0.5);
+        for velocity in flow.velocity(&solution.pressure) {
             assert!(
-                (0..D).all(|k| (velocity[k] - want[k]).abs() < 1e-9),
+                (0..D).all(|k| (velocity[k] - expected[k]).abs() < 1e-9),
                 "{velocity:?}"
             );
         }
-        assert!(found.stats.total_imbalance < 1e-10 && found.stats.max_imbalance < 1e-10);
+        assert!(solution.stats.total_imbalance < 1e-10 && solution.stats.max_imbalance < 1e-10);
     }
 }
 
@@ -128,7 +130,7 @@ fn linear_pressure_is_exact_for_any_mesh_and_tensor() {
 }
 
 fn check_second_order<const D: usize, M: Simplices<D>>(sizes: [usize; 3]) {
-    // No flow through the sides; the source that makes cos cos cos the pressure.
+    // No flow through the sides; the source for which the pressure is a product of cosines.
     let k = [1.0, 2.0, 0.5];
     let tensor = Tensor::from_numbers(&k).unwrap();
     let waves = [PI, 2.0 * PI, PI];
@@ -146,8 +148,8 @@ fn check_second_order<const D: usize, M: Simplices<D>>(sizes: [usize; 3]) {
             .iter_mut()
             .zip(volume)
             .for_each(|(rate, v)| *rate -= v * mean);
-        let found = flow.solve(&rates, &[]).unwrap();
-        let square = |i: usize| volume[i] * (found.pressure[i] - exact(mesh.nodes()[i])).powi(2);
+        let solution = flow.solve(&rates, &[]).unwrap();
+        let square = |i: usize| volume[i] * (solution.pressure[i] - exact(mesh.nodes()[i])).powi(2);
         errors.push((0..volume.len()).map(square).sum::<f64>().sqrt());
     }
     let orders: Vec<f64> = errors.windows(2).map(|e| (e[0] / e[1]).log2()).collect();
@@ -160,8 +162,8 @@ fn the_error_falls_with_the_square_of_the_mesh_size() {
     check_second_order::<3, TetMesh>([8, 16, 32]);
 }
 
-/// A box 4 long with a layer of fault rock across it at x = 2: rock outside the layer and the layer
-/// in series.
+/// Checks a box of length 4 with a layer of fault rock at x = 2: the layer and the rock outside it
+/// are resistances in series.
 fn check_fault_layer<const D: usize, M: Simplices<D>>() {
     let mut extent = [2.0; D];
     extent[0] = 4.0;
@@ -178,45 +180,46 @@ fn check_fault_layer<const D: usize, M: Simplices<D>>() {
         mesh.nodes().len() + doubled
     );
     let fixed = end_pressures(&flow, 4.0, 10.0, 4.0);
-    let found = flow.solve(&no_rates(&flow), &fixed).unwrap();
+    let solution = flow.solve(&no_rates(&flow), &fixed).unwrap();
     let resistance = viscosity * ((4.0 - thickness) / k + thickness / (multiplier * k));
     let u = 6.0 / resistance;
     let jump = 6.0 - u * viscosity * 4.0 / k;
     for c in 0..mesh.len() {
-        let torn = &flow.split_mesh.mesh;
-        let step = if middle(&corners(torn, c)[..=D])[0] > 2.0 {
+        let split = &flow.split_mesh.mesh;
+        let step = if middle(&corners(split, c)[..=D])[0] > 2.0 {
             jump
         } else {
             0.0
         };
-        for &i in torn.cell(c) {
-            let (p, x) = (found.pressure[i as usize], torn.nodes()[i as usize]);
+        for &i in split.cell(c) {
+            let (p, x) = (solution.pressure[i as usize], split.nodes()[i as usize]);
             let exact = 10.0 - u * viscosity / k * x[0] - step;
             assert!((p - exact).abs() < 1e-9, "{p} {exact} at {x:?}");
         }
     }
     let section: f64 = extent[1..].iter().product();
-    let across: f64 = flow.fault_rates(&found.pressure).iter().sum();
-    assert!((across - section * u).abs() < 1e-9);
-    assert!((found.stats.throughput - section * u).abs() < 1e-9);
+    let fault_rate: f64 = flow.fault_rates(&solution.pressure).iter().sum();
+    assert!((fault_rate - section * u).abs() < 1e-9);
+    assert!((solution.stats.throughput - section * u).abs() < 1e-9);
 }
 
 #[test]
-fn a_layer_of_fault_rock_makes_the_jump_that_it_must() {
+fn a_layer_of_fault_rock_causes_the_exact_pressure_jump() {
     check_fault_layer::<2, TriMesh>();
     check_fault_layer::<3, TetMesh>();
 }
 
-/// Three faults across a box 8 long, each with its own law; in series.
+/// Checks a box of length 8 with three faults across it, each with its own law: they are
+/// resistances in series.
 fn check_fault_laws<const D: usize, M: Simplices<D>>() {
     let mut extent = [2.0; D];
     extent[0] = 8.0;
-    let at = [2.0, 4.0, 6.0];
+    let fault_positions = [2.0, 4.0, 6.0];
     let mesh: M = jittered_box(extent.map(|x| x as usize), extent, 0.2, |x| {
-        !at.contains(&x[0])
+        !fault_positions.contains(&x[0])
     });
     let mut label = vec![0; (D + 1) * mesh.len()];
-    for (x, number) in at.into_iter().zip(1..) {
+    for (x, number) in fault_positions.into_iter().zip(1..) {
         let marks: Vec<bool> =
             crate::mesh::interface::marks_from_bits::<D>(&faces_on(&mesh, |y| y[0] == x)).collect();
         (0..marks.len())
@@ -225,7 +228,7 @@ fn check_fault_laws<const D: usize, M: Simplices<D>>() {
     }
     let law = |multiplier| FaultLaw::new(multiplier, Some(0.1)).unwrap();
     let rock = Rock::uniform(Tensor::isotropic(1.0), 1.0);
-    // The second is open, so the mesh is not torn there.
+    // The second fault is open, so the mesh is not split there.
     let barriers = Barriers::new(label.clone(), vec![law(0.1), FaultLaw::OPEN, law(0.02)]).unwrap();
     let flow = ElementFlow::new(&mesh, &barriers, rock.clone()).unwrap();
     let labels: Vec<u32> = flow
@@ -235,19 +238,19 @@ fn check_fault_laws<const D: usize, M: Simplices<D>>() {
         .map(|face| face.label)
         .collect();
     assert!(labels.contains(&1) && !labels.contains(&2) && labels.contains(&3));
-    let found = flow
+    let solution = flow
         .solve(&no_rates(&flow), &end_pressures(&flow, 8.0, 1.0, 0.0))
         .unwrap();
     let resistance = 8.0 + 0.1 * (1.0 / 0.1 - 1.0) + 0.1 * (1.0 / 0.02 - 1.0);
     let section: f64 = extent[1..].iter().product();
-    assert!((found.stats.throughput * resistance / section - 1.0).abs() < 1e-10);
-    // One of them closed: nothing gets through.
+    assert!((solution.stats.throughput * resistance / section - 1.0).abs() < 1e-10);
+    // With one fault closed, nothing flows.
     let laws = vec![law(0.1), FaultLaw::CLOSED, law(0.02)];
     let flow = ElementFlow::new(&mesh, &Barriers::new(label, laws).unwrap(), rock).unwrap();
-    let found = flow
+    let solution = flow
         .solve(&no_rates(&flow), &end_pressures(&flow, 8.0, 1.0, 0.0))
         .unwrap();
-    assert!(found.stats.throughput < 1e-12 && found.stats.compartments == 2);
+    assert!(solution.stats.throughput < 1e-12 && solution.stats.compartments == 2);
 }
 
 #[test]
@@ -257,105 +260,109 @@ fn every_fault_has_its_own_multiplier() {
 }
 
 #[test]
-fn a_fault_that_is_open_is_not_there() {
+fn an_open_fault_has_no_effect() {
     let mesh = jittered_box::<3, TetMesh>([4, 3, 3], [4.0, 3.0, 3.0], 0.2, |x| x[0] != 2.0);
     let bits = faces_on(&mesh, |x| x[0] == 2.0);
     let rock = || Rock::uniform(full_tensor(), 1.0);
     let open = flow_through(&mesh, &bits, rock(), FaultLaw::OPEN);
     assert!(open.split_mesh.faces.is_empty());
     assert_eq!(open.split_mesh.mesh, mesh);
-    let nearly = flow_through(
+    let almost_open = flow_through(
         &mesh,
         &bits,
         rock(),
         FaultLaw::new(1.0 - 1e-6, None).unwrap(),
     );
     let pressure = |flow: &ElementFlow| {
-        let found = flow.solve(&no_rates(flow), &end_pressures(flow, 4.0, 1.0, 0.0));
-        found.unwrap().pressure
+        let solution = flow.solve(&no_rates(flow), &end_pressures(flow, 4.0, 1.0, 0.0));
+        solution.unwrap().pressure
     };
-    let (a, b) = (pressure(&open), pressure(&nearly));
-    for (p, &from) in b.iter().zip(&nearly.split_mesh.original_node) {
-        assert!((p - a[from as usize]).abs() < 1e-5);
+    let (a, b) = (pressure(&open), pressure(&almost_open));
+    for (p, &original) in b.iter().zip(&almost_open.split_mesh.original_node) {
+        assert!((p - a[original as usize]).abs() < 1e-5);
     }
 }
 
 #[test]
-fn a_closed_fault_parts_pressures_and_compartments() {
+fn a_closed_fault_separates_pressures_and_compartments() {
     let mesh = jittered_box::<3, TetMesh>([6, 4, 4], [6.0, 4.0, 4.0], 0.2, |x| x[0] != 3.0);
     let bits = faces_on(&mesh, |x| x[0] == 3.0);
     let rock = Rock::uniform(Tensor::isotropic(1.0), 1.0);
     let flow = flow_through(&mesh, &bits, rock, FaultLaw::CLOSED);
-    let none = vec![0.0; flow.split_mesh.mesh.nodes.len()];
-    let found = flow
-        .solve(&none, &end_pressures(&flow, 6.0, 7.0, -2.0))
+    let rates = vec![0.0; flow.split_mesh.mesh.nodes.len()];
+    let solution = flow
+        .solve(&rates, &end_pressures(&flow, 6.0, 7.0, -2.0))
         .unwrap();
-    assert_eq!(found.stats.compartments, 2);
+    assert_eq!(solution.stats.compartments, 2);
     for (t, tet) in flow.split_mesh.mesh.tets.iter().enumerate() {
         let x = mesh.corners(t).iter().map(|p| p[0]).sum::<f64>() / 4.0;
-        let want = if x < 3.0 { 7.0 } else { -2.0 };
+        let expected = if x < 3.0 { 7.0 } else { -2.0 };
         assert!(
             tet.iter()
-                .all(|&i| (found.pressure[i as usize] - want).abs() < 1e-10)
+                .all(|&i| (solution.pressure[i as usize] - expected).abs() < 1e-10)
         );
     }
 
-    // A source on one side and a sink on the other cannot balance.
+    // A source on one side and a sink on the other side cannot balance.
     let well = |x: f64, rate: f64| PointWell {
         name: format!("well at {x}"),
         position: [x, 1.9, 2.2],
         rate,
     };
-    let apart = flow.locate(&[well(1.0, 1.0), well(5.0, -1.0)]).unwrap();
+    let unbalanced = flow.locate(&[well(1.0, 1.0), well(5.0, -1.0)]).unwrap();
     let error = flow
-        .solve(&flow.rates(&apart), &[])
+        .solve(&flow.rates(&unbalanced), &[])
         .unwrap_err()
         .to_string();
     assert!(
         error.contains("closed faults") && error.contains("balance"),
         "{error}"
     );
-    // On one side they can; the other side has pressure zero.
-    let together = flow.locate(&[well(1.0, 1.0), well(2.6, -1.0)]).unwrap();
-    let found = flow.solve(&flow.rates(&together), &[]).unwrap();
-    assert!(found.stats.max_imbalance < 1e-10 && found.stats.total_imbalance < 1e-10);
-    let mean: f64 = found
+    // On the same side they can; the other side has pressure zero.
+    let balanced = flow.locate(&[well(1.0, 1.0), well(2.6, -1.0)]).unwrap();
+    let solution = flow.solve(&flow.rates(&balanced), &[]).unwrap();
+    assert!(solution.stats.max_imbalance < 1e-10 && solution.stats.total_imbalance < 1e-10);
+    let mean: f64 = solution
         .pressure
         .iter()
         .zip(flow.control_volumes())
         .map(|(p, v)| p * v)
         .sum();
     assert!(mean.abs() < 1e-9);
-    // With pressure given on one side only, the other must still balance.
+    // If pressure is fixed on one side only, the other side must still balance.
     let fixed: Vec<(u32, f64)> = nodes_at(&flow, |x| x[0] == 0.0)
         .into_iter()
         .map(|i| (i, 0.0))
         .collect();
-    assert!(flow.solve(&flow.rates(&apart), &fixed).is_err());
-    assert!(flow.solve(&flow.rates(&together), &fixed).is_ok());
+    assert!(flow.solve(&flow.rates(&unbalanced), &fixed).is_err());
+    assert!(flow.solve(&flow.rates(&balanced), &fixed).is_ok());
 }
 
 #[test]
-fn pressure_is_continuous_round_the_tip_of_a_fault() {
-    // The fault ends in the middle: fluid goes round it.
+fn pressure_is_continuous_around_the_tip_of_a_fault() {
+    // The fault ends in the middle, and fluid flows around its tip.
     let mesh = jittered_box::<3, TetMesh>([6, 6, 2], [6.0, 6.0, 2.0], 0.0, |_| false);
     let bits = faces_on(&mesh, |x| x[0] == 3.0 && x[1] <= 3.0);
     let rock = Rock::uniform(Tensor::isotropic(1.0), 1.0);
     let flow = flow_through(&mesh, &bits, rock, FaultLaw::CLOSED);
-    // Nodes at y = 0, 1, 2 are doubled, those of the tip (y = 3) are not.
+    // Nodes at y = 0, 1, 2 are doubled; those at the tip (y = 3) are not.
     assert_eq!(flow.split_mesh.mesh.nodes.len(), mesh.nodes.len() + 3 * 3);
-    let none = vec![0.0; flow.split_mesh.mesh.nodes.len()];
-    let found = flow
-        .solve(&none, &end_pressures(&flow, 6.0, 1.0, 0.0))
+    let rates = vec![0.0; flow.split_mesh.mesh.nodes.len()];
+    let solution = flow
+        .solve(&rates, &end_pressures(&flow, 6.0, 1.0, 0.0))
         .unwrap();
-    assert_eq!(found.stats.compartments, 1);
-    let through = found.stats.throughput;
-    assert!(through < 0.9 * 2.0 && through > 0.5 * 2.0, "{through}");
-    // The mesh of faults has jumps, and by symmetry the two sides mirror each other there.
+    assert_eq!(solution.stats.compartments, 1);
+    let throughput = solution.stats.throughput;
+    assert!(
+        throughput < 0.9 * 2.0 && throughput > 0.5 * 2.0,
+        "{throughput}"
+    );
+    // Pressure jumps across the fault.
     let doubled = flow.split_mesh.original_node.len() - mesh.nodes.len();
     let jumps: Vec<f64> = (mesh.nodes.len()..flow.split_mesh.original_node.len())
         .map(|i| {
-            (found.pressure[i] - found.pressure[flow.split_mesh.original_node[i] as usize]).abs()
+            (solution.pressure[i] - solution.pressure[flow.split_mesh.original_node[i] as usize])
+                .abs()
         })
         .collect();
     assert_eq!(jumps.len(), doubled);
@@ -363,48 +370,53 @@ fn pressure_is_continuous_round_the_tip_of_a_fault() {
 }
 
 #[test]
-fn what_runs_out_of_patience_stops_wherever_it_is() {
+fn cancelled_work_stops_at_any_check() {
     let mesh = jittered_box::<3, TetMesh>([8, 7, 6], [8.0, 7.0, 6.0], 0.2, |_| false);
     let bits = vec![0; mesh.tets.len()];
     let rock = Rock::uniform(Tensor::isotropic(1.0), 1.0);
     let flow = flow_through(&mesh, &bits, rock, FaultLaw::CLOSED);
-    let (none, fixed) = (no_rates(&flow), end_pressures(&flow, 8.0, 1.0, 0.0));
-    // What it gives, and how often it was asked before that.
-    let ask = |questions: usize, of: &dyn Fn(&CancelToken<'_>) -> Result<()>| {
-        let mut asked = 0;
+    let (sources, fixed) = (no_rates(&flow), end_pressures(&flow, 8.0, 1.0, 0.0));
+    // Returns the result of `work` and the number of checks of the token, if it is cancelled after
+    // `max_checks` checks.
+    let run_with_limit = |max_checks: usize, work: &dyn Fn(&CancelToken<'_>) -> Result<()>| {
+        let mut checks = 0;
         let mut keep_going = || {
-            asked += 1;
-            asked <= questions
+            checks += 1;
+            checks <= max_checks
         };
-        let done = CancelToken::run(&mut keep_going, of);
-        (done, asked)
+        let result = CancelToken::run(&mut keep_going, work);
+        (result, checks)
     };
-    let pressure = flow.solve(&none, &fixed).unwrap().pressure;
+    let pressure = flow.solve(&sources, &fixed).unwrap().pressure;
     let solve =
-        |patience: &CancelToken<'_>| flow.solve_cancellable(&none, &fixed, patience).map(|_| ());
-    let rates = |patience: &CancelToken<'_>| {
-        let rates = flow.face_rates(&pressure, &[], &fixed, patience);
-        rates.map(|_| ())
+        |cancel: &CancelToken<'_>| flow.solve_cancellable(&sources, &fixed, cancel).map(|_| ());
+    let rates = |cancel: &CancelToken<'_>| {
+        let face_rates = flow.face_rates(&pressure, &[], &fixed, cancel);
+        face_rates.map(|_| ())
     };
     for work in [&solve as &dyn Fn(&CancelToken<'_>) -> Result<()>, &rates] {
-        let (done, all) = ask(usize::MAX, work);
-        assert!(done.is_ok() && all > 4, "asked {all} times");
-        for questions in [0, 1, all / 2, all - 1] {
-            let (stopped, asked) = ask(questions, work);
-            let error = stopped.unwrap_err();
+        let (result, total_checks) = run_with_limit(usize::MAX, work);
+        assert!(
+            result.is_ok() && total_checks > 4,
+            "checked {total_checks} times"
+        );
+        for limit in [0, 1, total_checks / 2, total_checks - 1] {
+            let (result, checks) = run_with_limit(limit, work);
+            let error = result.unwrap_err();
             assert_eq!(error.kind(), crate::ErrorKind::Interrupted, "{error}");
-            assert_eq!(asked, questions + 1, "of {all}");
+            assert_eq!(checks, limit + 1, "of {total_checks}");
         }
     }
 }
 
-/// Pressure of a source at `from` and a sink at `to`, rate 1 and mobility 1, no flow through the
-/// sides of the unit cube (or square), up to a constant: cosines across, the one-dimensional Green's
-/// function along the last axis. Converges fast where that coordinate differs from the wells'.
-fn two_well_pressure<const D: usize>(from: [f64; D], to: [f64; D], x: [f64; D]) -> f64 {
+/// Returns the pressure of a source and a sink with rate 1 and mobility 1, without flow through the
+/// sides of the unit cube (or square), up to a constant: cosines across, and the one-dimensional
+/// Green's function along the last axis. The series converges fast where that coordinate differs
+/// from those of the wells.
+fn two_well_pressure<const D: usize>(source: [f64; D], sink: [f64; D], x: [f64; D]) -> f64 {
     const MODES: usize = 60;
     let last = D - 1;
-    let mut sum = 0.5 * ((x[last] - to[last]).abs() - (x[last] - from[last]).abs());
+    let mut sum = 0.5 * ((x[last] - sink[last]).abs() - (x[last] - source[last]).abs());
     for mode in 1..MODES.pow(last as u32) {
         let waves = [mode % MODES, mode / MODES].map(|m| m as f64);
         let k = PI * (waves[0] * waves[0] + waves[1] * waves[1]).sqrt();
@@ -416,22 +428,24 @@ fn two_well_pressure<const D: usize>(from: [f64; D], to: [f64; D], x: [f64; D]) 
             |y: [f64; D]| -> f64 { (0..last).map(|c| (PI * waves[c] * y[c]).cos()).product() };
         let green = |z: f64| {
             let (low, high) = (x[last].min(z), x[last].max(z));
-            // cosh(k low) cosh(k (1 - high)) / (k sinh k), without overflow.
+            // Equals cosh(k low) cosh(k (1 - high)) / (k sinh k), without overflow.
             let e = |t: f64| (-k * t).exp();
             0.5 * e(high - low) * (1.0 + e(2.0 * low)) * (1.0 + e(2.0 * (1.0 - high)))
                 / (k * (1.0 - e(2.0)))
         };
-        sum += weight * shape(x) * (shape(from) * green(from[last]) - shape(to) * green(to[last]));
+        sum += weight
+            * shape(x)
+            * (shape(source) * green(source[last]) - shape(sink) * green(sink[last]));
     }
     sum
 }
 
 fn check_well_to_well<const D: usize, M: Simplices<D>>(n: usize) {
-    let (mut from, mut to): ([f64; D], [f64; D]) = (
+    let (mut source, mut sink): ([f64; D], [f64; D]) = (
         truncate_point([0.27, 0.31, 0.0]),
         truncate_point([0.71, 0.64, 0.0]),
     );
-    (from[D - 1], to[D - 1]) = (0.23, 0.28);
+    (source[D - 1], sink[D - 1]) = (0.23, 0.28);
     let mesh: M = jittered_box([n; D], [1.0; D], 0.15, |_| true);
     let (k, viscosity, rate) = (2.0, 0.3, 5.0);
     let rock = Rock::uniform(Tensor::isotropic(k), viscosity);
@@ -441,25 +455,28 @@ fn check_well_to_well<const D: usize, M: Simplices<D>>(n: usize) {
         position,
         rate,
     };
-    let wells = flow.locate(&[well(from, rate), well(to, -rate)]).unwrap();
-    let found = flow.solve(&flow.rates(&wells), &[]).unwrap();
-    assert!(found.stats.max_imbalance < 1e-10 && found.stats.total_imbalance < 1e-10);
-    let far: Vec<usize> = (0..mesh.nodes().len())
+    let wells = flow
+        .locate(&[well(source, rate), well(sink, -rate)])
+        .unwrap();
+    let solution = flow.solve(&flow.rates(&wells), &[]).unwrap();
+    assert!(solution.stats.max_imbalance < 1e-10 && solution.stats.total_imbalance < 1e-10);
+    let sample_nodes: Vec<usize> = (0..mesh.nodes().len())
         .filter(|&i| mesh.nodes()[i][D - 1] > 0.55)
         .step_by(97)
         .collect();
-    assert!(far.len() > 10);
-    let exact: Vec<f64> = far
+    assert!(sample_nodes.len() > 10);
+    let exact: Vec<f64> = sample_nodes
         .iter()
-        .map(|&i| rate * viscosity / k * two_well_pressure(from, to, mesh.nodes()[i]))
+        .map(|&i| rate * viscosity / k * two_well_pressure(source, sink, mesh.nodes()[i]))
         .collect();
-    let mean =
-        |values: &dyn Fn(usize) -> f64| (0..far.len()).map(values).sum::<f64>() / far.len() as f64;
-    let shift = mean(&|n| found.pressure[far[n]] - exact[n]);
-    let spread = exact.iter().fold(0.0, |s: f64, e| s.max(e.abs()));
-    for (n, &i) in far.iter().enumerate() {
-        let error = (found.pressure[i] - shift - exact[n]).abs();
-        assert!(error < 0.005 * spread, "{error} of {spread}");
+    let mean = |values: &dyn Fn(usize) -> f64| {
+        (0..sample_nodes.len()).map(values).sum::<f64>() / sample_nodes.len() as f64
+    };
+    let shift = mean(&|n| solution.pressure[sample_nodes[n]] - exact[n]);
+    let max_exact = exact.iter().fold(0.0, |s: f64, e| s.max(e.abs()));
+    for (n, &i) in sample_nodes.iter().enumerate() {
+        let error = (solution.pressure[i] - shift - exact[n]).abs();
+        assert!(error < 0.005 * max_exact, "{error} of {max_exact}");
     }
 }
 
@@ -482,17 +499,21 @@ fn check_conservation<const D: usize, M: Simplices<D>>() {
     };
     let wells = flow.locate(&[well(0.4, 2.0), well(2.5, -2.0)]).unwrap();
     let rates = flow.rates(&wells);
-    let found = flow.solve(&rates, &[]).unwrap();
-    let mut out = outflow_by_facets(&flow.split_mesh.mesh, &flow.velocity(&found.pressure));
+    let solution = flow.solve(&rates, &[]).unwrap();
+    let mut outflow = outflow_by_facets(&flow.split_mesh.mesh, &flow.velocity(&solution.pressure));
     for (face, t) in flow.split_mesh.faces.iter().zip(&flow.transmissibility) {
         for (&a, &b) in face.nodes[0].iter().zip(&face.nodes[1]) {
-            let flux = t / D as f64 * (found.pressure[a as usize] - found.pressure[b as usize]);
-            out[a as usize] += flux;
-            out[b as usize] -= flux;
+            let flux =
+                t / D as f64 * (solution.pressure[a as usize] - solution.pressure[b as usize]);
+            outflow[a as usize] += flux;
+            outflow[b as usize] -= flux;
         }
     }
-    for (out, rate) in out.iter().zip(&rates) {
-        assert!((out - rate).abs() < 1e-10 * 2.0, "{out} {rate}");
+    for (node_outflow, rate) in outflow.iter().zip(&rates) {
+        assert!(
+            (node_outflow - rate).abs() < 1e-10 * 2.0,
+            "{node_outflow} {rate}"
+        );
     }
 }
 
@@ -526,8 +547,8 @@ fn iterations_do_not_grow_with_the_mesh() {
                 rate,
             };
             let wells = flow.locate(&[well(0.1, 1.0), well(0.9, -1.0)]).unwrap();
-            let found = flow.solve(&flow.rates(&wells), &[]).unwrap();
-            iterations.push(found.stats.iterations);
+            let solution = flow.solve(&flow.rates(&wells), &[]).unwrap();
+            iterations.push(solution.stats.iterations);
         }
         assert!(iterations.iter().all(|&i| i <= 25), "{iterations:?}");
     }
@@ -556,13 +577,13 @@ fn wells_outside_and_flat_tetrahedra_are_refused() {
         ..well.clone()
     };
     assert!(flow.locate(&[nowhere]).is_err());
-    let endless = PointWell {
+    let infinite_rate = PointWell {
         position: [1.0; 3],
         rate: f64::INFINITY,
         ..well.clone()
     };
-    assert!(flow.locate(&[endless]).is_err());
-    // On a node, an edge, a face, a corner of the box: inside.
+    assert!(flow.locate(&[infinite_rate]).is_err());
+    // Points on a node, an edge, a face or a corner of the box are inside.
     for position in [
         mesh.nodes[21],
         [0.0; 3],
@@ -581,13 +602,16 @@ fn wells_outside_and_flat_tetrahedra_are_refused() {
             assert!((x - position[k]).abs() < 1e-12);
         }
     }
-    let one = flow
+    let located = flow
         .locate(&[PointWell {
             position: [1.1; 3],
             ..well
         }])
         .unwrap();
-    let error = flow.solve(&flow.rates(&one), &[]).unwrap_err().to_string();
+    let error = flow
+        .solve(&flow.rates(&located), &[])
+        .unwrap_err()
+        .to_string();
     assert!(
         error.contains("1.0") && error.contains("no pressure is given"),
         "{error}"
@@ -601,7 +625,7 @@ fn wells_outside_and_flat_tetrahedra_are_refused() {
 }
 
 #[test]
-fn two_point_fluxes_between_tetrahedra_would_be_wrong() {
+fn two_point_fluxes_between_tetrahedra_are_wrong() {
     use crate::mesh::graph::Graph;
     use crate::model::flow::CellFlow;
     let mesh = jittered_box::<3, TetMesh>([8; 3], [1.0; 3], 0.15, |_| true);
@@ -611,14 +635,14 @@ fn two_point_fluxes_between_tetrahedra_would_be_wrong() {
         face.side = (face.normal[0].abs() > 0.5).then_some(u8::from(face.normal[0] > 0.0));
     }
     let cells = CellFlow::new(&graph, &rock, FaultLaw::OPEN).unwrap();
-    let found = cells
+    let solution = cells
         .solve(&vec![0.0; mesh.tets.len()], &[(0, 1.0), (1, 0.0)])
         .unwrap();
-    let two_point = (found.stats.throughput - 1.0).abs();
+    let two_point = (solution.stats.throughput - 1.0).abs();
     let flow = flow_through(&mesh, &[], rock, FaultLaw::OPEN);
     let fixed = end_pressures(&flow, 1.0, 1.0, 0.0);
-    let found = flow.solve(&no_rates(&flow), &fixed).unwrap();
-    assert!((found.stats.throughput - 1.0).abs() < 1e-10);
-    // However fine the mesh.
+    let solution = flow.solve(&no_rates(&flow), &fixed).unwrap();
+    assert!((solution.stats.throughput - 1.0).abs() < 1e-10);
+    // The error does not fall with refinement.
     assert!(two_point > 0.05, "{two_point}");
 }

@@ -1,9 +1,9 @@
-//! Steady single-phase flow: `div(K / viscosity grad p) = q`.
+//! Steady single-phase flow: solves `div(K / viscosity grad p) = q`.
 //!
-//! Units are free as long as they fit together; the command line uses SI: metres, Pa, Pa s, m^2 for
+//! Any consistent set of units works. The command line uses SI units: metres, Pa, Pa s, m^2 for
 //! permeability, m^3/s for rates.
 //!
-//! From a pressure of 1 on the left to 0 on the right of a square:
+//! Example: flow through a square from pressure 1 on its left side to pressure 0 on its right side.
 //!
 //! ```
 //! use atomesh::mesh::TriMesh;
@@ -15,28 +15,29 @@
 //! };
 //! let rock = Rock::uniform(Tensor::isotropic(2.0), 1.0);
 //! let flow = ElementFlow::new(&mesh, &Barriers::default(), rock)?;
-//! let found = flow.solve(&[0.0; 5], &[(0, 1.0), (3, 1.0), (1, 0.0), (2, 0.0)])?;
-//! assert!((found.pressure[4] - 0.5).abs() < 1e-12);
-//! assert!((found.figures.throughput - 2.0).abs() < 1e-12);
-//! assert!((flow.velocity(&found.pressure)[0][0] - 2.0).abs() < 1e-12);
+//! let solution = flow.solve(&[0.0; 5], &[(0, 1.0), (3, 1.0), (1, 0.0), (2, 0.0)])?;
+//! assert!((solution.pressure[4] - 0.5).abs() < 1e-12);
+//! assert!((solution.stats.throughput - 2.0).abs() < 1e-12);
+//! assert!((flow.velocity(&solution.pressure)[0][0] - 2.0).abs() < 1e-12);
 //! # Ok::<(), atomesh::Error>(())
 //! ```
 //!
 //! - `rock`: permeability, viscosity, and faults as thin layers
-//! - `barriers`: which faces are faults, each with its own law
-//! - `split`: a mesh torn along its faults
+//! - `barriers`: the faces that resist flow, and the fault law of each
+//! - `split_mesh`: meshes split along their faults
 //! - `elements`: linear finite elements on triangles and tetrahedra
-//! - `linear`: linear functions on triangles and tetrahedra
+//! - `shape_functions`: linear shape functions on triangles and tetrahedra
 //! - `cells`: two-point fluxes between cells
-//! - `anisotropy`: what two-point fluxes miss along each axis
+//! - `anisotropy`: errors of two-point fluxes along each axis
 //! - `wells`: point sources and sinks
-//! - `conserve`: rates through faces, conserved on every triangle or tetrahedron
-//! - `inside`: the same inside polyhedra and polygons
-//! - `streamlines`: paths of fluid through them
-//! - `report`: what is said of a flow
-//! - `system`: the pressure system, conjugate gradients, what is conserved
+//! - `face_rates`: rates through faces that are conserved on every triangle or tetrahedron
+//! - `reconstruction`: conserved rates inside polyhedra and polygons
+//! - `streamlines`: paths of fluid through these rates
+//! - `driver`: flow through a mesh from a file, with its boundary conditions and barriers
+//! - `report`: the report of a computed flow
+//! - `system`: the pressure system, conjugate gradients, and the mass balance
 //! - `multigrid`: the preconditioner
-//! - `sparse`: sparse matrices
+//! - `sparse_matrix`: sparse matrices
 
 pub mod anisotropy;
 pub(crate) mod barriers;

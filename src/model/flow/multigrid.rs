@@ -1,33 +1,33 @@
-//! Algebraic multigrid by smoothed aggregation (Vanek, Mandel, Brezina 1996, Computing 56, 179-196),
-//! as a preconditioner for symmetric positive definite matrices that act like a Laplacian: rows sum
-//! to zero except near fixed values.
+//! Algebraic multigrid by smoothed aggregation (Vanek, Mandel, Brezina 1996, Computing 56,
+//! 179-196). It is a preconditioner for symmetric positive definite matrices that are similar to a
+//! Laplacian: their rows sum to zero except near fixed values.
 //!
-//! Unknowns that are strongly coupled form aggregates; the prolongation is constant on each of them,
+//! Strongly coupled unknowns form aggregates. The prolongation is constant on each aggregate and
 //! smoothed by one damped Jacobi step. The smoother is a Chebyshev polynomial of the diagonally
-//! scaled matrix: unlike Gauss-Seidel it knows no order, so it is parallel and always gives the same
-//! bits.
+//! scaled matrix. Unlike Gauss-Seidel it does not depend on the order of the unknowns, so it is
+//! parallel and always gives the same bits.
 
 use super::sparse_matrix::{Matrix, dot, for_each};
 
-/// No aggregate: the unknown is left to the smoother.
+/// Marks an unknown that belongs to no aggregate; only the smoother treats it.
 const NO_AGGREGATE: u32 = u32::MAX;
-/// Couplings weaker than this, |a_ij| / sqrt(a_ii a_jj), are no reason to share an aggregate; half of
-/// it on each coarser level.
+/// Smallest coupling |a_ij| / sqrt(a_ii a_jj) of two unknowns that may share an aggregate. It is
+/// halved on each coarser level.
 const MIN_COUPLING_STRENGTH: f64 = 0.08;
-/// A matrix so small is factorised.
+/// Largest size of a matrix that is factorised directly.
 const MAX_DIRECT_SIZE: usize = 300;
 /// Degree of the smoothing polynomial.
 const SMOOTHER_DEGREE: usize = 3;
-/// The smoother damps eigenvalues from the largest down to this part of it.
+/// The smoother damps eigenvalues from this fraction of the largest one upwards.
 const MIN_EIGENVALUE_RATIO: f64 = 0.1;
 
-/// A hierarchy of ever coarser matrices.
+/// A hierarchy of matrices, from fine to coarse.
 pub struct Multigrid {
     levels: Vec<Level>,
     coarsest: CoarsestLevel,
 }
 
-/// A matrix and how to smooth errors of it.
+/// A matrix and the data to smooth errors of its solution.
 struct Smoother {
     matrix: Matrix,
     inverse_diagonal: Vec<f64>,
@@ -36,7 +36,7 @@ struct Smoother {
     step: Vec<f64>,
 }
 
-/// A matrix and the way to the next coarser one.
+/// A matrix and the transfer to the next coarser one.
 struct Level {
     smoother: Smoother,
     prolongation: Matrix,
@@ -46,8 +46,8 @@ struct Level {
     coarse_correction: Vec<f64>,
 }
 
-/// The coarsest matrix: factorised, or, where coarsening has stalled because little is coupled at
-/// all, left to its smoother.
+/// The coarsest matrix. It is factorised, or only smoothed if coarsening has stalled because few
+/// unknowns are coupled.
 enum CoarsestLevel {
     Factorised(Cholesky),
     Iterative(Smoother),
@@ -60,22 +60,16 @@ impl Multigrid {
         let mut matrix = matrix.clone();
         loop {
             if matrix.height() <= MAX_DIRECT_SIZE {
-                let last = CoarsestLevel::Factorised(Cholesky::new(&matrix));
-                return Self {
-                    levels,
-                    coarsest: last,
-                };
+                let coarsest = CoarsestLevel::Factorised(Cholesky::new(&matrix));
+                return Self { levels, coarsest };
             }
             let diagonal = matrix.diagonal();
             let strength = MIN_COUPLING_STRENGTH * 0.5f64.powi(levels.len() as i32);
             let smoother = Smoother::new(matrix, &diagonal);
             let (aggregates, count) = aggregate(&smoother.matrix, &diagonal, strength);
             if count == 0 || count * 10 > 9 * diagonal.len() {
-                let last = CoarsestLevel::Iterative(smoother);
-                return Self {
-                    levels,
-                    coarsest: last,
-                };
+                let coarsest = CoarsestLevel::Iterative(smoother);
+                return Self { levels, coarsest };
             }
             let prolongation = prolongation(&smoother, &diagonal, &aggregates, count, strength);
             let restriction = prolongation.transpose();
@@ -91,26 +85,26 @@ impl Multigrid {
         }
     }
 
-    /// One V-cycle from zero: `x` becomes about the solution of `A x = b`. As a map from `b` to `x`
-    /// it is linear, symmetric and positive definite.
+    /// Applies one V-cycle from zero: `x` becomes an approximate solution of `A x = b`. The map
+    /// from `b` to `x` is linear, symmetric and positive definite.
     pub fn apply(&mut self, b: &[f64], x: &mut [f64]) {
         cycle(&mut self.levels, &mut self.coarsest, b, x);
     }
 
-    /// Entries of all matrices over those of the finest.
+    /// Returns the number of entries of all matrices over that of the finest one.
     #[cfg(test)]
     pub fn complexity(&self) -> f64 {
-        let entries = |level: &Level| level.smoother.matrix.values.len() as f64;
-        let all: f64 = self.levels.iter().map(entries).sum();
+        let entry_count = |level: &Level| level.smoother.matrix.values.len() as f64;
+        let total: f64 = self.levels.iter().map(entry_count).sum();
         self.levels
             .first()
-            .map_or(1.0, |finest| all / entries(finest))
+            .map_or(1.0, |finest| total / entry_count(finest))
     }
 }
 
-fn cycle(levels: &mut [Level], last: &mut CoarsestLevel, b: &[f64], x: &mut [f64]) {
+fn cycle(levels: &mut [Level], coarsest: &mut CoarsestLevel, b: &[f64], x: &mut [f64]) {
     let Some((level, coarser)) = levels.split_first_mut() else {
-        match last {
+        match coarsest {
             CoarsestLevel::Factorised(factor) => factor.solve(b, x),
             CoarsestLevel::Iterative(smoother) => smoother.smooth(b, x, true),
         }
@@ -124,7 +118,7 @@ fn cycle(levels: &mut [Level], last: &mut CoarsestLevel, b: &[f64], x: &mut [f64
         .times(&level.residual, &mut level.coarse_residual);
     cycle(
         coarser,
-        last,
+        coarsest,
         &level.coarse_residual,
         &mut level.coarse_correction,
     );
@@ -147,52 +141,55 @@ impl Smoother {
         }
     }
 
-    /// Chebyshev iteration for `A x = b`; `from_zero` ignores what `x` holds.
+    /// Runs Chebyshev iterations for `A x = b`. If `from_zero`, the old values of `x` are ignored.
     fn smooth(&mut self, b: &[f64], x: &mut [f64], from_zero: bool) {
         let Self {
             matrix,
             inverse_diagonal,
-            max_eigenvalue: largest,
+            max_eigenvalue,
             step,
         } = self;
-        let middle = 0.5 * *largest * (1.0 + MIN_EIGENVALUE_RATIO);
-        let half = 0.5 * *largest * (1.0 - MIN_EIGENVALUE_RATIO);
-        let (mut keep, mut add) = (0.0, 1.0 / middle);
-        let mut ratio = half / middle;
+        let centre = 0.5 * *max_eigenvalue * (1.0 + MIN_EIGENVALUE_RATIO);
+        let half_width = 0.5 * *max_eigenvalue * (1.0 - MIN_EIGENVALUE_RATIO);
+        let (mut step_factor, mut residual_factor) = (0.0, 1.0 / centre);
+        let mut ratio = half_width / centre;
         for degree in 0..SMOOTHER_DEGREE {
             if degree == 0 && from_zero {
-                for_each(step, |i, d| *d = add * inverse_diagonal[i] * b[i]);
+                for_each(step, |i, d| {
+                    *d = residual_factor * inverse_diagonal[i] * b[i]
+                });
                 x.copy_from_slice(step);
             } else {
                 for_each(step, |i, d| {
                     let residual = b[i] - matrix.row_dot(i, x);
-                    *d = keep * *d + add * inverse_diagonal[i] * residual;
+                    *d = step_factor * *d + residual_factor * inverse_diagonal[i] * residual;
                 });
                 for_each(x, |i, x| *x += step[i]);
             }
-            let next = 1.0 / (2.0 * middle / half - ratio);
-            (keep, add) = (next * ratio, 2.0 * next / half);
+            let next = 1.0 / (2.0 * centre / half_width - ratio);
+            (step_factor, residual_factor) = (next * ratio, 2.0 * next / half_width);
             ratio = next;
         }
     }
 }
 
-/// The largest eigenvalue of `D^-1 A` by power iteration, with a margin for what it misses.
+/// Returns the largest eigenvalue of `D^-1 A` by power iteration, with a margin of 10 % for its
+/// error.
 fn max_eigenvalue(matrix: &Matrix, inverse_diagonal: &[f64]) -> f64 {
     let n = matrix.height();
     let start = |i: usize| ((i as u32).wrapping_mul(2_654_435_761) >> 16) as f64 / 65536.0 - 0.5;
     let mut x: Vec<f64> = (0..n).map(start).collect();
     let mut y = vec![0.0; n];
-    let mut largest = 1.0;
+    let mut eigenvalue = 1.0;
     for _ in 0..12 {
         for_each(&mut y, |i, y| {
             *y = inverse_diagonal[i] * matrix.row_dot(i, &x)
         });
-        largest = (dot(&y, &y) / dot(&x, &x).max(f64::MIN_POSITIVE)).sqrt();
-        let scale = 1.0 / largest.max(f64::MIN_POSITIVE);
+        eigenvalue = (dot(&y, &y) / dot(&x, &x).max(f64::MIN_POSITIVE)).sqrt();
+        let scale = 1.0 / eigenvalue.max(f64::MIN_POSITIVE);
         for_each(&mut x, |i, x| *x = scale * y[i]);
     }
-    1.1 * largest.max(1.0)
+    1.1 * eigenvalue.max(1.0)
 }
 
 #[inline]
@@ -200,8 +197,8 @@ fn is_strong(value: f64, d: f64, e: f64, strength: f64) -> bool {
     value * value > strength * strength * d * e
 }
 
-/// Disjoint aggregates of strongly coupled unknowns, and how many there are. Unknowns that are
-/// strongly coupled to none are in none.
+/// Returns the aggregate of each unknown and the number of aggregates. Aggregates are disjoint sets
+/// of strongly coupled unknowns. Unknowns without strong couplings are in none.
 fn aggregate(matrix: &Matrix, diagonal: &[f64], strength: f64) -> (Vec<u32>, usize) {
     let n = matrix.height();
     let neighbours = |i: usize| {
@@ -212,61 +209,63 @@ fn aggregate(matrix: &Matrix, diagonal: &[f64], strength: f64) -> (Vec<u32>, usi
             (j != i && is_strong(v, diagonal[i], diagonal[j], strength)).then_some((j, v.abs()))
         })
     };
-    let mut of = vec![NO_AGGREGATE; n];
+    let mut aggregate_of = vec![NO_AGGREGATE; n];
     let mut count = 0;
-    // Neighbourhoods that are wholly free.
+    // First pass: unknowns whose whole neighbourhood is free form an aggregate with it.
     for i in 0..n {
-        let (mut coupled, mut free) = (false, of[i] == NO_AGGREGATE);
+        let (mut coupled, mut free) = (false, aggregate_of[i] == NO_AGGREGATE);
         for (j, _) in neighbours(i) {
             coupled = true;
-            free &= of[j] == NO_AGGREGATE;
+            free &= aggregate_of[j] == NO_AGGREGATE;
         }
         if coupled && free {
-            of[i] = count;
-            neighbours(i).for_each(|(j, _)| of[j] = count);
+            aggregate_of[i] = count;
+            neighbours(i).for_each(|(j, _)| aggregate_of[j] = count);
             count += 1;
         }
     }
-    // What is left joins the neighbour it is coupled to most.
-    let whole = of.clone();
-    for i in (0..n).filter(|&i| whole[i] == NO_AGGREGATE) {
-        let taken = neighbours(i).filter(|&(j, _)| whole[j] != NO_AGGREGATE);
-        if let Some((j, _)) = taken.max_by(|a, b| a.1.total_cmp(&b.1)) {
-            of[i] = whole[j];
+    // Second pass: each remaining unknown joins the aggregate of the neighbour with the strongest
+    // coupling.
+    let first_pass = aggregate_of.clone();
+    for i in (0..n).filter(|&i| first_pass[i] == NO_AGGREGATE) {
+        let aggregated = neighbours(i).filter(|&(j, _)| first_pass[j] != NO_AGGREGATE);
+        if let Some((j, _)) = aggregated.max_by(|a, b| a.1.total_cmp(&b.1)) {
+            aggregate_of[i] = first_pass[j];
         }
     }
-    // And what has no such neighbour goes together.
+    // Third pass: unknowns without an aggregated neighbour form aggregates with their free
+    // neighbours.
     for i in 0..n {
-        if of[i] == NO_AGGREGATE && neighbours(i).next().is_some() {
-            of[i] = count;
+        if aggregate_of[i] == NO_AGGREGATE && neighbours(i).next().is_some() {
+            aggregate_of[i] = count;
             for (j, _) in neighbours(i) {
-                if of[j] == NO_AGGREGATE {
-                    of[j] = count;
+                if aggregate_of[j] == NO_AGGREGATE {
+                    aggregate_of[j] = count;
                 }
             }
             count += 1;
         }
     }
-    (of, count as usize)
+    (aggregate_of, count as usize)
 }
 
-/// Constants on aggregates, smoothed by a Jacobi step of the matrix without its weak couplings
-/// (which are added to the diagonal, so that rows keep their sums).
+/// Returns the prolongation: constants on aggregates, smoothed by a Jacobi step of the matrix
+/// without its weak couplings. These are added to the diagonal, so that the row sums stay the same.
 fn prolongation(
     smoother: &Smoother,
     diagonal: &[f64],
-    of: &[u32],
+    aggregate_of: &[u32],
     count: usize,
     strength: f64,
 ) -> Matrix {
     let Smoother {
         matrix,
-        max_eigenvalue: largest,
+        max_eigenvalue,
         ..
     } = smoother;
-    let damping = 4.0 / (3.0 * largest);
+    let damping = 4.0 / (3.0 * max_eigenvalue);
     Matrix::from_rows(diagonal.len(), count, |i, row| {
-        if of[i] == NO_AGGREGATE {
+        if aggregate_of[i] == NO_AGGREGATE {
             return;
         }
         let (columns, values) = matrix.row(i);
@@ -276,25 +275,28 @@ fn prolongation(
                 .map(|&j| j as usize)
                 .zip(values.iter().copied())
         };
-        let weak =
+        let is_weak =
             |&(j, v): &(usize, f64)| j != i && !is_strong(v, diagonal[i], diagonal[j], strength);
-        let lumped = diagonal[i] + couplings().filter(weak).map(|(_, v)| v).sum::<f64>();
+        let lumped = diagonal[i] + couplings().filter(is_weak).map(|(_, v)| v).sum::<f64>();
         let scale = damping
             / if lumped > 0.1 * diagonal[i] {
                 lumped
             } else {
                 diagonal[i]
             };
-        row.add(of[i], 1.0 - scale * lumped);
+        row.add(aggregate_of[i], 1.0 - scale * lumped);
         for (j, v) in couplings() {
-            if j != i && of[j] != NO_AGGREGATE && is_strong(v, diagonal[i], diagonal[j], strength) {
-                row.add(of[j], -scale * v);
+            if j != i
+                && aggregate_of[j] != NO_AGGREGATE
+                && is_strong(v, diagonal[i], diagonal[j], strength)
+            {
+                row.add(aggregate_of[j], -scale * v);
             }
         }
     })
 }
 
-/// A dense Cholesky factor `L` of a small matrix, by rows.
+/// Dense Cholesky factor `L` of a small matrix, row by row.
 struct Cholesky {
     factor: Vec<Vec<f64>>,
 }
@@ -316,9 +318,9 @@ impl Cholesky {
                 let known = (0..j).map(|k| row[k] * factor[j][k]).sum::<f64>();
                 row[j] = (row[j] - known) / factor[j][j];
             }
-            let rest = diagonal - row[..i].iter().map(|v| v * v).sum::<f64>();
-            // Rounding may leave nothing where the matrix is all but singular.
-            row[i] = rest.max(1e-14 * diagonal).max(f64::MIN_POSITIVE).sqrt();
+            let pivot = diagonal - row[..i].iter().map(|v| v * v).sum::<f64>();
+            // Rounding may make the pivot zero or negative if the matrix is nearly singular.
+            row[i] = pivot.max(1e-14 * diagonal).max(f64::MIN_POSITIVE).sqrt();
             factor.push(row);
         }
         Self { factor }
@@ -342,16 +344,17 @@ impl Cholesky {
 mod tests {
     use super::*;
 
-    /// The seven-point Laplacian of an `n` cubed grid with zero around it, couplings scaled per axis.
+    /// Returns the seven-point Laplacian of a grid of `n` cubed points with zero values around it;
+    /// `scale` multiplies the couplings along each axis.
     fn laplacian(n: usize, scale: [f64; 3]) -> Matrix {
         Matrix::from_rows(n * n * n, n * n * n, |r, row| {
-            let at = [r % n, r / n % n, r / (n * n)];
+            let index = [r % n, r / n % n, r / (n * n)];
             for (axis, stride) in [1, n, n * n].into_iter().enumerate() {
                 row.add(r as u32, 2.0 * scale[axis]);
-                if at[axis] > 0 {
+                if index[axis] > 0 {
                     row.add((r - stride) as u32, -scale[axis]);
                 }
-                if at[axis] + 1 < n {
+                if index[axis] + 1 < n {
                     row.add((r + stride) as u32, -scale[axis]);
                 }
             }
@@ -359,22 +362,22 @@ mod tests {
     }
 
     fn noise(n: usize, seed: u32) -> Vec<f64> {
-        let one = |i: usize| {
+        let value = |i: usize| {
             let mixed = (i as u32 ^ seed).wrapping_mul(2_654_435_761);
             f64::from(mixed ^ (mixed >> 15)) / f64::from(u32::MAX) - 0.5
         };
-        (0..n).map(one).collect()
+        (0..n).map(value).collect()
     }
 
     #[test]
     fn a_small_matrix_is_solved_exactly() {
         let matrix = laplacian(6, [1.0, 2.0, 3.0]);
         let x = noise(216, 1);
-        let (mut b, mut found) = (vec![0.0; 216], vec![0.0; 216]);
+        let (mut b, mut solution) = (vec![0.0; 216], vec![0.0; 216]);
         matrix.times(&x, &mut b);
-        Multigrid::new(&matrix).apply(&b, &mut found);
-        for (found, x) in found.iter().zip(&x) {
-            assert!((found - x).abs() < 1e-12);
+        Multigrid::new(&matrix).apply(&b, &mut solution);
+        for (computed, x) in solution.iter().zip(&x) {
+            assert!((computed - x).abs() < 1e-12);
         }
     }
 

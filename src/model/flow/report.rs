@@ -1,4 +1,4 @@
-//! What is said of a flow that was computed.
+//! The report of a computed flow.
 
 use std::fmt::Write;
 
@@ -6,22 +6,22 @@ use serde::Serialize;
 
 use super::system::SolveStats;
 
-/// The figures of a flow.
+/// Statistics of a computed flow.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct FlowReport {
-    /// How pressures were found.
+    /// Statistics of the solver.
     pub solver: SolveStats,
-    /// The lowest and the highest pressure, Pa.
+    /// Lowest and highest pressure, Pa.
     pub pressure: ValueRange,
     /// All faults together.
     pub faults: FaultStats,
-    /// Each fault, by the number that `surface` gives.
+    /// Each fault, with the number that `atomesh surface` gives it.
     pub by_fault: Vec<FaultReport>,
-    /// Where fluid enters or leaves.
+    /// Wells and sides where fluid enters or leaves.
     pub exchange: Vec<Exchange>,
 }
 
-/// From the least to the largest value.
+/// Smallest and largest value.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 #[allow(missing_docs)]
 pub struct ValueRange {
@@ -30,7 +30,7 @@ pub struct ValueRange {
 }
 
 impl ValueRange {
-    /// Of all values.
+    /// Returns the range of all values.
     pub fn from_values(values: &[f64]) -> Self {
         let all = values.iter();
         let (min, max) = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &v| {
@@ -40,21 +40,21 @@ impl ValueRange {
     }
 }
 
-/// What faults do to a flow.
+/// Statistics of the flow across faults.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct FaultStats {
-    /// Number of their faces.
+    /// Number of fault faces.
     pub faces: usize,
-    /// Nodes that exist once for each side.
+    /// Number of nodes that were added so that each side of a fault has its own.
     pub doubled_nodes: usize,
-    /// Sum of the rates across faces, whatever their direction, m^3/s.
+    /// Sum of the absolute rates across faces, m^3/s.
     pub total_rate_across: f64,
-    /// The largest jump of pressure across a face, Pa.
+    /// Largest pressure jump across a face, Pa.
     pub max_jump: f64,
 }
 
 impl FaultStats {
-    /// Counts one face.
+    /// Adds one face with its rate and pressure jump.
     pub fn add(&mut self, rate: f64, jump: f64) {
         self.faces += 1;
         self.total_rate_across += rate.abs();
@@ -62,54 +62,50 @@ impl FaultStats {
     }
 }
 
-/// What one fault does.
+/// Statistics of one fault.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FaultReport {
-    /// Its number, from 1.
+    /// The number of the fault's surface, from 1.
     pub surface: u32,
-    /// Its name, as exports have it.
+    /// The name of the fault, as in exports.
     pub name: String,
-    /// Its factor of permeability or transmissibility.
+    /// The factor of permeability or transmissibility.
     pub multiplier: f64,
-    /// What it does.
+    /// Faces, rates and jumps of the fault.
     #[serde(flatten)]
     pub stats: FaultStats,
 }
 
-/// A place where fluid enters or leaves.
+/// A well or side where fluid enters or leaves.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Exchange {
-    /// What it is called.
+    /// Its name.
     pub name: String,
-    /// What enters there, m^3/s.
+    /// The rate at which fluid enters there, m^3/s.
     pub rate: f64,
 }
 
 impl FlowReport {
-    /// Faults that the table lists.
+    /// Largest number of faults that the table lists.
     const MAX_LISTED_FAULTS: usize = 12;
 
-    /// As lines of text.
+    /// Returns the report as lines of text.
     pub fn table(&self) -> String {
-        let Self {
-            solver: figures,
-            faults,
-            ..
-        } = self;
+        let Self { solver, faults, .. } = self;
         let mut text = format!(
             "unknowns      {} ({} nodes doubled on {} faces of faults), {} compartment{}\n",
-            figures.unknowns,
+            solver.unknowns,
             faults.doubled_nodes,
             faults.faces,
-            figures.compartments,
-            if figures.compartments == 1 { "" } else { "s" },
+            solver.compartments,
+            if solver.compartments == 1 { "" } else { "s" },
         );
         // Writing to a string does not fail.
-        if figures.undetermined > 0 {
+        if solver.undetermined > 0 {
             let _ = writeln!(
                 text,
                 "pockets       {} unknowns that no pressure or source reaches: nothing flows, pressure 0",
-                figures.undetermined
+                solver.undetermined
             );
         }
         let _ = write!(
@@ -119,20 +115,20 @@ impl FlowReport {
              faults        {:.6e} m^3/s across, largest jump {:.6e} Pa\n\
              throughput    {:.6e} m^3/s\n\
              imbalance     {:.1e} of the throughput in the worst control volume, {:.1e} in all",
-            figures.iterations,
-            figures.residual,
+            solver.iterations,
+            solver.residual,
             self.pressure.min,
             self.pressure.max,
             faults.total_rate_across,
             faults.max_jump,
-            figures.throughput,
-            figures.max_imbalance,
-            figures.total_imbalance,
+            solver.throughput,
+            solver.max_imbalance,
+            solver.total_imbalance,
         );
         for FaultReport {
             name,
             multiplier,
-            stats: faulted,
+            stats,
             ..
         } in self.by_fault.iter().take(Self::MAX_LISTED_FAULTS)
         {
@@ -140,12 +136,12 @@ impl FlowReport {
                 text,
                 "\n{name:<13} {} faces, multiplier {multiplier}: {:.6e} m^3/s across, \
                  largest jump {:.6e} Pa",
-                faulted.faces, faulted.total_rate_across, faulted.max_jump
+                stats.faces, stats.total_rate_across, stats.max_jump
             );
         }
         if self.by_fault.len() > Self::MAX_LISTED_FAULTS {
-            let more = self.by_fault.len() - Self::MAX_LISTED_FAULTS;
-            let _ = write!(text, "\n... and {more} smaller faults");
+            let remaining = self.by_fault.len() - Self::MAX_LISTED_FAULTS;
+            let _ = write!(text, "\n... and {remaining} smaller faults");
         }
         for Exchange { name, rate } in &self.exchange {
             let _ = write!(text, "\n{rate:+13.6e} m^3/s  {name}");

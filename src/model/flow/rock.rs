@@ -1,20 +1,20 @@
-//! What fluid flows through: permeability, viscosity, and how faults resist.
+//! Rock properties for flow: permeability, viscosity, and the resistance of faults.
 
 use crate::error::cause;
 use crate::{Error, Result};
 
-/// A symmetric tensor in the order of VTK: xx, yy, zz, xy, yz, xz.
+/// A symmetric tensor, with components in the order of VTK: xx, yy, zz, xy, yz, xz.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Tensor(pub [f64; 6]);
 
 impl Tensor {
-    /// The same in all directions.
+    /// Returns an isotropic tensor with the value `k` along all directions.
     pub fn isotropic(k: f64) -> Self {
         Self([k, k, k, 0.0, 0.0, 0.0])
     }
 
-    /// From 1, 3 or 6 numbers: k; or kx, ky, kz; or kxx, kyy, kzz, kxy, kyz, kxz. `None` for
-    /// another count, or where the tensor is not positive definite.
+    /// Returns a tensor from 1, 3 or 6 numbers: k; or kx, ky, kz; or kxx, kyy, kzz, kxy, kyz, kxz.
+    /// Returns `None` for another count, or if the tensor is not positive definite.
     pub fn from_numbers(numbers: &[f64]) -> Option<Self> {
         let tensor = match *numbers {
             [k] => Self::isotropic(k),
@@ -28,7 +28,8 @@ impl Tensor {
         (definite && tensor.0.iter().all(|v| v.is_finite())).then_some(tensor)
     }
 
-    /// [`in_plane`](Self::from_plane_numbers) or [`from_numbers`](Self::from_numbers), by the dimension.
+    /// Calls [`from_plane_numbers`](Self::from_plane_numbers) in 2-D and
+    /// [`from_numbers`](Self::from_numbers) in 3-D.
     pub fn from_components<const D: usize>(numbers: &[f64]) -> Option<Self> {
         match D {
             2 => Self::from_plane_numbers(numbers),
@@ -36,12 +37,13 @@ impl Tensor {
         }
     }
 
-    /// The tensor times a number.
+    /// Returns the tensor times a number.
     pub fn scaled(self, s: f64) -> Self {
         Self(self.0.map(|v| s * v))
     }
 
-    /// In the plane, from 1, 2 or 3 numbers: k; or kx, ky; or kxx, kyy, kxy. Along z it is as along x.
+    /// Returns a tensor of the plane from 1, 2 or 3 numbers: k; or kx, ky; or kxx, kyy, kxy. The
+    /// value along z is that along x.
     pub fn from_plane_numbers(numbers: &[f64]) -> Option<Self> {
         match *numbers {
             [k] => Self::from_numbers(&[k]),
@@ -51,7 +53,7 @@ impl Tensor {
         }
     }
 
-    /// The tensor times a vector; of a vector of the plane, the part in the plane.
+    /// Returns the tensor times a vector. For a vector of the plane, this is the part in the plane.
     #[inline]
     pub fn times<const D: usize>(&self, v: [f64; D]) -> [f64; D] {
         let [xx, yy, zz, xy, yz, xz] = self.0;
@@ -59,7 +61,8 @@ impl Tensor {
         std::array::from_fn(|i| (0..D).map(|j| rows[i][j] * v[j]).sum())
     }
 
-    /// `n . K n`: what counts for flow along the unit vector `n` driven along it.
+    /// Returns `n . K n`, the permeability for flow along the unit vector `n` that a gradient along
+    /// `n` drives.
     #[inline]
     pub fn normal_component<const D: usize>(&self, n: [f64; D]) -> f64 {
         let kn = self.times(n);
@@ -67,17 +70,18 @@ impl Tensor {
     }
 }
 
-/// The mobility, permeability over viscosity, of every cell: m^2 / (Pa s) in SI units.
+/// The mobility (permeability over viscosity) of every cell: m^2 / (Pa s) in SI units.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Rock {
-    /// The mobilities that occur.
+    /// The different mobilities.
     pub mobilities: Vec<Tensor>,
-    /// Which of them a cell has; empty if there is but one.
+    /// The index of each cell's mobility in `mobilities`. It is empty if all cells have the first
+    /// one.
     pub cell_mobility: Vec<u32>,
 }
 
 impl Rock {
-    /// The same everywhere.
+    /// Returns rock with one permeability everywhere.
     pub fn uniform(permeability: Tensor, viscosity: f64) -> Self {
         Self {
             mobilities: vec![permeability.scaled(1.0 / viscosity)],
@@ -85,18 +89,19 @@ impl Rock {
         }
     }
 
-    /// Permeability by region: a cell of region r has that of the pair (r, K).
+    /// Returns rock with one permeability for each region. `permeability` holds pairs of a region
+    /// and its permeability.
     ///
     /// # Errors
-    /// [`Error::Flow`] names a region without permeability.
+    /// Returns [`Error::Flow`] with the number of the region if a region has no permeability.
     pub fn by_region(
         regions: &[i32],
         permeability: &[(i32, Tensor)],
         viscosity: f64,
     ) -> Result<Self> {
-        let kind = |region: &i32| {
-            let at = permeability.iter().position(|(known, _)| known == region);
-            at.map(|at| at as u32).ok_or_else(|| {
+        let mobility_index = |region: &i32| {
+            let index = permeability.iter().position(|(known, _)| known == region);
+            index.map(|index| index as u32).ok_or_else(|| {
                 let known: Vec<String> = permeability
                     .iter()
                     .map(|(known, _)| known.to_string())
@@ -116,21 +121,22 @@ impl Rock {
                 .iter()
                 .map(|(_, k)| k.scaled(1.0 / viscosity))
                 .collect(),
-            cell_mobility: regions.iter().map(kind).collect::<Result<_>>()?,
+            cell_mobility: regions.iter().map(mobility_index).collect::<Result<_>>()?,
         })
     }
 
-    /// Permeability cell by cell: `components` numbers for each, as [`Tensor::from_components`] takes
-    /// them.
+    /// Returns rock with one permeability for each cell. `values` holds `components` numbers for
+    /// each cell, as [`Tensor::from_components`] takes them.
     ///
     /// # Errors
-    /// [`Error::Flow`] names a cell whose numbers are no permeability.
+    /// Returns [`Error::Flow`] with the number of the cell if its numbers are not a valid
+    /// permeability.
     pub fn by_cell<const D: usize>(
         values: &[f64],
         components: usize,
         viscosity: f64,
     ) -> Result<Self> {
-        let cell = |(cell, numbers): (usize, &[f64])| {
+        let mobility_of_cell = |(cell, numbers): (usize, &[f64])| {
             let tensor = Tensor::from_components::<D>(numbers);
             tensor.map(|k| k.scaled(1.0 / viscosity)).ok_or_else(|| {
                 Error::Flow(cause(
@@ -140,29 +146,29 @@ impl Rock {
                 ))
             })
         };
-        let kinds: Vec<Tensor> = values
+        let mobilities: Vec<Tensor> = values
             .chunks(components)
             .enumerate()
-            .map(cell)
+            .map(mobility_of_cell)
             .collect::<Result<_>>()?;
         Ok(Self {
-            cell_mobility: (0..kinds.len() as u32).collect(),
-            mobilities: kinds,
+            cell_mobility: (0..mobilities.len() as u32).collect(),
+            mobilities,
         })
     }
 
-    /// The mobility of a cell.
+    /// Returns the mobility of a cell.
     #[inline]
     pub fn mobility(&self, cell: usize) -> &Tensor {
         match self.cell_mobility.get(cell) {
-            Some(&kind) => &self.mobilities[kind as usize],
+            Some(&index) => &self.mobilities[index as usize],
             None => &self.mobilities[0],
         }
     }
 }
 
-/// How faults resist flow across them: as a thin layer of rock whose permeability is `multiplier`
-/// times that of the rock in whose place it stands.
+/// The resistance of faults to flow across them. A fault is a thin layer of rock, whose
+/// permeability is `multiplier` times that of the rock that it replaces.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FaultLaw {
     multiplier: f64,
@@ -170,23 +176,25 @@ pub struct FaultLaw {
 }
 
 impl FaultLaw {
-    /// Faults that do not resist.
+    /// The law of faults without resistance.
     pub const OPEN: Self = Self {
         multiplier: 1.0,
         thickness: None,
     };
-    /// Faults that nothing crosses.
+    /// The law of faults that no fluid crosses.
     pub const CLOSED: Self = Self {
         multiplier: 0.0,
         thickness: None,
     };
 
-    /// Without a `thickness` the layer is as thick as the distance between the two cells' centres
-    /// square to the face, so that `multiplier` is what reservoir simulators mean by it: a factor of
-    /// the transmissibility from cell to cell (which depends on the mesh).
+    /// Makes a law. Without `thickness` the layer is as thick as the distance between the centres
+    /// of the two cells, measured normal to the face. Then `multiplier` means the same as in
+    /// reservoir simulators: a factor of the transmissibility from cell to cell (which depends on
+    /// the mesh).
     ///
     /// # Errors
-    /// [`Error::Flow`] for a multiplier outside [0, 1] or a thickness that is not positive.
+    /// Returns [`Error::Flow`] if the multiplier is outside [0, 1] or the thickness is not
+    /// positive.
     pub fn new(multiplier: f64, thickness: Option<f64>) -> Result<Self> {
         let refuse = |place: String, problem: &str, remedy: &str| {
             Err(Error::Flow(cause(place, problem, remedy)))
@@ -211,24 +219,25 @@ impl FaultLaw {
         }
     }
 
-    /// The factor of permeability: 0 is closed, 1 is open.
+    /// Returns the factor of permeability: 0 is closed, 1 is open.
     pub fn multiplier(&self) -> f64 {
         self.multiplier
     }
 
-    /// Whether faults do not resist at all.
+    /// Returns `true` if faults with this law have no resistance.
     pub fn is_open(&self) -> bool {
         self.multiplier == 1.0
     }
 
-    /// Rate across a fault, per area and per jump of pressure, where the two cells have these
-    /// distances from centre to face and these mobilities: 0 if closed, infinite if open. What the
-    /// layer resists beyond the rock in whose place it is counts:
-    /// `1 / c = (1 / multiplier - 1) (d_1 / k_1 + d_2 / k_2)`.
+    /// Returns the rate across a fault per area and per pressure jump. `distance` holds the
+    /// distances from the centres of the two cells to the face, and `mobility` their mobilities.
+    /// The result c is 0 for a closed fault and infinite for an open one. Only the resistance of
+    /// the layer beyond that of the rock that it replaces counts: `1 / c = (1 / multiplier - 1)
+    /// (d_1 / k_1 + d_2 / k_2)`.
     pub fn conductance(&self, distance: [f64; 2], mobility: [f64; 2]) -> f64 {
         let [d, e] = self.thickness.map_or(distance, |w| [0.5 * w; 2]);
-        let rock = d / mobility[0] + e / mobility[1];
-        self.multiplier / ((1.0 - self.multiplier) * rock)
+        let resistance = d / mobility[0] + e / mobility[1];
+        self.multiplier / ((1.0 - self.multiplier) * resistance)
     }
 }
 
@@ -252,7 +261,7 @@ mod tests {
         );
         assert_eq!(Tensor::from_plane_numbers(&[1.0, 1.0, 1.0]), None);
         assert_eq!(Tensor::from_plane_numbers(&[1.0; 6]), None);
-        for wrong in [
+        for invalid in [
             &[0.0][..],
             &[-1.0],
             &[f64::NAN],
@@ -262,25 +271,27 @@ mod tests {
             &[1.0, 1.0, 1.0, 1.0, 0.0, 0.0],
             &[1.0, 1.0, 1.0, 0.9, 0.9, -0.9],
         ] {
-            assert_eq!(Tensor::from_numbers(wrong), None, "{wrong:?}");
+            assert_eq!(Tensor::from_numbers(invalid), None, "{invalid:?}");
         }
     }
 
     #[test]
     fn a_multiplier_is_a_factor_of_the_transmissibility_from_cell_to_cell() {
         let (distance, mobility) = ([0.3, 0.7], [2.0, 5.0]);
-        let rock = 0.3 / 2.0 + 0.7 / 5.0;
+        let resistance = 0.3 / 2.0 + 0.7 / 5.0;
         for multiplier in [1e-6, 0.01, 0.5, 0.999] {
             let faults = FaultLaw::new(multiplier, None).unwrap();
-            let whole = 1.0 / (rock + 1.0 / faults.conductance(distance, mobility));
-            assert!((whole * rock / multiplier - 1.0).abs() < 1e-9);
+            let transmissibility =
+                1.0 / (resistance + 1.0 / faults.conductance(distance, mobility));
+            assert!((transmissibility * resistance / multiplier - 1.0).abs() < 1e-9);
         }
         assert_eq!(FaultLaw::CLOSED.conductance(distance, mobility), 0.0);
         assert_eq!(
             FaultLaw::OPEN.conductance(distance, mobility),
             f64::INFINITY
         );
-        // A layer 0.2 thick, a tenth as permeable as the rock (4) in whose place it stands.
+        // A layer of thickness 0.2 with a tenth of the permeability (4) of the rock that it
+        // replaces.
         let layer = FaultLaw::new(0.1, Some(0.2)).unwrap();
         let resistance = 1.0 / layer.conductance([1.0; 2], [4.0; 2]);
         assert!((resistance - (0.2 / 0.4 - 0.2 / 4.0)).abs() < 1e-12);

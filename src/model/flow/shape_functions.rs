@@ -1,9 +1,10 @@
-//! Linear functions on triangles and tetrahedra: 1 at one node of a cell, 0 at the others.
+//! Linear shape functions on triangles and tetrahedra: 1 at one node of a cell, 0 at the others.
 
 use crate::geometry::dot;
 use crate::mesh::Simplices;
 
-/// `n!`: the parallelepiped of D edges is D! simplices.
+/// Returns `n!`. The volume of a parallelepiped is D! times that of the simplex with the same
+/// edges.
 pub const fn factorial(n: usize) -> f64 {
     if n > 1 {
         n as f64 * factorial(n - 1)
@@ -12,7 +13,7 @@ pub const fn factorial(n: usize) -> f64 {
     }
 }
 
-/// Corner positions of a cell, D + 1 of them, then zeros.
+/// Returns the positions of a cell's D + 1 corners, then zeros.
 #[inline]
 pub fn corners<const D: usize, M: Simplices<D>>(mesh: &M, cell: usize) -> [[f64; D]; 4] {
     let mut p = [[0.0; D]; 4];
@@ -22,7 +23,8 @@ pub fn corners<const D: usize, M: Simplices<D>>(mesh: &M, cell: usize) -> [[f64;
     p
 }
 
-/// Gradients of the D + 1 linear base functions, times D! volumes (then zeros), and D! volumes.
+/// Returns the gradients of the D + 1 linear shape functions, each times D! volumes (then zeros),
+/// and D! times the volume.
 #[inline]
 pub fn gradients<const D: usize>(p: &[[f64; D]; 4]) -> ([[f64; D]; 4], f64) {
     const { assert!(D == 2 || D == 3, "flow is in two or three dimensions") };
@@ -31,7 +33,8 @@ pub fn gradients<const D: usize>(p: &[[f64; D]; 4]) -> ([[f64; D]; 4], f64) {
     for k in 1..=D {
         let next = edge(k % D + 1);
         if D == 2 {
-            // A right angle from the other edge, anticlockwise of it for node 1.
+            // The other edge turned by a right angle: anticlockwise for node 2, clockwise for node
+            // 1.
             let sign = if k == 1 { 1.0 } else { -1.0 };
             (g[k][0], g[k][1]) = (sign * next[1], -sign * next[0]);
         } else {
@@ -46,14 +49,15 @@ pub fn gradients<const D: usize>(p: &[[f64; D]; 4]) -> ([[f64; D]; 4], f64) {
     (g, dot(edge(1), g[1]))
 }
 
-/// The area vector, outwards, of the face whose base function has this gradient times D! volumes:
-/// its length is (D - 1)! areas.
+/// Returns the outward area vector of a face. `gradient` is the gradient of the shape function of
+/// the opposite node, times D! volumes.
 #[inline]
 pub fn area_vector<const D: usize>(gradient: [f64; D]) -> [f64; D] {
     gradient.map(|c| -c / const { factorial(D - 1) })
 }
 
-/// Distance of a cell's centroid from that face: a part of D + 1 of the height.
+/// Returns the distance of a cell's centroid from the face opposite a node: the height over that
+/// face divided by D + 1. `gradient` and `size` are those of [`gradients`].
 #[inline]
 pub fn centre_to_face<const D: usize>(gradient: [f64; D], size: f64) -> f64 {
     size / ((D + 1) as f64 * dot(gradient, gradient).sqrt())

@@ -1,4 +1,5 @@
-//! A mesh torn along its faults: nodes doubled where faces on faults part their cells.
+//! Meshes split along their faults: the nodes of fault faces are doubled, so that each side has its
+//! own.
 
 use super::barriers::Barriers;
 use crate::error::cause;
@@ -9,35 +10,36 @@ use crate::{Error, Result};
 /// A mesh whose nodes on faults exist once for each side.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SplitMesh<const D: usize = 3, M = TetMesh> {
-    /// The mesh, its cells as before, their nodes perhaps others; nodes that were added follow
-    /// those that were there.
+    /// The mesh. Its cells are those of the original mesh, but may have other nodes. Added nodes
+    /// follow the original ones.
     pub mesh: M,
-    /// For each node the one from which it was made (itself, for those that were there).
+    /// The original node of each node. Nodes of the original mesh have their own number.
     pub original_node: Vec<u32>,
-    /// The faces along which the mesh was torn.
+    /// The faces along which the mesh is split.
     pub faces: Vec<FaultFace<D>>,
 }
 
-/// A face on a fault, seen from its two cells.
+/// A face on a fault, with the data of its two cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FaultFace<const D: usize = 3> {
-    /// The cells, the lower number first.
+    /// The two cells, the smaller number first.
     pub cells: [u32; 2],
-    /// Which of their faces it is.
+    /// The local number of the face in each cell.
     pub local_faces: [u8; 2],
-    /// The face's nodes as each cell has them, in the same order: equal at the fault's tip.
+    /// The nodes of the face in each cell, in the same order. At the tip of the fault they are
+    /// equal.
     pub nodes: [[u32; D]; 2],
     /// The label of its barrier.
     pub label: u32,
 }
 
 impl<const D: usize, M: Simplices<D>> SplitMesh<D, M> {
-    /// Tears `mesh` along the faces on which barriers stand. The cells round a node fall into parts
-    /// that no untorn face joins, and each part gets a node of its own. At the rim of a fault there
-    /// is one part only.
+    /// Splits `mesh` along the faces on barriers. The cells around a node form components,
+    /// connected by faces that are not split. Each component gets its own copy of the node. At the
+    /// rim of a fault there is only one component.
     ///
     /// # Errors
-    /// [`Error::Mesh`] if more than two cells share a face.
+    /// Returns [`Error::Mesh`] if more than two cells share a face.
     pub fn new(mesh: &M, barriers: &Barriers) -> Result<Self> {
         let neighbors = mesh.neighbors().map_err(|face| {
             Error::Mesh(cause(
@@ -46,7 +48,7 @@ impl<const D: usize, M: Simplices<D>> SplitMesh<D, M> {
                 "mesh the image again",
             ))
         })?;
-        let mut tearing = MeshSplitter {
+        let mut splitter = MeshSplitter {
             mesh,
             corners: mesh.connectivity().to_vec(),
             nodes: mesh.nodes().to_vec(),
@@ -54,19 +56,19 @@ impl<const D: usize, M: Simplices<D>> SplitMesh<D, M> {
             is_split: vec![false; neighbors.len()],
             neighbors,
         };
-        let mut pairs = tearing.mark_barrier_faces(barriers);
-        tearing.double_nodes(&pairs);
+        let mut pairs = splitter.mark_barrier_faces(barriers);
+        splitter.double_nodes(&pairs);
         pairs.sort_unstable_by_key(|pair| pair.faces);
-        let faces = pairs.iter().map(|pair| tearing.fault_face(pair));
+        let faces = pairs.iter().map(|pair| splitter.fault_face(pair));
         Ok(Self {
             faces: faces.collect(),
-            mesh: M::from_parts(tearing.nodes, tearing.corners),
-            original_node: tearing.original_node,
+            mesh: M::from_parts(splitter.nodes, splitter.corners),
+            original_node: splitter.original_node,
         })
     }
 }
 
-/// A torn face by its two numbers, the lower first.
+/// A split face: its two numbers, the smaller one first, and its label.
 struct FacePair {
     faces: [usize; 2],
     label: u32,
@@ -75,7 +77,7 @@ struct FacePair {
 struct MeshSplitter<'a, const D: usize, M> {
     mesh: &'a M,
     neighbors: Vec<u32>,
-    /// By number of face: (D + 1) cell + k.
+    /// `true` for split faces. Face k of a cell has the index (D + 1) cell + k.
     is_split: Vec<bool>,
     nodes: Vec<[f64; D]>,
     corners: Vec<u32>,
@@ -83,7 +85,7 @@ struct MeshSplitter<'a, const D: usize, M> {
 }
 
 impl<const D: usize, M: Simplices<D>> MeshSplitter<'_, D, M> {
-    /// Marks both sides of every face on a barrier.
+    /// Marks every face on a barrier from both of its cells, and returns these faces.
     fn mark_barrier_faces(&mut self, barriers: &Barriers) -> Vec<FacePair> {
         let mut pairs = Vec::new();
         for face in 0..self.neighbors.len() {
@@ -95,22 +97,22 @@ impl<const D: usize, M: Simplices<D>> MeshSplitter<'_, D, M> {
                 continue;
             }
             let base = other as usize * (D + 1);
-            let around = &self.neighbors[base..base + D + 1];
-            let Some(back) = around.iter().position(|&c| c as usize == cell) else {
+            let neighbors = &self.neighbors[base..base + D + 1];
+            let Some(local_face) = neighbors.iter().position(|&c| c as usize == cell) else {
                 continue;
             };
-            let back = base + back;
+            let opposite = base + local_face;
             self.is_split[face] = true;
-            self.is_split[back] = true;
+            self.is_split[opposite] = true;
             pairs.push(FacePair {
-                faces: [face.min(back), face.max(back)],
+                faces: [face.min(opposite), face.max(opposite)],
                 label,
             });
         }
         pairs
     }
 
-    /// Gives each part of the cells round a node a node of its own.
+    /// Gives each component of the cells around a node its own copy of the node.
     fn double_nodes(&mut self, pairs: &[FacePair]) {
         let mesh = self.mesh;
         let mut on_fault = vec![false; self.nodes.len()];
@@ -120,15 +122,15 @@ impl<const D: usize, M: Simplices<D>> MeshSplitter<'_, D, M> {
                 on_fault[node as usize] = true;
             }
         }
-        let mut round: Vec<(u32, u32)> = Vec::new();
+        let mut node_cells: Vec<(u32, u32)> = Vec::new();
         for (corner, &node) in mesh.connectivity().iter().enumerate() {
             if on_fault[node as usize] {
-                round.push((node, (corner / (D + 1)) as u32));
+                node_cells.push((node, (corner / (D + 1)) as u32));
             }
         }
-        round.sort_unstable();
+        node_cells.sort_unstable();
         let (mut reached, mut done) = (Vec::new(), Vec::new());
-        for star in round.chunk_by(|a, b| a.0 == b.0) {
+        for star in node_cells.chunk_by(|a, b| a.0 == b.0) {
             let node = star[0].0;
             done.clear();
             done.resize(star.len(), false);
@@ -136,7 +138,7 @@ impl<const D: usize, M: Simplices<D>> MeshSplitter<'_, D, M> {
                 if done[seed] {
                     continue;
                 }
-                let part = if seed == 0 {
+                let node_copy = if seed == 0 {
                     node
                 } else {
                     self.nodes.push(mesh.nodes()[node as usize]);
@@ -145,12 +147,12 @@ impl<const D: usize, M: Simplices<D>> MeshSplitter<'_, D, M> {
                 };
                 done[seed] = true;
                 reached.push(seed);
-                while let Some(at) = reached.pop() {
-                    let base = star[at].1 as usize * (D + 1);
+                while let Some(index) = reached.pop() {
+                    let base = star[index].1 as usize * (D + 1);
                     for corner in base..=base + D {
                         let next = self.neighbors[corner];
                         if mesh.connectivity()[corner] == node {
-                            self.corners[corner] = part;
+                            self.corners[corner] = node_copy;
                         } else if next != NONE
                             && !self.is_split[corner]
                             && let Ok(next) = star.binary_search(&(node, next))
@@ -165,20 +167,22 @@ impl<const D: usize, M: Simplices<D>> MeshSplitter<'_, D, M> {
         }
     }
 
-    /// A torn face with the nodes that either side has now.
+    /// Returns a split face with the nodes that each side has now.
     fn fault_face(&self, pair: &FacePair) -> FaultFace<D> {
-        let [here, there] = pair.faces.map(|face| face / (D + 1));
+        let [first, second] = pair.faces.map(|face| face / (D + 1));
         let opposite = pair.faces[0] % (D + 1);
-        let (cell, beyond) = (self.mesh.cell(here), self.mesh.cell(there));
-        let kept = |i: usize| i + usize::from(i >= opposite);
+        let (first_nodes, second_nodes) = (self.mesh.cell(first), self.mesh.cell(second));
+        let skip_opposite = |i: usize| i + usize::from(i >= opposite);
         FaultFace {
-            cells: [here as u32, there as u32],
+            cells: [first as u32, second as u32],
             local_faces: pair.faces.map(|face| (face % (D + 1)) as u8),
             nodes: [
-                std::array::from_fn(|i| self.corners[here * (D + 1) + kept(i)]),
+                std::array::from_fn(|i| self.corners[first * (D + 1) + skip_opposite(i)]),
                 std::array::from_fn(|i| {
-                    let same = beyond.iter().position(|&n| n == cell[kept(i)]);
-                    self.corners[there * (D + 1) + same.unwrap_or(0)]
+                    let position = second_nodes
+                        .iter()
+                        .position(|&n| n == first_nodes[skip_opposite(i)]);
+                    self.corners[second * (D + 1) + position.unwrap_or(0)]
                 }),
             ],
             label: pair.label,

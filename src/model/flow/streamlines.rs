@@ -1,13 +1,15 @@
-//! Streamlines through triangles or tetrahedra (also those that larger cells are cut into), exact for the
-//! rates through their faces.
+//! Streamlines through triangles or tetrahedra (also the parts into which larger cells are cut).
+//! They are exact for the rates through the faces.
 //!
-//! Rates through the faces that are conserved make one velocity field of the lowest order of Raviart
-//! and Thomas: `u(x) = a + b x` in each cell, its flux through each face constant and the same from
-//! both sides. A path in such a field is straight within a cell, so a streamline needs no time step:
-//! it goes from face to face, always leaving through a face with flow outwards. It never crosses a
-//! face without flow, and is never caught between two cells that disagree.
+//! Conserved rates through the faces define a Raviart-Thomas velocity field of lowest order: `u(x)
+//! = a + b x` in each cell, with a flux through each face that is constant and the same from both
+//! sides. A path in such a field is straight within a cell, so that a streamline needs no time
+//! step. It goes from face to face and always leaves a cell through a face with outward flow. So it
+//! never crosses a face without flow and never stops between two cells with inconsistent
+//! velocities.
 //!
-//! All streamlines carry the same rate: they begin on the faces where fluid comes in, in proportion.
+//! All streamlines carry the same rate: their starting points are distributed over the inflow faces
+//! in proportion to the rates.
 
 use std::ops::Range;
 use std::path::Path;
@@ -25,24 +27,25 @@ use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
 use crate::progress::CancelToken;
 
-/// Faces that one streamline may cross: far more than any that does not go round in circles.
+/// Largest number of faces that one streamline may cross, to stop closed loops; regular streamlines
+/// cross far fewer.
 const MAX_CROSSED_FACES: usize = 100_000;
 
-/// Polylines, in one list.
+/// Streamlines: polylines in one list of points.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Streamlines<const D: usize = 3> {
-    /// Their points, line after line.
+    /// The points, line after line.
     pub points: Vec<[f64; D]>,
-    /// For each point the time that fluid needs to get there, for porosity 1.
+    /// Travel time of the fluid to each point, for porosity 1.
     pub time: Vec<f64>,
-    /// Where each line ends in `points`.
+    /// The end of each line in `points`.
     pub ends: Vec<u32>,
-    /// The rate that each line stands for.
+    /// The rate that each line carries.
     pub rate: f64,
 }
 
-/// Where streamlines begin: a face of a cell, seen from the one that fluid enters (or, at a source,
-/// leaves), and the source.
+/// A face where streamlines begin. `cell` is the cell that fluid enters through the face; if
+/// `source` is given, it is the cell that fluid leaves.
 struct Inlet {
     cell: u32,
     face: u8,
@@ -51,57 +54,58 @@ struct Inlet {
 }
 
 impl<const D: usize> Streamlines<D> {
-    /// Traces `count` streamlines from sources and from where fluid comes in through the boundary to
-    /// sinks or out. `positions` are where the wells are. Once `patience` is over, what is left is left
-    /// out.
+    /// Traces `count` streamlines from sources and inflow boundaries to sinks and outflow
+    /// boundaries. `positions` are the positions of the wells. Once `cancel` is cancelled, the
+    /// remaining lines are omitted.
     pub fn trace<M: Simplices<D>>(
         mesh: &M,
         rates: &FaceRates<D>,
         wells: &[LocatedWell],
         positions: &[[f64; D]],
         count: usize,
-        patience: &CancelToken<'_>,
+        cancel: &CancelToken<'_>,
     ) -> Self {
         let wells: Vec<(Range<u32>, f64)> = wells
             .iter()
             .map(|well| (well.cell..well.cell + 1, well.rate))
             .collect();
-        Self::trace_between(mesh, rates, &wells, positions, count, patience)
+        Self::trace_between(mesh, rates, &wells, positions, count, cancel)
     }
 
-    /// The same through polyhedra or polygons, each of which is cut into parts. Wells are known by
-    /// their cell and rate.
+    /// Traces streamlines through polyhedra or polygons that are cut into parts. `wells` are pairs
+    /// of a cell and its rate; the other arguments are those of [`trace`](Self::trace).
     pub fn trace_polyhedra<M: Simplices<D>>(
-        inside: &CellReconstruction<D, M>,
+        reconstruction: &CellReconstruction<D, M>,
         wells: &[(u32, f64)],
         positions: &[[f64; D]],
         count: usize,
-        patience: &CancelToken<'_>,
+        cancel: &CancelToken<'_>,
     ) -> Self {
-        let parts =
-            |cell: u32| inside.cell_start[cell as usize]..inside.cell_start[cell as usize + 1];
+        let parts = |cell: u32| {
+            reconstruction.cell_start[cell as usize]..reconstruction.cell_start[cell as usize + 1]
+        };
         let wells: Vec<_> = wells
             .iter()
             .map(|&(cell, rate)| (parts(cell), rate))
             .collect();
         Self::trace_between(
-            &inside.mesh,
-            &inside.rates,
+            &reconstruction.mesh,
+            &reconstruction.rates,
             &wells,
             positions,
             count,
-            patience,
+            cancel,
         )
     }
 
-    /// From sources to sinks, each of which is a range of cells.
+    /// Traces streamlines from sources to sinks. Each well is a range of cells.
     fn trace_between<M: Simplices<D>>(
         mesh: &M,
         rates: &FaceRates<D>,
         wells: &[(Range<u32>, f64)],
         positions: &[[f64; D]],
         count: usize,
-        patience: &CancelToken<'_>,
+        cancel: &CancelToken<'_>,
     ) -> Self {
         let inlets = inlets(rates, wells);
         let total: f64 = inlets.iter().map(|inlet| inlet.rate).sum();
@@ -110,14 +114,14 @@ impl<const D: usize> Streamlines<D> {
         }
         let rate = total / count as f64;
         let mut starts = Vec::with_capacity(count);
-        let (mut at, mut before) = (0, 0.0);
+        let (mut index, mut rate_before) = (0, 0.0);
         for line in 0..count {
-            let wanted = (line as f64 + 0.5) * rate;
-            while at + 1 < inlets.len() && before + inlets[at].rate < wanted {
-                before += inlets[at].rate;
-                at += 1;
+            let target = (line as f64 + 0.5) * rate;
+            while index + 1 < inlets.len() && rate_before + inlets[index].rate < target {
+                rate_before += inlets[index].rate;
+                index += 1;
             }
-            starts.push((&inlets[at], line));
+            starts.push((&inlets[index], line));
         }
         let sink = |c: u32| {
             wells
@@ -126,7 +130,7 @@ impl<const D: usize> Streamlines<D> {
         };
         let lines: Vec<(Vec<[f64; D]>, Vec<f64>)> = starts
             .into_par_iter()
-            .take_any_while(|_| !patience.is_cancelled())
+            .take_any_while(|_| !cancel.is_cancelled())
             .map(|(inlet, line)| {
                 let mut points = Vec::new();
                 let mut time = Vec::new();
@@ -139,30 +143,30 @@ impl<const D: usize> Streamlines<D> {
                 }
                 points.push(start);
                 time.push(0.0);
-                let stopped = follow(mesh, rates, cell, &mut points, &mut time);
-                if let Some(well) = stopped.and_then(sink) {
+                let end_cell = trace_path(mesh, rates, cell, &mut points, &mut time);
+                if let Some(well) = end_cell.and_then(sink) {
                     points.push(positions[well]);
                     time.push(time.last().copied().unwrap_or(0.0));
                 }
                 (points, time)
             })
             .collect();
-        let mut all = Self {
+        let mut streamlines = Self {
             rate,
             ..Self::default()
         };
         for (points, time) in lines {
-            all.points.extend(points);
-            all.time.extend(time);
-            all.ends.push(all.points.len() as u32);
+            streamlines.points.extend(points);
+            streamlines.time.extend(time);
+            streamlines.ends.push(streamlines.points.len() as u32);
         }
-        all
+        streamlines
     }
 
     /// Writes a VTK file of polylines (.vtp).
     ///
     /// # Errors
-    /// [`Error::Io`](crate::Error::Io) if it cannot be written.
+    /// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<()> {
         let mut document = Document::new("PolyData", &[]);
         document.open(
@@ -202,52 +206,53 @@ impl<const D: usize> Streamlines<D> {
     }
 }
 
-/// Faces through which fluid comes from outside or from a source's cell.
+/// Returns the faces through which fluid enters from outside the mesh or leaves the cells of a
+/// source.
 fn inlets<const D: usize>(rates: &FaceRates<D>, wells: &[(Range<u32>, f64)]) -> Vec<Inlet> {
     let mut inlets = Vec::new();
-    for (face, (&out, &beyond)) in rates.outflow.iter().zip(&rates.neighbors).enumerate() {
-        if beyond == NONE && out < 0.0 {
+    for (face, (&outflow, &neighbor)) in rates.outflow.iter().zip(&rates.neighbors).enumerate() {
+        if neighbor == NONE && outflow < 0.0 {
             inlets.push(Inlet {
                 cell: (face / (D + 1)) as u32,
                 face: (face % (D + 1)) as u8,
-                rate: -out,
+                rate: -outflow,
                 source: None,
             });
         }
     }
     for (source, (cells, rate)) in wells.iter().enumerate().filter(|(_, well)| well.1 > 0.0) {
-        let from = inlets.len();
+        let first = inlets.len();
         let mut leaving = 0.0;
         for cell in cells.clone() {
-            let (out, around) = rates.faces_of(cell as usize);
-            for k in (0..=D).filter(|&k| out[k] > 0.0 && around[k] != NONE) {
-                if !cells.contains(&around[k]) {
-                    leaving += out[k];
+            let (outflow, neighbors) = rates.faces_of(cell as usize);
+            for k in (0..=D).filter(|&k| outflow[k] > 0.0 && neighbors[k] != NONE) {
+                if !cells.contains(&neighbors[k]) {
+                    leaving += outflow[k];
                     inlets.push(Inlet {
                         cell,
                         face: k as u8,
-                        rate: rate * out[k],
+                        rate: rate * outflow[k],
                         source: Some(source as u32),
                     });
                 }
             }
         }
-        inlets[from..]
+        inlets[first..]
             .iter_mut()
             .for_each(|inlet| inlet.rate /= leaving);
     }
     inlets
 }
 
-/// A point of the inlet's face: evenly spread, another one for each line.
+/// Returns a point of the inlet's face. The points of successive lines are spread evenly.
 fn point_on_face<const D: usize, M: Simplices<D>>(
     mesh: &M,
     inlet: &Inlet,
     line: usize,
 ) -> [f64; D] {
     let face = mesh.face(inlet.cell as usize, usize::from(inlet.face));
-    // The additive recurrence of the plastic number (in the plane one of its two), folded into the
-    // triangle.
+    // The additive recurrence of the plastic number (in 2-D, only one of its two sequences), folded
+    // into the triangle.
     let spread = |step: f64| (0.5 + step * line as f64).fract();
     let (mut u, mut v) = (spread(0.754_877_666_246_692_8), 0.0);
     if D == 3 {
@@ -263,41 +268,42 @@ fn point_on_face<const D: usize, M: Simplices<D>>(
     })
 }
 
-/// Appends the points of a path from the last one, which lies in cell `at`. Gives the cell in which
-/// it comes to rest; none if it leaves the mesh.
-fn follow<const D: usize, M: Simplices<D>>(
+/// Appends the points of a path that starts at the last point, which lies in `cell`. Returns the
+/// cell in which the path ends, or `None` if it leaves the mesh.
+fn trace_path<const D: usize, M: Simplices<D>>(
     mesh: &M,
     rates: &FaceRates<D>,
-    mut at: u32,
+    mut cell: u32,
     points: &mut Vec<[f64; D]>,
     time: &mut Vec<f64>,
 ) -> Option<u32> {
     let (mut x, mut now) = (points.last().copied()?, time.last().copied()?);
-    let mut entered = NONE;
+    let mut previous = NONE;
     for _ in 0..MAX_CROSSED_FACES {
-        let p = corners(mesh, at as usize);
-        let (out, around) = rates.faces_of(at as usize);
-        let size = D as f64 * mesh.volume(at as usize);
-        let growth = out.iter().sum::<f64>() / size;
-        let velocity: [f64; D] =
-            std::array::from_fn(|c| (0..=D).map(|k| out[k] * (x[c] - p[k][c])).sum::<f64>() / size);
-        let along = |reach: f64| std::array::from_fn(|c| x[c] + reach * velocity[c]);
-        // Where the straight path meets each face, in lengths of the velocity.
-        let here = barycentric(&p, x);
-        let ahead = barycentric(&p, along(1.0));
+        let p = corners(mesh, cell as usize);
+        let (outflow, neighbors) = rates.faces_of(cell as usize);
+        let size = D as f64 * mesh.volume(cell as usize);
+        let growth = outflow.iter().sum::<f64>() / size;
+        let velocity: [f64; D] = std::array::from_fn(|c| {
+            (0..=D).map(|k| outflow[k] * (x[c] - p[k][c])).sum::<f64>() / size
+        });
+        let point_at = |reach: f64| std::array::from_fn(|c| x[c] + reach * velocity[c]);
+        // Where the straight path meets each face, in multiples of the velocity.
+        let shares = barycentric(&p, x);
+        let shares_ahead = barycentric(&p, point_at(1.0));
         let mut exit: Option<(f64, usize)> = None;
-        for k in (0..=D).filter(|&k| out[k] > 0.0) {
-            let falls = here[k] - ahead[k];
-            let reach = here[k].max(0.0) / falls;
-            if falls > 0.0 && exit.is_none_or(|(least, _)| reach < least) {
+        for k in (0..=D).filter(|&k| outflow[k] > 0.0) {
+            let decrease = shares[k] - shares_ahead[k];
+            let reach = shares[k].max(0.0) / decrease;
+            if decrease > 0.0 && exit.is_none_or(|(min_reach, _)| reach < min_reach) {
                 exit = Some((reach, k));
             }
         }
-        // In a field that contracts the path may end before it gets there.
+        // In a contracting field the path may end before it reaches the face.
         let Some((reach, k)) = exit.filter(|(reach, _)| 1.0 + growth * reach > 1e-12) else {
-            return Some(at);
+            return Some(cell);
         };
-        x = along(reach);
+        x = point_at(reach);
         let z = growth * reach;
         now += if z.abs() < 1e-8 {
             reach
@@ -306,17 +312,17 @@ fn follow<const D: usize, M: Simplices<D>>(
         };
         points.push(x);
         time.push(now);
-        let next = around[k];
+        let next = neighbors[k];
         if next == NONE {
             return None;
         }
-        // Back through the face it came by: rates of rounding size only.
-        if next == entered && reach == 0.0 {
-            return Some(at);
+        // Back through the face it entered by: the rates are of the size of rounding errors.
+        if next == previous && reach == 0.0 {
+            return Some(cell);
         }
-        (entered, at) = (at, next);
+        (previous, cell) = (cell, next);
     }
-    Some(at)
+    Some(cell)
 }
 
 #[cfg(test)]
@@ -327,14 +333,14 @@ mod tests {
     use crate::model::flow::test_meshes::flow_through;
     use crate::model::flow::{FaultLaw, PointWell, Rock, Tensor};
 
-    fn lines_of<const D: usize>(all: &Streamlines<D>) -> Vec<&[[f64; D]]> {
+    fn lines_of<const D: usize>(streamlines: &Streamlines<D>) -> Vec<&[[f64; D]]> {
         let mut begin = 0;
         let line = |&end: &u32| {
-            let line = &all.points[begin..end as usize];
+            let line = &streamlines.points[begin..end as usize];
             begin = end as usize;
             line
         };
-        all.ends.iter().map(line).collect()
+        streamlines.ends.iter().map(line).collect()
     }
 
     fn check_uniform_flow<const D: usize, M: Simplices<D>>() {
@@ -348,25 +354,25 @@ mod tests {
             .into_iter()
             .map(|i| (i, -mesh.nodes()[i as usize][0]))
             .collect();
-        let none = vec![0.0; mesh.nodes().len()];
-        let found = flow.solve(&none, &fixed).unwrap();
+        let no_rates = vec![0.0; mesh.nodes().len()];
+        let solution = flow.solve(&no_rates, &fixed).unwrap();
         let rates = flow
-            .face_rates(&found.pressure, &[], &fixed, &CancelToken::never())
+            .face_rates(&solution.pressure, &[], &fixed, &CancelToken::never())
             .unwrap();
-        let patience = &CancelToken::never();
-        let all = Streamlines::trace(&mesh, &rates, &[], &[], 50, patience);
-        assert!((all.rate * 50.0 - 2.0 * 4f64.powi(D as i32 - 1)).abs() < 1e-9);
-        for line in lines_of(&all) {
+        let cancel = &CancelToken::never();
+        let streamlines = Streamlines::trace(&mesh, &rates, &[], &[], 50, cancel);
+        assert!((streamlines.rate * 50.0 - 2.0 * 4f64.powi(D as i32 - 1)).abs() < 1e-9);
+        for line in lines_of(&streamlines) {
             let (first, last) = (line[0], line[line.len() - 1]);
             assert!(
                 first[0].abs() < 1e-9 && (last[0] - 6.0).abs() < 1e-9,
                 "{first:?} {last:?}"
             );
-            let off = |x: &[f64; D]| (1..D).map(|k| (x[k] - first[k]).abs()).sum::<f64>();
-            assert!(line.iter().all(|x| off(x) < 1e-7));
+            let offset = |x: &[f64; D]| (1..D).map(|k| (x[k] - first[k]).abs()).sum::<f64>();
+            assert!(line.iter().all(|x| offset(x) < 1e-7));
         }
-        for &end in &all.ends {
-            assert!((all.time[end as usize - 1] - 3.0).abs() < 1e-8);
+        for &end in &streamlines.ends {
+            assert!((streamlines.time[end as usize - 1] - 3.0).abs() < 1e-8);
         }
     }
 
@@ -382,39 +388,42 @@ mod tests {
         let bits = faces_on(&mesh, |x| x[0] == 6.0 && x[1] <= 8.0);
         let rock = Rock::uniform(Tensor::isotropic(1.0), 1.0);
         let flow = flow_through(&mesh, &bits, rock, FaultLaw::CLOSED);
-        let place = |at: [f64; 3]| -> [f64; D] { std::array::from_fn(|k| at[k]) };
-        let (from, to) = (place([3.1, 2.2, 1.4]), place([9.2, 2.1, 1.6]));
+        let point = |x: [f64; 3]| -> [f64; D] { std::array::from_fn(|k| x[k]) };
+        let (source, sink) = (point([3.1, 2.2, 1.4]), point([9.2, 2.1, 1.6]));
         let well = |position, rate| PointWell {
             name: "well".into(),
             position,
             rate,
         };
-        let wells = flow.locate(&[well(from, 1.0), well(to, -1.0)]).unwrap();
-        let found = flow.solve(&flow.rates(&wells), &[]).unwrap();
+        let wells = flow.locate(&[well(source, 1.0), well(sink, -1.0)]).unwrap();
+        let solution = flow.solve(&flow.rates(&wells), &[]).unwrap();
         let rates = flow
-            .face_rates(&found.pressure, &wells, &[], &CancelToken::never())
+            .face_rates(&solution.pressure, &wells, &[], &CancelToken::never())
             .unwrap();
-        let patience = &CancelToken::never();
-        let all = Streamlines::trace(
+        let cancel = &CancelToken::never();
+        let streamlines = Streamlines::trace(
             &flow.split_mesh.mesh,
             &rates,
             &wells,
-            &[from, to],
+            &[source, sink],
             40,
-            patience,
+            cancel,
         );
-        let lines = lines_of(&all);
+        let lines = lines_of(&streamlines);
         assert_eq!(lines.len(), 40);
-        let arrived = lines.iter().filter(|line| line.last() == Some(&to)).count();
+        let arrived = lines
+            .iter()
+            .filter(|line| line.last() == Some(&sink))
+            .count();
         assert!(arrived >= 38, "{arrived} of 40 arrive");
         for line in lines {
-            assert_eq!(line[0], from);
+            assert_eq!(line[0], source);
             for step in line.windows(2) {
                 if (step[0][0] - 6.0) * (step[1][0] - 6.0) < -1e-9 {
                     panic!("a segment jumps over x = 6: {step:?}");
                 }
             }
-            // Where a line changes sides it does so beyond the fault's tip.
+            // A line changes sides only beyond the tip of the fault.
             let crossing = line.windows(2).find(|s| s[0][0] < 6.0 && s[1][0] >= 6.0);
             if let Some(step) = crossing {
                 assert!(step[1][1] > 8.0 - 1e-9, "{step:?}");
@@ -422,22 +431,22 @@ mod tests {
         }
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("lines.vtp");
-        all.write(&path).unwrap();
-        let read = crate::files::vtk::VtkFile::read(&path, "PolyData").unwrap();
-        let piece = read.piece().unwrap();
+        streamlines.write(&path).unwrap();
+        let file = crate::files::vtk::VtkFile::read(&path, "PolyData").unwrap();
+        let piece = file.piece().unwrap();
         assert_eq!(
-            read.parse_attribute::<usize>(piece, "NumberOfLines")
+            file.parse_attribute::<usize>(piece, "NumberOfLines")
                 .unwrap(),
             [40]
         );
-        let points = read
+        let points = file
             .array(&piece.child("Points").unwrap().children[0])
             .unwrap();
-        assert_eq!(points.values.len(), 3 * all.points.len());
+        assert_eq!(points.values.len(), 3 * streamlines.points.len());
     }
 
     #[test]
-    fn streamlines_go_from_source_to_sink_round_a_closed_fault() {
+    fn streamlines_go_from_source_to_sink_around_a_closed_fault() {
         check_closed_fault::<2, TriMesh>();
         check_closed_fault::<3, TetMesh>();
     }

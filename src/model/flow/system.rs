@@ -1,9 +1,9 @@
-//! The pressure system that every discretisation ends in, and its solution by conjugate gradients.
+//! The pressure system of all discretisations, and its solution by conjugate gradients.
 //!
-//! Unknowns exchange fluid in proportion to their pressures: `A p = q`, where q is what sources
-//! bring in, A is symmetric with rows that sum to zero, and some pressures are given. Unknowns that
-//! no path of couplings joins are *compartments*; where no pressure of a compartment is given, its
-//! rates must balance, and its pressures are those of mean zero.
+//! Unknowns exchange fluid in proportion to their pressure differences: `A p = q`. Here q are the
+//! rates of sources, A is symmetric with rows that sum to zero, and some pressures are fixed. Sets
+//! of unknowns that couplings connect are *compartments*. If no pressure of a compartment is fixed,
+//! its rates must balance, and its mean pressure is zero.
 
 use super::multigrid::Multigrid;
 use super::sparse_matrix::{Matrix, dot, for_each, sum};
@@ -11,46 +11,47 @@ use crate::error::cause;
 use crate::progress::CancelToken;
 use crate::{Error, Result};
 
-/// The residual at which iterations stop, over that of no flow at all.
+/// Residual at which iterations stop, relative to that of zero pressure.
 const RESIDUAL_TOLERANCE: f64 = 1e-12;
-/// The largest imbalance, of one unknown or of all, over the rate that flows through.
+/// Largest imbalance of one unknown or of all together, relative to the throughput.
 const MAX_IMBALANCE: f64 = 1e-10;
-/// Iterations at most; tens are usual.
+/// Largest number of iterations; some tens are usual.
 const MAX_ITERATIONS: usize = 2000;
-/// No unknown.
+/// Marks an entry that is not an unknown.
 const NO_UNKNOWN: u32 = u32::MAX;
 
-/// Pressures, and how well they were found.
+/// Pressures and the statistics of their computation.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Solution {
     /// Pressure of each unknown.
     pub pressure: Vec<f64>,
-    /// Rate that enters at each unknown: its sources', or what holds its given pressure.
+    /// Rate that enters at each unknown: that of its sources, or the rate that its fixed pressure
+    /// causes.
     pub inflow: Vec<f64>,
-    /// How it was found.
+    /// Statistics of the solver.
     pub stats: SolveStats,
 }
 
-/// How a solution was found.
+/// Statistics of a solution.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
 pub struct SolveStats {
     /// Number of unknown pressures.
     pub unknowns: usize,
-    /// Number of parts that exchange no fluid.
+    /// Number of compartments, between which no fluid flows.
     pub compartments: usize,
-    /// Unknowns in compartments that neither a given pressure nor a source reaches, while others have
-    /// one: pockets where nothing flows. They have pressure zero.
+    /// Number of unknowns in compartments without fixed pressure and without sources, if other
+    /// compartments have one. Nothing flows in these pockets, and their pressure is zero.
     #[serde(skip_serializing_if = "is_zero")]
     pub undetermined: usize,
-    /// Iterations of conjugate gradients.
+    /// Number of conjugate-gradient iterations.
     pub iterations: usize,
-    /// Length of the last residual over that of the first.
+    /// Norm of the last residual over that of the first.
     pub residual: f64,
-    /// All that flows in, from sources and where pressure is given.
+    /// Total rate that enters, from sources and at fixed pressures.
     pub throughput: f64,
-    /// The largest imbalance of one control volume, over the throughput.
+    /// Largest imbalance of one control volume, relative to the throughput.
     pub max_imbalance: f64,
-    /// The imbalance of all together, over the throughput.
+    /// Imbalance of all control volumes together, relative to the throughput.
     pub total_imbalance: f64,
 }
 
@@ -58,20 +59,21 @@ fn is_zero(count: &usize) -> bool {
     *count == 0
 }
 
-/// Solves `matrix p = rates` with the pressures in `fixed` given (the first of several for one
-/// unknown holds). `weights` are the volumes by which a compartment without given pressure has mean
-/// zero. Sums of rates below 1e-9 of `least` (or of the rates themselves) are taken for rounding.
+/// Solves `matrix p = rates` with fixed pressures. `fixed` holds pairs of an unknown and its
+/// pressure (of several for one unknown, the first one applies). `weights` are the volumes that
+/// weight the mean of a compartment without fixed pressure, which is zero. A sum of rates counts as
+/// zero if it is below 1e-9 times `rate_scale` or times the sum of the absolute rates.
 ///
 /// # Errors
-/// [`Error::Flow`] if a compartment without given pressure has rates that do not balance, or the
-/// iterations do not converge; [`Error::Interrupted`] once `patience` is over.
+/// Returns [`Error::Flow`] if a compartment without fixed pressure has rates that do not balance,
+/// or if the iterations do not converge; [`Error::Interrupted`] once `cancel` is cancelled.
 pub fn solve(
     matrix: &Matrix,
     rates: &[f64],
     fixed: &[(u32, f64)],
     weights: &[f64],
-    least: f64,
-    patience: &CancelToken<'_>,
+    rate_scale: f64,
+    cancel: &CancelToken<'_>,
 ) -> Result<Solution> {
     let n = matrix.height();
     let mut pressure = vec![f64::NAN; n];
@@ -79,22 +81,22 @@ pub fn solve(
         pressure[i as usize] = p;
     }
     let compartments = Compartments::new(matrix);
-    let afloat = compartments.pin_pressures(rates, least, &mut pressure)?;
+    let is_floating = compartments.pin_pressures(rates, rate_scale, &mut pressure)?;
 
-    // Given pressures leave the system.
-    let mut unknown = vec![NO_UNKNOWN; n];
+    // Fixed pressures are not unknowns of the reduced system.
+    let mut unknown_index = vec![NO_UNKNOWN; n];
     let free: Vec<u32> = (0..n as u32)
         .filter(|&i| pressure[i as usize].is_nan())
         .collect();
     for (k, &i) in free.iter().enumerate() {
-        unknown[i as usize] = k as u32;
+        unknown_index[i as usize] = k as u32;
         pressure[i as usize] = 0.0;
     }
     let reduced = Matrix::from_rows(free.len(), free.len(), |k, row| {
         let (columns, values) = matrix.row(free[k] as usize);
         for (&j, &v) in columns.iter().zip(values) {
-            if unknown[j as usize] != NO_UNKNOWN {
-                row.add(unknown[j as usize], v);
+            if unknown_index[j as usize] != NO_UNKNOWN {
+                row.add(unknown_index[j as usize], v);
             }
         }
     });
@@ -105,22 +107,23 @@ pub fn solve(
     });
 
     let mut x = vec![0.0; free.len()];
-    let mut figures = SolveStats {
+    let mut stats = SolveStats {
         unknowns: free.len(),
         compartments: compartments.count,
-        undetermined: compartments.count_undetermined(&afloat, rates),
+        undetermined: compartments.count_undetermined(&is_floating, rates),
         ..SolveStats::default()
     };
     let diagonal = matrix.diagonal();
     let mut solver = Solver::new(&reduced);
     let mut inflow = vec![0.0; n];
-    // Conjugate gradients minimise another norm than the balance, so the balance has the last word.
+    // Conjugate gradients minimise another norm than the imbalance, so the imbalance decides when
+    // to stop.
     let mut tolerance = RESIDUAL_TOLERANCE;
     for _ in 0..4 {
-        let (iterations, residual) = solver.improve(&b, &mut x, tolerance, patience);
-        check_cancelled(patience)?;
-        figures.iterations += iterations;
-        figures.residual = residual;
+        let (iterations, residual) = solver.improve(&b, &mut x, tolerance, cancel);
+        check_cancelled(cancel)?;
+        stats.iterations += iterations;
+        stats.residual = residual;
         for (&i, &x) in free.iter().zip(&x) {
             pressure[i as usize] = x;
         }
@@ -129,78 +132,79 @@ pub fn solve(
             &diagonal,
             rates,
             &pressure,
-            &unknown,
+            &unknown_index,
             &mut inflow,
-            &mut figures,
+            &mut stats,
         );
-        if figures.max_imbalance.max(figures.total_imbalance) <= MAX_IMBALANCE {
+        if stats.max_imbalance.max(stats.total_imbalance) <= MAX_IMBALANCE {
             break;
         }
         tolerance *= 0.01;
     }
-    if figures.residual.is_nan() || figures.residual > 1e-6 {
+    if stats.residual.is_nan() || stats.residual > 1e-6 {
         return Err(Error::Flow(cause(
             "pressure",
             format!(
                 "not converged: a residual of {:.0e} of the first after {} iterations",
-                figures.residual, figures.iterations
+                stats.residual, stats.iterations
             ),
             "look for tetrahedra with zero volume and for extreme contrasts of permeability",
         )));
     }
-    compartments.remove_mean(&afloat, weights, &mut pressure);
+    compartments.remove_mean(&is_floating, weights, &mut pressure);
     Ok(Solution {
         pressure,
         inflow,
-        stats: figures,
+        stats,
     })
 }
 
-/// Refuses to go on once `patience` is over.
-pub(super) fn check_cancelled(patience: &CancelToken<'_>) -> Result<()> {
-    if patience.is_cancelled() {
+/// Returns [`Error::Interrupted`] once `cancel` is cancelled.
+pub(super) fn check_cancelled(cancel: &CancelToken<'_>) -> Result<()> {
+    if cancel.is_cancelled() {
         let (problem, remedy) = ("interrupted before it was computed", "compute it again");
         return Err(Error::Interrupted(cause("flow", problem, remedy)));
     }
     Ok(())
 }
 
-/// What enters at each unknown, and how far rates and flow are from balance.
+/// Computes the rate that enters at each unknown, and the imbalance of the rates and of the flow.
 fn measure_balance(
     matrix: &Matrix,
     diagonal: &[f64],
     rates: &[f64],
     pressure: &[f64],
-    unknown: &[u32],
+    unknown_index: &[u32],
     inflow: &mut [f64],
-    figures: &mut SolveStats,
+    stats: &mut SolveStats,
 ) {
     let n = matrix.height();
     for_each(inflow, |i, q| {
-        *q = if unknown[i] == NO_UNKNOWN {
+        *q = if unknown_index[i] == NO_UNKNOWN {
             matrix.row_dot(i, pressure)
         } else {
             rates[i]
         };
     });
     let q = &*inflow;
-    figures.throughput = sum(n, |i| q[i].max(0.0));
+    stats.throughput = sum(n, |i| q[i].max(0.0));
     let total = sum(n, |i| q[i]).abs();
-    let mut off = vec![0.0; n];
-    for_each(&mut off, |i, off| {
-        if unknown[i] != NO_UNKNOWN {
-            *off = (matrix.row_dot(i, pressure) - rates[i]).abs();
+    let mut imbalances = vec![0.0; n];
+    for_each(&mut imbalances, |i, imbalance| {
+        if unknown_index[i] != NO_UNKNOWN {
+            *imbalance = (matrix.row_dot(i, pressure) - rates[i]).abs();
         }
     });
-    let worst = off.iter().copied().fold(0.0, f64::max);
-    // Where nothing flows only rounding is left to see: of the rates into and out of unknowns.
-    let passing = || (0..n).map(|i| (diagonal[i] * pressure[i]).abs());
-    let over = |rounding: f64| figures.throughput.max(rounding).max(f64::MIN_POSITIVE);
-    figures.max_imbalance = worst / over(1e-5 * passing().fold(0.0, f64::max));
-    figures.total_imbalance = total / over(1e-6 * passing().sum::<f64>());
+    let max_imbalance = imbalances.iter().copied().fold(0.0, f64::max);
+    // Where nothing flows, only rounding errors remain. They scale with the gross rates into and
+    // out of unknowns.
+    let passing_rates = || (0..n).map(|i| (diagonal[i] * pressure[i]).abs());
+    let scale = |rounding: f64| stats.throughput.max(rounding).max(f64::MIN_POSITIVE);
+    stats.max_imbalance = max_imbalance / scale(1e-5 * passing_rates().fold(0.0, f64::max));
+    stats.total_imbalance = total / scale(1e-6 * passing_rates().sum::<f64>());
 }
 
-/// Which unknowns are joined by couplings.
+/// The compartments: sets of unknowns that couplings connect.
 struct Compartments {
     compartment_of: Vec<u32>,
     count: usize,
@@ -235,23 +239,28 @@ impl Compartments {
         }
     }
 
-    /// Gives pressure zero to one unknown of each compartment that has none given, and says which
-    /// compartments these are.
-    fn pin_pressures(&self, rates: &[f64], least: f64, pressure: &mut [f64]) -> Result<Vec<bool>> {
-        let mut afloat = vec![true; self.count];
+    /// Sets the pressure of one unknown to zero in each compartment without fixed pressure. Returns
+    /// for each compartment whether it has no fixed pressure.
+    fn pin_pressures(
+        &self,
+        rates: &[f64],
+        rate_scale: f64,
+        pressure: &mut [f64],
+    ) -> Result<Vec<bool>> {
+        let mut is_floating = vec![true; self.count];
         let mut sums = vec![[0.0; 2]; self.count];
         for (i, &c) in self.compartment_of.iter().enumerate() {
-            afloat[c as usize] &= pressure[i].is_nan();
+            is_floating[c as usize] &= pressure[i].is_nan();
             sums[c as usize][0] += rates[i];
             sums[c as usize][1] += rates[i].abs();
         }
         for c in 0..self.count {
-            let [net, all] = sums[c];
-            if afloat[c] && net.abs() > 1e-9 * all.max(least) {
-                let whole = self.count == 1;
+            let [net, total] = sums[c];
+            if is_floating[c] && net.abs() > 1e-9 * total.max(rate_scale) {
+                let is_single = self.count == 1;
                 return Err(Error::Flow(cause(
                     "rates",
-                    if whole {
+                    if is_single {
                         format!(
                             "sources and sinks do not balance by {net:.6e}, and no pressure is given"
                         )
@@ -261,7 +270,7 @@ impl Compartments {
                             self.count
                         )
                     },
-                    if whole {
+                    if is_single {
                         "balance them, or give the pressure of a side"
                     } else {
                         "balance them, open the faults, or give the pressure of a side of that part"
@@ -271,32 +280,31 @@ impl Compartments {
         }
         let mut pinned = vec![false; self.count];
         for (i, &c) in self.compartment_of.iter().enumerate() {
-            if afloat[c as usize] && !pinned[c as usize] {
+            if is_floating[c as usize] && !pinned[c as usize] {
                 pinned[c as usize] = true;
                 pressure[i] = 0.0;
             }
         }
-        Ok(afloat)
+        Ok(is_floating)
     }
 
-    /// How many unknowns are in compartments without given pressure and without rates; none if that is
-    /// so of all of them.
-    fn count_undetermined(&self, afloat: &[bool], rates: &[f64]) -> usize {
-        let mut idle = afloat.to_vec();
+    /// Returns the number of unknowns in compartments without fixed pressure and without rates; 0
+    /// if all compartments are such.
+    fn count_undetermined(&self, is_floating: &[bool], rates: &[f64]) -> usize {
+        let mut is_idle = is_floating.to_vec();
         for (&c, &rate) in self.compartment_of.iter().zip(rates) {
-            idle[c as usize] &= rate == 0.0;
+            is_idle[c as usize] &= rate == 0.0;
         }
-        match idle.iter().all(|idle| *idle) {
-            true => 0,
-            false => self
-                .compartment_of
-                .iter()
-                .filter(|&&c| idle[c as usize])
-                .count(),
+        if is_idle.iter().all(|idle| *idle) {
+            return 0;
         }
+        self.compartment_of
+            .iter()
+            .filter(|&&c| is_idle[c as usize])
+            .count()
     }
 
-    fn remove_mean(&self, afloat: &[bool], weights: &[f64], pressure: &mut [f64]) {
+    fn remove_mean(&self, is_floating: &[bool], weights: &[f64], pressure: &mut [f64]) {
         let mut sums = vec![[0.0; 2]; self.count];
         for (i, &c) in self.compartment_of.iter().enumerate() {
             sums[c as usize][0] += weights[i] * pressure[i];
@@ -304,7 +312,7 @@ impl Compartments {
         }
         for (i, &c) in self.compartment_of.iter().enumerate() {
             let [sum, weight] = sums[c as usize];
-            if afloat[c as usize] && weight > 0.0 {
+            if is_floating[c as usize] && weight > 0.0 {
                 pressure[i] -= sum / weight;
             }
         }
@@ -318,7 +326,7 @@ pub struct Solver<'a> {
 }
 
 impl<'a> Solver<'a> {
-    /// Prepares for a symmetric positive definite matrix.
+    /// Prepares the solver for a symmetric positive definite matrix.
     pub fn new(matrix: &'a Matrix) -> Self {
         Self {
             matrix,
@@ -326,15 +334,15 @@ impl<'a> Solver<'a> {
         }
     }
 
-    /// Improves `x` until the residual is `tolerance` of that of x = 0. Gives the number of
-    /// iterations and the residual that was reached, in the same measure. Ends where it is once
-    /// `patience` is over.
+    /// Improves `x` until the residual is at most `tolerance` times that of x = 0. Returns the
+    /// number of iterations and the final residual, relative to that of x = 0. Stops early once
+    /// `cancel` is cancelled.
     pub fn improve(
         &mut self,
         b: &[f64],
         x: &mut [f64],
         tolerance: f64,
-        patience: &CancelToken<'_>,
+        cancel: &CancelToken<'_>,
     ) -> (usize, f64) {
         let n = b.len();
         let scale = dot(b, b).sqrt();
@@ -346,27 +354,28 @@ impl<'a> Solver<'a> {
         let mut residual = vec![0.0; n];
         for_each(&mut residual, |i, r| *r = b[i] - matrix.row_dot(i, x));
         let mut z = vec![0.0; n];
-        let mut along = vec![0.0; n];
+        let mut direction = vec![0.0; n];
         let mut image = vec![0.0; n];
         let mut slope = 0.0;
-        let mut left = dot(&residual, &residual).sqrt() / scale;
+        let mut relative_residual = dot(&residual, &residual).sqrt() / scale;
         let mut iterations = 0;
-        while left > tolerance && iterations < MAX_ITERATIONS && !patience.is_cancelled() {
-            // Each iteration gains about as many digits as another.
-            patience.set_fraction(left.ln() / tolerance.ln());
+        while relative_residual > tolerance && iterations < MAX_ITERATIONS && !cancel.is_cancelled()
+        {
+            // Each iteration reduces the residual by about the same factor.
+            cancel.set_fraction(relative_residual.ln() / tolerance.ln());
             self.multigrid.apply(&residual, &mut z);
             let next = dot(&residual, &z);
-            let keep = if iterations == 0 { 0.0 } else { next / slope };
+            let beta = if iterations == 0 { 0.0 } else { next / slope };
             slope = next;
-            for_each(&mut along, |i, p| *p = z[i] + keep * *p);
-            matrix.times(&along, &mut image);
-            let step = slope / dot(&along, &image);
+            for_each(&mut direction, |i, p| *p = z[i] + beta * *p);
+            matrix.times(&direction, &mut image);
+            let step = slope / dot(&direction, &image);
             if !step.is_finite() {
                 break;
             }
-            for_each(x, |i, x| *x += step * along[i]);
+            for_each(x, |i, x| *x += step * direction[i]);
             for_each(&mut residual, |i, r| *r -= step * image[i]);
-            left = dot(&residual, &residual).sqrt() / scale;
+            relative_residual = dot(&residual, &residual).sqrt() / scale;
             iterations += 1;
         }
         for_each(&mut residual, |i, r| *r = b[i] - matrix.row_dot(i, x));

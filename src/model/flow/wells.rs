@@ -8,35 +8,36 @@ use crate::geometry::dot;
 use crate::mesh::Simplices;
 use crate::{Error, Result};
 
-/// Cells that one task searches.
+/// Number of cells that one task searches.
 const CHUNK_CELLS: usize = 1 << 14;
-/// How far outside a cell, in its own size, a point may seem to be by rounding.
+/// Largest negative barycentric coordinate of a point that counts as inside a cell, to allow for
+/// rounding.
 const BARYCENTRIC_TOLERANCE: f64 = 1e-9;
 
 /// A point where fluid enters or leaves.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PointWell<const D: usize = 3> {
-    /// What errors call it.
+    /// The name of the well in error messages.
     pub name: String,
-    /// Where it is, in the mesh's coordinates.
+    /// The position, in the mesh's coordinates.
     pub position: [f64; D],
     /// Rate in m^3/s: positive for a source, negative for a sink.
     pub rate: f64,
 }
 
-/// A well in its tetrahedron or triangle.
+/// A well with the tetrahedron or triangle that contains it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LocatedWell {
     /// The cell.
     pub cell: u32,
-    /// The well's barycentric coordinates in it (in a triangle the last is 0).
+    /// The barycentric coordinates of the well in the cell (in a triangle the last one is 0).
     pub shares: [f64; 4],
     /// The well's rate.
     pub rate: f64,
 }
 
 impl<const D: usize> PointWell<D> {
-    /// Whether position and rate are numbers.
+    /// Checks that position and rate are finite.
     pub(super) fn check(&self) -> Result<()> {
         let refuse =
             |problem: String, remedy: &str| Err(Error::Flow(cause(&self.name, problem, remedy)));
@@ -44,12 +45,15 @@ impl<const D: usize> PointWell<D> {
             return refuse(format!("has the rate {}", self.rate), "give a finite rate");
         }
         if !self.position.iter().all(|c| c.is_finite()) {
-            return refuse("is nowhere".into(), "give finite coordinates");
+            return refuse(
+                "has coordinates that are not finite".into(),
+                "give finite coordinates",
+            );
         }
         Ok(())
     }
 
-    /// The well is not in the mesh.
+    /// Returns the error for a well outside the mesh.
     pub(super) fn outside_error(&self) -> Error {
         Error::Flow(cause(
             &self.name,
@@ -58,10 +62,11 @@ impl<const D: usize> PointWell<D> {
         ))
     }
 
-    /// Finds the tetrahedron or triangle that holds the well.
+    /// Finds the tetrahedron or triangle that contains the well.
     ///
     /// # Errors
-    /// [`Error::Flow`] if there is none, or the rate is not finite.
+    /// Returns [`Error::Flow`] if no cell contains the well, or if its position or rate is not
+    /// finite.
     pub fn locate<M: Simplices<D>>(&self, mesh: &M) -> Result<LocatedWell> {
         self.check()?;
         let depth = |c: usize| {
@@ -72,14 +77,14 @@ impl<const D: usize> PointWell<D> {
             )
         };
         let deeper = |a: (f64, usize), b: (f64, usize)| if b.0 > a.0 { b } else { a };
-        let parts: Vec<(f64, usize)> = (0..mesh.len().div_ceil(CHUNK_CELLS))
+        let chunk_best: Vec<(f64, usize)> = (0..mesh.len().div_ceil(CHUNK_CELLS))
             .into_par_iter()
             .map(|k| {
                 let cells = k * CHUNK_CELLS..mesh.len().min((k + 1) * CHUNK_CELLS);
                 cells.map(depth).fold((f64::NEG_INFINITY, 0), deeper)
             })
             .collect();
-        let (depth, cell) = parts.into_iter().fold((f64::NEG_INFINITY, 0), deeper);
+        let (depth, cell) = chunk_best.into_iter().fold((f64::NEG_INFINITY, 0), deeper);
         if depth < -BARYCENTRIC_TOLERANCE {
             return Err(self.outside_error());
         }
@@ -93,14 +98,15 @@ impl<const D: usize> PointWell<D> {
     }
 }
 
-/// Barycentric coordinates of `x`, one for each of the D + 1 corners, then 0; all in [0, 1] inside.
+/// Returns the barycentric coordinates of `x`: one for each of the D + 1 corners, then 0. Inside
+/// the cell all are in [0, 1].
 #[inline]
 pub(super) fn barycentric<const D: usize>(p: &[[f64; D]; 4], x: [f64; D]) -> [f64; 4] {
     let (g, size) = gradients(p);
-    let off: [f64; D] = std::array::from_fn(|k| x[k] - p[0][k]);
+    let offset: [f64; D] = std::array::from_fn(|k| x[k] - p[0][k]);
     let mut shares = [1.0, 0.0, 0.0, 0.0];
     for k in 1..=D {
-        shares[k] = dot(g[k], off) / size;
+        shares[k] = dot(g[k], offset) / size;
         shares[0] -= shares[k];
     }
     shares

@@ -1,8 +1,8 @@
-//! Averages of an image over cells.
+//! Averages of an image over the cells of a mesh.
 //!
-//! A cell is cut into tetrahedra from its site, those into halves until no edge is longer than three
-//! samples, and the image interpolated linearly in the middle of each: volumes are exact, and so are
-//! means of linear functions.
+//! Each cell is cut into tetrahedra from its site. These are halved until no edge is longer than
+//! three samples, and the image is interpolated linearly at the centre of each piece. So volumes
+//! are exact, and so are means of linear functions.
 
 use crate::parallel::prelude::*;
 
@@ -12,24 +12,24 @@ use crate::image::Image;
 use crate::mesh::poly::PolyMesh;
 use crate::{Error, Result};
 
-/// The longest edge, in samples, of a piece in whose middle the image is taken.
+/// Largest edge, in samples, of a piece at whose centre the image is interpolated.
 const MAX_PIECE_EDGE_SAMPLES: f64 = 3.0;
 
-/// How a cell's value follows from the image's.
+/// The kind of mean that gives a cell's value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MeanKind {
     /// The mean, weighted by volume.
     Arithmetic,
-    /// The inverse of the mean inverse: permeability across layers.
+    /// The inverse of the mean inverse: for permeability across layers.
     Harmonic,
-    /// The exponential of the mean logarithm: permeability without order.
+    /// The exponential of the mean logarithm: for disordered permeability.
     Geometric,
-    /// The sample nearest to the cell's site: labels.
+    /// The sample nearest to the cell's site: for labels.
     Nearest,
 }
 
 impl MeanKind {
-    /// The mean of that name.
+    /// Returns the mean with this name, or `None` if there is none.
     pub fn from_name(name: &str) -> Option<Self> {
         match name {
             "arithmetic" => Some(Self::Arithmetic),
@@ -59,7 +59,7 @@ impl MeanKind {
     }
 }
 
-/// Where a mesh's nodes and sites are among the samples of an image, x first.
+/// The positions of a mesh's nodes and sites in sample indices of an image, x first.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SamplePositions {
     dims: [usize; 3],
@@ -68,66 +68,66 @@ pub struct SamplePositions {
 }
 
 impl SamplePositions {
-    /// From an affine map of positions to sample indices of an image of these dims. Along an axis of
-    /// one sample all places are at that sample.
+    /// Computes the positions from an affine map from mesh coordinates to sample indices. `dims`
+    /// are the dimensions of the image. Along an axis with one sample, all positions are 0.
     pub fn new(
         mesh: &PolyMesh<3>,
         dims: [usize; 3],
         index_of: impl Fn([f64; 3]) -> [f64; 3] + Sync,
     ) -> Self {
-        let place = |&p: &[f64; 3]| {
+        let position = |&p: &[f64; 3]| {
             let index = index_of(p);
             std::array::from_fn(|k| if dims[k] == 1 { 0.0 } else { index[k] })
         };
-        let all = |points: &[[f64; 3]]| points.par_iter().map(place).collect();
+        let positions = |points: &[[f64; 3]]| points.par_iter().map(position).collect();
         Self {
             dims,
-            nodes: all(&mesh.nodes),
-            sites: all(&mesh.sites),
+            nodes: positions(&mesh.nodes),
+            sites: positions(&mesh.sites),
         }
     }
 
-    /// How far, in samples, nodes lie outside the image.
+    /// Returns the largest distance, in samples, of a node outside the image.
     pub fn max_distance_outside(&self) -> f64 {
-        let far = self.dims.map(|n| n as f64 - 1.0);
-        let off =
-            |p: &[f64; 3]| (0..3).fold(0.0, |most: f64, k| most.max(-p[k]).max(p[k] - far[k]));
-        self.nodes.par_iter().map(off).reduce(|| 0.0, f64::max)
+        let last = self.dims.map(|n| n as f64 - 1.0);
+        let distance =
+            |p: &[f64; 3]| (0..3).fold(0.0, |max: f64, k| max.max(-p[k]).max(p[k] - last[k]));
+        self.nodes.par_iter().map(distance).reduce(|| 0.0, f64::max)
     }
 }
 
-/// A value for every cell of `mesh`, which lies among the image's samples as `places` says; `place`
-/// names the image in errors. Beyond its sides the image goes on as it ends.
+/// Returns a value for every cell of `mesh`. `positions` are the positions of the mesh in the
+/// image; `place` names the image in errors. Outside the image, the values at its sides apply.
 ///
-/// Zeros have neither a harmonic nor a geometric mean: a cell that holds more of them than of other values
-/// has the mean 0, and in others they do not count.
+/// Zeros have no harmonic or geometric mean. A cell in which zeros fill more volume than other
+/// values has the mean 0; in other cells, zeros do not count.
 ///
 /// # Errors
-/// [`Error::Export`] names a cell in which the mean makes no sense: NaN, or not positive where it
-/// must be.
+/// Returns [`Error::Export`] with the number of a cell whose mean is not finite: because of NaN, or
+/// of a value that is not positive where it must be.
 pub fn average_cells(
     mesh: &PolyMesh<3>,
-    places: &SamplePositions,
+    positions: &SamplePositions,
     image: &Image<3>,
     mean: MeanKind,
     place: &str,
 ) -> Result<Vec<f64>> {
     let (samples, dims) = (image.as_slice(), image.dims());
     let faces = mesh.faces_of_cells();
-    let of_cell = |cell: usize| {
-        let site = places.sites[cell];
+    let cell_mean = |cell: usize| {
+        let site = positions.sites[cell];
         if mean == MeanKind::Nearest {
-            let at = (0..3).rev().fold(0, |at, k| {
+            let offset = (0..3).rev().fold(0, |offset, k| {
                 let index = site[k].round().clamp(0.0, (dims[k] - 1) as f64);
-                at * dims[k] + index as usize
+                offset * dims[k] + index as usize
             });
-            return f64::from(samples[at]);
+            return f64::from(samples[offset]);
         }
-        let (mut sum, mut weight, mut nothing) = (0.0, 0.0, 0.0);
+        let (mut sum, mut weight, mut zero_volume) = (0.0, 0.0, 0.0);
         let mut add = |volume: f64, point: [f64; 3]| {
             let value = interpolate(samples, dims, point);
             if value == 0.0 && mean != MeanKind::Arithmetic {
-                nothing += volume;
+                zero_volume += volume;
             } else {
                 sum += volume * mean.transform(value);
                 weight += volume;
@@ -135,28 +135,35 @@ pub fn average_cells(
         };
         for &f in faces.get(cell) {
             let ring = mesh.faces.get(f as usize);
-            let both = |n: u32| [mesh.nodes[n as usize], places.nodes[n as usize]];
-            let middle = |which: usize| -> [f64; 3] {
-                let sum = |k: usize| ring.iter().map(|&n| both(n)[which][k]).sum::<f64>();
+            let position_pair = |n: u32| [mesh.nodes[n as usize], positions.nodes[n as usize]];
+            let middle = |index: usize| -> [f64; 3] {
+                let sum = |k: usize| {
+                    ring.iter()
+                        .map(|&n| position_pair(n)[index][k])
+                        .sum::<f64>()
+                };
                 std::array::from_fn(|k| sum(k) / ring.len() as f64)
             };
-            // A triangle needs no middle.
+            // The centre of a triangle is not needed.
             let (apex, edges) = match ring.len() {
-                3 => (both(ring[0]), 1..2),
+                3 => (position_pair(ring[0]), 1..2),
                 n => ([middle(0), middle(1)], 0..n),
             };
             for i in edges {
-                let [p, q] = [ring[i], ring[(i + 1) % ring.len()]].map(both);
+                let [p, q] = [ring[i], ring[(i + 1) % ring.len()]].map(position_pair);
                 let volume = volume6(&[mesh.sites[cell], apex[0], p[0], q[0]]).abs();
                 for_each_piece([site, apex[1], p[1], q[1]], volume, &mut add);
             }
         }
-        if nothing > weight {
+        if zero_volume > weight {
             return 0.0;
         }
         mean.inverse_transform(sum / weight)
     };
-    let values: Vec<f64> = (0..mesh.sites.len()).into_par_iter().map(of_cell).collect();
+    let values: Vec<f64> = (0..mesh.sites.len())
+        .into_par_iter()
+        .map(cell_mean)
+        .collect();
     match values.iter().position(|v| !v.is_finite()) {
         None => Ok(values),
         Some(cell) => Err(Error::Export(cause(
@@ -167,7 +174,8 @@ pub fn average_cells(
     }
 }
 
-/// Halves a tetrahedron until it is small.
+/// Halves a tetrahedron until it is small, and calls `add` with the volume and the centre of each
+/// piece.
 fn for_each_piece(p: [[f64; 3]; 4], volume: f64, add: &mut impl FnMut(f64, [f64; 3])) {
     let mut longest = (MAX_PIECE_EDGE_SAMPLES * MAX_PIECE_EDGE_SAMPLES, 0, 0);
     for i in 0..4 {
@@ -183,22 +191,22 @@ fn for_each_piece(p: [[f64; 3]; 4], volume: f64, add: &mut impl FnMut(f64, [f64;
         let middle = |k: usize| 0.25 * (p[0][k] + p[1][k] + p[2][k] + p[3][k]);
         return add(volume, std::array::from_fn(middle));
     }
-    let half = std::array::from_fn(|k| 0.5 * (p[i][k] + p[j][k]));
+    let midpoint = std::array::from_fn(|k| 0.5 * (p[i][k] + p[j][k]));
     for end in [i, j] {
-        let mut part = p;
-        part[end] = half;
-        for_each_piece(part, 0.5 * volume, add);
+        let mut half = p;
+        half[end] = midpoint;
+        for_each_piece(half, 0.5 * volume, add);
     }
 }
 
-/// Linear interpolation between the eight samples round a point.
+/// Returns the linear interpolation between the eight samples around a point.
 fn interpolate(samples: &[f32], dims: [usize; 3], point: [f64; 3]) -> f64 {
-    let mut at = [0; 3];
-    let mut share = [0.0; 3];
+    let mut base = [0; 3];
+    let mut fraction = [0.0; 3];
     for k in 0..3 {
         let x = point[k].clamp(0.0, (dims[k] - 1) as f64);
-        at[k] = (x as usize).min(dims[k].saturating_sub(2));
-        share[k] = x - at[k] as f64;
+        base[k] = (x as usize).min(dims[k].saturating_sub(2));
+        fraction[k] = x - base[k] as f64;
     }
     let next = dims.map(|n| usize::from(n > 1));
     let strides = [1, dims[0], dims[0] * dims[1]];
@@ -207,10 +215,14 @@ fn interpolate(samples: &[f32], dims: [usize; 3], point: [f64; 3]) -> f64 {
         let (mut weight, mut i) = (1.0, 0);
         for k in 0..3 {
             let upper = corner >> k & 1;
-            weight *= if upper == 1 { share[k] } else { 1.0 - share[k] };
-            i += (at[k] + upper * next[k]) * strides[k];
+            weight *= if upper == 1 {
+                fraction[k]
+            } else {
+                1.0 - fraction[k]
+            };
+            i += (base[k] + upper * next[k]) * strides[k];
         }
-        // Where the weight is nothing, so shall be the sample, NaN or not.
+        // A sample with weight 0 must not count, even if it is NaN.
         if weight > 0.0 {
             value += weight * f64::from(samples[i]);
         }
@@ -226,54 +238,61 @@ mod tests {
 
     fn image(dims: [usize; 3], f: impl Fn([f64; 3]) -> f64) -> Image<3> {
         let [nx, ny, nz] = dims;
-        let at = |i: usize| [i % nx, i / nx % ny, i / (nx * ny)].map(|c| c as f64);
-        let samples = (0..nx * ny * nz).map(|i| f(at(i)) as f32).collect();
+        let position = |i: usize| [i % nx, i / nx % ny, i / (nx * ny)].map(|c| c as f64);
+        let samples = (0..nx * ny * nz).map(|i| f(position(i)) as f32).collect();
         Image::new(dims, samples, Geometry::default())
     }
 
-    /// The box [0, 2] x [0, 1]^2 over 41 x 21 x 21 samples, cut at x = 0.75 and so at sample 15.
+    /// Returns the means of the cells of the box [0, 2] x [0, 1]^2, which is cut at x = 0.75. The
+    /// image has 41 x 21 x 21 samples, so that the cut is at sample 15.
     fn means(mean: MeanKind, f: impl Fn([f64; 3]) -> f64) -> Vec<f64> {
         let mesh = two_cells::<3>(0.75);
         let image = image([41, 21, 21], f);
-        let places = SamplePositions::new(&mesh, image.dims(), |p| p.map(|c| 20.0 * c));
-        assert!(places.max_distance_outside() < 1e-12);
-        average_cells(&mesh, &places, &image, mean, "image").unwrap()
+        let positions = SamplePositions::new(&mesh, image.dims(), |p| p.map(|c| 20.0 * c));
+        assert!(positions.max_distance_outside() < 1e-12);
+        average_cells(&mesh, &positions, &image, mean, "image").unwrap()
     }
 
     #[test]
     fn means_of_linear_functions_are_exact() {
-        let found = means(MeanKind::Arithmetic, |[x, y, z]| x + 2.0 * y - 0.5 * z);
-        for (value, x) in found.iter().zip([7.5, 27.5]) {
+        let values = means(MeanKind::Arithmetic, |[x, y, z]| x + 2.0 * y - 0.5 * z);
+        for (value, x) in values.iter().zip([7.5, 27.5]) {
             assert!((value - (x + 20.0 - 5.0)).abs() < 1e-9, "{value}");
         }
     }
 
     #[test]
     fn layers_have_their_harmonic_and_geometric_means() {
-        // 1 for x < 8, 100 beyond; between, the interpolation's own slope.
+        // 1 for x < 8, 100 above; in between the image is interpolated.
         let layers = |[x, _, _]: [f64; 3]| if x < 8.0 { 1.0 } else { 100.0 };
         let ramp = |f: &dyn Fn(f64) -> f64| {
             let steps = 10_000;
-            let at = |i: usize| f(1.0 + 99.0 * (i as f64 + 0.5) / steps as f64);
-            (0..steps).map(at).sum::<f64>() / steps as f64
+            let value = |i: usize| f(1.0 + 99.0 * (i as f64 + 0.5) / steps as f64);
+            (0..steps).map(value).sum::<f64>() / steps as f64
         };
         let mean = |f: &dyn Fn(f64) -> f64| (7.0 * f(1.0) + ramp(f) + 7.0 * f(100.0)) / 15.0;
         let harmonic = means(MeanKind::Harmonic, layers)[0];
-        let want = 1.0 / mean(&|k| 1.0 / k);
-        assert!((harmonic / want - 1.0).abs() < 0.02, "{harmonic} {want}");
+        let expected = 1.0 / mean(&|k| 1.0 / k);
+        assert!(
+            (harmonic / expected - 1.0).abs() < 0.02,
+            "{harmonic} {expected}"
+        );
         let geometric = means(MeanKind::Geometric, layers)[0];
-        let want = mean(&f64::ln).exp();
-        assert!((geometric / want - 1.0).abs() < 0.02, "{geometric} {want}");
+        let expected = mean(&f64::ln).exp();
+        assert!(
+            (geometric / expected - 1.0).abs() < 0.02,
+            "{geometric} {expected}"
+        );
         assert_eq!(means(MeanKind::Nearest, layers), [1.0, 100.0]);
     }
 
     #[test]
-    fn what_has_no_mean_is_refused() {
+    fn values_without_a_mean_are_refused() {
         let mesh = two_cells::<3>(0.75);
         let image = image([41, 21, 21], |[x, ..]| x - 20.0);
-        let places = SamplePositions::new(&mesh, image.dims(), |p| p.map(|c| 20.0 * c));
+        let positions = SamplePositions::new(&mesh, image.dims(), |p| p.map(|c| 20.0 * c));
         let error =
-            average_cells(&mesh, &places, &image, MeanKind::Geometric, "k.npy").unwrap_err();
+            average_cells(&mesh, &positions, &image, MeanKind::Geometric, "k.npy").unwrap_err();
         assert!(error.to_string().contains("cell 0"), "{error}");
     }
 }

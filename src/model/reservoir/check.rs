@@ -1,4 +1,4 @@
-//! What is looked at before anything is written.
+//! Checks of a model before it is written.
 
 use crate::geometry::union_find::UnionFind;
 use serde::Serialize;
@@ -6,42 +6,42 @@ use serde::Serialize;
 use super::Model;
 use crate::model::flow::driver::ROUGH_ANGLE_DEGREES;
 
-/// Figures of a model, as the table and the JSON show them.
+/// Statistics of a model, as the table and the JSON show them.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ModelChecks {
     /// Number of cells.
     pub cells: usize,
     /// Number of connections.
     pub connections: usize,
-    /// Connections on features.
+    /// Number of connections on features.
     pub feature_connections: usize,
     /// Sum of the cells' volumes in m^3.
     pub volume: f64,
-    /// How far it is from the box's volume, relative to it.
+    /// Relative difference between this volume and that of the box.
     pub volume_error: f64,
     /// Pore volume in m^3, if the porosity is known.
     pub pore_volume: Option<f64>,
-    /// Least and greatest depth of a site in metres.
+    /// Smallest and largest depth of a site in metres.
     pub depth: [f64; 2],
-    /// Least and greatest transmissibility, in m^3, if the permeability is known.
+    /// Smallest and largest transmissibility in m^3, if the permeability is known.
     pub transmissibility: Option<[f64; 2]>,
-    /// Angle in degrees by which lines between sites miss the permeability times the faces' normals:
-    /// mean by area, and the worst.
+    /// Angle in degrees between the lines from site to site and the permeability times the faces'
+    /// normals: the mean, weighted by area, and the largest.
     pub angle: [f64; 2],
-    /// The cells of the connection that has the worst angle.
+    /// The two cells of the connection with the largest angle.
     pub worst_connection: Option<[u32; 2]>,
-    /// What a two-point flux misses where fluid flows along the face as strongly as across it: the
-    /// tangent of the angle, mean by area.
+    /// Relative error of a two-point flux where fluid flows as strongly along the face as across
+    /// it: the mean tangent of the angle, weighted by area.
     pub two_point_error: f64,
-    /// Whether the cells stand in columns.
+    /// `true` if the cells stand in columns.
     pub is_columnar: bool,
-    /// Parts between which nothing flows: the least cell and the number of cells of each, the
-    /// largest first.
+    /// Compartments, between which nothing flows: the smallest cell number and the number of cells
+    /// of each, the largest compartment first.
     pub compartments: Vec<(usize, usize)>,
 }
 
 impl ModelChecks {
-    /// Looks at a model that fills a box of volume `box_volume`, in m^3.
+    /// Checks a model that fills a box with the volume `box_volume`, in m^3.
     pub fn new(model: &Model, box_volume: f64) -> Self {
         let graph = &model.graph;
         let cells = graph.volume.len();
@@ -57,7 +57,7 @@ impl ModelChecks {
             }
         }
         let mean = |sum: f64| if area > 0.0 { sum / area } else { 0.0 };
-        let open = model.permeability.as_ref().map(|p| &p.transmissibility);
+        let transmissibility = model.permeability.as_ref().map(|p| &p.transmissibility);
         let range = |values: &mut dyn Iterator<Item = f64>| {
             values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| {
                 [low.min(v), high.max(v)]
@@ -74,28 +74,29 @@ impl ModelChecks {
                 pores.map(|(p, v)| p * v).sum()
             }),
             depth: range(&mut (0..cells).map(|cell| model.depth(cell))),
-            transmissibility: open
+            transmissibility: transmissibility
                 .filter(|t| !t.is_empty())
                 .map(|t| range(&mut t.iter().copied())),
             angle: [mean(sum), worst.0],
             worst_connection: worst.1,
             two_point_error: mean(tangents),
             is_columnar: model.mesh.is_columnar(),
-            compartments: parts(
+            compartments: find_compartments(
                 cells,
                 |cell| model.is_active(cell),
                 graph
                     .connections
                     .iter()
                     .enumerate()
-                    .filter(|(i, _)| open.is_none_or(|t| t[*i] > 0.0))
+                    .filter(|(i, _)| transmissibility.is_none_or(|t| t[*i] > 0.0))
                     .map(|(_, c)| c.cells),
             ),
         }
     }
 
-    /// Returns the short table, of coordinates in `unit`; what concerns flow and depth only if `of_flow`.
-    pub fn table(&self, unit: &str, of_flow: bool) -> String {
+    /// Returns the short table. `unit` is the unit of the coordinates. Rows on flow and depth
+    /// appear only if `with_flow`.
+    pub fn table(&self, unit: &str, with_flow: bool) -> String {
         let mut lines = vec![
             format!(
                 "cells          {} with {} connections, {} of them on features",
@@ -109,14 +110,14 @@ impl ModelChecks {
         if let Some(pores) = self.pore_volume {
             lines.push(format!("pore volume    {pores:.6e} m^3"));
         }
-        if of_flow {
+        if with_flow {
             let [low, high] = self.depth;
             lines.push(format!("depth          {low:.2} to {high:.2} m"));
         }
         if let Some([low, high]) = self.transmissibility {
             lines.push(format!("transmiss.     {low:.3e} to {high:.3e} m^3"));
         }
-        if of_flow {
+        if with_flow {
             let [mean, worst] = self.angle;
             let mut line =
                 format!("two-point      {mean:.2} degrees off on average, {worst:.2} at worst");
@@ -128,29 +129,31 @@ impl ModelChecks {
         lines.push(match self.compartments.len() {
             1 => "connected      all cells".to_string(),
             count => {
-                let few = self.compartments.iter().take(5);
-                let named: Vec<String> = few
+                let listed = self.compartments.iter().take(5);
+                let names: Vec<String> = listed
                     .map(|(cell, size)| format!("{size} cells with cell {cell}"))
                     .collect();
-                let more = if count > 5 { ", ..." } else { "" };
-                format!("not connected  {count} parts: {}{more}", named.join(", "))
+                let suffix = if count > 5 { ", ..." } else { "" };
+                format!("not connected  {count} parts: {}{suffix}", names.join(", "))
             }
         });
         lines.join("\n")
     }
 
-    /// Whether two-point fluxes are rough.
+    /// Returns `true` if two-point fluxes are rough: their mean angle error exceeds
+    /// [`ROUGH_ANGLE_DEGREES`].
     pub fn is_rough(&self) -> bool {
         self.angle[0] > ROUGH_ANGLE_DEGREES
     }
 
-    /// What the user should know, if anything: one line each.
+    /// Returns notes for the user, one line each.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
         if self.is_rough() {
-            let remedy = match self.is_columnar {
-                true => "level layers, or cells that are not columns,",
-                false => "Voronoi cells made with the metric of the rock",
+            let remedy = if self.is_columnar {
+                "level layers, or cells that are not columns,"
+            } else {
+                "Voronoi cells made with the metric of the rock"
             };
             notes.push(format!(
                 "two-point fluxes are rough: where fluid flows along faces as strongly as across \
@@ -162,8 +165,9 @@ impl ModelChecks {
     }
 }
 
-/// The parts that the active cells of a graph form, each with its least cell and its size; the largest first.
-fn parts(
+/// Returns the compartments of the active cells of a graph: the smallest cell number and the size
+/// of each, the largest compartment first.
+fn find_compartments(
     cells: usize,
     is_active: impl Fn(usize) -> bool,
     pairs: impl Iterator<Item = [u32; 2]>,
@@ -176,13 +180,13 @@ fn parts(
     for cell in (0..cells as u32).filter(|&cell| is_active(cell as usize)) {
         sizes[sets.find(cell) as usize] += 1;
     }
-    let mut parts: Vec<(usize, usize)> = sizes
+    let mut compartments: Vec<(usize, usize)> = sizes
         .into_iter()
         .enumerate()
         .filter(|(_, size)| *size > 0)
         .collect();
-    parts.sort_by_key(|&(cell, size)| (std::cmp::Reverse(size), cell));
-    parts
+    compartments.sort_by_key(|&(cell, size)| (std::cmp::Reverse(size), cell));
+    compartments
 }
 
 #[cfg(test)]
@@ -192,44 +196,44 @@ mod tests {
     use crate::model::flow::{FaultLaw, Rock, Tensor};
 
     #[test]
-    fn parts_are_named_largest_first() {
+    fn compartments_are_sorted_largest_first() {
         let pairs = [[4, 3], [0, 1], [5, 4]];
         assert_eq!(
-            parts(6, |_| true, pairs.into_iter()),
+            find_compartments(6, |_| true, pairs.into_iter()),
             [(3, 3), (0, 2), (2, 1)]
         );
     }
 
     #[test]
-    fn two_boxes() {
+    fn checks_of_two_boxes() {
         let mut model = Model::new(two_cells::<3>(0.75), None);
         let rock = || Rock::uniform(Tensor::isotropic(2.0), 1.0);
         model.set_permeability(rock()).unwrap();
         model.porosity = Some(vec![0.5, 0.25]);
-        let found = ModelChecks::new(&model, 2.0);
+        let checks = ModelChecks::new(&model, 2.0);
         assert_eq!(
-            (found.cells, found.connections, found.feature_connections),
+            (checks.cells, checks.connections, checks.feature_connections),
             (2, 1, 1)
         );
-        assert!(found.volume_error < 1e-15 && found.angle[1] < 1e-9);
-        assert_eq!(found.pore_volume, Some(0.375 + 0.3125));
-        assert_eq!(found.compartments, [(0, 2)]);
-        assert!(found.notes().is_empty());
+        assert!(checks.volume_error < 1e-15 && checks.angle[1] < 1e-9);
+        assert_eq!(checks.pore_volume, Some(0.375 + 0.3125));
+        assert_eq!(checks.compartments, [(0, 2)]);
+        assert!(checks.notes().is_empty());
         model.set_faults(&FaultLaw::CLOSED.into()).unwrap();
         model.set_permeability(rock()).unwrap();
-        let found = ModelChecks::new(&model, 2.0);
-        assert_eq!(found.compartments, [(0, 1), (1, 1)]);
-        assert!(found.table("m", true).contains("not connected  2 parts"));
+        let checks = ModelChecks::new(&model, 2.0);
+        assert_eq!(checks.compartments, [(0, 1), (1, 1)]);
+        assert!(checks.table("m", true).contains("not connected  2 parts"));
     }
 
     #[test]
     fn sheared_cells_are_rough() {
         let sheared = two_cells::<3>(0.75).mapped(|[x, y, z]| [x, y + x, z], false);
-        let found = ModelChecks::new(&Model::new(sheared, None), 2.0);
-        assert!((found.angle[1] - 45.0).abs() < 1e-9);
-        assert!((found.two_point_error - 1.0).abs() < 1e-9);
+        let checks = ModelChecks::new(&Model::new(sheared, None), 2.0);
+        assert!((checks.angle[1] - 45.0).abs() < 1e-9);
+        assert!((checks.two_point_error - 1.0).abs() < 1e-9);
         assert_eq!(
-            (found.worst_connection, found.notes().len()),
+            (checks.worst_connection, checks.notes().len()),
             (Some([0, 1]), 1)
         );
     }

@@ -1,39 +1,41 @@
-//! What closed faults do to wells: which wells they part, and which run through them.
+//! Notes on wells at closed faults: wells that closed faults separate from all others, and wells
+//! that cross a closed fault or run along one.
 
 use super::trajectory::{Trajectory, WellSegment, WellTracer};
 use super::{Control, Model, Well};
 use crate::geometry::union_find::UnionFind;
 use crate::geometry::{add_scaled, dot, norm, sub};
 
-/// A well that is nearer to a face than this share of the distance between the sites on its two sides lies
-/// on the face.
+/// A well lies on a face if its distance from the face is below this fraction of the distance
+/// between the sites on the two sides.
 const MAX_FACE_DISTANCE_RATIO: f64 = 0.05;
 
 impl Model {
-    /// Whether something flows through a connection.
+    /// Returns `true` if fluid can flow through a connection.
     fn is_open(&self, connection: usize) -> bool {
         match &self.permeability {
-            Some(known) => known.transmissibility[connection] > 0.0,
+            Some(permeability) => permeability.transmissibility[connection] > 0.0,
             None => self.fault_factor(connection) > 0.0,
         }
     }
 
-    /// The compartment of each cell: the least of the cells that it is connected with.
+    /// Returns the compartment of each cell: the smallest number of a cell that is connected with
+    /// it.
     fn compartments(&self) -> Vec<u32> {
         let mut sets = UnionFind::new(self.len());
-        for (at, c) in self.graph.connections.iter().enumerate() {
-            if self.is_open(at) {
+        for (index, c) in self.graph.connections.iter().enumerate() {
+            if self.is_open(index) {
                 sets.unite(c.cells[0], c.cells[1]);
             }
         }
         (0..self.len() as u32).map(|cell| sets.find(cell)).collect()
     }
 
-    /// A line for each well that no injector, or no producer, can reach, though there are some, and for each
-    /// that runs through a closed fault or along one.
+    /// Returns a note for each well that no injector (or no producer) can reach although the model
+    /// has some, and for each well that crosses a closed fault or runs along one.
     pub fn notes_on_wells(&self) -> Vec<String> {
         let wells = &self.case.wells;
-        if wells.is_empty() || (0..self.graph.connections.len()).all(|at| self.is_open(at)) {
+        if wells.is_empty() || (0..self.graph.connections.len()).all(|index| self.is_open(index)) {
             return Vec::new();
         }
         let compartments = self.compartments();
@@ -49,76 +51,84 @@ impl Model {
     fn notes_on_separated_wells(&self, compartments: &[u32]) -> Vec<String> {
         let wells = &self.case.wells;
         let injects = |well: &Well| matches!(well.control, Control::Inject(_));
-        let meet = |a: &Well, b: &Well| {
-            let of = |well: &'_ Well| -> Vec<u32> {
+        let share_compartment = |a: &Well, b: &Well| {
+            let compartments_of = |well: &'_ Well| -> Vec<u32> {
                 let cells = well.cells.iter();
                 cells.map(|c| compartments[c.0 as usize]).collect()
             };
-            let other = of(b);
-            of(a).iter().any(|compartment| other.contains(compartment))
+            let second = compartments_of(b);
+            compartments_of(a)
+                .iter()
+                .any(|compartment| second.contains(compartment))
         };
-        let mut lonely = Vec::new();
+        let mut separated = Vec::new();
         for well in wells.iter().filter(|well| injects(well)) {
             let producers: Vec<&Well> = wells.iter().filter(|other| !injects(other)).collect();
-            if !producers.is_empty() && !producers.iter().any(|other| meet(well, other)) {
-                lonely.push(well);
+            if !producers.is_empty()
+                && !producers.iter().any(|other| share_compartment(well, other))
+            {
+                separated.push(well);
             }
         }
         let line = |well: &Well, kind: &str, others: &str| {
             let compartment = well.cells.first().map_or(0, |c| compartments[c.0 as usize]);
             let cells = compartments.iter().filter(|c| **c == compartment).count();
             format!(
-                "{kind} {}: closed faults part its compartment, of {cells} cells, from every {others}",
+                "{kind} {}: closed faults separate its compartment, of {cells} cells, from every {others}",
                 well.name
             )
         };
         let injectors: Vec<&Well> = wells.iter().filter(|well| injects(well)).collect();
-        let mut notes: Vec<String> = (lonely.iter())
+        let mut notes: Vec<String> = (separated.iter())
             .map(|well| line(well, "injector", "producer"))
             .collect();
-        // Where no injector reaches any producer, that is said already.
-        if lonely.len() < injectors.len() {
-            let unreached = |well: &&Well| {
-                !injects(well) && !injectors.iter().any(|injector| meet(well, injector))
+        // If no injector reaches any producer, the notes on injectors say so already.
+        if separated.len() < injectors.len() {
+            let is_unreached = |well: &&Well| {
+                !injects(well)
+                    && !injectors
+                        .iter()
+                        .any(|injector| share_compartment(well, injector))
             };
-            let unreached = wells.iter().filter(unreached);
+            let unreached = wells.iter().filter(is_unreached);
             notes.extend(unreached.map(|well| line(well, "producer", "injector")));
         }
         notes
     }
 
-    /// The pieces of a well's way; none of a well that is open to the cell of one point.
+    /// Returns the trajectory of a well and its segments. A well that is open to a single cell at
+    /// one point has no segments.
     fn well_segments(well: &Well, tracer: &WellTracer) -> (Trajectory, Vec<WellSegment>) {
-        let way = Trajectory {
+        let trajectory = Trajectory {
             name: well.name.clone(),
             points: well.path.clone(),
             radii: vec![well.radius; well.path.len()],
         };
-        let pieces = match way.leg_count() {
+        let segments = match trajectory.leg_count() {
             0 => Vec::new(),
-            _ => tracer.segments(&way),
+            _ => tracer.segments(&trajectory),
         };
-        (way, pieces)
+        (trajectory, segments)
     }
 
-    /// The name of the closed fault between two cells.
+    /// Returns the name of the closed fault between two cells, if there is one.
     fn closed_fault_between(&self, cells: [u32; 2]) -> Option<String> {
         let sorted = [cells[0].min(cells[1]), cells[0].max(cells[1])];
-        let mut all = self.graph.connections.iter().enumerate();
-        let (at, _) = all.find(|(_, c)| {
+        let mut connections = self.graph.connections.iter().enumerate();
+        let (index, _) = connections.find(|(_, c)| {
             let [a, b] = c.cells;
             [a.min(b), a.max(b)] == sorted
         })?;
-        self.closed_fault_name(at)
+        self.closed_fault_name(index)
     }
 
-    /// The name of the closed fault on which a connection lies.
+    /// Returns the name of the closed fault on which a connection lies, if it lies on one.
     fn closed_fault_name(&self, connection: usize) -> Option<String> {
         let label = self.barriers.label(connection)?;
-        let closed = self.barriers.law(label).multiplier() == 0.0;
+        let is_closed = self.barriers.law(label).multiplier() == 0.0;
         let names = self.surfaces.all_names().names;
         let name = names.get(label as usize - 1).cloned();
-        closed.then(|| name.unwrap_or_else(|| "fault".into()))
+        is_closed.then(|| name.unwrap_or_else(|| "fault".into()))
     }
 
     fn crossed_fault(
@@ -127,53 +137,55 @@ impl Model {
         tracer: &WellTracer,
         compartments: &[u32],
     ) -> Option<String> {
-        let (_, pieces) = Self::well_segments(well, tracer);
-        let pairs = pieces.windows(2).map(|pair| [pair[0].cell, pair[1].cell]);
-        let parted = |pair: &[u32; 2]| {
+        let (_, segments) = Self::well_segments(well, tracer);
+        let pairs = segments.windows(2).map(|pair| [pair[0].cell, pair[1].cell]);
+        let is_separated = |pair: &[u32; 2]| {
             compartments[pair[0] as usize] != compartments[pair[1] as usize]
                 || self.closed_fault_between(*pair).is_some()
         };
-        let crossed: Vec<[u32; 2]> = pairs
+        let crossed_pairs: Vec<[u32; 2]> = pairs
             .filter(|pair| pair[0] != pair[1])
-            .filter(parted)
+            .filter(is_separated)
             .collect();
-        let first = crossed.first()?;
-        let named = crossed
+        let first = crossed_pairs.first()?;
+        let fault_name = crossed_pairs
             .iter()
             .find_map(|pair| self.closed_fault_between(*pair));
         Some(format!(
-            "well {}: runs through the closed {} between cells {} and {}, and joins what that parts; give it as two wells if the bore is not open there",
+            "well {}: crosses the closed {} between cells {} and {}, and connects its two sides; give it as two wells if the bore is not open there",
             well.name,
-            named.unwrap_or_else(|| "faults".into()),
+            fault_name.unwrap_or_else(|| "faults".into()),
             first[0],
             first[1]
         ))
     }
 
     fn fault_along_well(&self, well: &Well, tracer: &WellTracer) -> Option<String> {
-        let (way, pieces) = Self::well_segments(well, tracer);
-        let ends = |piece: &WellSegment| {
-            let (a, d) = way.leg(piece.leg as usize);
-            piece.span.map(|share| add_scaled(a, share, d))
+        let (trajectory, segments) = Self::well_segments(well, tracer);
+        let end_points = |segment: &WellSegment| {
+            let (a, d) = trajectory.leg(segment.leg as usize);
+            segment.span.map(|fraction| add_scaled(a, fraction, d))
         };
-        let parts: Vec<(u32, [[f64; 3]; 2])> = match (&well.path[..], &well.cells[..]) {
+        let cell_spans: Vec<(u32, [[f64; 3]; 2])> = match (&well.path[..], &well.cells[..]) {
             ([point], [(cell, _)]) => vec![(*cell, [*point; 2])],
-            _ => pieces
+            _ => segments
                 .iter()
-                .map(|piece| (piece.cell, ends(piece)))
+                .map(|segment| (segment.cell, end_points(segment)))
                 .collect(),
         };
-        for (cell, ends) in parts {
+        for (cell, ends) in cell_spans {
             for &face in tracer.faces(cell as usize) {
                 let Some(c) = self.graph.connections.get(face as usize) else {
                     continue;
                 };
-                let near = MAX_FACE_DISTANCE_RATIO * (c.distance[0] + c.distance[1]) + well.radius;
-                let beside = ends.iter().all(|p| {
-                    let off = sub(*p, c.point);
-                    dot(off, c.normal).abs() <= near && norm(off) <= c.area.sqrt() + near
+                let tolerance =
+                    MAX_FACE_DISTANCE_RATIO * (c.distance[0] + c.distance[1]) + well.radius;
+                let is_along = ends.iter().all(|p| {
+                    let offset = sub(*p, c.point);
+                    dot(offset, c.normal).abs() <= tolerance
+                        && norm(offset) <= c.area.sqrt() + tolerance
                 });
-                if beside && let Some(name) = self.closed_fault_name(face as usize) {
+                if is_along && let Some(name) = self.closed_fault_name(face as usize) {
                     return Some(format!(
                         "well {}: lies on the closed {name}, and is open to one side of it only, in cell {cell}",
                         well.name

@@ -1,25 +1,29 @@
-//! What a well gives to, or takes from, each cell that it is open to.
+//! Well indices: the exchange of fluid between a well and each cell to which it is open.
 //!
-//! Round a well, pressure falls as the logarithm of the distance r from it. Two-point fluxes do not
-//! see that inside a cell: the pressure of the well's cell is the true one at some distance r_o, its
-//! equivalent radius. It follows from the cell's balance if its neighbours have the pressures that
-//! are true where their sites are (Peaceman 1978 for squares; Palagi and Aziz 1994 for PEBI grids):
+//! Around a well, pressure changes with the logarithm of the distance r from it. Two-point fluxes
+//! do not resolve that inside a cell: the pressure of the well's cell is the exact one at some
+//! distance r_o, the equivalent radius. It follows from the mass balance of the cell, if its
+//! neighbours have the exact pressures at their sites (Peaceman 1978 for squares; Palagi and Aziz
+//! 1994 for PEBI grids):
 //!
 //! ```text
 //! sum_j T_j (ln r_j - ln r_o) = 2 pi k L,    index = 2 pi k L / ln(r_o / radius)
 //! ```
 //!
-//! with T_j the transmissibilities to neighbours whose sites are r_j away from the well, and L its
-//! length in the cell. In a prism round an upright well, T_j = k L b_j / h_j, and this is
-//! ln r_o = (sum b_j/h_j ln h_j - 2 pi) / sum b_j/h_j: 0.208 of the side of a square (0.198 is exact
-//! for an endless grid). Here
+//! Here T_j are the transmissibilities to neighbours whose sites are at the distance r_j from the
+//! well, and L is the length of the well in the cell. In a prism around a vertical well, T_j = k L
+//! b_j / h_j, and this gives ln r_o = (sum b_j/h_j ln h_j - 2 pi) / sum b_j/h_j: 0.208 times the
+//! side of a square (0.198 is exact for an infinite grid). The implementation differs in these
+//! points:
 //!
-//! - T_j are the model's own, faults open; where the well goes on into the neighbour, its r_o is an unknown, too;
-//! - neighbours that lie on the well's straight continuation count as if it went on there;
-//! - distances, lengths and the bore are those in the space where rock conducts alike in all
-//!   directions: x' = sqrt(k/K) x, k the geometric mean (Peaceman 1983); wells may deviate;
-//! - a side of the box along the well acts as a mirror; a well on it drains only the angle inside;
-//! - tetrahedra, whose two-point fluxes do not see the pressure that well, count as square columns of
+//! - T_j are those of the model with open faults; if the well continues into the neighbour, the r_o
+//!   of the neighbour is an unknown, too.
+//! - Neighbours on the straight continuation of the well count as if the well continued there.
+//! - Distances, lengths and the bore are those in the space in which the rock is isotropic: x' =
+//!   sqrt(k/K) x, with k the geometric mean (Peaceman 1983). Wells may deviate.
+//! - A side of the box along the well acts as a mirror; a well on a side drains only the angle
+//!   inside the box.
+//! - Tetrahedra, whose two-point fluxes resolve the pressure poorly, count as square columns of
 //!   their volume along the well.
 
 use std::f64::consts::TAU;
@@ -34,7 +38,7 @@ use crate::{Error, Result};
 /// Equivalent radius of a square cell over its side (Peaceman 1978).
 const SQUARE_RADIUS_RATIO: f64 = 0.2;
 
-/// A well in one cell.
+/// The completion of a well in one cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Completion {
     /// The cell.
@@ -44,36 +48,35 @@ pub struct Completion {
     /// The well index in m^3: rate times viscosity over the difference between the pressures of cell
     /// and well.
     pub index: f64,
-    /// The equivalent radius in metres (of a space that is rescaled where the rock is not alike in all
-    /// directions).
+    /// The equivalent radius in metres (in the rescaled space if the rock is anisotropic).
     pub equivalent_radius: f64,
 }
 
-/// The parts of a well in one cell, together.
+/// The segments of a well in one cell, merged.
 struct WellInCell {
     cell: usize,
     length: f64,
-    /// From where to where it goes in all.
+    /// Sum of the vectors along its segments.
     direction: [f64; 3],
     middle: [f64; 3],
     radius: f64,
-    /// Permeability times length, both of the rescaled space.
+    /// Permeability times length, both in the rescaled space.
     strength: f64,
     /// Radius of the bore in the rescaled space.
     bore_radius: f64,
-    /// The share of the full angle that is open.
+    /// The fraction of the full angle around the well that lies inside the box.
     open_angle_share: f64,
     space: IsotropicSpace,
 }
 
-/// Lengths in the space where rock of permeability K conducts alike in all directions.
+/// The space in which rock with the permeability K is isotropic.
 #[derive(Clone, Copy)]
 struct IsotropicSpace {
     /// Geometric mean of the permeabilities along the principal axes.
     mean_permeability: f64,
-    /// mean K^-1, the metric.
+    /// `mean_permeability` K^-1, the metric.
     metric: Tensor,
-    /// K / mean.
+    /// K / `mean_permeability`, the inverse of the metric.
     inverse: Tensor,
 }
 
@@ -105,65 +108,66 @@ impl IsotropicSpace {
         self.dot(a, a).sqrt()
     }
 
-    /// The radius of a round bore of radius 1 along `d`: the mean of the half axes of the ellipse that
-    /// it is here.
+    /// Returns the radius of a bore along `d` that is a circle of radius 1 in metres. In this space
+    /// it is an ellipse, and the radius is the mean of its half axes.
     fn bore_radius(&self, d: [f64; 3]) -> f64 {
-        let least = (0..3).fold(0, |k, l| if d[l].abs() < d[k].abs() { l } else { k });
+        let min_axis = (0..3).fold(0, |k, l| if d[l].abs() < d[k].abs() { l } else { k });
         let mut axis = [0.0; 3];
-        axis[least] = 1.0;
+        axis[min_axis] = 1.0;
         let u = cross(d, axis);
         let u = u.map(|c| c / norm(u));
         let v = cross(d, u).map(|c| c / norm(d));
         let square = self.dot(d, d);
-        let across = |a, b| self.dot(a, b) - self.dot(a, d) * self.dot(b, d) / square;
-        let (uu, vv, uv) = (across(u, u), across(v, v), across(u, v));
+        let projected = |a, b| self.dot(a, b) - self.dot(a, d) * self.dot(b, d) / square;
+        let (uu, vv, uv) = (projected(u, u), projected(v, v), projected(u, v));
         0.5 * (uu + vv + 2.0 * (uu * vv - uv * uv).max(0.0).sqrt()).sqrt()
     }
 
-    /// Distance of a point from a way whose ends go on for ever.
-    fn distance(&self, way: &Trajectory, x: [f64; 3]) -> f64 {
-        let last = way.leg_count() - 1;
-        let off = |leg: usize| {
-            let (a, d) = way.leg(leg);
+    /// Returns the distance of a point from a trajectory whose first and last legs extend to
+    /// infinity.
+    fn distance(&self, trajectory: &Trajectory, x: [f64; 3]) -> f64 {
+        let last = trajectory.leg_count() - 1;
+        let leg_distance = |leg: usize| {
+            let (a, d) = trajectory.leg(leg);
             let x = sub(x, a);
             let low = if leg == 0 { f64::NEG_INFINITY } else { 0.0 };
             let high = if leg == last { f64::INFINITY } else { 1.0 };
-            let share = (self.dot(x, d) / self.dot(d, d)).clamp(low, high);
-            self.length(add_scaled(x, -share, d))
+            let fraction = (self.dot(x, d) / self.dot(d, d)).clamp(low, high);
+            self.length(add_scaled(x, -fraction, d))
         };
-        (0..=last).map(off).fold(f64::INFINITY, f64::min)
+        (0..=last).map(leg_distance).fold(f64::INFINITY, f64::min)
     }
 
-    /// A point's image in the plane of a face.
-    fn mirror_image(&self, x: [f64; 3], on: [f64; 3], normal: [f64; 3]) -> [f64; 3] {
-        let turned = self.inverse.times(normal);
+    /// Returns the mirror image of a point in a plane through `point` with this normal.
+    fn mirror_image(&self, x: [f64; 3], point: [f64; 3], normal: [f64; 3]) -> [f64; 3] {
+        let conormal = self.inverse.times(normal);
         add_scaled(
             x,
-            -2.0 * dot(normal, sub(x, on)) / dot(normal, turned),
-            turned,
+            -2.0 * dot(normal, sub(x, point)) / dot(normal, conormal),
+            conormal,
         )
     }
 
-    /// Distance from a point to a plane.
-    fn plane_distance(&self, x: [f64; 3], on: [f64; 3], normal: [f64; 3]) -> f64 {
-        (dot(normal, sub(x, on)) / self.inverse.normal_component(normal).sqrt()).abs()
+    /// Returns the distance of `x` from a plane through `point` with this normal.
+    fn plane_distance(&self, x: [f64; 3], point: [f64; 3], normal: [f64; 3]) -> f64 {
+        (dot(normal, sub(x, point)) / self.inverse.normal_component(normal).sqrt()).abs()
     }
 }
 
 impl WellTracer<'_> {
-    /// The completions of a well in all cells that it crosses, in the order in which it does.
+    /// Returns the completions of a well in all cells that it crosses, in the order along the well.
     ///
     /// # Errors
-    /// [`Error::Export`] if there is not a permeability, the well lies outside the mesh, or is as wide as
-    /// a cell's equivalent radius.
-    pub fn complete(&self, way: &Trajectory) -> Result<Vec<Completion>> {
-        self.completions(way, &self.segments(way))
+    /// Returns [`Error::Export`] if the model has no permeability, if the well lies outside the
+    /// mesh or in inactive cells only, or if its radius is not below a cell's equivalent radius.
+    pub fn complete(&self, trajectory: &Trajectory) -> Result<Vec<Completion>> {
+        self.completions(trajectory, &self.segments(trajectory))
     }
 
-    /// The completion of an upright well through a cell's site, in that cell only.
+    /// Returns the completion of a vertical well through a cell's site, in that cell only.
     ///
     /// # Errors
-    /// As [`complete`](Self::complete).
+    /// Returns [`Error::Export`] in the same cases as [`complete`](Self::complete).
     pub fn complete_cell(&self, name: &str, cell: usize, radius: f64) -> Result<Vec<Completion>> {
         let model = self.model;
         let site = model.graph.site[cell];
@@ -173,45 +177,50 @@ impl WellTracer<'_> {
             points: vec![site, add_scaled(site, -size, [0.0, 0.0, 1.0])],
             radii: vec![radius; 2],
         };
-        let way = upright.extended(1e3 * size);
-        let pieces = self.segments(&way).into_iter();
-        let own: Vec<WellSegment> = pieces.filter(|p| p.cell as usize == cell).collect();
-        self.completions(&way, &own)
+        let trajectory = upright.extended(1e3 * size);
+        let segments = self.segments(&trajectory).into_iter();
+        let cell_segments: Vec<WellSegment> =
+            segments.filter(|p| p.cell as usize == cell).collect();
+        self.completions(&trajectory, &cell_segments)
     }
 
-    fn completions(&self, way: &Trajectory, pieces: &[WellSegment]) -> Result<Vec<Completion>> {
-        let permeability = self.model.need_permeability(&way.name)?;
-        if pieces.is_empty() {
+    fn completions(
+        &self,
+        trajectory: &Trajectory,
+        segments: &[WellSegment],
+    ) -> Result<Vec<Completion>> {
+        let permeability = self.model.need_permeability(&trajectory.name)?;
+        if segments.is_empty() {
             return Err(Error::Export(cause(
-                &way.name,
+                &trajectory.name,
                 "lies outside the mesh",
                 "give points inside, in the mesh's coordinates (`atomesh info` shows its extent)",
             )));
         }
-        let active = pieces
+        let active = segments
             .iter()
             .filter(|p| self.model.is_active(p.cell as usize));
         let active: Vec<WellSegment> = active.copied().collect();
         if active.is_empty() {
             return Err(Error::Export(cause(
-                &way.name,
+                &trajectory.name,
                 format!(
                     "lies in inactive rock only: porosity or permeability is 0 in cell {}",
-                    pieces[0].cell
+                    segments[0].cell
                 ),
                 "give points in other cells",
             )));
         }
-        let within = self.merge_by_cell(permeability, way, &active);
-        let radii = self.log_equivalent_radii(permeability, way, &within)?;
-        within
+        let well_cells = self.merge_by_cell(permeability, trajectory, &active);
+        let radii = self.log_equivalent_radii(permeability, trajectory, &well_cells)?;
+        well_cells
             .iter()
             .zip(radii)
             .map(|(w, log_radius)| {
-                let over = log_radius - w.bore_radius.ln();
-                if over.is_nan() || over <= 0.0 {
+                let log_ratio = log_radius - w.bore_radius.ln();
+                if log_ratio.is_nan() || log_ratio <= 0.0 {
                     return Err(Error::Export(cause(
-                        &way.name,
+                        &trajectory.name,
                         format!(
                             "has a radius of {} m in cell {}, whose equivalent radius is {:.3} m",
                             w.radius,
@@ -224,27 +233,28 @@ impl WellTracer<'_> {
                 Ok(Completion {
                     cell: w.cell as u32,
                     length: w.length,
-                    index: TAU * w.open_angle_share * w.strength / over,
+                    index: TAU * w.open_angle_share * w.strength / log_ratio,
                     equivalent_radius: log_radius.exp(),
                 })
             })
             .collect()
     }
 
-    /// The pieces by cell, in the order in which cells are first met.
+    /// Merges the segments of each cell. Cells are in the order in which the well first enters
+    /// them.
     fn merge_by_cell(
         &self,
         permeability: &Permeability,
-        way: &Trajectory,
-        pieces: &[WellSegment],
+        trajectory: &Trajectory,
+        segments: &[WellSegment],
     ) -> Vec<WellInCell> {
-        let mut all: Vec<WellInCell> = Vec::new();
-        for piece in pieces {
-            let cell = piece.cell as usize;
-            let at = all.iter().rposition(|w| w.cell == cell);
-            let at = at.unwrap_or_else(|| {
+        let mut well_cells: Vec<WellInCell> = Vec::new();
+        for segment in segments {
+            let cell = segment.cell as usize;
+            let index = well_cells.iter().rposition(|w| w.cell == cell);
+            let index = index.unwrap_or_else(|| {
                 let space = IsotropicSpace::new(permeability.rock.mobility(cell));
-                all.push(WellInCell {
+                well_cells.push(WellInCell {
                     cell,
                     length: 0.0,
                     direction: [0.0; 3],
@@ -255,37 +265,37 @@ impl WellTracer<'_> {
                     open_angle_share: 1.0,
                     space,
                 });
-                all.len() - 1
+                well_cells.len() - 1
             });
-            let w = &mut all[at];
-            let leg = piece.leg as usize;
-            let (a, d) = way.leg(leg);
-            let [from, to] = piece.span;
-            let share = 0.5 * (from + to);
-            let part = d.map(|c| c * (to - from));
-            let length = norm(part);
-            let [r, s] = [way.radii[leg], way.radii[leg + 1]];
-            w.direction = add_scaled(w.direction, 1.0, part);
-            w.middle = add_scaled(w.middle, length, add_scaled(a, share, d));
-            w.radius += length * (r + share * (s - r));
-            w.strength += w.space.mean_permeability * w.space.length(part);
-            w.bore_radius += length * (r + share * (s - r)) * w.space.bore_radius(d);
+            let w = &mut well_cells[index];
+            let leg = segment.leg as usize;
+            let (a, d) = trajectory.leg(leg);
+            let [start, end] = segment.span;
+            let fraction = 0.5 * (start + end);
+            let vector = d.map(|c| c * (end - start));
+            let length = norm(vector);
+            let [r, s] = [trajectory.radii[leg], trajectory.radii[leg + 1]];
+            w.direction = add_scaled(w.direction, 1.0, vector);
+            w.middle = add_scaled(w.middle, length, add_scaled(a, fraction, d));
+            w.radius += length * (r + fraction * (s - r));
+            w.strength += w.space.mean_permeability * w.space.length(vector);
+            w.bore_radius += length * (r + fraction * (s - r)) * w.space.bore_radius(d);
             w.length += length;
         }
-        for w in &mut all {
+        for w in &mut well_cells {
             w.middle = w.middle.map(|c| c / w.length);
             w.radius /= w.length;
             w.bore_radius /= w.length;
-            for (on, normal) in self.mirror_planes(w) {
-                if w.space.plane_distance(w.middle, on, normal) < w.bore_radius {
+            for (point, normal) in self.mirror_planes(w) {
+                if w.space.plane_distance(w.middle, point, normal) < w.bore_radius {
                     w.open_angle_share *= 0.5;
                 }
             }
         }
-        all
+        well_cells
     }
 
-    /// The sides of the box at a cell that the well runs along: a point and the normal of each.
+    /// Returns a point and the normal of each side of the box at a cell that the well runs along.
     fn mirror_planes(&self, w: &WellInCell) -> Vec<([f64; 3], [f64; 3])> {
         let graph = &self.model.graph;
         let inner = graph.connections.len();
@@ -297,38 +307,38 @@ impl WellTracer<'_> {
             .collect()
     }
 
-    /// The logarithm of each cell's equivalent radius.
+    /// Returns the logarithm of each cell's equivalent radius.
     fn log_equivalent_radii(
         &self,
         permeability: &Permeability,
-        way: &Trajectory,
-        within: &[WellInCell],
+        trajectory: &Trajectory,
+        well_cells: &[WellInCell],
     ) -> Result<Vec<f64>> {
         let (graph, rock) = (&self.model.graph, &permeability.rock);
         if self.model.tets.is_some() {
-            let of = |w: &WellInCell| {
+            let log_radius = |w: &WellInCell| {
                 let length = w.strength / w.space.mean_permeability;
                 (SQUARE_RADIUS_RATIO * (graph.volume[w.cell] / length).sqrt()).ln()
             };
-            return Ok(within.iter().map(of).collect());
+            return Ok(well_cells.iter().map(log_radius).collect());
         }
-        let number = |cell: u32| within.iter().position(|w| w.cell == cell as usize);
+        let index_of = |cell: u32| well_cells.iter().position(|w| w.cell == cell as usize);
         let size = graph.volume.iter().sum::<f64>().cbrt();
-        let all = self.segments(&way.extended(1e3 * size));
-        let in_line = |cell: u32| all.iter().any(|p| p.cell == cell);
+        let segments = self.segments(&trajectory.extended(1e3 * size));
+        let is_in_line = |cell: u32| segments.iter().any(|p| p.cell == cell);
 
-        // A row a cell: its couplings with others, their sum and that with what is known; the right
-        // side.
-        let mut couplings: Vec<Vec<(usize, f64)>> = Vec::with_capacity(within.len());
-        let (mut diagonal, mut right) = (Vec::new(), Vec::new());
-        for w in within {
+        // The linear system has one row for each cell: its couplings with other cells of the well,
+        // the sum of all its transmissibilities, and the right side.
+        let mut couplings: Vec<Vec<(usize, f64)>> = Vec::with_capacity(well_cells.len());
+        let (mut diagonal, mut right_side) = (Vec::new(), Vec::new());
+        for w in well_cells {
             let mirrors = self.mirror_planes(w);
             let mirrors: Vec<_> = mirrors
                 .into_iter()
-                .map(|(on, n)| (on, n, 2.0 * w.space.plane_distance(w.middle, on, n)))
+                .map(|(point, n)| (point, n, 2.0 * w.space.plane_distance(w.middle, point, n)))
                 .filter(|m| m.2 >= 2.0 * w.bore_radius)
                 .collect();
-            let (mut own, mut sum) = (Vec::new(), 0.0);
+            let (mut row, mut sum) = (Vec::new(), 0.0);
             let mut known = -TAU * w.open_angle_share * w.strength;
             for &face in self.faces(w.cell) {
                 let Some(c) = graph.connections.get(face as usize) else {
@@ -339,28 +349,28 @@ impl WellTracer<'_> {
                     .map(|cell| rock.mobility(cell as usize).normal_component(c.normal));
                 let t = c.area / (c.distance[0] / k[0] + c.distance[1] / k[1]);
                 let other = c.cells[usize::from(c.cells[0] as usize == w.cell)];
-                if let Some(other) = number(other) {
-                    own.push((other, t));
-                } else if in_line(other) {
+                if let Some(index) = index_of(other) {
+                    row.push((index, t));
+                } else if is_in_line(other) {
                     continue;
                 } else {
                     let site = graph.site[other as usize];
-                    let mut log = w.space.distance(way, site).ln();
-                    for &(on, normal, apart) in &mirrors {
-                        let image = w.space.mirror_image(site, on, normal);
-                        log += (w.space.distance(way, image) / apart).ln();
+                    let mut log = w.space.distance(trajectory, site).ln();
+                    for &(point, normal, separation) in &mirrors {
+                        let image = w.space.mirror_image(site, point, normal);
+                        log += (w.space.distance(trajectory, image) / separation).ln();
                     }
                     known += t * log;
                 }
                 sum += t;
             }
-            couplings.push(own);
+            couplings.push(row);
             diagonal.push(sum);
-            right.push(known);
+            right_side.push(known);
         }
-        solve_couplings(&couplings, &diagonal, &right).ok_or_else(|| {
+        solve_couplings(&couplings, &diagonal, &right_side).ok_or_else(|| {
             Error::Export(cause(
-                &way.name,
+                &trajectory.name,
                 "fills all the cells around it, so that it has no well index",
                 "make smaller cells there",
             ))
@@ -368,38 +378,43 @@ impl WellTracer<'_> {
     }
 }
 
-/// Solves `diagonal x - couplings x = right` by conjugate gradients; `None` if that is singular.
+/// Solves `diagonal x - couplings x = right_side` by conjugate gradients. Returns `None` if the
+/// system is singular.
 fn solve_couplings(
     couplings: &[Vec<(usize, f64)>],
     diagonal: &[f64],
-    right: &[f64],
+    right_side: &[f64],
 ) -> Option<Vec<f64>> {
-    let n = right.len();
+    let n = right_side.len();
     let product = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
     let times = |x: &[f64]| -> Vec<f64> {
         let row = |i: usize| {
-            let off: f64 = couplings[i].iter().map(|&(j, t)| t * x[j]).sum();
-            diagonal[i] * x[i] - off
+            let off_diagonal: f64 = couplings[i].iter().map(|&(j, t)| t * x[j]).sum();
+            diagonal[i] * x[i] - off_diagonal
         };
         (0..n).map(row).collect()
     };
     let scaled = |r: &[f64]| -> Vec<f64> { r.iter().zip(diagonal).map(|(r, d)| r / d).collect() };
-    let mut x = scaled(right);
-    let mut residual: Vec<f64> = times(&x).iter().zip(right).map(|(a, b)| b - a).collect();
+    let mut x = scaled(right_side);
+    let mut residual: Vec<f64> = times(&x)
+        .iter()
+        .zip(right_side)
+        .map(|(a, b)| b - a)
+        .collect();
     let mut z = scaled(&residual);
     let mut direction = z.clone();
     let mut square = product(&residual, &z);
-    // Of the energy: 12 digits; 8 will do.
-    let goal = 1e-24 * product(right, &scaled(right)).max(f64::MIN_POSITIVE);
+    // The tolerance is 12 digits of the energy norm; 8 digits are accepted.
+    let tolerance = 1e-24 * product(right_side, &scaled(right_side)).max(f64::MIN_POSITIVE);
     for _ in 0..20 * n + 20 {
-        if square <= goal {
+        if square <= tolerance {
             break;
         }
-        let turned = times(&direction);
-        let step = square / product(&direction, &turned);
+        let image = times(&direction);
+        let step = square / product(&direction, &image);
         for i in 0..n {
             x[i] += step * direction[i];
-            residual[i] -= step * turned[i];
+            residual[i] -= step * image[i];
         }
         z = scaled(&residual);
         let next = product(&residual, &z);
@@ -409,5 +424,5 @@ fn solve_couplings(
             direction[i] = z[i] + ratio * direction[i];
         }
     }
-    (square <= 1e8 * goal && x.iter().all(|x| x.is_finite())).then_some(x)
+    (square <= 1e8 * tolerance && x.iter().all(|x| x.is_finite())).then_some(x)
 }

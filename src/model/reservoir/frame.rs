@@ -1,20 +1,21 @@
-//! From a mesh's coordinates to metres with z upwards, so that depth is known.
+//! The frame of a model: the map from a mesh's coordinates to metres with z upwards, so that depth
+//! is known.
 
 use crate::error::cause;
 use crate::model::flow::Tensor;
 use crate::{Error, Result};
 
-/// The coordinate that grows with depth (or, negative, shrinks).
+/// The coordinate that increases (or decreases) with depth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DepthAxis {
     /// Number of the coordinate.
     pub axis: usize,
-    /// Whether it grows with depth.
+    /// `true` if it increases with depth.
     pub is_downward: bool,
 }
 
 impl Default for DepthAxis {
-    /// z grows upwards.
+    /// Returns z upwards.
     fn default() -> Self {
         Self {
             axis: 2,
@@ -23,20 +24,20 @@ impl Default for DepthAxis {
     }
 }
 
-/// The way from a mesh's coordinates to metres with z upwards, and back.
+/// The map from a mesh's coordinates to metres with z upwards, and its inverse.
 ///
-/// The coordinate that is depth becomes the last; the other two keep their cyclic order.
+/// The coordinate that is depth becomes the last one; the other two keep their cyclic order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModelFrame {
-    /// Metres in a unit of each coordinate.
+    /// Metres in one unit of each coordinate.
     scale: [f64; 3],
     depth_axis: DepthAxis,
-    /// Added to z.
+    /// Value that is added to z.
     z_shift: f64,
 }
 
 impl Default for ModelFrame {
-    /// Changes nothing.
+    /// Returns the identity.
     fn default() -> Self {
         Self {
             scale: [1.0; 3],
@@ -47,21 +48,21 @@ impl Default for ModelFrame {
 }
 
 impl ModelFrame {
-    /// Makes a frame from the coordinates' units. A unit of length is `length` metres, whatever the mesh states;
-    /// without that it is what is stated, or else a metre. Coordinates that are two-way
-    /// time (`ms`, `s`) become depth by `velocity` in
-    /// m/s.
+    /// Makes a frame from the units of the coordinates. One unit of length is `length` metres,
+    /// whatever the mesh states; without `length`, the stated unit applies, or else a metre.
+    /// Coordinates in two-way time (`ms`, `s`) become depth by `velocity` in m/s.
     ///
     /// # Errors
-    /// [`Error::Export`] for an unknown unit, a time without velocity, or a time that is not depth.
+    /// Returns [`Error::Export`] for an unknown unit, for time without a velocity, and for time
+    /// along a coordinate that is not depth.
     pub fn new(
         units: &[String; 3],
         length: Option<f64>,
-        down: DepthAxis,
+        depth_axis: DepthAxis,
         velocity: Option<f64>,
     ) -> Result<Self> {
-        let in_time = |unit: &String| matches!(unit.trim(), "ms" | "s");
-        if velocity.is_some() && !units.iter().any(in_time) {
+        let is_time = |unit: &String| matches!(unit.trim(), "ms" | "s");
+        if velocity.is_some() && !units.iter().any(is_time) {
             return Err(Error::Export(cause(
                 "velocity",
                 "turns two-way time into depth, but no coordinate of the mesh is time",
@@ -94,7 +95,7 @@ impl ModelFrame {
                 let cause = cause(place(), problem, remedy);
                 Err(Error::Export(cause.with_parameter(parameter)))
             };
-            if k != down.axis {
+            if k != depth_axis.axis {
                 return refuse(
                     "is two-way time, not depth",
                     "say which way is down: z or -z",
@@ -116,29 +117,29 @@ impl ModelFrame {
                         "give m/s: rock has 1500 to 6000",
                     )));
                 }
-                // Down and up again.
+                // The two-way time covers the way down and up.
                 Some(v) => scale[k] = 0.5 * v * seconds,
             }
         }
         Ok(Self {
             scale,
-            depth_axis: down,
+            depth_axis,
             z_shift: 0.0,
         })
     }
 
-    /// The same, moved so that the shallowest of these points, in the mesh's coordinates, is at the
-    /// depth `top` in metres.
+    /// Returns the frame shifted along z, so that the shallowest of `points` (in the mesh's
+    /// coordinates) is at the depth `top` in metres.
     pub fn with_top(self, points: &[[f64; 3]], top: f64) -> Self {
         let z = points.iter().map(|&p| self.to_model(p)[2]);
-        let highest = z.fold(f64::NEG_INFINITY, f64::max);
+        let max_z = z.fold(f64::NEG_INFINITY, f64::max);
         Self {
-            z_shift: self.z_shift - highest - top,
+            z_shift: self.z_shift - max_z - top,
             ..self
         }
     }
 
-    /// The coordinates that x, y and z come from.
+    /// Returns the mesh coordinates that become x, y and z.
     fn axes(&self) -> [usize; 3] {
         [1, 2, 0].map(|k| (self.depth_axis.axis + k) % 3)
     }
@@ -151,51 +152,59 @@ impl ModelFrame {
         }
     }
 
-    /// From the mesh's coordinates to metres.
+    /// Converts a point from the mesh's coordinates to metres.
     pub fn to_model(&self, point: [f64; 3]) -> [f64; 3] {
         let [x, y, z] = self.axes().map(|k| point[k] * self.scale[k]);
         [x, y, self.depth_sign() * z + self.z_shift]
     }
 
-    /// The inverse of [`to_model`](Self::to_model).
+    /// Converts a point from metres to the mesh's coordinates: the inverse of
+    /// [`to_model`](Self::to_model).
     pub fn to_file(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
         let mut point = [0.0; 3];
-        let moved = [x, y, self.depth_sign() * (z - self.z_shift)];
-        for (k, value) in self.axes().into_iter().zip(moved) {
+        let shifted = [x, y, self.depth_sign() * (z - self.z_shift)];
+        for (k, value) in self.axes().into_iter().zip(shifted) {
             point[k] = value / self.scale[k];
         }
         point
     }
 
-    /// The volume in m^3 of a unit of the mesh's volume.
+    /// Returns the volume in m^3 of a unit of the mesh's volume.
     pub fn volume_of_unit(&self) -> f64 {
         self.scale.iter().product()
     }
 
-    /// Metres in a unit of the horizontal coordinates (of the first of them).
+    /// Returns the metres in one unit of the horizontal coordinates (of the first of them).
     pub fn horizontal_scale(&self) -> f64 {
         self.scale[self.axes()[0]]
     }
 
-    /// Whether left becomes right.
+    /// Returns `true` if the map is a reflection.
     pub fn is_mirrored(&self) -> bool {
         self.depth_axis.is_downward
     }
 
-    /// A tensor along the mesh's coordinates as one along x, y, z of metres.
+    /// Transforms a tensor from the axes of the mesh to x, y and z of the model.
     pub fn transform_tensor(&self, tensor: Tensor) -> Tensor {
         let axes = self.axes();
-        // The signs of two coordinates that both turn round cancel.
+        // Two sign changes cancel.
         let sign = |i: usize| if i == 2 { self.depth_sign() } else { 1.0 };
-        let at = |i: usize, j: usize| {
+        let component = |i: usize, j: usize| {
             const COMPONENT_INDEX: [[usize; 3]; 3] = [[0, 3, 5], [3, 1, 4], [5, 4, 2]];
             sign(i) * sign(j) * tensor.0[COMPONENT_INDEX[axes[i]][axes[j]]]
         };
-        Tensor([at(0, 0), at(1, 1), at(2, 2), at(0, 1), at(1, 2), at(0, 2)])
+        Tensor([
+            component(0, 0),
+            component(1, 1),
+            component(2, 2),
+            component(0, 1),
+            component(1, 2),
+            component(0, 2),
+        ])
     }
 }
 
-/// Metres in a unit of length.
+/// Returns the metres in a unit of length, or `None` if it is unknown.
 pub fn metres_per_unit(unit: &str) -> Option<f64> {
     match unit {
         "m" => Some(1.0),
@@ -218,22 +227,24 @@ mod tests {
     }
 
     #[test]
-    fn there_and_back_for_every_axis() {
+    fn to_file_inverts_to_model_for_every_axis() {
         let point = [3.0, -5.0, 7.0];
         for axis in 0..3 {
-            for grows in [false, true] {
-                let down = DepthAxis {
-                    axis,
-                    is_downward: grows,
-                };
-                let frame = ModelFrame::new(&units([""; 3]), Some(0.5), down, None)
+            for is_downward in [false, true] {
+                let depth_axis = DepthAxis { axis, is_downward };
+                let frame = ModelFrame::new(&units([""; 3]), Some(0.5), depth_axis, None)
                     .unwrap()
                     .with_top(&[point, [0.0; 3]], 100.0);
-                let there = frame.to_model(point);
-                let back = frame.to_file(there);
-                assert!((0..3).all(|k| (back[k] - point[k]).abs() < 1e-12));
-                let depth = 0.5 * if grows { point[axis] } else { -point[axis] };
-                assert!((-there[2] - 100.0 - (depth - depth.min(0.0))).abs() < 1e-12);
+                let model_point = frame.to_model(point);
+                let file_point = frame.to_file(model_point);
+                assert!((0..3).all(|k| (file_point[k] - point[k]).abs() < 1e-12));
+                let depth = 0.5
+                    * if is_downward {
+                        point[axis]
+                    } else {
+                        -point[axis]
+                    };
+                assert!((-model_point[2] - 100.0 - (depth - depth.min(0.0))).abs() < 1e-12);
             }
         }
         assert_eq!(ModelFrame::default().to_model(point), point);
@@ -241,55 +252,56 @@ mod tests {
 
     #[test]
     fn time_becomes_depth() {
-        let down = DepthAxis::default();
-        let frame = ModelFrame::new(&units(["ft", "m", "ms"]), None, down, Some(3000.0)).unwrap();
+        let depth_axis = DepthAxis::default();
+        let frame =
+            ModelFrame::new(&units(["ft", "m", "ms"]), None, depth_axis, Some(3000.0)).unwrap();
         assert_eq!(frame.to_model([10.0, 2.0, -1000.0]), [3.048, 2.0, -1500.0]);
-        for (words, down, velocity, want) in [
-            (["m", "m", "ms"], down, None, "a velocity in m/s"),
-            (["m", "m", "ms"], down, Some(0.0), "not a positive"),
-            (["m", "ms", "m"], down, Some(2e3), "not depth"),
+        for (words, depth_axis, velocity, expected) in [
+            (["m", "m", "ms"], depth_axis, None, "a velocity in m/s"),
+            (["m", "m", "ms"], depth_axis, Some(0.0), "not a positive"),
+            (["m", "ms", "m"], depth_axis, Some(2e3), "not depth"),
             (
                 ["m", "furlong", "m"],
-                down,
+                depth_axis,
                 None,
                 "the unit of its coordinates",
             ),
         ] {
-            let error = ModelFrame::new(&units(words), None, down, velocity).unwrap_err();
-            assert!(error.to_string().contains(want), "{error}");
+            let error = ModelFrame::new(&units(words), None, depth_axis, velocity).unwrap_err();
+            assert!(error.to_string().contains(expected), "{error}");
         }
     }
 
     #[test]
-    fn a_unit_that_is_given_wins_over_one_that_is_stated() {
-        let down = DepthAxis::default();
+    fn a_given_unit_overrides_a_stated_one() {
+        let depth_axis = DepthAxis::default();
         for stated in ["mm", "ft", "furlong", ""] {
-            let frame = ModelFrame::new(&units([stated; 3]), Some(1e-6), down, None).unwrap();
+            let frame = ModelFrame::new(&units([stated; 3]), Some(1e-6), depth_axis, None).unwrap();
             assert_eq!(frame.to_model([2.0, 3.0, 4.0]), [2e-6, 3e-6, 4e-6]);
         }
-        let frame = ModelFrame::new(&units(["mm"; 3]), None, down, None).unwrap();
+        let frame = ModelFrame::new(&units(["mm"; 3]), None, depth_axis, None).unwrap();
         assert_eq!(frame.to_model([2.0, 3.0, 4.0]), [2e-3, 3e-3, 4e-3]);
-        // Time stays time.
+        // A coordinate in time is not affected by the unit of length.
         let frame =
-            ModelFrame::new(&units(["ft", "ft", "ms"]), Some(1.0), down, Some(2e3)).unwrap();
+            ModelFrame::new(&units(["ft", "ft", "ms"]), Some(1.0), depth_axis, Some(2e3)).unwrap();
         assert_eq!(frame.to_model([2.0, 3.0, 4.0]), [2.0, 3.0, 4.0]);
     }
 
     #[test]
-    fn tensors_turn_with_the_axes() {
+    fn tensors_rotate_with_the_axes() {
         let tensor = Tensor([1.0, 2.0, 3.0, 0.1, 0.2, 0.3]);
         assert_eq!(ModelFrame::default().transform_tensor(tensor), tensor);
         let normal = [0.6, 0.0, 0.8];
         for axis in 0..3 {
-            let down = DepthAxis {
+            let depth_axis = DepthAxis {
                 axis,
                 is_downward: true,
             };
-            let frame = ModelFrame::new(&units([""; 3]), None, down, None).unwrap();
-            let turned = frame
+            let frame = ModelFrame::new(&units([""; 3]), None, depth_axis, None).unwrap();
+            let transformed = frame
                 .transform_tensor(tensor)
                 .normal_component(frame.to_model(normal));
-            assert!((turned - tensor.normal_component(normal)).abs() < 1e-12);
+            assert!((transformed - tensor.normal_component(normal)).abs() < 1e-12);
         }
     }
 }

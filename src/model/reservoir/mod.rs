@@ -1,14 +1,15 @@
-//! From a mesh to a reservoir model: metres with z upwards, porosity and permeability in every cell,
-//! transmissibilities, wells. Everything that a simulator is given is here; how it is written is the
-//! business of the house `export`.
+//! Builds a reservoir model from a mesh: metres with z upwards, porosity and permeability of every
+//! cell, transmissibilities, and wells. The model has all the data that a simulator needs; the
+//! module `export` writes it.
 //!
+//! - `prepared_model`: models from mesh files
 //! - `frame`: from a mesh's coordinates to metres and depth
-//! - `sample`: averages of an image over cells
-//! - `check`: what is looked at before anything is written
-//! - `closed`: wells that closed faults part, and those that run through one
-//! - `trajectory`: wells through cells
+//! - `averaging`: averages of an image over cells
+//! - `check`: checks of a model before it is written
+//! - `closed_faults`: notes on wells at closed faults
+//! - `trajectory`: the segments of wells in cells
 //! - `completion`: well indices
-//! - `sides`: the two sides of surfaces, and meshes torn along them
+//! - `surface_sides`: the two sides of surfaces, and meshes split along them
 
 pub(crate) mod averaging;
 pub(crate) mod check;
@@ -49,135 +50,141 @@ pub const MILLIDARCY: f64 = 9.869_232_667_160_13e-16;
 pub const BAR: f64 = 1e5;
 /// One day in seconds.
 pub const DAY: f64 = 86_400.0;
-/// Densities in kg/m^3.
+/// Density of water in kg/m^3.
 pub const WATER_DENSITY: f64 = 1000.0;
-/// Likewise, of oil.
+/// Density of oil in kg/m^3.
 pub const OIL_DENSITY: f64 = 850.0;
 /// Acceleration of gravity in m/s^2.
 pub const GRAVITY: f64 = 9.806_65;
 
-/// A mesh with everything that a simulator needs to know, in SI units. Cells have the order of the
-/// mesh throughout.
+/// A mesh with all the data that a simulator needs, in SI units. All arrays by cell have the order
+/// of the mesh's cells.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Model {
-    /// The cells, in metres, z upwards: what is at depth d is at z = -d. Faces on the box say on
-    /// which side (of the image's axes).
+    /// The cells, in metres with z upwards: a point at depth d has z = -d. Faces on the box have
+    /// the number of its side (along the image's axes).
     pub mesh: PolyMesh<3>,
-    /// The same cells as tetrahedra, if that is what they are.
+    /// The same cells as tetrahedra, if they are tetrahedra.
     pub tets: Option<TetMesh>,
-    /// Whether simplices shall have nodes in the middle of their edges.
+    /// `true` if simplices shall have nodes at the midpoints of their edges.
     pub is_quadratic: bool,
-    /// The tetrahedra torn along surfaces, if they shall be.
+    /// The tetrahedra split along surfaces, if requested.
     pub split_mesh: Option<SplitMesh>,
-    /// Of a layer of prisms on triangles, those: of the first half of the mesh's nodes.
+    /// The base triangles, if the mesh is a layer of prisms on triangles. Their nodes are in the
+    /// first half of the mesh's nodes.
     pub triangles: Option<Vec<[u32; 3]>>,
     /// Cells and connections.
     pub graph: Graph<3>,
-    /// The regions that are labels of an image, if they are: what parts them has the names of both.
+    /// The regions that are labels of an image. Interfaces between them are named after both.
     pub labels: Vec<LabelledRegion>,
     /// The surfaces that the faces on features form.
     pub surfaces: FaceSurfaces,
-    /// How they resist flow.
+    /// The fault laws of the surfaces.
     pub barriers: Barriers,
-    /// For each cell whether its porosity or permeability is zero, so that it takes no part; empty if all
-    /// do.
+    /// `true` for each cell whose porosity or permeability is zero, so that it takes no part. Empty
+    /// if all cells are active.
     pub inactive: Vec<bool>,
-    /// Share of pores in each cell's volume.
+    /// Porosity: the pore fraction of each cell's volume.
     pub porosity: Option<Vec<f64>>,
-    /// Permeability in m^2, with what follows from it.
+    /// Permeability in m^2, and the transmissibilities.
     pub permeability: Option<Permeability>,
-    /// Whatever else is known of each cell.
+    /// Other properties of the cells.
     pub properties: Vec<DataArray>,
-    /// What happens in the model.
+    /// Fluids, wells and duration of the simulation.
     pub case: SimulationCase,
-    /// Columns along two axes, and layers, of a grid that the model is resampled on; as fine as the
-    /// cells if not given.
+    /// Size of the grid on which the model is resampled: columns along two axes, and layers. If
+    /// `None`, it is as fine as the cells.
     pub grid: Option<[usize; 3]>,
 }
 
-/// The surfaces of a mesh, and which of them each connection lies on.
+/// The surfaces of a mesh, and the surface on which each connection lies.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FaceSurfaces {
-    /// The kind of surface 1, 2 ...: they have the numbers that `atomesh surface` gives them.
+    /// The kinds of surfaces 1, 2 ... Their numbers are those of `atomesh surface`.
     pub kinds: Vec<SurfaceKind>,
-    /// The names of the first, as far as the mesh's file has names.
+    /// The names of the first surfaces, if the mesh's file has names.
     pub names: Vec<String>,
-    /// How many of them, the first, are more than scraps.
+    /// Number of surfaces, from the first, that are large enough to have names. The others are
+    /// fragments, called `scraps`.
     pub kept_count: usize,
-    /// For each connection the number of its surface; 0 for none.
+    /// The number of the surface of each connection; 0 for none.
     pub connection_surfaces: Vec<u32>,
 }
 
-/// Names that no surface has: those of the sides of the box, and of what else has no name of its own.
+/// Returns the names that no surface may have: those of the box sides, of the rest of the boundary,
+/// and of the fragments.
 pub(crate) fn reserved_names() -> Vec<String> {
-    let all = SIDE_NAMES.into_iter().chain(["boundary", "scraps"]);
-    all.map(String::from).collect()
+    let names = SIDE_NAMES.into_iter().chain(["boundary", "scraps"]);
+    names.map(String::from).collect()
 }
 
 impl FaceSurfaces {
-    /// One fault of all connections on features.
+    /// Returns one fault that consists of all connections on features.
     fn single_fault(graph: &Graph<3>) -> Self {
-        let on = graph.connections.iter().map(|c| u32::from(c.on_feature));
-        let connection_surfaces: Vec<u32> = on.collect();
-        let any = connection_surfaces.contains(&1);
+        let flags = graph.connections.iter().map(|c| u32::from(c.on_feature));
+        let connection_surfaces: Vec<u32> = flags.collect();
+        let has_fault = connection_surfaces.contains(&1);
         Self {
-            kinds: if any {
+            kinds: if has_fault {
                 vec![SurfaceKind::Fault]
             } else {
                 Vec::new()
             },
             names: Vec::new(),
-            kept_count: usize::from(any),
+            kept_count: usize::from(has_fault),
             connection_surfaces,
         }
     }
 
-    /// The names of all surfaces, as every format has them.
+    /// Returns the names of all surfaces, as all formats use them.
     pub fn all_names(&self) -> SurfaceNames {
         SurfaceNames::new(&self.kinds, self.kept_count, &self.names, &reserved_names())
     }
 
-    /// Makes surfaces of what parts regions, where it is on no other: `number` is the place of each
-    /// connection's name among `names`.
-    fn add_interfaces(&mut self, names: Vec<String>, number: impl Fn(usize) -> Option<usize>) {
-        let (kept, added) = (self.kept_count, names.len());
-        for (at, surface) in self.connection_surfaces.iter_mut().enumerate() {
+    /// Adds interfaces between regions as surfaces, on connections that lie on no other surface.
+    /// `name_index` returns the index in `names` of the name of a connection's interface.
+    fn add_interfaces(&mut self, names: Vec<String>, name_index: impl Fn(usize) -> Option<usize>) {
+        let (kept_count, added_count) = (self.kept_count, names.len());
+        for (connection, surface) in self.connection_surfaces.iter_mut().enumerate() {
             match *surface as usize {
-                0 => *surface = number(at).map_or(0, |place| (kept + 1 + place) as u32),
-                scrap if scrap > kept => *surface += added as u32,
+                0 => {
+                    *surface =
+                        name_index(connection).map_or(0, |index| (kept_count + 1 + index) as u32)
+                }
+                scrap if scrap > kept_count => *surface += added_count as u32,
                 _ => {}
             }
         }
         self.names = self.all_names().names;
         self.names.extend(names);
-        let interfaces = std::iter::repeat_n(SurfaceKind::Interface, added);
-        self.kinds.splice(kept..kept, interfaces);
-        self.kept_count += added;
+        let interfaces = std::iter::repeat_n(SurfaceKind::Interface, added_count);
+        self.kinds.splice(kept_count..kept_count, interfaces);
+        self.kept_count += added_count;
     }
 }
 
-/// Permeability and what follows from it.
+/// Permeability of all cells, and transmissibilities.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Permeability {
-    /// Of each cell, in m^2.
+    /// Permeability of each cell in m^2.
     pub rock: Rock,
-    /// Of each connection, in m^3: rate times viscosity over difference of pressure, with the faults'
-    /// resistance.
+    /// Transmissibility of each connection in m^3: rate times viscosity over pressure difference,
+    /// with the resistance of faults.
     pub transmissibility: Vec<f64>,
 }
 
-/// What fills the pores.
+/// The fluids in the pores.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Fluid {
     /// Water only.
     #[default]
     Water,
-    /// Oil, and water that is injected.
+    /// Oil, and water that wells inject.
     OilWater,
 }
 
 impl Fluid {
-    /// Density in kg/m^3 of what fills the pores at first.
+    /// Returns the density in kg/m^3 of the initial fluid.
     pub fn density(self) -> f64 {
         match self {
             Self::Water => WATER_DENSITY,
@@ -186,20 +193,20 @@ impl Fluid {
     }
 }
 
-/// Fluids, wells, and the time that a simulation covers.
+/// Fluids, wells and duration of a simulation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimulationCase {
-    /// What the model is called.
+    /// The name of the model.
     pub title: String,
-    /// What fills the pores at first.
+    /// The initial fluid.
     pub fluid: Fluid,
-    /// Whether fluids have weight; without it, all cells are taken to be at one depth.
+    /// `true` if gravity acts. Without gravity, all cells are treated as if at one depth.
     pub has_gravity: bool,
-    /// Pressure in Pa at the top of the model at first.
+    /// Initial pressure in Pa at the top of the model.
     pub top_pressure: f64,
     /// Wells.
     pub wells: Vec<Well>,
-    /// Length of the simulation in seconds.
+    /// Duration of the simulation in seconds.
     pub duration: f64,
 }
 
@@ -216,25 +223,26 @@ impl Default for SimulationCase {
     }
 }
 
-/// A well in the cells that it is open to.
+/// A well and the cells to which it is open.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Well {
-    /// Its name: at most eight letters and digits.
+    /// The name of the well: at most eight letters and digits.
     pub name: String,
-    /// The cells, with the well index of each in m^3: rate times viscosity over the difference between
-    /// the pressures of cell and well.
+    /// The cells, with the well index of each in m^3: rate times viscosity over the difference
+    /// between the pressures of cell and well.
     pub cells: Vec<(u32, f64)>,
-    /// Its length in each of them, in metres.
+    /// Length of the well in each of these cells, in metres.
     pub lengths: Vec<f64>,
     /// Radius in metres.
     pub radius: f64,
-    /// Its way, in the model's metres; a single point if it is upright and open to one cell.
+    /// The path of the well, in the model's metres. It is a single point if the well is vertical
+    /// and open to one cell.
     pub path: Vec<[f64; 3]>,
-    /// What it does.
+    /// The rate or pressure that controls the well.
     pub control: Control,
 }
 
-/// What a well does.
+/// The rate or pressure that controls a well.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Control {
     /// Injects water at this rate, in m^3/s.
@@ -246,8 +254,8 @@ pub enum Control {
 }
 
 impl Model {
-    /// A model of cells in metres, z upwards; nothing is known yet but their shapes. All faces on
-    /// features are one fault, which is open.
+    /// Makes a model from cells in metres with z upwards. It has only their geometry. All faces on
+    /// features form one fault, which is open.
     pub fn new(mesh: PolyMesh<3>, tets: Option<TetMesh>) -> Self {
         let graph = Graph::from_poly(&mesh);
         Self {
@@ -259,26 +267,26 @@ impl Model {
         }
     }
 
-    /// Number of cells.
+    /// Returns the number of cells.
     pub fn len(&self) -> usize {
         self.graph.volume.len()
     }
 
-    /// Whether there are none.
+    /// Returns `true` if there are no cells.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Whether a cell takes part: neither its porosity nor its permeability is zero.
+    /// Returns `true` if neither the porosity nor the permeability of a cell is zero.
     pub fn is_active(&self, cell: usize) -> bool {
         !self.inactive.get(cell).copied().unwrap_or(false)
     }
 
-    /// Finds the cells that take no part, whose porosity or permeability is zero, and gives their number.
-    /// Before [`set_permeability`](Self::set_permeability).
+    /// Finds the inactive cells, whose porosity or permeability is zero, and returns their number.
+    /// Call this before [`set_permeability`](Self::set_permeability).
     ///
     /// # Errors
-    /// [`Error::Export`] if no cell takes part.
+    /// Returns [`Error::Export`] if all cells are inactive.
     pub fn find_inactive(&mut self, rock: Option<&Rock>) -> Result<usize> {
         let is_zero = |cell: usize| {
             let porosity = self.porosity.as_ref().map(|porosity| porosity[cell]);
@@ -298,78 +306,84 @@ impl Model {
         Ok(count)
     }
 
-    /// Depth of a cell's site in metres.
+    /// Returns the depth of a cell's site in metres.
     pub fn depth(&self, cell: usize) -> f64 {
         -self.graph.site[cell][2]
     }
 
-    /// Says how surfaces resist flow. What parts two regions is a surface if `laws` pick it by name. After
-    /// regions are set, and before [`set_permeability`](Self::set_permeability), which looks
-    /// at it.
+    /// Sets the fault laws of the surfaces. An interface between two regions becomes a surface if
+    /// `laws` selects it by name. Call this after the regions are set, and before
+    /// [`set_permeability`](Self::set_permeability), which uses the laws.
     ///
     /// # Errors
-    /// [`Error::Flow`] if a law is for a surface that does not exist.
+    /// Returns [`Error::Flow`] if a law is for a surface that does not exist.
     pub fn set_faults(&mut self, laws: &FaultLaws) -> Result<()> {
         self.add_picked_interfaces(laws);
-        let of_surfaces = laws.surface_laws(&self.surfaces.all_names(), "--barriers")?;
-        self.barriers = Barriers::new(self.surfaces.connection_surfaces.clone(), of_surfaces)?;
+        let surface_laws = laws.surface_laws(&self.surfaces.all_names(), "--barriers")?;
+        self.barriers = Barriers::new(self.surfaces.connection_surfaces.clone(), surface_laws)?;
         Ok(())
     }
 
     fn add_picked_interfaces(&mut self, laws: &FaultLaws) {
         let region = &self.graph.region;
-        let pair = |c: &Connection<3>| {
+        let region_pair = |c: &Connection<3>| {
             let [a, b] = c.cells.map(|cell| region[cell as usize]);
             (a != b).then_some([a.min(b), a.max(b)])
         };
         let connections = self.graph.connections.iter();
         let mut pairs: Vec<[i32; 2]> = (connections.zip(&self.surfaces.connection_surfaces))
             .filter(|(_, surface)| **surface == 0)
-            .filter_map(|(c, _)| pair(c))
+            .filter_map(|(c, _)| region_pair(c))
             .collect();
         pairs.sort_unstable();
         pairs.dedup();
         let mut names = [reserved_names(), self.surfaces.all_names().names].concat();
-        let before = names.len();
+        let known_count = names.len();
         let interfaces = pairs.iter().map(|pair| {
             let [a, b] = pair.map(|region| region_label(&self.labels, region));
             interface_name([&a, &b])
         });
         add_names(&mut names, interfaces);
-        let named = pairs.into_iter().zip(names.split_off(before));
-        let (pairs, names): (Vec<_>, Vec<_>) =
-            named.filter(|(_, name)| laws.selects_name(name)).unzip();
+        let named_pairs = pairs.into_iter().zip(names.split_off(known_count));
+        let (pairs, names): (Vec<_>, Vec<_>) = named_pairs
+            .filter(|(_, name)| laws.selects_name(name))
+            .unzip();
         if !names.is_empty() {
             let connections = &self.graph.connections;
-            let number = |at: usize| pairs.binary_search(&pair(&connections[at])?).ok();
-            self.surfaces.add_interfaces(names, number);
+            let name_index = |connection: usize| {
+                pairs
+                    .binary_search(&region_pair(&connections[connection])?)
+                    .ok()
+            };
+            self.surfaces.add_interfaces(names, name_index);
         }
     }
 
-    /// The factor of a connection's transmissibility that its fault is: 1 where there is none or it is
-    /// open, 0 if it is closed. Without permeability, that of a rock which is the same everywhere.
+    /// Returns the factor by which its fault multiplies the transmissibility of a connection: 1 if
+    /// there is no fault or an open one, 0 for a closed fault. Without permeability, the rock
+    /// counts as uniform.
     pub fn fault_factor(&self, connection: usize) -> f64 {
         let Some(label) = self.barriers.label(connection) else {
             return 1.0;
         };
         let c = &self.graph.connections[connection];
         let mobility = c.cells.map(|cell| match &self.permeability {
-            Some(known) => known
+            Some(permeability) => permeability
                 .rock
                 .mobility(cell as usize)
                 .normal_component(c.normal),
             None => 1.0,
         });
-        let open = c.distance[0] / mobility[0] + c.distance[1] / mobility[1];
-        if !open.is_finite() {
-            // Next to rock that conducts nothing.
+        let open_resistance = c.distance[0] / mobility[0] + c.distance[1] / mobility[1];
+        if !open_resistance.is_finite() {
+            // A neighbouring cell has zero permeability.
             return self.barriers.law(label).multiplier();
         }
-        let fault = self.barriers.law(label).conductance(c.distance, mobility);
-        open / (open + 1.0 / fault)
+        let fault_conductance = self.barriers.law(label).conductance(c.distance, mobility);
+        open_resistance / (open_resistance + 1.0 / fault_conductance)
     }
 
-    /// The connections between active cells that are not closed, each with its
+    /// Returns the connections between active cells that are not closed, each with its
     /// [`fault_factor`](Self::fault_factor).
     pub fn open_connections(&self) -> Vec<(u32, f64)> {
         let factors = (0..self.graph.connections.len()).map(|i| (i as u32, self.fault_factor(i)));
@@ -378,22 +392,23 @@ impl Model {
             .collect()
     }
 
-    /// Whether both cells of a connection take part.
+    /// Returns `true` if both cells of a connection are active.
     fn joins_active_cells(&self, connection: usize) -> bool {
         let cells = self.graph.connections[connection].cells;
         cells.iter().all(|&cell| self.is_active(cell as usize))
     }
 
-    /// Gives the rock its permeability, in m^2, and finds all transmissibilities: as
-    /// [`CellFlow`] does, for a viscosity of 1.
+    /// Sets the permeability, in m^2, and computes all transmissibilities: as [`CellFlow`] does,
+    /// for a viscosity of 1.
     ///
     /// # Errors
-    /// [`Error::Flow`] names a connection that would have a negative transmissibility.
+    /// Returns [`Error::Flow`] with the cells of a connection that would have a negative
+    /// transmissibility.
     pub fn set_permeability(&mut self, rock: Rock) -> Result<()> {
         let flow = CellFlow::with_barriers(&self.graph, &rock, &self.barriers)?;
         let mut transmissibility = flow.transmissibility;
-        for (at, t) in transmissibility.iter_mut().enumerate() {
-            if !self.joins_active_cells(at) {
+        for (connection, t) in transmissibility.iter_mut().enumerate() {
+            if !self.joins_active_cells(connection) {
                 *t = 0.0;
             }
         }
@@ -404,89 +419,91 @@ impl Model {
         Ok(())
     }
 
-    /// Depth of the shallowest site in metres.
+    /// Returns the depth of the shallowest site in metres.
     pub fn top_depth(&self) -> f64 {
         (0..self.len())
             .map(|cell| self.depth(cell))
             .fold(f64::INFINITY, f64::min)
     }
 
-    /// The pressure in Pa at a depth at first; `top` is [`top`](Self::top_depth).
+    /// Returns the initial pressure in Pa at a depth; `top` is [`top_depth`](Self::top_depth).
     pub fn initial_pressure(&self, depth: f64, top: f64) -> f64 {
         let case = &self.case;
-        match case.has_gravity {
-            true => case.top_pressure + case.fluid.density() * GRAVITY * (depth - top),
-            false => case.top_pressure,
+        if case.has_gravity {
+            case.top_pressure + case.fluid.density() * GRAVITY * (depth - top)
+        } else {
+            case.top_pressure
         }
     }
 
-    /// A line for each producer whose pressure is not below that of the rock at first: it has nothing to
-    /// draw fluid with.
+    /// Returns a note for each producer whose pressure is not below the initial pressure of the
+    /// rock, so that no fluid flows into it.
     pub fn idle_producers(&self) -> Vec<String> {
         let top = self.top_depth();
-        let idle = |well: &Well| {
-            let Control::Pressure(own) = well.control else {
+        let note = |well: &Well| {
+            let Control::Pressure(well_pressure) = well.control else {
                 return None;
             };
-            // The pressure of a well is that at its first cell.
+            // The pressure of a well applies at its first cell.
             let depth = self.depth(well.cells.first()?.0 as usize);
-            let around = self.initial_pressure(depth, top);
-            (own >= around).then(|| {
+            let rock_pressure = self.initial_pressure(depth, top);
+            (well_pressure >= rock_pressure).then(|| {
                 format!(
-                    "producer {}: its pressure of {} bar is not below the {:.2} bar that the rock has there at first: nothing flows into it until an injector raises that",
+                    "producer {}: its pressure of {} bar is not below the initial pressure of the rock there, {:.2} bar: nothing flows into it until an injector raises that pressure",
                     well.name,
-                    own / BAR,
-                    around / BAR
+                    well_pressure / BAR,
+                    rock_pressure / BAR
                 )
             })
         };
-        self.case.wells.iter().filter_map(idle).collect()
+        self.case.wells.iter().filter_map(note).collect()
     }
 
-    /// The porosity.
+    /// Returns the porosity.
     ///
     /// # Errors
-    /// [`Error::Export`] if there is none; `needs` says who asks.
-    pub fn need_porosity(&self, needs: &str) -> Result<&[f64]> {
+    /// Returns [`Error::Export`] if there is none; `place` is the format or step that needs it.
+    pub fn need_porosity(&self, place: &str) -> Result<&[f64]> {
         let missing = || {
             let remedy = "give a number, a file by region, or an image";
             Error::Export(
-                cause(needs, "needs the porosity of every cell", remedy).with_parameter("porosity"),
+                cause(place, "needs the porosity of every cell", remedy).with_parameter("porosity"),
             )
         };
         self.porosity.as_deref().ok_or_else(missing)
     }
 
-    /// The permeability.
+    /// Returns the permeability.
     ///
     /// # Errors
-    /// [`Error::Export`] if there is none; `needs` says who asks.
-    pub fn need_permeability(&self, needs: &str) -> Result<&Permeability> {
+    /// Returns [`Error::Export`] if there is none; `place` is the format or step that needs it.
+    pub fn need_permeability(&self, place: &str) -> Result<&Permeability> {
         let missing = || {
             let remedy = "give numbers, a file by region, or images";
             Error::Export(
-                cause(needs, "needs the permeability of every cell", remedy)
+                cause(place, "needs the permeability of every cell", remedy)
                     .with_parameter("permeability"),
             )
         };
         self.permeability.as_ref().ok_or_else(missing)
     }
 
-    /// The tetrahedra.
+    /// Returns the tetrahedra.
     ///
     /// # Errors
-    /// [`Error::Export`] if the cells are others; `needs` says who asks.
-    pub fn need_tets(&self, needs: &str) -> Result<&TetMesh> {
+    /// Returns [`Error::Export`] if the cells are not tetrahedra; `place` is the format or step
+    /// that needs them.
+    pub fn need_tets(&self, place: &str) -> Result<&TetMesh> {
         let missing = || {
             let remedy = "mesh the image with tetrahedra as cells";
-            Error::Export(cause(needs, "holds tetrahedra only", remedy))
+            Error::Export(cause(place, "holds tetrahedra only", remedy))
         };
         self.tets.as_ref().ok_or_else(missing)
     }
 
-    /// The angle in degrees, at each connection, between the line from site to site and the
-    /// permeability times the face's normal, of the worse of its two cells: 0 where two-point fluxes
-    /// are right. Without permeability, to the normal itself.
+    /// Returns for each connection the angle in degrees between the line from site to site and the
+    /// permeability times the face's normal, the larger one of its two cells. It is 0 where
+    /// two-point fluxes are correct. Without permeability, it is the angle to the normal.
     pub fn two_point_angles(&self) -> Vec<f64> {
         let graph = &self.graph;
         let angle = |c: &crate::mesh::graph::Connection<3>| {
@@ -495,12 +512,12 @@ impl Model {
             };
             let [a, b] = c.cells.map(|cell| graph.site[cell as usize]);
             let line: [f64; 3] = std::array::from_fn(|k| b[k] - a[k]);
-            let of = |cell: u32| {
+            let cell_angle = |cell: u32| {
                 let conormal = permeability.rock.mobility(cell as usize).times(c.normal);
                 let across = crate::geometry::norm(crate::geometry::cross(line, conormal));
                 across.atan2(dot(line, conormal)).to_degrees()
             };
-            of(c.cells[0]).max(of(c.cells[1]))
+            cell_angle(c.cells[0]).max(cell_angle(c.cells[1]))
         };
         graph.connections.par_iter().map(angle).collect()
     }
@@ -529,10 +546,10 @@ mod tests {
 
     #[test]
     fn a_fault_is_a_factor_with_and_without_permeability() {
-        let bare = Model::new(two_cells::<3>(0.75), None);
+        let base = Model::new(two_cells::<3>(0.75), None);
         for multiplier in [0.0, 0.25, 1.0] {
             let law = FaultLaw::new(multiplier, None).unwrap();
-            let mut model = bare.clone();
+            let mut model = base.clone();
             model.set_faults(&law.into()).unwrap();
             assert!((model.fault_factor(0) - multiplier).abs() < 1e-15);
             let rock = Rock::uniform(Tensor::isotropic(3.0), 1.0);
@@ -541,8 +558,8 @@ mod tests {
             let t = model.permeability.as_ref().unwrap().transmissibility[0];
             assert!((t - 3.0 * multiplier).abs() < 1e-15, "{t}");
         }
-        // A horizon is no barrier, unless it is named.
-        let mut model = bare;
+        // A horizon is no barrier unless a law selects it.
+        let mut model = base;
         model.surfaces.kinds = vec![SurfaceKind::Horizon];
         let mut laws = FaultLaws::from(FaultLaw::CLOSED);
         model.set_faults(&laws).unwrap();
@@ -552,12 +569,12 @@ mod tests {
         assert!((model.fault_factor(0) - 0.5).abs() < 1e-15);
         laws.overrides[0].0 = 2.into();
         let error = model.set_faults(&laws).unwrap_err().to_string();
-        let want = "--fault-multiplier 2: matches no surface: the mesh has horizon1; ";
-        assert!(error.starts_with(want), "{error}");
+        let expected = "--fault-multiplier 2: matches no surface: the mesh has horizon1; ";
+        assert!(error.starts_with(expected), "{error}");
     }
 
     #[test]
-    fn what_is_missing_is_named() {
+    fn errors_name_missing_properties() {
         let model = Model::new(two_cells::<3>(0.75), None);
         for error in [
             model.need_porosity("an OPM deck").unwrap_err(),

@@ -1,5 +1,5 @@
-//! A mesh from a file as a reservoir model: in metres with depth, its sides known, and the way from
-//! images to its cells.
+//! Builds a reservoir model from a mesh file: cells in metres with depth, the sides of the box, and
+//! the map from images to cells.
 
 use crate::error::cause;
 use crate::files::vtk::DataArray;
@@ -17,25 +17,28 @@ use crate::progress::CancelToken;
 use crate::store::{AnyMesh, LabelledRegion, MeshFile, Storable, StoredMesh, read_labels};
 use crate::{Error, Result};
 
-/// Where a mesh's coordinates are in metres and depth.
+/// Units and depth of a mesh's coordinates.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeshPlacement {
-    /// Metres in a unit of the coordinates that are lengths; as the mesh states it if `None`.
+    /// Metres in one unit of the coordinates that are lengths. If `None`, the unit that the mesh
+    /// states applies.
     pub length: Option<f64>,
-    /// The coordinates of a scan stay in the unit that the mesh states, if no other is given.
+    /// `true` if the coordinates of a scan stay in the unit that the mesh states, unless `length`
+    /// is given.
     pub keeps_unit: bool,
     /// The coordinate that is depth.
     pub depth_axis: DepthAxis,
     /// Velocity in m/s, for depth in two-way time.
     pub velocity: Option<f64>,
-    /// Depth in metres of the mesh's shallowest point; as its coordinates have it if `None`.
+    /// Depth in metres of the mesh's shallowest point. If `None`, depth follows from the
+    /// coordinates.
     pub top: Option<f64>,
-    /// Thickness of a mesh of the plane, in its own unit.
+    /// Thickness of a 2-D mesh, in its own unit.
     pub thickness: f64,
 }
 
 impl Default for MeshPlacement {
-    /// Metres, z upwards.
+    /// Returns metres with z upwards.
     fn default() -> Self {
         Self {
             length: None,
@@ -48,30 +51,30 @@ impl Default for MeshPlacement {
     }
 }
 
-/// A model whose cells are still to be filled.
+/// A model with geometry but without rock properties.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PreparedModel {
     /// The model.
     pub model: Model,
-    /// From the mesh's coordinates to the model's.
+    /// The map from the mesh's coordinates to the model's.
     pub frame: ModelFrame,
     /// Volume of the mesh's box, in the model's coordinates.
     pub box_volume: f64,
     /// Unit of the model's coordinates: metres, or that of a scan.
     pub unit: String,
-    /// What the file knows of each cell.
+    /// Cell arrays of the file.
     pub cell_data: Vec<DataArray>,
-    /// Whether the mesh says which faces lie on features.
+    /// `true` if the mesh marks the faces that lie on features.
     pub has_feature_faces: bool,
-    /// From samples of the image that was meshed to the mesh's coordinates.
+    /// The map from samples of the meshed image to the mesh's coordinates.
     geometry: Geometry<3>,
     /// Length of one sample along each axis of lattice space.
     step: [f64; 3],
-    /// Number of samples of that image along each axis, if the mesh is of one.
+    /// Number of samples of the meshed image along each axis.
     dims: [f64; 3],
 }
 
-/// The parts of a mesh that are the same for all kinds of cells.
+/// The parts of a model that are the same for all kinds of cells.
 struct ModelParts {
     surfaces: Option<FaceSurfaces>,
     mesh: PolyMesh<3>,
@@ -86,19 +89,22 @@ struct ModelParts {
     labels: Vec<LabelledRegion>,
 }
 
-/// A mesh that no model can be made of.
+/// Returns the error for a mesh from which no model can be built.
 fn mesh_error(place: &str, problem: String) -> Error {
     let remedy = "give a mesh that passes the checker: mesh the image again";
     Error::Mesh(cause(place, problem, remedy))
 }
 
-/// A mesh as polyhedra or polygons in the file's coordinates, their sides known; the simplices that it is
-/// of, if it is; the number of each face's surface; and what else the file holds.
+/// The cells of a mesh: polyhedra or polygons in the file's coordinates, with their box sides; the
+/// original simplices, if there are any; the surface number of each face; and the other data of the
+/// file.
 type ModelCells<const D: usize, M> = (PolyMesh<D>, Option<M>, Vec<u32>, MeshFile<()>);
 
-/// A kind of cells that models are made of.
+/// A kind of cells from which models can be built.
 trait ToModelCells<const D: usize>: Storable<D> {
-    /// `facets` are those of [`Numbered`](crate::model::mesh_faces::stored_surfaces::NumberedSurfaces); each face of the cells gets the number of its first.
+    /// Converts a mesh. `facets` are those of
+    /// [`NumberedSurfaces`](crate::model::surface::stored_surfaces::NumberedSurfaces). Each face of
+    /// the result has the number of the surface of its facets.
     fn model_cells(
         stored: StoredMesh<D, Self>,
         facets: &[([u32; D], u32)],
@@ -113,8 +119,8 @@ impl<const D: usize, M: Simplices<D>> ToModelCells<D> for M {
         place: &str,
     ) -> Result<ModelCells<D, M>> {
         let cells = 0..stored.lattice.len();
-        let sound = |&c: &usize| stored.lattice.volume(c) > 0.0;
-        if let Some(cell) = cells.clone().find(|c| !sound(c)) {
+        let has_volume = |&c: &usize| stored.lattice.volume(c) > 0.0;
+        if let Some(cell) = cells.clone().find(|c| !has_volume(c)) {
             let problem = format!("number {cell} of its {} is flat or inverted", M::CELLS_NAME);
             return Err(mesh_error(place, problem));
         }
@@ -142,9 +148,9 @@ impl<const D: usize> ToModelCells<D> for PolyMesh<D> {
     ) -> Result<ModelCells<D, Self>> {
         let (mesh, arrays) = stored.into_file().into_parts();
         let mut surface = labels_of_faces(&mesh, facets);
-        for (number, on_feature) in surface.iter_mut().zip(&mesh.on_feature) {
+        for (label, on_feature) in surface.iter_mut().zip(&mesh.on_feature) {
             if !on_feature {
-                *number = 0;
+                *label = 0;
             }
         }
         Ok((mesh, None, surface, arrays))
@@ -152,30 +158,33 @@ impl<const D: usize> ToModelCells<D> for PolyMesh<D> {
 }
 
 impl ModelParts {
-    /// The parts that all kinds of cells have, and the simplices if they are such; `solid` makes
-    /// polyhedra of the plane's polygons, `thickness` high. Surfaces are found if `grouped`.
+    /// Returns the parts, and the simplices if the cells are simplices. `to_solid` converts 2-D
+    /// polygons to polyhedra with the height `thickness`. Surfaces are found only if
+    /// `with_surfaces`.
     fn from_file<const D: usize, M: ToModelCells<D>>(
         file: MeshFile<M>,
         place: &str,
         thickness: f64,
-        grouped: bool,
-        solid: impl FnOnce(PolyMesh<D>) -> PolyMesh<3>,
+        with_surfaces: bool,
+        to_solid: impl FnOnce(PolyMesh<D>) -> PolyMesh<3>,
     ) -> Result<(Self, Option<M>)> {
         let stored = StoredMesh::new(file, place)?;
         stored.check_filled(place)?;
         let space = stored.space.clone();
         let marks = stored.feature_marks();
-        let features_known = marks.is_some();
-        let marks = marks.filter(|_| grouped);
+        let has_feature_faces = marks.is_some();
+        let marks = marks.filter(|_| with_surfaces);
         let numbered = marks.map(|marks| numbered_surfaces(&stored, &marks));
-        let facets = numbered.as_ref().map_or(&[][..], |found| &found.facets);
+        let facets = numbered
+            .as_ref()
+            .map_or(&[][..], |numbered| &numbered.facets);
         let (mesh, simplices, mut surface, arrays) = M::model_cells(stored, facets, place)?;
-        // Those of prisms on edges have the edges' numbers.
+        // Prism faces on edges have the numbers of the edges.
         surface.truncate(mesh.inner_face_count());
-        let surfaces = numbered.map(|found| FaceSurfaces {
-            kinds: found.kinds,
-            names: found.names,
-            kept_count: found.kept_count,
+        let surfaces = numbered.map(|numbered| FaceSurfaces {
+            kinds: numbered.kinds,
+            names: numbered.names,
+            kept_count: numbered.kept_count,
             connection_surfaces: surface,
         });
         let samples: [f64; D] = std::array::from_fn(|k| space.extent[k] / space.step[k]);
@@ -183,85 +192,102 @@ impl ModelParts {
         let dim = |k: usize| samples.get(k).map_or(1.0, |n| n + 1.0);
         let parts = Self {
             surfaces,
-            mesh: solid(mesh),
+            mesh: to_solid(mesh),
             tets: None,
             triangles: None,
             geometry: space.geometry.to_3d(),
             step: std::array::from_fn(|k| space.step.get(k).copied().unwrap_or(1.0)),
             dims: std::array::from_fn(dim),
             box_volume: volume * if D == 2 { thickness } else { 1.0 },
-            has_feature_faces: features_known,
+            has_feature_faces,
             labels: read_labels(&arrays),
             cell_data: arrays.cell_data,
         };
         Ok((parts, simplices))
     }
 
-    /// Of a mesh of any kind of cells; those of the plane become prisms.
-    fn from_any_mesh(file: AnyMesh, place: &str, thickness: f64, grouped: bool) -> Result<Self> {
+    /// Builds the parts from a mesh with any kind of cells. 2-D cells become prisms.
+    fn from_any_mesh(
+        file: AnyMesh,
+        place: &str,
+        thickness: f64,
+        with_surfaces: bool,
+    ) -> Result<Self> {
         let prisms = |mesh: PolyMesh<2>| mesh.extrude(thickness);
-        // Formats that hold simplices only get these as they are, so that the kinds part here.
+        // Formats for simplices only need the original simplices, so each kind of cells has its own
+        // case.
         Ok(match file {
             AnyMesh::Tetrahedra(file) => {
-                let (parts, tets) = Self::from_file(file, place, thickness, grouped, |mesh| mesh)?;
+                let (parts, tets) =
+                    Self::from_file(file, place, thickness, with_surfaces, |mesh| mesh)?;
                 Self { tets, ..parts }
             }
             AnyMesh::Triangles(file) => {
-                let (parts, mesh) = Self::from_file(file, place, thickness, grouped, prisms)?;
+                let (parts, mesh) = Self::from_file(file, place, thickness, with_surfaces, prisms)?;
                 let triangles = mesh.map(|mesh| mesh.triangles);
                 Self { triangles, ..parts }
             }
             AnyMesh::Polyhedra(file) => {
-                Self::from_file(file, place, thickness, grouped, |mesh| mesh)?.0
+                Self::from_file(file, place, thickness, with_surfaces, |mesh| mesh)?.0
             }
-            AnyMesh::Polygons(file) => Self::from_file(file, place, thickness, grouped, prisms)?.0,
+            AnyMesh::Polygons(file) => {
+                Self::from_file(file, place, thickness, with_surfaces, prisms)?.0
+            }
         })
     }
 }
 
 impl PreparedModel {
-    /// A mesh of any kind of cells; `place` names it in errors. Triangles and polygons become prisms.
+    /// Builds a model from a mesh with any kind of cells; `place` names the mesh in errors.
+    /// Triangles and polygons become prisms.
     ///
     /// # Errors
-    /// [`Error::Mesh`] for a mesh that makes no sense, [`Error::Export`] for units that do not.
+    /// Returns [`Error::Mesh`] for an invalid mesh, and [`Error::Export`] for invalid units.
     pub fn new(file: AnyMesh, place: &str, placement: &MeshPlacement) -> Result<Self> {
         Self::build(file, place, placement, true)
     }
 
-    /// The same without its surfaces, which take time to find: all faces on features are one fault.
+    /// Builds a model without searching for surfaces, which takes time: all faces on features form
+    /// one fault.
     ///
     /// # Errors
-    /// As [`new`](Self::new).
+    /// Returns the errors of [`new`](Self::new).
     pub fn without_surfaces(file: AnyMesh, place: &str, placement: &MeshPlacement) -> Result<Self> {
         Self::build(file, place, placement, false)
     }
 
-    fn build(file: AnyMesh, place: &str, placement: &MeshPlacement, grouped: bool) -> Result<Self> {
-        let parts = ModelParts::from_any_mesh(file, place, placement.thickness, grouped)?;
+    fn build(
+        file: AnyMesh,
+        place: &str,
+        placement: &MeshPlacement,
+        with_surfaces: bool,
+    ) -> Result<Self> {
+        let parts = ModelParts::from_any_mesh(file, place, placement.thickness, with_surfaces)?;
         let cell_data = parts.cell_data;
         let MeshPlacement {
             length,
-            keeps_unit: keep_unit,
-            depth_axis: down,
+            keeps_unit,
+            depth_axis,
             velocity,
             top,
             ..
         } = *placement;
         let units = &parts.geometry.units;
-        let alike = units.iter().all(|unit| *unit == units[0]);
+        let same_units = units.iter().all(|unit| *unit == units[0]);
         let is_scan = parts.geometry.modality() == Modality::Scan;
-        let (length, unit) = if keep_unit && length.is_none() && alike && is_scan {
+        let (length, unit) = if keeps_unit && length.is_none() && same_units && is_scan {
             (Some(1.0), units[0].clone())
         } else {
             (length, "m".to_string())
         };
-        let mut frame = ModelFrame::new(units, length, down, velocity)?;
+        let mut frame = ModelFrame::new(units, length, depth_axis, velocity)?;
         if let Some(top) = top {
             frame = frame.with_top(&parts.mesh.nodes, top);
         }
-        let box_volume = match cell_data.iter().any(|array| array.name == COLUMN) {
-            true => parts.mesh.enclosed_volume(),
-            false => parts.box_volume,
+        let box_volume = if cell_data.iter().any(|array| array.name == COLUMN) {
+            parts.mesh.enclosed_volume()
+        } else {
+            parts.box_volume
         };
         let mesh = (parts.mesh).mapped(|p| frame.to_model(p), frame.is_mirrored());
         let tets = parts.tets.map(|mut tets| {
@@ -307,15 +333,15 @@ impl PreparedModel {
         })
     }
 
-    /// What two-point fluxes make of flow along each axis, in Voronoi cells of space whose permeability is
-    /// known; `None` for others.
+    /// Returns the errors of two-point fluxes along each axis, if the cells are 3-D Voronoi cells
+    /// and the permeability is known; otherwise `None`.
     ///
     /// # Errors
-    /// Those of [`AxisRatios`].
+    /// Returns the errors of [`AxisRatios`].
     pub fn axis_ratios(&self) -> Result<Option<AxisRatios<3>>> {
         let model = &self.model;
         let is_voronoi = model.tets.is_none() && !model.mesh.is_columnar();
-        let Some(known) = model.permeability.as_ref().filter(|_| is_voronoi) else {
+        let Some(permeability) = model.permeability.as_ref().filter(|_| is_voronoi) else {
             return Ok(None);
         };
         let origin = self.frame.to_model([0.0; 3]);
@@ -323,25 +349,26 @@ impl PreparedModel {
             let end = self.frame.to_model(axis);
             std::array::from_fn(|k| end[k] - origin[k])
         });
-        let patience = CancelToken::never();
-        AxisRatios::new(&model.graph, &known.rock, &axes, self.step, &patience).map(Some)
+        let cancel = CancelToken::never();
+        AxisRatios::new(&model.graph, &permeability.rock, &axes, self.step, &cancel).map(Some)
     }
 
-    /// A value for each cell from an image: one of the dims of the image that was meshed, or one that
-    /// says where it lies and covers the mesh. `place` names it in errors.
+    /// Returns a value for each cell from an image. The image must have the dimensions of the
+    /// meshed image, or a position such that it covers the mesh. `place` names it in errors.
     ///
     /// # Errors
-    /// [`Error::Image`] if it is neither, [`Error::Export`] as `sample::sample`.
+    /// Returns [`Error::Image`] if the image has neither, and the errors of
+    /// `averaging::average_cells`.
     pub fn average(&self, image: &Image<3>, mean: MeanKind, place: &str) -> Result<Vec<f64>> {
         let dims = image.dims();
-        let same = (0..3).all(|k| (dims[k] as f64 - self.dims[k]).abs() < 1e-6);
-        let geometry = if same {
+        let same_dims = (0..3).all(|k| (dims[k] as f64 - self.dims[k]).abs() < 1e-6);
+        let geometry = if same_dims {
             &self.geometry
         } else {
             &image.geometry
         };
-        let time = image.geometry.time_coordinate();
-        if !same && time.is_some_and(|c| self.geometry.units[c] == "m") {
+        let time_axis = image.geometry.time_coordinate();
+        if !same_dims && time_axis.is_some_and(|c| self.geometry.units[c] == "m") {
             let problem = "is in two-way time, the mesh in depth";
             let remedy = "give the image in depth, which atomesh convert --velocity makes";
             return Err(Error::Image(cause(place, problem, remedy)));
@@ -350,10 +377,10 @@ impl PreparedModel {
             let index = geometry.to_index(self.frame.to_file(point));
             index.unwrap_or([f64::NAN; 3])
         };
-        let places = SamplePositions::new(&self.model.mesh, dims, index_of);
-        // Coordinates of a survey are rounded.
-        let spans = geometry.determinant() != 0.0;
-        if !same && (!spans || places.max_distance_outside() > 0.5) {
+        let positions = SamplePositions::new(&self.model.mesh, dims, index_of);
+        // Half a sample of tolerance, because coordinates of a survey are rounded.
+        let is_located = geometry.determinant() != 0.0;
+        if !same_dims && (!is_located || positions.max_distance_outside() > 0.5) {
             return Err(Error::Image(cause(
                 place,
                 format!(
@@ -363,6 +390,6 @@ impl PreparedModel {
                 "give an image of the same dimensions, or one with a position that covers the mesh",
             )));
         }
-        averaging::average_cells(&self.model.mesh, &places, image, mean, place)
+        averaging::average_cells(&self.model.mesh, &positions, image, mean, place)
     }
 }

@@ -1,4 +1,4 @@
-//! The two sides of surfaces, and meshes torn along them.
+//! The two sides of surfaces, and meshes split along them.
 
 use super::Model;
 use crate::Result;
@@ -8,49 +8,52 @@ use crate::model::flow::{Barriers, FaultLaw, SplitMesh};
 use crate::model::surface::Surfaces;
 
 impl Model {
-    /// For each connection whether its second cell is on the upper side of its surface: on the side to
-    /// which the surface's normal points, the same one all over a surface, upwards on the whole. Of use
-    /// for connections on surfaces only.
+    /// Returns for each connection whether its second cell is on the upper side of its surface. The
+    /// upper side is that of the surface's normal, which is consistent all over a surface and
+    /// points upwards on average. Only values of connections on surfaces have a meaning.
     pub fn second_cell_is_upper(&self) -> Vec<bool> {
         let surfaces = &self.surfaces;
-        let mut on: Vec<u32> = (0..surfaces.connection_surfaces.len() as u32)
+        let mut surface_faces: Vec<u32> = (0..surfaces.connection_surfaces.len() as u32)
             .filter(|&f| surfaces.connection_surfaces[f as usize] > 0)
             .collect();
-        on.sort_by_key(|&f| surfaces.connection_surfaces[f as usize]);
-        // Faces are convex; the first triangle of each tells how it was turned.
+        surface_faces.sort_by_key(|&f| surfaces.connection_surfaces[f as usize]);
+        // Faces are convex, so the orientation of the first triangle is that of the face.
         let mut fans = Surfaces::<3>::default();
-        let mut first = Vec::with_capacity(on.len());
+        let mut first_facet = Vec::with_capacity(surface_faces.len());
         let mut surface = 0;
-        for &f in &on {
-            let own = surfaces.connection_surfaces[f as usize];
-            if own != surface {
+        for &f in &surface_faces {
+            let face_surface = surfaces.connection_surfaces[f as usize];
+            if face_surface != surface {
                 fans.start.push(fans.facets.len());
-                surface = own;
+                surface = face_surface;
             }
-            first.push(fans.facets.len());
+            first_facet.push(fans.facets.len());
             let ring = self.mesh.faces.get(f as usize);
             fans.facets
                 .extend((2..ring.len()).map(|i| [ring[0], ring[i - 1], ring[i]]));
         }
         fans.start.push(fans.facets.len());
-        let before: Vec<u32> = first.iter().map(|&at| fans.facets[at][0]).collect();
+        let first_node: Vec<u32> = first_facet
+            .iter()
+            .map(|&facet| fans.facets[facet][0])
+            .collect();
         fans.orient(&self.mesh.nodes, [0.0, 0.0, 1.0]);
-        let mut rises = vec![true; surfaces.connection_surfaces.len()];
-        for ((&f, at), node) in on.iter().zip(first).zip(before) {
-            rises[f as usize] = fans.facets[at][0] == node;
+        let mut is_upper = vec![true; surfaces.connection_surfaces.len()];
+        for ((&f, facet), node) in surface_faces.iter().zip(first_facet).zip(first_node) {
+            is_upper[f as usize] = fans.facets[facet][0] == node;
         }
-        rises
+        is_upper
     }
 
-    /// Tears the tetrahedra along some of the surfaces, scraps never.
+    /// Splits the tetrahedra along the selected surfaces, but never along fragments.
     ///
     /// # Errors
-    /// [`Error::Export`] if the cells are others, or no such surface is there; [`Error::Flow`] for the
-    /// number of a surface that does not exist.
-    pub fn split_along(&mut self, along: BarrierSelection) -> Result<()> {
+    /// Returns [`Error::Export`] if the cells are not tetrahedra or no selected surface has faces,
+    /// and [`Error::Flow`] if a selector matches no surface.
+    pub fn split_along(&mut self, selection: BarrierSelection) -> Result<()> {
         let tets = self.need_tets("a split mesh")?;
         let laws = FaultLaws {
-            selection: along,
+            selection,
             law: FaultLaw::CLOSED,
             overrides: Vec::new(),
             must_apply: false,
@@ -66,15 +69,15 @@ impl Model {
             let opposite = tets.tets[cell].iter().position(|n| !ring.contains(n));
             label[4 * cell + opposite.unwrap_or(0)] = surface;
         }
-        let torn = SplitMesh::new(tets, &Barriers::new(label, laws)?)?;
-        if torn.faces.is_empty() {
+        let split = SplitMesh::new(tets, &Barriers::new(label, laws)?)?;
+        if split.faces.is_empty() {
             return Err(Error::Export(cause(
                 "a split mesh",
-                "needs a surface to be split along, and there is none of those",
-                "name others, or omit it",
+                "needs a surface to split along, but there is none among those selected",
+                "select other surfaces, or omit it",
             )));
         }
-        self.split_mesh = Some(torn);
+        self.split_mesh = Some(split);
         Ok(())
     }
 }
@@ -86,7 +89,7 @@ mod tests {
     use crate::mesh::poly::PolyMesh;
     use crate::model::surface::SurfaceKind;
 
-    /// A box of tetrahedra with a fault where x = 1, which ends at y = 2 of 3.
+    /// Returns a box of tetrahedra with a fault at x = 1, which ends at y = 2 of 3.
     fn faulted_model() -> Model {
         let tets = kuhn_box([3, 3, 2], 1.0);
         let mut mesh = PolyMesh::from_simplices(&tets, &[], &[]).unwrap();
@@ -102,11 +105,11 @@ mod tests {
     #[test]
     fn a_surface_has_one_upper_side() {
         let model = faulted_model();
-        let rises = model.second_cell_is_upper();
+        let is_upper = model.second_cell_is_upper();
         let mut upper = Vec::new();
         for (f, c) in model.graph.connections.iter().enumerate() {
             if c.on_feature {
-                let [below, above] = if rises[f] { [0, 1] } else { [1, 0] };
+                let [below, above] = if is_upper[f] { [0, 1] } else { [1, 0] };
                 let x = |side: usize| model.graph.site[c.cells[side] as usize][0];
                 upper.push(x(above) > x(below));
             }
@@ -118,14 +121,15 @@ mod tests {
     #[test]
     fn nodes_are_doubled_along_the_fault_but_not_at_its_tip() {
         let mut model = faulted_model();
-        let before = model.mesh.nodes.len();
+        let node_count = model.mesh.nodes.len();
         model.split_along(BarrierSelection::Faults).unwrap();
-        let torn = model.split_mesh.as_ref().unwrap();
-        // Nodes with y of 0 and 1 are doubled, at each of three heights; those at y = 2 are at the tip.
-        assert_eq!(torn.mesh.nodes.len() - before, 6);
-        assert_eq!(torn.faces.len(), 8);
-        assert!(torn.original_node[before..].iter().all(|&n| {
-            let [x, y, _] = torn.mesh.nodes[n as usize];
+        let split = model.split_mesh.as_ref().unwrap();
+        // Nodes at y = 0 and 1 are doubled, at each of three heights; those at y = 2 are at the
+        // tip.
+        assert_eq!(split.mesh.nodes.len() - node_count, 6);
+        assert_eq!(split.faces.len(), 8);
+        assert!(split.original_node[node_count..].iter().all(|&n| {
+            let [x, y, _] = split.mesh.nodes[n as usize];
             x == 1.0 && y < 2.0
         }));
         model.surfaces.kinds = vec![SurfaceKind::Horizon];

@@ -1,9 +1,10 @@
-//! The boundary between object and background as a surface (a curve in the plane), smoothed.
+//! The boundary between object and background as a smooth surface (a curve in 2-D).
 
 use crate::mesh::Mesh;
 
-/// The facets between cells of label 1 and cells of label 0, turned out of the object. `cells` are
-/// those of [`Mesh::cells_of_faces`]. Where the object touches the side of the box there is none.
+/// Returns the facets between cells of label 1 and cells of label 0, oriented so that their normals
+/// point out of the object. `cells` is the result of [`Mesh::cells_of_faces`]. Sides of the box are
+/// not part of the boundary.
 pub fn boundary_facets<const D: usize, F: Mesh<D>>(
     mesh: &F,
     cells: &[[u32; 2]],
@@ -25,16 +26,16 @@ pub fn boundary_facets<const D: usize, F: Mesh<D>>(
     facets
 }
 
-/// By what share of the way to the mean of their neighbours nodes move, in turn (Taubin 1995): towards
-/// it, and a little farther away again. A ball shrinks under the first and grows under the second by
-/// as much; what is ragged goes under both. (Three times 0.5, as in Xu 2016, shrinks a ball of radius
-/// 40 by 0.75.)
+/// Fractions of the way to the mean of their neighbours by which nodes move, in turn (Taubin 1995):
+/// first towards the mean, then slightly farther away from it. A ball shrinks in the first step and
+/// grows by as much in the second, while roughness decreases in both. (Three steps of 0.5, as in Xu
+/// 2016, shrink a ball of radius 40 by 0.75.)
 const TAUBIN_WEIGHTS: [f64; 2] = [0.5, -0.51];
-/// How many times both.
+/// Number of repetitions of both steps.
 const SMOOTHING_ROUNDS: usize = 10;
 
-/// Smooths a surface that keeps its volume. On its rim only neighbours on the rim count, and where a
-/// curve ends, nothing moves. Nodes of no facet stay.
+/// Smooths a surface and keeps the volume that it encloses. Nodes on the rim of a surface depend
+/// only on neighbours on the rim. End nodes of a curve, and nodes without a facet, do not move.
 pub fn smooth<const D: usize>(nodes: &mut [[f64; D]], facets: &[[u32; D]]) {
     let mut edges: Vec<[u32; 2]> = Vec::new();
     for facet in facets {
@@ -45,7 +46,7 @@ pub fn smooth<const D: usize>(nodes: &mut [[f64; D]], facets: &[[u32; D]]) {
         }
     }
     edges.sort_unstable();
-    // Each edge once; of one facet only, it is the rim's.
+    // Each edge occurs once here; an edge of only one facet is on the rim.
     let edges: Vec<([u32; 2], bool)> = edges
         .chunk_by(|a, b| a == b)
         .map(|same| (same[0], same.len() == 1))
@@ -65,21 +66,21 @@ pub fn smooth<const D: usize>(nodes: &mut [[f64; D]], facets: &[[u32; D]]) {
             edge.iter().for_each(|&n| on_rim[n as usize] |= is_rim);
         }
     }
-    for share in [TAUBIN_WEIGHTS; SMOOTHING_ROUNDS].into_iter().flatten() {
+    for weight in [TAUBIN_WEIGHTS; SMOOTHING_ROUNDS].into_iter().flatten() {
         let mut sums = vec![([0.0; D], 0.0f64); nodes.len()];
         for &([a, b], is_rim) in &edges {
-            for (own, other) in [(a, b), (b, a)] {
-                if !on_rim[own as usize] || (is_rim && D > 2) {
-                    let (sum, count) = &mut sums[own as usize];
-                    let other = nodes[other as usize];
-                    *sum = std::array::from_fn(|k| sum[k] + other[k]);
+            for (node, neighbour) in [(a, b), (b, a)] {
+                if !on_rim[node as usize] || (is_rim && D > 2) {
+                    let (sum, count) = &mut sums[node as usize];
+                    let neighbour = nodes[neighbour as usize];
+                    *sum = std::array::from_fn(|k| sum[k] + neighbour[k]);
                     *count += 1.0;
                 }
             }
         }
         for (x, (sum, count)) in nodes.iter_mut().zip(sums) {
             if count > 0.0 {
-                *x = std::array::from_fn(|k| x[k] + share * (sum[k] / count - x[k]));
+                *x = std::array::from_fn(|k| x[k] + weight * (sum[k] / count - x[k]));
             }
         }
     }
@@ -96,9 +97,9 @@ mod tests {
     #[test]
     fn the_boundary_points_out_of_the_object() {
         let mesh = two_cells::<3>(0.75);
-        let across = mesh.cells_of_faces().unwrap();
+        let face_cells = mesh.cells_of_faces().unwrap();
         for (labels, sign) in [([1, 0], 1.0), ([0, 1], -1.0)] {
-            let facets = boundary_facets(&mesh, &across, &labels);
+            let facets = boundary_facets(&mesh, &face_cells, &labels);
             assert_eq!(facets.len(), 2);
             for facet in facets {
                 let [p, q, r] = facet.map(|n| mesh.nodes[n as usize]);
@@ -107,7 +108,7 @@ mod tests {
                 assert!((area - sign).abs() < 1e-12, "{area}");
             }
         }
-        assert!(boundary_facets(&mesh, &across, &[1, 1]).is_empty());
+        assert!(boundary_facets(&mesh, &face_cells, &[1, 1]).is_empty());
     }
 
     #[test]
@@ -126,7 +127,7 @@ mod tests {
         }
         let mut line = vec![[0.0, 0.0], [1.0, 1.0], [2.0, 0.0], [9.0, 9.0]];
         smooth(&mut line, &[[0, 1], [1, 2]]);
-        // Half of the way to the ends, and 0.51 of it back.
+        // Half of the way towards the ends, then 0.51 of the distance back.
         assert!((line[1][1] - (0.5f64 * 1.51).powi(10)).abs() < 1e-12);
         line[1][1] = 0.0;
         assert_eq!(line, [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [9.0, 9.0]]);
@@ -134,7 +135,7 @@ mod tests {
 
     #[test]
     fn the_rim_of_a_surface_keeps_to_its_plane() {
-        // A fan of triangles round a node that stands up; its rim lies in z = 0.
+        // A fan of triangles around a raised node; its rim lies in z = 0.
         let mut nodes = vec![[0.0, 0.0, 1.0]];
         let mut facets = Vec::new();
         for i in 0..8u32 {
@@ -147,35 +148,35 @@ mod tests {
         assert!(nodes[1..].iter().all(|p| p[2] == 0.0));
     }
 
-    /// Volume that facets enclose, and their area.
+    /// Returns the volume that facets enclose, and their area.
     fn volume_and_area(nodes: &[[f64; 3]], facets: &[[u32; 3]]) -> (f64, f64) {
-        let one = |facet: &[u32; 3]| {
+        let facet_sums = |facet: &[u32; 3]| {
             let corners = facet.map(|n| nodes[n as usize]);
             let n = normal(&corners);
             (dot(n, corners[0]) / 3.0, norm(n))
         };
         let sum = |a: (f64, f64), b: (f64, f64)| (a.0 + b.0, a.1 + b.1);
-        facets.iter().map(one).fold((0.0, 0.0), sum)
+        facets.iter().map(facet_sums).fold((0.0, 0.0), sum)
     }
 
     #[test]
     fn a_ragged_ball_keeps_its_volume_and_loses_its_raggedness() {
-        // Tetrahedra with edges of 4 and more whose centres are within a ball; two sizes.
+        // Tetrahedra whose centres are within a ball, in meshes of two sizes.
         for (cubes, size, radius) in [(24, 4.0, 39.92), (16, 3.0, 15.0)] {
             let mesh = kuhn_box([cubes; 3], size);
-            let middle = 0.5 * size * cubes as f64;
-            let inside = |(_, x): &(f64, [f64; 3])| norm(sub(*x, [middle; 3])) < radius;
+            let centre = 0.5 * size * cubes as f64;
+            let is_inside = |(_, x): &(f64, [f64; 3])| norm(sub(*x, [centre; 3])) < radius;
             let volumes = mesh.cell_volumes();
-            let labels: Vec<u8> = volumes.iter().map(|c| u8::from(inside(c))).collect();
+            let labels: Vec<u8> = volumes.iter().map(|c| u8::from(is_inside(c))).collect();
             let facets = boundary_facets(&mesh, &mesh.cells_of_faces().unwrap(), &labels);
             let (before, ragged) = volume_and_area(&mesh.nodes, &facets);
             let mut nodes = mesh.nodes.clone();
             smooth(&mut nodes, &facets);
             let (after, area) = volume_and_area(&nodes, &facets);
             let radius_of = |volume: f64| (0.75 * volume / PI).cbrt();
-            let off = radius_of(after) - radius_of(before);
-            assert!(off.abs() < 0.1, "{off}");
-            // Over that of a round ball.
+            let change = radius_of(after) - radius_of(before);
+            assert!(change.abs() < 0.1, "{change}");
+            // Areas relative to that of a sphere.
             let [ragged, area] = [ragged, area].map(|a| a / (4.0 * PI * radius * radius));
             assert!(ragged > 1.25 && area < 1.08, "{ragged} {area}");
         }

@@ -1,64 +1,67 @@
 //! Minimum cut between two terminals by the two search trees of Boykov & Kolmogorov (2004), "An
 //! experimental comparison of min-cut/max-flow algorithms for energy minimization in vision", with
-//! the time stamps and distances that the authors' own programme keeps.
+//! the time stamps and distances of the authors' own program.
 //!
-//! Capacities are whole numbers, so that saturated is saturated and the same cut comes out on every
-//! machine. Nodes and arcs lie in two flat arrays; the arcs of a node are next to each other.
+//! Capacities are integers, so that saturation is exact and every machine finds the same cut. Nodes
+//! and arcs lie in two flat arrays; the arcs of a node are adjacent.
 
 use crate::error::{Error, Result, cause};
 
-/// No node.
+/// Value that stands for no node.
 const NO_NODE: u32 = u32::MAX;
-/// As a node's parent: it is in no tree.
+/// Value of `parent` for a node in no tree.
 const FREE: u32 = u32::MAX;
-/// As a node's parent: the terminal itself.
+/// Value of `parent` for a node that is joined to the terminal itself.
 const TERMINAL: u32 = u32::MAX - 1;
-/// As a node's parent: cut off, and still to be adopted.
+/// Value of `parent` for a node that has lost its parent and has not yet been adopted.
 const ORPHAN: u32 = u32::MAX - 2;
 
-/// Most nodes, and most links, which are two arcs each: their numbers are below the words above.
+/// Maximum numbers of nodes and of links. A link has two arcs; the numbers of nodes and arcs must
+/// be below the special values above.
 const MAX_NODES: u64 = ORPHAN as u64 - 1;
 const MAX_LINKS: u64 = ORPHAN as u64 / 2;
 
 /// One direction of a link.
 #[derive(Debug, Clone, Copy)]
 struct Arc {
-    /// Where it leads.
+    /// Node at which the arc ends.
     head: u32,
-    /// The other direction.
+    /// Arc of the opposite direction.
     sister: u32,
-    /// What can still flow.
+    /// Residual capacity.
     residual: i32,
 }
 
-/// A node's place in the search trees.
+/// A node, with its place in the search trees.
 #[derive(Debug, Clone, Copy)]
 struct FlowNode {
-    /// Its first arc; the next node's first arc ends its own.
+    /// First arc of the node. Its arcs end where those of the next node begin.
     first_arc: u32,
-    /// The arc to its parent, or one of the four words above.
+    /// Arc to the parent, or one of `FREE`, `TERMINAL` and `ORPHAN`.
     parent: u32,
-    /// When its distance to the terminal was known to be right.
+    /// Time at which `distance` was last known to be right.
     stamp: u32,
-    /// An estimate of that distance.
+    /// Estimated number of arcs to the terminal.
     distance: u32,
-    /// What can flow from the source (positive) or to the sink (negative).
+    /// Residual capacity from the source (positive) or to the sink (negative).
     terminal_residual: i32,
-    /// Whether it is in the sink's tree, if it is in any.
+    /// `true` if the node is in the sink's tree; undefined for nodes in no tree.
     is_in_sink: bool,
-    /// Whether it waits among the active nodes.
+    /// `true` if the node is in a queue of active nodes.
     is_queued: bool,
 }
 
-/// Nodes joined by links, each with capacities from the source and to the sink.
+/// A flow network: nodes joined by links, each node with capacities from the source and to the
+/// sink.
 #[derive(Debug, Clone)]
 pub struct Network {
-    /// One more than there are nodes, so that every node's arcs have an end.
+    /// One more entry than there are nodes, so that the arcs of the last node have an end.
     nodes: Vec<FlowNode>,
     arcs: Vec<Arc>,
     flow: i64,
     time: u32,
-    /// Active nodes: those being looked at, in order, and those that come after them.
+    /// Queue of active nodes, read from `queue_position` on; nodes activated meanwhile are in
+    /// `next_queue`.
     queue: Vec<u32>,
     queue_position: usize,
     next_queue: Vec<u32>,
@@ -66,13 +69,14 @@ pub struct Network {
 }
 
 impl Network {
-    /// Nodes with links of equal capacity in both directions. `links` calls its argument with the two
-    /// nodes and the capacity of each link, and is run twice: once to count, once to fill.
+    /// Creates a network whose links have equal capacity in both directions. `links` must call its
+    /// argument with the two nodes and the capacity of each link. It runs twice: once to count the
+    /// links and once to store them.
     ///
-    /// What leaves any node must be below 2^30.
+    /// The sum of the capacities at any node must be below 2^30.
     ///
     /// # Errors
-    /// [`Error::Job`] if there are 2^32 nodes or 2^31 links, or nearly so.
+    /// Returns [`Error::Job`] if there are too many nodes or links: nearly 2^32 or 2^31.
     pub fn new(count: usize, links: impl Fn(&mut dyn FnMut(u32, u32, i32))) -> Result<Self> {
         check_size(count as u64, 0)?;
         let node = FlowNode {
@@ -85,16 +89,17 @@ impl Network {
             is_queued: false,
         };
         let mut nodes = vec![node; count + 1];
-        let mut sum = 0u64;
+        let mut link_count = 0u64;
         links(&mut |a, b, _| {
-            sum += 1;
+            link_count += 1;
             for node in [a, b] {
                 let arcs = &mut nodes[node as usize].first_arc;
                 *arcs = arcs.wrapping_add(1);
             }
         });
-        check_size(count as u64, sum)?;
-        // Ends first; filling from the back turns them into beginnings.
+        check_size(count as u64, link_count)?;
+        // `first_arc` first holds the end of each node's arcs; filling them from the back turns it
+        // into the beginning.
         let mut end = 0;
         for node in &mut nodes {
             end += node.first_arc;
@@ -107,20 +112,20 @@ impl Network {
         };
         let mut arcs = vec![unset; end as usize];
         links(&mut |a, b, capacity| {
-            let mut place = |node: u32| {
+            let mut next_slot = |node: u32| {
                 let first = &mut nodes[node as usize].first_arc;
                 *first -= 1;
                 *first
             };
-            let (there, back) = (place(a), place(b));
-            arcs[there as usize] = Arc {
+            let (forward, backward) = (next_slot(a), next_slot(b));
+            arcs[forward as usize] = Arc {
                 head: b,
-                sister: back,
+                sister: backward,
                 residual: capacity,
             };
-            arcs[back as usize] = Arc {
+            arcs[backward as usize] = Arc {
                 head: a,
-                sister: there,
+                sister: forward,
                 residual: capacity,
             };
         });
@@ -136,22 +141,22 @@ impl Network {
         })
     }
 
-    /// Adds capacities from the source to a node and from it to the sink; what they have in common
-    /// flows at once.
+    /// Adds capacities from the source to a node and from the node to the sink. The smaller of the
+    /// two flows at once.
     pub fn add_terminal(&mut self, node: u32, from_source: i32, to_sink: i32) {
         self.flow += i64::from(from_source.min(to_sink));
         self.nodes[node as usize].terminal_residual += from_source - to_sink;
     }
 
-    /// Binds a node to the source, or to the sink, with more than its links can carry. To be called
-    /// once for a node, before [`Network::solve`].
+    /// Binds a node to the source or to the sink, with more capacity than its links can carry. Call
+    /// it at most once for a node, before [`Network::solve`].
     pub fn bind_to_terminal(&mut self, node: u32, to_source: bool) {
         let arcs = self.arcs_of(node).map(|a| self.arcs[a as usize].residual);
-        let more = 1 + arcs.sum::<i32>();
-        self.nodes[node as usize].terminal_residual = if to_source { more } else { -more };
+        let excess = 1 + arcs.sum::<i32>();
+        self.nodes[node as usize].terminal_residual = if to_source { excess } else { -excess };
     }
 
-    /// Finds the maximum flow, and with it the minimum cut.
+    /// Computes the maximum flow, and with it the minimum cut; returns the flow.
     pub fn solve(&mut self) -> i64 {
         for i in 0..self.nodes.len() as u32 - 1 {
             let node = &mut self.nodes[i as usize];
@@ -164,19 +169,19 @@ impl Network {
         }
         let mut current = NO_NODE;
         loop {
-            let kept = std::mem::replace(&mut current, NO_NODE);
-            let i = match kept {
+            let previous = std::mem::replace(&mut current, NO_NODE);
+            let i = match previous {
                 NO_NODE => match self.next_active() {
                     Some(i) => i,
                     None => return self.flow,
                 },
-                // An augmentation may have set it free.
+                // An augmentation may have freed the node.
                 i if self.nodes[i as usize].parent == FREE => continue,
                 i => i,
             };
-            let meeting = self.grow(i);
+            let meeting_arc = self.grow(i);
             self.time += 1;
-            if let Some(arc) = meeting {
+            if let Some(arc) = meeting_arc {
                 current = i;
                 self.augment(arc);
                 while let Some(orphan) = self.orphans.pop_front() {
@@ -186,7 +191,8 @@ impl Network {
         }
     }
 
-    /// Whether a node is on the source's side of the cut. What both sides could have is the sink's.
+    /// Returns `true` if a node is on the source's side of the cut. A node that could be on either
+    /// side is on the sink's.
     pub fn is_on_source_side(&self, node: u32) -> bool {
         let node = &self.nodes[node as usize];
         node.parent != FREE && !node.is_in_sink
@@ -197,14 +203,14 @@ impl Network {
     }
 
     fn activate(&mut self, node: u32) {
-        let waits = &mut self.nodes[node as usize].is_queued;
-        if !*waits {
-            *waits = true;
+        let is_queued = &mut self.nodes[node as usize].is_queued;
+        if !*is_queued {
+            *is_queued = true;
             self.next_queue.push(node);
         }
     }
 
-    /// The active node that has waited longest and is still in a tree.
+    /// Returns the active node that has waited longest and is still in a tree.
     fn next_active(&mut self) -> Option<u32> {
         loop {
             if self.queue_position == self.queue.len() {
@@ -222,8 +228,8 @@ impl Network {
         }
     }
 
-    /// Lets the tree of an active node take its free neighbours, until it meets the other tree: the
-    /// arc there, from the source's side to the sink's.
+    /// Grows the tree of an active node by its free neighbours until it meets the other tree.
+    /// Returns the arc between the trees, directed from the source's side to the sink's.
     fn grow(&mut self, i: u32) -> Option<u32> {
         let FlowNode {
             is_in_sink: in_sink,
@@ -237,11 +243,12 @@ impl Network {
                 sister,
                 residual,
             } = self.arcs[a as usize];
-            let open = match in_sink {
-                false => residual,
-                true => self.arcs[sister as usize].residual,
+            let available = if in_sink {
+                self.arcs[sister as usize].residual
+            } else {
+                residual
             };
-            if open == 0 {
+            if available == 0 {
                 continue;
             }
             let node = &mut self.nodes[head as usize];
@@ -254,7 +261,7 @@ impl Network {
             } else if node.is_in_sink != in_sink {
                 return Some(if in_sink { sister } else { a });
             } else if node.stamp <= stamp && node.distance > distance {
-                // A shorter way to the terminal.
+                // This path to the terminal is shorter.
                 node.parent = sister;
                 node.stamp = stamp;
                 node.distance = distance + 1;
@@ -263,40 +270,41 @@ impl Network {
         None
     }
 
-    /// Lets as much flow as can through the path that runs over `middle`.
-    fn augment(&mut self, middle: u32) {
+    /// Pushes the maximum flow through the path that contains the arc `meeting_arc`.
+    fn augment(&mut self, meeting_arc: u32) {
         let Arc {
             head,
             sister,
             residual,
-        } = self.arcs[middle as usize];
+        } = self.arcs[meeting_arc as usize];
         let tail = self.arcs[sister as usize].head;
-        let mut most = residual;
+        let mut bottleneck = residual;
         for (start, in_sink) in [(tail, false), (head, true)] {
             let mut i = start;
             loop {
                 let node = &self.nodes[i as usize];
                 if node.parent == TERMINAL {
-                    most = most.min(node.terminal_residual.abs());
+                    bottleneck = bottleneck.min(node.terminal_residual.abs());
                     break;
                 }
                 let arc = self.arcs[node.parent as usize];
-                most = most.min(match in_sink {
-                    false => self.arcs[arc.sister as usize].residual,
-                    true => arc.residual,
+                bottleneck = bottleneck.min(if in_sink {
+                    arc.residual
+                } else {
+                    self.arcs[arc.sister as usize].residual
                 });
                 i = arc.head;
             }
         }
-        self.arcs[middle as usize].residual -= most;
-        self.arcs[sister as usize].residual += most;
+        self.arcs[meeting_arc as usize].residual -= bottleneck;
+        self.arcs[sister as usize].residual += bottleneck;
         for (start, in_sink) in [(tail, false), (head, true)] {
             let mut i = start;
             loop {
                 let node = &mut self.nodes[i as usize];
                 let parent = node.parent;
                 if parent == TERMINAL {
-                    node.terminal_residual -= if in_sink { -most } else { most };
+                    node.terminal_residual -= if in_sink { -bottleneck } else { bottleneck };
                     if node.terminal_residual == 0 {
                         node.parent = ORPHAN;
                         self.orphans.push_front(i);
@@ -304,54 +312,56 @@ impl Network {
                     break;
                 }
                 let Arc { head, sister, .. } = self.arcs[parent as usize];
-                // Down the source's tree the flow runs from the parent, down the sink's to it.
-                let (with, against) = if in_sink {
+                // In the source's tree the flow runs from the parent to the node, in the sink's
+                // tree from the node to the parent.
+                let (forward, backward) = if in_sink {
                     (parent, sister)
                 } else {
                     (sister, parent)
                 };
-                self.arcs[against as usize].residual += most;
-                let left = &mut self.arcs[with as usize].residual;
-                *left -= most;
-                if *left == 0 {
+                self.arcs[backward as usize].residual += bottleneck;
+                let remaining = &mut self.arcs[forward as usize].residual;
+                *remaining -= bottleneck;
+                if *remaining == 0 {
                     self.nodes[i as usize].parent = ORPHAN;
                     self.orphans.push_front(i);
                 }
                 i = head;
             }
         }
-        self.flow += i64::from(most);
+        self.flow += i64::from(bottleneck);
     }
 
-    /// Finds a new parent for an orphan, the one nearest to the terminal, or sets it free.
+    /// Finds a new parent for an orphan, as near to the terminal as possible, or else makes it
+    /// free.
     fn adopt(&mut self, i: u32) {
         let in_sink = self.nodes[i as usize].is_in_sink;
-        let (mut best, mut least) = (FREE, u32::MAX);
+        let (mut best_arc, mut min_distance) = (FREE, u32::MAX);
         for a in self.arcs_of(i) {
             let head = self.arcs[a as usize].head;
             if self.can_be_parent(a, in_sink)
                 && let Some(distance) = self.distance_to_terminal(head, in_sink)
-                && distance < least
+                && distance < min_distance
             {
-                (best, least) = (a, distance);
+                (best_arc, min_distance) = (a, distance);
             }
         }
         let time = self.time;
         let node = &mut self.nodes[i as usize];
-        node.parent = best;
-        if best != FREE {
+        node.parent = best_arc;
+        if best_arc != FREE {
             node.stamp = time;
-            node.distance = least + 1;
+            node.distance = min_distance + 1;
             return;
         }
         for a in self.arcs_of(i) {
             let head = self.arcs[a as usize].head;
             let FlowNode {
                 parent,
-                is_in_sink: other,
+                is_in_sink: other_in_sink,
                 ..
             } = self.nodes[head as usize];
-            if parent == FREE || other != in_sink {
+            if parent == FREE || other_in_sink != in_sink {
                 continue;
             }
             if self.can_be_parent(a, in_sink) {
@@ -364,26 +374,27 @@ impl Network {
         }
     }
 
-    /// Whether the node at the arc's head could be its tail's parent.
+    /// Returns `true` if the node at the arc's head can be the parent of the node at its tail.
     fn can_be_parent(&self, arc: u32, in_sink: bool) -> bool {
         let Arc {
             residual, sister, ..
         } = self.arcs[arc as usize];
-        match in_sink {
-            false => self.arcs[sister as usize].residual > 0,
-            true => residual > 0,
+        if in_sink {
+            residual > 0
+        } else {
+            self.arcs[sister as usize].residual > 0
         }
     }
 
-    /// How far a node is from its tree's terminal, if its way there is whole; known from then on for
-    /// all nodes on the way.
+    /// Returns the number of arcs from a node to its tree's terminal, or `None` if the path ends in
+    /// an orphan. Stores the distances of all nodes on the path.
     fn distance_to_terminal(&mut self, start: u32, in_sink: bool) -> Option<u32> {
         let node = &self.nodes[start as usize];
         if node.parent == FREE || node.is_in_sink != in_sink {
             return None;
         }
         let (mut j, mut steps) = (start, 0);
-        let whole = loop {
+        let total = loop {
             let node = &mut self.nodes[j as usize];
             if node.stamp == self.time {
                 break steps + node.distance;
@@ -399,33 +410,33 @@ impl Network {
                 parent => j = self.arcs[parent as usize].head,
             }
         };
-        let (mut j, mut left) = (start, whole);
+        let (mut j, mut remaining) = (start, total);
         loop {
             let node = &mut self.nodes[j as usize];
             if node.stamp == self.time {
-                return Some(whole);
+                return Some(total);
             }
             node.stamp = self.time;
-            node.distance = left;
-            left -= 1;
+            node.distance = remaining;
+            remaining -= 1;
             j = self.arcs[node.parent as usize].head;
         }
     }
 }
 
-/// Refuses a network whose nodes or arcs could not be numbered.
+/// Checks that nodes and arcs can be numbered.
 ///
 /// # Errors
-/// [`Error::Job`] that says how many there are and may be.
+/// Returns [`Error::Job`] if they cannot, with their number and the maximum.
 pub(super) fn check_size(nodes: u64, links: u64) -> Result<()> {
-    for (count, most, what) in [
+    for (count, max_count, noun) in [
         (nodes, MAX_NODES, "cells or samples"),
         (links, MAX_LINKS, "faces between them"),
     ] {
-        if count > most {
+        if count > max_count {
             return Err(Error::Job(cause(
                 "segmentation",
-                format!("has {count} {what}, more than the {most} that a cut can have"),
+                format!("has {count} {noun}, more than the {max_count} that a cut can have"),
                 "cut out a part of the image, or take every other sample",
             )));
         }
@@ -438,18 +449,18 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// The value of the best of all cuts.
+    /// Returns the value of the best of all cuts.
     fn brute_force(terminals: &[[i32; 2]], links: &[(u32, u32, i32)]) -> i64 {
         let cost = |cut: u32| {
             let in_source = |node: u32| cut >> node & 1 == 1;
-            let own = terminals
+            let terminal_cost = terminals
                 .iter()
                 .zip(0..)
                 .map(|(t, node)| i64::from(if in_source(node) { t[1] } else { t[0] }));
             let between = links
                 .iter()
                 .filter(|(a, b, _)| in_source(*a) != in_source(*b));
-            own.sum::<i64>() + between.map(|link| i64::from(link.2)).sum::<i64>()
+            terminal_cost.sum::<i64>() + between.map(|link| i64::from(link.2)).sum::<i64>()
         };
         (0..1 << terminals.len()).map(cost).min().unwrap_or(0)
     }
@@ -482,34 +493,37 @@ mod tests {
             let flow = network.solve();
             prop_assert_eq!(flow, brute_force(&terminals, &links));
             let side = |node: u32| network.is_on_source_side(node);
-            let own = (0..).zip(&terminals).map(|(node, t)| if side(node) { t[1] } else { t[0] });
+            let terminal_part = (0..).zip(&terminals).map(|(node, t)| if side(node) { t[1] } else { t[0] });
             let cut = links.iter().filter(|(a, b, _)| side(*a) != side(*b)).map(|link| link.2);
-            prop_assert_eq!(flow, own.chain(cut).map(i64::from).sum::<i64>());
+            prop_assert_eq!(flow, terminal_part.chain(cut).map(i64::from).sum::<i64>());
         }
     }
 
     #[test]
     fn more_nodes_or_links_than_can_be_numbered_are_refused() {
         assert!(check_size(MAX_NODES, MAX_LINKS).is_ok());
-        // The last arc of the largest network has a number that is none of the words.
+        // The number of the last arc of the largest network is none of the special values.
         assert!(2 * MAX_LINKS - 1 < u64::from(ORPHAN));
         for (nodes, links) in [(MAX_NODES + 1, 0), (1 << 32, 0), (7, MAX_LINKS + 1)] {
             let error = check_size(nodes, links).unwrap_err().to_string();
-            let most = if links == 0 { MAX_NODES } else { MAX_LINKS };
-            assert!(error.contains(&format!("more than the {most} ")), "{error}");
+            let max_count = if links == 0 { MAX_NODES } else { MAX_LINKS };
+            assert!(
+                error.contains(&format!("more than the {max_count} ")),
+                "{error}"
+            );
         }
-        let error = Network::new(1 << 32, |_| panic!("links are asked for")).unwrap_err();
+        let error = Network::new(1 << 32, |_| panic!("links must not be called")).unwrap_err();
         assert!(error.to_string().contains("4294967296 cells"), "{error}");
     }
 
     #[test]
     fn a_large_grid_has_equal_flow_and_cut() {
-        // 40 x 40 x 6 nodes with capacities that look random: many augmentations and adoptions.
+        // 40 x 40 x 6 nodes with pseudo-random capacities need many augmentations and adoptions.
         let [nx, ny, nz] = [40u32, 40, 6];
         let mut state = 7u32;
-        let mut random = |below: u32| {
+        let mut random = |bound: u32| {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            ((state >> 8) % below) as i32
+            ((state >> 8) % bound) as i32
         };
         let mut links = Vec::new();
         for i in 0..nx * ny * nz {
@@ -526,14 +540,14 @@ mod tests {
         let mut network = network(&terminals, &links);
         let flow = network.solve();
         let side = |node: u32| network.is_on_source_side(node);
-        let own = (0..)
+        let terminal_part = (0..)
             .zip(&terminals)
             .map(|(node, t)| if side(node) { t[1] } else { t[0] });
         let cut = links
             .iter()
             .filter(|(a, b, _)| side(*a) != side(*b))
             .map(|link| link.2);
-        assert_eq!(flow, own.chain(cut).map(i64::from).sum::<i64>());
+        assert_eq!(flow, terminal_part.chain(cut).map(i64::from).sum::<i64>());
         let objects = (0..nx * ny * nz).filter(|&node| side(node)).count();
         assert!((1000..8600).contains(&objects), "{objects}");
     }

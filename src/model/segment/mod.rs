@@ -1,16 +1,18 @@
-//! Object and background by a minimum cut, on the cells of a mesh (superpixels) or on samples.
+//! Separates object and background by a minimum cut, on the cells of a mesh (superpixels) or on
+//! samples.
 //!
-//! Xu (2016), chapters 3 and 4, after Boykov & Funka-Lea (2006): seeds of object and background give
-//! a histogram each; a cell costs -ln Pr(its mean value) of the histogram it is assigned to, and a
-//! face between an object's and a background's cell costs exp(-(difference of means)^2 / 2 sigma^2).
-//! The cheapest assignment is a minimum cut. Here cells count by volume and faces by area, in
-//! samples, so that the sum stands for the same integral on any mesh, and on the samples themselves.
+//! The method is that of Xu (2016), chapters 3 and 4, after Boykov & Funka-Lea (2006). The values
+//! at the seeds give a histogram each for object and background. A cell costs -ln Pr(its mean
+//! value) of the histogram it is assigned to. A face between a cell of the object and one of the
+//! background costs exp(-(difference of means)^2 / (2 sigma^2)). The cheapest assignment is a
+//! minimum cut. Here costs of cells are weighted by volume and costs of faces by area, in samples,
+//! so that the sum approximates the same integral on any mesh and on the samples themselves.
 //!
-//! - `costs`: histograms and the capacities that follow from them
+//! - `costs`: histograms, and the capacities that follow from them
 //! - `maxflow`: the minimum cut
 //! - `superpixels`: mean values of cells
-//! - `raster`: which cell each sample of the image lies in
-//! - `boundary`: the surface of the object, smoothed
+//! - `raster`: the cell that contains each sample of the image
+//! - `boundary`: the smooth surface of the object
 
 pub mod boundary;
 pub(crate) mod costs;
@@ -24,13 +26,13 @@ use crate::model::surface::adjacency::CellAdjacency;
 use costs::{BoundaryCosts, RegionCosts};
 use maxflow::Network;
 
-/// What weighs how much in a segmentation.
+/// Weights of a segmentation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
-    /// Weight of the values against the boundary.
+    /// Weight of the costs of cells relative to those of the boundary.
     pub lambda: f64,
-    /// The difference of neighbouring values at which a boundary is cheap; `None`: the root mean
-    /// square of all differences between neighbours.
+    /// Difference between neighbouring values at which a boundary becomes cheap. `None` means the
+    /// root mean square of all differences between neighbours.
     pub sigma: Option<f64>,
 }
 
@@ -43,7 +45,7 @@ impl Default for Options {
     }
 }
 
-/// Where the user says that there is object or background.
+/// Cells (or samples) that the user assigned to object or background.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct SegmentSeeds {
     /// Cells (or samples) of the object.
@@ -52,21 +54,22 @@ pub struct SegmentSeeds {
     pub background: Vec<u32>,
 }
 
-/// Which cells (or samples) are the object's.
+/// Assignment of cells (or samples) to object and background.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Segmentation {
     /// 1 for the object, 0 for the background.
     pub labels: Vec<u8>,
-    /// The difference of values that was used.
+    /// The `sigma` that was used, in the unit of the values.
     pub sigma: f64,
-    /// The least cost, in the units of the costs.
+    /// Cost of the cut.
     pub cost: f64,
 }
 
-/// Cuts a mesh whose cells have these mean values.
+/// Segments a mesh whose cells have the mean values `values`.
 ///
 /// # Errors
-/// [`Error::Job`](crate::Error::Job) if there are no seeds, or one cell is of both kinds.
+/// Returns [`Error::Job`](crate::Error::Job) if object or background has no seed, or if a cell is a
+/// seed of both.
 pub fn cut_cells<const D: usize>(
     cells: &CellAdjacency<D>,
     values: &[f32],
@@ -81,11 +84,11 @@ pub fn cut_cells<const D: usize>(
     min_cut(values, |i| cells.volumes[i], &links, seeds, options)
 }
 
-/// Cuts an image between its samples, each joined to its two neighbours along every axis: the
-/// classical method, against which meshes are measured.
+/// Segments an image between its samples, each joined to its two neighbours along every axis. This
+/// is the classical method, with which results on meshes are compared.
 ///
 /// # Errors
-/// As [`cut_cells`].
+/// Returns the errors of [`cut_cells`].
 pub fn cut_samples<const D: usize>(
     image: &Image<D>,
     seeds: &SegmentSeeds,
@@ -95,7 +98,8 @@ pub fn cut_samples<const D: usize>(
     let links = |add: &mut dyn FnMut(u32, u32, f64)| {
         let mut stride = 1;
         for n in dims {
-            // Blocks of n * stride samples, in which all but the last stride have a neighbour.
+            // In each block of n * stride samples, all but the last `stride` have a neighbour along
+            // this axis.
             for block in (0..image.samples.len()).step_by(n * stride) {
                 for i in block..block + (n - 1) * stride {
                     add(i as u32, (i + stride) as u32, 1.0);
@@ -107,7 +111,7 @@ pub fn cut_samples<const D: usize>(
     min_cut(image.as_slice(), |_| 1.0, &links, seeds, options)
 }
 
-/// Something that calls its argument with every link: two cells and the area between them.
+/// A function that calls its argument with every link: two cells and the area between them.
 type Links<'a> = &'a dyn Fn(&mut dyn FnMut(u32, u32, f64));
 
 fn min_cut(
@@ -150,18 +154,18 @@ fn min_cut(
     })
 }
 
-/// Dice's coefficient of two sets of labels, 2 |A and B| / (|A| + |B|): 1 if they are equal. Labels
-/// other than 0 are the object's; two empty sets are equal.
+/// Returns Dice's coefficient of two sets of labels, 2 |A and B| / (|A| + |B|). It is 1 if the sets
+/// are equal, also if both are empty. Labels other than 0 belong to the object.
 pub fn dice(a: &[u8], b: &[u8]) -> f64 {
-    let (mut both, mut sum) = (0u64, 0u64);
+    let (mut common, mut total) = (0u64, 0u64);
     for (&a, &b) in a.iter().zip(b) {
-        both += u64::from(a != 0 && b != 0);
-        sum += u64::from(a != 0) + u64::from(b != 0);
+        common += u64::from(a != 0 && b != 0);
+        total += u64::from(a != 0) + u64::from(b != 0);
     }
-    if sum == 0 {
+    if total == 0 {
         1.0
     } else {
-        2.0 * both as f64 / sum as f64
+        2.0 * common as f64 / total as f64
     }
 }
 
@@ -170,7 +174,8 @@ mod tests {
     use super::*;
     use crate::image::Geometry;
 
-    /// A disc of value 1 on 0, with noise of this size.
+    /// Returns an image of a disc of value 1 on a background of 0, with noise of this standard
+    /// deviation, and its true labels.
     fn disc(n: usize, noise: f32) -> (Image<2>, Vec<u8>) {
         let mut state = 3u32;
         let mut random = || {
@@ -181,10 +186,10 @@ mod tests {
             }
             sum - 6.0
         };
-        let middle = n as f64 / 2.0;
+        let centre = n as f64 / 2.0;
         let truth: Vec<u8> = (0..n * n)
             .map(|i| {
-                let [x, y] = [i % n, i / n].map(|c| c as f64 - middle);
+                let [x, y] = [i % n, i / n].map(|c| c as f64 - centre);
                 u8::from(x.hypot(y) < 0.3 * n as f64)
             })
             .collect();
@@ -196,9 +201,9 @@ mod tests {
     }
 
     fn corner_seeds(n: u32) -> SegmentSeeds {
-        let middle = n / 2 * n + n / 2;
+        let centre = n / 2 * n + n / 2;
         SegmentSeeds {
-            object: vec![middle, middle + 1, middle + n],
+            object: vec![centre, centre + 1, centre + n],
             background: vec![0, 1, n, n * n - 1],
         }
     }
@@ -206,28 +211,29 @@ mod tests {
     #[test]
     fn samples_of_a_clean_disc_are_found_exactly() {
         let (image, truth) = disc(48, 0.0);
-        let found = cut_samples(&image, &corner_seeds(48), &Options::default()).unwrap();
-        assert_eq!(found.labels, truth);
-        assert!((dice(&found.labels, &truth) - 1.0).abs() < 1e-12);
+        let segmentation = cut_samples(&image, &corner_seeds(48), &Options::default()).unwrap();
+        assert_eq!(segmentation.labels, truth);
+        assert!((dice(&segmentation.labels, &truth) - 1.0).abs() < 1e-12);
     }
 
     #[test]
     fn a_cut_is_smoother_than_a_threshold() {
         let (image, truth) = disc(64, 0.4);
         let mut seeds = corner_seeds(64);
-        // Rows through the middle and along the side: enough for histograms.
+        // Rows through the middle and along a side have enough samples for histograms.
         seeds.object.extend((0..20).map(|k| 32 * 64 + 22 + k));
         seeds.background.extend((0..60).chain(64..120));
         seeds.object.dedup();
-        let found = cut_samples(&image, &seeds, &Options::default()).unwrap();
+        let segmentation = cut_samples(&image, &seeds, &Options::default()).unwrap();
         let threshold: Vec<u8> = image
             .as_slice()
             .iter()
             .map(|&v| u8::from(v > 0.5))
             .collect();
-        let [cut, plain] = [&found.labels, &threshold].map(|labels| dice(labels, &truth));
+        let [cut, thresholded] =
+            [&segmentation.labels, &threshold].map(|labels| dice(labels, &truth));
         // Measured: 0.948 and 0.825.
-        assert!(cut > 0.94 && plain < 0.85, "{cut} {plain}");
+        assert!(cut > 0.94 && thresholded < 0.85, "{cut} {thresholded}");
     }
 
     #[test]
@@ -235,9 +241,9 @@ mod tests {
         let (image, _) = disc(32, 0.0);
         let mut seeds = corner_seeds(32);
         seeds.background.push(16 * 32 + 10);
-        let found = cut_samples(&image, &seeds, &Options::default()).unwrap();
-        assert_eq!(found.labels[16 * 32 + 10], 0);
-        assert_eq!(found.labels[16 * 32 + 16], 1);
+        let segmentation = cut_samples(&image, &seeds, &Options::default()).unwrap();
+        assert_eq!(segmentation.labels[16 * 32 + 10], 0);
+        assert_eq!(segmentation.labels[16 * 32 + 16], 1);
         seeds.object.push(0);
         let error = cut_samples(&image, &seeds, &Options::default()).unwrap_err();
         assert!(error.to_string().contains("both"), "{error}");

@@ -1,4 +1,4 @@
-//! Which cell of a mesh each sample of an image lies in.
+//! The cell of a mesh that contains each sample of an image.
 
 use crate::parallel::prelude::*;
 
@@ -6,19 +6,21 @@ use crate::geometry::norm;
 use crate::mesh::Mesh;
 use crate::mesh::complex::NONE;
 
-/// How far a sample may be beyond a face and still be in the cell, in samples: rounding.
+/// Distance, in samples, by which a sample may be outside a face and still count as inside the
+/// cell; it covers rounding errors.
 const FACE_TOLERANCE: f64 = 1e-6;
 
-/// The half spaces whose intersection each (convex) cell is, and the box round it.
+/// A convex cell as an intersection of half spaces, with its bounding box.
 struct ConvexCell<const D: usize> {
     low: [f64; D],
     high: [f64; D],
-    /// n and c of n x <= c.
+    /// Half spaces n . x <= c, as pairs of n and c.
     planes: Vec<([f64; D], f64)>,
 }
 
-/// For each sample (x fastest) the cell of a mesh in lattice space that it lies in, of several the
-/// first; `NONE` outside all. `cells` are those of [`Mesh::cells_of_faces`].
+/// Returns, for each sample (x fastest), the cell of a mesh in lattice space that contains it; the
+/// first of several, and `NONE` outside all cells. `cells` is the result of
+/// [`Mesh::cells_of_faces`].
 pub fn cells_of_samples<const D: usize, F: Mesh<D>>(
     mesh: &F,
     cells: &[[u32; 2]],
@@ -27,28 +29,34 @@ pub fn cells_of_samples<const D: usize, F: Mesh<D>>(
 ) -> Vec<u32> {
     let shapes = convex_cells(mesh, cells, step);
     let slab: usize = dims[..D - 1].iter().product();
-    // Which cells reach into each section across the last axis.
+    // The cells that reach each section perpendicular to the last axis.
     let last = D - 1;
-    let mut of_section = vec![Vec::new(); dims[last]];
+    let mut cells_of_sections = vec![Vec::new(); dims[last]];
     for (number, cell) in shapes.iter().enumerate() {
         for section in sample_range(cell.low[last], cell.high[last], dims[last]) {
-            of_section[section].push(number as u32);
+            cells_of_sections[section].push(number as u32);
         }
     }
-    let mut found = vec![NONE; slab * dims[last]];
-    found
+    let mut cell_of_sample = vec![NONE; slab * dims[last]];
+    cell_of_sample
         .par_chunks_mut(slab)
-        .zip(of_section)
+        .zip(cells_of_sections)
         .enumerate()
-        .for_each(|(section, (found, numbers))| {
+        .for_each(|(section, (section_cells, numbers))| {
             for number in numbers {
-                fill_section(&shapes[number as usize], number, section, dims, found);
+                fill_section(
+                    &shapes[number as usize],
+                    number,
+                    section,
+                    dims,
+                    section_cells,
+                );
             }
         });
-    found
+    cell_of_sample
 }
 
-/// The whole numbers between two, below `n`.
+/// Returns the integers from `low` to `high`, within 0 to `n` - 1.
 fn sample_range(low: f64, high: f64, n: usize) -> std::ops::Range<usize> {
     let low = (low - FACE_TOLERANCE).ceil().max(0.0) as usize;
     let high = (high + FACE_TOLERANCE).floor();
@@ -59,11 +67,11 @@ fn sample_range(low: f64, high: f64, n: usize) -> std::ops::Range<usize> {
     }
 }
 
-/// Facets smaller than this share of their mean area are left out: rounding leaves them no direction, and a
-/// convex cell hardly changes without them.
+/// Facets smaller than this fraction of the mean area are ignored. Because of rounding errors they
+/// have no reliable normal, and a convex cell hardly changes without them.
 const MIN_AREA_RATIO: f64 = 1e-6;
 
-/// Half spaces and boxes in units of samples.
+/// Returns the half spaces and bounding boxes of all cells, in units of samples.
 fn convex_cells<const D: usize, F: Mesh<D>>(
     mesh: &F,
     cells: &[[u32; 2]],
@@ -81,17 +89,17 @@ fn convex_cells<const D: usize, F: Mesh<D>>(
             count += 1;
         });
     }
-    let tiny = MIN_AREA_RATIO * area / count.max(1) as f64;
+    let min_area = MIN_AREA_RATIO * area / count.max(1) as f64;
     let mut shapes: Vec<ConvexCell<D>> = Vec::new();
-    for (face, beyond) in cells.iter().enumerate() {
+    for (face, sides) in cells.iter().enumerate() {
         mesh.facets(face, |facet| {
             let corners = facet.map(|n| nodes[n as usize]);
             let (normal, area) = normal_and_size(&corners);
-            if area <= tiny {
+            if area <= min_area {
                 return;
             }
             let c = (0..D).map(|k| normal[k] * corners[0][k]).sum::<f64>();
-            for (&cell, sign) in beyond.iter().zip([1.0, -1.0]) {
+            for (&cell, sign) in sides.iter().zip([1.0, -1.0]) {
                 if cell == NONE {
                     continue;
                 }
@@ -110,7 +118,7 @@ fn convex_cells<const D: usize, F: Mesh<D>>(
                     }
                 }
                 let plane = (normal.map(|n| sign * n), sign * c);
-                // All facets of a flat face have one plane.
+                // All facets of a flat face share one plane.
                 if shape.planes.last() != Some(&plane) {
                     shape.planes.push(plane);
                 }
@@ -120,40 +128,43 @@ fn convex_cells<const D: usize, F: Mesh<D>>(
     shapes
 }
 
-/// The unit normal of an edge and its length, or of a triangle and its area.
+/// Returns the unit normal and the length of an edge, or the unit normal of a triangle and
+/// its area.
 fn normal_and_size<const D: usize>(corners: &[[f64; D]; D]) -> ([f64; D], f64) {
     let normal = crate::geometry::normal(corners);
     let length = norm(normal);
     (normal.map(|n| n / length.max(f64::MIN_POSITIVE)), length)
 }
 
-/// Gives a cell the samples of one section that lie in it and in no cell before, row by row.
+/// Assigns the samples of one section that lie in a cell, and in no earlier one, to this cell, row
+/// by row.
 fn fill_section<const D: usize>(
     cell: &ConvexCell<D>,
     number: u32,
     section: usize,
     dims: [usize; D],
-    found: &mut [u32],
+    section_cells: &mut [u32],
 ) {
     let rows = match D {
         2 => 0..1,
         _ => sample_range(cell.low[1], cell.high[1], dims[1]),
     };
     for row in rows {
-        // The coordinates of the row but for x.
-        let at: [f64; D] = std::array::from_fn(|k| match k {
+        // The coordinates of the row; x is not used.
+        let position: [f64; D] = std::array::from_fn(|k| match k {
             0 => 0.0,
             _ if k == D - 1 => section as f64,
             _ => row as f64,
         });
         let (mut low, mut high) = (cell.low[0], cell.high[0]);
         for (normal, c) in &cell.planes {
-            let rest = c + FACE_TOLERANCE - (1..D).map(|k| normal[k] * at[k]).sum::<f64>();
+            let remaining =
+                c + FACE_TOLERANCE - (1..D).map(|k| normal[k] * position[k]).sum::<f64>();
             if normal[0] > 0.0 {
-                high = high.min(rest / normal[0]);
+                high = high.min(remaining / normal[0]);
             } else if normal[0] < 0.0 {
-                low = low.max(rest / normal[0]);
-            } else if rest < 0.0 {
+                low = low.max(remaining / normal[0]);
+            } else if remaining < 0.0 {
                 high = f64::NEG_INFINITY;
             }
         }
@@ -161,9 +172,11 @@ fn fill_section<const D: usize>(
         if range.is_empty() {
             continue;
         }
-        for place in &mut found[row * dims[0] + range.start..row * dims[0] + range.end] {
-            if *place == NONE {
-                *place = number;
+        for sample_cell in
+            &mut section_cells[row * dims[0] + range.start..row * dims[0] + range.end]
+        {
+            if *sample_cell == NONE {
+                *sample_cell = number;
             }
         }
     }
@@ -178,18 +191,19 @@ mod tests {
 
     #[test]
     fn every_sample_of_two_boxes_has_its_cell() {
-        // [0, 2] x [0, 1]^2 cut at x = 0.75, 20 samples a unit: sample 15 is on the cut.
+        // [0, 2] x [0, 1]^2 divided at x = 0.75, with 20 samples per unit: sample 15 is on the
+        // division.
         let mesh = two_cells::<3>(0.75);
-        let across = mesh.cells_of_faces().unwrap();
-        let found = cells_of_samples(&mesh, &across, [41, 21, 21], [0.05; 3]);
-        for (i, cell) in found.iter().enumerate() {
+        let face_cells = mesh.cells_of_faces().unwrap();
+        let cell_of_sample = cells_of_samples(&mesh, &face_cells, [41, 21, 21], [0.05; 3]);
+        for (i, cell) in cell_of_sample.iter().enumerate() {
             assert_eq!(*cell, u32::from(i % 41 > 15), "sample {i}");
         }
         let mesh = two_cells::<2>(0.75);
-        let across = mesh.cells_of_faces().unwrap();
-        let found = cells_of_samples(&mesh, &across, [41, 21], [0.05; 2]);
+        let face_cells = mesh.cells_of_faces().unwrap();
+        let cell_of_sample = cells_of_samples(&mesh, &face_cells, [41, 21], [0.05; 2]);
         assert!(
-            found
+            cell_of_sample
                 .iter()
                 .enumerate()
                 .all(|(i, c)| *c == u32::from(i % 41 > 15))
@@ -198,13 +212,13 @@ mod tests {
 
     #[test]
     fn samples_lie_inside_the_tetrahedra_that_they_are_given_to() {
-        // A cube of six tetrahedra round its diagonal, and nothing beyond.
+        // A cube of six tetrahedra around its diagonal; samples beyond it belong to no cell.
         let mesh = kuhn_box([1; 3], 10.0);
-        let across = mesh.cells_of_faces().unwrap();
+        let face_cells = mesh.cells_of_faces().unwrap();
         let dims = [13, 11, 12];
-        let found = cells_of_samples(&mesh, &across, dims, [1.0; 3]);
+        let cell_of_sample = cells_of_samples(&mesh, &face_cells, dims, [1.0; 3]);
         let mut counts = [0; 6];
-        for (i, &cell) in found.iter().enumerate() {
+        for (i, &cell) in cell_of_sample.iter().enumerate() {
             let index = [i % 13, i / 13 % 11, i / (13 * 11)];
             assert_eq!(cell == NONE, index.iter().any(|&c| c > 10), "{index:?}");
             if cell == NONE {
@@ -212,12 +226,12 @@ mod tests {
             }
             counts[cell as usize] += 1;
             let corners = mesh.corners(cell as usize);
-            let whole = mesh.volume(cell as usize);
+            let volume = mesh.volume(cell as usize);
             for k in 0..4 {
                 let mut part = corners;
                 part[k] = index.map(|c| c as f64);
                 assert!(
-                    crate::geometry::volume6(&part) / 6.0 > -1e-3 * whole.abs(),
+                    crate::geometry::volume6(&part) / 6.0 > -1e-3 * volume.abs(),
                     "{index:?}"
                 );
             }

@@ -1,4 +1,4 @@
-//! Mean values of an image over the cells of a mesh: superpixels, or supervoxels.
+//! Mean values of an image over the cells of a mesh: superpixels in 2-D, supervoxels in 3-D.
 
 use super::raster::cells_of_samples;
 use crate::image::Image;
@@ -9,26 +9,28 @@ use crate::model::surface::adjacency::CellAdjacency;
 /// The cells of a mesh as parts of an image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Superpixels {
-    /// The mean of the samples in each cell; of a cell that holds none, the sample nearest to its
+    /// Mean of the samples in each cell. A cell without samples takes the sample nearest to its
     /// centre.
     pub means: Vec<f32>,
-    /// The cell that each sample (x fastest) lies in, of several the first; `NONE` outside all.
+    /// For each sample (x fastest), the cell that contains it; the first of several, and `NONE`
+    /// outside all cells.
     pub cell_of_sample: Vec<u32>,
 }
 
 impl Superpixels {
-    /// Of a mesh in lattice space, samples being `step` apart; `cells` are its own, and `across`
-    /// those of [`Mesh::cells_of_faces`].
+    /// Computes the means over the cells of a mesh in lattice space, for samples that are `step`
+    /// apart. `cells` is the adjacency of the mesh, and `face_cells` the result of
+    /// [`Mesh::cells_of_faces`].
     pub fn new<const D: usize, F: Mesh<D>>(
         mesh: &F,
         cells: &CellAdjacency<D>,
-        across: &[[u32; 2]],
+        face_cells: &[[u32; 2]],
         image: &Image<D>,
         step: [f64; D],
     ) -> Self {
         let (dims, samples) = (image.dims(), image.as_slice());
-        let cell_of_sample = cells_of_samples(mesh, across, dims, step);
-        // In order, so that the sums are the same with any number of threads.
+        let cell_of_sample = cells_of_samples(mesh, face_cells, dims, step);
+        // The order is fixed, so that the sums are the same with any number of threads.
         let mut sums = vec![(0.0f64, 0u32); cells.len()];
         for (&cell, &value) in cell_of_sample.iter().zip(samples) {
             if cell != NONE {
@@ -38,11 +40,11 @@ impl Superpixels {
             }
         }
         let nearest = |centre: &[f64; D]| {
-            let at = |at, k: usize| {
+            let flat_index = |offset, k: usize| {
                 let index = (centre[k] / step[k]).round();
-                at * dims[k] + index.clamp(0.0, (dims[k] - 1) as f64) as usize
+                offset * dims[k] + index.clamp(0.0, (dims[k] - 1) as f64) as usize
             };
-            samples[(0..D).rev().fold(0, at)]
+            samples[(0..D).rev().fold(0, flat_index)]
         };
         let means = sums.iter().zip(&cells.centres);
         Self {
@@ -56,7 +58,7 @@ impl Superpixels {
         }
     }
 
-    /// For each sample the label of its cell, 0 outside all.
+    /// Returns the label of each sample's cell, or 0 for samples outside all cells.
     pub fn sample_labels(&self, labels: &[u8]) -> Vec<u8> {
         let label = |&cell: &u32| labels.get(cell as usize).copied().unwrap_or(0);
         self.cell_of_sample.iter().map(label).collect()
@@ -73,7 +75,7 @@ mod tests {
     use crate::mesh::poly::samples::two_cells;
     use crate::model::reservoir::averaging::{MeanKind, SamplePositions, average_cells};
 
-    /// The image of a function of the index.
+    /// Returns the image of a function of the sample index.
     fn image<const D: usize>(dims: [usize; D], f: impl Fn([f64; D]) -> f64) -> Image<D> {
         let samples = (0..dims.iter().product()).map(|mut i| {
             let index = dims.map(|m| {
@@ -91,21 +93,21 @@ mod tests {
         image: &Image<D>,
         step: [f64; D],
     ) -> Superpixels {
-        let across = mesh.cells_of_faces().unwrap();
-        let cells = CellAdjacency::new(mesh, &across, &[]);
-        Superpixels::new(mesh, &cells, &across, image, step)
+        let face_cells = mesh.cells_of_faces().unwrap();
+        let cells = CellAdjacency::new(mesh, &face_cells, &[]);
+        Superpixels::new(mesh, &cells, &face_cells, image, step)
     }
 
     #[test]
     fn means_of_boxes_are_those_of_their_samples() {
-        // Cut at sample 15 of 41, which the first cell takes.
+        // The division is at sample 15 of 41, which belongs to the first cell.
         let plane = image([41, 21], |[x, y]| x - 3.0 * y);
-        let found = superpixels(&two_cells::<2>(0.75), &plane, [0.05; 2]);
-        assert_eq!(found.means, [7.5 - 30.0, 28.0 - 30.0]);
+        let result = superpixels(&two_cells::<2>(0.75), &plane, [0.05; 2]);
+        assert_eq!(result.means, [7.5 - 30.0, 28.0 - 30.0]);
         let space = image([41, 21, 21], |[x, y, z]| x - 3.0 * y + z);
-        let found = superpixels(&two_cells::<3>(0.75), &space, [0.05; 3]);
-        assert_eq!(found.means, [7.5 - 20.0, 28.0 - 20.0]);
-        let labels = found.sample_labels(&[1, 0]);
+        let result = superpixels(&two_cells::<3>(0.75), &space, [0.05; 3]);
+        assert_eq!(result.means, [7.5 - 20.0, 28.0 - 20.0]);
+        let labels = result.sample_labels(&[1, 0]);
         assert_eq!(
             labels.iter().map(|&l| u32::from(l)).sum::<u32>(),
             16 * 21 * 21
@@ -114,15 +116,17 @@ mod tests {
 
     #[test]
     fn means_of_tetrahedra_agree_with_exact_volumes() {
-        // A cube of six tetrahedra round its diagonal, 40 samples a side.
+        // A cube of six tetrahedra around its diagonal, with 40 samples per side.
         let mesh = kuhn_box([1; 3], 40.0);
         let image = image([41; 3], |[x, y, z]| x * x + 20.0 * y - z * y);
-        let found = superpixels(&mesh, &image, [1.0; 3]);
+        let result = superpixels(&mesh, &image, [1.0; 3]);
         let cells = PolyMesh::from_simplices(&mesh, &[], &[]).unwrap();
-        let places = SamplePositions::new(&cells, image.dims(), |p| p);
-        let exact = average_cells(&cells, &places, &image, MeanKind::Arithmetic, "image").unwrap();
-        // Samples on faces belong to one cell alone: a few percent of the range of 1600.
-        for (mean, exact) in found.means.iter().zip(exact) {
+        let positions = SamplePositions::new(&cells, image.dims(), |p| p);
+        let exact =
+            average_cells(&cells, &positions, &image, MeanKind::Arithmetic, "image").unwrap();
+        // Samples on faces belong to only one cell, which changes means by a few percent of the
+        // range of 1600.
+        for (mean, exact) in result.means.iter().zip(exact) {
             assert!((f64::from(*mean) - exact).abs() < 40.0, "{mean} {exact}");
         }
     }
@@ -133,8 +137,8 @@ mod tests {
             nodes: vec![[0.1, 0.1], [0.4, 0.2], [0.2, 0.4], [3.0, 3.0]],
             triangles: vec![[0, 1, 2], [1, 3, 2]],
         };
-        let found = superpixels(&mesh, &image([4, 4], |[x, y]| 5.0 + x + 10.0 * y), [1.0; 2]);
-        assert_eq!(found.means[0], 5.0);
-        assert!(found.means[1] > 15.0);
+        let result = superpixels(&mesh, &image([4, 4], |[x, y]| 5.0 + x + 10.0 * y), [1.0; 2]);
+        assert_eq!(result.means[0], 5.0);
+        assert!(result.means[1] > 15.0);
     }
 }

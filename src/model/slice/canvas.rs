@@ -1,4 +1,4 @@
-//! Pixels: colours, antialiased lines, letters; and the way into a PNG file.
+//! A canvas of pixels with antialiased lines and letters, which can be written as a PNG file.
 
 use std::path::Path;
 
@@ -9,13 +9,13 @@ use tiny_skia::{Color, Paint, PathBuilder, Pixmap, PremultipliedColorU8, Stroke,
 use crate::Result;
 use crate::files::atomic_write;
 
-/// Width and height of a letter.
+/// Width and height of a letter, in pixels.
 pub(super) const LETTER_SIZE: [f32; 2] = [
     get_raster_width(FontWeight::Regular, RasterHeight::Size16) as f32,
     16.0,
 ];
 
-/// Lines in one stroke: long paths cost more than their parts.
+/// Maximum number of lines per stroke. One long path takes more time than several short ones.
 const MAX_LINES_PER_STROKE: usize = 256;
 
 /// A picture.
@@ -23,25 +23,25 @@ const MAX_LINES_PER_STROKE: usize = 256;
 pub struct Canvas(Pixmap);
 
 impl Canvas {
-    /// A white picture; `None` if it would be empty or far too large.
+    /// Creates a white picture. Returns `None` if it would be empty or far too large.
     pub fn new(width: u32, height: u32) -> Option<Self> {
         let mut pixels = Pixmap::new(width, height)?;
         pixels.fill(Color::WHITE);
         Some(Self(pixels))
     }
 
-    /// Width and height in pixels.
+    /// Returns the width and height in pixels.
     pub fn size(&self) -> [u32; 2] {
         [self.0.width(), self.0.height()]
     }
 
-    /// The colour of a pixel (red, green, blue); white outside.
+    /// Returns the colour of a pixel (red, green, blue), or white outside the picture.
     pub fn color(&self, x: u32, y: u32) -> [u8; 3] {
         let pixel = self.0.pixel(x, y);
         pixel.map_or([255; 3], |p| [p.red(), p.green(), p.blue()])
     }
 
-    /// Sets a pixel to an opaque colour; outside nothing happens.
+    /// Sets a pixel to an opaque colour. Pixels outside the picture are ignored.
     pub fn set_pixel(&mut self, x: u32, y: u32, [r, g, b, _]: [u8; 4]) {
         let [width, height] = self.size();
         if x < width
@@ -52,19 +52,20 @@ impl Canvas {
         }
     }
 
-    /// Draws straight lines of one colour.
-    pub fn draw_lines(&mut self, ends: &[[[f32; 2]; 2]], [r, g, b, a]: [u8; 4], width: f32) {
+    /// Draws straight lines of one colour; `width` is in pixels.
+    pub fn draw_lines(&mut self, segments: &[[[f32; 2]; 2]], [r, g, b, a]: [u8; 4], width: f32) {
         let mut paint = Paint::default();
         paint.set_color_rgba8(r, g, b, a);
         let stroke = Stroke {
             width,
-            line_cap: match width > 1.0 {
-                true => tiny_skia::LineCap::Round,
-                false => tiny_skia::LineCap::Butt,
+            line_cap: if width > 1.0 {
+                tiny_skia::LineCap::Round
+            } else {
+                tiny_skia::LineCap::Butt
             },
             ..Stroke::default()
         };
-        for batch in ends.chunks(MAX_LINES_PER_STROKE) {
+        for batch in segments.chunks(MAX_LINES_PER_STROKE) {
             let mut path = PathBuilder::new();
             for [p, q] in batch {
                 path.move_to(p[0], p[1]);
@@ -77,12 +78,18 @@ impl Canvas {
         }
     }
 
-    /// Writes a line of text; `anchor` is 0 if it begins at `at`, 1 if it ends there, 0.5 if `at` is
-    /// the middle. It never leaves the picture to the left.
-    pub fn draw_text(&mut self, text: &str, at: [f32; 2], anchor: f32, [r, g, b, _]: [u8; 4]) {
+    /// Writes a line of text. With `anchor` 0 it begins at `position`, with 1 it ends there, and
+    /// with 0.5 it is centred there. It never extends beyond the left side of the picture.
+    pub fn draw_text(
+        &mut self,
+        text: &str,
+        position: [f32; 2],
+        anchor: f32,
+        [r, g, b, _]: [u8; 4],
+    ) {
         let width = LETTER_SIZE[0] * text.chars().count() as f32;
-        let left = (at[0] - anchor * width).round().max(2.0) as u32;
-        let top = at[1].round().max(0.0) as u32;
+        let left = (position[0] - anchor * width).round().max(2.0) as u32;
+        let top = position[1].round().max(0.0) as u32;
         for (i, letter) in text.chars().enumerate() {
             let glyph = get_raster(letter, FontWeight::Regular, RasterHeight::Size16)
                 .or_else(|| get_raster('?', FontWeight::Regular, RasterHeight::Size16));
@@ -91,26 +98,26 @@ impl Canvas {
                 for (column, &ink) in line.iter().enumerate().filter(|(_, ink)| **ink > 0) {
                     let x = left + (LETTER_SIZE[0] as usize * i + column) as u32;
                     let y = top + row as u32;
-                    let under = self.color(x, y);
+                    let background = self.color(x, y);
                     let t = f32::from(ink) / 255.0;
-                    let over = |ink: u8, k: usize| {
-                        let below = f32::from(under[k]);
-                        (below + t * (f32::from(ink) - below)).round() as u8
+                    let blend = |ink: u8, k: usize| {
+                        let base = f32::from(background[k]);
+                        (base + t * (f32::from(ink) - base)).round() as u8
                     };
-                    self.set_pixel(x, y, [over(r, 0), over(g, 1), over(b, 2), 255]);
+                    self.set_pixel(x, y, [blend(r, 0), blend(g, 1), blend(b, 2), 255]);
                 }
             }
         }
     }
 
-    /// Writes the picture as a PNG file, which appears whole or not at all.
+    /// Writes the picture as a PNG file. The file is either complete or absent.
     ///
     /// # Errors
-    /// [`Error::Io`](crate::Error::Io) if it cannot be written.
+    /// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<()> {
         let [width, height] = self.size();
-        let opaque = self.0.pixels().iter();
-        let bytes: Vec<u8> = opaque
+        let pixels = self.0.pixels().iter();
+        let bytes: Vec<u8> = pixels
             .flat_map(|p| [p.red(), p.green(), p.blue()])
             .collect();
         atomic_write(path, |out| {

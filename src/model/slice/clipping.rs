@@ -1,67 +1,73 @@
-//! How a body is opened: at a corner or at a plane; and the cells that a plane cuts.
+//! The part of a body that is cut away, and the sections of cells with a plane.
 
 use super::faces::DrawableFaces;
 use super::raster::ValuedPoint;
 use super::shape::cut_polygon;
 use crate::mesh::complex::NONE;
 
-/// What is taken away, so that the inside is seen: all that lies beyond each of some planes. Places are
-/// shares of the box.
+/// The part of a body that is cut away to show the inside: the points that are beyond all of some
+/// planes. Positions are fractions of the box.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ClipRegion {
-    /// Across which axis each plane is, where, and whether what lies above it is beyond.
+    /// For each plane, the axis perpendicular to it, its position, and `true` if points above it
+    /// are beyond it.
     pub planes: Vec<(usize, f64, bool)>,
 }
 
 impl ClipRegion {
-    /// Whether a point is taken away.
+    /// Returns `true` if a point is cut away.
     pub fn contains(&self, p: [f64; 3]) -> bool {
         self.planes.iter().all(|&plane| is_beyond(p, plane))
     }
 
-    /// Whether a point of the `i`-th plane is on the rim of what is taken away.
+    /// Returns `true` if a point of plane `i` is on the boundary of the part that is cut away.
     pub fn is_on_rim(&self, i: usize, p: [f64; 3]) -> bool {
         let others = self.planes.iter().enumerate().filter(|(j, _)| *j != i);
         others.into_iter().all(|(_, &plane)| is_beyond(p, plane))
     }
 }
 
-fn is_beyond(p: [f64; 3], (axis, at, above): (usize, f64, bool)) -> bool {
-    if above { p[axis] > at } else { p[axis] < at }
+fn is_beyond(p: [f64; 3], (axis, position, removes_above): (usize, f64, bool)) -> bool {
+    if removes_above {
+        p[axis] > position
+    } else {
+        p[axis] < position
+    }
 }
 
-/// Where the plane on which coordinate `axis` is `at` cuts cells: each cell's number, and the corners of its
-/// convex section in order round it, with the values there. `value` is that of a cell at a node.
+/// Returns the sections of cells with the plane on which coordinate `axis` is `position`: the
+/// number of each cell, and the corners of its convex section in cyclic order with the values
+/// there. `value` returns the value of a cell at a node.
 pub(super) fn cell_sections(
     faces: &DrawableFaces,
     axis: usize,
-    at: f64,
+    position: f64,
     value: &impl Fn(u32, u32) -> f64,
 ) -> Vec<(u32, Vec<ValuedPoint>)> {
-    let mut found: Vec<(u32, ValuedPoint)> = Vec::new();
+    let mut section_ends: Vec<(u32, ValuedPoint)> = Vec::new();
     let mut ring = Vec::new();
     for face in 0..faces.len() {
         for &cell in faces.cells[face].iter().filter(|cell| **cell != NONE) {
             ring.clear();
             let corner = |&n: &u32| (faces.nodes[n as usize], value(cell, n));
             ring.extend(faces.rings.get(face).iter().map(corner));
-            let ends = cut_polygon(&ring, axis, at);
-            found.extend(ends.into_iter().flatten().map(|end| (cell, end)));
+            let ends = cut_polygon(&ring, axis, position);
+            section_ends.extend(ends.into_iter().flatten().map(|end| (cell, end)));
         }
     }
-    found.sort_by_key(|(cell, _)| *cell);
+    section_ends.sort_by_key(|(cell, _)| *cell);
     let [h, v] = [(axis + 1) % 3, (axis + 2) % 3];
-    (found.chunk_by(|a, b| a.0 == b.0))
+    (section_ends.chunk_by(|a, b| a.0 == b.0))
         .map(|ends| {
             let count = ends.len() as f64;
-            let middle = [h, v].map(|k| ends.iter().map(|(_, (p, _))| p[k]).sum::<f64>() / count);
-            let angle = |p: &[f64; 3]| (p[v] - middle[1]).atan2(p[h] - middle[0]);
+            let centroid = [h, v].map(|k| ends.iter().map(|(_, (p, _))| p[k]).sum::<f64>() / count);
+            let angle = |p: &[f64; 3]| (p[v] - centroid[1]).atan2(p[h] - centroid[0]);
             let mut corners: Vec<ValuedPoint> = ends.iter().map(|&(_, end)| end).collect();
             corners.sort_by(|(p, _), (q, _)| angle(p).total_cmp(&angle(q)));
-            // Each corner is an end of the sections of two faces.
-            let same = |p: &[f64; 3], q: &[f64; 3]| (0..3).all(|k| (p[k] - q[k]).abs() < 1e-9);
-            corners.dedup_by(|(p, _), (q, _)| same(p, q));
-            if corners.len() > 1 && same(&corners[0].0, &corners[corners.len() - 1].0) {
+            // Each corner occurs twice, as an end of the sections of two faces.
+            let coincide = |p: &[f64; 3], q: &[f64; 3]| (0..3).all(|k| (p[k] - q[k]).abs() < 1e-9);
+            corners.dedup_by(|(p, _), (q, _)| coincide(p, q));
+            if corners.len() > 1 && coincide(&corners[0].0, &corners[corners.len() - 1].0) {
                 corners.pop();
             }
             (ends[0].0, corners)
@@ -78,21 +84,25 @@ mod tests {
     fn the_sections_of_cells_fill_the_plane() {
         let faces = unit_cube();
         for axis in 0..3 {
-            for at in [0.2, 0.5, 0.9] {
-                // The value is the next coordinate, which every corner then has.
+            for position in [0.2, 0.5, 0.9] {
+                // The value is the next coordinate, so that every corner must have it.
                 let next = (axis + 1) % 3;
                 let value = |_, node: u32| faces.nodes[node as usize][next];
-                let found = cell_sections(&faces, axis, at, &value);
+                let sections = cell_sections(&faces, axis, position, &value);
                 let mut area = 0.0;
-                for (_, corners) in &found {
+                for (_, corners) in &sections {
                     assert!(corners.iter().all(|(p, v)| (p[next] - v).abs() < 1e-12));
-                    let round = |i: usize| corners[i % corners.len()].0;
+                    let corner = |i: usize| corners[i % corners.len()].0;
                     let [h, v] = [(axis + 1) % 3, (axis + 2) % 3];
-                    let cross =
-                        |i: usize| round(i)[h] * round(i + 1)[v] - round(i + 1)[h] * round(i)[v];
+                    let cross = |i: usize| {
+                        corner(i)[h] * corner(i + 1)[v] - corner(i + 1)[h] * corner(i)[v]
+                    };
                     area += 0.5 * (0..corners.len()).map(cross).sum::<f64>();
                 }
-                assert!((area - 1.0).abs() < 1e-9, "axis {axis} at {at}: {area}");
+                assert!(
+                    (area - 1.0).abs() < 1e-9,
+                    "axis {axis} at {position}: {area}"
+                );
             }
         }
     }

@@ -1,4 +1,4 @@
-//! What colours mean: of features, and in the bar and the legend that stand round a picture.
+//! The meaning of colours: of features, and in the colour bar and the legend of a picture.
 
 use super::canvas::Canvas;
 use super::color_map::ColorMap;
@@ -7,30 +7,30 @@ use super::paint::Paint;
 use super::shape::OverlayShape;
 use crate::model::surface::SurfaceKind;
 
-/// Edges of cells that are not painted with the image.
+/// Colour of cell edges where cells are not coloured by the image.
 const EDGE_COLOR: [u8; 4] = [40, 45, 52, 110];
-/// Features where they meet a plane that is painted from blue to red.
+/// Colours of the traces of faults and horizons on a plane with a scale from blue to red.
 const TRACE_COLORS: [[u8; 3]; 2] = [[22, 22, 24], [105, 105, 110]];
-/// Features where there is no image from which they have to stand out.
+/// Colours of faults and horizons in a picture without an image.
 const FEATURE_COLORS: [[u8; 3]; 2] = [[255, 120, 0], [0, 190, 160]];
 
-/// The place of a kind's colours: all that is no horizon looks like a fault.
+/// Returns the index of a kind's colours. Every kind other than horizons has the colours of faults.
 fn color_index(kind: SurfaceKind) -> usize {
     usize::from(kind == SurfaceKind::Horizon)
 }
 
-/// The colours of a picture, and which of them there are.
+/// The colours that occur in a picture.
 pub(super) struct ColorKey<'a> {
     pub color_map: Option<ColorMap>,
     pub paint: Option<&'a Paint>,
-    /// Whether there is a mesh, and what lies on its features.
+    /// `true` if the picture contains a mesh.
     has_mesh: bool,
     kind_colors: [Option<[u8; 3]>; 2],
     shape_colors: Vec<(String, [u8; 3])>,
 }
 
 impl<'a> ColorKey<'a> {
-    /// For a picture of an image, of painted cells, or of both.
+    /// Creates the key of a picture of an image, of painted cells, or of both.
     pub fn new(color_map: Option<ColorMap>, paint: Option<&'a Paint>) -> Self {
         Self {
             color_map,
@@ -41,25 +41,28 @@ impl<'a> ColorKey<'a> {
         }
     }
 
-    /// The colour of edges of cells.
+    /// Returns the colour of cell edges.
     pub fn edge_color(&self) -> [u8; 4] {
         match (&self.color_map, self.paint) {
-            (Some(shades), None) => shades.mesh_color(),
+            (Some(color_map), None) => color_map.mesh_color(),
             _ => EDGE_COLOR,
         }
     }
 
-    /// The colour of faces on features.
+    /// Returns the colour of faces on features.
     pub fn feature_color(&self, kind: SurfaceKind) -> [u8; 3] {
         let [r, g, b, _] = match (&self.color_map, kind) {
             (None, kind) => return FEATURE_COLORS[color_index(kind)],
-            (Some(shades), SurfaceKind::Fault | SurfaceKind::Interface) => shades.feature_color(),
-            (Some(shades), SurfaceKind::Horizon) => shades.horizon_color(),
+            (Some(color_map), SurfaceKind::Fault | SurfaceKind::Interface) => {
+                color_map.feature_color()
+            }
+            (Some(color_map), SurfaceKind::Horizon) => color_map.horizon_color(),
         };
         [r, g, b]
     }
 
-    /// The colour of features where they meet a plane: dark if it is painted from blue to red.
+    /// Returns the colour of the traces of features on a plane: dark if the plane is painted from
+    /// blue to red.
     pub fn trace_color(&self, kind: SurfaceKind) -> [u8; 3] {
         match self.paint.and_then(Paint::range) {
             Some(_) => TRACE_COLORS[color_index(kind)],
@@ -67,17 +70,18 @@ impl<'a> ColorKey<'a> {
         }
     }
 
-    /// There is a mesh.
+    /// Adds a mesh to the key.
     pub fn add_mesh(&mut self) {
         self.has_mesh = true;
     }
 
-    /// There is a feature, in this colour.
+    /// Adds a kind of feature with its colour to the key.
     pub fn add_kind(&mut self, kind: SurfaceKind, color: [u8; 3]) {
         self.kind_colors[color_index(kind)] = Some(color);
     }
 
-    /// There is a mesh, if it has any faces, on features of these kinds.
+    /// Adds a mesh whose faces lie on features of these kinds, with the colours of their traces. A
+    /// mesh without faces is not added.
     pub fn add_kinds(&mut self, kinds: &[Option<SurfaceKind>]) {
         self.has_mesh |= !kinds.is_empty();
         for kind in [SurfaceKind::Fault, SurfaceKind::Horizon] {
@@ -87,12 +91,12 @@ impl<'a> ColorKey<'a> {
         }
     }
 
-    /// There is a surface, or lines.
+    /// Adds a surface or lines to the key.
     pub fn add_shape(&mut self, shape: &OverlayShape, color: [u8; 3]) {
         self.shape_colors.push((shape.name.clone(), color));
     }
 
-    /// Title, bar of colours, and a legend of what there is.
+    /// Draws the title, the colour bar and the legend.
     pub fn draw_decorations(self, canvas: &mut Canvas, caption: &Caption) {
         canvas.draw_caption(caption);
         let scale = self.paint.and_then(|paint| Some((paint, paint.range()?)));
@@ -101,16 +105,16 @@ impl<'a> ColorKey<'a> {
                 let color = |value| paint.color(value).unwrap_or_default();
                 canvas.draw_color_bar(&paint.title, range, color);
             }
-            (None, Some(shades)) => {
+            (None, Some(color_map)) => {
                 let name = match caption.value_label.as_str() {
                     "" => "image",
                     name => name,
                 };
                 let color = |value| {
-                    let [r, g, b, _] = shades.color(value as f32);
+                    let [r, g, b, _] = color_map.color(value as f32);
                     [r, g, b]
                 };
-                canvas.draw_color_bar(name, shades.range().map(f64::from), color);
+                canvas.draw_color_bar(name, color_map.range().map(f64::from), color);
             }
             (None, None) => {}
         }

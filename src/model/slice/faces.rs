@@ -1,4 +1,4 @@
-//! Any mesh as faces with the cells on either side.
+//! The faces of any mesh, with the cells on either side.
 
 use crate::Result;
 use crate::geometry::to_3d;
@@ -8,74 +8,82 @@ use crate::mesh::poly::Lists;
 use crate::model::surface::facet_selection::labels_of_faces;
 use crate::store::{Storable, StoredMesh};
 
-/// Faces that bound cells in space. In the plane each cell is a face of itself alone, and the mesh's
-/// edges on features are lines.
+/// The faces of a mesh, ready to be drawn. In 3-D, faces bound cells. In 2-D, each cell is a face
+/// with only itself beside it, and the edges on features are stored separately.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(crate) struct DrawableFaces {
-    /// Node positions as shares of the box, in [0, 1].
+    /// Node positions as fractions of the box, in [0, 1].
     pub nodes: Vec<[f64; 3]>,
-    /// The nodes of each face, in order round it.
+    /// Nodes of each face, in cyclic order.
     pub rings: Lists,
-    /// The cells on either side, `NONE` where there is none.
+    /// Cells on either side of each face, `NONE` where there is none.
     pub cells: Vec<[u32; 2]>,
-    /// The number of the surface on which each face lies, from 1; 0 if on none.
+    /// Number of the surface on which each face lies, from 1; 0 if it lies on none.
     pub surfaces: Vec<u32>,
-    /// In the plane: the edges on features, each with the number of its surface.
+    /// In 2-D, the edges on features, each with the number of its surface.
     pub feature_edges: Vec<([u32; 2], u32)>,
-    /// The middle of each cell, a share of the box.
+    /// Centre of each cell, as fractions of the box.
     pub cell_centres: Vec<[f64; 3]>,
 }
 
 impl DrawableFaces {
-    /// Of a mesh, with the facets of its surfaces (nodes ascending, sorted) and their numbers.
+    /// Creates the faces of a mesh. `surfaces` holds the facets of its surfaces (sorted, with
+    /// ascending nodes) and the surfaces' numbers.
     ///
     /// # Errors
-    /// [`Error::Mesh`](crate::Error::Mesh) if more than two cells share a face.
+    /// Returns [`Error::Mesh`](crate::Error::Mesh) if more than two cells share a face.
     pub(crate) fn from_mesh<const D: usize, M: Storable<D>>(
         stored: &StoredMesh<D, M>,
         surfaces: &[([u32; D], u32)],
     ) -> Result<Self> {
         let mesh = &stored.lattice;
         let extent = stored.space.extent;
-        let share = |x: &[f64; D]| {
-            let share: [f64; D] = std::array::from_fn(|k| (x[k] / extent[k]).clamp(0.0, 1.0));
-            to_3d(share)
+        let to_fraction = |x: &[f64; D]| {
+            let fraction: [f64; D] = std::array::from_fn(|k| (x[k] / extent[k]).clamp(0.0, 1.0));
+            to_3d(fraction)
         };
         let mut faces = Self {
-            nodes: mesh.nodes().iter().map(share).collect(),
+            nodes: mesh.nodes().iter().map(to_fraction).collect(),
             cell_centres: (mesh.cell_volumes().iter())
-                .map(|(_, middle)| share(middle))
+                .map(|(_, centre)| to_fraction(centre))
                 .collect(),
             ..Self::default()
         };
-        let sides = mesh.cells_of_faces()?;
+        let cells_of_faces = mesh.cells_of_faces()?;
         let labels = labels_of_faces(mesh, surfaces);
         if D == 2 {
-            faces.from_plane_mesh(mesh, &sides, &labels);
+            faces.add_plane_mesh(mesh, &cells_of_faces, &labels);
         } else {
-            faces.from_volume_mesh(mesh, &sides, &labels);
+            faces.add_volume_mesh(mesh, &cells_of_faces, &labels);
         }
         Ok(faces)
     }
 
-    /// Number of faces.
+    /// Returns the number of faces.
     pub(crate) fn len(&self) -> usize {
         self.cells.len()
     }
 
-    fn from_volume_mesh<const D: usize>(
+    fn add_volume_mesh<const D: usize>(
         &mut self,
         mesh: &impl Mesh<D>,
-        sides: &[[u32; 2]],
+        cells_of_faces: &[[u32; 2]],
         labels: &[u32],
     ) {
         let mut ring = Vec::new();
-        for (face, &cells) in sides.iter().enumerate().filter(|(_, c)| c[0] != NONE) {
+        for (face, &cells) in cells_of_faces
+            .iter()
+            .enumerate()
+            .filter(|(_, c)| c[0] != NONE)
+        {
             ring.clear();
-            // Facets are a fan: each but the first adds a node.
-            mesh.facets(face, |facet| match ring.is_empty() {
-                true => ring.extend(facet),
-                false => ring.push(facet[D - 1]),
+            // The facets of a face form a fan: each one after the first adds one node.
+            mesh.facets(face, |facet| {
+                if ring.is_empty() {
+                    ring.extend(facet)
+                } else {
+                    ring.push(facet[D - 1])
+                }
             });
             self.rings.push(ring.iter().copied());
             self.cells.push(cells);
@@ -83,15 +91,19 @@ impl DrawableFaces {
         }
     }
 
-    fn from_plane_mesh<const D: usize>(
+    fn add_plane_mesh<const D: usize>(
         &mut self,
         mesh: &impl Mesh<D>,
-        sides: &[[u32; 2]],
+        cells_of_faces: &[[u32; 2]],
         labels: &[u32],
     ) {
-        // The edges of each cell, with the cell on their left.
+        // The edges of all cells, each directed so that its cell is on the left.
         let mut edges: Vec<(u32, [u32; 2])> = Vec::new();
-        for (face, &[left, right]) in sides.iter().enumerate().filter(|(_, c)| c[0] != NONE) {
+        for (face, &[left, right]) in cells_of_faces
+            .iter()
+            .enumerate()
+            .filter(|(_, c)| c[0] != NONE)
+        {
             mesh.facets(face, |edge| {
                 let (p, q) = (edge[0], edge[D - 1]);
                 edges.push((left, [p, q]));

@@ -1,4 +1,4 @@
-//! Where a mesh lies, and how its box is drawn.
+//! The position of a mesh, and the projection of its box.
 
 use serde::Serialize;
 
@@ -7,33 +7,34 @@ use crate::image::Geometry;
 use crate::image::geometry::AxisScale;
 use crate::store::LatticeSpace;
 
-/// The box of lattice space in the world and in a picture.
+/// The box of lattice space in physical coordinates and in a picture.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct BoxFrame {
-    /// Where the box begins in the world.
+    /// Physical position of the first corner of the box.
     pub origin: [f64; 3],
-    /// Its edges in the world.
+    /// Edges of the box in physical coordinates.
     pub edges: [[f64; 3]; 3],
-    /// The units of the world's coordinates.
+    /// Units of the physical coordinates.
     pub units: [String; 3],
-    /// The names of the image's axes.
+    /// Names of the image's axes.
     pub names: [String; 3],
-    /// How many steps of samples the box is wide.
+    /// Number of sample steps along each edge of the box.
     pub samples: [f64; 3],
-    /// How the edges are read off.
+    /// Scales of the edges: labels and values at both ends.
     pub rulers: [AxisScale; 3],
-    /// By how much each coordinate of the world is enlarged, so that lengths of unlike units are
-    /// comparable.
+    /// Factor by which each physical coordinate is enlarged for display, so that lengths in
+    /// different units are comparable.
     pub aspect: [f64; 3],
-    /// Whether the last coordinate is drawn downwards.
+    /// `true` if the last coordinate is drawn downwards.
     pub down: bool,
-    /// The coordinate that is drawn upright: the last one, unless another is asked for.
+    /// Coordinate that is drawn vertically: the last one unless another is requested.
     #[serde(skip)]
     pub up_coordinate: usize,
 }
 
 impl BoxFrame {
-    /// Of a mesh's space; names, and units if the mesh has none, are those of the image if there is one.
+    /// Creates the frame of a mesh's lattice space. The names of axes, and the units if the mesh
+    /// has none, are those of `image`, if given.
     pub(crate) fn new<const D: usize>(
         space: &LatticeSpace<D>,
         image: Option<&Geometry<D>>,
@@ -46,10 +47,10 @@ impl BoxFrame {
                     geometry.units.clone_from(&image.units);
                 }
             }
-            // The coordinate that is read off along each axis.
+            // Without an image, each axis is named after the coordinate that changes most along it.
             None => {
-                let along = |k| ["x", "y", "z"][geometry.main_coordinate(k)].to_string();
-                geometry.names = std::array::from_fn(along);
+                let axis_name = |k| ["x", "y", "z"][geometry.main_coordinate(k)].to_string();
+                geometry.names = std::array::from_fn(axis_name);
             }
         }
         let samples: [f64; D] = std::array::from_fn(|k| space.extent[k] / space.step[k]);
@@ -70,9 +71,10 @@ impl BoxFrame {
         }
     }
 
-    /// The edges of the box as they are drawn: enlarged, and upright.
+    /// Returns the edges of the box for display: enlarged, and with the vertical coordinate last,
+    /// upwards.
     pub(crate) fn display_edges(&self) -> [[f64; 3]; 3] {
-        let turned = if self.down { -1.0 } else { 1.0 };
+        let sign = if self.down { -1.0 } else { 1.0 };
         let order = [
             (self.up_coordinate + 1) % 3,
             (self.up_coordinate + 2) % 3,
@@ -80,31 +82,39 @@ impl BoxFrame {
         ];
         self.edges.map(|edge| {
             let [x, y, z] = order.map(|c| edge[c] * self.aspect[c]);
-            [x, y, z * turned]
+            [x, y, z * sign]
         })
     }
 
-    /// How an edge of the box is drawn, mostly: 0 from left to right, 1 away from whoever looks, 2 upwards.
+    /// Returns the main direction of an edge of the box for display: 0 from left to right, 1 away
+    /// from the viewer, 2 upwards.
     pub(crate) fn display_direction(&self, edge: usize) -> usize {
-        let along = self.display_edges()[edge].map(f64::abs);
-        (0..2).fold(2, |most, c| if along[c] > along[most] { c } else { most })
+        let components = self.display_edges()[edge].map(f64::abs);
+        (0..2).fold(2, |best, c| {
+            if components[c] > components[best] {
+                c
+            } else {
+                best
+            }
+        })
     }
 
-    /// How a point of the box, shares in [0, 1], is drawn to whoever looks from a side and from above
-    /// (angles in radians): right, up and towards them, from the middle of the box. Each row holds the
-    /// share of each edge, and what is added.
-    pub(crate) fn projection(&self, side: f64, above: f64) -> [[f64; 4]; 3] {
+    /// Returns the projection for a viewer at these angles (radians). Its rows are the directions
+    /// to the right, upwards and towards the viewer, with the origin at the middle of the box. Each
+    /// row holds the coefficients of a point of the box, given as fractions in [0, 1] of its three
+    /// edges, and a constant.
+    pub(crate) fn projection(&self, azimuth: f64, elevation: f64) -> [[f64; 4]; 3] {
         let edges = self.display_edges();
-        let ((ss, cs), (sa, ca)) = (side.sin_cos(), above.sin_cos());
+        let ((ss, cs), (sa, ca)) = (azimuth.sin_cos(), elevation.sin_cos());
         let directions = [
             [cs, ss, 0.0],
             [-ss * sa, cs * sa, ca],
             [ss * ca, -cs * ca, sa],
         ];
         directions.map(|direction| {
-            let along = edges.map(|edge| dot(edge, direction));
-            let middle = 0.5 * along.iter().sum::<f64>();
-            [along[0], along[1], along[2], -middle]
+            let projected = edges.map(|edge| dot(edge, direction));
+            let centre_offset = 0.5 * projected.iter().sum::<f64>();
+            [projected[0], projected[1], projected[2], -centre_offset]
         })
     }
 }

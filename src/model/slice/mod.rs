@@ -1,23 +1,24 @@
-//! Pictures of a mesh over its image, as Hale (2001, 2002) shows them: in the plane the whole mesh,
-//! in space its sections with three orthogonal planes of samples, or all of it with a part taken away.
+//! Draws pictures of a mesh over its image, as Hale (2001, 2002) shows them: the whole mesh in 2-D;
+//! in 3-D its sections with three orthogonal planes of samples, or a solid view with a part cut
+//! away.
 //!
-//! - `skeleton`: the faces of any mesh, each once, and where they meet a plane
-//! - `faces`: the same with the cells on either side
-//! - `frame`: where a mesh lies, and how its box is drawn
+//! - `skeleton`: the faces of any mesh, each once, and their sections with a plane
+//! - `faces`: the faces of any mesh, with the cells on either side
+//! - `frame`: the position of a mesh, and the projection of its box
 //! - `panel`: a section on the canvas
-//! - `paint`: what cells are painted with: an array of the mesh
-//! - `shape`: surfaces and lines beside the mesh
-//! - `solid`: what stands in a box, seen from outside
-//! - `opening`: what is taken away of it, and the cells that a plane cuts
-//! - `raster`: near things hide far ones
+//! - `paint`: an array of the mesh that gives cells their colours
+//! - `shape`: surfaces and lines that are drawn with the mesh
+//! - `solid`: a solid view of the contents of a box
+//! - `clipping`: the part that is cut away, and the sections of cells with a plane
+//! - `raster`: triangles and lines with a depth buffer
 //! - `axes`: numbers along the edges of a box
-//! - `marks`: what colours mean
-//! - `furniture`: title, numbers, bar of colours, legend
-//! - `canvas`: pixels: lines, letters
-//! - `shades`: from samples to colours
+//! - `color_key`: the meaning of colours
+//! - `decorations`: title, axis numbers, colour bar and legend
+//! - `canvas`: pixels, lines and letters
+//! - `color_map`: the map from samples to colours
 //!
-//! Lengths of one unit are drawn alike; where coordinates have unlike units, as metres and
-//! milliseconds, samples are as far apart along all axes.
+//! Lengths in the same unit are drawn at the same scale. Where coordinates have different units,
+//! such as metres and milliseconds, samples are equally far apart along all axes.
 
 mod axes;
 mod canvas;
@@ -57,36 +58,37 @@ use color_key::ColorKey;
 use decorations::{BOTTOM_MARGIN, LEFT_MARGIN, RIGHT_MARGIN, TOP_MARGIN};
 use panel::{Panel, PanelLine, pixel_extent};
 
-/// Width and height of what is drawn, in pixels, aimed at.
+/// Target for the width and height of the drawing, in pixels.
 const TARGET_SIZE: [f32; 2] = [1400.0, 1200.0];
-/// Most pixels a sample is drawn with, along the axis whose samples are nearest to each other.
+/// Maximum number of pixels per sample, along the axis with the closest samples.
 const MAX_PIXELS_PER_SAMPLE: f32 = 8.0;
-/// Space between panels.
+/// Space between panels, in pixels.
 const PANEL_GAP: f32 = 106.0;
 
-/// Which way is up in a picture.
+/// The upward direction of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct UpDirection {
-    /// The physical coordinate that is drawn upright.
+    /// The physical coordinate that is drawn vertically.
     pub coordinate: usize,
-    /// Whether it grows downwards.
+    /// `true` if the coordinate increases downwards.
     pub points_down: bool,
 }
 
-/// What is drawn over an image.
+/// Objects that are drawn over an image.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Overlay<const D: usize> {
     /// The mesh.
     pub mesh: Skeleton<D>,
-    /// Its cells, and what they are painted with.
+    /// The cells of the mesh with their colours.
     pub painted_cells: Option<PaintedCells>,
-    /// Surfaces, where the plane meets them; in the plane lines. In physical coordinates.
+    /// Surfaces and lines in physical coordinates. In 2-D their lines are drawn, in 3-D the
+    /// sections of their surfaces.
     pub shapes: Vec<OverlayShape>,
-    /// Which way is up; as the image has it if not given.
+    /// The upward direction; `None` takes that of the image.
     pub up_direction: Option<UpDirection>,
 }
 
-/// Cells with their paint.
+/// Cells, and the paint that gives them colours.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PaintedCells {
     faces: DrawableFaces,
@@ -94,10 +96,10 @@ pub struct PaintedCells {
 }
 
 impl PaintedCells {
-    /// Paints the cells of a mesh.
+    /// Creates the painted cells of a mesh.
     ///
     /// # Errors
-    /// [`Error::Mesh`] if more than two cells share a face.
+    /// Returns [`Error::Mesh`] if more than two cells share a face.
     pub fn new<const D: usize, M: Storable<D>>(
         stored: &StoredMesh<D, M>,
         paint: Paint,
@@ -107,197 +109,233 @@ impl PaintedCells {
     }
 }
 
-/// The mesh of a 2-D image over it. Where time or depth is one of the axes it runs down the page.
+/// Draws the mesh of a 2-D image over the image. If one of the axes is time or depth, it increases
+/// down the page.
 ///
 /// # Errors
-/// [`Error::Image`] for an image too large to draw.
-pub fn draw_plane(image: &Image<2>, over: &Overlay<2>, caption: &Caption) -> Result<Canvas> {
+/// Returns [`Error::Image`] if the image is too large to draw.
+pub fn draw_plane(image: &Image<2>, overlay: &Overlay<2>, caption: &Caption) -> Result<Canvas> {
     let dims = image.dims();
     let geometry = &image.geometry;
-    let up = over.up_direction.unwrap_or_else(|| default_up(geometry));
-    let down = axis_along(geometry, up.coordinate);
-    let across = 1 - down;
-    let apart = sample_spacing(geometry, dims);
-    let unit = pixels_per_unit(
-        &apart,
+    let up = overlay.up_direction.unwrap_or_else(|| default_up(geometry));
+    let vertical = axis_along(geometry, up.coordinate);
+    let horizontal = 1 - vertical;
+    let spacing = sample_spacing(geometry, dims);
+    let scale = pixels_per_unit(
+        &spacing,
         [
-            step_count(dims[across]) * apart[across],
-            step_count(dims[down]) * apart[down],
+            step_count(dims[horizontal]) * spacing[horizontal],
+            step_count(dims[vertical]) * spacing[vertical],
         ],
     );
     let panel = Panel {
         top_left: [LEFT_MARGIN, TOP_MARGIN],
-        pixels_per_sample: [across, down].map(|k| unit * apart[k]),
-        dims: [dims[across], dims[down]],
-        is_flipped: [false, is_flipped(geometry, down, up)],
+        pixels_per_sample: [horizontal, vertical].map(|k| scale * spacing[k]),
+        dims: [dims[horizontal], dims[vertical]],
+        is_flipped: [false, is_flipped(geometry, vertical, up)],
     };
     let mut canvas = blank_canvas(
         pixel_extent(panel.dims[0], panel.pixels_per_sample[0]) + LEFT_MARGIN + RIGHT_MARGIN,
         pixel_extent(panel.dims[1], panel.pixels_per_sample[1]) + TOP_MARGIN + BOTTOM_MARGIN,
         caption,
     )?;
-    let shades = ColorMap::from_samples(image.as_slice());
+    let color_map = ColorMap::from_samples(image.as_slice());
     let strides = [1, dims[0]];
-    panel.draw_image(&mut canvas, &shades, |x, y| {
-        image.as_slice()[x * strides[across] + y * strides[down]]
+    panel.draw_image(&mut canvas, &color_map, |x, y| {
+        image.as_slice()[x * strides[horizontal] + y * strides[vertical]]
     });
-    let mut marks = ColorKey::new(Some(shades), over.painted_cells.as_ref().map(|p| &p.paint));
-    if let Some(PaintedCells { faces, paint }) = &over.painted_cells {
+    let mut color_key = ColorKey::new(
+        Some(color_map),
+        overlay.painted_cells.as_ref().map(|p| &p.paint),
+    );
+    if let Some(PaintedCells { faces, paint }) = &overlay.painted_cells {
         for (face, cells) in faces.cells.iter().enumerate() {
             let corner = |&n: &u32| {
                 let p = faces.nodes[n as usize];
-                let at = [across, down].map(|k| p[k] as f32 * step_count(dims[k]));
-                (at, paint.value(cells[0], n))
+                let position = [horizontal, vertical].map(|k| p[k] as f32 * step_count(dims[k]));
+                (position, paint.value(cells[0], n))
             };
             let ring: Vec<_> = faces.rings.get(face).iter().map(corner).collect();
             panel.fill_polygon(&mut canvas, &ring, |value| paint.color(value));
         }
     }
-    let lines: Vec<PanelLine> = over
+    let lines: Vec<PanelLine> = overlay
         .mesh
         .edges()
         .map(|(ends, kind)| PanelLine {
-            ends: ends.map(|p| [p[across] as f32, p[down] as f32]),
+            ends: ends.map(|p| [p[horizontal] as f32, p[vertical] as f32]),
             kind,
         })
         .collect();
-    panel.draw_mesh_lines(&mut canvas, &marks, &lines);
-    for (shape, color) in over.shapes.iter().zip(shape::shape_colors(&over.shapes)) {
-        let place = |[x, y, _]: [f64; 3]| {
-            let at = geometry.to_index([x, y]).unwrap_or_default();
-            [at[across] as f32, at[down] as f32]
+    panel.draw_mesh_lines(&mut canvas, &color_key, &lines);
+    for (shape, color) in overlay
+        .shapes
+        .iter()
+        .zip(shape::shape_colors(&overlay.shapes))
+    {
+        let to_panel = |[x, y, _]: [f64; 3]| {
+            let index = geometry.to_index([x, y]).unwrap_or_default();
+            [index[horizontal] as f32, index[vertical] as f32]
         };
-        let lines: Vec<_> = shape.segments().map(|ends| ends.map(place)).collect();
+        let lines: Vec<_> = shape.segments().map(|ends| ends.map(to_panel)).collect();
         panel.draw_thick_lines(&mut canvas, color, &lines);
-        marks.add_shape(shape, color);
+        color_key.add_shape(shape, color);
     }
-    let rulers = [across, down].map(|k| caption.ruler(geometry, k, dims[k]));
+    let rulers = [horizontal, vertical].map(|k| caption.ruler(geometry, k, dims[k]));
     panel.draw_axes(&mut canvas, [&rulers[0], &rulers[1]], None);
-    marks.add_kinds(&over.mesh.kinds);
-    marks.draw_decorations(&mut canvas, caption);
+    color_key.add_kinds(&overlay.mesh.kinds);
+    color_key.draw_decorations(&mut canvas, caption);
     Ok(canvas)
 }
 
-/// The sections of a mesh with three planes of samples, over the image: the horizontal one on top, the two upright ones below it.
+/// Draws the sections of a mesh with three planes of samples, over the image: the horizontal
+/// section on top, and the two vertical ones below it.
 ///
-/// Upright is the image axis that runs most along the coordinate that is up.
+/// The vertical axis of the page is the image axis that is most nearly parallel to the upward
+/// coordinate.
 ///
 /// # Errors
-/// [`Error::Image`] for an image too large to draw.
+/// Returns [`Error::Image`] if the image is too large to draw.
 pub fn draw_sections(
     image: &Sections,
     geometry: &Geometry<3>,
-    over: &Overlay<3>,
+    overlay: &Overlay<3>,
     caption: &Caption,
 ) -> Result<Canvas> {
-    let Sections {
-        dims, point: at, ..
-    } = *image;
-    let upward = over.up_direction.unwrap_or_else(|| default_up(geometry));
-    let up = axis_along(geometry, upward.coordinate);
-    // The two others, the faster one across the page.
-    let [across, deep] = match up {
+    let Sections { dims, point, .. } = *image;
+    let up = overlay.up_direction.unwrap_or_else(|| default_up(geometry));
+    let up_axis = axis_along(geometry, up.coordinate);
+    // Of the two other axes, the faster one runs across the page.
+    let [across, depth_axis] = match up_axis {
         0 => [1, 2],
         1 => [0, 2],
         _ => [0, 1],
     };
-    let apart = sample_spacing(geometry, dims);
-    let wide = |k: usize| step_count(dims[k]) * apart[k];
-    let unit = pixels_per_unit(&apart, [wide(across) + wide(deep), wide(deep) + wide(up)]);
-    let size = |k: usize| pixel_extent(dims[k], unit * apart[k]);
+    let spacing = sample_spacing(geometry, dims);
+    let axis_length = |k: usize| step_count(dims[k]) * spacing[k];
+    let scale = pixels_per_unit(
+        &spacing,
+        [
+            axis_length(across) + axis_length(depth_axis),
+            axis_length(depth_axis) + axis_length(up_axis),
+        ],
+    );
+    let size = |k: usize| pixel_extent(dims[k], scale * spacing[k]);
     let mut canvas = blank_canvas(
-        size(across) + size(deep) + PANEL_GAP + LEFT_MARGIN + RIGHT_MARGIN,
-        size(deep) + size(up) + PANEL_GAP + TOP_MARGIN + BOTTOM_MARGIN,
+        size(across) + size(depth_axis) + PANEL_GAP + LEFT_MARGIN + RIGHT_MARGIN,
+        size(depth_axis) + size(up_axis) + PANEL_GAP + TOP_MARGIN + BOTTOM_MARGIN,
         caption,
     )?;
-    let shades = image.color_map;
-    let mut marks = ColorKey::new(Some(shades), over.painted_cells.as_ref().map(|p| &p.paint));
-    for (shape, color) in over.shapes.iter().zip(shape::shape_colors(&over.shapes)) {
-        marks.add_shape(shape, color);
+    let color_map = image.color_map;
+    let mut color_key = ColorKey::new(
+        Some(color_map),
+        overlay.painted_cells.as_ref().map(|p| &p.paint),
+    );
+    for (shape, color) in overlay
+        .shapes
+        .iter()
+        .zip(shape::shape_colors(&overlay.shapes))
+    {
+        color_key.add_shape(shape, color);
     }
     let rulers: [_; 3] = std::array::from_fn(|k| caption.ruler(geometry, k, dims[k]));
-    let low = TOP_MARGIN + size(deep) + PANEL_GAP;
-    let right = LEFT_MARGIN + size(across) + PANEL_GAP;
+    let lower_top = TOP_MARGIN + size(depth_axis) + PANEL_GAP;
+    let right_left = LEFT_MARGIN + size(across) + PANEL_GAP;
     for ([h, v], corner) in [
-        ([across, deep], [LEFT_MARGIN, TOP_MARGIN]),
-        ([across, up], [LEFT_MARGIN, low]),
-        ([deep, up], [right, low]),
+        ([across, depth_axis], [LEFT_MARGIN, TOP_MARGIN]),
+        ([across, up_axis], [LEFT_MARGIN, lower_top]),
+        ([depth_axis, up_axis], [right_left, lower_top]),
     ] {
         let normal = 3 - h - v;
         let panel = Panel {
             top_left: corner,
-            pixels_per_sample: [h, v].map(|k| unit * apart[k]),
+            pixels_per_sample: [h, v].map(|k| scale * spacing[k]),
             dims: [dims[h], dims[v]],
-            is_flipped: [false, v == up && is_flipped(geometry, up, upward)],
+            is_flipped: [false, v == up_axis && is_flipped(geometry, up_axis, up)],
         };
-        panel.draw_image(&mut canvas, &shades, |x, y| image.sample([h, v], [x, y]));
-        if let Some(PaintedCells { faces, paint }) = &over.painted_cells {
-            let share = at[normal] / f64::from(step_count(dims[normal]));
+        panel.draw_image(&mut canvas, &color_map, |x, y| image.sample([h, v], [x, y]));
+        if let Some(PaintedCells { faces, paint }) = &overlay.painted_cells {
+            let fraction = point[normal] / f64::from(step_count(dims[normal]));
             let value = |cell, node| paint.value(cell, node);
-            for (_, ring) in clipping::cell_sections(faces, normal, share, &value) {
-                let place = |p: [f64; 3]| [h, v].map(|k| p[k] as f32 * step_count(dims[k]));
-                let ring: Vec<_> = ring.iter().map(|&(p, value)| (place(p), value)).collect();
+            for (_, ring) in clipping::cell_sections(faces, normal, fraction, &value) {
+                let to_samples = |p: [f64; 3]| [h, v].map(|k| p[k] as f32 * step_count(dims[k]));
+                let ring: Vec<_> = ring
+                    .iter()
+                    .map(|&(p, value)| (to_samples(p), value))
+                    .collect();
                 panel.fill_polygon(&mut canvas, &ring, |value| paint.color(value));
             }
         }
-        let flat = |ends: [[f64; 3]; 2]| ends.map(|p| [p[h] as f32, p[v] as f32]);
-        let lines: Vec<PanelLine> = over
+        let to_panel = |ends: [[f64; 3]; 2]| ends.map(|p| [p[h] as f32, p[v] as f32]);
+        let lines: Vec<PanelLine> = overlay
             .mesh
-            .section(normal, at[normal])
+            .section(normal, point[normal])
             .map(|(ends, kind)| PanelLine {
-                ends: flat(ends),
+                ends: to_panel(ends),
                 kind,
             })
             .collect();
-        panel.draw_mesh_lines(&mut canvas, &marks, &lines);
-        for (shape, color) in over.shapes.iter().zip(shape::shape_colors(&over.shapes)) {
-            let place = |x: [f64; 3]| geometry.to_index(x).unwrap_or_default();
-            let lines: Vec<_> = shape.section(normal, at[normal], place).map(flat).collect();
+        panel.draw_mesh_lines(&mut canvas, &color_key, &lines);
+        for (shape, color) in overlay
+            .shapes
+            .iter()
+            .zip(shape::shape_colors(&overlay.shapes))
+        {
+            let to_index = |x: [f64; 3]| geometry.to_index(x).unwrap_or_default();
+            let lines: Vec<_> = shape
+                .section(normal, point[normal], to_index)
+                .map(to_panel)
+                .collect();
             panel.draw_thick_lines(&mut canvas, color, &lines);
         }
-        panel.draw_axes(&mut canvas, [&rulers[h], &rulers[v]], Some([at[h], at[v]]));
+        panel.draw_axes(
+            &mut canvas,
+            [&rulers[h], &rulers[v]],
+            Some([point[h], point[v]]),
+        );
     }
-    marks.add_kinds(&over.mesh.kinds);
-    marks.draw_decorations(&mut canvas, caption);
+    color_key.add_kinds(&overlay.mesh.kinds);
+    color_key.draw_decorations(&mut canvas, caption);
     Ok(canvas)
 }
 
-/// What is drawn of an image in space: three planes of its samples.
+/// Three orthogonal planes of samples of a 3-D image.
 pub struct Sections {
     dims: [usize; 3],
-    /// Where they meet, in samples.
+    /// Point in which the planes meet, in samples.
     point: [f64; 3],
-    /// Those across each axis, in memory order.
+    /// For each axis, the samples of the plane perpendicular to it, in memory order.
     planes: [Vec<f32>; 3],
     color_map: ColorMap,
 }
 
 impl Sections {
-    /// The planes of samples through `at` (sample indices, x first), in one pass over an image of so many
-    /// samples along each axis, which need not fit into memory.
+    /// Reads the planes of samples through `point` (sample indices, x first). The image has `dims`
+    /// samples and is read in one pass, so that it need not fit into memory. `path` names the image
+    /// in errors.
     ///
     /// # Errors
-    /// [`Error::Job`] if `at` lies outside the image; those of reading it, from `place`.
+    /// Returns [`Error::Job`] if `point` is outside the image, and the errors of reading it.
     pub fn new(
-        place: &Path,
+        path: &Path,
         dims: [usize; 3],
         slabs: &dyn SlabSource,
-        at: [f64; 3],
+        point: [f64; 3],
     ) -> Result<Self> {
-        check_inside(dims, at)?;
+        check_inside(dims, point)?;
         let [nx, ny, nz] = dims;
-        let slice = at.map(|x| x.round() as usize);
+        let indices = point.map(|x| x.round() as usize);
         let stride = ColorMap::stride(nx * ny * nz);
         let mut planes: [Vec<f32>; 3] = Default::default();
-        let (mut looked_at, mut first) = (Vec::new(), 0);
-        let gather = &mut |slab: &[f32]| {
+        let (mut selected, mut first) = (Vec::new(), 0);
+        let read_slab = &mut |slab: &[f32]| {
             for (k, plane) in slab.chunks(nx * ny).enumerate() {
                 let start = (first + k) * nx * ny;
                 let skipped = start.next_multiple_of(stride) - start;
-                looked_at.extend(plane.iter().skip(skipped).step_by(stride));
-                planes[0].extend(plane.iter().skip(slice[0]).step_by(nx));
-                planes[1].extend_from_slice(&plane[slice[1] * nx..][..nx]);
-                if first + k == slice[2] {
+                selected.extend(plane.iter().skip(skipped).step_by(stride));
+                planes[0].extend(plane.iter().skip(indices[0]).step_by(nx));
+                planes[1].extend_from_slice(&plane[indices[1] * nx..][..nx]);
+                if first + k == indices[2] {
                     planes[2] = plane.to_vec();
                 }
             }
@@ -305,17 +343,18 @@ impl Sections {
             Ok(())
         };
         slabs
-            .for_each_slab(1, gather)
-            .map_err(|e| io_error(place, "read", e))?;
+            .for_each_slab(1, read_slab)
+            .map_err(|e| io_error(path, "read", e))?;
         Ok(Self {
             dims,
-            point: at,
+            point,
             planes,
-            color_map: ColorMap::from_selected_samples(looked_at),
+            color_map: ColorMap::from_selected_samples(selected),
         })
     }
 
-    /// The sample of a section that has these indices along two axes.
+    /// Returns the sample with the indices `index` along the two `axes`, in the section parallel to
+    /// them.
     fn sample(&self, axes: [usize; 2], index: [usize; 2]) -> f32 {
         let plane = &self.planes[3 - axes[0] - axes[1]];
         let [fast, slow] = if axes[0] < axes[1] { [0, 1] } else { [1, 0] };
@@ -323,19 +362,19 @@ impl Sections {
     }
 }
 
-/// A point, in samples, is in the image.
-fn check_inside(dims: [usize; 3], at: [f64; 3]) -> Result<()> {
-    if (0..3).all(|k| (0.0..=step_count(dims[k]).into()).contains(&at[k])) {
+/// Checks that a point, in samples, is in the image.
+fn check_inside(dims: [usize; 3], point: [f64; 3]) -> Result<()> {
+    if (0..3).all(|k| (0.0..=step_count(dims[k]).into()).contains(&point[k])) {
         return Ok(());
     }
     Err(Error::Job(cause(
-        format!("slice at sample {at:?}"),
+        format!("slice at sample {point:?}"),
         format!("lies outside the image of {dims:?} samples"),
         "give a point inside the image",
     )))
 }
 
-/// Up as an image has it: its last physical coordinate.
+/// Returns the upward direction of an image: its last physical coordinate.
 fn default_up<const D: usize>(geometry: &Geometry<D>) -> UpDirection {
     UpDirection {
         coordinate: D - 1,
@@ -343,26 +382,27 @@ fn default_up<const D: usize>(geometry: &Geometry<D>) -> UpDirection {
     }
 }
 
-/// The image axis that runs most along a physical coordinate.
+/// Returns the image axis that is most nearly parallel to a physical coordinate.
 fn axis_along<const D: usize>(geometry: &Geometry<D>, coordinate: usize) -> usize {
-    let share = |k: usize| {
+    let alignment = |k: usize| {
         geometry.axes[k][coordinate].abs() / geometry.spacing()[k].max(f64::MIN_POSITIVE)
     };
-    // Of two that run alike along it that of the same number.
-    (0..D).fold(
-        coordinate,
-        |best, k| {
-            if share(k) > share(best) { k } else { best }
-        },
-    )
+    // If several axes are equally parallel, the axis with the number of the coordinate is taken.
+    (0..D).fold(coordinate, |best, k| {
+        if alignment(k) > alignment(best) {
+            k
+        } else {
+            best
+        }
+    })
 }
 
-/// Whether an axis has its last sample on top.
+/// Returns `true` if the last sample of an axis is at the top.
 fn is_flipped<const D: usize>(geometry: &Geometry<D>, axis: usize, up: UpDirection) -> bool {
     (geometry.axes[axis][up.coordinate] >= 0.0) != up.points_down
 }
 
-/// How far samples are drawn from each other along each axis, in one unit for all.
+/// Returns the distance between samples along each axis, in a common unit for display.
 fn sample_spacing<const D: usize>(geometry: &Geometry<D>, dims: [usize; D]) -> [f32; D] {
     let samples = dims.map(|n| step_count(n).into());
     let aspect = geometry.display_scale(samples, samples);
@@ -371,24 +411,25 @@ fn sample_spacing<const D: usize>(geometry: &Geometry<D>, dims: [usize; D]) -> [
         .map(|axis| norm::<D>(std::array::from_fn(|c| axis[c] * aspect[c])) as f32)
 }
 
-/// Steps from the first sample to the last.
+/// Returns the number of steps from the first sample to the last; at least 1.
 fn step_count(samples: usize) -> f32 {
     (samples.max(2) - 1) as f32
 }
 
-/// Pixels for a unit of length of a picture so wide and high.
-fn pixels_per_unit(apart: &[f32], lengths: [f32; 2]) -> f32 {
-    let nearest = apart.iter().copied().fold(f32::INFINITY, f32::min);
-    (0..2).fold(MAX_PIXELS_PER_SAMPLE / nearest, |unit, k| {
-        unit.min(TARGET_SIZE[k] / lengths[k])
+/// Returns the pixels per unit of length for a picture of this width and height.
+fn pixels_per_unit(spacing: &[f32], lengths: [f32; 2]) -> f32 {
+    let min_spacing = spacing.iter().copied().fold(f32::INFINITY, f32::min);
+    (0..2).fold(MAX_PIXELS_PER_SAMPLE / min_spacing, |scale, k| {
+        scale.min(TARGET_SIZE[k] / lengths[k])
     })
 }
 
 fn blank_canvas(width: f32, height: f32, caption: &Caption) -> Result<Canvas> {
-    // Titles and legends need some width.
-    let words = [&caption.title, &caption.subtitle].map(|line| line.chars().count());
-    let words = LEFT_MARGIN + LETTER_SIZE[0] * (words[0].max(words[1]) + 2) as f32;
-    let width = width.max(520.0).max(words.min(TARGET_SIZE[0]));
+    // Titles and legends need a minimum width.
+    let line_lengths = [&caption.title, &caption.subtitle].map(|line| line.chars().count());
+    let text_width =
+        LEFT_MARGIN + LETTER_SIZE[0] * (line_lengths[0].max(line_lengths[1]) + 2) as f32;
+    let width = width.max(520.0).max(text_width.min(TARGET_SIZE[0]));
     Canvas::new(width.ceil() as u32, height.ceil() as u32).ok_or_else(|| {
         Error::Image(cause(
             "picture",

@@ -1,4 +1,4 @@
-//! What cells are painted with instead of the image: an array of the mesh.
+//! Colours of cells by an array of the mesh, instead of by the image.
 
 use crate::error::cause;
 use crate::files::vtk::{DataArray, Values};
@@ -10,9 +10,9 @@ use crate::{Error, Result};
 /// An array of a mesh, and its colours.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Paint {
-    /// What is written over the bar of colours: its name, with its unit if that is known.
+    /// Title of the colour bar: name of the array, with its unit if that is known.
     pub(super) title: String,
-    /// By the number of the cell or of the node.
+    /// Values by cell number, or by node number if `is_nodal`.
     values: Vec<f64>,
     is_nodal: bool,
     colors: Colors,
@@ -20,16 +20,17 @@ pub struct Paint {
 
 #[derive(Debug, Clone, PartialEq)]
 enum Colors {
-    /// From blue to red between two values.
+    /// A continuous scale from blue to red between two values.
     Scale([f64; 2]),
-    /// One for each number, with what it means; those that it does not hold are not painted.
+    /// One colour for each of these values, with its name in the legend. Other values are not
+    /// painted.
     Categories(Vec<(f64, String)>),
 }
 
-/// The regions of cells; 0 where there is none.
+/// Name of the array of regions; region 0 means no region.
 const REGION: &str = "region";
 
-/// From low values to high ones.
+/// Colours of the scale, from low to high values.
 const SCALE_COLORS: [[f64; 3]; 7] = [
     [49.0, 54.0, 149.0],
     [90.0, 150.0, 200.0],
@@ -40,7 +41,7 @@ const SCALE_COLORS: [[f64; 3]; 7] = [
     [165.0, 0.0, 38.0],
 ];
 
-/// Of things that are told apart by number; the first are none of the colours of amplitudes.
+/// Colours of categories. The first ones differ from the colours of seismic amplitudes.
 pub(super) const CATEGORY_COLORS: [[u8; 3]; 10] = [
     [95, 185, 180],
     [232, 157, 72],
@@ -55,26 +56,29 @@ pub(super) const CATEGORY_COLORS: [[u8; 3]; 10] = [
 ];
 
 impl Paint {
-    /// Of an array of cells or, if there is none of that name, of nodes; of vectors their lengths.
+    /// Creates the paint of the cell array `name` or, if there is none, of the node array of this
+    /// name. Of vectors, the lengths are painted.
     ///
     /// # Errors
-    /// [`Error::Job`] if there is no such array; `place` names the file.
+    /// Returns [`Error::Job`] if there is no such array; `place` names the file.
     pub fn from_array<const D: usize, M: Storable<D>>(
         stored: &StoredMesh<D, M>,
         name: &str,
         place: &str,
     ) -> Result<Self> {
         let arrays = &stored.arrays;
-        let named = |arrays: &[DataArray]| arrays.iter().find(|a| a.name == name).map(magnitudes);
+        let find_array =
+            |arrays: &[DataArray]| arrays.iter().find(|a| a.name == name).map(magnitudes);
         let regions = || match stored.regions() {
             Some(regions) if name == REGION => {
                 Some((regions.into_iter().map(f64::from).collect(), true))
             }
             _ => None,
         };
-        let of_cells = named(&arrays.cell_data).or_else(regions);
-        let of_nodes = of_cells.is_none();
-        let Some((values, whole)) = of_cells.or_else(|| named(&arrays.point_data)) else {
+        let cell_values = find_array(&arrays.cell_data).or_else(regions);
+        let is_nodal = cell_values.is_none();
+        let Some((values, is_integer)) = cell_values.or_else(|| find_array(&arrays.point_data))
+        else {
             return Err(missing_array_error(stored, name, place));
         };
         let unit = match name {
@@ -86,46 +90,50 @@ impl Paint {
             "" => name.to_string(),
             unit => format!("{name} [{unit}]"),
         };
-        let kinds = whole.then(|| categories(stored, name, &values)).flatten();
-        let colors = kinds.map_or_else(
+        let entries = is_integer
+            .then(|| categories(stored, name, &values))
+            .flatten();
+        let colors = entries.map_or_else(
             || Colors::Scale(percentile_range(&values)),
             Colors::Categories,
         );
         Ok(Self {
             title,
             values,
-            is_nodal: of_nodes,
+            is_nodal,
             colors,
         })
     }
 
-    /// The value at a node of a cell.
+    /// Returns the value of a cell at a node.
     pub(super) fn value(&self, cell: u32, node: u32) -> f64 {
         self.values[if self.is_nodal { node } else { cell } as usize]
     }
 
-    /// The colour of a value; `None` if it is not painted.
+    /// Returns the colour of a value, or `None` if it is not painted.
     pub(super) fn color(&self, value: f64) -> Option<[u8; 3]> {
         match &self.colors {
-            Colors::Categories(kinds) => {
-                let at = kinds.iter().position(|(kind, _)| *kind == value)?;
-                Some(CATEGORY_COLORS[at % CATEGORY_COLORS.len()])
+            Colors::Categories(entries) => {
+                let index = entries.iter().position(|(kind, _)| *kind == value)?;
+                Some(CATEGORY_COLORS[index % CATEGORY_COLORS.len()])
             }
             Colors::Scale(_) if value.is_nan() => None,
             Colors::Scale([low, high]) => {
                 let last = (SCALE_COLORS.len() - 1) as f64;
                 let t = last * ((value - low) / (high - low)).clamp(0.0, 1.0);
-                let at = (t as usize).min(SCALE_COLORS.len() - 2);
-                let share = t - at as f64;
+                let index = (t as usize).min(SCALE_COLORS.len() - 2);
+                let fraction = t - index as f64;
                 Some(std::array::from_fn(|k| {
-                    (SCALE_COLORS[at][k] + share * (SCALE_COLORS[at + 1][k] - SCALE_COLORS[at][k]))
+                    (SCALE_COLORS[index][k]
+                        + fraction * (SCALE_COLORS[index + 1][k] - SCALE_COLORS[index][k]))
                         as u8
                 }))
             }
         }
     }
 
-    /// The values with the first and the last colour of a bar; `None` of what is told apart by number.
+    /// Returns the values of the first and the last colour of the colour bar, or `None` for
+    /// categories.
     pub(super) fn range(&self) -> Option<[f64; 2]> {
         match self.colors {
             Colors::Scale(range) => Some(range),
@@ -133,28 +141,29 @@ impl Paint {
         }
     }
 
-    /// What each colour means, where there is no bar.
+    /// Returns the names and colours of categories; empty if there is a colour bar instead.
     pub(super) fn legend(&self) -> Vec<(String, [u8; 3])> {
-        let kinds: &[(f64, String)] = match &self.colors {
-            Colors::Categories(kinds) => kinds,
+        let entries: &[(f64, String)] = match &self.colors {
+            Colors::Categories(entries) => entries,
             Colors::Scale(_) => &[],
         };
         let color = |(value, name): &(f64, String)| Some((name.clone(), self.color(*value)?));
-        kinds.iter().filter_map(color).collect()
+        entries.iter().filter_map(color).collect()
     }
 }
 
-/// Whether a mesh comes from `flow`, as its velocity says: of any other a pressure may be in bar.
+/// Returns `true` if a mesh comes from the command `flow`, which writes a velocity. In other meshes
+/// a pressure may be in bar.
 fn is_flow_result(arrays: &MeshFile<()>) -> bool {
     arrays.cell_array("velocity").is_some()
 }
 
-/// Numbers, or the lengths of vectors; and whether they are whole numbers.
+/// Returns the values of an array, or the lengths of its vectors, and `true` if they are integers.
 fn magnitudes(array: &DataArray) -> (Vec<f64>, bool) {
     let numbers = array.values.to_f64();
-    let whole = !matches!(array.values, Values::F32(_) | Values::F64(_));
+    let is_integer = !matches!(array.values, Values::F32(_) | Values::F64(_));
     if array.components <= 1 {
-        return (numbers, whole);
+        return (numbers, is_integer);
     }
     let length = |tuple: &[f64]| tuple.iter().map(|c| c * c).sum::<f64>().sqrt();
     (
@@ -163,49 +172,53 @@ fn magnitudes(array: &DataArray) -> (Vec<f64>, bool) {
     )
 }
 
-/// From the 2nd to the 98th of a hundred values: the extremes at wells and the like would leave no
-/// colours for the rest.
+/// Returns the range from the 2nd to the 98th percentile. Extremes, e.g. at wells, would leave
+/// hardly any colours for the other values.
 fn percentile_range(values: &[f64]) -> [f64; 2] {
     let mut sorted: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
     sorted.sort_unstable_by(f64::total_cmp);
-    let rank = |share: f64| {
-        let at = (share * sorted.len().saturating_sub(1) as f64).round() as usize;
-        sorted.get(at).copied().unwrap_or(0.0)
+    let quantile = |fraction: f64| {
+        let index = (fraction * sorted.len().saturating_sub(1) as f64).round() as usize;
+        sorted.get(index).copied().unwrap_or(0.0)
     };
-    let (inner, outer) = ([rank(0.02), rank(0.98)], [rank(0.0), rank(1.0)]);
+    let (inner, outer) = (
+        [quantile(0.02), quantile(0.98)],
+        [quantile(0.0), quantile(1.0)],
+    );
     match [inner, outer].into_iter().find(|[low, high]| low < high) {
         Some(range) => range,
         None => [outer[0], outer[0] + 1.0_f64.max(outer[0].abs())],
     }
 }
 
-/// Whole numbers and what they mean: regions, and other numbers if there are no more than colours.
+/// Returns the distinct integer values with their names: always for regions, and for other arrays
+/// if there are no more values than colours.
 fn categories<const D: usize, M: Storable<D>>(
     stored: &StoredMesh<D, M>,
     name: &str,
     values: &[f64],
 ) -> Option<Vec<(f64, String)>> {
-    let mut kinds = values.to_vec();
-    kinds.sort_unstable_by(f64::total_cmp);
-    kinds.dedup();
-    let regions = name == REGION;
-    if !regions && kinds.len() > CATEGORY_COLORS.len() {
+    let mut distinct = values.to_vec();
+    distinct.sort_unstable_by(f64::total_cmp);
+    distinct.dedup();
+    let is_region = name == REGION;
+    if !is_region && distinct.len() > CATEGORY_COLORS.len() {
         return None;
     }
     let labels = read_labels(&stored.arrays);
-    let named = |value: f64| {
-        let label = labels.iter().filter(|_| regions);
+    let region_name = |value: f64| {
+        let label = labels.iter().filter(|_| is_region);
         let mut label = label.filter(|label| f64::from(label.region) == value);
         label.find_map(|label| label.name.clone())
     };
     // Cells without a region are not painted.
-    let painted = kinds.into_iter().filter(|v| *v != 0.0 || !regions);
+    let painted = distinct.into_iter().filter(|v| *v != 0.0 || !is_region);
     Some(
         painted
             .map(|value| {
                 (
                     value,
-                    named(value).unwrap_or_else(|| format!("{name} {value}")),
+                    region_name(value).unwrap_or_else(|| format!("{name} {value}")),
                 )
             })
             .collect(),
@@ -218,18 +231,19 @@ fn missing_array_error<const D: usize, M: Storable<D>>(
     place: &str,
 ) -> Error {
     let arrays = &stored.arrays;
-    let both = arrays.cell_data.iter().chain(&arrays.point_data);
-    let mut names: Vec<&str> = both.map(|array| array.name.as_str()).collect();
+    let all_arrays = arrays.cell_data.iter().chain(&arrays.point_data);
+    let mut names: Vec<&str> = all_arrays.map(|array| array.name.as_str()).collect();
     if stored.regions().is_some() {
         names.push(REGION);
     }
     names.sort_unstable();
     names.dedup();
-    let remedy = match names.is_empty() {
-        true => "omit it".to_string(),
-        false => format!("give one of {}", names.join(", ")),
+    let remedy = if names.is_empty() {
+        "omit it".to_string()
+    } else {
+        format!("give one of {}", names.join(", "))
     };
-    let problem = format!("is no array of {place}");
+    let problem = format!("is not an array of {place}");
     Error::Job(cause(format!("--color {name}"), problem, remedy))
 }
 
@@ -251,7 +265,7 @@ mod tests {
         let mut values: Vec<f64> = (0..=100).map(f64::from).collect();
         values[100] = 1e9;
         assert_eq!(percentile_range(&values), [2.0, 98.0]);
-        // One value in a hundred: all of them count.
+        // If only one value in 200 differs, the full range is used.
         let mut rare = vec![0.0; 200];
         rare[7] = 3.0;
         assert_eq!(percentile_range(&rare), [0.0, 3.0]);
@@ -261,17 +275,17 @@ mod tests {
 
     #[test]
     fn low_is_blue_and_high_is_red() {
-        let scale = paint(vec![0.0, 10.0], Colors::Scale([0.0, 10.0]));
-        let [low, high] = [-5.0, 15.0].map(|v| scale.color(v).unwrap());
+        let bar = paint(vec![0.0, 10.0], Colors::Scale([0.0, 10.0]));
+        let [low, high] = [-5.0, 15.0].map(|v| bar.color(v).unwrap());
         assert!(
             low[2] > low[0] + 50 && high[0] > high[2] + 50,
             "{low:?} {high:?}"
         );
-        assert_eq!(scale.color(f64::NAN), None);
-        let kinds = vec![(1.0, "sand".to_string()), (4.0, "silt".to_string())];
-        let kinds = paint(vec![0.0, 1.0, 4.0], Colors::Categories(kinds));
-        assert_eq!(kinds.color(0.0), None);
-        assert_ne!(kinds.color(1.0), kinds.color(4.0));
-        assert_eq!(kinds.legend()[1].0, "silt");
+        assert_eq!(bar.color(f64::NAN), None);
+        let categories = vec![(1.0, "sand".to_string()), (4.0, "silt".to_string())];
+        let categories = paint(vec![0.0, 1.0, 4.0], Colors::Categories(categories));
+        assert_eq!(categories.color(0.0), None);
+        assert_ne!(categories.color(1.0), categories.color(4.0));
+        assert_eq!(categories.legend()[1].0, "silt");
     }
 }

@@ -10,19 +10,19 @@ use crate::model::surface::SurfaceKind;
 /// A line of the mesh, in sample indices of a panel.
 pub(super) struct PanelLine {
     pub ends: [[f32; 2]; 2],
-    /// On which kind of feature.
+    /// Kind of feature on which the line lies, if any.
     pub kind: Option<SurfaceKind>,
 }
 
-/// Where a section lies on the canvas.
+/// Position and scale of a section on the canvas.
 pub(super) struct Panel {
-    /// Its upper left corner.
+    /// Upper left corner, in pixels.
     pub top_left: [f32; 2],
-    /// Pixels a sample, across and down.
+    /// Pixels per sample, horizontally and vertically.
     pub pixels_per_sample: [f32; 2],
-    /// Samples across and down.
+    /// Numbers of samples, horizontally and vertically.
     pub dims: [usize; 2],
-    /// Whether the last sample is drawn first, across and down.
+    /// `true` if the last sample is drawn first, horizontally and vertically.
     pub is_flipped: [bool; 2],
 }
 
@@ -43,11 +43,11 @@ impl Panel {
         std::array::from_fn(|k| pixel_extent(self.dims[k], self.pixels_per_sample[k]))
     }
 
-    /// The samples, interpolated linearly.
+    /// Draws the samples, interpolated linearly.
     pub(super) fn draw_image(
         &self,
         canvas: &mut Canvas,
-        shades: &ColorMap,
+        color_map: &ColorMap,
         sample: impl Fn(usize, usize) -> f32,
     ) {
         let [width, height] = self.size();
@@ -68,15 +68,15 @@ impl Panel {
                 let (x0, x1, u) = taps(column, 0);
                 let top = sample(x0, y0) * (1.0 - u) + sample(x1, y0) * u;
                 let bottom = sample(x0, y1) * (1.0 - u) + sample(x1, y1) * u;
-                let color = shades.color(top * (1.0 - v) + bottom * v);
-                let [left, above] = self.top_left.map(|c| c as u32);
-                canvas.set_pixel(left + column, above + row, color);
+                let color = color_map.color(top * (1.0 - v) + bottom * v);
+                let [origin_x, origin_y] = self.top_left.map(|c| c as u32);
+                canvas.set_pixel(origin_x + column, origin_y + row, color);
             }
         }
     }
 
-    /// A convex polygon painted with the values at its corners, which are in sample indices, where they have
-    /// a colour.
+    /// Fills a convex polygon, given in sample indices, with the colours of the values at its
+    /// corners. Values without a colour leave the image visible.
     pub(super) fn fill_polygon(
         &self,
         canvas: &mut Canvas,
@@ -86,8 +86,8 @@ impl Panel {
         for i in 1..ring.len().saturating_sub(1) {
             let corners = [ring[0], ring[i], ring[i + 1]];
             let [a, b, c] = corners.map(|(p, _)| self.pixel(p));
-            // A cell's number stays what it is.
-            let one = corners.iter().all(|(_, value)| *value == corners[0].1);
+            // A constant value, such as a cell's number, must not be changed by rounding.
+            let is_constant = corners.iter().all(|(_, value)| *value == corners[0].1);
             let area = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]);
             if area.abs() < 1e-6 {
                 continue;
@@ -101,14 +101,15 @@ impl Panel {
                     let (px, py) = (x as f32 + 0.5, y as f32 + 0.5);
                     let u = ((px - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (py - a[1])) / area;
                     let v = ((b[0] - a[0]) * (py - a[1]) - (px - a[0]) * (b[1] - a[1])) / area;
-                    // Pixels on a side belong to both.
+                    // Pixels on a side between two triangles belong to both.
                     if u < -1e-4 || v < -1e-4 || u + v > 1.0001 {
                         continue;
                     }
-                    let shares = [1.0 - u - v, u, v].map(f64::from);
-                    let value = match one {
-                        true => corners[0].1,
-                        false => (0..3).map(|k| shares[k] * corners[k].1).sum(),
+                    let weights = [1.0 - u - v, u, v].map(f64::from);
+                    let value = if is_constant {
+                        corners[0].1
+                    } else {
+                        (0..3).map(|k| weights[k] * corners[k].1).sum()
                     };
                     if let Some([r, g, b]) = color(value) {
                         canvas.set_pixel(x, y, [r, g, b, 255]);
@@ -118,30 +119,30 @@ impl Panel {
         }
     }
 
-    /// The lines of the mesh, those on features above the others.
+    /// Draws the lines of the mesh; those on features are drawn over the others.
     pub(super) fn draw_mesh_lines(
         &self,
         canvas: &mut Canvas,
-        marks: &ColorKey,
+        color_key: &ColorKey,
         lines: &[PanelLine],
     ) {
-        let thin = self.line_width();
+        let thin_width = self.line_width();
         for (kind, width) in [
-            (None, thin),
-            (Some(SurfaceKind::Horizon), 2.0 * thin + 0.8),
-            (Some(SurfaceKind::Fault), 2.0 * thin + 0.8),
+            (None, thin_width),
+            (Some(SurfaceKind::Horizon), 2.0 * thin_width + 0.8),
+            (Some(SurfaceKind::Fault), 2.0 * thin_width + 0.8),
         ] {
             let color = match kind {
-                None => marks.edge_color(),
-                Some(kind) => opaque_color(marks.trace_color(kind)),
+                None => color_key.edge_color(),
+                Some(kind) => opaque_color(color_key.trace_color(kind)),
             };
-            let chosen = lines.iter().filter(|line| line.kind == kind);
-            let ends: Vec<_> = chosen.map(|l| l.ends.map(|p| self.pixel(p))).collect();
+            let selected = lines.iter().filter(|line| line.kind == kind);
+            let ends: Vec<_> = selected.map(|l| l.ends.map(|p| self.pixel(p))).collect();
             canvas.draw_lines(&ends, color, width);
         }
     }
 
-    /// Lines that are not the mesh's.
+    /// Draws lines that do not belong to the mesh.
     pub(super) fn draw_thick_lines(
         &self,
         canvas: &mut Canvas,
@@ -152,18 +153,18 @@ impl Panel {
         canvas.draw_lines(&ends, opaque_color(color), 1.6 * self.line_width() + 0.4);
     }
 
-    /// The width of lines of the mesh.
+    /// Returns the width of mesh lines, in pixels.
     fn line_width(&self) -> f32 {
         (0.17 * self.pixels_per_sample[0].min(self.pixels_per_sample[1])).clamp(0.6, 1.2)
     }
 
-    /// The frame, where the other sections cut this one (`cut`, a sample across and down), and numbers
-    /// of the world along both axes.
+    /// Draws the frame with numbers along both axes. `cut_point`, in samples, is the point in which
+    /// the other sections meet this one; short lines outside the frame mark it.
     pub(super) fn draw_axes(
         &self,
         canvas: &mut Canvas,
         rulers: [&AxisScale; 2],
-        cut: Option<[f64; 2]>,
+        cut_point: Option<[f64; 2]>,
     ) {
         let [width, height] = self.size();
         let [left, top] = self.top_left;
@@ -171,26 +172,26 @@ impl Panel {
         let corners = [[left, top], [right, top], [right, bottom], [left, bottom]];
         let sides: Vec<_> = (0..4).map(|k| [corners[k], corners[(k + 1) % 4]]).collect();
         canvas.draw_lines(&sides, INK_COLOR, 1.0);
-        if let Some(cut) = cut {
-            let [x, y] = self.pixel(cut.map(|c| c as f32));
-            // Outside the frame, where no numbers are.
-            let marks = [[[x, top - 8.0], [x, top]], [[right, y], [right + 8.0, y]]];
-            canvas.draw_lines(&marks, INK_COLOR, 2.5);
+        if let Some(cut_point) = cut_point {
+            let [x, y] = self.pixel(cut_point.map(|c| c as f32));
+            // Outside the frame, on the sides without numbers.
+            let tick_lines = [[[x, top - 8.0], [x, top]], [[right, y], [right + 8.0, y]]];
+            canvas.draw_lines(&tick_lines, INK_COLOR, 2.5);
         }
-        let place = |k: usize, value: f64| {
+        let to_pixel = |k: usize, value: f64| {
             let ruler = rulers[k];
-            let share = (value - ruler.first) / (ruler.last - ruler.first);
-            let sample = (share * (self.dims[k] - 1) as f64) as f32;
-            let mut at = [0.0; 2];
-            at[k] = sample;
-            self.pixel(at)[k]
+            let fraction = (value - ruler.first) / (ruler.last - ruler.first);
+            let sample = (fraction * (self.dims[k] - 1) as f64) as f32;
+            let mut position = [0.0; 2];
+            position[k] = sample;
+            self.pixel(position)[k]
         };
         let [across, down] = rulers;
-        let widest = [across.first, across.last].map(|v| format_number(v, 1.0).len());
-        let room = LETTER_SIZE[0] * (widest[0].max(widest[1]) as f32 + 3.0);
-        let (values, step) = ticks(across.first, across.last, f64::from(width / room));
+        let label_lengths = [across.first, across.last].map(|v| format_number(v, 1.0).len());
+        let label_width = LETTER_SIZE[0] * (label_lengths[0].max(label_lengths[1]) as f32 + 3.0);
+        let (values, step) = ticks(across.first, across.last, f64::from(width / label_width));
         for value in values {
-            let x = place(0, value);
+            let x = to_pixel(0, value);
             canvas.draw_lines(&[[[x, bottom], [x, bottom + 5.0]]], INK_COLOR, 1.0);
             canvas.draw_text(
                 &format_number(value, step),
@@ -199,14 +200,14 @@ impl Panel {
                 INK_COLOR,
             );
         }
-        let middle = [0.5 * (left + right), bottom + 10.0 + LETTER_SIZE[1]];
-        canvas.draw_text(&across.label, middle, 0.5, INK_COLOR);
+        let label_position = [0.5 * (left + right), bottom + 10.0 + LETTER_SIZE[1]];
+        canvas.draw_text(&across.label, label_position, 0.5, INK_COLOR);
         let (values, step) = ticks(down.first, down.last, f64::from(height / 48.0));
         for value in values {
-            let y = place(1, value);
+            let y = to_pixel(1, value);
             canvas.draw_lines(&[[[left - 5.0, y], [left, y]]], INK_COLOR, 1.0);
-            let at = [left - 8.0, y - 0.5 * LETTER_SIZE[1]];
-            canvas.draw_text(&format_number(value, step), at, 1.0, INK_COLOR);
+            let position = [left - 8.0, y - 0.5 * LETTER_SIZE[1]];
+            canvas.draw_text(&format_number(value, step), position, 1.0, INK_COLOR);
         }
         canvas.draw_text(
             &down.label,
@@ -217,7 +218,7 @@ impl Panel {
     }
 }
 
-/// Pixels between the first sample and the last.
+/// Returns the number of pixels between the first sample and the last.
 pub(super) fn pixel_extent(samples: usize, scale: f32) -> f32 {
     (samples.max(2) - 1) as f32 * scale
 }

@@ -1,4 +1,4 @@
-//! Surfaces and lines that are drawn with a mesh, with an image, or by themselves.
+//! Surfaces and lines that are drawn with a mesh, with an image, or alone.
 
 use super::paint::CATEGORY_COLORS;
 use crate::model::surface::SurfaceKind;
@@ -6,13 +6,13 @@ use crate::model::surface::SurfaceKind;
 /// A surface of triangles, or lines, in physical coordinates.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct OverlayShape {
-    /// What the legend calls it.
+    /// Name in the legend.
     pub name: String,
-    /// What it is, if that is known.
+    /// Kind of the surface, if known.
     pub kind: Option<SurfaceKind>,
-    /// Its triangles.
+    /// Triangles of the surface.
     pub triangles: Vec<[[f64; 3]; 3]>,
-    /// Its lines, each from point to point.
+    /// Polylines.
     pub lines: Vec<Vec<[f64; 3]>>,
 }
 
@@ -32,77 +32,80 @@ const HORIZON_COLORS: [[u8; 3]; 6] = [
     [150, 135, 200],
     [115, 190, 210],
 ];
-/// Lines that are not on surfaces: streamlines and the like.
+/// Colour of lines that are not on surfaces, such as streamlines.
 const LINE_COLOR: [u8; 3] = [30, 110, 50];
 
 impl OverlayShape {
-    /// All its points.
+    /// Returns all points of the shape.
     pub fn points(&self) -> impl Iterator<Item = [f64; 3]> {
         let triangles = self.triangles.as_flattened().iter();
         triangles.chain(self.lines.iter().flatten()).copied()
     }
 
-    /// The pieces of its lines.
+    /// Returns the segments of its lines.
     pub(super) fn segments(&self) -> impl Iterator<Item = [[f64; 3]; 2]> {
         self.lines
             .iter()
             .flat_map(|line| line.windows(2).map(|ends| [ends[0], ends[1]]))
     }
 
-    /// Where its triangles meet the plane on which coordinate `axis` is `at`, all points as `map` has them.
+    /// Returns the sections of its triangles with the plane on which coordinate `axis` is
+    /// `position`, after `map` has transformed their corners.
     pub(super) fn section(
         &self,
         axis: usize,
-        at: f64,
+        position: f64,
         map: impl Fn([f64; 3]) -> [f64; 3],
     ) -> impl Iterator<Item = [[f64; 3]; 2]> {
         self.triangles.iter().filter_map(move |triangle| {
             let ring = triangle.map(|x| (map(x), 0.0));
-            Some(cut_polygon(&ring, axis, at)?.map(|(p, _)| p))
+            Some(cut_polygon(&ring, axis, position)?.map(|(p, _)| p))
         })
     }
 }
 
-/// A colour for each: faults and horizons have families of their own, in which no two neighbours are alike.
+/// Returns a colour for each shape. Faults and horizons have families of colours of their own, in
+/// which neighbours differ.
 pub(super) fn shape_colors(shapes: &[OverlayShape]) -> Vec<[u8; 3]> {
     let mut used = [0; 3];
     let color = |shape: &OverlayShape| {
-        let (family, which): (&[[u8; 3]], usize) = match shape.kind {
+        let (family, counter): (&[[u8; 3]], usize) = match shape.kind {
             Some(SurfaceKind::Fault | SurfaceKind::Interface) => (&FAULT_COLORS, 0),
             Some(SurfaceKind::Horizon) => (&HORIZON_COLORS, 1),
             None if shape.triangles.is_empty() => return LINE_COLOR,
             None => (&CATEGORY_COLORS, 2),
         };
-        let number = used[which];
-        used[which] += 1;
-        // Darker each time that the family begins again.
-        let light = 1.0 - 0.2 * (number / family.len() % 3) as f64;
-        family[number % family.len()].map(|c| (light * f64::from(c)) as u8)
+        let number = used[counter];
+        used[counter] += 1;
+        // Each repetition of the family is darker.
+        let brightness = 1.0 - 0.2 * (number / family.len() % 3) as f64;
+        family[number % family.len()].map(|c| (brightness * f64::from(c)) as u8)
     };
     shapes.iter().map(color).collect()
 }
 
-/// Where a convex polygon meets the plane on which coordinate `axis` is `at`, and the values there. A corner
-/// exactly on the plane counts as beyond it, so that the sections of neighbours close.
+/// Returns the ends of the section of a convex polygon with the plane on which coordinate `axis` is
+/// `position`, with the values there; `None` if there is no section. A corner exactly on the plane
+/// counts as above it, so that the sections of neighbours fit.
 pub(super) fn cut_polygon(
     ring: &[([f64; 3], f64)],
     axis: usize,
-    at: f64,
+    position: f64,
 ) -> Option<[([f64; 3], f64); 2]> {
-    let mut found = [([0.0; 3], 0.0); 2];
+    let mut ends = [([0.0; 3], 0.0); 2];
     let mut count = 0;
     for i in 0..ring.len() {
         let [(p, value), (q, next)] = [ring[i], ring[(i + 1) % ring.len()]];
-        let (u, v) = (p[axis] - at, q[axis] - at);
+        let (u, v) = (p[axis] - position, q[axis] - position);
         if (u < 0.0) == (v < 0.0) || count == 2 {
             continue;
         }
         let t = u / (u - v);
         let x = std::array::from_fn(|k| p[k] + t * (q[k] - p[k]));
-        found[count] = (x, value + t * (next - value));
+        ends[count] = (x, value + t * (next - value));
         count += 1;
     }
-    (count == 2).then_some(found)
+    (count == 2).then_some(ends)
 }
 
 #[cfg(test)]
@@ -111,14 +114,14 @@ mod tests {
 
     #[test]
     fn faults_are_warm_and_horizons_are_cool_and_no_two_are_alike() {
-        let of = |kind: Option<SurfaceKind>| OverlayShape {
+        let shape_of_kind = |kind: Option<SurfaceKind>| OverlayShape {
             kind,
             triangles: vec![[[0.0; 3]; 3]],
             ..OverlayShape::default()
         };
         let shapes: Vec<OverlayShape> = (0..14)
             .map(|i| {
-                of(Some(if i < 7 {
+                shape_of_kind(Some(if i < 7 {
                     SurfaceKind::Fault
                 } else {
                     SurfaceKind::Horizon
@@ -140,9 +143,9 @@ mod tests {
             ([4.0, 0.0, 0.0], 8.0),
             ([4.0, 0.0, 4.0], 0.0),
         ];
-        let [(p, at_p), (q, at_q)] = cut_polygon(&ring, 0, 1.0).unwrap();
-        assert_eq!((p, at_p), ([1.0, 0.0, 0.0], 2.0));
-        assert_eq!((q, at_q), ([1.0, 0.0, 1.0], 0.0));
+        let [(p, value_p), (q, value_q)] = cut_polygon(&ring, 0, 1.0).unwrap();
+        assert_eq!((p, value_p), ([1.0, 0.0, 0.0], 2.0));
+        assert_eq!((q, value_q), ([1.0, 0.0, 1.0], 0.0));
         assert_eq!(cut_polygon(&ring, 0, 5.0), None);
     }
 }

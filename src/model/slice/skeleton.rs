@@ -1,34 +1,35 @@
-//! The faces of a mesh, each once, and where they meet a plane. It makes no difference what the
-//! cells are: a cell's section is bounded by the sections of its faces.
+//! The faces of a mesh, each once, and their sections with a plane. The kind of cells makes no
+//! difference: the section of a cell is bounded by the sections of its faces.
 
 use crate::image::Geometry;
 use crate::mesh::poly::Lists;
 use crate::model::surface::SurfaceKind;
 use crate::store::{MeshFile, Storable};
 
-/// The faces of a mesh (edges, in the plane), with nodes in sample indices.
+/// The faces of a mesh (in 2-D its edges), with nodes in sample indices.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Skeleton<const D: usize> {
     /// Node positions in sample indices, x first.
     pub nodes: Vec<[f64; D]>,
-    /// The nodes of each face, in order round it.
+    /// Nodes of each face, in cyclic order.
     pub faces: Lists,
-    /// On which kind of feature each face lies, if on one.
+    /// Kind of feature on which each face lies, if any.
     pub kinds: Vec<Option<SurfaceKind>>,
 }
 
-/// A point on a line of a section, and the next.
+/// Both ends of a line.
 type Segment<const D: usize> = [[f64; D]; 2];
 
 impl<const D: usize> Skeleton<D> {
-    /// Of a mesh file (physical coordinates) in the sample indices of an image, with what the file says of
-    /// faces on features. `None` if the image's axes are linearly dependent.
+    /// Creates the skeleton of a mesh file (physical coordinates) in the sample indices of an
+    /// image, with the faces on features that the file records. Returns `None` if the image's axes
+    /// are linearly dependent.
     pub fn new<M: Storable<D>>(file: &MeshFile<M>, geometry: &Geometry<D>) -> Option<Self> {
         let mesh = &file.mesh;
-        let index = |&x: &[f64; D]| geometry.to_index(x);
-        let nodes = mesh.nodes().iter().map(index).collect::<Option<_>>()?;
-        let marks = mesh.feature_marks(M::feature_faces(file, false).as_deref());
-        let (faces, on_feature) = mesh.unique_faces(&marks.unwrap_or_default());
+        let to_index = |&x: &[f64; D]| geometry.to_index(x);
+        let nodes = mesh.nodes().iter().map(to_index).collect::<Option<_>>()?;
+        let feature_marks = mesh.feature_marks(M::feature_faces(file, false).as_deref());
+        let (faces, on_feature) = mesh.unique_faces(&feature_marks.unwrap_or_default());
         let (_, on_horizon) = mesh.unique_faces(&M::horizons(file, false));
         let kind = |(&feature, &horizon)| match (feature, horizon) {
             (_, true) => Some(SurfaceKind::Horizon),
@@ -42,7 +43,7 @@ impl<const D: usize> Skeleton<D> {
         })
     }
 
-    /// The faces, each as its nodes and the kind of feature on which it lies.
+    /// Returns the faces, each as its nodes and the kind of feature on which it lies.
     fn faces(&self) -> impl Iterator<Item = (&[u32], Option<SurfaceKind>)> {
         let numbered = self.kinds.iter().enumerate();
         numbered.map(|(face, &kind)| (self.faces.get(face), kind))
@@ -50,7 +51,7 @@ impl<const D: usize> Skeleton<D> {
 }
 
 impl Skeleton<2> {
-    /// The edges, with the kind of feature on which each lies.
+    /// Returns the edges, each with the kind of feature on which it lies.
     pub fn edges(&self) -> impl Iterator<Item = (Segment<2>, Option<SurfaceKind>)> {
         self.faces().filter_map(|(face, kind)| match *face {
             [a, b] => Some(([a, b].map(|n| self.nodes[n as usize]), kind)),
@@ -60,33 +61,34 @@ impl Skeleton<2> {
 }
 
 impl Skeleton<3> {
-    /// Where the faces meet the plane on which coordinate `axis` is `at`: a segment of each convex
-    /// face that the plane cuts, and the kind of feature on which the face lies.
+    /// Returns the sections of the faces with the plane on which coordinate `axis` is `position`: a
+    /// segment of each convex face that the plane cuts, and the kind of feature on which the face
+    /// lies.
     ///
-    /// A node exactly on the plane counts as beyond it, so that every cut face gives one segment
-    /// and the segments of a cell close.
+    /// A node exactly on the plane counts as above it, so that every cut face has one segment and
+    /// the segments of a cell form a closed line.
     pub fn section(
         &self,
         axis: usize,
-        at: f64,
+        position: f64,
     ) -> impl Iterator<Item = (Segment<3>, Option<SurfaceKind>)> {
         self.faces()
-            .filter_map(move |(face, kind)| Some((self.cut_face(face, axis, at)?, kind)))
+            .filter_map(move |(face, kind)| Some((self.cut_face(face, axis, position)?, kind)))
     }
 
-    fn cut_face(&self, face: &[u32], axis: usize, at: f64) -> Option<Segment<3>> {
-        let mut found = [[0.0; 3]; 2];
+    fn cut_face(&self, face: &[u32], axis: usize, position: f64) -> Option<Segment<3>> {
+        let mut ends = [[0.0; 3]; 2];
         let mut count = 0;
         for i in 0..face.len() {
             let [p, q] = [face[i], face[(i + 1) % face.len()]].map(|n| self.nodes[n as usize]);
-            let (u, v) = (p[axis] - at, q[axis] - at);
+            let (u, v) = (p[axis] - position, q[axis] - position);
             if (u < 0.0) == (v < 0.0) || count == 2 {
                 continue;
             }
             let t = u / (u - v);
-            found[count] = std::array::from_fn(|k| p[k] + t * (q[k] - p[k]));
+            ends[count] = std::array::from_fn(|k| p[k] + t * (q[k] - p[k]));
             count += 1;
         }
-        (count == 2).then_some(found)
+        (count == 2).then_some(ends)
     }
 }

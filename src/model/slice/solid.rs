@@ -1,4 +1,5 @@
-//! What stands in a box, seen from outside: a mesh or an image with a part taken away, surfaces, lines.
+//! A solid view of the contents of a box: a mesh or an image with a part cut away, surfaces and
+//! lines.
 
 use super::axes::draw_axis;
 use super::canvas::{Canvas, LETTER_SIZE};
@@ -21,40 +22,42 @@ use crate::model::surface::stored_surfaces::surfaces_by_bend;
 use crate::store::stored_mesh::bounding_box;
 use crate::store::{LatticeSpace, Storable, StoredMesh};
 
-/// From which side and from how far above, in radians: onto a corner, and onto a plane across what runs
-/// from left to right, away from whoever looks, and upwards.
+/// View angles around the vertical axis and above the horizon, in radians: for a view onto a
+/// corner, and for a view onto a plane perpendicular to an edge that runs to the right, away from
+/// the viewer, or upwards.
 const CORNER_VIEW_ANGLES: [f64; 2] = [0.55, 0.42];
 const PLANE_VIEW_ANGLES: [[f64; 2]; 3] = [[1.15, 0.36], [0.42, 0.36], [0.42, 0.9]];
-/// Width and height of the body, in pixels, at most.
+/// Maximum width and height of the body, in pixels.
 const MAX_BODY_SIZE: [f64; 2] = [1050.0, 850.0];
-/// Of cells and surfaces without a colour of their own.
+/// Colour of cells and surfaces without a colour of their own.
 const DEFAULT_COLOR: [u8; 3] = [222, 228, 235];
-/// Half the width of lines on a plane, and of lines in space, in pixels.
+/// Half the width, in pixels, of lines on a plane and of lines in space.
 const LINE_HALF_WIDTHS: [f64; 2] = [1.9, 1.4];
 
-/// What is taken away of a body.
+/// The part of a body that is cut away.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum CutMode {
-    /// The corner nearest to whoever looks; of a mesh whole cells, so that surfaces stand out of what is left.
+    /// The corner nearest to the viewer. Of a mesh, whole cells are cut away, so that feature
+    /// surfaces inside are visible.
     #[default]
     Corner,
-    /// All in front of a plane across this physical coordinate.
+    /// Everything in front of a plane perpendicular to this physical coordinate.
     Plane(usize),
 }
 
-/// A mesh in space, ready to be drawn.
+/// A 3-D mesh, ready to be drawn.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SolidMesh {
     faces: DrawableFaces,
-    /// Of each surface on which faces lie.
+    /// Kind of each surface on which faces lie.
     kinds: Vec<SurfaceKind>,
 }
 
 impl SolidMesh {
-    /// Of a mesh.
+    /// Creates the drawable form of a mesh.
     ///
     /// # Errors
-    /// [`Error::Mesh`](crate::Error::Mesh) if more than two cells share a face.
+    /// Returns [`Error::Mesh`](crate::Error::Mesh) if more than two cells share a face.
     pub fn from_stored<M: Storable<3>>(stored: &StoredMesh<3, M>) -> Result<Self> {
         let surfaces = stored
             .feature_marks()
@@ -66,7 +69,7 @@ impl SolidMesh {
         })
     }
 
-    /// The box itself, as one cell.
+    /// Returns the box itself, as a mesh of one cell.
     fn unit_box() -> Self {
         let nodes = (0..8).map(|i| [i & 1, i >> 1 & 1, i >> 2].map(f64::from));
         let mut rings = Lists::default();
@@ -88,36 +91,36 @@ impl SolidMesh {
         }
     }
 
-    /// The kind of surface on which a face lies, if it lies on one.
+    /// Returns the kind of surface on which a face lies, if any.
     fn face_kind(&self, face: usize) -> Option<SurfaceKind> {
         let surface = (self.faces.surfaces[face] as usize).checked_sub(1)?;
         self.kinds.get(surface).copied()
     }
 }
 
-/// What is drawn.
+/// Contents and options of a solid view.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SolidView<'a> {
     /// The box.
     pub space: LatticeSpace<3>,
-    /// The image in it.
+    /// The image in the box.
     pub image: Option<&'a Image<3>>,
-    /// The mesh in it.
+    /// The mesh in the box.
     pub mesh: Option<SolidMesh>,
-    /// What the mesh is painted with instead of the image.
+    /// Colours of the mesh instead of those of the image.
     pub paint: Option<Paint>,
-    /// Surfaces and lines in it, in physical coordinates.
+    /// Surfaces and lines in the box, in physical coordinates.
     pub shapes: Vec<OverlayShape>,
-    /// Which way is up; as the image and the mesh have it if not given.
+    /// The upward direction; `None` takes that of the image and the mesh.
     pub up_direction: Option<UpDirection>,
-    /// What is taken away.
+    /// The part that is cut away.
     pub cut: CutMode,
-    /// Where, in samples; in the middle if not given.
+    /// Point of the cut, in samples; `None` takes the middle of the box.
     pub cut_point: Option<[f64; 3]>,
 }
 
 impl SolidView<'_> {
-    /// The box of an image.
+    /// Returns the box of an image.
     pub fn image_space(dims: [usize; 3], geometry: &Geometry<3>) -> LatticeSpace<3> {
         LatticeSpace {
             extent: dims.map(|n| (n.max(2) - 1) as f64),
@@ -128,171 +131,197 @@ impl SolidView<'_> {
         }
     }
 
-    /// The box around shapes, of any size even if they are flat.
+    /// Returns the bounding box of shapes. It has a minimum width along each axis, so that flat
+    /// shapes can be drawn.
     pub fn bounding_space(shapes: &[OverlayShape]) -> LatticeSpace<3> {
         let points: Vec<[f64; 3]> = shapes.iter().flat_map(OverlayShape::points).collect();
         let (low, high) = bounding_box(&points);
         let widths: [f64; 3] = std::array::from_fn(|k| high[k] - low[k]);
-        let least = 1e-3 * widths.iter().copied().fold(1e-9, f64::max);
+        let min_width = 1e-3 * widths.iter().copied().fold(1e-9, f64::max);
         Self::image_space(
             [2; 3],
-            &Geometry::with_spacing(low, widths.map(|width| width.max(least))),
+            &Geometry::with_spacing(low, widths.map(|width| width.max(min_width))),
         )
     }
 
-    /// Draws it.
+    /// Draws the view.
     ///
     /// # Errors
-    /// [`Error::Job`](crate::Error::Job) if it is cut outside of the image.
+    /// Returns [`Error::Job`](crate::Error::Job) if the point of the cut is outside the image, and
+    /// [`Error::Image`](crate::Error::Image) if the picture would be too large.
     pub fn draw(&self, caption: &Caption) -> Result<Canvas> {
         let mut frame = BoxFrame::new(&self.space, self.image.map(|image| &image.geometry));
         if let Some(up) = self.up_direction {
             (frame.up_coordinate, frame.down) = (up.coordinate, up.points_down);
         }
-        for (ruler, own) in frame.rulers.iter_mut().zip(&caption.rulers) {
-            if let Some(own) = own {
-                ruler.clone_from(own);
+        for (ruler, custom) in frame.rulers.iter_mut().zip(&caption.rulers) {
+            if let Some(custom) = custom {
+                ruler.clone_from(custom);
             }
         }
-        let across = match self.cut {
+        let cut_axis = match self.cut {
             CutMode::Corner => None,
             CutMode::Plane(coordinate) => Some(axis_along(&self.space.geometry, coordinate)),
         };
-        let [side, above] = match across {
+        let [azimuth, elevation] = match cut_axis {
             None => CORNER_VIEW_ANGLES,
             Some(axis) => PLANE_VIEW_ANGLES[frame.display_direction(axis)],
         };
-        let rows = frame.projection(side, above);
-        let opening = self.clip_region(&rows, across)?;
+        let projection = frame.projection(azimuth, elevation);
+        let clip_region = self.clip_region(&projection, cut_axis)?;
 
-        let wide = |row: &[f64; 4]| row[..3].iter().map(|c| c.abs()).sum::<f64>();
-        let unit = (MAX_BODY_SIZE[0] / wide(&rows[0])).min(MAX_BODY_SIZE[1] / wide(&rows[1]));
-        let size = [0, 1].map(|k| (unit * wide(&rows[k])).ceil());
-        // Numbers and names of axes stand outside of the body on all sides.
-        let longest = (frame.rulers.iter()).fold(0, |most, r| most.max(r.label.chars().count()));
-        let left = LEFT_MARGIN.max(0.8 * LETTER_SIZE[0] * longest as f32);
+        let projected_size = |row: &[f64; 4]| row[..3].iter().map(|c| c.abs()).sum::<f64>();
+        let unit = (MAX_BODY_SIZE[0] / projected_size(&projection[0]))
+            .min(MAX_BODY_SIZE[1] / projected_size(&projection[1]));
+        let size = [0, 1].map(|k| (unit * projected_size(&projection[k])).ceil());
+        // Numbers and names of axes are outside the body on all sides.
+        let max_label_length =
+            (frame.rulers.iter()).fold(0, |max, r| max.max(r.label.chars().count()));
+        let left = LEFT_MARGIN.max(0.8 * LETTER_SIZE[0] * max_label_length as f32);
         let mut canvas = blank_canvas(
             size[0] as f32 + left + RIGHT_MARGIN + 40.0,
             size[1] as f32 + TOP_MARGIN + BOTTOM_MARGIN + 50.0,
             caption,
         )?;
-        let middle = [
+        let centre = [
             f64::from(left) + 0.5 * size[0] + 20.0,
             f64::from(TOP_MARGIN) + 0.5 * size[1],
         ];
-        let shades = self
+        let color_map = self
             .image
             .map(|image| ColorMap::from_samples(image.as_slice()));
-        let mut marks = ColorKey::new(shades, self.paint.as_ref());
-        let mut raster = Raster::new(canvas.size(), rows, unit, middle, marks.edge_color());
+        let mut color_key = ColorKey::new(color_map, self.paint.as_ref());
+        let mut raster = Raster::new(
+            canvas.size(),
+            projection,
+            unit,
+            centre,
+            color_key.edge_color(),
+        );
         match &self.mesh {
-            Some(body) => {
-                marks.add_mesh();
-                let whole = self.cut == CutMode::Corner;
-                self.draw_mesh(body, &opening, whole, &mut raster, &mut marks);
+            Some(mesh) => {
+                color_key.add_mesh();
+                let by_whole_cells = self.cut == CutMode::Corner;
+                self.draw_mesh(
+                    mesh,
+                    &clip_region,
+                    by_whole_cells,
+                    &mut raster,
+                    &mut color_key,
+                );
             }
             None if self.image.is_some() => {
                 self.draw_mesh(
                     &SolidMesh::unit_box(),
-                    &opening,
+                    &clip_region,
                     false,
                     &mut raster,
-                    &mut marks,
+                    &mut color_key,
                 );
             }
             None => {}
         }
-        self.draw_shapes(&mut raster, &mut marks);
+        self.draw_shapes(&mut raster, &mut color_key);
         raster.draw_outline();
         raster.copy_to_canvas(&mut canvas);
         for k in 0..3 {
             draw_axis(&mut canvas, &raster, &frame.rulers[k], k);
         }
-        marks.draw_decorations(&mut canvas, caption);
+        color_key.draw_decorations(&mut canvas, caption);
         Ok(canvas)
     }
 
-    /// What is taken away, seen from a side: across all axes, or across one.
-    fn clip_region(&self, rows: &[[f64; 4]; 3], across: Option<usize>) -> Result<ClipRegion> {
+    /// Returns the part that is cut away for this projection: by planes perpendicular to all axes,
+    /// or to one.
+    fn clip_region(
+        &self,
+        projection: &[[f64; 4]; 3],
+        cut_axis: Option<usize>,
+    ) -> Result<ClipRegion> {
         let dims = self.space.dims();
-        if let Some(at) = self.cut_point {
-            check_inside(dims.map(|n| n.round() as usize), at)?;
+        if let Some(point) = self.cut_point {
+            check_inside(dims.map(|n| n.round() as usize), point)?;
         }
-        let share = |k: usize| match self.cut_point {
-            Some(at) => at[k] / (dims[k] - 1.0),
+        let fraction = |k: usize| match self.cut_point {
+            Some(point) => point[k] / (dims[k] - 1.0),
             None => 0.5,
         };
-        let planes = (0..3).filter(|k| across.is_none_or(|axis| axis == *k));
+        let planes = (0..3).filter(|k| cut_axis.is_none_or(|axis| axis == *k));
         Ok(ClipRegion {
-            planes: planes.map(|k| (k, share(k), rows[2][k] > 0.0)).collect(),
+            planes: planes
+                .map(|k| (k, fraction(k), projection[2][k] > 0.0))
+                .collect(),
         })
     }
 
-    /// Draws a mesh without its `whole` cells in the opening, or cut at the planes of it.
+    /// Draws a mesh without the cells whose centres are in the clip region (if `by_whole_cells`),
+    /// or cut at the planes of the region.
     fn draw_mesh(
         &self,
-        body: &SolidMesh,
-        opening: &ClipRegion,
-        whole: bool,
+        mesh: &SolidMesh,
+        clip_region: &ClipRegion,
+        by_whole_cells: bool,
         raster: &mut Raster,
-        marks: &mut ColorKey,
+        color_key: &mut ColorKey,
     ) {
-        let faces = &body.faces;
+        let faces = &mesh.faces;
         let value = |cell: u32, node: u32| match &self.paint {
             Some(paint) => paint.value(cell, node),
             None => 0.0,
         };
         let color = |p: [f64; 3], value: f64| {
             let painted = self.paint.as_ref().and_then(|paint| paint.color(value));
-            painted.unwrap_or_else(|| self.image_color(p, marks.color_map.as_ref()))
+            painted.unwrap_or_else(|| self.image_color(p, color_key.color_map.as_ref()))
         };
-        let shown = |cell: u32| {
-            cell != NONE && !(whole && opening.contains(faces.cell_centres[cell as usize]))
+        let is_shown = |cell: u32| {
+            cell != NONE
+                && !(by_whole_cells && clip_region.contains(faces.cell_centres[cell as usize]))
         };
-        let mut seen = Vec::new();
+        let mut visible_kinds = Vec::new();
         for face in 0..faces.len() {
             let cells = faces.cells[face];
-            let inside = cells.map(shown);
-            let kind = body.face_kind(face);
-            let of = if inside[0] || !inside[1] {
+            let are_shown = cells.map(is_shown);
+            let kind = mesh.face_kind(face);
+            let cell = if are_shown[0] || !are_shown[1] {
                 cells[0]
             } else {
                 cells[1]
             };
-            let corner = |&n: &u32| (faces.nodes[n as usize], value(of, n));
+            let corner = |&n: &u32| (faces.nodes[n as usize], value(cell, n));
             let ring: Vec<ValuedPoint> = faces.rings.get(face).iter().map(corner).collect();
             match kind {
-                Some(kind) if whole => {
-                    let fill = marks.feature_color(kind);
+                Some(kind) if by_whole_cells => {
+                    let fill = color_key.feature_color(kind);
                     raster.draw_polygon(&ring, &|_, _| Some(fill), 1e-4);
-                    seen.push(kind);
+                    visible_kinds.push(kind);
                 }
-                _ if inside[0] != inside[1] => {
-                    let kept = |p: [f64; 3]| whole || !opening.contains(p);
-                    raster.draw_polygon(&ring, &|p, v| kept(p).then(|| color(p, v)), 0.0);
+                _ if are_shown[0] != are_shown[1] => {
+                    let is_kept = |p: [f64; 3]| by_whole_cells || !clip_region.contains(p);
+                    raster.draw_polygon(&ring, &|p, v| is_kept(p).then(|| color(p, v)), 0.0);
                 }
                 _ => {}
             }
         }
-        if whole {
-            seen.into_iter()
-                .for_each(|kind| marks.add_kind(kind, marks.feature_color(kind)));
+        if by_whole_cells {
+            visible_kinds
+                .into_iter()
+                .for_each(|kind| color_key.add_kind(kind, color_key.feature_color(kind)));
             return;
         }
-        for (i, &(k, at, _)) in opening.planes.iter().enumerate() {
-            for (_, ring) in cell_sections(faces, k, at, &value) {
-                let kept = |p: [f64; 3]| opening.is_on_rim(i, p);
-                raster.draw_polygon(&ring, &|p, v| kept(p).then(|| color(p, v)), 1e-5);
+        for (i, &(k, position, _)) in clip_region.planes.iter().enumerate() {
+            for (_, ring) in cell_sections(faces, k, position, &value) {
+                let is_kept = |p: [f64; 3]| clip_region.is_on_rim(i, p);
+                raster.draw_polygon(&ring, &|p, v| is_kept(p).then(|| color(p, v)), 1e-5);
             }
             for face in 0..faces.len() {
-                let Some(kind) = body.face_kind(face) else {
+                let Some(kind) = mesh.face_kind(face) else {
                     continue;
                 };
                 let nodes = faces.rings.get(face).iter();
                 let ring: Vec<ValuedPoint> =
                     nodes.map(|&n| (faces.nodes[n as usize], 0.0)).collect();
-                if let Some(ends) = shape::cut_polygon(&ring, k, at) {
-                    let color = marks.trace_color(kind);
+                if let Some(ends) = shape::cut_polygon(&ring, k, position) {
+                    let color = color_key.trace_color(kind);
                     raster.draw_tube(
                         ends.map(|(p, _)| p),
                         color,
@@ -300,39 +329,40 @@ impl SolidView<'_> {
                         false,
                         2e-3,
                     );
-                    seen.push(kind);
+                    visible_kinds.push(kind);
                 }
             }
         }
-        seen.into_iter()
-            .for_each(|kind| marks.add_kind(kind, marks.trace_color(kind)));
+        visible_kinds
+            .into_iter()
+            .for_each(|kind| color_key.add_kind(kind, color_key.trace_color(kind)));
     }
 
-    /// The colour of the image at a point of the box.
-    fn image_color(&self, p: [f64; 3], shades: Option<&ColorMap>) -> [u8; 3] {
-        let (Some(image), Some(shades)) = (self.image, shades) else {
+    /// Returns the colour of the image at a point of the box.
+    fn image_color(&self, p: [f64; 3], color_map: Option<&ColorMap>) -> [u8; 3] {
+        let (Some(image), Some(color_map)) = (self.image, color_map) else {
             return DEFAULT_COLOR;
         };
         let dims = image.dims();
         let index = std::array::from_fn(|k| p[k] * (dims[k] - 1) as f64);
-        let [r, g, b, _] = shades.color(image.interpolate_linear(index));
+        let [r, g, b, _] = color_map.color(image.interpolate_linear(index));
         [r, g, b]
     }
 
-    fn draw_shapes(&self, raster: &mut Raster, marks: &mut ColorKey) {
-        let place = |x: [f64; 3]| {
-            let at = self.space.to_lattice(x).unwrap_or_default();
-            std::array::from_fn(|k| at[k] / self.space.extent[k])
+    fn draw_shapes(&self, raster: &mut Raster, color_key: &mut ColorKey) {
+        let to_box = |x: [f64; 3]| {
+            let position = self.space.to_lattice(x).unwrap_or_default();
+            std::array::from_fn(|k| position[k] / self.space.extent[k])
         };
         for (shape, color) in self.shapes.iter().zip(shape::shape_colors(&self.shapes)) {
             for triangle in &shape.triangles {
-                let ring = triangle.map(|x| (place(x), 0.0));
+                let ring = triangle.map(|x| (to_box(x), 0.0));
                 raster.draw_polygon(&ring, &|_, _| Some(color), 2e-4);
             }
             for ends in shape.segments() {
-                raster.draw_tube(ends.map(place), color, LINE_HALF_WIDTHS[1], true, 0.0);
+                raster.draw_tube(ends.map(to_box), color, LINE_HALF_WIDTHS[1], true, 0.0);
             }
-            marks.add_shape(shape, color);
+            color_key.add_shape(shape, color);
         }
     }
 }

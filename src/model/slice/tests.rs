@@ -6,7 +6,7 @@ use crate::mesh::{TetMesh, TriMesh};
 use crate::model::surface::SurfaceKind;
 use crate::store::MeshFile;
 
-/// The unit cube as six tetrahedra about its diagonal, scaled to side `size`.
+/// Returns a cube of side `size` as six tetrahedra around its diagonal.
 pub(super) fn cube(size: f64) -> TetMesh {
     let nodes: Vec<[f64; 3]> = (0..8)
         .map(|i| [i & 1, i >> 1 & 1, i >> 2].map(|c| size * f64::from(c)))
@@ -32,7 +32,7 @@ fn overlay<const D: usize>(mesh: Skeleton<D>) -> Overlay<D> {
     }
 }
 
-/// The cells of a unit cube.
+/// Returns the faces of a unit cube of six tetrahedra.
 pub(super) fn unit_cube() -> DrawableFaces {
     let stored = StoredMesh::new(mesh_file(cube(1.0), "none", vec![0; 6]), "cube").unwrap();
     DrawableFaces::from_mesh(&stored, &[]).unwrap()
@@ -42,30 +42,34 @@ pub(super) fn unit_cube() -> DrawableFaces {
 fn a_section_lies_in_its_plane_and_closes() {
     let mesh = mesh_file(cube(2.0), "feature_faces", vec![1, 0, 0, 0, 0, 0]);
     let skeleton = Skeleton::new(&mesh, &Geometry::default()).unwrap();
-    // 12 faces on the sides and 6 about the diagonal; one is marked.
+    // There are 12 faces on the sides and 6 around the diagonal; one lies on a feature.
     assert_eq!(skeleton.kinds.len(), 18);
     assert_eq!(skeleton.kinds.iter().flatten().count(), 1);
     for axis in 0..3 {
-        for at in [0.3, 1.0, 1.7] {
-            let found: Vec<_> = skeleton.section(axis, at).map(|(ends, _)| ends).collect();
-            // The square's rim has a side of 2 and 8 half-sides or more; every end is shared.
-            let mut around = 0.0;
-            for [p, q] in &found {
-                assert!((p[axis] - at).abs() < 1e-12 && (q[axis] - at).abs() < 1e-12);
+        for position in [0.3, 1.0, 1.7] {
+            let segments: Vec<_> = skeleton
+                .section(axis, position)
+                .map(|(ends, _)| ends)
+                .collect();
+            // The rim of the section is a square of side 2. Every end must belong to at least two
+            // segments.
+            let mut rim_length = 0.0;
+            for [p, q] in &segments {
+                assert!((p[axis] - position).abs() < 1e-12 && (q[axis] - position).abs() < 1e-12);
                 let on_rim =
                     |k: &usize| *k != axis && p[*k] == q[*k] && (p[*k] == 0.0 || p[*k] == 2.0);
                 if (0..3).any(|k| on_rim(&k)) {
-                    around += (0..3).map(|k| (p[k] - q[k]).abs()).sum::<f64>();
+                    rim_length += (0..3).map(|k| (p[k] - q[k]).abs()).sum::<f64>();
                 }
                 for end in [p, q] {
-                    let near = |r: &[f64; 3]| (0..3).all(|k| (r[k] - end[k]).abs() < 1e-12);
-                    let meet = found.iter().flatten().filter(|r| near(r)).count();
-                    assert!(meet >= 2, "a loose end at {end:?}");
+                    let coincides = |r: &[f64; 3]| (0..3).all(|k| (r[k] - end[k]).abs() < 1e-12);
+                    let meeting_count = segments.iter().flatten().filter(|r| coincides(r)).count();
+                    assert!(meeting_count >= 2, "a loose end at {end:?}");
                 }
             }
             assert!(
-                (around - 8.0).abs() < 1e-12,
-                "axis {axis} at {at}: {around}"
+                (rim_length - 8.0).abs() < 1e-12,
+                "axis {axis} at {position}: {rim_length}"
             );
         }
     }
@@ -74,7 +78,7 @@ fn a_section_lies_in_its_plane_and_closes() {
 
 #[test]
 fn polygons_are_cut_as_triangles_are() {
-    // One square face, upright on the plane z = 0.5.
+    // One rectangular face that crosses the plane z = 0.5 at right angles.
     let skeleton = Skeleton::<3> {
         nodes: vec![[0.0; 3], [4.0, 0.0, 0.0], [4.0, 0.0, 1.0], [0.0, 0.0, 1.0]],
         faces: Lists {
@@ -83,9 +87,9 @@ fn polygons_are_cut_as_triangles_are() {
         },
         kinds: vec![Some(SurfaceKind::Fault)],
     };
-    let found: Vec<_> = skeleton.section(2, 0.5).collect();
+    let segments: Vec<_> = skeleton.section(2, 0.5).collect();
     assert_eq!(
-        found,
+        segments,
         [([[4.0, 0.0, 0.5], [0.0, 0.0, 0.5]], Some(SurfaceKind::Fault))]
     );
 }
@@ -112,14 +116,14 @@ fn the_feature_edge_is_drawn_in_its_colour_where_it_is() {
     );
     let picture = draw_plane(&image, &overlay(skeleton), &Caption::default()).unwrap();
     let [width, height] = picture.size();
-    // 20 steps of 8 pixels, and room for what stands round them.
+    // 20 steps of 8 pixels, and the margins.
     assert_eq!(
         [width, height],
         [520, 160 + (TOP_MARGIN + BOTTOM_MARGIN) as u32]
     );
     let middle = picture.color(LEFT_MARGIN as u32 + 80, TOP_MARGIN as u32 + 80);
     assert_eq!(middle, [255, 120, 0]);
-    // Off the diagonal there is the image's grey: dark on the left, bright on the right.
+    // Next to the diagonal is the image's grey: dark on the left, bright on the right.
     let [left, right] =
         [20, 140].map(|x| picture.color(LEFT_MARGIN as u32 + x, TOP_MARGIN as u32 + 40));
     assert!(
@@ -130,8 +134,8 @@ fn the_feature_edge_is_drawn_in_its_colour_where_it_is() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.png");
     picture.write(&path).unwrap();
-    let back = crate::image::formats::png::read(&path).unwrap().image;
-    assert_eq!(back.dims(), [width as usize, height as usize]);
+    let decoded = crate::image::formats::png::read(&path).unwrap().image;
+    assert_eq!(decoded.dims(), [width as usize, height as usize]);
 }
 
 #[test]
@@ -160,17 +164,17 @@ fn three_panels_meet_at_the_point_and_points_outside_are_refused() {
     let image = Image::new([9, 7, 5], vec![0.5; 315], Geometry::default());
     let mesh = mesh_file(cube(4.0), "feature_faces", vec![0; 6]);
     let skeleton = Skeleton::new(&mesh, &image.geometry).unwrap();
-    let sections = |at| Sections::new(Path::new("image"), image.dims(), &image, at);
-    let through = sections([4.0, 3.0, 2.0]).unwrap();
+    let sections = |point| Sections::new(Path::new("image"), image.dims(), &image, point);
+    let planes = sections([4.0, 3.0, 2.0]).unwrap();
     let picture = draw_sections(
-        &through,
+        &planes,
         &image.geometry,
         &overlay(skeleton),
         &Caption::default(),
     )
     .unwrap();
     let [width, height] = picture.size();
-    // x and y across, y and z down.
+    // The panels show x and y horizontally, y and z vertically.
     assert_eq!(
         width,
         520.max((8.0 * 14.0 + PANEL_GAP + LEFT_MARGIN + RIGHT_MARGIN) as u32)
@@ -179,8 +183,8 @@ fn three_panels_meet_at_the_point_and_points_outside_are_refused() {
         height,
         (8.0 * 10.0 + PANEL_GAP + TOP_MARGIN + BOTTOM_MARGIN) as u32
     );
-    for wrong in [[9.0, 3.0, 2.0], [4.0, -1.0, 2.0], [4.0, 3.0, f64::NAN]] {
-        assert!(sections(wrong).is_err());
+    for outside in [[9.0, 3.0, 2.0], [4.0, -1.0, 2.0], [4.0, 3.0, f64::NAN]] {
+        assert!(sections(outside).is_err());
     }
 }
 
@@ -193,7 +197,7 @@ fn the_sample_axis_of_a_survey_is_upright() {
     assert_eq!([0, 1].map(|c| axis_along(&geometry, c)), [1, 2]);
 }
 
-/// A section of two rows of samples, the fast axis along time: bright early, dark late.
+/// A 2-D section whose fast axis is time: bright at early times, dark at late ones.
 #[test]
 fn sections_of_seismic_stand_upright_and_keep_the_shape_of_the_world() {
     let samples: Vec<f32> = (0..40 * 20).map(|i| 1.0 - (i % 40) as f32 / 39.0).collect();
@@ -214,11 +218,11 @@ fn sections_of_seismic_stand_upright_and_keep_the_shape_of_the_world() {
     geometry.units = ["m".into(), "ms".into()];
     let [early, late] = ends(&draw(&geometry));
     assert!(early > 200 && late < 60, "{early} {late}");
-    // Time counted below zero: late is lowest all the same.
+    // With negative times, too, late samples are at the bottom.
     geometry.axes[0] = [0.0, -4.0];
     let [early, late] = ends(&draw(&geometry));
     assert!(early > 200 && late < 60, "{early} {late}");
-    // In metres, lengths are true: 475 m wide, 156 m high, 2 pixels a metre.
+    // With both axes in metres, lengths are true to scale: 475 m wide and 156 m high.
     geometry.units = ["m".into(), "m".into()];
     let [width, height] = draw(&geometry).size().map(|n| n as f32);
     let shape = (width - LEFT_MARGIN - RIGHT_MARGIN) / (height - TOP_MARGIN - BOTTOM_MARGIN);
@@ -237,10 +241,10 @@ fn faults_and_horizons_have_colours_of_their_own() {
         kinds: vec![Some(SurfaceKind::Fault), Some(SurfaceKind::Horizon)],
     };
     let picture = draw_plane(&image, &overlay(skeleton), &Caption::default()).unwrap();
-    let at = |y: f32| picture.color(LEFT_MARGIN as u32 + 80, (TOP_MARGIN + 8.0 * y) as u32);
-    let shades = ColorMap::from_samples(image.as_slice());
-    assert_eq!(at(5.0), shades.feature_color()[..3]);
-    assert_eq!(at(15.0), shades.horizon_color()[..3]);
+    let color_at = |y: f32| picture.color(LEFT_MARGIN as u32 + 80, (TOP_MARGIN + 8.0 * y) as u32);
+    let color_map = ColorMap::from_samples(image.as_slice());
+    assert_eq!(color_at(5.0), color_map.feature_color()[..3]);
+    assert_eq!(color_at(15.0), color_map.horizon_color()[..3]);
 }
 
 #[test]
@@ -262,25 +266,25 @@ fn cells_of_the_plane_are_painted_and_lines_are_drawn_where_they_are() {
         lines: vec![vec![[2.0, 5.0, 0.0], [12.0, 5.0, 0.0]]],
         ..OverlayShape::default()
     };
-    let over = Overlay {
+    let painted_overlay = Overlay {
         painted_cells: Some(painted),
         shapes: vec![line],
         ..overlay(skeleton)
     };
-    let picture = draw_plane(&image, &over, &Caption::default()).unwrap();
-    let at = |x: f32, y: f32| {
+    let picture = draw_plane(&image, &painted_overlay, &Caption::default()).unwrap();
+    let color_at = |x: f32, y: f32| {
         picture.color(
             (LEFT_MARGIN + 8.0 * x) as u32,
             (TOP_MARGIN + 8.0 * y) as u32,
         )
     };
-    let ([r, _, b], [s, _, c]) = (at(1.0, 1.0), at(19.0, 19.0));
+    let ([r, _, b], [s, _, c]) = (color_at(1.0, 1.0), color_at(19.0, 19.0));
     assert!(b > r && s > c, "{r} {b}, {s} {c}");
-    // The diagonal is a feature: dark. The line is green, and ends where it ends.
-    assert!(at(10.0, 10.0).iter().all(|c| *c < 40));
-    let [r, g, b] = at(8.0, 5.0);
+    // The diagonal is a feature and is dark. The line is green and ends at its last point.
+    assert!(color_at(10.0, 10.0).iter().all(|c| *c < 40));
+    let [r, g, b] = color_at(8.0, 5.0);
     assert!(g > r + 40 && g > b + 40, "{r} {g} {b}");
-    assert_ne!(at(13.0, 5.0), [r, g, b]);
+    assert_ne!(color_at(13.0, 5.0), [r, g, b]);
     let error = Paint::from_array(&stored, "presure", "square")
         .unwrap_err()
         .to_string();
@@ -296,27 +300,33 @@ fn sections_are_painted_by_region_and_surfaces_leave_traces() {
     let mesh = mesh_file(cube(9.0), "region", vec![0, 3, 3, 3, 3, 3]);
     let stored = StoredMesh::new(mesh, "cube").unwrap();
     let paint = Paint::from_array(&stored, "region", "cube").unwrap();
-    let sheet = OverlayShape {
+    let fault = OverlayShape {
         kind: Some(SurfaceKind::Fault),
         triangles: vec![[[6.0, -30.0, -30.0], [6.0, 90.0, 4.0], [6.0, -30.0, 90.0]]],
         ..OverlayShape::default()
     };
-    let over = Overlay {
+    let fault_overlay = Overlay {
         painted_cells: Some(PaintedCells::new(&stored, paint).unwrap()),
-        shapes: vec![sheet],
+        shapes: vec![fault],
         ..Overlay::default()
     };
-    let at = [4.0, 4.0, 5.0];
-    let through = Sections::new(Path::new("image"), image.dims(), &image, at).unwrap();
-    let picture = draw_sections(&through, &image.geometry, &over, &Caption::default()).unwrap();
-    // The section across z is the first panel, x across and y down.
+    let point = [4.0, 4.0, 5.0];
+    let planes = Sections::new(Path::new("image"), image.dims(), &image, point).unwrap();
+    let picture = draw_sections(
+        &planes,
+        &image.geometry,
+        &fault_overlay,
+        &Caption::default(),
+    )
+    .unwrap();
+    // The section across z is the first panel, with x to the right and y downwards.
     let color = |x: f32, y: f32| {
         picture.color(
             (LEFT_MARGIN + 8.0 * x) as u32,
             (TOP_MARGIN + 8.0 * y) as u32,
         )
     };
-    // The first cell holds 0 < z < y < x < 9 or another order of the three; it is not painted.
+    // The first cell has region 0 and is not painted; it covers one sixth of the cube.
     let painted = (0..81).filter(|i| {
         let [r, g, b] = color((i % 9) as f32 + 0.6, (i / 9) as f32 + 0.3);
         r != g || g != b

@@ -1,4 +1,4 @@
-//! Which facets continue each other: across ridges, and across gaps.
+//! Votes on which pieces of a feature continue each other, across ridges and across gaps.
 
 use crate::parallel::prelude::*;
 
@@ -8,20 +8,20 @@ use crate::geometry::cell_list::CellList;
 use crate::geometry::union_find::UnionFind;
 use crate::geometry::{add_scaled, dot, norm, sub, unit};
 
-/// Normals are averaged over ridges of two sides that bend less: 20 degrees, four times what the noise
-/// of a mesh on a smooth feature does.
+/// Smallest cosine of the bend at a ridge of two sides over which normals are averaged: 20 degrees,
+/// four times the noise of a mesh on a smooth feature.
 const MIN_SMOOTH_COSINE: f64 = 0.94;
-/// A piece ends where averaged normals differ by more: 7 degrees from facet to facet. Features that
-/// cross at 30 degrees and are blurred over four facets where they do come apart so; what comes
-/// apart without need is united again by its votes.
+/// Smallest cosine between averaged normals of neighbouring facets in a piece: 7 degrees. Features
+/// that cross at 30 degrees and are blurred over four facets are separated by it. Pieces that it
+/// separates without need are united again by their votes.
 const MIN_AVERAGED_COSINE: f64 = 0.9925;
-/// Normals are averaged over this many rings of facets.
+/// Number of rings of facets over which normals are averaged.
 const NORMAL_RINGS: usize = 3;
 
-/// The surely smooth pieces of a feature, and a normal of each facet that is free of the mesh's noise.
+/// The smooth pieces of a feature, and a normal of each facet without the noise of the mesh.
 #[derive(Debug)]
 pub struct SmoothPieces<const D: usize> {
-    /// The piece that each facet belongs to.
+    /// The piece of each facet.
     pub piece: Vec<u32>,
     /// Number of pieces.
     pub count: usize,
@@ -30,12 +30,12 @@ pub struct SmoothPieces<const D: usize> {
 }
 
 impl<const D: usize> SmoothPieces<D> {
-    /// Facets that meet two by two with little bend, by themselves and by their averaged normals, and
-    /// no fault between them.
-    pub fn new(facets: &FacetComplex<D>, walls: Option<&FaultSeparation<D>>) -> Self {
+    /// Finds the pieces. Two facets are in one piece if they meet at a ridge of two sides with a
+    /// small bend, both by their own normals and by averaged ones, and no fault separates them.
+    pub fn new(facets: &FacetComplex<D>, separation: Option<&FaultSeparation<D>>) -> Self {
         let count = facets.len();
         let neighbour = |side: usize| match smooth_neighbour(facets, side) {
-            g if g != NONE && is_separated(walls, side / D, g as usize) => NONE,
+            g if g != NONE && is_separated(separation, side / D, g as usize) => NONE,
             g => g,
         };
         let smooth: Vec<[u32; D]> = (0..count)
@@ -51,11 +51,11 @@ impl<const D: usize> SmoothPieces<D> {
             normals = (0..count)
                 .into_par_iter()
                 .map(|f| {
-                    let own = normals[f];
-                    let near = smooth[f].iter().filter(|&&g| g != NONE);
-                    let sum = near.fold(own.map(|c| c * norm(area[f])), |sum, &g| {
+                    let normal = normals[f];
+                    let neighbours = smooth[f].iter().filter(|&&g| g != NONE);
+                    let sum = neighbours.fold(normal.map(|c| c * norm(area[f])), |sum, &g| {
                         let other = normals[g as usize];
-                        let weight = norm(area[g as usize]).copysign(dot(own, other));
+                        let weight = norm(area[g as usize]).copysign(dot(normal, other));
                         add_scaled(sum, weight, other)
                     });
                     unit(sum)
@@ -78,7 +78,8 @@ impl<const D: usize> SmoothPieces<D> {
         }
     }
 
-    /// The direction in which the surface of a side's facet goes on beyond the ridge.
+    /// Returns the direction in which the surface of a side's facet would continue beyond the
+    /// ridge.
     fn outward(&self, facets: &FacetComplex<D>, side: usize) -> [f64; D] {
         let inward = facets.inward(side);
         let normal = self.normals[side / D];
@@ -86,20 +87,25 @@ impl<const D: usize> SmoothPieces<D> {
     }
 }
 
-/// Whether walls part two facets.
-fn is_separated<const D: usize>(walls: Option<&FaultSeparation<D>>, f: usize, g: usize) -> bool {
-    walls.is_some_and(|walls| walls.separates(f, g))
+/// Returns `true` if a fault separates two facets.
+fn is_separated<const D: usize>(
+    separation: Option<&FaultSeparation<D>>,
+    f: usize,
+    g: usize,
+) -> bool {
+    separation.is_some_and(|separation| separation.separates(f, g))
 }
 
-/// The facet beyond a side, if it is the only one and the bend is small.
+/// Returns the facet on the other side of a ridge, if it is the only one and the bend is small;
+/// otherwise [`NONE`].
 pub fn smooth_neighbour<const D: usize>(facets: &FacetComplex<D>, side: usize) -> u32 {
     let ridge = facets.ridges[side / D][side % D] as usize;
     match *facets.sides(ridge) {
         [a, b] => {
             let (a, b) = (a as usize, b as usize);
-            let straight = -dot(facets.inward(a), facets.inward(b));
+            let cosine = -dot(facets.inward(a), facets.inward(b));
             let other = if a == side { b } else { a };
-            if straight > MIN_SMOOTH_COSINE {
+            if cosine > MIN_SMOOTH_COSINE {
                 (other / D) as u32
             } else {
                 NONE
@@ -109,200 +115,210 @@ pub fn smooth_neighbour<const D: usize>(facets: &FacetComplex<D>, side: usize) -
     }
 }
 
-/// What one ridge says of two pieces, the smaller number first.
+/// The vote of one ridge (or gap) on two pieces.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Vote {
-    /// The pieces.
+    /// The pieces, the smaller number first.
     pub pieces: [u32; 2],
-    /// [`FULL_WEIGHT`] or less where one continues the other, the more the straighter; 0 otherwise.
+    /// Weight for one surface: up to [`FULL_WEIGHT`] where one piece continues the other, more if
+    /// straighter; otherwise 0.
     pub weight_for: u32,
-    /// [`FULL_WEIGHT`] where they meet and both go on otherwise, or end; 0 otherwise.
+    /// Weight against one surface: [`FULL_WEIGHT`] where the pieces meet and both end or continue
+    /// elsewhere; otherwise 0.
     pub weight_against: u32,
 }
 
 impl Vote {
-    /// The same between what the pieces have become part of, unless that is one.
-    pub fn remap(&self, united: &[u32]) -> Option<Self> {
-        let [a, b] = self.pieces.map(|piece| united[piece as usize]);
+    /// Returns the vote between the surfaces into which the pieces were merged, or `None` if they
+    /// are the same.
+    pub fn remap(&self, merged_into: &[u32]) -> Option<Self> {
+        let [a, b] = self.pieces.map(|piece| merged_into[piece as usize]);
         vote(a, b, self.weight_for, self.weight_against)
     }
 }
 
-/// The weight of a ridge across which nothing bends, or at which surfaces part.
+/// The weight of a ridge without a bend, or of a ridge at which surfaces separate.
 pub const FULL_WEIGHT: u32 = 64;
 
-/// Votes of all ridges between pieces, and the sides that nothing continues there.
+/// Returns the votes of all ridges between pieces, and the sides that no other side continues.
 ///
-/// At a ridge, the two sides that bend least are a pair, then the next two of those left, as far as
-/// `straight`, the cosine of the largest bend, allows. Ties go to the sides that come first, so the
-/// pairing is the same whatever the order in which it is looked at.
+/// At a ridge, the two sides with the smallest bend form a pair, then the next two of the remaining
+/// sides, as long as the cosine of the bend is above `min_cosine`. If bends are equal, the sides
+/// with smaller codes come first, so that the pairing does not depend on the order of processing.
 pub fn ridge_votes<const D: usize>(
     facets: &FacetComplex<D>,
-    cores: &SmoothPieces<D>,
-    walls: Option<&FaultSeparation<D>>,
-    straight: f64,
+    pieces: &SmoothPieces<D>,
+    separation: Option<&FaultSeparation<D>>,
+    min_cosine: f64,
 ) -> (Vec<Vote>, Vec<u32>) {
     let mut votes = Vec::new();
     let mut rim = Vec::new();
     let mut bends: Vec<(f64, u32, u32)> = Vec::new();
-    let mut left: Vec<u32> = Vec::new();
+    let mut unpaired: Vec<u32> = Vec::new();
     for ridge in 0..facets.ridge_count() {
         let sides = facets.sides(ridge);
-        let core = |side: u32| cores.piece[side as usize / D];
+        let piece_of = |side: u32| pieces.piece[side as usize / D];
         if let &[a, b] = sides
-            && core(a) == core(b)
+            && piece_of(a) == piece_of(b)
         {
             continue;
         }
         bends.clear();
         for (i, &a) in sides.iter().enumerate() {
             for &b in &sides[i + 1..] {
-                // Seen by the averaged normals, or by the two facets alone: noise may spoil either.
+                // The bend by averaged normals, or by the two facets alone: noise may spoil either.
                 let averaged = -dot(
-                    cores.outward(facets, a as usize),
-                    cores.outward(facets, b as usize),
+                    pieces.outward(facets, a as usize),
+                    pieces.outward(facets, b as usize),
                 );
-                let plain = -dot(facets.inward(a as usize), facets.inward(b as usize));
-                let parallel = dot(cores.normals[a as usize / D], cores.normals[b as usize / D]);
-                if averaged.max(plain) > straight
-                    && parallel.abs() > straight
-                    && !is_separated(walls, a as usize / D, b as usize / D)
+                let direct = -dot(facets.inward(a as usize), facets.inward(b as usize));
+                let parallel = dot(
+                    pieces.normals[a as usize / D],
+                    pieces.normals[b as usize / D],
+                );
+                if averaged.max(direct) > min_cosine
+                    && parallel.abs() > min_cosine
+                    && !is_separated(separation, a as usize / D, b as usize / D)
                 {
-                    bends.push((averaged + plain, a, b));
+                    bends.push((averaged + direct, a, b));
                 }
             }
         }
         bends.sort_by(|x, y| y.0.total_cmp(&x.0).then((x.1, x.2).cmp(&(y.1, y.2))));
-        left.clear();
-        left.extend_from_slice(sides);
+        unpaired.clear();
+        unpaired.extend_from_slice(sides);
         for &(_, a, b) in &bends {
-            if left.contains(&a) && left.contains(&b) {
-                left.retain(|&s| s != a && s != b);
+            if unpaired.contains(&a) && unpaired.contains(&b) {
+                unpaired.retain(|&s| s != a && s != b);
                 votes.extend(vote(
-                    core(a),
-                    core(b),
-                    continuation_weight(cores, a, b, straight),
+                    piece_of(a),
+                    piece_of(b),
+                    continuation_weight(pieces, a, b, min_cosine),
                     0,
                 ));
             }
         }
-        rim.extend_from_slice(&left);
-        for (i, &a) in left.iter().enumerate() {
-            for &b in sides.iter().filter(|b| !left[..=i].contains(b)) {
-                votes.extend(vote(core(a), core(b), 0, FULL_WEIGHT));
+        rim.extend_from_slice(&unpaired);
+        for (i, &a) in unpaired.iter().enumerate() {
+            for &b in sides.iter().filter(|b| !unpaired[..=i].contains(b)) {
+                votes.extend(vote(piece_of(a), piece_of(b), 0, FULL_WEIGHT));
             }
         }
     }
     (votes, rim)
 }
 
-fn vote(a: u32, b: u32, favour: u32, against: u32) -> Option<Vote> {
+fn vote(a: u32, b: u32, weight_for: u32, weight_against: u32) -> Option<Vote> {
     (a != b).then_some(Vote {
         pieces: [a.min(b), a.max(b)],
-        weight_for: favour,
-        weight_against: against,
+        weight_for,
+        weight_against,
     })
 }
 
-/// The weight by which two sides that continue each other speak for one surface: it falls from full
-/// to next to nothing with the cosine between their averaged normals, down to `straight`.
+/// Returns the weight of two sides that continue each other. It falls from full weight to 1 with
+/// the cosine between their averaged normals, down to `min_cosine`.
 fn continuation_weight<const D: usize>(
-    cores: &SmoothPieces<D>,
+    pieces: &SmoothPieces<D>,
     a: u32,
     b: u32,
-    straight: f64,
+    min_cosine: f64,
 ) -> u32 {
-    let [m, n] = [a, b].map(|side| cores.normals[side as usize / D]);
-    let share = (dot(m, n).abs() - straight) / (1.0 - straight);
-    1 + (share.clamp(0.0, 1.0) * f64::from(FULL_WEIGHT - 1)) as u32
+    let [m, n] = [a, b].map(|side| pieces.normals[side as usize / D]);
+    let fraction = (dot(m, n).abs() - min_cosine) / (1.0 - min_cosine);
+    1 + (fraction.clamp(0.0, 1.0) * f64::from(FULL_WEIGHT - 1)) as u32
 }
 
-/// Votes across gaps: each side at the rim of a piece and the nearest one of another piece within
-/// `reach` facet sizes that faces it and lies in its plane, by `straight`, the cosine of the largest
-/// bend.
+/// Returns votes across gaps. Each side at the rim of a piece votes for the nearest side of another
+/// piece that is within `max_gap` facet sizes, faces it, and lies in its plane. `min_cosine` is the
+/// cosine of the largest bend.
 pub fn gap_votes<const D: usize>(
     facets: &FacetComplex<D>,
-    cores: &SmoothPieces<D>,
-    walls: Option<&FaultSeparation<D>>,
+    pieces: &SmoothPieces<D>,
+    separation: Option<&FaultSeparation<D>>,
     rim: &[u32],
-    reach: f64,
-    straight: f64,
+    max_gap: f64,
+    min_cosine: f64,
 ) -> Vec<Vote> {
-    let middles: Vec<[f64; D]> = rim
+    let ridge_centres: Vec<[f64; D]> = rim
         .iter()
         .map(|&s| facets.ridge_centre(s as usize))
         .collect();
     let outward: Vec<[f64; D]> = rim
         .iter()
-        .map(|&s| cores.outward(facets, s as usize))
+        .map(|&s| pieces.outward(facets, s as usize))
         .collect();
     let sizes: Vec<f64> = rim.iter().map(|&s| facets.size(s as usize / D)).collect();
-    let classes = SizeClasses::new(&middles, &sizes, reach);
-    let bent = (1.0 - straight * straight).sqrt();
-    let found: Vec<Option<Vote>> = (0..rim.len())
+    let classes = SizeClasses::new(&ridge_centres, &sizes, max_gap);
+    let max_sine = (1.0 - min_cosine * min_cosine).sqrt();
+    let votes: Vec<Option<Vote>> = (0..rim.len())
         .into_par_iter()
         .map(|i| {
             let f = rim[i] as usize / D;
-            let normal = cores.normals[f];
+            let normal = pieces.normals[f];
             let mut best: Option<(f64, usize)> = None;
-            classes.visit(middles[i], sizes[i], |j| {
+            classes.visit(ridge_centres[i], sizes[i], |j| {
                 let g = rim[j] as usize / D;
-                let to = sub(middles[j], middles[i]);
-                let far = norm(to);
+                let offset = sub(ridge_centres[j], ridge_centres[i]);
+                let distance = norm(offset);
                 let size = 0.5 * (sizes[i] + sizes[j]);
-                let nearest = best.is_none_or(|(least, other)| {
-                    far < least || far == least && classes.precedes(&middles, j, other)
+                let is_nearest = best.is_none_or(|(best_distance, other)| {
+                    distance < best_distance
+                        || distance == best_distance && classes.precedes(&ridge_centres, j, other)
                 });
-                if far >= reach * size || !nearest || cores.piece[f] == cores.piece[g] {
+                if distance >= max_gap * size || !is_nearest || pieces.piece[f] == pieces.piece[g] {
                     return;
                 }
-                let flat = |n: [f64; D]| dot(to, n).abs() < bent * far;
-                // Between the larger faces of Voronoi cells there are tiny ones, turned anyhow.
-                let onward = if far < MIN_GAP_RATIO * size {
-                    far > 0.0 && -dot(outward[i], outward[j]) > straight
+                let is_in_plane = |n: [f64; D]| dot(offset, n).abs() < max_sine * distance;
+                // Between the larger faces of Voronoi cells there are tiny ones with arbitrary
+                // orientation.
+                let is_continuation = if distance < MIN_GAP_RATIO * size {
+                    distance > 0.0 && -dot(outward[i], outward[j]) > min_cosine
                 } else {
-                    dot(to, outward[i]) >= 0.5 * far
-                        && -dot(to, outward[j]) >= 0.5 * far
-                        && flat(normal)
-                        && flat(cores.normals[g])
+                    dot(offset, outward[i]) >= 0.5 * distance
+                        && -dot(offset, outward[j]) >= 0.5 * distance
+                        && is_in_plane(normal)
+                        && is_in_plane(pieces.normals[g])
                 };
-                if dot(normal, cores.normals[g]).abs() > straight
-                    && onward
-                    && !is_separated(walls, f, g)
+                if dot(normal, pieces.normals[g]).abs() > min_cosine
+                    && is_continuation
+                    && !is_separated(separation, f, g)
                 {
-                    best = Some((far, j));
+                    best = Some((distance, j));
                 }
             });
             let (_, j) = best?;
             let [a, b] = [rim[i], rim[j]];
             vote(
-                cores.piece[f],
-                cores.piece[b as usize / D],
-                continuation_weight(cores, a, b, straight),
+                pieces.piece[f],
+                pieces.piece[b as usize / D],
+                continuation_weight(pieces, a, b, min_cosine),
                 0,
             )
         })
         .collect();
-    found.into_iter().flatten().collect()
+    votes.into_iter().flatten().collect()
 }
 
-/// Points of sides by the sizes of their facets, so that few are looked at which are too far for theirs:
-/// the largest facet of a mesh of Voronoi cells is many times as large as most.
+/// Points of sides in classes by the size of their facets. A search visits few points that are out
+/// of range for their size, although the largest facet of a Voronoi mesh is many times larger than
+/// most.
 struct SizeClasses<const D: usize> {
     reach: f64,
-    /// Of each class the largest size, its points, and their numbers.
+    /// For each class its largest size, its points, and their indices.
     classes: Vec<(f64, CellList<D>, Vec<usize>)>,
-    /// Cells as wide as the widest gap: of points equally far, the one that comes first in their order
-    /// is taken.
+    /// Cells as wide as the widest gap. Among points at equal distance, the first one in the order
+    /// of these cells is taken.
     coarse_cells: CellList<D>,
 }
 
 impl<const D: usize> SizeClasses<D> {
     fn new(points: &[[f64; D]], sizes: &[f64], reach: f64) -> Self {
-        let cell = |size: f64| (reach * size).max(f64::MIN_POSITIVE);
+        let cell_size = |size: f64| (reach * size).max(f64::MIN_POSITIVE);
         let largest = sizes.iter().copied().fold(0.0, f64::max);
         let mean = sizes.iter().sum::<f64>() / sizes.len().max(1) as f64;
-        // The mean size and those up to twice as large, four times, and so on.
+        // The first class has sizes up to the mean, the next ones up to twice the mean, four times,
+        // and so on.
         let class = |size: f64| (size / mean).log2().ceil().max(0.0) as usize;
         let mut members: Vec<Vec<usize>> = Vec::new();
         for (i, &size) in sizes.iter().enumerate() {
@@ -312,92 +328,98 @@ impl<const D: usize> SizeClasses<D> {
         }
         let classes = members.into_iter().filter(|members| !members.is_empty());
         let classes = classes.map(|members| {
-            let most = members.iter().map(|&i| sizes[i]).fold(0.0, f64::max);
-            let own: Vec<[f64; D]> = members.iter().map(|&i| points[i]).collect();
-            (most, CellList::new(&own, cell(most)), members)
+            let max_size = members.iter().map(|&i| sizes[i]).fold(0.0, f64::max);
+            let positions: Vec<[f64; D]> = members.iter().map(|&i| points[i]).collect();
+            (
+                max_size,
+                CellList::new(&positions, cell_size(max_size)),
+                members,
+            )
         });
         Self {
             reach,
             classes: classes.collect(),
-            coarse_cells: CellList::new(points, cell(largest)),
+            coarse_cells: CellList::new(points, cell_size(largest)),
         }
     }
 
-    /// Every point within reach of one that belongs to a facet of this size, and some that are not.
-    fn visit(&self, at: [f64; D], size: f64, mut visit: impl FnMut(usize)) {
-        for (most, grid, members) in &self.classes {
-            let radius = self.reach * 0.5 * (size + most);
-            grid.visit_within(at, radius, |n| visit(members[n]));
+    /// Visits every point within the gap width of `point`, which belongs to a facet with this size,
+    /// and some points farther away.
+    fn visit(&self, point: [f64; D], size: f64, mut visit: impl FnMut(usize)) {
+        for (max_size, grid, members) in &self.classes {
+            let radius = self.reach * 0.5 * (size + max_size);
+            grid.visit_within(point, radius, |n| visit(members[n]));
         }
     }
 
-    /// Whether of two points as far the first is to be taken.
+    /// Returns `true` if point i comes before point j; it decides between points at equal distance.
     fn precedes(&self, points: &[[f64; D]], i: usize, j: usize) -> bool {
         (self.coarse_cells.cell_of(points[i]), i) < (self.coarse_cells.cell_of(points[j]), j)
     }
 }
 
-/// A gap narrower than this part of a facet's size has no direction.
+/// Smallest gap with a reliable direction, as a fraction of the facets' size.
 const MIN_GAP_RATIO: f64 = 0.5;
 
-/// Wide gaps are at most this many facets wide.
+/// Largest width of a wide gap, in facet sizes.
 const MAX_GAP_RATIO: f64 = 4.0;
-/// Across wide gaps planes differ by at most 10 degrees,
+/// Smallest cosine between the planes on both sides of a wide gap: 10 degrees.
 const MIN_PLANE_COSINE: f64 = 0.985;
-/// and are off one another by at most this part of the distance between their centres,
+/// Largest offset between these planes, as a fraction of the distance between their centres.
 const MAX_PLANE_OFFSET_RATIO: f64 = 0.15;
-/// or this part of a facet's size: nearer features could not be told apart.
+/// Largest offset between these planes in facet sizes, if that is more: nearer features could not
+/// be told apart.
 const MAX_PLANE_OFFSET_FACETS: f64 = 0.8;
 
-/// The plane of a surface near a side at its rim.
+/// The plane fitted to a surface near a side at its rim.
 struct RimPlane<const D: usize> {
     centre: [f64; D],
     normal: [f64; D],
-    /// Where the surface would go on.
+    /// The direction in which the surface would continue.
     outward: [f64; D],
 }
 
-/// Votes across wide gaps, for surfaces found so far: a crossing at a low angle blurs facets of the one
-/// into the other, so that of the one a strip is missing. Each side at the rim of a surface and the
-/// nearest one of another surface that faces it, where the planes of both, fitted to what lies within
-/// the width of the gap, are the same.
+/// Returns votes across wide gaps, for surfaces found so far. Where surfaces cross at a low angle,
+/// facets of one are blurred into the other, so that a strip of one surface is missing. Each side
+/// at the rim of a surface votes for the nearest side of another surface that faces it, if both lie
+/// in the same plane. The planes are fitted to the facets within the gap width.
 pub fn crossing_votes<const D: usize>(
     facets: &FacetComplex<D>,
     surface: &[u32],
     normals: &[[f64; D]],
-    walls: Option<&FaultSeparation<D>>,
+    separation: Option<&FaultSeparation<D>>,
 ) -> Vec<Vote> {
     let count = facets.len();
     let size = (0..count).map(|f| facets.size(f)).sum::<f64>() / count.max(1) as f64;
-    let reach = (MAX_GAP_RATIO * size).max(f64::MIN_POSITIVE);
-    let alone = |&side: &usize| {
+    let max_gap = (MAX_GAP_RATIO * size).max(f64::MIN_POSITIVE);
+    let is_rim = |&side: &usize| {
         let sides = facets.sides(facets.ridges[side / D][side % D] as usize);
-        let own = surface[side / D];
-        let same = |o: &&u32| surface[**o as usize / D] == own;
+        let own_surface = surface[side / D];
+        let same = |o: &&u32| surface[**o as usize / D] == own_surface;
         sides.iter().filter(same).count() == 1
     };
-    let rim: Vec<usize> = (0..D * count).filter(alone).collect();
-    let ends: Vec<[f64; D]> = rim.iter().map(|&s| facets.ridge_centre(s)).collect();
-    let middles: Vec<[f64; D]> = (0..count)
+    let rim: Vec<usize> = (0..D * count).filter(is_rim).collect();
+    let rim_centres: Vec<[f64; D]> = rim.iter().map(|&s| facets.ridge_centre(s)).collect();
+    let centroids: Vec<[f64; D]> = (0..count)
         .map(|f| {
             let corners = facets.corners(f).into_iter();
             corners.fold([0.0; D], |sum, x| add_scaled(sum, 1.0 / D as f64, x))
         })
         .collect();
-    // Near a crossing facets lie askew: planes are fitted to more than those.
-    let wide = 2.0 * reach;
-    let grid = CellList::labelled(&middles, |f| surface[f], wide);
-    let patches: Vec<RimPlane<D>> = (rim.par_iter().zip(&ends))
-        .map(|(&side, &end)| {
+    // Facets near a crossing are tilted, so planes are fitted to a wider neighbourhood.
+    let fit_radius = 2.0 * max_gap;
+    let grid = CellList::labelled(&centroids, |f| surface[f], fit_radius);
+    let planes: Vec<RimPlane<D>> = (rim.par_iter().zip(&rim_centres))
+        .map(|(&side, &rim_centre)| {
             let f = side / D;
             let (mut centre, mut normal, mut area) = ([0.0; D], [0.0; D], 0.0);
-            grid.visit_labelled(end, surface[f], |g| {
-                if norm(sub(middles[g], end)) < wide {
-                    let own = norm(facets.normal(g));
-                    area += own;
-                    centre = add_scaled(centre, own, middles[g]);
-                    let turned = own.copysign(dot(normals[g], normals[f]));
-                    normal = add_scaled(normal, turned, normals[g]);
+            grid.visit_labelled(rim_centre, surface[f], |g| {
+                if norm(sub(centroids[g], rim_centre)) < fit_radius {
+                    let weight = norm(facets.normal(g));
+                    area += weight;
+                    centre = add_scaled(centre, weight, centroids[g]);
+                    let signed_weight = weight.copysign(dot(normals[g], normals[f]));
+                    normal = add_scaled(normal, signed_weight, normals[g]);
                 }
             });
             let normal = unit(normal);
@@ -410,54 +432,54 @@ pub fn crossing_votes<const D: usize>(
             }
         })
         .collect();
-    let grid = CellList::new(&ends, reach);
-    let found: Vec<Option<Vote>> = (0..rim.len())
+    let grid = CellList::new(&rim_centres, max_gap);
+    let votes: Vec<Option<Vote>> = (0..rim.len())
         .into_par_iter()
         .map(|i| {
-            let (own, here) = (surface[rim[i] / D], &patches[i]);
+            let (own_surface, plane) = (surface[rim[i] / D], &planes[i]);
             let mut best: Option<(f64, usize)> = None;
-            grid.visit(ends[i], |j| {
-                let to = sub(ends[j], ends[i]);
-                let far = norm(to);
-                if surface[rim[j] / D] == own
-                    || far >= reach
-                    || best.is_some_and(|(least, _)| far >= least)
+            grid.visit(rim_centres[i], |j| {
+                let offset = sub(rim_centres[j], rim_centres[i]);
+                let distance = norm(offset);
+                if surface[rim[j] / D] == own_surface
+                    || distance >= max_gap
+                    || best.is_some_and(|(best_distance, _)| distance >= best_distance)
                 {
                     return;
                 }
-                let there = &patches[j];
-                let across = sub(there.centre, here.centre);
-                let off =
-                    (MAX_PLANE_OFFSET_RATIO * norm(across)).max(MAX_PLANE_OFFSET_FACETS * size);
-                if dot(to, here.outward) >= 0.5 * far
-                    && -dot(to, there.outward) >= 0.5 * far
-                    && dot(here.normal, there.normal).abs() > MIN_PLANE_COSINE
-                    && dot(across, here.normal).abs() < off
-                    && dot(across, there.normal).abs() < off
-                    && !is_separated(walls, rim[i] / D, rim[j] / D)
+                let other_plane = &planes[j];
+                let centre_offset = sub(other_plane.centre, plane.centre);
+                let max_offset = (MAX_PLANE_OFFSET_RATIO * norm(centre_offset))
+                    .max(MAX_PLANE_OFFSET_FACETS * size);
+                if dot(offset, plane.outward) >= 0.5 * distance
+                    && -dot(offset, other_plane.outward) >= 0.5 * distance
+                    && dot(plane.normal, other_plane.normal).abs() > MIN_PLANE_COSINE
+                    && dot(centre_offset, plane.normal).abs() < max_offset
+                    && dot(centre_offset, other_plane.normal).abs() < max_offset
+                    && !is_separated(separation, rim[i] / D, rim[j] / D)
                 {
-                    best = Some((far, j));
+                    best = Some((distance, j));
                 }
             });
             let (_, j) = best?;
-            vote(own, surface[rim[j] / D], FULL_WEIGHT, 0)
+            vote(own_surface, surface[rim[j] / D], FULL_WEIGHT, 0)
         })
         .collect();
-    found.into_iter().flatten().collect()
+    votes.into_iter().flatten().collect()
 }
 
-/// Length of the rim of each of `count` pieces, in ridges.
+/// Returns the rim length of each of `count` pieces, in ridges.
 pub fn rim_lengths<const D: usize>(
     facets: &FacetComplex<D>,
     piece: &[u32],
     count: usize,
 ) -> Vec<u32> {
-    let mut rims = vec![0; count];
+    let mut lengths = vec![0; count];
     for side in 0..D * facets.len() {
-        let own = piece[side / D];
+        let own_piece = piece[side / D];
         let sides = facets.sides(facets.ridges[side / D][side % D] as usize);
-        let inside = |&&s: &&u32| piece[s as usize / D] == own;
-        rims[own as usize] += u32::from(sides.iter().filter(inside).count() == 1);
+        let is_same_piece = |&&s: &&u32| piece[s as usize / D] == own_piece;
+        lengths[own_piece as usize] += u32::from(sides.iter().filter(is_same_piece).count() == 1);
     }
-    rims
+    lengths
 }

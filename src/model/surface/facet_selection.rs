@@ -1,4 +1,4 @@
-//! The facets of a mesh that lie on features.
+//! Selects the facets of a mesh that lie on features.
 
 use crate::parallel::prelude::*;
 
@@ -7,29 +7,29 @@ use crate::geometry::{add_scaled, dot, norm, normal};
 use crate::image::SparseField;
 use crate::mesh::Mesh;
 
-/// Faces that one task looks at.
+/// Number of faces that one task processes.
 const CHUNK_FACES: usize = 1 << 14;
 
-/// Every facet of a mesh for which `wanted(number of its face, nodes ascending)` holds, once, nodes
-/// ascending.
+/// Returns every facet of a mesh for which `predicate(face number, facet)` is `true`, once. The
+/// nodes of facets are in ascending order.
 pub fn facets_where<const D: usize, F: Mesh<D>>(
     mesh: &F,
-    wanted: impl Fn(usize, &[u32; D]) -> bool + Sync,
+    predicate: impl Fn(usize, &[u32; D]) -> bool + Sync,
 ) -> Vec<[u32; D]> {
     let count = mesh.face_count();
     let mut facets: Vec<[u32; D]> = (0..count.div_ceil(CHUNK_FACES))
         .into_par_iter()
         .flat_map_iter(|chunk| {
-            let mut here = Vec::new();
+            let mut chunk_facets = Vec::new();
             for face in chunk * CHUNK_FACES..count.min((chunk + 1) * CHUNK_FACES) {
                 mesh.facets(face, |mut facet| {
                     facet.sort_unstable();
-                    if wanted(face, &facet) {
-                        here.push(facet);
+                    if predicate(face, &facet) {
+                        chunk_facets.push(facet);
                     }
                 });
             }
-            here
+            chunk_facets
         })
         .collect();
     facets.par_sort_unstable();
@@ -37,73 +37,75 @@ pub fn facets_where<const D: usize, F: Mesh<D>>(
     facets
 }
 
-/// The facets of marked faces: `marks` by number of face.
+/// Returns the facets of marked faces. `marks` has one entry for each face.
 pub fn marked_facets<const D: usize, F: Mesh<D>>(mesh: &F, marks: &[bool]) -> Vec<[u32; D]> {
     facets_where(mesh, |face, _| marks[face])
 }
 
-/// A label for each face of a mesh: the one that most of its facets have in `labelled` (nodes ascending,
-/// sorted), of equals the first; 0 unless all of its facets have one. Two faces may share a facet, and each
-/// has its own label nevertheless.
+/// Returns a label for each face of a mesh: the most frequent label of its facets in `labelled`
+/// (nodes ascending, sorted), the first one of equals. It is 0 unless all facets of the face have a
+/// label. If two faces share a facet, each gets its own label.
 pub fn labels_of_faces<const D: usize, F: Mesh<D>>(
     mesh: &F,
     labelled: &[([u32; D], u32)],
 ) -> Vec<u32> {
-    let mut on = vec![false; mesh.nodes().len()];
+    let mut is_labelled = vec![false; mesh.nodes().len()];
     for &n in labelled.iter().flat_map(|(facet, _)| facet) {
-        on[n as usize] = true;
+        is_labelled[n as usize] = true;
     }
     let label = |face: usize| {
         let mut counts: Vec<(u32, usize)> = Vec::new();
-        let mut is_bare = false;
+        let mut has_unlabelled = false;
         mesh.facets(face, |mut facet| {
             facet.sort_unstable();
-            let is_on = facet.iter().all(|&n| on[n as usize]);
-            let place = match is_on {
-                true => labelled
+            let may_match = facet.iter().all(|&n| is_labelled[n as usize]);
+            let position = if may_match {
+                labelled
                     .binary_search_by(|(known, _)| known.cmp(&facet))
-                    .ok(),
-                false => None,
+                    .ok()
+            } else {
+                None
             };
-            let Some(at) = place else {
-                is_bare = true;
+            let Some(index) = position else {
+                has_unlabelled = true;
                 return;
             };
-            let number = labelled[at].1;
-            match counts.iter_mut().find(|count| count.0 == number) {
+            let facet_label = labelled[index].1;
+            match counts.iter_mut().find(|count| count.0 == facet_label) {
                 Some(count) => count.1 += 1,
-                None => counts.push((number, 1)),
+                None => counts.push((facet_label, 1)),
             }
         });
-        let mut most = (0, 0);
+        let mut best = (0, 0);
         for count in counts {
-            if count.1 > most.1 {
-                most = count;
+            if count.1 > best.1 {
+                best = count;
             }
         }
-        if is_bare { 0 } else { most.0 }
+        if has_unlabelled { 0 } else { best.0 }
     };
     (0..mesh.face_count()).into_par_iter().map(label).collect()
 }
 
-/// The facets that lie on valleys of b(x): b is at most `-depth` at their nodes and centroid, and their
-/// normal is within the angle of cosine `along` of the valley's. That is the direction in which b
-/// varies most about the centroid: the main eigenvector of the structure tensor of b, whose window
-/// is the valley, of width `sigma` (Hale 2002: d / 4).
+/// Returns the facets that lie on valleys of the potential b(x): b is at most `-depth` at their
+/// nodes and centroid, and the cosine between their normal and that of the valley is above
+/// `min_cosine`. The valley's normal is the direction in which b varies most around the centroid:
+/// the main eigenvector of the structure tensor of b, with a window of the valley's width `sigma`
+/// (Hale 2002: d / 4).
 ///
-/// Mesh and potential in one space.
+/// Mesh and potential are in the same space.
 pub fn valley_facets<const D: usize, F: Mesh<D>>(
     mesh: &F,
     potential: &SparseField<D>,
     sigma: f64,
     depth: f64,
-    along: f64,
+    min_cosine: f64,
 ) -> Vec<[u32; D]> {
     let nodes = mesh.nodes();
-    let deep: Vec<bool> = (nodes.par_iter())
+    let is_deep: Vec<bool> = (nodes.par_iter())
         .map(|&x| potential.value(x) <= -depth)
         .collect();
-    facets_where(mesh, |_, facet| facet.iter().all(|&n| deep[n as usize]))
+    facets_where(mesh, |_, facet| facet.iter().all(|&n| is_deep[n as usize]))
         .into_par_iter()
         .filter(|facet| {
             let corners = facet.map(|n| nodes[n as usize]);
@@ -112,26 +114,27 @@ pub fn valley_facets<const D: usize, F: Mesh<D>>(
             let normal = normal(&corners);
             potential.value(centroid) <= -depth
                 && dot(valley_normal(potential, sigma, centroid), normal).abs()
-                    > along * norm(normal)
+                    > min_cosine * norm(normal)
         })
         .collect()
 }
 
-/// Main eigenvector of the structure tensor of a potential about `x`: of 3^D gradients, sigma apart.
+/// Returns the main eigenvector of the structure tensor of a potential around `x`, from 3^D
+/// gradients with the spacing sigma.
 fn valley_normal<const D: usize>(potential: &SparseField<D>, sigma: f64, x: [f64; D]) -> [f64; D] {
     let mut tensor = [[0.0; D]; D];
     for code in 0..3usize.pow(D as u32) {
         let offset: [f64; D] =
             std::array::from_fn(|k| (code / 3usize.pow(k as u32) % 3) as f64 - 1.0);
         let weight = (-0.5 * dot(offset, offset)).exp();
-        let at = add_scaled(x, sigma, offset);
-        let (_, gradient) = potential.value_and_gradient(at);
+        let point = add_scaled(x, sigma, offset);
+        let (_, gradient) = potential.value_and_gradient(point);
         for (i, row) in tensor.iter_mut().enumerate() {
             for (j, sum) in row.iter_mut().enumerate() {
                 *sum += weight * gradient[i] * gradient[j];
             }
         }
     }
-    let largest = eigenvalues(&tensor)[D - 1];
-    eigenvector(&tensor, largest)
+    let eigenvalue = eigenvalues(&tensor)[D - 1];
+    eigenvector(&tensor, eigenvalue)
 }

@@ -1,4 +1,4 @@
-//! Facets of a feature and the ridges at which they meet, in two and three dimensions.
+//! Facets of a feature and the ridges at which they meet, in 2-D and 3-D.
 //!
 //! ```text
 //!             3-D: a facet is a triangle, a ridge an edge     2-D: an edge, and a node
@@ -10,17 +10,19 @@
 //!                     ridge 2
 //! ```
 //!
-//! Ridge k is opposite node k. A facet's *side* at its ridge k has the code `D * facet + k`. Where a
-//! feature is a manifold, a ridge has two sides; at its rim one; where features cross, three or more.
+//! Ridge k is opposite node k. The *side* of a facet at its ridge k has the code `D * facet + k`. A
+//! ridge has two sides where the feature is a manifold, one at its rim, and three or more where
+//! features cross.
 
 use crate::parallel::prelude::*;
 
 use crate::geometry::{add_scaled, dot, norm, normal, sub, unit};
 
-/// No number.
+/// Marks a missing number.
 pub const NONE: u32 = u32::MAX;
 
-/// Facets with their ridges. Positions are the caller's: in one space, lattice or physical.
+/// Facets with their ridges. Node positions are in lattice space or in physical space, as the
+/// caller decides.
 #[derive(Debug, Clone)]
 pub struct FacetComplex<'a, const D: usize> {
     /// Node positions.
@@ -34,7 +36,7 @@ pub struct FacetComplex<'a, const D: usize> {
 }
 
 impl<'a, const D: usize> FacetComplex<'a, D> {
-    /// Finds the ridges, by sorting: n log n in the number of facets.
+    /// Finds the ridges by sorting, in O(n log n) for n facets.
     pub fn new(nodes: &'a [[f64; D]], facets: Vec<[u32; D]>) -> Self {
         let mut keys: Vec<(u64, u32)> = (0..facets.len() * D)
             .into_par_iter()
@@ -43,9 +45,9 @@ impl<'a, const D: usize> FacetComplex<'a, D> {
         keys.par_sort_unstable();
         let mut ridges = vec![[NONE; D]; facets.len()];
         let mut start = Vec::with_capacity(keys.len() / 2 + 2);
-        for (at, &(key, side)) in keys.iter().enumerate() {
-            if at == 0 || keys[at - 1].0 != key {
-                start.push(at as u32);
+        for (index, &(key, side)) in keys.iter().enumerate() {
+            if index == 0 || keys[index - 1].0 != key {
+                start.push(index as u32);
             }
             ridges[side as usize / D][side as usize % D] = start.len() as u32 - 1;
         }
@@ -60,33 +62,33 @@ impl<'a, const D: usize> FacetComplex<'a, D> {
         }
     }
 
-    /// Number of facets.
+    /// Returns the number of facets.
     pub fn len(&self) -> usize {
         self.facets.len()
     }
 
-    /// Number of ridges.
+    /// Returns the number of ridges.
     pub fn ridge_count(&self) -> usize {
         self.start.len() - 1
     }
 
-    /// The sides that meet at a ridge, as codes `D * facet + k`, ascending.
+    /// Returns the sides that meet at a ridge, as ascending codes `D * facet + k`.
     pub fn sides(&self, ridge: usize) -> &[u32] {
         &self.sides[self.start[ridge] as usize..self.start[ridge + 1] as usize]
     }
 
-    /// Corner positions of a facet.
+    /// Returns the corner positions of a facet.
     pub fn corners(&self, facet: usize) -> [[f64; D]; D] {
         self.facets[facet].map(|n| self.nodes[n as usize])
     }
 
-    /// Nodes of the ridge at a side: all of the facet's but the one opposite.
+    /// Returns the nodes of the ridge at a side: all nodes of the facet except the opposite one.
     pub fn ridge_nodes(&self, side: usize) -> impl Iterator<Item = u32> + '_ {
         let facet = &self.facets[side / D];
         (0..D).filter(move |k| *k != side % D).map(|k| facet[k])
     }
 
-    /// The middle of the ridge at a side.
+    /// Returns the centre of the ridge at a side.
     pub fn ridge_centre(&self, side: usize) -> [f64; D] {
         let share = 1.0 / (D - 1) as f64;
         self.ridge_nodes(side).fold([0.0; D], |sum, n| {
@@ -94,7 +96,8 @@ impl<'a, const D: usize> FacetComplex<'a, D> {
         })
     }
 
-    /// The unit vector from the ridge at a side into its facet, in the facet and normal to the ridge.
+    /// Returns the unit vector from the ridge at a side into its facet. It lies in the facet and is
+    /// normal to the ridge.
     pub fn inward(&self, side: usize) -> [f64; D] {
         let mut ridge = self.ridge_nodes(side).map(|n| self.nodes[n as usize]);
         let opposite = self.nodes[self.facets[side / D][side % D] as usize];
@@ -102,21 +105,21 @@ impl<'a, const D: usize> FacetComplex<'a, D> {
             return [0.0; D];
         };
         let mut v = sub(opposite, base);
-        // In 3-D the ridge has one direction, in 2-D none.
+        // A ridge has one direction in 3-D and none in 2-D.
         for end in ridge {
-            let along = sub(end, base);
-            let square = dot(along, along).max(f64::MIN_POSITIVE);
-            v = add_scaled(v, -dot(v, along) / square, along);
+            let direction = sub(end, base);
+            let square = dot(direction, direction).max(f64::MIN_POSITIVE);
+            v = add_scaled(v, -dot(v, direction) / square, direction);
         }
         unit(v)
     }
 
-    /// Normal of a facet; its length is the facet's area (3-D) or length (2-D).
+    /// Returns the normal of a facet. Its length is the facet's area (3-D) or length (2-D).
     pub fn normal(&self, facet: usize) -> [f64; D] {
         normal(&self.corners(facet))
     }
 
-    /// Mean length of a facet's edges.
+    /// Returns the mean length of a facet's edges.
     pub fn size(&self, facet: usize) -> f64 {
         let x = self.corners(facet);
         let edges = (0..D).flat_map(|i| (0..i).map(move |j| (i, j)));
@@ -124,10 +127,10 @@ impl<'a, const D: usize> FacetComplex<'a, D> {
     }
 }
 
-/// The ridge opposite node k, as a number: its nodes in rising order.
+/// Returns a key for the ridge opposite node k: its nodes in ascending order, in one number.
 fn ridge_key<const D: usize>(facet: &[u32; D], k: usize) -> u64 {
-    let rest = (0..D).filter(|&j| j != k).map(|j| u64::from(facet[j]));
-    let (low, high) = rest.fold((u64::MAX, 0), |(low, high), n| (low.min(n), high.max(n)));
+    let other_nodes = (0..D).filter(|&j| j != k).map(|j| u64::from(facet[j]));
+    let (low, high) = other_nodes.fold((u64::MAX, 0), |(low, high), n| (low.min(n), high.max(n)));
     low << 32 | high
 }
 
@@ -160,8 +163,8 @@ mod tests {
         let nodes = [[0.0, 0.0], [1.0, 0.0], [2.0, 1.0], [1.0, -1.0]];
         let facets = FacetComplex::new(&nodes, vec![[0, 1], [1, 2], [3, 1]]);
         assert_eq!(facets.ridge_count(), 4);
-        let at_one = facets.ridges[0][0] as usize;
-        assert_eq!(facets.sides(at_one), [0, 3, 4]);
+        let ridge = facets.ridges[0][0] as usize;
+        assert_eq!(facets.sides(ridge), [0, 3, 4]);
         assert_eq!(facets.inward(0), [-1.0, 0.0]);
         assert_eq!(facets.normal(0), [0.0, -1.0]);
     }

@@ -1,4 +1,5 @@
-//! Crumbs that close a hole of a surface: steps where the mesh could not follow it more smoothly.
+//! Fragments that close a hole of a surface: steps where the mesh did not follow the surface more
+//! smoothly.
 
 use std::collections::BTreeMap;
 
@@ -6,64 +7,66 @@ use super::facets::FacetComplex;
 use crate::geometry::union_find::UnionFind;
 use crate::geometry::{norm, sub};
 
-/// Crumbs that hang together are part of a surface with which they share this much of their rim.
+/// Smallest fraction of its rim that a cluster of fragments shares with the surface to which it
+/// belongs.
 const MIN_SHARED_RIM_RATIO: f64 = 0.5;
 
-/// For each surface, if it is one of the `crumbs`, the surface that it is part of, if there is one that
-/// is none of them. `surface` holds the surface of each facet.
+/// Returns for each fragment the surface to which it belongs, if there is one; `None` for other
+/// surfaces. `surface` holds the surface of each facet, and `fragments` is `true` for surfaces that
+/// are fragments.
 pub fn hole_patches<const D: usize>(
     facets: &FacetComplex<D>,
     surface: &[u32],
-    crumbs: &[bool],
+    fragments: &[bool],
 ) -> Vec<Option<u32>> {
-    // The surfaces at a ridge, in rising order, as often as they have facets there.
-    let at = |ridge: usize| {
+    // The surface of each facet at a ridge, in ascending order.
+    let surfaces_at = |ridge: usize| {
         let sides = facets.sides(ridge);
-        let mut here: Vec<u32> = sides.iter().map(|&o| surface[o as usize / D]).collect();
-        here.sort_unstable();
-        here
+        let mut surfaces: Vec<u32> = sides.iter().map(|&o| surface[o as usize / D]).collect();
+        surfaces.sort_unstable();
+        surfaces
     };
-    let is_crumb = |s: &u32| crumbs[*s as usize];
-    let mut clusters = UnionFind::new(crumbs.len());
+    let is_fragment = |s: &u32| fragments[*s as usize];
+    let mut clusters = UnionFind::new(fragments.len());
     for ridge in 0..facets.ridge_count() {
-        let mut here = at(ridge);
-        here.retain(is_crumb);
-        for pair in here.windows(2) {
+        let mut surfaces = surfaces_at(ridge);
+        surfaces.retain(is_fragment);
+        for pair in surfaces.windows(2) {
             clusters.unite(pair[0], pair[1]);
         }
     }
-    let mut rim = vec![0.0; crumbs.len()];
+    let mut rim = vec![0.0; fragments.len()];
     let mut shared: BTreeMap<(u32, u32), f64> = BTreeMap::new();
     for ridge in 0..facets.ridge_count() {
-        let mut here = at(ridge);
-        // All crumbs here are of one cluster.
-        let inside = here.iter().copied().filter(is_crumb);
-        let Some(cluster) = inside.clone().next().map(|s| clusters.find(s)) else {
+        let mut surfaces = surfaces_at(ridge);
+        // All fragments at a ridge belong to one cluster.
+        let ridge_fragments = surfaces.iter().copied().filter(is_fragment);
+        let Some(cluster) = ridge_fragments.clone().next().map(|s| clusters.find(s)) else {
             continue;
         };
-        if inside.count() != 1 {
+        if ridge_fragments.count() != 1 {
             continue;
         }
         let length = ridge_length(facets, facets.sides(ridge)[0] as usize);
         rim[cluster as usize] += length;
-        here.dedup();
-        for whole in here.into_iter().filter(|s| !is_crumb(s)) {
-            *shared.entry((cluster, whole)).or_default() += length;
+        surfaces.dedup();
+        for parent in surfaces.into_iter().filter(|s| !is_fragment(s)) {
+            *shared.entry((cluster, parent)).or_default() += length;
         }
     }
-    let mut part_of = vec![None; crumbs.len()];
-    let mut most = vec![0.0; crumbs.len()];
-    for ((cluster, whole), length) in shared {
+    let mut parent_of = vec![None; fragments.len()];
+    let mut max_length = vec![0.0; fragments.len()];
+    for ((cluster, parent), length) in shared {
         let c = cluster as usize;
-        if length >= MIN_SHARED_RIM_RATIO * rim[c] && length > most[c] {
-            (most[c], part_of[c]) = (length, Some(whole));
+        if length >= MIN_SHARED_RIM_RATIO * rim[c] && length > max_length[c] {
+            (max_length[c], parent_of[c]) = (length, Some(parent));
         }
     }
-    let of_cluster = |s: u32| part_of[clusters.find(s) as usize].filter(|_| is_crumb(&s));
-    (0..crumbs.len() as u32).map(of_cluster).collect()
+    let parent_surface = |s: u32| parent_of[clusters.find(s) as usize].filter(|_| is_fragment(&s));
+    (0..fragments.len() as u32).map(parent_surface).collect()
 }
 
-/// Length of the ridge at a side; 1 in the plane, where it is a node.
+/// Returns the length of the ridge at a side; 1 in 2-D, where a ridge is a node.
 fn ridge_length<const D: usize>(facets: &FacetComplex<D>, side: usize) -> f64 {
     let mut ends = facets.ridge_nodes(side).map(|n| facets.nodes[n as usize]);
     match (ends.next(), ends.next()) {

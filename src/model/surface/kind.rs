@@ -1,24 +1,24 @@
-//! Faults and horizons.
+//! The kinds of surfaces: faults, horizons and interfaces.
 
 use serde::Serialize;
 
 use super::Surfaces;
 use crate::geometry::{norm, normal};
 
-/// What a surface is.
+/// The kind of a surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum SurfaceKind {
-    /// A fault, or any other feature that is no horizon.
+    /// A fault, or any other feature that is not a horizon.
     Fault,
-    /// Where layers meet.
+    /// A boundary between layers.
     Horizon,
-    /// What parts two labels of an image.
+    /// The interface between two labels of an image.
     Interface,
 }
 
 impl SurfaceKind {
-    /// In lower case.
+    /// Returns the name of the kind in lower case.
     pub fn name(self) -> &'static str {
         match self {
             Self::Fault => "fault",
@@ -28,8 +28,8 @@ impl SurfaceKind {
     }
 }
 
-/// The kind of each surface: an interface if it parts two labels, a horizon if at least half of its area is in `horizons`, facets with
-/// nodes ascending, sorted.
+/// Returns the kind of each surface: an interface if it separates two labels; a horizon if at least
+/// half of its area is in `horizons` (facets with nodes ascending, sorted); otherwise a fault.
 pub fn surface_kinds<const D: usize>(
     surfaces: &Surfaces<D>,
     nodes: &[[f64; D]],

@@ -1,4 +1,4 @@
-//! Area, orientation, extent, rim and neighbours of surfaces.
+//! Measures surfaces: area, orientation, extent, rim and neighbours.
 
 use std::collections::BTreeMap;
 
@@ -12,52 +12,53 @@ use crate::geometry::union_find::UnionFind;
 use crate::geometry::{add_scaled, bounding_box, cross, dot, norm, normal, sub, to_3d, unit};
 use crate::image::Geometry;
 
-/// Figures of one surface, in the space of the nodes that were given. In 2-D, area means length.
+/// Measures of one surface, in the space of the given nodes. In 2-D, area means length.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SurfaceMeasure {
-    /// Number of the surface: those with names come first, then the largest.
+    /// Number of the surface, from 1: surfaces with names come first, then the largest.
     pub surface: usize,
-    /// Its name in the mesh's file, if it has one.
+    /// The name in the mesh's file, if there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
-    /// Fault or horizon.
+    /// The kind of the surface.
     pub kind: SurfaceKind,
     /// Number of facets.
     pub facets: usize,
-    /// Area (length in 2-D) of the surface without the steps and bumps of single facets, which depend on the
-    /// mesh.
+    /// Area (length in 2-D) of the smoothed surface, without the steps and bumps of single facets,
+    /// which depend on the mesh.
     pub area: f64,
-    /// Unit normal of the plane that fits the surface best, pointing up. Deviations from it are measured in
-    /// samples (`Up::in_samples`), in which errors of positions are alike along all axes.
+    /// Unit normal of the plane that fits the surface best, pointing up. The fit is in units of
+    /// samples ([`MapAxes::with_geometry`]), in which errors of positions are similar along all
+    /// axes.
     pub normal: Vec<f64>,
-    /// Angle between that normal and up, in degrees: 0 is horizontal, 90 vertical. `None` where
-    /// coordinates have different units (`Up::in_units`).
+    /// Angle between that normal and up, in degrees: 0 is horizontal, 90 vertical. `None` if
+    /// coordinates have different units ([`MapAxes::with_units`]).
     pub dip: Option<f64>,
-    /// Direction of the horizontal line in that plane, in degrees from north towards east, such
-    /// that the surface dips to the right of it. 3-D only, and `None` if north and east have different
-    /// units.
+    /// Direction of the horizontal line in that plane, in degrees from north towards east. The
+    /// surface dips to the right of it. 3-D only; `None` if north and east have different units.
     pub strike: Option<f64>,
-    /// Centre of area.
+    /// Centroid of the area.
     pub centre: Vec<f64>,
-    /// Low corner of the bounding box.
+    /// Lower corner of the bounding box.
     pub min_corner: Vec<f64>,
-    /// High corner of the bounding box.
+    /// Upper corner of the bounding box.
     pub max_corner: Vec<f64>,
-    /// Root of the mean squared distance of the facets' middles from that plane.
+    /// Root mean square distance of the facets' centres from that plane.
     pub rms_plane_distance: f64,
-    /// Length of the rim (3-D), number of end points (2-D).
+    /// Length of the rim in 3-D, number of end points in 2-D.
     pub rim: f64,
-    /// Pieces that no ridge connects.
+    /// Number of connected components.
     pub components: usize,
-    /// Closed curves of the rim beyond the first of each piece. 3-D only: 0 in 2-D.
+    /// Number of holes: closed curves of the rim beyond the first of each component. Always 0 in
+    /// 2-D.
     pub holes: usize,
-    /// Area of these holes, each as a flat one of the same rim would show it most.
+    /// Total area of the holes: for each hole the largest area of its projections on a plane.
     pub hole_area: f64,
-    /// Surfaces that share a ridge's nodes with this one, by their numbers.
+    /// Numbers of the surfaces that share the nodes of a ridge with this one.
     pub adjacent_surfaces: Vec<usize>,
 }
 
-/// What is up, and what north and east.
+/// The directions up, north and east, and the axes of samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MapAxes<const D: usize> {
     /// Unit vector upwards.
@@ -66,17 +67,17 @@ pub struct MapAxes<const D: usize> {
     pub north: [f64; D],
     /// Unit vector towards east.
     pub east: [f64; D],
-    /// Whether angles against the horizontal mean something.
+    /// `true` if angles from the horizontal have a meaning.
     pub has_dip: bool,
-    /// Whether angles in the map do.
+    /// `true` if angles in the map have a meaning.
     pub has_strike: bool,
-    /// For each axis of the samples, how much its index grows along each coordinate.
+    /// For each sample axis, the increase of its index along each coordinate.
     pub per_sample: [[f64; D]; D],
 }
 
 impl<const D: usize> MapAxes<D> {
-    /// Up along a coordinate, or against it. The other two are east and north, in cyclic order: for
-    /// z, x is east and y is north.
+    /// Returns axes with up along a coordinate, or against it. The other two coordinates are east
+    /// and north, in cyclic order: if z is up, x is east and y is north.
     pub fn from_axis(axis: usize, positive: bool) -> Self {
         let unit = |k: usize| std::array::from_fn(|c| f64::from(u8::from(c == k % D)));
         let up: [f64; D] = unit(axis);
@@ -90,16 +91,16 @@ impl<const D: usize> MapAxes<D> {
         }
     }
 
-    /// Returns the same where samples lie as `geometry` says.
+    /// Returns the axes with the sample axes of `geometry`.
     #[must_use]
     pub fn with_geometry(self, geometry: &Geometry<D>) -> Self {
         let origin = geometry.origin;
-        let along = |c: usize| {
+        let index_step = |c: usize| {
             let mut position = origin;
             position[c] += 1.0;
             geometry.to_index(position)
         };
-        let steps: Option<Vec<[f64; D]>> = (0..D).map(along).collect();
+        let steps: Option<Vec<[f64; D]>> = (0..D).map(index_step).collect();
         let Some(steps) = steps else { return self };
         Self {
             per_sample: std::array::from_fn(|k| std::array::from_fn(|c| steps[c][k])),
@@ -107,30 +108,33 @@ impl<const D: usize> MapAxes<D> {
         }
     }
 
-    /// The same where coordinates are in `units`: there is no angle between milliseconds and metres.
+    /// Returns the axes for coordinates in `units`: there is no angle between milliseconds and
+    /// metres.
     #[must_use]
     pub fn with_units(self, units: &[String; D]) -> Self {
-        let map: Vec<&String> = (units.iter().zip(self.up))
+        let horizontal_units: Vec<&String> = (units.iter().zip(self.up))
             .filter(|(_, up)| *up == 0.0)
             .map(|(unit, _)| unit)
             .collect();
         Self {
             has_dip: units.iter().all(|unit| *unit == units[0]),
-            has_strike: map.iter().all(|unit| *unit == map[0]),
+            has_strike: horizontal_units
+                .iter()
+                .all(|unit| *unit == horizontal_units[0]),
             ..self
         }
     }
 }
 
-/// Figures of all surfaces; `nodes` in physical space, as a rule. `horizons` are the facets that lie
-/// on horizons, nodes ascending, sorted.
+/// Measures all surfaces; `nodes` are usually in physical space. `horizons` are the facets that lie
+/// on horizons (nodes ascending, sorted).
 pub fn measure<const D: usize>(
     surfaces: &Surfaces<D>,
     nodes: &[[f64; D]],
-    up: &MapAxes<D>,
+    axes: &MapAxes<D>,
     horizons: &[[u32; D]],
 ) -> Vec<SurfaceMeasure> {
-    let meets = adjacent_surfaces(surfaces);
+    let adjacent = adjacent_surfaces(surfaces);
     let kinds = surface_kinds(surfaces, nodes, horizons);
     (0..surfaces.len())
         .into_par_iter()
@@ -141,8 +145,8 @@ pub fn measure<const D: usize>(
                 surfaces.facets_of(s),
                 kinds[s],
                 nodes,
-                up,
-                meets[s].clone(),
+                axes,
+                adjacent[s].clone(),
             )
         })
         .collect()
@@ -150,11 +154,11 @@ pub fn measure<const D: usize>(
 
 fn measure_surface<const D: usize>(
     surface: usize,
-    list: &[[u32; D]],
+    facets: &[[u32; D]],
     kind: SurfaceKind,
     nodes: &[[f64; D]],
-    up: &MapAxes<D>,
-    meets: Vec<usize>,
+    axes: &MapAxes<D>,
+    adjacent: Vec<usize>,
 ) -> SurfaceMeasure {
     let corners = |f: &[u32; D]| f.map(|n| nodes[n as usize]);
     let middle = |f: &[u32; D]| {
@@ -163,59 +167,59 @@ fn measure_surface<const D: usize>(
             .fold([0.0; D], |sum, x| add_scaled(sum, 1.0, x));
         sum.map(|c| c / D as f64)
     };
-    let areas: Vec<f64> = list.iter().map(|f| norm(normal(&corners(f)))).collect();
+    let areas: Vec<f64> = facets.iter().map(|f| norm(normal(&corners(f)))).collect();
     let area: f64 = areas.iter().sum();
-    let centre = list.iter().zip(&areas).fold([0.0; D], |sum, (f, &a)| {
+    let centre = facets.iter().zip(&areas).fold([0.0; D], |sum, (f, &a)| {
         add_scaled(sum, a / area, middle(f))
     });
-    let n = plane_normal(nodes, list, up);
-    let square: f64 = (list.iter().zip(&areas))
+    let n = plane_normal(nodes, facets, axes);
+    let mean_square: f64 = (facets.iter().zip(&areas))
         .map(|(f, a)| a / area * dot(sub(middle(f), centre), n).powi(2))
         .sum();
-    let corners = list.as_flattened().iter();
+    let corners = facets.as_flattened().iter();
     let [low, high] = bounding_box(corners.map(|&node| &nodes[node as usize]));
     let SurfaceTopology {
         rim,
         components,
         holes,
         hole_area,
-    } = topology(nodes, list);
-    let dip = dot(n, up.up).clamp(-1.0, 1.0).acos().to_degrees();
-    // The normal leans towards where the surface dips; strike is a right angle before that.
-    let towards = dot(n, up.east).atan2(dot(n, up.north)).to_degrees();
+    } = topology(nodes, facets);
+    let dip = dot(n, axes.up).clamp(-1.0, 1.0).acos().to_degrees();
+    // The normal leans towards the dip direction; strike is 90 degrees less.
+    let dip_azimuth = dot(n, axes.east).atan2(dot(n, axes.north)).to_degrees();
     SurfaceMeasure {
         surface: surface + 1,
         name: None,
         kind,
-        facets: list.len(),
-        area: smooth_area(nodes, list, up.per_sample),
+        facets: facets.len(),
+        area: smooth_area(nodes, facets, axes.per_sample),
         normal: n.to_vec(),
-        dip: up.has_dip.then_some(dip),
-        strike: (D == 3 && up.has_strike).then(|| (towards - 90.0).rem_euclid(360.0)),
+        dip: axes.has_dip.then_some(dip),
+        strike: (D == 3 && axes.has_strike).then(|| (dip_azimuth - 90.0).rem_euclid(360.0)),
         centre: centre.to_vec(),
         min_corner: low.to_vec(),
         max_corner: high.to_vec(),
-        rms_plane_distance: square.sqrt(),
+        rms_plane_distance: mean_square.sqrt(),
         rim,
         components,
         holes,
         hole_area,
-        adjacent_surfaces: meets,
+        adjacent_surfaces: adjacent,
     }
 }
 
-/// Returns the unit normal of the plane from which the facets deviate least, in samples and weighted by their
-/// area there, pointing up.
+/// Returns the unit normal of the plane from which the facets deviate least, in units of samples
+/// and weighted by their area there. The normal points up.
 fn plane_normal<const D: usize>(
     nodes: &[[f64; D]],
     facets: &[[u32; D]],
-    up: &MapAxes<D>,
+    axes: &MapAxes<D>,
 ) -> [f64; D] {
-    // Differences from one of the nodes: coordinates may be large.
+    // Positions relative to one node, because coordinates may be large.
     let origin = nodes[facets[0][0] as usize];
     let in_samples = |n: u32| {
         let x = sub(nodes[n as usize], origin);
-        up.per_sample.map(|row| dot(row, x))
+        axes.per_sample.map(|row| dot(row, x))
     };
     let mut total = 0.0;
     let mut first = [0.0; D];
@@ -229,10 +233,10 @@ fn plane_normal<const D: usize>(
         total += area;
         first = add_scaled(first, area / D as f64, sum);
         // The integral of the products of coordinates over a simplex.
-        let share = area / (D * (D + 1)) as f64;
+        let weight = area / (D * (D + 1)) as f64;
         for x in corners.iter().chain([&sum]) {
             for (row, c) in second.iter_mut().zip(x) {
-                *row = add_scaled(*row, share * c, *x);
+                *row = add_scaled(*row, weight * c, *x);
             }
         }
     }
@@ -240,16 +244,16 @@ fn plane_normal<const D: usize>(
     for (row, m) in second.iter_mut().zip(mean) {
         *row = add_scaled(*row, -m, first);
     }
-    let least = min_eigenvector(second);
+    let min_vector = min_eigenvector(second);
     let mut axis = [0.0; D];
-    for (c, row) in least.into_iter().zip(up.per_sample) {
+    for (c, row) in min_vector.into_iter().zip(axes.per_sample) {
         axis = add_scaled(axis, c, row);
     }
-    orient_up(unit(axis), up.up)
+    orient_up(unit(axis), axes.up)
 }
 
-/// Returns the unit eigenvector of the least eigenvalue of a symmetric matrix (Jacobi's rotations: exact even
-/// where that eigenvalue is zero).
+/// Returns the unit eigenvector of the smallest eigenvalue of a symmetric matrix, by Jacobi
+/// rotations, which are exact even if that eigenvalue is zero.
 fn min_eigenvector<const D: usize>(mut m: [[f64; D]; D]) -> [f64; D] {
     let mut axes: [[f64; D]; D] =
         std::array::from_fn(|i| std::array::from_fn(|k| f64::from(u8::from(i == k))));
@@ -276,21 +280,19 @@ fn min_eigenvector<const D: usize>(mut m: [[f64; D]; D]) -> [f64; D] {
             }
         }
     }
-    let least = (1..D).fold(
-        0,
-        |least, k| if m[k][k] < m[least][least] { k } else { least },
-    );
-    axes[least]
+    let min = (1..D).fold(0, |best, k| if m[k][k] < m[best][best] { k } else { best });
+    axes[min]
 }
 
-/// Passes in which normals are averaged before an area is measured: over two facets or three to each side.
+/// Number of passes that average normals before an area is measured; the average extends over two
+/// or three facets to each side.
 const NORMAL_SMOOTHING_PASSES: usize = 12;
 
-/// Returns the area of the facets without the bumps of single ones: each counts as it is seen along the mean
+/// Returns the area of the smoothed facets: each facet counts with its projection along the mean
 /// normal of the facets around it.
 ///
-/// Normals are averaged as area vectors, of which bumps change no sum but at its rim; `per_sample` leads to
-/// samples, in which neighbours lean little towards one another.
+/// Normals are averaged as area vectors, because bumps do not change the sum of area vectors except
+/// at their rims. `per_sample` converts to samples, in which neighbouring normals differ little.
 fn smooth_area<const D: usize>(
     nodes: &[[f64; D]],
     facets: &[[u32; D]],
@@ -298,36 +300,36 @@ fn smooth_area<const D: usize>(
 ) -> f64 {
     let corners = |f: &[u32; D]| f.map(|n| nodes[n as usize]);
     let in_samples = |x: [f64; D]| {
-        let from_first = sub(x, nodes[facets[0][0] as usize]);
-        per_sample.map(|row| dot(row, from_first))
+        let offset = sub(x, nodes[facets[0][0] as usize]);
+        per_sample.map(|row| dot(row, offset))
     };
-    let own: Vec<[f64; D]> = facets.iter().map(|f| normal(&corners(f))).collect();
-    let sides: Vec<[f64; D]> = facets
+    let area_vectors: Vec<[f64; D]> = facets.iter().map(|f| normal(&corners(f))).collect();
+    let sample_vectors: Vec<[f64; D]> = facets
         .iter()
         .map(|f| normal(&corners(f).map(in_samples)))
         .collect();
-    // Facets by their ridges: all nodes but one.
+    // Facets by their ridges, which are all nodes except one.
     let mut ridges: Vec<([u32; D], u32)> = Vec::with_capacity(D * facets.len());
     for (number, facet) in (0u32..).zip(facets) {
-        for left_out in 0..D {
+        for omitted in 0..D {
             let mut ridge = *facet;
-            ridge[left_out] = u32::MAX;
+            ridge[omitted] = u32::MAX;
             ridge.sort_unstable();
             ridges.push((ridge, number));
         }
     }
     ridges.sort_unstable();
-    // Pairs of neighbours, and whether they are turned alike.
+    // Pairs of neighbours, and the sign of their relative orientation.
     let mut pairs: Vec<(usize, usize, f64)> = Vec::with_capacity(ridges.len());
-    for around in ridges.chunk_by(|a, b| a.0 == b.0) {
-        for (i, (_, a)) in around.iter().enumerate() {
-            for (_, b) in &around[..i] {
+    for group in ridges.chunk_by(|a, b| a.0 == b.0) {
+        for (i, (_, a)) in group.iter().enumerate() {
+            for (_, b) in &group[..i] {
                 let (a, b) = (*a as usize, *b as usize);
-                pairs.push((a, b, dot(sides[a], sides[b]).signum()));
+                pairs.push((a, b, dot(sample_vectors[a], sample_vectors[b]).signum()));
             }
         }
     }
-    let mut means = own.clone();
+    let mut means = area_vectors.clone();
     for _ in 0..NORMAL_SMOOTHING_PASSES {
         let mut sums = means.clone();
         for &(a, b, sign) in &pairs {
@@ -336,15 +338,24 @@ fn smooth_area<const D: usize>(
         }
         means = sums;
     }
-    let seen = |(own, mean): (&[f64; D], &[f64; D])| match norm(*mean) > 0.0 {
-        true => dot(*own, unit(*mean)),
-        false => norm(*own),
+    let projected_area = |(area_vector, mean): (&[f64; D], &[f64; D])| {
+        if norm(*mean) > 0.0 {
+            dot(*area_vector, unit(*mean))
+        } else {
+            norm(*area_vector)
+        }
     };
-    own.iter().zip(&means).map(seen).sum::<f64>().abs()
+    area_vectors
+        .iter()
+        .zip(&means)
+        .map(projected_area)
+        .sum::<f64>()
+        .abs()
 }
 
-/// The axis of the facets' normals, weighted by area, pointing up: the main eigenvector of the sum
-/// of their outer products, by the power method (signs of single normals mean nothing).
+/// Returns the axis of the facets' normals, weighted by area and pointing up. It is the main
+/// eigenvector of the sum of their outer products, by the power method, so that the signs of single
+/// normals do not matter.
 pub fn mean_normal<const D: usize>(
     nodes: &[[f64; D]],
     facets: &[[u32; D]],
@@ -358,7 +369,7 @@ pub fn mean_normal<const D: usize>(
             tensor[i] = add_scaled(tensor[i], weight * n[i], n);
         }
     }
-    // Its own column of largest norm is a start that is not normal to the axis.
+    // The column with the largest norm is a start vector that is not normal to the axis.
     let mut axis = tensor.into_iter().fold([0.0; D], |best, row| {
         if dot(row, row) > dot(best, best) {
             row
@@ -379,7 +390,7 @@ pub fn mean_normal<const D: usize>(
 
 /// Returns the axis or its opposite, whichever points up.
 fn orient_up<const D: usize>(axis: [f64; D], up: [f64; D]) -> [f64; D] {
-    // Vertical surfaces need a rule too: the largest component is positive.
+    // For vertical surfaces, the largest component is positive.
     let mut sign = dot(axis, up);
     if sign.abs() < 1e-9 {
         sign = axis.into_iter().fold(
@@ -397,9 +408,9 @@ struct SurfaceTopology {
     hole_area: f64,
 }
 
-/// Rim, pieces and holes of one surface.
-fn topology<const D: usize>(nodes: &[[f64; D]], list: &[[u32; D]]) -> SurfaceTopology {
-    let facets = FacetComplex::new(nodes, list.to_vec());
+/// Returns the rim, the components and the holes of one surface.
+fn topology<const D: usize>(nodes: &[[f64; D]], surface_facets: &[[u32; D]]) -> SurfaceTopology {
+    let facets = FacetComplex::new(nodes, surface_facets.to_vec());
     let mut pieces = UnionFind::new(facets.len());
     let mut rim_sides = Vec::new();
     for ridge in 0..facets.ridge_count() {
@@ -430,8 +441,9 @@ fn topology<const D: usize>(nodes: &[[f64; D]], list: &[[u32; D]]) -> SurfaceTop
     }
 }
 
-/// Holes of a surface, of which `rim` holds the sides without a neighbour, and their area: of the closed
-/// curves of each piece's rim, all but the one that encloses most.
+/// Returns the number and the area of the holes of a surface. `rim` holds the sides without a
+/// neighbour. The holes are the closed rim curves of each component, except the one that encloses
+/// the largest area.
 fn count_holes<const D: usize>(
     facets: &FacetComplex<D>,
     rim: &[usize],
@@ -440,24 +452,25 @@ fn count_holes<const D: usize>(
     if D != 3 {
         return (0, 0.0);
     }
-    let mut at: Vec<u32> = rim.iter().flat_map(|&s| facets.ridge_nodes(s)).collect();
-    at.sort_unstable();
-    at.dedup();
-    let place = |n: u32| at.partition_point(|&m| m < n) as u32;
+    let mut rim_nodes: Vec<u32> = rim.iter().flat_map(|&s| facets.ridge_nodes(s)).collect();
+    rim_nodes.sort_unstable();
+    rim_nodes.dedup();
+    let index_of = |n: u32| rim_nodes.partition_point(|&m| m < n) as u32;
     // Closed curves: rim nodes that rim edges connect.
-    let mut curves = UnionFind::new(at.len());
+    let mut curves = UnionFind::new(rim_nodes.len());
     for &side in rim {
-        let ends: Vec<u32> = facets.ridge_nodes(side).map(place).collect();
+        let ends: Vec<u32> = facets.ridge_nodes(side).map(index_of).collect();
         curves.unite(ends[0], ends[1]);
     }
-    // Twice the vector area of each: facets show one side, and so its edges run one way.
+    // Twice the vector area of each curve: facets are oriented consistently, so the edges of a
+    // curve have one direction.
     let mut enclosed: BTreeMap<(u32, u32), [f64; 3]> = BTreeMap::new();
     for &side in rim {
         let facet = facets.corners(side / D);
         let [a, b] = [1, 2].map(|step| to_3d(facet[(side % D + step) % D]));
-        let first = facets.ridge_nodes(side).map(place).next().unwrap_or(0);
+        let first = facets.ridge_nodes(side).map(index_of).next().unwrap_or(0);
         let curve = curves.find(first);
-        let base = to_3d(facets.nodes[at[curve as usize] as usize]);
+        let base = to_3d(facets.nodes[rim_nodes[curve as usize] as usize]);
         let sum = enclosed.entry((piece[side / D], curve)).or_default();
         *sum = add_scaled(*sum, 1.0, cross(sub(a, base), sub(b, base)));
     }
@@ -466,42 +479,44 @@ fn count_holes<const D: usize>(
         .collect();
     curves
         .chunk_by(|a, b| a.0 == b.0)
-        .fold((0, 0.0), |(count, area), of_piece| {
-            let areas = of_piece.iter().map(|curve| curve.1);
+        .fold((0, 0.0), |(count, area), piece_curves| {
+            let areas = piece_curves.iter().map(|curve| curve.1);
             let largest = areas.clone().fold(0.0, f64::max);
             (
-                count + of_piece.len() - 1,
+                count + piece_curves.len() - 1,
                 area + areas.sum::<f64>() - largest,
             )
         })
 }
 
-/// For each surface, the numbers from 1 of those that it shares at least as many nodes with as a ridge has.
+/// Returns for each surface the numbers, from 1, of the surfaces with which it shares at least as
+/// many nodes as a ridge has.
 fn adjacent_surfaces<const D: usize>(surfaces: &Surfaces<D>) -> Vec<Vec<usize>> {
-    let mut at: Vec<(u32, u32)> = (0..surfaces.len())
+    let mut node_surfaces: Vec<(u32, u32)> = (0..surfaces.len())
         .flat_map(|s| {
             let nodes = surfaces.facets_of(s).as_flattened().iter();
             nodes.map(move |&n| (n, s as u32))
         })
         .collect();
-    at.par_sort_unstable();
-    at.dedup();
-    let mut pairs: Vec<(u32, u32)> = at
+    node_surfaces.par_sort_unstable();
+    node_surfaces.dedup();
+    let mut pairs: Vec<(u32, u32)> = node_surfaces
         .chunk_by(|a, b| a.0 == b.0)
-        .flat_map(|here| {
-            here.iter().flat_map(move |a| {
-                here.iter()
+        .flat_map(|entries| {
+            entries.iter().flat_map(move |a| {
+                entries
+                    .iter()
                     .filter(move |b| a.1 != b.1)
                     .map(move |b| (a.1, b.1))
             })
         })
         .collect();
     pairs.sort_unstable();
-    let mut meets = vec![Vec::new(); surfaces.len()];
-    for same in pairs.chunk_by(|a, b| a == b) {
-        if same.len() >= D - 1 {
-            meets[same[0].0 as usize].push(same[0].1 as usize + 1);
+    let mut adjacent = vec![Vec::new(); surfaces.len()];
+    for run in pairs.chunk_by(|a, b| a == b) {
+        if run.len() >= D - 1 {
+            adjacent[run[0].0 as usize].push(run[0].1 as usize + 1);
         }
     }
-    meets
+    adjacent
 }

@@ -1,4 +1,4 @@
-//! From pieces and votes to surfaces.
+//! Merges pieces into surfaces by their votes.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
@@ -9,53 +9,55 @@ use crate::feature::eigen::{SymmetricMatrix, eigenvalues, eigenvector};
 use crate::geometry::union_find::UnionFind;
 use crate::geometry::{dot, norm};
 
-/// Ridges without which only crumbs are united.
+/// Smallest number of ridges that can unite two surfaces which are not fragments.
 const MIN_RIDGES: u32 = 4;
-/// Pieces with a shorter rim are crumbs.
+/// Pieces whose rim is shorter than this number of ridges are fragments.
 const MIN_PIECE_RIM: u32 = 4 * MIN_RIDGES;
 
-/// Pieces are flat if so much of their area lies in one plane (the square of its cosine, averaged).
+/// Smallest flatness of a flat piece: the mean squared cosine between its facets' normals and its
+/// plane's normal, weighted by area.
 const MIN_FLATNESS: f64 = 0.93;
-/// Flat pieces whose planes differ by more (35 degrees) are two surfaces, whatever single ridges say:
-/// where two faults cross, detection blurs both, and ridges there lead from one to the other.
+/// Smallest cosine between the planes of two flat pieces of one surface (35 degrees), whatever
+/// single ridges say. Where two faults cross, detection blurs both, and ridges lead from one to the
+/// other.
 const MIN_PLANE_COSINE: f64 = 0.82;
 
-/// Which way a piece faces: the sum over its facets of n nT / |n|, n normal to them and as long as
-/// they are large.
+/// The orientation of a piece: the sum over its facets of n n^T / |n|, where n is the facet's
+/// normal with the length of its area.
 #[derive(Debug, Clone, Copy)]
 pub struct PieceOrientation<const D: usize>(SymmetricMatrix<D>);
 
 impl<const D: usize> PieceOrientation<D> {
-    /// Of each of `count` pieces; `piece` says which each facet belongs to.
+    /// Returns the orientation of each of `count` pieces. `piece` holds the piece of each facet.
     pub fn from_pieces(facets: &FacetComplex<D>, piece: &[u32], count: usize) -> Vec<Self> {
-        let mut all = vec![Self([[0.0; D]; D]); count];
+        let mut orientations = vec![Self([[0.0; D]; D]); count];
         for (f, &p) in piece.iter().enumerate() {
             let n = facets.normal(f);
             let size = norm(n);
             if size > 0.0 {
-                all[p as usize].add(&Self(outer_product(n, n.map(|c| c / size))));
+                orientations[p as usize].add(&Self(outer_product(n, n.map(|c| c / size))));
             }
         }
-        all
+        orientations
     }
 
     fn add(&mut self, other: &Self) {
-        for (row, others) in self.0.iter_mut().zip(&other.0) {
-            for (a, b) in row.iter_mut().zip(others) {
+        for (row, other_row) in self.0.iter_mut().zip(&other.0) {
+            for (a, b) in row.iter_mut().zip(other_row) {
                 *a += b;
             }
         }
     }
 
-    /// The normal of a flat piece.
+    /// Returns the normal of the piece if it is flat.
     fn normal(&self) -> Option<[f64; D]> {
-        let all: f64 = (0..D).map(|k| self.0[k][k]).sum();
+        let trace: f64 = (0..D).map(|k| self.0[k][k]).sum();
         let values = eigenvalues(&self.0);
-        let most = values.iter().copied().fold(0.0, f64::max);
-        (most > MIN_FLATNESS * all).then(|| eigenvector(&self.0, most))
+        let max_eigenvalue = values.iter().copied().fold(0.0, f64::max);
+        (max_eigenvalue > MIN_FLATNESS * trace).then(|| eigenvector(&self.0, max_eigenvalue))
     }
 
-    /// Whether both are flat, and lie in planes that differ.
+    /// Returns `true` if both pieces are flat and lie in different planes.
     fn differs(&self, other: &Self) -> bool {
         match (self.normal(), other.normal()) {
             (Some(m), Some(n)) => dot(m, n).abs() < MIN_PLANE_COSINE,
@@ -68,22 +70,22 @@ fn outer_product<const D: usize>(a: [f64; D], b: [f64; D]) -> SymmetricMatrix<D>
     a.map(|x| b.map(|y| x * y))
 }
 
-/// What all ridges between two surfaces say.
+/// The sum of all votes on two surfaces.
 #[derive(Debug, Clone, Copy, Default)]
 struct VoteSum {
     weight_for: u32,
     weight_against: u32,
-    /// How many speak for it.
+    /// Number of votes for one surface.
     ridge_count: u32,
 }
 
 impl VoteSum {
-    /// By how much what is for it outweighs what is against it.
+    /// Returns the weight for one surface minus twice the weight against it.
     fn net_weight(self) -> i64 {
         i64::from(self.weight_for) - 2 * i64::from(self.weight_against)
     }
 
-    /// The longest rim of the smaller surface for which the ridges are enough.
+    /// Returns the longest rim of the smaller surface for which the number of ridges is enough.
     fn max_rim(self) -> u32 {
         match self.ridge_count {
             few @ 0..MIN_RIDGES => 4 * few,
@@ -91,26 +93,26 @@ impl VoteSum {
         }
     }
 
-    /// Whether there are enough ridges to unite surfaces `a` and `b`.
+    /// Returns `true` if there are enough ridges to unite surfaces `a` and `b`.
     fn has_enough_ridges(self, a: u32, b: u32, rims: &[u32]) -> bool {
         self.ridge_count > 0 && rims[a as usize].min(rims[b as usize]) <= self.max_rim()
     }
 }
 
-/// Two surfaces, the smaller number first, by what speaks for one; the best is the greatest.
+/// Two surfaces, the smaller number first, with their net weight. The best pair is the greatest.
 type QueuedPair = (i64, Reverse<(u32, u32)>);
 
-/// Pairs of surfaces that may become one.
+/// Pairs of surfaces that may be united.
 ///
-/// A surface that grows may have very many neighbours, so that not all of its pairs can be looked at
-/// whenever it grows: only those whose votes have changed, those that its shorter rim lets pass now,
-/// and those that were refused for how it faced.
+/// A surface that grows may have very many neighbours, so not all of its pairs can be checked each
+/// time. The queue only checks pairs whose votes have changed, pairs whose shorter rim has become
+/// short enough, and pairs that were refused because of their orientation.
 struct PairQueue {
     queue: BinaryHeap<QueuedPair>,
-    /// For each surface, its pairs with too few ridges: the length to which a rim must shrink, and the
-    /// other surface. What is no more so is found out when its turn comes.
+    /// For each surface, its pairs with too few ridges: the rim length to which the shorter rim
+    /// must shrink, and the other surface. Outdated entries are detected when their turn comes.
     deferred: Vec<BTreeSet<(u32, u32)>>,
-    /// For each surface, others that face elsewhere.
+    /// For each surface, the surfaces that were refused because of their orientation.
     refused: Vec<BTreeSet<u32>>,
 }
 
@@ -123,7 +125,7 @@ impl PairQueue {
         }
     }
 
-    /// Queues a pair, or lets it wait for a shorter rim.
+    /// Queues a pair, or defers it until a rim is shorter.
     fn insert(&mut self, votes: VoteSum, a: u32, b: u32, rims: &[u32]) {
         if votes.net_weight() < 0 {
             return;
@@ -148,51 +150,57 @@ impl PairQueue {
         self.refused[b as usize].insert(a);
     }
 
-    /// Looks again at the pairs of surface `a`, which surface `b` has become part of.
-    fn reconsider(&mut self, a: u32, b: u32, near: &BTreeMap<u32, VoteSum>, rims: &[u32]) {
-        // Those of b are pairs of a now, and have been put anew.
+    /// Checks the pairs of surface `a` again after surface `b` was merged into it.
+    fn reconsider(
+        &mut self,
+        a: u32,
+        b: u32,
+        neighbour_votes: &BTreeMap<u32, VoteSum>,
+        rims: &[u32],
+    ) {
+        // The pairs of b are pairs of a now and have been inserted again.
         self.deferred[b as usize].clear();
         self.refused[b as usize].clear();
-        let mut again = std::mem::take(&mut self.refused[a as usize]);
-        let waiting = &mut self.deferred[a as usize];
-        while let Some(&(longest, c)) = waiting.last()
-            && rims[a as usize] <= longest
+        let mut candidates = std::mem::take(&mut self.refused[a as usize]);
+        let deferred = &mut self.deferred[a as usize];
+        while let Some(&(max_rim, c)) = deferred.last()
+            && rims[a as usize] <= max_rim
         {
-            waiting.pop_last();
-            again.insert(c);
+            deferred.pop_last();
+            candidates.insert(c);
         }
-        for c in again {
-            if let Some(&votes) = near.get(&c) {
+        for c in candidates {
+            if let Some(&votes) = neighbour_votes.get(&c) {
                 self.insert(votes, a, c, rims);
             }
         }
     }
 }
 
-/// Unites pieces that continue each other, best founded first, and gives the surface of each piece
-/// and the number of surfaces.
+/// Unites pieces that continue each other, those with the largest net weight first. Returns the
+/// surface of each piece and the number of surfaces.
 ///
-/// Two surfaces become one if the weight for it is at least twice that against it, and enough ridges
-/// are for it: four (of a crumb with fewer than 16 ridges at its rim, a quarter of these), and a
-/// tenth of the smaller one's rim, lest a stray neck join two faults. `rims` is the length of each
-/// piece's rim in ridges.
+/// Two surfaces are united if the weight for it is at least twice that against it, and if enough
+/// ridges are for it. Enough means at least four ridges (for a fragment with fewer than 16 ridges
+/// at its rim, a quarter of these), and a tenth of the smaller surface's rim, so that a narrow neck
+/// does not join two faults. `rims` is the length of each piece's rim in ridges.
 ///
-/// Nor do flat pieces that face elsewhere become one, as `facing` tells, unless one is a crumb.
+/// Flat pieces with different `orientations` are not united, unless one is a fragment.
 ///
-/// What is against two pieces is against the surfaces that they become part of: so two faults that
-/// cross stay two, though a third piece continues both.
+/// Votes against two pieces also count against the surfaces that contain them. So two faults that
+/// cross stay two surfaces, even if a third piece continues both.
 pub fn merge_pieces<const D: usize>(
     rims: &[u32],
-    facing: Vec<PieceOrientation<D>>,
+    orientations: Vec<PieceOrientation<D>>,
     votes: &[Vote],
 ) -> (Vec<u32>, usize) {
-    let (mut rims, mut facing) = (rims.to_vec(), facing);
+    let (mut rims, mut orientations) = (rims.to_vec(), orientations);
     let mut sets = UnionFind::new(rims.len());
-    let mut near: Vec<BTreeMap<u32, VoteSum>> = vec![BTreeMap::new(); rims.len()];
+    let mut neighbour_votes: Vec<BTreeMap<u32, VoteSum>> = vec![BTreeMap::new(); rims.len()];
     for vote in votes {
         let [a, b] = vote.pieces;
-        for (from, to) in [(a, b), (b, a)] {
-            let sum = near[from as usize].entry(to).or_default();
+        for (surface, other) in [(a, b), (b, a)] {
+            let sum = neighbour_votes[surface as usize].entry(other).or_default();
             sum.weight_for += vote.weight_for;
             sum.weight_against += vote.weight_against;
             sum.ridge_count += u32::from(vote.weight_for > 0);
@@ -200,13 +208,13 @@ pub fn merge_pieces<const D: usize>(
     }
     let mut pairs = PairQueue::new(rims.len());
     for a in 0..rims.len() as u32 {
-        for (&b, &sum) in near[a as usize].range(a + 1..) {
+        for (&b, &sum) in neighbour_votes[a as usize].range(a + 1..) {
             pairs.insert(sum, a, b, &rims);
         }
     }
     while let Some(pair @ (net, Reverse((a, b)))) = pairs.queue.pop() {
-        // What has changed since it was queued was queued again.
-        let Some(&votes) = near[a as usize]
+        // If the votes have changed since then, the pair was queued again.
+        let Some(&votes) = neighbour_votes[a as usize]
             .get(&b)
             .filter(|votes| votes.net_weight() == net)
         else {
@@ -216,30 +224,30 @@ pub fn merge_pieces<const D: usize>(
             pairs.defer(votes, a, b);
             continue;
         }
-        let crumb = rims[a as usize].min(rims[b as usize]) < MIN_PIECE_RIM;
-        if !crumb && facing[a as usize].differs(&facing[b as usize]) {
+        let is_fragment = rims[a as usize].min(rims[b as usize]) < MIN_PIECE_RIM;
+        if !is_fragment && orientations[a as usize].differs(&orientations[b as usize]) {
             pairs.refuse(pair);
             continue;
         }
         sets.unite(a, b);
-        let [kept, gone] = [a, b].map(|i| i as usize);
-        rims[kept] = (rims[kept] + rims[gone]).saturating_sub(2 * votes.ridge_count);
-        near[kept].remove(&b);
-        for (c, votes) in std::mem::take(&mut near[gone]) {
-            near[c as usize].remove(&b);
+        let [kept, removed] = [a, b].map(|i| i as usize);
+        rims[kept] = (rims[kept] + rims[removed]).saturating_sub(2 * votes.ridge_count);
+        neighbour_votes[kept].remove(&b);
+        for (c, votes) in std::mem::take(&mut neighbour_votes[removed]) {
+            neighbour_votes[c as usize].remove(&b);
             if c != a {
-                for (from, to) in [(a, c), (c, a)] {
-                    let sum = near[from as usize].entry(to).or_default();
+                for (surface, other) in [(a, c), (c, a)] {
+                    let sum = neighbour_votes[surface as usize].entry(other).or_default();
                     sum.weight_for += votes.weight_for;
                     sum.weight_against += votes.weight_against;
                     sum.ridge_count += votes.ridge_count;
                 }
-                pairs.insert(near[kept][&c], a, c, &rims);
+                pairs.insert(neighbour_votes[kept][&c], a, c, &rims);
             }
         }
-        let other = facing[gone];
-        facing[kept].add(&other);
-        pairs.reconsider(a, b, &near[kept], &rims);
+        let orientation = orientations[removed];
+        orientations[kept].add(&orientation);
+        pairs.reconsider(a, b, &neighbour_votes[kept], &rims);
     }
     sets.into_labels()
 }
@@ -248,7 +256,8 @@ pub fn merge_pieces<const D: usize>(
 mod tests {
     use super::super::continuation_votes::FULL_WEIGHT;
     use super::*;
-    /// Votes of so many ridges for and against, in full weight.
+    /// Returns votes with full weight; `list` holds two pieces and the numbers of ridges for and
+    /// against uniting them.
     fn votes(list: &[(u32, u32, usize, usize)]) -> Vec<Vote> {
         let vote = |a, b, favour, against| Vote {
             pieces: [a, b],
@@ -263,17 +272,23 @@ mod tests {
             .collect()
     }
 
-    /// Pieces that face everywhere.
+    /// Returns the orientations of pieces that are not flat.
     fn unknown_orientations(count: usize) -> Vec<PieceOrientation<3>> {
         vec![PieceOrientation([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]); count]
     }
 
     #[test]
-    fn flat_pieces_of_other_planes_stay_apart() {
-        let facing = |n: [f64; 3]| PieceOrientation(outer_product(n, n));
-        let yes = votes(&[(0, 1, 9, 0)]);
-        let count =
-            |n, rim| merge_pieces(&[40, rim], vec![facing([1.0, 0.0, 0.0]), facing(n)], &yes).1;
+    fn flat_pieces_in_different_planes_stay_separate() {
+        let orientation = |n: [f64; 3]| PieceOrientation(outer_product(n, n));
+        let votes_for = votes(&[(0, 1, 9, 0)]);
+        let count = |n, rim| {
+            merge_pieces(
+                &[40, rim],
+                vec![orientation([1.0, 0.0, 0.0]), orientation(n)],
+                &votes_for,
+            )
+            .1
+        };
         assert_eq!(count([0.9, 0.436, 0.0], 40), 1);
         assert_eq!(count([0.6, 0.8, 0.0], 40), 2);
         assert_eq!(count([0.6, 0.8, 0.0], 10), 1, "a crumb");
@@ -298,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn a_piece_that_continues_two_which_meet_joins_the_better_one() {
+    fn a_piece_that_continues_two_surfaces_joins_the_better_one() {
         let list = [(0, 1, 9, 0), (0, 2, 6, 0), (1, 2, 0, 5)];
         assert_eq!(
             merge_pieces(&[40; 3], unknown_orientations(3), &votes(&list)),
@@ -306,13 +321,14 @@ mod tests {
         );
     }
 
-    /// What [`unite`] says it does, word for word: all pairs are looked at again after each union.
+    /// Implements the rules of [`merge_pieces`] directly: checks all pairs again after each union.
     fn merge_naively(
         rims: &[u32],
-        facing: Vec<PieceOrientation<3>>,
+        orientations: Vec<PieceOrientation<3>>,
         votes: &[Vote],
     ) -> (Vec<u32>, usize) {
-        let (mut rims, mut facing, mut sets) = (rims.to_vec(), facing, UnionFind::new(rims.len()));
+        let (mut rims, mut orientations, mut sets) =
+            (rims.to_vec(), orientations, UnionFind::new(rims.len()));
         let mut sums: BTreeMap<(u32, u32), VoteSum> = BTreeMap::new();
         for vote in votes {
             let sum = sums.entry(vote.pieces.into()).or_default();
@@ -321,22 +337,23 @@ mod tests {
             sum.ridge_count += u32::from(vote.weight_for > 0);
         }
         loop {
-            let may = |(&(a, b), &sum): (&(u32, u32), &VoteSum)| {
+            let candidate = |(&(a, b), &sum): (&(u32, u32), &VoteSum)| {
                 let [p, q] = [a, b].map(|i| i as usize);
-                let small = rims[p].min(rims[q]);
-                let enough = MIN_RIDGES
-                    .min(small.div_ceil(4))
-                    .max(small.div_ceil(10))
+                let min_rim = rims[p].min(rims[q]);
+                let min_ridges = MIN_RIDGES
+                    .min(min_rim.div_ceil(4))
+                    .max(min_rim.div_ceil(10))
                     .max(1);
-                let apart = small >= MIN_PIECE_RIM && facing[p].differs(&facing[q]);
-                (sum.ridge_count >= enough && sum.net_weight() >= 0 && !apart)
+                let is_separate =
+                    min_rim >= MIN_PIECE_RIM && orientations[p].differs(&orientations[q]);
+                (sum.ridge_count >= min_ridges && sum.net_weight() >= 0 && !is_separate)
                     .then_some((sum.net_weight(), Reverse((a, b))))
             };
-            let Some((_, Reverse((a, b)))) = sums.iter().filter_map(may).max() else {
+            let Some((_, Reverse((a, b)))) = sums.iter().filter_map(candidate).max() else {
                 return sets.into_labels();
             };
             sets.unite(a, b);
-            let [kept, gone] = [a, b].map(|i| i as usize);
+            let [kept, removed] = [a, b].map(|i| i as usize);
             let votes = sums.remove(&(a, b)).unwrap_or_default();
             for ((p, q), votes) in std::mem::take(&mut sums) {
                 let [p, q] = [p, q].map(|i| if i == b { a } else { i });
@@ -345,30 +362,30 @@ mod tests {
                 sum.weight_against += votes.weight_against;
                 sum.ridge_count += votes.ridge_count;
             }
-            let other = facing[gone];
-            facing[kept].add(&other);
-            rims[kept] = (rims[kept] + rims[gone]).saturating_sub(2 * votes.ridge_count);
+            let orientation = orientations[removed];
+            orientations[kept].add(&orientation);
+            rims[kept] = (rims[kept] + rims[removed]).saturating_sub(2 * votes.ridge_count);
         }
     }
 
     #[test]
-    fn no_pair_is_forgotten_however_surfaces_grow() {
+    fn the_queue_agrees_with_a_naive_merge() {
         let mut state = 5u32;
         let mut random = |below: u32| {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             (state >> 8) % below
         };
-        let mut united = 0;
+        let mut merged_count = 0;
         for round in 0..300 {
             let count = 30 + random(20);
             let rims: Vec<u32> = (0..count).map(|_| 1 + random(60)).collect();
-            let facing: Vec<PieceOrientation<3>> = (0..count)
+            let orientations: Vec<PieceOrientation<3>> = (0..count)
                 .map(|_| {
                     let n: [f64; 3] = std::array::from_fn(|_| f64::from(random(3)));
-                    let round = f64::from(random(2));
-                    let mut all = outer_product(n, n);
-                    (0..3).for_each(|k| all[k][k] += round);
-                    PieceOrientation(all)
+                    let isotropic = f64::from(random(2));
+                    let mut matrix = outer_product(n, n);
+                    (0..3).for_each(|k| matrix[k][k] += isotropic);
+                    PieceOrientation(matrix)
                 })
                 .collect();
             let votes: Vec<Vote> = (0..6 * count)
@@ -382,17 +399,27 @@ mod tests {
                     })
                 })
                 .collect();
-            let got = merge_pieces(&rims, facing.clone(), &votes);
-            assert_eq!(got, merge_naively(&rims, facing, &votes), "{round}");
-            united += count as usize - got.1;
+            let merged = merge_pieces(&rims, orientations.clone(), &votes);
+            assert_eq!(
+                merged,
+                merge_naively(&rims, orientations, &votes),
+                "{round}"
+            );
+            merged_count += count as usize - merged.1;
         }
-        assert!(united > 1000, "{united}");
+        assert!(merged_count > 1000, "{merged_count}");
     }
 
     #[test]
-    fn large_pieces_need_more_than_a_ridge_and_crumbs_do_not() {
-        let one = votes(&[(0, 1, 1, 0)]);
-        assert_eq!(merge_pieces(&[40, 40], unknown_orientations(2), &one).1, 2);
-        assert_eq!(merge_pieces(&[40, 3], unknown_orientations(2), &one).1, 1);
+    fn large_pieces_need_more_than_a_ridge_and_fragments_do_not() {
+        let single_vote = votes(&[(0, 1, 1, 0)]);
+        assert_eq!(
+            merge_pieces(&[40, 40], unknown_orientations(2), &single_vote).1,
+            2
+        );
+        assert_eq!(
+            merge_pieces(&[40, 3], unknown_orientations(2), &single_vote).1,
+            1
+        );
     }
 }

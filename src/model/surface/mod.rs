@@ -1,9 +1,9 @@
-//! Faces on features -> labelled surfaces.
+//! Groups the faces on features into labelled surfaces.
 //!
-//! A mesh says which of its faces lie on features. Which of them make one fault or one horizon?
-//! Facets that continue each other across a ridge do; where more than two meet, those that bend
-//! least; and beyond a gap, as it is left where features cross, the facets that lie in the plane.
-//! One ridge may mislead, so ridges vote: see `unite`.
+//! A mesh marks the faces that lie on features. This module decides which of them form one fault or
+//! one horizon. Facets that continue each other across a ridge belong together. Where more than two
+//! facets meet, those with the smallest bend do. Beyond a gap, as it remains where features cross,
+//! facets in the same plane do. One ridge may be misleading, so ridges vote: see `merging`.
 //!
 //! Two faults that cross:
 //!
@@ -24,16 +24,16 @@
 //! ```
 //!
 //! - `facets`: facets and their ridges: triangles and edges in 3-D, edges and nodes in 2-D
-//! - `select`: the facets of a mesh that lie on features
-//! - `pairs`: what continues what
-//! - `walls`: horizons end on faults
-//! - `unite`: pieces and votes -> surfaces
-//! - `patch`: crumbs that close holes of a surface are part of it
-//! - `kind`: faults, horizons, and what parts two labels
-//! - `names`: names of surfaces, and patterns that pick some of them
-//! - `stored`: the surfaces of a mesh that a file holds
+//! - `facet_selection`: the facets of a mesh that lie on features
+//! - `continuation_votes`: votes on which pieces continue each other
+//! - `fault_separation`: horizons end on faults
+//! - `merging`: merges pieces into surfaces by their votes
+//! - `hole_patches`: fragments that close holes of a surface belong to it
+//! - `kind`: faults, horizons, and interfaces between labels
+//! - `names`: names of surfaces, and selectors
+//! - `stored_surfaces`: the surfaces of a mesh from a file
 //! - `measure`: area, orientation, extent, rim
-//! - `pairs_of_regions`: what every two regions share
+//! - `region_interfaces`: the interfaces between every two regions
 //! - `adjacency`: cells and the faces between them
 
 pub mod adjacency;
@@ -56,15 +56,16 @@ use fault_separation::FaultSeparation;
 pub use kind::SurfaceKind;
 pub use measure::{SurfaceMeasure, measure};
 
-/// What makes facets one surface.
+/// Options of the grouping of facets into surfaces.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
-    /// The largest bend within a surface, in degrees.
+    /// Largest bend within a surface, in degrees.
     pub max_bend: f64,
-    /// The widest gap across which a surface goes on, in units of the facets' size.
+    /// Widest gap across which a surface continues, in units of the facets' size.
     pub max_gap: f64,
-    /// Smaller surfaces are dropped: least area (3-D) or length (2-D), in the space of the nodes; if
-    /// `None` that of ten facets, and a fiftieth of the largest surface.
+    /// Smallest area (3-D) or length (2-D) of a surface that is kept, in the space of the nodes. If
+    /// `None`, it is the area of ten facets or a fiftieth of the largest surface, whichever is
+    /// larger.
     pub min_area: Option<f64>,
 }
 
@@ -78,12 +79,13 @@ impl Default for Options {
     }
 }
 
-/// Smaller surfaces than this many facets are crumbs: ten faces, or as many edges as those are wide.
+/// Returns the number of facets below which a surface is a fragment: ten faces in 3-D, and about
+/// its square root of edges in 2-D.
 const fn min_facet_count<const D: usize>() -> f64 {
     if D == 2 { 3.0 } else { 10.0 }
 }
 
-/// Next to the largest surface, surfaces smaller than this part of it are confetti.
+/// Smallest area of a surface that is kept by default, relative to the largest surface.
 const MIN_AREA_RATIO: f64 = 0.02;
 
 /// Facets grouped into surfaces.
@@ -91,21 +93,23 @@ const MIN_AREA_RATIO: f64 = 0.02;
 pub struct Surfaces<const D: usize> {
     /// Facets of all surfaces, surface by surface.
     pub facets: Vec<[u32; D]>,
-    /// Where the facets of each surface begin, and the end: those with names first, then the largest.
+    /// Where the facets of each surface begin, then the total number. Surfaces with names come
+    /// first, then the largest.
     pub start: Vec<usize>,
-    /// The names of those that have one in the mesh's file.
+    /// The names of the surfaces that have one in the mesh's file.
     pub names: Vec<String>,
-    /// Which of these part two labels of the image.
+    /// The range of the named surfaces that separate two labels of the image.
     pub interfaces: std::ops::Range<usize>,
-    /// Surfaces that were too small.
+    /// Number of surfaces that were too small.
     pub dropped_count: usize,
-    /// Their area.
+    /// Total area of these.
     pub dropped_area: f64,
 }
 
 impl<const D: usize> Surfaces<D> {
-    /// Groups facets into surfaces. `horizons`, nodes ascending, sorted, are those that lie on horizons, which end where the others,
-    /// faults, cross them. Distances and angles are those of `nodes`: use lattice space, in which the mesh is even.
+    /// Groups facets into surfaces. `horizons` are the facets that lie on horizons (nodes
+    /// ascending, sorted); these end where the other facets, faults, cross them. Distances and
+    /// angles are measured between `nodes`: use lattice space, in which the mesh is uniform.
     ///
     /// The result does not depend on the number of threads.
     pub fn find(
@@ -114,25 +118,32 @@ impl<const D: usize> Surfaces<D> {
         horizons: &[[u32; D]],
         options: &Options,
     ) -> Self {
-        let straight = options.max_bend.to_radians().cos();
+        let min_cosine = options.max_bend.to_radians().cos();
         let facets = FacetComplex::new(nodes, facets);
-        let walls = FaultSeparation::new(&facets, horizons);
-        let walls = walls.as_ref();
-        let cores = SmoothPieces::new(&facets, walls);
-        let (mut votes, rim) = ridge_votes(&facets, &cores, walls, straight);
-        let reach = options.max_gap;
-        votes.extend(gap_votes(&facets, &cores, walls, &rim, reach, straight));
+        let separation = FaultSeparation::new(&facets, horizons);
+        let separation = separation.as_ref();
+        let pieces = SmoothPieces::new(&facets, separation);
+        let (mut votes, rim) = ridge_votes(&facets, &pieces, separation, min_cosine);
+        let max_gap = options.max_gap;
+        votes.extend(gap_votes(
+            &facets, &pieces, separation, &rim, max_gap, min_cosine,
+        ));
         let unite_pieces = |piece: &[u32], count: usize, votes: &[Vote]| {
-            let facing = merging::PieceOrientation::from_pieces(&facets, piece, count);
-            let (united, count) =
-                merging::merge_pieces(&rim_lengths(&facets, piece, count), facing, votes);
-            let piece: Vec<u32> = piece.iter().map(|&p| united[p as usize]).collect();
-            (united, piece, count)
+            let orientations = merging::PieceOrientation::from_pieces(&facets, piece, count);
+            let (merged_into, count) =
+                merging::merge_pieces(&rim_lengths(&facets, piece, count), orientations, votes);
+            let piece: Vec<u32> = piece.iter().map(|&p| merged_into[p as usize]).collect();
+            (merged_into, piece, count)
         };
-        let (united, surface, count) = unite_pieces(&cores.piece, cores.count, &votes);
-        // Once more, across wider gaps; what was against stays so.
-        let mut votes: Vec<Vote> = votes.iter().filter_map(|v| v.remap(&united)).collect();
-        votes.extend(crossing_votes(&facets, &surface, &cores.normals, walls));
+        let (merged_into, surface, count) = unite_pieces(&pieces.piece, pieces.count, &votes);
+        // The second pass bridges wider gaps; votes against a union remain.
+        let mut votes: Vec<Vote> = votes.iter().filter_map(|v| v.remap(&merged_into)).collect();
+        votes.extend(crossing_votes(
+            &facets,
+            &surface,
+            &pieces.normals,
+            separation,
+        ));
         let (_, surface, count) = unite_pieces(&surface, count, &votes);
 
         let mut areas = vec![0.0; count];
@@ -141,20 +152,20 @@ impl<const D: usize> Surfaces<D> {
         }
         let mean = areas.iter().sum::<f64>() / facets.len().max(1) as f64;
         let largest = areas.iter().copied().fold(0.0, f64::max);
-        let least = (min_facet_count::<D>() * mean).max(MIN_AREA_RATIO * largest);
-        let least = options.min_area.unwrap_or(least);
+        let min_area = (min_facet_count::<D>() * mean).max(MIN_AREA_RATIO * largest);
+        let min_area = options.min_area.unwrap_or(min_area);
         let mut order: Vec<usize> = (0..count).collect();
         order.sort_by(|&a, &b| areas[b].total_cmp(&areas[a]).then(a.cmp(&b)));
-        let kept = order.partition_point(|&s| areas[s] >= least);
+        let kept_count = order.partition_point(|&s| areas[s] >= min_area);
         let mut rank = vec![NONE; count];
-        for (place, &s) in order[..kept].iter().enumerate() {
+        for (place, &s) in order[..kept_count].iter().enumerate() {
             rank[s] = place as u32;
         }
-        let crumb = |s: usize| rank[s] == NONE && areas[s] < min_facet_count::<D>() * mean;
-        let crumbs: Vec<bool> = (0..count).map(crumb).collect();
-        let patches = hole_patches::hole_patches(&facets, &surface, &crumbs);
-        let dropped: Vec<usize> = (order[kept..].iter().copied())
-            .filter(|&s| patches[s].is_none_or(|whole| rank[whole as usize] == NONE))
+        let is_fragment = |s: usize| rank[s] == NONE && areas[s] < min_facet_count::<D>() * mean;
+        let fragments: Vec<bool> = (0..count).map(is_fragment).collect();
+        let patches = hole_patches::hole_patches(&facets, &surface, &fragments);
+        let dropped: Vec<usize> = (order[kept_count..].iter().copied())
+            .filter(|&s| patches[s].is_none_or(|parent| rank[parent as usize] == NONE))
             .collect();
         let rank_of = |s: u32| rank[patches[s as usize].unwrap_or(s) as usize];
         let mut members: Vec<(u32, [u32; D])> = (facets.facets.iter().zip(&surface))
@@ -162,7 +173,7 @@ impl<const D: usize> Surfaces<D> {
             .filter(|(s, _)| *s != NONE)
             .collect();
         members.sort_unstable();
-        let start = (0..=kept as u32).map(|s| members.partition_point(|m| m.0 < s));
+        let start = (0..=kept_count as u32).map(|s| members.partition_point(|m| m.0 < s));
         Self {
             start: start.collect(),
             facets: members.iter().map(|m| m.1).collect(),
@@ -173,24 +184,26 @@ impl<const D: usize> Surfaces<D> {
         }
     }
 
-    /// The share of all area that was dropped, in the space of [`find`](Self::find)'s nodes.
+    /// Returns the fraction of the total area that was dropped, in the space of the nodes of
+    /// [`find`](Self::find).
     pub fn dropped_share(&self, nodes: &[[f64; D]]) -> f64 {
         let area = |f: &[u32; D]| crate::geometry::normal(&f.map(|n| nodes[n as usize]));
-        let kept: f64 = (self.facets.iter().map(area).map(crate::geometry::norm)).sum();
-        self.dropped_area / (kept + self.dropped_area).max(f64::MIN_POSITIVE)
+        let kept_area: f64 = (self.facets.iter().map(area).map(crate::geometry::norm)).sum();
+        self.dropped_area / (kept_area + self.dropped_area).max(f64::MIN_POSITIVE)
     }
 
-    /// Number of surfaces.
+    /// Returns the number of surfaces.
     pub fn len(&self) -> usize {
         self.start.len().saturating_sub(1)
     }
 
-    /// Whether there is no surface.
+    /// Returns `true` if there are no surfaces.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// How many of the surfaces, the first, are as large as the default [`Options::min_area`] asks for.
+    /// Returns the number of surfaces, from the first, whose area is at least the default of
+    /// [`Options::min_area`].
     pub fn count_above_min_area(&self, nodes: &[[f64; D]]) -> usize {
         let area = |f: &[u32; D]| norm(crate::geometry::normal(&f.map(|n| nodes[n as usize])));
         let areas: Vec<f64> = (0..self.len())
@@ -198,12 +211,13 @@ impl<const D: usize> Surfaces<D> {
             .collect();
         let mean = areas.iter().sum::<f64>() / self.facets.len().max(1) as f64;
         let largest = areas.iter().copied().fold(0.0, f64::max);
-        // Sums in another order than in `find`.
-        let least = (min_facet_count::<D>() * mean).max(MIN_AREA_RATIO * largest) * (1.0 - 1e-9);
-        areas.iter().take_while(|&&area| area >= least).count()
+        // The sums have another order than in `find`.
+        let min_area = (min_facet_count::<D>() * mean).max(MIN_AREA_RATIO * largest) * (1.0 - 1e-9);
+        areas.iter().take_while(|&&area| area >= min_area).count()
     }
 
-    /// These surfaces behind those that have names, of which `interfaces` part two labels.
+    /// Returns the named surfaces followed by these surfaces. `interfaces` is the range of the
+    /// named surfaces that separate two labels.
     #[must_use]
     pub fn append_to_named(
         self,
@@ -213,12 +227,12 @@ impl<const D: usize> Surfaces<D> {
     ) -> Self {
         let mut start = vec![0];
         let mut facets: Vec<[u32; D]> = Vec::new();
-        for own in named {
-            facets.extend(own);
+        for surface_facets in named {
+            facets.extend(surface_facets);
             start.push(facets.len());
         }
-        let before = facets.len();
-        start.extend(self.start.iter().skip(1).map(|at| at + before));
+        let offset = facets.len();
+        start.extend(self.start.iter().skip(1).map(|position| position + offset));
         facets.extend(self.facets);
         Self {
             facets,
@@ -229,25 +243,26 @@ impl<const D: usize> Surfaces<D> {
         }
     }
 
-    /// The facets of a surface.
+    /// Returns the facets of a surface.
     pub fn facets_of(&self, surface: usize) -> &[[u32; D]] {
         &self.facets[self.start[surface]..self.start[surface + 1]]
     }
 
-    /// For each surface the one that it counts as, as a part of it: crumbs of fewer than
-    /// ten facets are part of the larger surface with which they share most nodes, if there is one.
+    /// Returns for each surface the one to which it belongs. A fragment of fewer than ten facets
+    /// belongs to the larger surface with which it shares most nodes, if there is one; all others
+    /// belong to themselves.
     pub fn fragment_parents(&self, nodes: &[[f64; D]]) -> Vec<u32> {
         let area = |s: usize| -> f64 {
             let areas = (self.facets_of(s).iter())
                 .map(|f| crate::geometry::normal(&f.map(|n| nodes[n as usize])));
             areas.map(crate::geometry::norm).sum()
         };
-        let mut part_of: Vec<u32> = (0..self.len() as u32).collect();
-        let all: f64 = (0..self.len()).map(area).sum();
-        let least = min_facet_count::<D>() * all / self.facets.len().max(1) as f64;
-        let first = (0..self.len()).position(|s| area(s) < least);
-        let first = first.unwrap_or(self.len());
-        let mut on: Vec<(u32, u32)> = (0..first)
+        let mut parent: Vec<u32> = (0..self.len() as u32).collect();
+        let total_area: f64 = (0..self.len()).map(area).sum();
+        let min_area = min_facet_count::<D>() * total_area / self.facets.len().max(1) as f64;
+        let first_fragment = (0..self.len()).position(|s| area(s) < min_area);
+        let first_fragment = first_fragment.unwrap_or(self.len());
+        let mut node_surfaces: Vec<(u32, u32)> = (0..first_fragment)
             .flat_map(|s| {
                 self.facets_of(s)
                     .as_flattened()
@@ -255,28 +270,33 @@ impl<const D: usize> Surfaces<D> {
                     .map(move |&n| (n, s as u32))
             })
             .collect();
-        on.sort_unstable();
-        on.dedup();
-        for crumb in first..self.len() {
+        node_surfaces.sort_unstable();
+        node_surfaces.dedup();
+        for fragment in first_fragment..self.len() {
             let mut shared: Vec<u32> = Vec::new();
-            for &n in self.facets_of(crumb).as_flattened() {
-                let from = on.partition_point(|&(m, _)| m < n);
-                shared.extend(on[from..].iter().take_while(|at| at.0 == n).map(|at| at.1));
+            for &n in self.facets_of(fragment).as_flattened() {
+                let begin = node_surfaces.partition_point(|&(m, _)| m < n);
+                shared.extend(
+                    node_surfaces[begin..]
+                        .iter()
+                        .take_while(|entry| entry.0 == n)
+                        .map(|entry| entry.1),
+                );
             }
             shared.sort_unstable();
-            // Of equals the first, which is the largest.
-            let most = shared
+            // Of surfaces with equal counts, the first one is the largest.
+            let longest_run = shared
                 .chunk_by(|a, b| a == b)
                 .rev()
-                .max_by_key(|same| same.len());
-            if let Some(same) = most {
-                part_of[crumb] = same[0];
+                .max_by_key(|run| run.len());
+            if let Some(run) = longest_run {
+                parent[fragment] = run[0];
             }
         }
-        part_of
+        parent
     }
 
-    /// The surface of each facet.
+    /// Returns the surface of each facet.
     pub fn labels(&self) -> Vec<u32> {
         let sizes = self.start.windows(2).map(|w| w[1] - w[0]);
         let labels = sizes
@@ -285,19 +305,20 @@ impl<const D: usize> Surfaces<D> {
         labels.collect()
     }
 
-    /// Turns facets so that those of a surface all show the same side, upwards on the whole, as far
-    /// as the surface has two sides. `nodes` may be in another space than those of [`find`](Self::find).
+    /// Orients facets so that all facets of a surface have the same side up, as far as the surface
+    /// has two sides. On average, normals point along `up`. `nodes` may be in another space than
+    /// those of [`find`](Self::find).
     pub fn orient(&mut self, nodes: &[[f64; D]], up: [f64; D]) {
         for s in 0..self.len() {
             let range = self.start[s]..self.start[s + 1];
-            let turned = oriented_facets(nodes, self.facets[range.clone()].to_vec(), up);
-            self.facets[range].copy_from_slice(&turned);
+            let oriented = oriented_facets(nodes, self.facets[range.clone()].to_vec(), up);
+            self.facets[range].copy_from_slice(&oriented);
         }
     }
 }
 
-/// Facets of one surface with consistent orientation, piece by connected piece; each piece such that
-/// its mean normal agrees with that of the surface, which points up.
+/// Returns the facets of one surface with consistent orientation within each connected component.
+/// The mean normal of each component agrees with that of the surface, which points up.
 fn oriented_facets<const D: usize>(
     nodes: &[[f64; D]],
     facets: Vec<[u32; D]>,
@@ -306,10 +327,10 @@ fn oriented_facets<const D: usize>(
     let normal = measure::mean_normal(nodes, &facets, up);
     let facets = FacetComplex::new(nodes, facets);
     let mut result = facets.facets.clone();
-    let mut known = vec![false; facets.len()];
+    let mut visited = vec![false; facets.len()];
     let mut piece: Vec<usize> = Vec::new();
     for first in 0..facets.len() {
-        if std::mem::replace(&mut known[first], true) {
+        if std::mem::replace(&mut visited[first], true) {
             continue;
         }
         piece.clear();
@@ -327,7 +348,7 @@ fn oriented_facets<const D: usize>(
                 };
                 let other = (a + b) as usize - (D * f + k);
                 let (g, l) = (other / D, other % D);
-                if !std::mem::replace(&mut known[g], true) {
+                if !std::mem::replace(&mut visited[g], true) {
                     let opposite = [(f, k), (g, l)].map(|(i, j)| facets.facets[i][j]);
                     if !have_same_orientation(&result[f], opposite[0], &result[g], opposite[1]) {
                         result[g].swap(0, 1);
@@ -343,19 +364,20 @@ fn oriented_facets<const D: usize>(
     result
 }
 
-/// Whether two facets that share a ridge show the same side; told by the nodes opposite the ridge.
+/// Returns `true` if two facets that share a ridge have the same orientation. `f_node` and `g_node`
+/// are the nodes opposite the ridge.
 fn have_same_orientation<const D: usize>(
     f: &[u32; D],
     f_node: u32,
     g: &[u32; D],
     g_node: u32,
 ) -> bool {
-    let at = |facet: &[u32; D], node| facet.iter().position(|&n| n == node).unwrap_or(0);
-    let (k, l) = (at(f, f_node), at(g, g_node));
+    let index_of = |facet: &[u32; D], node| facet.iter().position(|&n| n == node).unwrap_or(0);
+    let (k, l) = (index_of(f, f_node), index_of(g, g_node));
     match D {
-        // Edges follow each other.
+        // Edges with the same orientation follow each other.
         2 => k != l,
-        // Triangles run along their edge in opposite directions.
+        // Triangles with the same orientation run along their common edge in opposite directions.
         _ => f[(k + 1) % D] != g[(l + 1) % D],
     }
 }

@@ -1,4 +1,4 @@
-//! The names of the surfaces of a mesh, and patterns that pick some of them.
+//! The names of a mesh's surfaces, and selectors of surfaces by name or number.
 
 use std::collections::BTreeSet;
 
@@ -6,22 +6,22 @@ use super::SurfaceKind;
 use crate::error::cause;
 use crate::{Error, Result};
 
-/// Errors list so many names.
+/// Largest number of names that an error lists.
 const MAX_LISTED_NAMES: usize = 20;
-/// What is wrong with a selector that picks nothing, and what helps.
+/// Problem and remedy of the error for a selector that selects nothing.
 pub(crate) const NO_MATCH_PROBLEM: &str = "matches no surface";
 pub(crate) const NO_MATCH_REMEDY: &str =
     "give one of these names, a number that `atomesh surface` prints, or faults, horizons or all";
 
-/// The name of what parts two regions, from the names or numbers of these.
+/// Returns the name of the interface between two regions, from their names or numbers.
 pub fn interface_name([a, b]: [&str; 2]) -> String {
     format!("interface_{a}_{b}").replace('-', "_")
 }
 
-/// Adds names to others. A name that is taken gets a low line at its end.
-pub fn add_names(names: &mut Vec<String>, more: impl IntoIterator<Item = String>) {
+/// Appends names to a list. A name that exists already gets an underscore at its end.
+pub fn add_names(names: &mut Vec<String>, new_names: impl IntoIterator<Item = String>) {
     let mut taken: BTreeSet<String> = names.iter().cloned().collect();
-    for mut name in more {
+    for mut name in new_names {
         while !taken.insert(name.clone()) {
             name.push('_');
         }
@@ -29,33 +29,41 @@ pub fn add_names(names: &mut Vec<String>, more: impl IntoIterator<Item = String>
     }
 }
 
-/// The names of the surfaces of a mesh, from 1 on, as all formats have them.
+/// The names of the surfaces of a mesh, from surface 1 on, as all formats use them.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct SurfaceNames {
-    /// The names of those that are large enough to have one.
+    /// The names of the surfaces that are large enough to have one.
     pub names: Vec<String>,
-    /// The kinds of all, also of those without a name.
+    /// The kinds of all surfaces, also of those without a name.
     pub kinds: Vec<SurfaceKind>,
 }
 
 impl SurfaceNames {
-    /// Names for surfaces of these kinds, the first `kept` of which are large enough. `own` are the names
-    /// that the first have in the mesh's file, and no name is one of `reserved`.
-    pub fn new(kinds: &[SurfaceKind], kept: usize, own: &[String], reserved: &[String]) -> Self {
+    /// Makes names for surfaces with these kinds. The first `kept_count` surfaces are large enough
+    /// to have names. `file_names` are the names of the first surfaces in the mesh's file. No
+    /// surface gets a name in `reserved`.
+    pub fn new(
+        kinds: &[SurfaceKind],
+        kept_count: usize,
+        file_names: &[String],
+        reserved: &[String],
+    ) -> Self {
         let mut names = reserved.to_vec();
-        let kept = (1..).zip(&kinds[..kept.min(kinds.len())]);
-        let called = kept.map(|(number, kind): (usize, &SurfaceKind)| {
-            let own = own.get(number - 1).map(|name| name.replace('-', "_"));
-            own.unwrap_or_else(|| format!("{}{number}", kind.name()))
+        let kept_surfaces = (1..).zip(&kinds[..kept_count.min(kinds.len())]);
+        let surface_names = kept_surfaces.map(|(number, kind): (usize, &SurfaceKind)| {
+            let file_name = file_names
+                .get(number - 1)
+                .map(|name| name.replace('-', "_"));
+            file_name.unwrap_or_else(|| format!("{}{number}", kind.name()))
         });
-        add_names(&mut names, called);
+        add_names(&mut names, surface_names);
         Self {
             names: names.split_off(reserved.len()),
             kinds: kinds.to_vec(),
         }
     }
 
-    /// The names, for an error.
+    /// Returns the names as text for an error.
     fn list_names(&self) -> String {
         let first = self.names.iter().take(MAX_LISTED_NAMES);
         let first: Vec<&str> = first.map(String::as_str).collect();
@@ -72,7 +80,7 @@ impl SurfaceNames {
         }
     }
 
-    /// An error for an option, with what it gives, that is for none of the surfaces.
+    /// Returns an error for an option whose value matches no surface.
     pub fn no_match_error(
         &self,
         place: impl std::fmt::Display,
@@ -91,12 +99,12 @@ impl SurfaceNames {
         ))
     }
 
-    /// Checks that a selector that an option gives picks at least one surface.
+    /// Checks that a selector from an option selects at least one surface.
     ///
     /// # Errors
-    /// [`Error::Flow`] lists the names if it picks none.
+    /// Returns [`Error::Flow`] with the names of the surfaces if it selects none.
     pub fn check(&self, option: &str, selector: &Selector) -> Result<()> {
-        if (0..self.kinds.len()).any(|at| selector.selects(self, at)) {
+        if (0..self.kinds.len()).any(|index| selector.selects(self, index)) {
             return Ok(());
         }
         Err(self.no_match_error(
@@ -107,14 +115,14 @@ impl SurfaceNames {
     }
 }
 
-/// What picks surfaces.
+/// Selects surfaces by number or name.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Selector {
-    /// The surface of a number, from 1 on.
+    /// The surface with this number, from 1.
     Number(u32),
-    /// Surfaces by a pattern of their names, in which `*` stands for any letters and `?` for one letter;
-    /// `A/B` stands for `interface_A_B` and `interface_B_A`, and `scraps` for all that is too small to
-    /// have a name.
+    /// Surfaces whose names match a pattern, in which `*` stands for any characters and `?` for one
+    /// character. `A/B` stands for `interface_A_B` and `interface_B_A`. `scraps` selects all
+    /// fragments that are too small to have a name.
     Name(String),
 }
 
@@ -134,7 +142,7 @@ impl From<u32> for Selector {
 }
 
 impl Selector {
-    /// The selector that a text is: a number, or a pattern. `None` for an empty one.
+    /// Parses a number or a pattern. Returns `None` for an empty text.
     pub fn parse(text: &str) -> Option<Self> {
         let text = text.trim();
         match text.parse() {
@@ -143,17 +151,17 @@ impl Selector {
         }
     }
 
-    /// Whether it picks the surface at a place among `surfaces`.
-    pub fn selects(&self, surfaces: &SurfaceNames, at: usize) -> bool {
-        match (self, surfaces.names.get(at)) {
-            (Self::Number(number), Some(_)) => *number as usize == at + 1,
+    /// Returns `true` if it selects the surface at this index in `surfaces`.
+    pub fn selects(&self, surfaces: &SurfaceNames, index: usize) -> bool {
+        match (self, surfaces.names.get(index)) {
+            (Self::Number(number), Some(_)) => *number as usize == index + 1,
             (Self::Number(_), None) => false,
             (Self::Name(_), Some(name)) => self.matches(name),
             (Self::Name(pattern), None) => pattern == "scraps",
         }
     }
 
-    /// Whether it is a pattern that matches a name.
+    /// Returns `true` if it is a pattern that matches a name.
     pub fn matches(&self, name: &str) -> bool {
         let Self::Name(pattern) = self else {
             return false;
@@ -168,11 +176,12 @@ impl Selector {
     }
 }
 
-/// Whether a pattern with `*` and `?` matches a whole text.
+/// Returns `true` if a pattern with `*` and `?` matches the whole text.
 fn matches_glob(pattern: &str, text: &str) -> bool {
     let (pattern, text): (Vec<char>, Vec<char>) =
         (pattern.chars().collect(), text.chars().collect());
-    // Where the last star was, and how far its letters reach.
+    // Positions in pattern and text; the position of the last star and the end of the characters
+    // that it stands for.
     let (mut p, mut t, mut star) = (0, 0, None);
     while t < text.len() {
         if pattern.get(p) == Some(&'*') {
@@ -180,9 +189,9 @@ fn matches_glob(pattern: &str, text: &str) -> bool {
             p += 1;
         } else if pattern.get(p).is_some_and(|c| *c == '?' || *c == text[t]) {
             (p, t) = (p + 1, t + 1);
-        } else if let Some((at, reached)) = star {
-            star = Some((at, reached + 1));
-            (p, t) = (at + 1, reached + 1);
+        } else if let Some((star_index, reached)) = star {
+            star = Some((star_index, reached + 1));
+            (p, t) = (star_index + 1, reached + 1);
         } else {
             return false;
         }
@@ -196,7 +205,7 @@ mod tests {
 
     #[test]
     fn patterns_match_whole_names() {
-        for (pattern, name, want) in [
+        for (pattern, name, expected) in [
             ("fault1", "fault1", true),
             ("fault1", "fault12", false),
             ("fault*", "fault12", true),
@@ -213,20 +222,20 @@ mod tests {
             ("Main-fault", "Main_fault", true),
         ] {
             let selector = Selector::Name(pattern.into());
-            assert_eq!(selector.matches(name), want, "{pattern} {name}");
+            assert_eq!(selector.matches(name), expected, "{pattern} {name}");
         }
     }
 
     #[test]
-    fn what_picks_nothing_is_an_error_that_lists_the_names() {
+    fn a_selector_without_a_match_is_an_error_that_lists_the_names() {
         let kinds = [
             SurfaceKind::Interface,
             SurfaceKind::Fault,
             SurfaceKind::Horizon,
             SurfaceKind::Fault,
         ];
-        let own = ["interface_1_2".to_string()];
-        let names = SurfaceNames::new(&kinds, 3, &own, &["fault2".into()]);
+        let file_names = ["interface_1_2".to_string()];
+        let names = SurfaceNames::new(&kinds, 3, &file_names, &["fault2".into()]);
         assert_eq!(names.names, ["interface_1_2", "fault2_", "horizon3"]);
         let parse = |text| Selector::parse(text).unwrap();
         for text in ["1", "3", "2/1", "hor*", "scraps"] {
@@ -237,10 +246,10 @@ mod tests {
                 .check("--split", &parse(text))
                 .unwrap_err()
                 .to_string();
-            let want = format!(
+            let expected = format!(
                 "--split {text}: matches no surface: the mesh has interface_1_2, fault2_, horizon3; "
             );
-            assert!(error.starts_with(&want), "{error}");
+            assert!(error.starts_with(&expected), "{error}");
         }
         assert_eq!(Selector::parse(" "), None);
     }

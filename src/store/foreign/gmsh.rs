@@ -1,14 +1,14 @@
-//! Gmsh's `.msh`, versions 2.2 and 4.1, text and binary.
+//! Reads Gmsh's `.msh` files, versions 2.2 and 4.1, text and binary.
 //!
-//! Layout: the chapters "MSH file format" and "Legacy formats" of Gmsh's manual. Sections that hold no mesh
-//! are passed over. Of second-order elements the corners are taken.
+//! Layout: the chapters "MSH file format" and "Legacy formats" of Gmsh's manual. Sections without
+//! mesh data are skipped. Of second-order elements only the corners are used.
 
 use std::collections::BTreeMap;
 
 use super::{FileProblem, ForeignMesh, ReadResult, assign_regions};
 
-/// Dimension, number of nodes and number of corners of Gmsh's element types; those of no simplices have no
-/// corners.
+/// Returns the dimension, the number of nodes and the number of corners of one of Gmsh's element
+/// types. Types that are not simplices give an error.
 fn element_type(number: i64) -> ReadResult<(usize, usize, usize)> {
     Ok(match number {
         15 => (0, 1, 1),
@@ -22,24 +22,24 @@ fn element_type(number: i64) -> ReadResult<(usize, usize, usize)> {
         5 | 17 | 12 => return Err(unsupported_elements("hexahedra")),
         6 | 18 | 13 => return Err(unsupported_elements("prisms")),
         7 | 19 | 14 => return Err(unsupported_elements("pyramids")),
-        other => {
+        unknown => {
             return Err(unsupported_elements(&format!(
-                "elements of Gmsh's type {other}"
+                "elements of Gmsh's type {unknown}"
             )));
         }
     })
 }
 
-fn unsupported_elements(what: &str) -> FileProblem {
+fn unsupported_elements(description: &str) -> FileProblem {
     FileProblem {
-        problem: format!("holds {what}"),
+        problem: format!("has {description}"),
         remedy: "give a mesh of tetrahedra or triangles, of first or second order",
     }
 }
 
-/// Reads a file.
+/// Reads a mesh from the bytes of a file.
 pub fn read(bytes: &[u8]) -> ReadResult<ForeignMesh> {
-    let mut at = MshReader {
+    let mut reader = MshReader {
         bytes,
         position: 0,
         is_binary: false,
@@ -50,26 +50,27 @@ pub fn read(bytes: &[u8]) -> ReadResult<ForeignMesh> {
     let mut entities = BTreeMap::new();
     let mut nodes = NumberedNodes::default();
     let mut elements = Vec::new();
-    while let Some(section) = at.section() {
+    while let Some(section) = reader.section() {
         match section.as_str() {
-            "$MeshFormat" => version = at.format()?,
-            "$PhysicalNames" => groups = at.names()?,
-            "$Entities" if version >= 4.0 => entities = at.entities()?,
-            "$Nodes" if version < 4.0 => at.nodes_v2(&mut nodes)?,
-            "$Nodes" => at.nodes_v4(&mut nodes)?,
-            "$Elements" if version < 4.0 => at.elements_v2(&mut elements)?,
-            "$Elements" => at.elements_v4(&entities, &mut elements)?,
+            "$MeshFormat" => version = reader.format()?,
+            "$PhysicalNames" => groups = reader.names()?,
+            "$Entities" if version >= 4.0 => entities = reader.entities()?,
+            "$Nodes" if version < 4.0 => reader.nodes_v2(&mut nodes)?,
+            "$Nodes" => reader.nodes_v4(&mut nodes)?,
+            "$Elements" if version < 4.0 => reader.elements_v2(&mut elements)?,
+            "$Elements" => reader.elements_v4(&entities, &mut elements)?,
             _ => {}
         }
         let end = section.replacen('$', "$End", 1);
-        if !at.skip_past(&end) {
+        if !reader.skip_past(&end) {
             return Err(FileProblem::damaged(format!("ends within {section}")));
         }
     }
     assemble_mesh(nodes, elements, &groups)
 }
 
-/// A group of elements: its dimension, and the number of the physical group, or else of the entity.
+/// A group of elements: its dimension, and the number of the physical group or, without one, of the
+/// entity.
 type GroupKey = (usize, i32);
 
 fn assemble_mesh(
@@ -77,47 +78,59 @@ fn assemble_mesh(
     elements: Vec<(GroupKey, [u64; 4])>,
     groups: &BTreeMap<GroupKey, String>,
 ) -> ReadResult<ForeignMesh> {
-    let by_number: BTreeMap<u64, u32> = match nodes.is_consecutive() {
-        true => BTreeMap::new(),
-        false => nodes.numbers.iter().copied().zip(0..).collect(),
+    let by_number: BTreeMap<u64, u32> = if nodes.is_consecutive() {
+        BTreeMap::new()
+    } else {
+        nodes.numbers.iter().copied().zip(0..).collect()
     };
-    let place = |number: u64| -> ReadResult<u32> {
-        let found = match by_number.is_empty() {
-            true => number.checked_sub(1).and_then(|n| u32::try_from(n).ok()),
-            false => by_number.get(&number).copied(),
+    let node_index = |number: u64| -> ReadResult<u32> {
+        let index = if by_number.is_empty() {
+            number.checked_sub(1).and_then(|n| u32::try_from(n).ok())
+        } else {
+            by_number.get(&number).copied()
         };
-        let found = found.filter(|&n| (n as usize) < nodes.positions.len());
-        found.ok_or_else(|| {
-            FileProblem::damaged(format!("an element has node {number}, which is not there"))
+        let index = index.filter(|&n| (n as usize) < nodes.positions.len());
+        index.ok_or_else(|| {
+            FileProblem::damaged(format!(
+                "an element has node {number}, which does not exist"
+            ))
         })
     };
-    let cells = elements.iter().map(|((dim, _), _)| *dim).max().unwrap_or(0);
-    let of_cells = groups.iter().filter(|((dim, _), _)| *dim == cells);
-    let of_cells = of_cells.map(|((_, number), name)| (*number, name.clone()));
-    let (numbers, names) = assign_regions(of_cells.collect());
-    let of_faces = groups.iter().filter(|((dim, _), _)| dim + 1 == cells);
+    let cell_dim = elements.iter().map(|((dim, _), _)| *dim).max().unwrap_or(0);
+    let cell_groups = groups.iter().filter(|((dim, _), _)| *dim == cell_dim);
+    let cell_groups = cell_groups.map(|((_, number), name)| (*number, name.clone()));
+    let (numbers, names) = assign_regions(cell_groups.collect());
+    let face_groups = groups.iter().filter(|((dim, _), _)| dim + 1 == cell_dim);
     let mut foreign = ForeignMesh {
         names,
-        face_names: of_faces
+        face_names: face_groups
             .map(|((_, number), name)| (*number, name.clone()))
             .collect(),
         ..ForeignMesh::default()
     };
     for ((dim, group), corners) in elements {
-        let region = match dim == cells {
-            true => numbers.get(&group).copied().unwrap_or(group),
-            false => group,
+        let region = if dim == cell_dim {
+            numbers.get(&group).copied().unwrap_or(group)
+        } else {
+            group
         };
         let [a, b, c, d] = corners;
         match dim {
             3 => {
-                let tet = [place(a)?, place(b)?, place(c)?, place(d)?];
+                let tet = [
+                    node_index(a)?,
+                    node_index(b)?,
+                    node_index(c)?,
+                    node_index(d)?,
+                ];
                 foreign.tets.push((tet, region));
             }
             2 => foreign
                 .triangles
-                .push(([place(a)?, place(b)?, place(c)?], region)),
-            1 => foreign.edges.push(([place(a)?, place(b)?], group)),
+                .push(([node_index(a)?, node_index(b)?, node_index(c)?], region)),
+            1 => foreign
+                .edges
+                .push(([node_index(a)?, node_index(b)?], group)),
             _ => {}
         }
     }
@@ -132,16 +145,16 @@ struct NumberedNodes {
 }
 
 impl NumberedNodes {
-    /// Whether nodes have the numbers 1, 2, 3 ...
+    /// Returns `true` if nodes have the numbers 1, 2, 3 and so on.
     fn is_consecutive(&self) -> bool {
         self.numbers
             .iter()
             .zip(1..)
-            .all(|(number, place)| *number == place)
+            .all(|(number, expected)| *number == expected)
     }
 }
 
-/// Where in a file we are; numbers are words of text or binary, as the file is.
+/// A position in a file. Numbers are words of text or binary, depending on the file.
 struct MshReader<'a> {
     bytes: &'a [u8],
     position: usize,
@@ -150,7 +163,7 @@ struct MshReader<'a> {
 }
 
 impl MshReader<'_> {
-    /// The next line that begins with `$`, trimmed.
+    /// Returns the next line that begins with `$`, trimmed.
     fn section(&mut self) -> Option<String> {
         loop {
             let line = self.line()?;
@@ -160,36 +173,47 @@ impl MshReader<'_> {
         }
     }
 
-    /// The rest of the line, trimmed; `None` at the end.
+    /// Returns the remainder of the line, trimmed; `None` at the end of the file.
     fn line(&mut self) -> Option<String> {
-        let rest = self
+        let remaining = self
             .bytes
             .get(self.position..)
-            .filter(|rest| !rest.is_empty())?;
-        let end = rest.iter().position(|b| *b == b'\n').unwrap_or(rest.len());
-        self.position += (end + 1).min(rest.len());
-        Some(String::from_utf8_lossy(&rest[..end]).trim().to_string())
+            .filter(|remaining| !remaining.is_empty())?;
+        let end = remaining
+            .iter()
+            .position(|b| *b == b'\n')
+            .unwrap_or(remaining.len());
+        self.position += (end + 1).min(remaining.len());
+        Some(
+            String::from_utf8_lossy(&remaining[..end])
+                .trim()
+                .to_string(),
+        )
     }
 
-    /// Goes behind the line that is `word`; false if there is none.
+    /// Moves behind the line `word`. Returns `false` if there is no such line.
     fn skip_past(&mut self, word: &str) -> bool {
-        let rest = &self.bytes[self.position.min(self.bytes.len())..];
-        let found = rest.windows(word.len()).position(|w| w == word.as_bytes());
-        if let Some(at) = found {
+        let remaining = &self.bytes[self.position.min(self.bytes.len())..];
+        let offset = remaining
+            .windows(word.len())
+            .position(|w| w == word.as_bytes());
+        if let Some(at) = offset {
             self.position += at + word.len();
             self.line();
         }
-        found.is_some()
+        offset.is_some()
     }
 
     fn word(&mut self) -> ReadResult<&str> {
-        let rest = &self.bytes[self.position.min(self.bytes.len())..];
-        let begin = rest
+        let remaining = &self.bytes[self.position.min(self.bytes.len())..];
+        let begin = remaining
             .iter()
             .position(|b| !b.is_ascii_whitespace())
-            .unwrap_or(rest.len());
-        let length = rest[begin..].iter().position(|b| b.is_ascii_whitespace());
-        let word = &rest[begin..begin + length.unwrap_or(rest.len() - begin)];
+            .unwrap_or(remaining.len());
+        let length = remaining[begin..]
+            .iter()
+            .position(|b| b.is_ascii_whitespace());
+        let word = &remaining[begin..begin + length.unwrap_or(remaining.len() - begin)];
         self.position += begin + word.len();
         match std::str::from_utf8(word) {
             Ok(word) if !word.is_empty() => Ok(word),
@@ -216,23 +240,26 @@ impl MshReader<'_> {
     }
 
     fn int(&mut self) -> ReadResult<i64> {
-        match self.is_binary {
-            true => Ok(i64::from(i32::from_le_bytes(self.raw_bytes()?))),
-            false => self.parse_word(),
+        if self.is_binary {
+            Ok(i64::from(i32::from_le_bytes(self.raw_bytes()?)))
+        } else {
+            self.parse_word()
         }
     }
 
     fn size(&mut self) -> ReadResult<u64> {
-        match self.is_binary {
-            true => Ok(u64::from_le_bytes(self.raw_bytes()?)),
-            false => self.parse_word(),
+        if self.is_binary {
+            Ok(u64::from_le_bytes(self.raw_bytes()?))
+        } else {
+            self.parse_word()
         }
     }
 
     fn real(&mut self) -> ReadResult<f64> {
-        match self.is_binary {
-            true => Ok(f64::from_le_bytes(self.raw_bytes()?)),
-            false => self.parse_word(),
+        if self.is_binary {
+            Ok(f64::from_le_bytes(self.raw_bytes()?))
+        } else {
+            self.parse_word()
         }
     }
 
@@ -240,7 +267,7 @@ impl MshReader<'_> {
         Ok([self.real()?, self.real()?, self.real()?])
     }
 
-    /// A physical tag or an entity's, as a group's number.
+    /// Reads the tag of a physical group or an entity, which is used as the number of a group.
     fn tag(&mut self) -> ReadResult<i32> {
         let tag = self.int()?;
         i32::try_from(tag).map_err(|_| FileProblem::damaged(format!("has the tag {tag}")))
@@ -252,16 +279,16 @@ impl MshReader<'_> {
         self.line();
         if !(version == 4.1 || (2.0..3.0).contains(&version)) || width != 8 {
             return Err(FileProblem {
-                problem: format!("is of version {version} with numbers of {width} bytes"),
+                problem: format!("has version {version} with numbers of {width} bytes"),
                 remedy: "write version 2.2 or 4.1 (gmsh -format msh41)",
             });
         }
         if binary == 1 {
-            let one: [u8; 4] = self.raw_bytes()?;
-            self.is_byte_swapped = match one {
+            let byte_order_mark: [u8; 4] = self.raw_bytes()?;
+            self.is_byte_swapped = match byte_order_mark {
                 [1, 0, 0, 0] => false,
                 [0, 0, 0, 1] => true,
-                _ => return Err(FileProblem::damaged("does not say its order of bytes")),
+                _ => return Err(FileProblem::damaged("does not mark its byte order")),
             };
         }
         self.is_binary = binary == 1;
@@ -279,7 +306,7 @@ impl MshReader<'_> {
         Ok(names)
     }
 
-    /// The physical group of each entity that has one.
+    /// Reads the physical group of each entity that has one.
     fn entities(&mut self) -> ReadResult<BTreeMap<GroupKey, i32>> {
         let mut groups = BTreeMap::new();
         let counts = [self.size()?, self.size()?, self.size()?, self.size()?];
@@ -336,43 +363,43 @@ impl MshReader<'_> {
     fn elements_v2(&mut self, elements: &mut Vec<(GroupKey, [u64; 4])>) -> ReadResult<()> {
         let count: u64 = self.parse_word()?;
         self.line();
-        let mut left = count;
-        while left > 0 {
-            // Text has a type for each element, binary for a row of them.
-            let (number, kind_number, row, tags) = match self.is_binary {
-                true => (None, self.int()?, self.int()?, self.int()?),
-                false => {
-                    let number = self.int()?;
-                    (Some(number), self.int()?, 1, self.int()?)
-                }
+        let mut remaining = count;
+        while remaining > 0 {
+            // A text file gives the type of each element; a binary file gives the type of a row of
+            // elements.
+            let (number, kind_number, count_in_row, tags) = if self.is_binary {
+                (None, self.int()?, self.int()?, self.int()?)
+            } else {
+                let number = self.int()?;
+                (Some(number), self.int()?, 1, self.int()?)
             };
             let (dim, nodes, corners) = element_type(kind_number)?;
-            let row = u64::try_from(row).unwrap_or(0).min(left);
-            if row == 0 {
+            let count_in_row = u64::try_from(count_in_row).unwrap_or(0).min(remaining);
+            if count_in_row == 0 {
                 return Err(FileProblem::damaged("has a row of no elements"));
             }
-            for _ in 0..row {
+            for _ in 0..count_in_row {
                 if number.is_none() {
                     self.int()?;
                 }
                 let mut group = 0;
-                for place in 0..tags {
+                for i in 0..tags {
                     let tag = self.tag()?;
-                    // The first is the physical group, the second the entity.
-                    if place == 0 || (place == 1 && group == 0) {
+                    // The first tag is the physical group, the second the entity.
+                    if i == 0 || (i == 1 && group == 0) {
                         group = tag;
                     }
                 }
-                let mut all = [0; 4];
-                for place in 0..nodes {
+                let mut element = [0; 4];
+                for i in 0..nodes {
                     let node = self.int()? as u64;
-                    if place < corners {
-                        all[place] = node;
+                    if i < corners {
+                        element[i] = node;
                     }
                 }
-                elements.push(((dim, group), all));
+                elements.push(((dim, group), element));
             }
-            left -= row;
+            remaining -= count_in_row;
         }
         Ok(())
     }
@@ -390,14 +417,14 @@ impl MshReader<'_> {
             let group = entities.get(&(dim, entity)).copied().unwrap_or(entity);
             for _ in 0..self.size()? {
                 self.size()?;
-                let mut all = [0; 4];
-                for place in 0..nodes {
+                let mut element = [0; 4];
+                for i in 0..nodes {
                     let node = self.size()?;
-                    if place < corners {
-                        all[place] = node;
+                    if i < corners {
+                        element[i] = node;
                     }
                 }
-                elements.push(((dim, group), all));
+                elements.push(((dim, group), element));
             }
         }
         Ok(())

@@ -1,11 +1,12 @@
-//! Meshes that other programs wrote: Gmsh's and Exodus.
+//! Reads meshes that other programs wrote: Gmsh and Exodus.
 //!
 //! - `gmsh`: `.msh`, versions 2.2 and 4.1, text and binary
 //! - `exodus`: Exodus II in NetCDF's classic formats
-//! - `netcdf`: these formats
+//! - `netcdf`: NetCDF's classic formats
 //!
-//! They become what our own files are: polyhedra, or tetrahedra with their region, and the faces within the mesh that
-//! belong to surfaces as faces on features, with the surfaces' names; or triangles of the plane.
+//! The result has the form of our own files: polyhedra; or tetrahedra with their regions, where the
+//! faces inside the mesh that belong to surfaces are faces on features, with the names of the
+//! surfaces; or triangles in the plane.
 
 mod exodus;
 mod gmsh;
@@ -28,24 +29,25 @@ use crate::mesh::complex::NONE;
 use crate::mesh::{Simplices, TetMesh, TriMesh};
 use crate::{Error, Result};
 
-/// Reads a mesh: ours, VTK's, Gmsh's or Exodus'; which, its first bytes say.
+/// Reads a mesh in our format, VTK's, Gmsh's or Exodus', which is recognised by its first bytes.
 ///
 /// # Errors
-/// As [`read_any_vtu`]; [`Error::Mesh`] for what is damaged or holds other cells than simplices.
+/// Returns the errors of [`read_any_vtu`], and [`Error::Mesh`] for a file that is damaged or has
+/// cells of an unsupported type.
 pub fn read_any_mesh(path: &Path) -> Result<AnyMesh> {
     use std::io::Read;
-    let mut first = Vec::new();
+    let mut head = Vec::new();
     let file = open(path, "give a mesh")?;
-    let read = file.take(16).read_to_end(&mut first);
-    read.map_err(|e| io_error(path, "read", e))?;
-    let all = || fs::read(path).map_err(|e| io_error(path, "read", e));
-    let mesh = if first.starts_with(b"$MeshFormat") || first.starts_with(b"$Comments") {
-        gmsh::read(&all()?).and_then(ForeignMesh::into_mesh)
-    } else if first.starts_with(b"CDF") {
-        exodus::read(&all()?)
-    } else if first.starts_with(b"\x89HDF") {
+    let bytes_read = file.take(16).read_to_end(&mut head);
+    bytes_read.map_err(|e| io_error(path, "read", e))?;
+    let read_all = || fs::read(path).map_err(|e| io_error(path, "read", e));
+    let mesh = if head.starts_with(b"$MeshFormat") || head.starts_with(b"$Comments") {
+        gmsh::read(&read_all()?).and_then(ForeignMesh::into_mesh)
+    } else if head.starts_with(b"CDF") {
+        exodus::read(&read_all()?)
+    } else if head.starts_with(b"\x89HDF") {
         Err(FileProblem {
-            problem: "is HDF5, or NetCDF-4 on it".into(),
+            problem: "is an HDF5 file, perhaps NetCDF-4".into(),
             remedy: "write NetCDF's classic format (nccopy -k 64-bit-offset), or .vtu",
         })
     } else {
@@ -54,9 +56,9 @@ pub fn read_any_mesh(path: &Path) -> Result<AnyMesh> {
     mesh.map_err(|fault| Error::Mesh(cause(path.display(), fault.problem, fault.remedy)))
 }
 
-/// VTK's numbers of vertices, lines, triangles and tetrahedra, with their corners.
+/// VTK's types of vertices, lines, triangles and tetrahedra, with their numbers of corners.
 const SIMPLEX_TYPES: [(i64, usize); 4] = [(1, 1), (3, 2), (5, 3), (10, 4)];
-/// Arrays of cells that programs (ours, Gmsh through meshio, Medit, GEOS) number regions by.
+/// Cell arrays in which programs (ours, Gmsh through meshio, Medit, GEOS) store region numbers.
 pub(super) const REGION_ARRAYS: [&str; 5] = [
     "region",
     "gmsh:physical",
@@ -65,16 +67,17 @@ pub(super) const REGION_ARRAYS: [&str; 5] = [
     "CellEntityIds",
 ];
 
-/// The name of faces on features that make no surface in our exports.
+/// Name in our exports of faces on features that belong to no surface.
 const SCRAPS_NAME: &str = "scraps";
 
-/// Whether VTK's cells are tetrahedra with triangles, lines or vertices beside them.
+/// Returns `true` if a file has tetrahedra together with triangles, lines or vertices.
 pub(super) fn is_mixed(types: &[i64]) -> bool {
-    let small = |kind: &i64| SIMPLEX_TYPES.iter().any(|(known, _)| known == kind);
-    types.iter().all(small) && types.contains(&10) && types.iter().any(|kind| *kind != 10)
+    let is_simplex = |kind: &i64| SIMPLEX_TYPES.iter().any(|(known, _)| known == kind);
+    types.iter().all(is_simplex) && types.contains(&10) && types.iter().any(|kind| *kind != 10)
 }
 
-/// A mesh of such cells: triangles within it lie on features.
+/// Reads a mesh of tetrahedra together with triangles, lines or vertices. Triangles inside the mesh
+/// are faces on features.
 pub(super) fn read_mixed(path: &Path, file: &VtkFile, types: &[i64]) -> Result<AnyMesh> {
     let piece = file.piece()?;
     let points = read_count(file, piece, "NumberOfPoints")?;
@@ -84,12 +87,12 @@ pub(super) fn read_mixed(path: &Path, file: &VtkFile, types: &[i64]) -> Result<A
         read_cell_integers(file, cells, "connectivity")?,
     );
     let arrays = read_arrays(file, piece, "CellData", types.len())?;
-    let named = |name: &&str| arrays.iter().find(|a| a.name == *name && a.components == 1);
+    let is_scalar = |name: &&str| arrays.iter().find(|a| a.name == *name && a.components == 1);
     let regions = REGION_ARRAYS
         .iter()
-        .find_map(named)
+        .find_map(is_scalar)
         .map(|array| array.values.to_i64());
-    let damaged = || file.error("has cells of other nodes than it says", "write it again");
+    let damaged = || file.error("has cells with a wrong number of nodes", "write it again");
     let mut foreign = ForeignMesh {
         nodes: read_nodes(file, file.child(piece, "Points")?, points)?,
         ..ForeignMesh::default()
@@ -103,26 +106,37 @@ pub(super) fn read_mixed(path: &Path, file: &VtkFile, types: &[i64]) -> Result<A
         let end = usize::try_from(*ends.get(c).ok_or_else(damaged)?).map_err(|_| damaged())?;
         let nodes = corners.get(begin..end).filter(|nodes| nodes.len() == size);
         let node = |k: usize| u32::try_from(nodes.map_or(-1, |nodes| nodes[k]));
-        let all = |k: usize| node(k).map_err(|_| damaged());
+        let node_index = |k: usize| node(k).map_err(|_| damaged());
         let region = regions.as_ref().map_or(0, |regions| regions[c] as i32);
         match size {
-            4 => foreign
-                .tets
-                .push(([all(0)?, all(1)?, all(2)?, all(3)?], region)),
+            4 => foreign.tets.push((
+                [
+                    node_index(0)?,
+                    node_index(1)?,
+                    node_index(2)?,
+                    node_index(3)?,
+                ],
+                region,
+            )),
             3 => foreign
                 .triangles
-                .push(([all(0)?, all(1)?, all(2)?], region)),
+                .push(([node_index(0)?, node_index(1)?, node_index(2)?], region)),
             _ if nodes.is_none() => return Err(damaged()),
             _ => {}
         }
         begin = end;
     }
-    let fault =
-        |fault: FileProblem| Error::Mesh(cause(path.display(), fault.problem, fault.remedy));
-    foreign.into_mesh().map_err(fault)
+    let error = |file_problem: FileProblem| {
+        Error::Mesh(cause(
+            path.display(),
+            file_problem.problem,
+            file_problem.remedy,
+        ))
+    };
+    foreign.into_mesh().map_err(error)
 }
 
-/// What is wrong with a file.
+/// A problem of a file, and its remedy.
 #[derive(Debug)]
 struct FileProblem {
     problem: String,
@@ -130,7 +144,7 @@ struct FileProblem {
 }
 
 impl FileProblem {
-    /// Of a file that is not as its format says.
+    /// Returns the problem of a file that does not follow its format.
     fn damaged(problem: impl Into<String>) -> Self {
         Self {
             problem: problem.into(),
@@ -141,15 +155,15 @@ impl FileProblem {
 
 type ReadResult<T> = std::result::Result<T, FileProblem>;
 
-/// A mesh as formats of finite elements have it.
+/// A mesh as finite-element formats store it.
 #[derive(Debug, Default)]
 struct ForeignMesh {
     nodes: Vec<[f64; 3]>,
     /// Corners of tetrahedra, each with the number of its region.
     tets: Vec<([u32; 4], i32)>,
-    /// Corners of triangles, with regions: the cells of a mesh of the plane, else faces.
+    /// Corners of triangles, with region numbers: the cells of a 2-D mesh, the faces of a 3-D mesh.
     triangles: Vec<([u32; 3], i32)>,
-    /// Ends of edges, each with the number of its group: faces of a mesh of the plane.
+    /// Ends of edges, each with the number of its group: the faces of a 2-D mesh.
     edges: Vec<([u32; 2], i32)>,
     /// Names of regions.
     names: BTreeMap<i32, String>,
@@ -158,16 +172,16 @@ struct ForeignMesh {
 }
 
 impl ForeignMesh {
-    /// The mesh that it is.
+    /// Converts to a mesh file of tetrahedra or triangles.
     fn into_mesh(self) -> ReadResult<AnyMesh> {
         let count = self.nodes.len();
-        let used = |corners: &[u32]| corners.iter().all(|&n| (n as usize) < count);
-        let known = self.tets.iter().all(|(t, _)| used(t))
-            && self.triangles.iter().all(|(t, _)| used(t))
-            && self.edges.iter().all(|(e, _)| used(e));
-        if !known {
+        let are_valid = |corners: &[u32]| corners.iter().all(|&n| (n as usize) < count);
+        let is_valid = self.tets.iter().all(|(t, _)| are_valid(t))
+            && self.triangles.iter().all(|(t, _)| are_valid(t))
+            && self.edges.iter().all(|(e, _)| are_valid(e));
+        if !is_valid {
             return Err(FileProblem::damaged(
-                "has a cell of nodes that it does not have",
+                "has a cell with a node that does not exist",
             ));
         }
         if let Some(node) = self
@@ -190,14 +204,18 @@ impl ForeignMesh {
         }
         if self.triangles.is_empty() {
             return Err(FileProblem {
-                problem: "holds neither tetrahedra nor triangles".into(),
-                remedy: "give a mesh of these",
+                problem: "has neither tetrahedra nor triangles".into(),
+                remedy: "give a mesh of tetrahedra or triangles",
             });
         }
-        let off = |&n: &u32| self.nodes[n as usize][2] != 0.0;
-        if self.triangles.iter().any(|(t, _)| t.iter().any(off)) {
+        let is_off_plane = |&n: &u32| self.nodes[n as usize][2] != 0.0;
+        if self
+            .triangles
+            .iter()
+            .any(|(t, _)| t.iter().any(is_off_plane))
+        {
             return Err(FileProblem {
-                problem: "holds triangles off the plane z = 0, but no tetrahedra".into(),
+                problem: "has triangles off the plane z = 0, but no tetrahedra".into(),
                 remedy: "give the mesh of the volume, or one of that plane",
             });
         }
@@ -214,8 +232,9 @@ impl ForeignMesh {
     }
 }
 
-/// Simplices of `N` nodes with their regions, and with marks on the faces within the mesh, which have the
-/// numbers of groups and these names; nodes that no cell has are left out, and cells turned to be positive.
+/// Creates a mesh of simplices with `N` nodes, with regions, and with marks on the inner faces that
+/// belong to groups. `face_names` are the names of groups of faces, `names` those of regions.
+/// Unused nodes are removed, and cells are oriented positively.
 fn simplex_mesh_file<const D: usize, M: Simplices<D>, const N: usize>(
     nodes: &[[f64; D]],
     cells: &[([u32; N], i32)],
@@ -223,61 +242,61 @@ fn simplex_mesh_file<const D: usize, M: Simplices<D>, const N: usize>(
     face_names: &BTreeMap<i32, String>,
     names: &BTreeMap<i32, String>,
 ) -> ReadResult<MeshFile<M>> {
-    let mut place = vec![NONE; nodes.len()];
+    let mut new_index = vec![NONE; nodes.len()];
     for &n in cells.iter().flat_map(|(corners, _)| corners) {
-        place[n as usize] = 0;
+        new_index[n as usize] = 0;
     }
     let mut kept = Vec::new();
-    for (place, &x) in place.iter_mut().zip(nodes) {
-        if *place == 0 {
-            *place = kept.len() as u32;
+    for (new_index, &x) in new_index.iter_mut().zip(nodes) {
+        if *new_index == 0 {
+            *new_index = kept.len() as u32;
             kept.push(x);
         }
     }
     let corners = cells.iter().flat_map(|(corners, _)| corners);
-    let corners: Vec<u32> = corners.map(|&n| place[n as usize]).collect();
+    let corners: Vec<u32> = corners.map(|&n| new_index[n as usize]).collect();
     let mut mesh = M::from_parts(kept, corners);
-    let turned: Vec<usize> = (0..mesh.len()).filter(|&c| mesh.volume(c) < 0.0).collect();
-    for c in turned {
+    let inverted: Vec<usize> = (0..mesh.len()).filter(|&c| mesh.volume(c) < 0.0).collect();
+    for c in inverted {
         mesh.parts_mut().1.swap(N * c + N - 2, N * c + N - 1);
     }
     let neighbors = mesh.neighbors().map_err(|face| {
         FileProblem::damaged(format!("more than two cells share the face {face:?}"))
     })?;
     for (face, _) in &mut faces {
-        *face = face.map(|n| place[n as usize]);
+        *face = face.map(|n| new_index[n as usize]);
         face.sort_unstable();
     }
     faces.sort_unstable();
-    // The groups of the face of a cell, if it is within the mesh.
+    // Returns the groups of a face of a cell, if the face is inside the mesh.
     let groups = |c: usize, k: usize| {
         let mut face = mesh.face(c, k);
         face.sort_unstable();
-        let within = neighbors[N * c + k] != NONE;
+        let is_inner = neighbors[N * c + k] != NONE;
         let first = faces.partition_point(|(known, _)| *known < face);
-        let same = faces[first..]
+        let matching = faces[first..]
             .iter()
-            .take_while(move |(known, _)| within && *known == face);
-        same.map(|(_, group)| *group).collect::<Vec<i32>>()
+            .take_while(move |(known, _)| is_inner && *known == face);
+        matching.map(|(_, group)| *group).collect::<Vec<i32>>()
     };
-    let called = NamedFaces::new(face_names);
-    let bits = |is: &dyn Fn(usize, usize) -> bool| -> Vec<u8> {
-        let of_cell = |c: usize| (0..N).map(|k| u8::from(is(c, k)) << k).sum();
-        (0..mesh.len()).map(of_cell).collect()
+    let named_faces = NamedFaces::new(face_names);
+    let face_bits = |is_set: &dyn Fn(usize, usize) -> bool| -> Vec<u8> {
+        let bits_of_cell = |c: usize| (0..N).map(|k| u8::from(is_set(c, k)) << k).sum();
+        (0..mesh.len()).map(bits_of_cell).collect()
     };
-    let marks = bits(&|c, k| !groups(c, k).is_empty());
-    let horizons = bits(&|c, k| called.has_horizon(&groups(c, k)));
-    let mut on = Vec::new();
+    let marks = face_bits(&|c, k| !groups(c, k).is_empty());
+    let horizons = face_bits(&|c, k| named_faces.has_horizon(&groups(c, k)));
+    let mut named = Vec::new();
     for (c, k) in (0..mesh.len()).flat_map(|c| (0..N).map(move |k| (c, k))) {
         let beyond = neighbors[N * c + k];
         if beyond as usize > c
-            && let Some(place) = called.name_index(&groups(c, k))
+            && let Some(name_index) = named_faces.name_index(&groups(c, k))
         {
-            on.push(([c as u32, beyond], place));
+            named.push(([c as u32, beyond], name_index));
         }
     }
     let regions: Vec<i32> = cells.iter().map(|(_, region)| *region).collect();
-    let mut field_data = called.named_surfaces(on).into_fields();
+    let mut field_data = named_faces.named_surfaces(named).into_fields();
     field_data.extend(labels_field(&regions, names));
     let mut cell_data = vec![
         DataArray::scalars("region", regions),
@@ -294,7 +313,7 @@ fn simplex_mesh_file<const D: usize, M: Simplices<D>, const N: usize>(
     })
 }
 
-/// The names of groups of faces that make surfaces.
+/// Names of groups of faces that are surfaces.
 struct NamedFaces {
     groups: Vec<i32>,
     names: Vec<String>,
@@ -302,49 +321,49 @@ struct NamedFaces {
 
 impl NamedFaces {
     fn new(groups: &BTreeMap<i32, String>) -> Self {
-        let called = groups
+        let names = groups
             .iter()
             .map(|(&group, name)| (group, sanitized_name(name)));
-        let (groups, names) = called
+        let (groups, names) = names
             .filter(|(_, name)| !name.is_empty() && name != SCRAPS_NAME)
             .unzip();
         Self { groups, names }
     }
 
-    /// The place among the names of that of a face in these groups, if one of them has a name.
+    /// Returns the index of the name of a face in these groups, if one of them has a name.
     fn name_index(&self, groups: &[i32]) -> Option<u32> {
-        let at = self.groups.iter().position(|own| groups.contains(own));
-        at.map(|at| at as u32)
+        let index = self.groups.iter().position(|known| groups.contains(known));
+        index.map(|at| at as u32)
     }
 
-    /// Whether one of these groups is a horizon, by its name.
+    /// Returns `true` if the name of one of these groups marks it as a horizon.
     fn has_horizon(&self, groups: &[i32]) -> bool {
-        let mut own = self.groups.iter().zip(&self.names);
-        own.any(|(group, name)| {
+        let mut known = self.groups.iter().zip(&self.names);
+        known.any(|(group, name)| {
             groups.contains(group) && name.to_ascii_lowercase().starts_with("horizon")
         })
     }
 
-    /// The surfaces of faces between two cells, each with the place of its name.
+    /// Returns the named surfaces; `faces` are pairs of cells with the index of a name.
     fn named_surfaces(&self, faces: Vec<([u32; 2], u32)>) -> NamedSurfaces {
         NamedSurfaces::new(&self.names, faces)
     }
 
-    /// The field of faces of polyhedra on horizons: pairs of cells.
+    /// Returns the field that lists the faces of polyhedra on horizons, as pairs of cells.
     fn horizons_field(pairs: Vec<i64>) -> Option<(String, FieldValue)> {
         (!pairs.is_empty()).then(|| (HORIZON_FACES_ARRAY.into(), FieldValue::Ints(pairs)))
     }
 }
 
-/// The field that says what regions are called; none if none has a name.
+/// Returns the field with the names of regions, or `None` if no region has a name.
 fn labels_field(regions: &[i32], names: &BTreeMap<i32, String>) -> Option<(String, FieldValue)> {
     if names.is_empty() {
         return None;
     }
-    let mut known = regions.to_vec();
-    known.sort_unstable();
-    known.dedup();
-    let labels = known.iter().map(|&region| LabelledRegion {
+    let mut numbers = regions.to_vec();
+    numbers.sort_unstable();
+    numbers.dedup();
+    let labels = numbers.iter().map(|&region| LabelledRegion {
         region,
         label: LabelValue::Whole(region.into()),
         name: names.get(&region).cloned(),
@@ -352,44 +371,47 @@ fn labels_field(regions: &[i32], names: &BTreeMap<i32, String>) -> Option<(Strin
     regions_field(&labels.collect::<Vec<_>>())
 }
 
-/// The region that a name of ours stands for: `region7` is 7.
+/// Returns the region number in one of our region names: 7 for `region7`.
 fn region_number(name: &str) -> Option<i32> {
     name.strip_prefix("region")?.replace('_', "-").parse().ok()
 }
 
-/// Gives regions the numbers that their names stand for, if these are numbers that no other has; other
-/// names are kept as far as exports can hold them.
+/// Returns new numbers for regions whose names contain numbers (`region7`), if no other region has
+/// these numbers, and the names of the other regions in a form that exports support.
 fn assign_regions(groups: BTreeMap<i32, String>) -> (BTreeMap<i32, i32>, BTreeMap<i32, String>) {
     let numbers: BTreeMap<i32, i32> = (groups.iter())
         .filter_map(|(&group, name)| Some((group, region_number(name)?)))
         .collect();
-    let free = |number: &i32| !groups.contains_key(number) || numbers.contains_key(number);
-    if !numbers.is_empty() && numbers.values().all(free) {
-        let rest = groups
+    let is_free = |number: &i32| !groups.contains_key(number) || numbers.contains_key(number);
+    if !numbers.is_empty() && numbers.values().all(is_free) {
+        let others = groups
             .into_iter()
             .filter(|(group, _)| !numbers.contains_key(group));
-        let names = sanitized_names(rest);
+        let names = sanitized_names(others);
         return (numbers, names);
     }
     (BTreeMap::new(), sanitized_names(groups))
 }
 
 fn sanitized_names(groups: impl IntoIterator<Item = (i32, String)>) -> BTreeMap<i32, String> {
-    let named = groups
+    let with_names = groups
         .into_iter()
         .filter(|(_, name)| !name.trim().is_empty());
-    named
+    with_names
         .map(|(group, name)| (group, sanitized_name(&name)))
         .collect()
 }
 
-/// A name as far as exports can hold it.
+/// Replaces characters that exports do not support, and limits the length to 60.
 fn sanitized_name(name: &str) -> String {
-    let plain = |c: char| match c.is_ascii_alphanumeric() || c == '-' {
-        true => c,
-        false => '_',
+    let to_plain = |c: char| {
+        if c.is_ascii_alphanumeric() || c == '-' {
+            c
+        } else {
+            '_'
+        }
     };
-    name.trim().chars().take(60).map(plain).collect()
+    name.trim().chars().take(60).map(to_plain).collect()
 }
 
 #[cfg(test)]

@@ -1,11 +1,11 @@
-//! NetCDF's classic formats (CDF-1, CDF-2, CDF-5), as far as Exodus needs them.
+//! Reads NetCDF's classic formats (CDF-1, CDF-2, CDF-5), as far as Exodus files need them.
 //!
 //! Layout: "NetCDF Classic Format Specification" (Unidata): a header of dimensions, attributes and
-//! variables, big endian, names padded to 4 bytes; then the numbers of each variable.
+//! variables, big-endian, with names padded to 4 bytes; then the numbers of each variable.
 
 use super::{FileProblem, ReadResult};
 
-/// The first record, and all that has none, of a file.
+/// The fixed-size variables of a file, and the first record of its record variables.
 pub struct NetcdfReader<'a> {
     bytes: &'a [u8],
     variables: Vec<Variable>,
@@ -25,38 +25,38 @@ impl<'a> NetcdfReader<'a> {
         let version = bytes.get(3).copied().unwrap_or(0);
         if ![1, 2, 5].contains(&version) {
             return Err(FileProblem::damaged(format!(
-                "is of NetCDF's version {version}"
+                "has the unknown NetCDF version {version}"
             )));
         }
-        let mut head = HeaderReader {
+        let mut header = HeaderReader {
             bytes,
             position: 4,
             has_64_bit_counts: version == 5,
         };
-        head.count()?;
+        header.count()?;
         let mut dimensions = Vec::new();
-        for _ in 0..head.list_length()? {
-            head.name()?;
-            dimensions.push(head.count()?);
+        for _ in 0..header.list_length()? {
+            header.name()?;
+            dimensions.push(header.count()?);
         }
-        head.attributes()?;
+        header.attributes()?;
         let mut variables = Vec::new();
-        for _ in 0..head.list_length()? {
-            let name = head.name()?;
+        for _ in 0..header.list_length()? {
+            let name = header.name()?;
             let mut shape = Vec::new();
-            for _ in 0..head.count()? {
-                let dimension = dimensions.get(head.count()?);
+            for _ in 0..header.count()? {
+                let dimension = dimensions.get(header.count()?);
                 let dimension =
                     dimension.ok_or_else(|| FileProblem::damaged("lacks a dimension"))?;
-                // Of records the first.
+                // Of a record dimension, only the first record is used.
                 shape.push((*dimension).max(1));
             }
-            let attributes = head.attributes()?;
-            let kind = head.word()?;
-            head.count()?;
+            let attributes = header.attributes()?;
+            let kind = header.word()?;
+            header.count()?;
             let begin = match version {
-                1 => head.word()? as usize,
-                _ => head.word_64()?,
+                1 => header.word()? as usize,
+                _ => header.word_64()?,
             };
             variables.push(Variable {
                 name,
@@ -73,18 +73,18 @@ impl<'a> NetcdfReader<'a> {
         self.variables.iter().find(|variable| variable.name == name)
     }
 
-    /// The length of a variable along each dimension.
+    /// Returns the length of a variable along each dimension.
     pub fn shape(&self, name: &str) -> Option<&[usize]> {
         Some(&self.variable(name)?.shape)
     }
 
-    /// A text attribute of a variable.
+    /// Returns a text attribute of a variable.
     pub fn attribute(&self, variable: &str, name: &str) -> Option<&str> {
         let mut attributes = self.variable(variable)?.attributes.iter();
         attributes.find_map(|(known, text)| (known == name).then_some(text.as_str()))
     }
 
-    /// The numbers of a variable; none if there is no such.
+    /// Returns the numbers of a variable; empty if there is no such variable.
     pub fn numbers(&self, name: &str) -> ReadResult<Vec<f64>> {
         let Some(variable) = self.variable(name) else {
             return Ok(Vec::new());
@@ -102,7 +102,7 @@ impl<'a> NetcdfReader<'a> {
         Ok(bytes.chunks_exact(width).map(number).collect())
     }
 
-    /// The texts of a variable of characters, one in each row.
+    /// Returns the texts of a character variable, one for each row.
     pub fn texts(&self, name: &str) -> ReadResult<Vec<String>> {
         let Some(variable) = self.variable(name).filter(|v| v.number_type == 2) else {
             return Ok(Vec::new());
@@ -116,27 +116,27 @@ impl<'a> NetcdfReader<'a> {
         let count = variable
             .shape
             .iter()
-            .try_fold(width, |all, n| all.checked_mul(*n));
+            .try_fold(width, |total, n| total.checked_mul(*n));
         let end = count.and_then(|count| variable.offset.checked_add(count));
         let bytes = end.and_then(|end| self.bytes.get(variable.offset..end));
         bytes.ok_or_else(|| FileProblem::damaged(format!("is cut off in '{}'", variable.name)))
     }
 }
 
-/// The bytes of a number of a type.
+/// Returns the size in bytes of a number type.
 fn number_size(kind: u32) -> ReadResult<usize> {
     match kind {
         1 | 2 | 7 => Ok(1),
         3 | 8 => Ok(2),
         4 | 5 | 9 => Ok(4),
         6 | 10 | 11 => Ok(8),
-        other => Err(FileProblem::damaged(format!(
-            "has numbers of NetCDF's type {other}"
+        unknown => Err(FileProblem::damaged(format!(
+            "has numbers of NetCDF's type {unknown}"
         ))),
     }
 }
 
-/// Up to the first zero, trimmed.
+/// Returns the text before the first zero byte, trimmed.
 fn text(bytes: &[u8]) -> String {
     let end = bytes.iter().position(|b| *b == 0).unwrap_or(bytes.len());
     String::from_utf8_lossy(&bytes[..end]).trim().to_string()
@@ -167,13 +167,14 @@ impl<'a> HeaderReader<'a> {
     }
 
     fn count(&mut self) -> ReadResult<usize> {
-        match self.has_64_bit_counts {
-            true => self.word_64(),
-            false => Ok(self.word()? as usize),
+        if self.has_64_bit_counts {
+            self.word_64()
+        } else {
+            Ok(self.word()? as usize)
         }
     }
 
-    /// How many items a list has.
+    /// Reads the number of items of a list.
     fn list_length(&mut self) -> ReadResult<usize> {
         self.word()?;
         self.count()
@@ -190,9 +191,9 @@ impl<'a> HeaderReader<'a> {
         Ok(text(self.padded_bytes(count)?))
     }
 
-    /// Attributes, those that are texts with what they say.
+    /// Reads a list of attributes, and returns those that are texts.
     fn attributes(&mut self) -> ReadResult<Vec<(String, String)>> {
-        let mut found = Vec::new();
+        let mut attributes = Vec::new();
         for _ in 0..self.list_length()? {
             let name = self.name()?;
             let kind = self.word()?;
@@ -201,9 +202,9 @@ impl<'a> HeaderReader<'a> {
             let bytes =
                 self.padded_bytes(length.ok_or_else(|| FileProblem::damaged("is cut off"))?)?;
             if kind == 2 {
-                found.push((name, text(bytes)));
+                attributes.push((name, text(bytes)));
             }
         }
-        Ok(found)
+        Ok(attributes)
     }
 }

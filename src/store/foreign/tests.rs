@@ -1,9 +1,9 @@
-//! Small meshes of others, as text and as bytes.
+//! Tests with small meshes of other programs, as text and as bytes.
 
 use super::*;
 use crate::mesh::Mesh as _;
 
-/// Two tetrahedra on a triangle that is a surface; node 9 belongs to no cell.
+/// Two tetrahedra that share a triangle, which is a surface. Node 9 belongs to no cell.
 const MSH_V2_TEXT: &str = "$MeshFormat
 2.2 0 8
 $EndMeshFormat
@@ -117,13 +117,13 @@ fn tets(bytes: &[u8]) -> MeshFile<TetMesh> {
 
 #[test]
 fn gmsh_meshes_keep_regions_names_and_surfaces() {
-    let own = [
+    let files = [
         MSH_V2_TEXT.as_bytes().to_vec(),
         MSH_V4_TEXT.as_bytes().to_vec(),
         msh_v2_bytes(false),
         msh_v2_bytes(true),
     ];
-    for (number, bytes) in own.iter().enumerate() {
+    for (number, bytes) in files.iter().enumerate() {
         let file = tets(bytes);
         assert_eq!(file.mesh.nodes.len(), 5, "{number}");
         assert_eq!(file.mesh.len(), 2, "{number}");
@@ -156,7 +156,7 @@ fn gmsh_meshes_keep_regions_names_and_surfaces() {
         file.cell_array("horizon_faces").map(|a| &a.values),
         file.cell_array("feature_faces").map(|a| &a.values)
     );
-    // What our exports call scraps is no surface.
+    // The group that our exports call `scraps` is no surface.
     let scraps = MSH_V2_TEXT.replace("\"fault\"", "\"scraps\"");
     assert!(
         NamedSurfaces::from_file(&tets(scraps.as_bytes()))
@@ -177,9 +177,9 @@ fn named_surfaces_that_make_no_sense_are_none() {
         };
         NamedSurfaces::from_file(&file)
     };
-    let found = field("a\nb", vec![2, 0, 1, 2, 1, 5]);
+    let surfaces = field("a\nb", vec![2, 0, 1, 2, 1, 5]);
     assert_eq!(
-        (found.names.len(), found.surface_between([5, 1])),
+        (surfaces.names.len(), surfaces.surface_between([5, 1])),
         (1, Some(1))
     );
     for numbers in [
@@ -246,10 +246,10 @@ fn cut_files_are_refused_wherever_they_end() {
         msh_v2_bytes(false),
     ];
     for bytes in &mut all {
-        let whole = bytes.len() - b"$EndElements\n".len();
-        for end in 12..whole {
-            let made = gmsh::read(&bytes[..end]).and_then(ForeignMesh::into_mesh);
-            assert!(made.is_err(), "{end} of {whole}");
+        let length = bytes.len() - b"$EndElements\n".len();
+        for end in 12..length {
+            let mesh = gmsh::read(&bytes[..end]).and_then(ForeignMesh::into_mesh);
+            assert!(mesh.is_err(), "{end} of {length}");
         }
     }
 }

@@ -1,5 +1,5 @@
-//! Unstructured grids of solid cells of several shapes, perhaps with flat cells, which lie on features, beside
-//! them: as polyhedra.
+//! Reads unstructured grids of solid cells of several shapes as polyhedra. Flat cells in the file
+//! mark faces on features.
 
 use super::{MeshFile, read_arrays, read_cell_integers, read_count, read_fields, read_nodes};
 use crate::error::Result;
@@ -9,51 +9,52 @@ use crate::store::foreign::REGION_ARRAYS;
 use crate::store::mixed_elements::{MixedElement, SolidAssembler, mixed_element};
 use crate::store::polyhedra::face_streams;
 
-/// Reads them; `types` are VTK's.
+/// Reads a mesh; `types` are VTK's cell types.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) for a damaged file, or faces that do not match.
+/// Returns [`Error::Io`](crate::Error::Io) for a damaged file, or for cells that do not match.
 pub fn read_cells(file: &VtkFile, types: &[i64]) -> Result<MeshFile<PolyMesh<3>>> {
     let piece = file.piece()?;
     let points = read_count(file, piece, "NumberOfPoints")?;
     let nodes = read_nodes(file, file.child(piece, "Points")?, points)?;
     let element = file.child(piece, "Cells")?;
-    let damaged = || file.error("has cells of other nodes than it says", "write it again");
+    let damaged = || file.error("has cells with a wrong number of nodes", "write it again");
     let corners = read_cell_integers(file, element, "connectivity")?;
     let node = |&n: &i64| u32::try_from(n).map_err(|_| damaged());
     let corners: Vec<u32> = corners.iter().map(node).collect::<Result<_>>()?;
     let ends = read_cell_integers(file, element, "offsets")?;
-    let polyhedra = types.contains(&i64::from(<PolyMesh<3> as crate::mesh::Mesh<3>>::VTK_CELL));
-    let (stream, face_ends) = match polyhedra {
-        true => face_streams(file, element)?,
-        false => Default::default(),
+    let has_polyhedra = types.contains(&i64::from(<PolyMesh<3> as crate::mesh::Mesh<3>>::VTK_CELL));
+    let (stream, face_ends) = if has_polyhedra {
+        face_streams(file, element)?
+    } else {
+        Default::default()
     };
-    let (mut solids, mut rows) = (SolidAssembler::default(), Vec::new());
+    let (mut solids, mut solid_cells) = (SolidAssembler::default(), Vec::new());
     let mut flat: Vec<Vec<u32>> = Vec::new();
     let (mut begin, mut face_begin) = (0, 0);
     for (cell, &kind) in types.iter().enumerate() {
         let end = usize::try_from(*ends.get(cell).ok_or_else(damaged)?).map_err(|_| damaged())?;
-        let own = corners.get(begin..end).ok_or_else(damaged)?;
+        let cell_corners = corners.get(begin..end).ok_or_else(damaged)?;
         begin = end;
-        // Other cells have -1 here, or where the polyhedra before them end.
+        // Other cells have -1 here, or the end of the polyhedra before them.
         let face_end = face_ends
             .get(cell)
             .and_then(|&end| usize::try_from(end).ok());
         let faces = stream.get(face_begin..face_end.unwrap_or(face_begin));
         face_begin = face_end.unwrap_or(face_begin);
-        match mixed_element(kind, own).ok_or_else(damaged)? {
+        match mixed_element(kind, cell_corners).ok_or_else(damaged)? {
             MixedElement::Line => {}
             MixedElement::Flat(ring) => flat.push(sorted_nodes(ring)),
             MixedElement::Solid(faces) => {
-                rows.push(cell as u32);
+                solid_cells.push(cell as u32);
                 solids.add(
                     faces
                         .iter()
-                        .map(|face| face.iter().map(|&k| own[k]).collect()),
+                        .map(|face| face.iter().map(|&k| cell_corners[k]).collect()),
                 );
             }
             MixedElement::Polyhedron => {
-                rows.push(cell as u32);
+                solid_cells.push(cell as u32);
                 solids.add(faces.and_then(face_rings).ok_or_else(damaged)?);
             }
         }
@@ -68,21 +69,24 @@ pub fn read_cells(file: &VtkFile, types: &[i64]) -> Result<MeshFile<PolyMesh<3>>
             .collect();
         mesh.on_feature[f] = flat.binary_search(&sorted_nodes(&ring)).is_ok();
     }
-    let of = |arrays: Vec<DataArray>, rows: &[u32]| -> Vec<DataArray> {
-        let part = |array: DataArray| DataArray {
+    let select = |arrays: Vec<DataArray>, rows: &[u32]| -> Vec<DataArray> {
+        let select_array = |array: DataArray| DataArray {
             values: array.values.select_tuples(rows, array.components),
             ..array
         };
-        arrays.into_iter().map(part).collect()
+        arrays.into_iter().map(select_array).collect()
     };
-    let cell_data = of(read_arrays(file, piece, "CellData", types.len())?, &rows);
-    let named = |name: &&str| (cell_data.iter()).find(|a| a.name == *name && a.components == 1);
-    if let Some(regions) = REGION_ARRAYS.iter().find_map(named) {
+    let cell_data = select(
+        read_arrays(file, piece, "CellData", types.len())?,
+        &solid_cells,
+    );
+    let is_scalar = |name: &&str| (cell_data.iter()).find(|a| a.name == *name && a.components == 1);
+    if let Some(regions) = REGION_ARRAYS.iter().find_map(is_scalar) {
         mesh.region = regions.values.to_i64().iter().map(|&r| r as i32).collect();
     }
     Ok(MeshFile {
         mesh,
-        point_data: of(read_arrays(file, piece, "PointData", points)?, &kept),
+        point_data: select(read_arrays(file, piece, "PointData", points)?, &kept),
         cell_data: cell_data
             .into_iter()
             .filter(|a| a.name != REGION_ARRAYS[0])
@@ -97,19 +101,18 @@ fn sorted_nodes(ring: &[u32]) -> Vec<u32> {
     ring
 }
 
-/// The faces in a polyhedron's stream; `None` if it makes no sense.
+/// Returns the faces in a polyhedron's stream; `None` if the stream is invalid.
 fn face_rings(stream: &[u32]) -> Option<Vec<Vec<u32>>> {
-    let (&count, mut rest) = stream.split_first()?;
+    let (&count, mut remaining) = stream.split_first()?;
     let mut rings = Vec::new();
     for _ in 0..count {
-        let (&size, after) = rest.split_first()?;
+        let (&size, tail) = remaining.split_first()?;
         rings.push(
-            after
-                .get(..size as usize)
+            tail.get(..size as usize)
                 .filter(|ring| ring.len() >= 3)?
                 .to_vec(),
         );
-        rest = &after[size as usize..];
+        remaining = &tail[size as usize..];
     }
-    rest.is_empty().then_some(rings)
+    remaining.is_empty().then_some(rings)
 }

@@ -1,8 +1,8 @@
-//! VTK unstructured grids of tetrahedra or triangles (`.vtu`).
+//! Reads and writes VTK unstructured grids of tetrahedra or triangles (`.vtu`).
 //!
-//! Nodes are double precision; connectivity 32-bit while the nodes can be numbered so. VTK's
-//! tetrahedron is ours: node 3 on the side from which nodes 0, 1, 2 turn anticlockwise. Triangles
-//! lie in the plane z = 0.
+//! Nodes are in double precision. Connectivity is in 32 bits if the numbers fit. VTK's tetrahedron
+//! has our orientation: nodes 0, 1, 2 turn anticlockwise seen from node 3. Triangles lie in the
+//! plane z = 0.
 
 mod mixed_grid;
 
@@ -23,45 +23,45 @@ use crate::files::vtk::{ArraySource, DataArray, Document, Values, VtkFile};
 use crate::mesh::poly::{Lists, PolyMesh};
 use crate::mesh::{Mesh, Simplices, TetMesh, TriMesh};
 
-/// A mesh and everything that is stored with it.
+/// A mesh and all data that are stored with it.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct MeshFile<M = TetMesh> {
     /// The mesh, in physical coordinates.
     pub mesh: M,
-    /// Arrays with a tuple per node.
+    /// Arrays with one tuple for each node.
     pub point_data: Vec<DataArray>,
-    /// Arrays with a tuple per cell.
+    /// Arrays with one tuple for each cell.
     pub cell_data: Vec<DataArray>,
-    /// What belongs to the whole mesh: version, parameters, the input's hash.
+    /// Values that belong to the whole mesh: version, parameters, the hash of the input.
     pub field_data: Vec<(String, FieldValue)>,
 }
 
 impl<M> MeshFile<M> {
-    /// The cell data of that name.
+    /// Returns the cell array of that name.
     pub fn cell_array(&self, name: &str) -> Option<&DataArray> {
         self.cell_data.iter().find(|array| array.name == name)
     }
 
-    /// What belongs to the whole mesh by that name.
+    /// Returns the field value of that name.
     pub fn field_value(&self, name: &str) -> Option<&FieldValue> {
         let mut fields = self.field_data.iter();
         fields.find_map(|(known, value)| (known == name).then_some(value))
     }
 
-    /// The mesh, and what else there is.
+    /// Splits into the mesh and the other data.
     pub fn into_parts(self) -> (M, MeshFile<()>) {
-        let rest = MeshFile {
+        let arrays = MeshFile {
             mesh: (),
             point_data: self.point_data,
             cell_data: self.cell_data,
             field_data: self.field_data,
         };
-        (self.mesh, rest)
+        (self.mesh, arrays)
     }
 }
 
 impl MeshFile<()> {
-    /// The same of a mesh.
+    /// Adds a mesh to the data.
     pub fn with_mesh<M>(self, mesh: M) -> MeshFile<M> {
         MeshFile {
             mesh,
@@ -75,29 +75,30 @@ impl MeshFile<()> {
 /// A value that belongs to the whole mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub enum FieldValue {
-    /// Text; a file has the bytes of its UTF-8, since readers (meshio) stumble over VTK's own strings.
+    /// Text, stored as the bytes of its UTF-8, because some readers (meshio) cannot read VTK's own
+    /// strings.
     Text(String),
     /// Real numbers.
     F64s(Vec<f64>),
-    /// Whole numbers.
+    /// Integers.
     Ints(Vec<i64>),
 }
 
-/// Writes a mesh; the file appears whole or not at all.
+/// Writes a mesh, completely or not at all.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) if the file cannot be written, [`Error::Mesh`](crate::Error::Mesh)
-/// if an array does not have a tuple per node or cell.
+/// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written, and
+/// [`Error::Mesh`](crate::Error::Mesh) if an array does not have one tuple for each node or cell.
 pub fn write_vtu<const D: usize, M: Simplices<D>>(path: &Path, file: &MeshFile<M>) -> Result<()> {
     let mut batch = Batch::default();
     add_vtu(&mut batch, path, file)?;
     batch.commit()
 }
 
-/// The same as one of several files that belong together.
+/// Writes a mesh as [`write_vtu`] does, as one of several files of a batch.
 ///
 /// # Errors
-/// As [`write_vtu`].
+/// Returns the errors of [`write_vtu`].
 pub fn add_vtu<const D: usize, M: Simplices<D>>(
     batch: &mut Batch,
     path: &Path,
@@ -152,21 +153,21 @@ pub fn add_vtu<const D: usize, M: Simplices<D>>(
     batch.write(path, |out| document.write(out))
 }
 
-/// Cells of several kinds, for other programs.
+/// Cells of several types, for other programs.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct MixedCells {
     /// The nodes of each cell.
     pub corners: Lists,
-    /// VTK's number of each cell's kind.
+    /// VTK's type of each cell.
     pub kinds: Vec<u8>,
-    /// Of polyhedra, which come first, their faces as VTK lists them.
+    /// The faces of the polyhedra, which come first, as VTK stores them.
     faces: Vec<u32>,
-    /// Where those of each polyhedron end.
+    /// End of each polyhedron's faces in `faces`.
     face_ends: Vec<u64>,
 }
 
 impl MixedCells {
-    /// The cells of a mesh of polyhedra.
+    /// Returns the cells of a mesh of polyhedra.
     pub fn polyhedra(mesh: &PolyMesh<3>) -> Self {
         let streams = CellStreams::new(mesh);
         let ends = streams.corner_ends.iter().map(|&end| end as u32);
@@ -181,17 +182,17 @@ impl MixedCells {
         }
     }
 
-    /// Puts a cell behind the others.
+    /// Appends a cell.
     pub fn push(&mut self, kind: u8, corners: impl IntoIterator<Item = u32>) {
         self.corners.push(corners);
         self.kinds.push(kind);
     }
 }
 
-/// Adds a file of such cells to those that belong together.
+/// Writes a file of mixed cells, as one of several files of a batch.
 ///
 /// # Errors
-/// As [`write_vtu`].
+/// Returns the errors of [`write_vtu`].
 pub fn add_mixed_vtu(
     batch: &mut Batch,
     path: &Path,
@@ -212,14 +213,14 @@ pub fn add_mixed_vtu(
     document.add_array(ArraySource::slice("types", 1, &cells.kinds));
     if !cells.faces.is_empty() {
         document.add_array(integer_source("faces", &cells.faces));
-        // Other cells have none.
+        // Other cells have no faces.
         let ends = |i: usize| cells.face_ends.get(i).map_or(-1, |&end| end as i64);
         document.add_array(ArraySource::computed("faceoffsets", 1, count, ends));
     }
     batch.write(path, |out| document.write(out))
 }
 
-/// Opens the only piece, with everything in it up to its cells.
+/// Opens the only piece, and adds everything up to its cells.
 pub(super) fn begin_piece<'a, const D: usize>(
     document: &mut Document<'a>,
     fields: &[&'a (String, FieldValue)],
@@ -277,7 +278,7 @@ pub(super) fn begin_piece<'a, const D: usize>(
     document.close();
 }
 
-/// Points of the plane or of space as points of space, coordinate after coordinate.
+/// Returns the coordinates of 2-D or 3-D points as 3-D coordinates, one after the other.
 pub(super) fn coordinates_3d<const D: usize>(points: &[[f64; D]]) -> Vec<f64> {
     points
         .iter()
@@ -285,13 +286,13 @@ pub(super) fn coordinates_3d<const D: usize>(points: &[[f64; D]]) -> Vec<f64> {
         .collect()
 }
 
-/// Numbers and counts, 32-bit if all fit.
+/// Returns an array of integers, in 32 bits if all fit.
 pub(super) fn integer_source<'a, T>(name: &str, values: &'a [T]) -> ArraySource<'a>
 where
     T: Copy + Into<u64> + Sync,
 {
-    let most = values.par_iter().map(|&v| v.into()).max().unwrap_or(0);
-    if most <= i32::MAX as u64 {
+    let max = values.par_iter().map(|&v| v.into()).max().unwrap_or(0);
+    if max <= i32::MAX as u64 {
         ArraySource::computed(name, 1, values.len(), |i| values[i].into() as i32)
     } else {
         ArraySource::computed(name, 1, values.len(), |i| values[i].into() as i64)
@@ -302,15 +303,15 @@ pub(crate) fn check_lengths(
     path: &Path,
     arrays: &[DataArray],
     tuples: usize,
-    of: &str,
+    owner: &str,
 ) -> Result<()> {
-    let wrong = |a: &&DataArray| a.values.len() != tuples * a.components;
-    match arrays.iter().find(wrong) {
+    let has_wrong_length = |a: &&DataArray| a.values.len() != tuples * a.components;
+    match arrays.iter().find(has_wrong_length) {
         None => Ok(()),
         Some(a) => Err(crate::Error::Mesh(crate::error::cause(
             path.display(),
             format!(
-                "array '{}' has {} numbers for {tuples} {of} with {} each",
+                "array '{}' has {} numbers for {tuples} {owner} with {} each",
                 a.name,
                 a.values.len(),
                 a.components
@@ -320,19 +321,19 @@ pub(crate) fn check_lengths(
     }
 }
 
-/// Reads a mesh of tetrahedra: ours, or one that VTK, ParaView or meshio wrote.
+/// Reads a mesh of tetrahedra that atomesh, VTK, ParaView or meshio wrote.
 ///
-/// Node order of the tetrahedra is kept as it is, whatever their orientation: judging is the
-/// checker's task.
+/// The node order of tetrahedra is kept, whatever their orientation, because the checker reports
+/// inverted cells.
 ///
 /// # Errors
-/// [`Error::Io`](crate::Error::Io) if the file is no such file, damaged, cut off, or holds cells
-/// other than tetrahedra.
+/// Returns [`Error::Io`](crate::Error::Io) if the file has another format, is damaged or cut off,
+/// or has cells other than tetrahedra.
 pub fn read_vtu(path: &Path) -> Result<MeshFile> {
     read_cells(&VtkFile::read(path, "UnstructuredGrid")?)
 }
 
-/// A mesh of the plane or of space.
+/// A mesh file of any kind of cells.
 #[derive(Debug, Clone, PartialEq)]
 pub enum AnyMesh {
     /// Triangles in the plane.
@@ -346,26 +347,26 @@ pub enum AnyMesh {
 }
 
 impl AnyMesh {
-    /// A [`MeshFile`] of any of these kinds; `None` of anything else.
+    /// Converts a [`MeshFile`] of one of these kinds; `None` for anything else.
     pub fn from_any(file: Box<dyn Any>) -> Option<Self> {
         let file = match file.downcast() {
-            Ok(plane) => return Some(Self::Triangles(*plane)),
-            Err(other) => other,
+            Ok(triangles) => return Some(Self::Triangles(*triangles)),
+            Err(file) => file,
         };
         let file = match file.downcast() {
-            Ok(space) => return Some(Self::Tetrahedra(*space)),
-            Err(other) => other,
+            Ok(tetrahedra) => return Some(Self::Tetrahedra(*tetrahedra)),
+            Err(file) => file,
         };
         match file.downcast() {
             Ok(cells) => Some(Self::Polygons(*cells)),
-            Err(other) => Some(Self::Polyhedra(*other.downcast().ok()?)),
+            Err(file) => Some(Self::Polyhedra(*file.downcast().ok()?)),
         }
     }
 }
 
-/// Does the same with a mesh of any kind: `with_mesh!(mesh, file => ...)`; or one thing with simplices
-/// and another with polygons and polyhedra: `with_mesh!(mesh, simplices file => ..., cells file =>
-/// ...)`.
+/// Runs the same code with a mesh of any kind: `with_mesh!(mesh, file => ...)`; or different code
+/// for simplices and for polygons and polyhedra: `with_mesh!(mesh, simplices file => ..., cells
+/// file => ...)`.
 #[cfg(feature = "cli")]
 #[macro_export]
 #[doc(hidden)]
@@ -386,13 +387,14 @@ macro_rules! with_mesh {
 pub(crate) use crate::with_mesh;
 
 /// Reads a mesh of triangles or polygons in the plane z = 0 (quadrilaterals are polygons), of
-/// tetrahedra as [`read_vtu`] does, or of polyhedra, which tetrahedra, hexahedra, wedges and pyramids beside
-/// each other are, too.
+/// tetrahedra as [`read_vtu`] does, or of polyhedra. Meshes of tetrahedra, hexahedra, wedges and
+/// pyramids together are read as polyhedra.
 ///
-/// Also in parts (`.pvtu`), if these are ours.
+/// Meshes in several files (`.pvtu`) can be read if atomesh wrote them.
 ///
 /// # Errors
-/// As [`read_vtu`], and for triangles and polygons that are not in that plane.
+/// Returns the errors of [`read_vtu`], and an error for triangles and polygons that are not in the
+/// plane z = 0.
 pub fn read_any_vtu(path: &Path) -> Result<AnyMesh> {
     if is_pvtu(path) {
         return read_pvtu(path);
@@ -433,7 +435,7 @@ fn read_cells<const D: usize, M: Simplices<D>>(file: &VtkFile) -> Result<MeshFil
     })
 }
 
-/// What belongs to the whole mesh.
+/// Reads the field values.
 pub(super) fn read_fields(file: &VtkFile) -> Result<Vec<(String, FieldValue)>> {
     let mut field_data = Vec::new();
     if let Some(fields) = file.data_set().child("FieldData") {
@@ -483,20 +485,20 @@ pub(crate) fn read_nodes<const D: usize>(
         let problem = format!("node {node} is not finite");
         return Err(file.error(problem, "write it again"));
     }
-    if let Some(off) = nodes.iter().flat_map(|x| &x[D..]).find(|c| **c != 0.0) {
-        let problem = format!("has cells off the plane z = 0 (at z = {off})");
-        return Err(file.error(problem, "give cells of space, or of that plane"));
+    if let Some(coordinate) = nodes.iter().flat_map(|x| &x[D..]).find(|c| **c != 0.0) {
+        let problem = format!("has cells off the plane z = 0 (at z = {coordinate})");
+        return Err(file.error(problem, "give a 3-D mesh, or one in that plane"));
     }
     let node = |x: &[f64; 3]| std::array::from_fn(|k| x[k]);
     Ok(nodes.iter().map(node).collect())
 }
 
-/// An array of the cells' description.
+/// Reads an integer array of the cells' description.
 pub(crate) fn read_cell_integers(file: &VtkFile, cells: &Element, name: &str) -> Result<Vec<i64>> {
     Ok(read_cell_values(file, cells, name)?.to_i64())
 }
 
-/// The same, of whatever type it is stored in.
+/// Reads an array of the cells' description, with the type in which it is stored.
 pub(super) fn read_cell_values(file: &VtkFile, cells: &Element, name: &str) -> Result<Values> {
     let mut arrays = cells.children.iter();
     let element = arrays
@@ -535,14 +537,14 @@ fn read_corners<const D: usize, M: Simplices<D>>(
     }
     let ends = values("offsets")?;
     let corners = values("connectivity")?;
-    let regular = ends
+    let is_regular = ends
         .iter()
         .zip(1..)
         .all(|(&end, cell)| end == size as i64 * cell);
     if types.len() != count
         || ends.len() != count
         || corners.len() != count.saturating_mul(size)
-        || !regular
+        || !is_regular
     {
         let problem = format!(
             "has {count} cells, but {} types, {} offsets and {} node numbers",
@@ -558,8 +560,8 @@ fn read_corners<const D: usize, M: Simplices<D>>(
             "give a mesh of fewer than 2^32",
         ));
     }
-    if let Some(stray) = corners.iter().find(|&&c| c < 0 || c as usize >= points) {
-        let problem = format!("a cell has node {stray}, but there are {points} points");
+    if let Some(node) = corners.iter().find(|&&c| c < 0 || c as usize >= points) {
+        let problem = format!("a cell has node {node}, but there are {points} points");
         return Err(file.error(problem, "write it again"));
     }
     Ok(corners.iter().map(|&c| c as u32).collect())

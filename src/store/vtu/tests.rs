@@ -1,4 +1,4 @@
-//! Files of simplices and other cells, ours and those of other programs.
+//! Tests of files with simplices and other cells, ours and those of other programs.
 
 use super::*;
 use crate::files::vtk::fixtures::{VARIANTS, fixture};
@@ -91,16 +91,16 @@ fn every_variant_that_vtk_writes_is_read() {
     assert!(read_error(&fixture("legacy_ascii.vtk")).contains("holds ImageData"));
 }
 
-/// Legacy files, and polyhedra as VTK lists them since version 9.4.
+/// Legacy files, and polyhedra as VTK stores them since version 9.4.
 #[test]
 fn cells_of_other_programs_are_read_from_every_kind_of_file() {
-    let [x, next] = [612345.678, 612346.678];
+    let [x0, x1] = [612345.678, 612346.678];
     for name in ["legacy_tets_ascii.vtk", "legacy_tets_binary.vtk"] {
         let AnyMesh::Tetrahedra(file) = read_any_vtu(&fixture(name)).unwrap() else {
             panic!("{name} holds tetrahedra");
         };
         assert_eq!(file.mesh.tets, [[0, 1, 2, 3], [1, 2, 3, 4]], "{name}");
-        assert_eq!(file.mesh.nodes[4], [next, 1.0, 1.0], "{name}");
+        assert_eq!(file.mesh.nodes[4], [x1, 1.0, 1.0], "{name}");
         assert_eq!(file.field_data[0].0, "TimeValue", "{name}");
         check_arrays(name, &file);
     }
@@ -114,12 +114,12 @@ fn cells_of_other_programs_are_read_from_every_kind_of_file() {
             match read_any_vtu(&fixture(&name)).unwrap() {
                 AnyMesh::Polyhedra(file) => {
                     assert_eq!((kind, file.mesh.face_cells.len()), ("polyhedra", 7));
-                    assert_eq!(file.mesh.nodes[0], [x, 0.0, 0.0], "{name}");
+                    assert_eq!(file.mesh.nodes[0], [x0, 0.0, 0.0], "{name}");
                     check_two_cells(&name, &file);
                 }
                 AnyMesh::Polygons(file) => {
                     assert_eq!((kind, file.mesh.face_cells.len()), ("polygons", 6));
-                    assert_eq!(file.mesh.nodes[2], [next, 1.0], "{name}");
+                    assert_eq!(file.mesh.nodes[2], [x1, 1.0], "{name}");
                     check_two_cells(&name, &file);
                 }
                 _ => panic!("{name} holds {kind}"),
@@ -128,7 +128,7 @@ fn cells_of_other_programs_are_read_from_every_kind_of_file() {
     }
 }
 
-/// Two cells that share a face, with the arrays that all these files hold.
+/// Checks a file of two cells that share a face, with the arrays that all these files have.
 fn check_two_cells<const D: usize>(name: &str, file: &MeshFile<PolyMesh<D>>) {
     assert_eq!(
         (file.mesh.sites.len(), file.mesh.inner_face_count()),
@@ -138,7 +138,7 @@ fn check_two_cells<const D: usize>(name: &str, file: &MeshFile<PolyMesh<D>>) {
     check_arrays(name, file);
 }
 
-/// The arrays that all files of other programs hold here.
+/// Checks the arrays that all files of other programs have here.
 fn check_arrays<M>(name: &str, file: &MeshFile<M>) {
     let rock = DataArray::scalars("rock type", vec![5i64, -7]);
     assert!(file.cell_data.contains(&rock), "{name}");
@@ -160,10 +160,10 @@ fn wrong_and_damaged_files_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.vtu");
     write_vtu(&path, &two_tets()).unwrap();
-    let good = std::fs::read(&path).unwrap();
-    let data_end = good.len() - "\n  </AppendedData>\n</VTKFile>\n".len();
+    let bytes = std::fs::read(&path).unwrap();
+    let data_end = bytes.len() - "\n  </AppendedData>\n</VTKFile>\n".len();
     for end in (0..data_end).step_by(11).chain([data_end - 1]) {
-        std::fs::write(&path, &good[..end]).unwrap();
+        std::fs::write(&path, &bytes[..end]).unwrap();
         assert!(read_vtu(&path).is_err(), "cut at {end}");
     }
     std::fs::write(&path, "hello").unwrap();
@@ -188,7 +188,7 @@ fn wrong_and_damaged_files_are_refused() {
         ascii(xyz, "1", "0 1 2 3", "4", "10").unwrap().mesh.tets,
         [[0, 1, 2, 3]]
     );
-    for (result, want) in [
+    for (result, expected) in [
         (
             ascii(xyz, "2", "0 1 2 3 0 1 2", "4 7", "10 5"),
             "cell 1 is of VTK's type 5",
@@ -212,7 +212,10 @@ fn wrong_and_damaged_files_are_refused() {
         (ascii("0 0 zero", "1", "0 1 2 3", "4", "10"), "'zero'"),
     ] {
         let error = result.unwrap_err();
-        assert!(error.contains(want) && error.contains("a.vtu"), "{error}");
+        assert!(
+            error.contains(expected) && error.contains("a.vtu"),
+            "{error}"
+        );
     }
 }
 

@@ -1,14 +1,18 @@
-//! Exodus II in NetCDF's classic format: an element block for each region; a side set and a node set for each
-//! side of the box, each surface, and what parts two regions; values of cells at one time, 0.
+//! Writes Exodus II in NetCDF's classic format: an element block for each region; a side set and a
+//! node set for each side of the box, each surface, and each interface of two regions; and the
+//! values of cells at the time 0.
 //!
-//! - `simplices`: tetrahedra or triangles, also torn or quadratic
-//! - `cells`: cells of any shape, which are lists of faces (`NFACED`), which are lists of nodes (`NSIDED`)
+//! - `simplices`: tetrahedra or triangles, also split or quadratic
+//! - `cells`: cells of any shape, which are lists of faces (`NFACED`), which are lists of nodes
+//!   (`NSIDED`)
 //!
-//! Elements are numbered block by block; `elem_num_map` has the cells' own numbers, from 1 on. Sets have the
-//! numbers of Gmsh's physical groups; the block of a region has the region's number, from 1 on.
+//! Elements are numbered block by block. `elem_num_map` has the cell numbers of the mesh, from 1.
+//! Sets have the numbers of Gmsh's physical groups. The block of a region has the number of the
+//! region, from 1.
 //!
-//! Layout: "EXODUS: A Finite Element Data Model" (Sandia National Laboratories), chapter 5 and appendix A; of
-//! cells of any shape "Polyhedral Element Support" in the library's documentation.
+//! Source: "EXODUS: A Finite Element Data Model" (Sandia National Laboratories), chapter 5 and
+//! appendix A; for cells of any shape "Polyhedral Element Support" in the documentation of the
+//! library.
 
 mod cells;
 mod simplices;
@@ -28,21 +32,21 @@ use crate::files::Batch;
 use crate::model::reservoir::Model;
 use crate::{Error, Result};
 
-/// Bytes of a name, with the 0 at its end.
+/// Size of a name in bytes, with the final zero.
 const NAME_BYTES: usize = 129;
 /// Types of cells that are lists of faces, and of faces that are lists of nodes.
 const NFACED: &str = "NFACED";
 const NSIDED: &str = "NSIDED";
 
-/// A mesh as Exodus has it.
+/// Mesh in the form of Exodus.
 struct ExodusMesh {
     dim: usize,
     points: Vec<[f64; 3]>,
-    /// The cells in the order of elements.
+    /// Cells in the order of the elements.
     cell_order: Vec<u32>,
-    /// The elements.
+    /// Blocks of elements.
     blocks: Vec<Block>,
-    /// The faces of cells of any shape.
+    /// Faces of cells of any shape.
     faces: Option<Block>,
     sets: Vec<SideSet>,
 }
@@ -52,33 +56,33 @@ struct Block {
     name: String,
     number: i32,
     element_type: &'static str,
-    /// The nodes, or faces, of each, one after the other, from 1 on.
+    /// Nodes, or faces, of each element, one after the other, from 1.
     connectivity: Vec<i32>,
-    /// How many each has.
+    /// Number of nodes, or faces, of each element.
     part_counts: PartCounts,
-    /// Whether its elements are cells of the model, which have values.
+    /// `true` if the elements are cells of the model, which have values.
     has_cell_values: bool,
 }
 
-/// How many parts the elements of a block have.
+/// Number of nodes, or faces, of the elements of a block.
 enum PartCounts {
     Uniform(usize),
     PerElement(Vec<i32>),
 }
 
-/// Sides that have a name.
+/// Named sides of elements.
 struct SideSet {
     name: String,
     number: usize,
-    /// The element of each, and the number of the side there, both from 1 on.
+    /// Element of each side, and the number of the side in it, both from 1.
     elements: Vec<i32>,
     sides: Vec<i32>,
-    /// The nodes of all, from 1 on.
+    /// Nodes of all sides, from 1.
     nodes: Vec<i32>,
 }
 
 impl SideSet {
-    /// Without sides yet.
+    /// Creates a set without sides.
     fn new(name: &str, number: usize) -> Self {
         Self {
             name: name.into(),
@@ -89,14 +93,14 @@ impl SideSet {
         }
     }
 
-    /// Adds a side of an element, and its nodes, all from 1 on.
+    /// Adds a side of an element, and its nodes, all from 1.
     fn add(&mut self, element: i32, side: i32, nodes: impl IntoIterator<Item = i32>) {
         self.elements.push(element);
         self.sides.push(side);
         self.nodes.extend(nodes);
     }
 
-    /// With each node once.
+    /// Sorts the nodes and removes duplicates.
     fn with_unique_nodes(mut self) -> Self {
         self.nodes.sort_unstable();
         self.nodes.dedup();
@@ -116,15 +120,16 @@ impl Block {
 /// Writes the mesh.
 ///
 /// # Errors
-/// [`Error::Export`] if the cells are too many for the format.
+/// Returns [`Error::Export`] if there are too many cells for the format.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
-    let grid = match model.tets.is_some() || model.triangles.is_some() {
-        true => simplices::exodus_mesh(model, &SimplexMesh::new(model, "Exodus II")?),
-        false => cells::exodus_mesh(model),
+    let grid = if model.tets.is_some() || model.triangles.is_some() {
+        simplices::exodus_mesh(model, &SimplexMesh::new(model, "Exodus II")?)
+    } else {
+        cells::exodus_mesh(model)
     };
-    let most = grid.blocks.iter().chain(&grid.faces);
-    let most = most.map(|block| 4 * block.connectivity.len() as u64);
-    if most.chain([8 * grid.points.len() as u64]).max() > Some(MAX_VARIABLE_BYTES) {
+    let sizes = grid.blocks.iter().chain(&grid.faces);
+    let sizes = sizes.map(|block| 4 * block.connectivity.len() as u64);
+    if sizes.chain([8 * grid.points.len() as u64]).max() > Some(MAX_VARIABLE_BYTES) {
         return Err(Error::Export(cause(
             path.display(),
             "has more cells than Exodus II in NetCDF's classic format holds",
@@ -168,42 +173,42 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     batch.write(path, |out| netcdf::write(out, &file))
 }
 
-/// A region: its name, its number, and where its cells are among those in order.
+/// Region: its name, its number, and the range of its cells in the order of elements.
 struct RegionCells {
     name: String,
     number: i32,
     cells: Range<usize>,
 }
 
-/// The cells in the order of their regions, and these.
+/// Returns the cells ordered by region, and the regions.
 fn order_by_region(model: &Model) -> (Vec<u32>, Vec<RegionCells>) {
     let region = &model.mesh.region;
     let mut order: Vec<u32> = (0..region.len() as u32).collect();
     order.sort_by_key(|&cell| region[cell as usize]);
     let shift = region_shift(model);
-    let parts = sorted_regions(model).into_iter().map(|own| {
-        let start = order.partition_point(|&c| region[c as usize] < own);
-        let end = order.partition_point(|&c| region[c as usize] <= own);
+    let regions = sorted_regions(model).into_iter().map(|value| {
+        let start = order.partition_point(|&c| region[c as usize] < value);
+        let end = order.partition_point(|&c| region[c as usize] <= value);
         RegionCells {
-            name: region_name(model, own),
-            number: (i64::from(own) + shift) as i32,
+            name: region_name(model, value),
+            number: (i64::from(value) + shift) as i32,
             cells: start..end,
         }
     });
-    let parts = parts.collect();
-    (order, parts)
+    let regions = regions.collect();
+    (order, regions)
 }
 
-/// The number of each cell among the elements, from 1 on.
+/// Returns the element number of each cell, from 1.
 fn element_numbers(order: &[u32]) -> Vec<i32> {
-    let mut places = vec![0; order.len()];
+    let mut elements = vec![0; order.len()];
     for (number, &cell) in (1..).zip(order) {
-        places[cell as usize] = number;
+        elements[cell as usize] = number;
     }
-    places
+    elements
 }
 
-/// Dimensions and words that every file has.
+/// Creates a file with the dimensions and attributes that every file has.
 fn new_file<'a>(nodes: usize, elements: usize, dim: usize) -> NetcdfFile<'a> {
     let mut file = NetcdfFile::default();
     for (name, length) in [
@@ -235,10 +240,11 @@ fn new_file<'a>(nodes: usize, elements: usize, dim: usize) -> NetcdfFile<'a> {
     file
 }
 
-/// The words and numbers of `count` blocks or sets: their status, numbers and names.
-fn add_list<'a>(file: &mut NetcdfFile<'a>, prefix: &str, count: &str, named: Vec<(i32, String)>) {
-    file.dimensions.push((count.into(), named.len()));
-    let (numbers, names): (Vec<i32>, Vec<String>) = named.into_iter().unzip();
+/// Adds the status, the numbers and the names of blocks or sets. `count` is the name of the
+/// dimension that counts them.
+fn add_list<'a>(file: &mut NetcdfFile<'a>, prefix: &str, count: &str, entries: Vec<(i32, String)>) {
+    file.dimensions.push((count.into(), entries.len()));
+    let (numbers, names): (Vec<i32>, Vec<String>) = entries.into_iter().unzip();
     let status = LazyArray::from_fn(numbers.len(), |_| 1i32);
     let property = LazyArray::from_fn(numbers.len(), move |i| numbers[i]);
     file.variables.push(NetcdfVariable::new(
@@ -259,8 +265,8 @@ fn add_list<'a>(file: &mut NetcdfFile<'a>, prefix: &str, count: &str, named: Vec
     file.variables.push(names);
 }
 
-/// How a file calls the numbers of a block's parts, those of how many each has, the dimensions of both, and
-/// what parts are of what.
+/// Names in the file for a block's list of parts (nodes or faces), the number of parts of each
+/// element, the dimensions of both, and the types of the parts and of the elements.
 struct BlockNames {
     list: &'static str,
     counts: &'static str,
@@ -290,40 +296,43 @@ const FACES: BlockNames = BlockNames {
     types: ["NODE", "FACE"],
 };
 
-/// Blocks of elements (`eb`) or of faces (`fa`).
+/// Adds blocks of elements (`eb`) or of faces (`fa`).
 fn add_blocks<'a>(file: &mut NetcdfFile<'a>, prefix: &str, count: &str, blocks: &'a [Block]) {
-    let named = blocks
+    let entries = blocks
         .iter()
         .map(|block| (block.number, block.name.clone()));
-    add_list(file, prefix, count, named.collect());
+    add_list(file, prefix, count, entries.collect());
     for (k, block) in (1..).zip(blocks) {
-        let words = match block.element_type {
+        let block_names = match block.element_type {
             NFACED => ELEMENTS_OF_FACES,
             NSIDED => FACES,
             _ => ELEMENTS,
         };
-        let [len, size] = [words.len, words.size].map(|word| format!("{word}{k}"));
-        let of_each = [len.as_str(), &size];
-        let (on, width) = match block.part_counts {
-            PartCounts::Uniform(width) => (&of_each[..], width),
-            PartCounts::PerElement(_) => (&of_each[1..], block.connectivity.len()),
+        let [len, size] = [block_names.len, block_names.size].map(|word| format!("{word}{k}"));
+        let dims = [len.as_str(), &size];
+        let (used_dims, width) = match block.part_counts {
+            PartCounts::Uniform(width) => (&dims[..], width),
+            PartCounts::PerElement(_) => (&dims[1..], block.connectivity.len()),
         };
-        let name = format!("{}{k}", words.list);
-        let mut parts = NetcdfVariable::new(name, on, LazyArray::from_slice(&block.connectivity));
+        let name = format!("{}{k}", block_names.list);
+        let mut parts =
+            NetcdfVariable::new(name, used_dims, LazyArray::from_slice(&block.connectivity));
         let kind = NetcdfAttribute::Text(block.element_type.into());
         parts.attributes.push(("elem_type".into(), kind));
         file.variables.push(parts);
         if let PartCounts::PerElement(counts) = &block.part_counts {
-            let name = format!("{}{k}", words.counts);
-            let mut each = NetcdfVariable::new(name, &of_each[..1], LazyArray::from_slice(counts));
+            let name = format!("{}{k}", block_names.counts);
+            let mut counts_variable =
+                NetcdfVariable::new(name, &dims[..1], LazyArray::from_slice(counts));
             for (name, kind) in ["entity_type1", "entity_type2"]
                 .into_iter()
-                .zip(words.types)
+                .zip(block_names.types)
             {
-                each.attributes
+                counts_variable
+                    .attributes
                     .push((name.into(), NetcdfAttribute::Text(kind.into())));
             }
-            file.variables.push(each);
+            file.variables.push(counts_variable);
         }
         file.dimensions.push((len, block.len()));
         file.dimensions.push((size, width));
@@ -334,28 +343,28 @@ fn add_sets<'a>(file: &mut NetcdfFile<'a>, sets: &'a [SideSet]) {
     if sets.is_empty() {
         return;
     }
-    let named = || sets.iter().map(|set| (set.number as i32, set.name.clone()));
-    add_list(file, "ss", "num_side_sets", named().collect());
-    add_list(file, "ns", "num_node_sets", named().collect());
+    let entries = || sets.iter().map(|set| (set.number as i32, set.name.clone()));
+    add_list(file, "ss", "num_side_sets", entries().collect());
+    add_list(file, "ns", "num_node_sets", entries().collect());
     for (k, set) in (1..).zip(sets) {
         let [sides, points] = [format!("num_side_ss{k}"), format!("num_nod_ns{k}")];
         file.dimensions.push((sides.clone(), set.elements.len()));
         file.dimensions.push((points.clone(), set.nodes.len()));
-        for (name, on, values) in [
+        for (name, dimension, values) in [
             (format!("elem_ss{k}"), &sides, &set.elements),
             (format!("side_ss{k}"), &sides, &set.sides),
             (format!("node_ns{k}"), &points, &set.nodes),
         ] {
             file.variables.push(NetcdfVariable::new(
                 name,
-                &[on],
+                &[dimension],
                 LazyArray::from_slice(values),
             ));
         }
     }
 }
 
-/// The values of cells, which other elements do not have.
+/// Adds the values of the cells. Other elements have none.
 fn add_values<'a>(
     file: &mut NetcdfFile<'a>,
     columns: &'a [(String, Vec<f64>)],
@@ -364,34 +373,36 @@ fn add_values<'a>(
 ) {
     let (count, width) = (blocks.len(), columns.len());
     file.dimensions.push(("num_elem_var".into(), width));
-    let known: Vec<i32> = blocks
+    let has_values: Vec<i32> = blocks
         .iter()
         .map(|block| i32::from(block.has_cell_values))
         .collect();
-    let table = LazyArray::from_fn(count * width, move |i| known[i / width]);
-    let on = ["num_el_blk", "num_elem_var"];
+    let table = LazyArray::from_fn(count * width, move |i| has_values[i / width]);
+    let dims = ["num_el_blk", "num_elem_var"];
     file.variables
-        .push(NetcdfVariable::new("elem_var_tab", &on, table));
+        .push(NetcdfVariable::new("elem_var_tab", &dims, table));
     let names: Vec<String> = columns.iter().map(|(name, _)| name.clone()).collect();
-    let on = ["num_elem_var", "len_name"];
+    let dims = ["num_elem_var", "len_name"];
     file.variables.push(NetcdfVariable::from_texts(
         "name_elem_var",
-        &on,
+        &dims,
         NAME_BYTES,
         &names,
     ));
-    let now = LazyArray::from_fn(1, |_| 0.0f64);
+    let time = LazyArray::from_fn(1, |_| 0.0f64);
     file.variables
-        .push(NetcdfVariable::new("time_whole", &["time_step"], now));
+        .push(NetcdfVariable::new("time_whole", &["time_step"], time));
     for (number, (_, values)) in (1..).zip(columns) {
         let mut start = 0;
         for (k, block) in (1..).zip(blocks).filter(|(_, block)| block.has_cell_values) {
-            let own = &order[start..][..block.len()];
+            let block_cells = &order[start..][..block.len()];
             start += block.len();
             let name = format!("vals_elem_var{number}eb{k}");
-            let on = ["time_step", &format!("num_el_in_blk{k}")];
-            let numbers = LazyArray::from_fn(own.len(), |i| values[own[i] as usize]);
-            file.variables.push(NetcdfVariable::new(name, &on, numbers));
+            let dims = ["time_step", &format!("num_el_in_blk{k}")];
+            let numbers =
+                LazyArray::from_fn(block_cells.len(), |i| values[block_cells[i] as usize]);
+            file.variables
+                .push(NetcdfVariable::new(name, &dims, numbers));
         }
     }
 }

@@ -1,5 +1,5 @@
-//! Tetrahedra or triangles. Between the two sides of a surface along which the mesh is torn, wedges of no
-//! thickness, in a block that has its name.
+//! Converts tetrahedra or triangles. Between the two sides of a surface along which the mesh is
+//! split, wedges without thickness are in a block with the name of the surface.
 
 use super::{
     Block, ExodusMesh, PartCounts, RegionCells, SideSet, element_numbers, order_by_region,
@@ -8,16 +8,21 @@ use crate::export::meshers::groups::NamedSides;
 use crate::export::meshers::simplices::SimplexMesh;
 use crate::model::reservoir::Model;
 
-/// The side of an element opposite its corner k, in space and in the plane.
+/// Side of an element opposite its corner k: of a tetrahedron, and of a triangle.
 const SIDE_OPPOSITE: [[i32; 4]; 2] = [[2, 3, 1, 4], [2, 3, 1, 0]];
-/// A triangle that is not in the plane z = 0 is a shell, whose first two sides are its faces.
+/// Number of faces of a shell, which come before its edges. A triangle outside the plane z = 0 is a
+/// shell.
 const SHELL_FACE_COUNT: i32 = 2;
 
-/// The mesh.
+/// Returns the mesh with the simplices of a model.
 pub fn exodus_mesh(model: &Model, mesh: &SimplexMesh) -> ExodusMesh {
-    let flat = mesh.nodes.iter().all(|p| p[2] == mesh.nodes[0][2]);
-    let dim = if mesh.corner_count == 3 && flat { 2 } else { 3 };
-    let (order, parts) = order_by_region(model);
+    let is_flat = mesh.nodes.iter().all(|p| p[2] == mesh.nodes[0][2]);
+    let dim = if mesh.corner_count == 3 && is_flat {
+        2
+    } else {
+        3
+    };
+    let (order, regions) = order_by_region(model);
     let kind = match (mesh.corner_count, mesh.is_quadratic()) {
         (4, false) => "TETRA",
         (4, true) => "TETRA10",
@@ -27,25 +32,25 @@ pub fn exodus_mesh(model: &Model, mesh: &SimplexMesh) -> ExodusMesh {
     let corners = mesh.corner_count;
     let edges = corners * (corners - 1) / 2;
     let size = corners + if mesh.is_quadratic() { edges } else { 0 };
-    let of_region = |RegionCells {
-                         name,
-                         number,
-                         cells,
-                     }| {
-        let mut parts = Vec::with_capacity(cells.len() * size);
+    let region_block = |RegionCells {
+                            name,
+                            number,
+                            cells,
+                        }| {
+        let mut nodes = Vec::with_capacity(cells.len() * size);
         for &cell in &order[cells] {
-            mesh.visit_nodes(mesh.get(cell as usize), |n| parts.push(n as i32 + 1));
+            mesh.visit_nodes(mesh.get(cell as usize), |n| nodes.push(n as i32 + 1));
         }
         Block {
             name,
             number,
             element_type: kind,
-            connectivity: parts,
+            connectivity: nodes,
             part_counts: PartCounts::Uniform(size),
             has_cell_values: true,
         }
     };
-    let mut blocks: Vec<Block> = parts.into_iter().map(of_region).collect();
+    let mut blocks: Vec<Block> = regions.into_iter().map(region_block).collect();
     let last = blocks.iter().map(|block| block.number).max().unwrap_or(0);
     for (number, torn) in (last + 1..).zip(&mesh.torn_surfaces) {
         let nodes = torn.face_pairs.iter().flat_map(|pair| pair.as_flattened());
@@ -58,7 +63,7 @@ pub fn exodus_mesh(model: &Model, mesh: &SimplexMesh) -> ExodusMesh {
             has_cell_values: false,
         });
     }
-    let places = element_numbers(&order);
+    let elements = element_numbers(&order);
     ExodusMesh {
         dim,
         points: (0..mesh.node_count()).map(|i| mesh.point(i)).collect(),
@@ -66,28 +71,28 @@ pub fn exodus_mesh(model: &Model, mesh: &SimplexMesh) -> ExodusMesh {
         blocks,
         faces: None,
         sets: (mesh.named_sides.iter())
-            .map(|named| side_set(mesh, named, &places, dim))
+            .map(|group| side_set(mesh, group, &elements, dim))
             .collect(),
     }
 }
 
-/// `places` has each cell's number among the elements.
-fn side_set(mesh: &SimplexMesh, named: &NamedSides, places: &[i32], dim: usize) -> SideSet {
+/// Returns the side set of a group. `elements` has the element number of each cell.
+fn side_set(mesh: &SimplexMesh, group: &NamedSides, elements: &[i32], dim: usize) -> SideSet {
     let opposite = SIDE_OPPOSITE[usize::from(mesh.corner_count == 3)];
-    let shell = if mesh.corner_count == 3 && dim == 3 {
+    let shell_offset = if mesh.corner_count == 3 && dim == 3 {
         SHELL_FACE_COUNT
     } else {
         0
     };
-    let mut set = SideSet::new(&named.name, named.number);
-    for (i, &cell) in named.cells.iter().enumerate() {
-        let side = named.sides.get(i);
+    let mut set = SideSet::new(&group.name, group.number);
+    for (i, &cell) in group.cells.iter().enumerate() {
+        let side = group.sides.get(i);
         let corners = mesh.get(cell as usize);
         let corner = corners.iter().position(|n| !side.contains(n));
-        let number = opposite[corner.unwrap_or(0)] + shell;
+        let number = opposite[corner.unwrap_or(0)] + shell_offset;
         let mut nodes = Vec::new();
         mesh.visit_nodes(side, |n| nodes.push(n as i32 + 1));
-        set.add(places[cell as usize], number, nodes);
+        set.add(elements[cell as usize], number, nodes);
     }
     set.with_unique_nodes()
 }

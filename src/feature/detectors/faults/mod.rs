@@ -1,16 +1,18 @@
-//! Faults: where layers of seismic amplitude do not continue.
+//! Faults: places where layers of seismic amplitude do not continue.
 //!
-//! 1. BlockNormals of layers by the structure tensor ([`BlockNormals`]).
-//! 2. Semblance of what the layers show on one side of a fault and on the other (after Marfurt et al. 1998),
-//!    its numerator and denominator each smoothed over the steep plane through a sample for which their ratio
-//!    is least (Hale 2013): `semblance` and `scan`. One less its square is the likelihood of a fault.
-//! 3. Ridges of the likelihood ([`ridges`](super::ridges)), but for those that run along the layers.
+//! 1. The structure tensor gives the normals of layers ([`NormalField`]).
+//! 2. `semblance` compares the waveforms of a layer on the two sides of a possible fault (after
+//!    Marfurt et al. 1998). `scan` smooths numerator and denominator of the semblance over steep
+//!    planes through each sample, and takes the plane with the lowest ratio (Hale 2013). One minus
+//!    its square is the fault likelihood.
+//! 3. Ridges of the likelihood ([`ridges`](super::ridges)) are fault points, except those that run
+//!    along the layers.
 //!
-//! Scale: one sample for derivatives, twelve for the tensor's window, so that a throw does not pass for a
-//! dip; planes are weighted over 6 samples along the strike and 12 along the dip; a given scale is that
-//! of amplitudes, never that of the likelihood's ridges. Assumptions: layers are thrown by some two
-//! samples or more (by no multiple of their period, where they have one); faults dip by 40 degrees or
-//! more against layers that lie across one axis; noise is not alike along layers.
+//! Scale: one sample for derivatives; 12 samples for the tensor's window, so that a throw is not
+//! mistaken for a dip. Planes have weights of 6 samples along strike and 12 along dip. A given
+//! scale applies to amplitudes, never to the ridges of the likelihood. Assumptions: the throw is
+//! about two samples or more (and no multiple of the period of layers); faults dip by 40 degrees or
+//! more against layers that lie across one axis; noise is not correlated along layers.
 
 pub(crate) mod scan;
 pub(crate) mod semblance;
@@ -22,13 +24,14 @@ use crate::feature::FeatureKind;
 use crate::feature::structure_tensor::NormalField;
 use crate::geometry::dot;
 
-/// Finds faults of seismic amplitude.
+/// Detector of faults in seismic amplitude.
 pub struct Faults;
 
 /// Width (samples) of the structure tensor's window.
 const TENSOR_WINDOW: f64 = 12.0;
 
-/// Faults whose normals agree more than this (cosine) with the layers' are layers themselves.
+/// Largest cosine between the normals of a fault and of the layers; with a larger one, the ridge is
+/// a layer.
 const MAX_LAYER_COSINE: f32 = 0.77;
 
 impl<const D: usize> Detector<D> for Faults {
@@ -38,36 +41,36 @@ impl<const D: usize> Detector<D> for Faults {
 
     fn find(
         &self,
-        scene: &DetectorInput<'_, D>,
+        input: &DetectorInput<'_, D>,
         notes: &mut Vec<String>,
     ) -> Result<DetectorOutput<D>> {
-        let window = scene.options.smoothing.unwrap_or(TENSOR_WINDOW);
-        let samples = scene.smoothed_in_layers()?;
-        let (layers, rms) = NormalField::new(&samples, window, scene.live_mask, scene.cancel)?;
+        let window = input.options.smoothing.unwrap_or(TENSOR_WINDOW);
+        let samples = input.smoothed_in_layers()?;
+        let (layers, rms) = NormalField::new(&samples, window, input.live_mask, input.cancel)?;
         let likelihood =
-            semblance::likelihood(&samples, (&layers, rms), scene.live_mask, scene.cancel)?;
+            semblance::likelihood(&samples, (&layers, rms), input.live_mask, input.cancel)?;
         drop(samples);
         notes.push(format!(
             "faults: least semblance along layers over steep planes, at scale {}, normals averaged over \
              {window}",
-            scene.scale()
+            input.scale()
         ));
         let search = RidgeSearch {
             scale: None,
             auto_thresholds: semblance::thresholds,
-            // What is weak here is mostly where layers end.
+            // Weak ridges of the likelihood are mostly ends of layers.
             weak_share: 1.0,
-            // Likelihoods vary along a fault much more than those of an image of faults: 0.18 where there
-            // is little noise, more where noise lifts the threshold.
+            // The likelihood varies along a fault much more than the values of a fault image: the
+            // share is 0.18 if there is little noise, and larger if noise raises the threshold.
             min_strength_share: |thresholds| 0.18 * thresholds.low / semblance::MIN_LIKELIHOODS[0],
-            ..RidgeSearch::new(scene)
+            ..RidgeSearch::new(input)
         };
-        let mut found = search.find(likelihood, notes)?;
-        let along_layers = |position, normal| dot(normal, layers.normal_at(position)).abs();
-        found
+        let mut output = search.find(likelihood, notes)?;
+        let layer_cosine = |position, normal| dot(normal, layers.normal_at(position)).abs();
+        output
             .candidates
-            .retain(|c| along_layers(c.position, c.normal) < MAX_LAYER_COSINE);
-        Ok(found)
+            .retain(|c| layer_cosine(c.position, c.normal) < MAX_LAYER_COSINE);
+        Ok(output)
     }
 
     fn is_streamable(&self) -> bool {
@@ -78,7 +81,8 @@ impl<const D: usize> Detector<D> for Faults {
         6.0
     }
 
-    /// Normals averaged over 12 samples, on amplitudes balanced over 6, and a plane of 12.
+    /// Returns the reach of normals averaged over 12 samples, amplitudes balanced over 6, and
+    /// planes of 12 samples.
     fn reach(&self, _scale: f64) -> usize {
         60
     }
@@ -95,38 +99,38 @@ mod tests {
     use crate::image::{Geometry, Image};
     use crate::progress::CancelToken;
 
-    /// Shares of the true faults within two samples of a point, and of the points within two samples of a
-    /// true fault.
+    /// Returns the share of the true faults within two samples of a point, and the share of the
+    /// points within two samples of a true fault.
     fn recall_and_precision<const D: usize>(
         dims: [usize; D],
         distance: &[f32],
         points: &[FeaturePoint<D>],
     ) -> [f64; 2] {
-        let space = Volume { dims, samples: &[] };
-        let mut near = vec![false; distance.len()];
-        let mut good = 0;
+        let volume = Volume { dims, samples: &[] };
+        let mut is_near = vec![false; distance.len()];
+        let mut precise = 0;
         for point in points {
             let at: [usize; D] = point.position.map(|c| c.round() as usize);
-            good += usize::from(distance[space.index(at)].abs() < 2.0);
+            precise += usize::from(distance[volume.index(at)].abs() < 2.0);
             for number in 0..5usize.pow(D as u32) {
-                let (mut rest, mut to, mut square) = (number, at, 0);
+                let (mut remaining, mut neighbour, mut square) = (number, at, 0);
                 for k in 0..D {
-                    let offset = rest % 5;
+                    let offset = remaining % 5;
                     square += offset.abs_diff(2).pow(2);
-                    to[k] = (at[k] + offset).saturating_sub(2).min(dims[k] - 1);
-                    rest /= 5;
+                    neighbour[k] = (at[k] + offset).saturating_sub(2).min(dims[k] - 1);
+                    remaining /= 5;
                 }
                 if square <= 4 {
-                    near[space.index(to)] = true;
+                    is_near[volume.index(neighbour)] = true;
                 }
             }
         }
-        let on = |(d, near): (&f32, &bool)| (d.abs() < 0.5).then_some(*near);
-        let on: Vec<bool> = distance.iter().zip(&near).filter_map(on).collect();
-        let found = on.iter().filter(|near| **near).count();
+        let on_fault = |(d, near): (&f32, &bool)| (d.abs() < 0.5).then_some(*near);
+        let on_fault: Vec<bool> = distance.iter().zip(&is_near).filter_map(on_fault).collect();
+        let recalled = on_fault.iter().filter(|near| **near).count();
         [
-            found as f64 / on.len() as f64,
-            good as f64 / points.len().max(1) as f64,
+            recalled as f64 / on_fault.len() as f64,
+            precise as f64 / points.len().max(1) as f64,
         ]
     }
 
@@ -137,7 +141,7 @@ mod tests {
             (2, 4.0, 0.95, 0.94),
             (1, 2.0, 0.8, 0.9),
         ] {
-            let made = crate::image::synth::make(
+            let synthetic = crate::image::synth::make(
                 crate::image::synth::SyntheticKind::Amplitude,
                 &crate::image::synth::Options {
                     dims: [96, 80, 72],
@@ -149,32 +153,35 @@ mod tests {
             )
             .unwrap();
             let features = detect(
-                &made.image,
+                &synthetic.image,
                 &DetectionOptions::with_kind(FeatureKind::Faults, 8.0),
             )
             .unwrap();
-            let dims = made.image.dims();
-            let found = recall_and_precision(dims, &made.truth.distance, &features.points);
+            let dims = synthetic.image.dims();
+            let scores = recall_and_precision(dims, &synthetic.truth.distance, &features.points);
             assert!(
-                found[0] > recall && found[1] > precision,
-                "{seed} {signal_to_noise} {found:?} {:?}",
+                scores[0] > recall && scores[1] > precision,
+                "{seed} {signal_to_noise} {scores:?} {:?}",
                 features.notes
             );
         }
     }
 
-    /// Layers across x thrown along x by `throw` on one side of a plane with this unit normal through the
-    /// middle: rms distance (samples) of fault points from the plane, rms angle (degrees) between their
-    /// normals and its, and points per column of samples that the plane crosses; all away from the sides.
+    /// Measures a straight fault: layers across x, displaced along x by `throw` on one side of a
+    /// plane with this unit normal through the middle. Returns the root mean square distance
+    /// (samples) of fault points from the plane, the root mean square angle (degrees) between their
+    /// normals and that of the plane, and the number of points per column of samples that the plane
+    /// crosses; all away from the sides.
     fn straight_fault<const D: usize>(dims: [usize; D], normal: [f64; D], throw: f64) -> [f64; 3] {
         let middle = dims.map(|n| 0.5 * (n as f64 - 1.0));
-        let off = |p: [f64; D]| -> f64 { (0..D).map(|k| normal[k] * (p[k] - middle[k])).sum() };
+        let distance =
+            |p: [f64; D]| -> f64 { (0..D).map(|k| normal[k] * (p[k] - middle[k])).sum() };
         let mut noise = Noise::new(17);
-        let space = Volume { dims, samples: &[] };
+        let volume = Volume { dims, samples: &[] };
         let samples = (0..dims.iter().product())
             .map(|i| {
-                let p = space.coordinates(i).map(|c| c as f64);
-                let depth = p[0] + if off(p) > 0.0 { throw } else { 0.0 };
+                let p = volume.coordinates(i).map(|c| c as f64);
+                let depth = p[0] + if distance(p) > 0.0 { throw } else { 0.0 };
                 // Three periods that are no multiples of one another.
                 let waves = [(0.52, 1.0), (0.71, 0.8), (0.33, 0.7)];
                 let wave = |(k, height): (f64, f64)| height * (k * depth).sin();
@@ -187,12 +194,12 @@ mod tests {
             &DetectionOptions::with_kind(FeatureKind::Faults, 6.0),
         )
         .unwrap();
-        let inner = |p: &[f64; D]| (0..D).all(|k| p[k] > 6.0 && p[k] < dims[k] as f64 - 7.0);
+        let is_inner = |p: &[f64; D]| (0..D).all(|k| p[k] > 6.0 && p[k] < dims[k] as f64 - 7.0);
         let (mut squares, mut angles, mut count) = (0.0, 0.0, 0.0);
         for point in &features.points {
             let p = point.position.map(f64::from);
-            if inner(&p) {
-                squares += off(p).powi(2);
+            if is_inner(&p) {
+                squares += distance(p).powi(2);
                 let c: f64 = (0..D).map(|k| normal[k] * f64::from(point.normal[k])).sum();
                 angles += c.abs().min(1.0).acos().to_degrees().powi(2);
                 count += 1.0;
@@ -206,9 +213,9 @@ mod tests {
             }
         });
         let columns = (0..dims.iter().product()).filter(|i| {
-            let p = space.coordinates(*i).map(|c| c as f64);
-            let s = off(p) / normal[axis];
-            s > -0.5 && s <= 0.5 && inner(&p)
+            let p = volume.coordinates(*i).map(|c| c as f64);
+            let s = distance(p) / normal[axis];
+            s > -0.5 && s <= 0.5 && is_inner(&p)
         });
         [
             f64::sqrt(squares / count),
@@ -220,12 +227,13 @@ mod tests {
     #[test]
     #[ignore = "slow: make test-all"]
     fn straight_faults_lie_where_they_are_at_every_dip_and_throw() {
-        let good = |[off, angle, covered]: [f64; 3]| off < 0.5 && angle < 5.5 && covered > 0.98;
+        let is_good =
+            |[distance, angle, covered]: [f64; 3]| distance < 0.5 && angle < 5.5 && covered > 0.98;
         for throw in [2.5, 4.0, 7.0] {
             for dip in (50..=130).step_by(10) {
                 let (sin, cos) = f64::from(dip).to_radians().sin_cos();
                 let fit = straight_fault([96, 80], [cos, sin], throw);
-                assert!(good(fit), "2-D {throw} {dip} {fit:?}");
+                assert!(is_good(fit), "2-D {throw} {dip} {fit:?}");
             }
             for (dip, azimuth) in [
                 (90, 0),
@@ -242,52 +250,57 @@ mod tests {
                     dip.sin() * azimuth.sin(),
                 ];
                 let fit = straight_fault([64, 56, 48], normal, throw);
-                assert!(good(fit), "3-D {throw} {dip} {azimuth} {fit:?}");
+                assert!(is_good(fit), "3-D {throw} {dip} {azimuth} {fit:?}");
             }
         }
     }
 
     #[test]
     #[ignore = "slow: make test-all"]
-    fn some_layers_at_a_time_show_what_all_show() {
-        // Layers across the first and across the last axis, thrown by a slanting fault, in noise.
+    fn windows_find_what_the_whole_finds() {
+        // Layers across the first and across the last axis, displaced by an inclined fault, with
+        // noise.
         for (dims, vertical) in [([46, 30, 330], 0), ([30, 38, 324], 2), ([20, 330, 36], 0)] {
             let mut noise = Noise::new(3);
-            let space = Volume { dims, samples: &[] };
+            let volume = Volume { dims, samples: &[] };
             let samples: Vec<f32> = (0..dims.iter().product())
                 .map(|i| {
-                    let p = space.coordinates(i).map(|c| c as f64);
+                    let p = volume.coordinates(i).map(|c| c as f64);
                     let across = 2 - vertical;
-                    let off = p[across] - 0.5 * dims[across] as f64 + 0.4 * (p[vertical] - 20.0);
-                    let depth = p[vertical] + 0.1 * p[1] + if off > 0.0 { 3.0 } else { 0.0 };
+                    let distance =
+                        p[across] - 0.5 * dims[across] as f64 + 0.4 * (p[vertical] - 20.0);
+                    let depth = p[vertical] + 0.1 * p[1] + if distance > 0.0 { 3.0 } else { 0.0 };
                     (0.5 * depth).sin() as f32 + 0.3 * noise.normal() as f32
                 })
                 .collect();
-            let patience = &CancelToken::never();
-            let seen = |limits: [usize; 2], most: usize| {
+            let cancel = &CancelToken::never();
+            let measure = |limits: [usize; 2], max_with_halo: usize| {
                 let samples = Samples::in_memory(dims, &samples[..]).with_limits(limits);
-                let mut samples = samples.with_strips(1, most);
-                samples.smooth(1.0, patience);
-                let (normals, rms) = NormalField::new(&samples, 12.0, None, patience).unwrap();
+                let mut samples = samples.with_strips(1, max_with_halo);
+                samples.smooth(1.0, cancel);
+                let (normals, rms) = NormalField::new(&samples, 12.0, None, cancel).unwrap();
                 assert_eq!(normals.main_axis(), vertical);
-                let likelihood = likelihood(&samples, (&normals, rms), None, patience).unwrap();
+                let likelihood = likelihood(&samples, (&normals, rms), None, cancel).unwrap();
                 let at = normals.normal_at([20.3, 17.7, 155.5]);
                 (likelihood.as_slice().to_vec(), rms, at)
             };
-            let whole = seen([usize::MAX, 1], usize::MAX);
-            assert!(whole.0.iter().any(|&l| l > 0.5), "there is a fault");
-            // Three windows, of which the last is shorter, or two strips.
+            let reference = measure([usize::MAX, 1], usize::MAX);
+            assert!(reference.0.iter().any(|&l| l > 0.5), "there is a fault");
+            // Three windows, of which the last one is shorter, or two strips.
             const { assert!(2 * HALO_LAYERS < 324 / 2) };
-            let most = dims[0] * dims[2] * (330 / 2 + 2 * 80);
-            for most in [usize::MAX, most] {
-                assert!(seen([0, 1], most) == whole, "{dims:?} {most}");
+            let two_strips = dims[0] * dims[2] * (330 / 2 + 2 * 80);
+            for max_with_halo in [usize::MAX, two_strips] {
+                assert!(
+                    measure([0, 1], max_with_halo) == reference,
+                    "{dims:?} {max_with_halo}"
+                );
             }
         }
     }
 
     #[test]
     #[ignore = "slow: make test-all"]
-    fn amplitudes_in_layers_have_the_features_of_those_in_memory() {
+    fn layered_amplitudes_have_the_features_of_those_in_memory() {
         use crate::feature::windows::tests::LayeredImage;
         use crate::image::ImageSource;
         use crate::image::synth::{Options, SyntheticKind, make};
@@ -306,18 +319,18 @@ mod tests {
             FeatureKind::Edges,
             FeatureKind::Auto,
         ] {
-            let asked = DetectionOptions::with_kind(kind, 6.0);
-            let [held, in_layers] = [
+            let options = DetectionOptions::with_kind(kind, 6.0);
+            let [in_memory, in_layers] = [
                 ImageSource::InMemory(&image),
                 ImageSource::Layered(&by_layers),
             ]
             .map(|source| {
-                let patience = &CancelToken::never();
-                crate::feature::detect_with_cancel(source, &asked, patience).unwrap()
+                let cancel = &CancelToken::never();
+                crate::feature::detect_with_cancel(source, &options, cancel).unwrap()
             });
-            assert!(held.points.len() > 1000, "{kind}");
-            assert!(held.points == in_layers.points, "{kind}");
-            assert!(held.potential.to_dense() == in_layers.potential.to_dense());
+            assert!(in_memory.points.len() > 1000, "{kind}");
+            assert!(in_memory.points == in_layers.points, "{kind}");
+            assert!(in_memory.potential.to_dense() == in_layers.potential.to_dense());
         }
     }
 }

@@ -1,120 +1,128 @@
-//! How likely a fault runs through each sample, over all steep planes through it.
+//! Computes the fault likelihood at each sample from all steep planes through it.
 //!
 //! Hale (2013, "Methods to compute fault images, extract fault surfaces, and estimate fault throws
-//! from 3D seismic images") smooths the semblance's numerator and denominator over a piece of each
-//! plane that a fault may run along, one strike and dip after the other, before he divides them:
-//! noise and the odd bad sample lower the semblance of no whole plane, but a fault does. Here the
-//! piece above a sample and the piece below must both say so, as otherwise one spot where waveforms
-//! differ draws a star of planes.
+//! from 3D seismic images") smooths the numerator and denominator of the semblance over a piece of
+//! each plane that a fault may follow, one strike and dip after the other, before the division:
+//! noise and single bad samples do not lower the semblance of a whole plane, but a fault does. Here
+//! both the piece above a sample and the piece below must have a low semblance; otherwise one spot
+//! where waveforms differ would give a star of planes.
 //!
-//! A plane is described by the horizontal axis that it crosses and its slopes along the other axes.
+//! A plane is given by the horizontal axis that it crosses and its slopes along the other axes.
 //! Smoothing over it is one pass of shifted rows along its strike and, for each dip, one along the
-//! dip. PaddedRows are padded by zeros: beyond the box numerator and denominator lose the same weights.
+//! dip. Rows are padded by zeros ([`PaddedRows`]): beyond the box, numerator and denominator lose
+//! the same weights.
 
 use crate::feature::volume::Volume;
 use crate::geometry::simd::dispatch_simd;
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
 
-/// Standard deviation (samples) of the weights along a fault's strike ...
+/// Standard deviation (samples) of the weights along a fault's strike.
 const STRIKE_SIGMA: f64 = 6.0;
-/// ... and along its dip.
+/// Standard deviation (samples) of the weights along a fault's dip.
 const DIP_SIGMA: f64 = 12.0;
 
-/// Weights are cut at this many standard deviations.
+/// Distance, in standard deviations, at which weights are cut.
 const CUTOFF_SIGMAS: f64 = 2.5;
 
-/// Slopes of strikes against the axis that the fault does not cross: beyond one, it crosses it.
+/// Slopes of strikes against the axis that the fault does not cross; with a slope larger than one,
+/// the fault crosses that axis.
 const STRIKE_SLOPES: [f64; 7] = [-1.0, -0.67, -0.33, 0.0, 0.33, 0.67, 1.0];
 
-/// Samples that a fault moves sideways for one up or down: from vertical to 40 degrees.
+/// Horizontal offset of a fault per vertical sample: from vertical to a dip of 40 degrees.
 const MAX_DIP_SLOPE: f64 = 1.2;
 /// Number of dips to either side of the vertical.
 const DIP_COUNT: i32 = 6;
 
-/// How far (samples) from a sample planes are followed along any axis: up and down; sideways along a strike and then
-/// along a dip it is less than that and an eighth more; and what is filled in between planes that are scanned.
+/// Distance (samples) along any axis that planes reach from a sample. It covers the vertical reach;
+/// the horizontal one, along strike and then along dip, which is less than 9/8 of the vertical one;
+/// and the rows between scanned planes.
 pub const SCAN_REACH: usize = 36;
 
-/// Vertical distance (samples) of the planes that are scanned: semblance is smooth there.
+/// Vertical distance (samples) of the scanned planes: semblance varies slowly there.
 const ROW_STRIDE: usize = 2;
 
-/// The share of the search for faults that is done after the scan, roughly.
+/// Approximate share of the search for faults that is done after the scan.
 const PROGRESS_SCANNED: f64 = 0.8;
 
-/// Samples of x handled at once: the sums stay in registers.
+/// Number of samples of x processed at once: the sums stay in registers.
 const LANES: usize = 32;
 
-/// PaddedRows per parallel task.
+/// Number of rows per parallel task.
 const ROWS_PER_TASK: usize = 16;
 
-/// One less the squared semblance, in [0, 1], of the steep plane through each sample for which it is
-/// lowest: of its upper and its lower half, the harmonic mean.
+/// Returns the fault likelihood of each sample: one minus the squared semblance, in [0, 1], of the
+/// steep plane through the sample for which it is lowest; the harmonic mean of the upper and the
+/// lower half of the plane.
 ///
-/// `parts(across, every)` are numerator and denominator of the semblance, both positive, between the two
-/// sides of faults square to the horizontal direction `across`, on every so many planes along `vertical`,
-/// the axis that layers lie across.
+/// `parts(fault_normal, stride)` returns numerator and denominator of the semblance, both positive,
+/// between the two sides of faults with this horizontal normal, on every `stride`-th plane along
+/// `vertical`, the axis that layers lie across.
 pub fn likelihood<const D: usize>(
     dims: [usize; D],
     vertical: usize,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
     parts: impl Fn([f64; D], usize) -> [Vec<f32>; 2],
 ) -> Vec<f32> {
-    let mut thin = dims;
-    thin[vertical] = dims[vertical].div_ceil(ROW_STRIDE);
-    let mut most = vec![0.0f32; thin.iter().product()];
+    let mut thinned_dims = dims;
+    thinned_dims[vertical] = dims[vertical].div_ceil(ROW_STRIDE);
+    let mut max_likelihood = vec![0.0f32; thinned_dims.iter().product()];
     let horizontal = |k: &usize| *k != vertical;
-    // Each strike once.
+    // Each strike is used once.
     let strikes = if D == 2 {
         1
     } else {
         2 * STRIKE_SLOPES.len() - 1
     } as f64;
     let mut done = 0.0;
-    for across in (0..D).filter(horizontal) {
+    for crossed_axis in (0..D).filter(horizontal) {
         let dips: Vec<[Vec<LineTap<D>>; 2]> = (-DIP_COUNT..=DIP_COUNT)
             .map(|dip| {
                 let slope = MAX_DIP_SLOPE * f64::from(dip) / f64::from(DIP_COUNT);
-                let line = taps(vertical, ROW_STRIDE as f64, across, slope, DIP_SIGMA);
-                let half = |keep: fn(i32) -> bool| {
+                let line = taps(vertical, ROW_STRIDE as f64, crossed_axis, slope, DIP_SIGMA);
+                let half_line = |keep: fn(i32) -> bool| {
                     let kept = line.iter().filter(|(offset, _)| keep(offset[vertical]));
                     kept.copied().collect()
                 };
-                [half(|v| v >= 0), half(|v| v <= 0)]
+                [half_line(|v| v >= 0), half_line(|v| v <= 0)]
             })
             .collect();
-        let Some(along) = (0..D).find(|k| horizontal(k) && *k != across) else {
+        let Some(strike_axis) = (0..D).find(|k| horizontal(k) && *k != crossed_axis) else {
             let mut normal = [0.0; D];
-            normal[across] = 1.0;
-            PaddedRows::new(thin, parts(normal, ROW_STRIDE))
-                .raise_maxima(&dips, &mut most, patience);
+            normal[crossed_axis] = 1.0;
+            PaddedRows::new(thinned_dims, parts(normal, ROW_STRIDE)).raise_maxima(
+                &dips,
+                &mut max_likelihood,
+                cancel,
+            );
             continue;
         };
-        // Strikes at 45 degrees cross both axes: once is enough.
-        let last = STRIKE_SLOPES.len() - usize::from(along < across);
-        for &slope in &STRIKE_SLOPES[usize::from(along < across)..last] {
+        // Strikes at 45 degrees cross both axes and are used only for one of them.
+        let last = STRIKE_SLOPES.len() - usize::from(strike_axis < crossed_axis);
+        for &slope in &STRIKE_SLOPES[usize::from(strike_axis < crossed_axis)..last] {
             let mut normal = [0.0; D];
-            normal[across] = 1.0;
-            normal[along] = -slope;
-            let strike = taps(along, 1.0, across, slope, STRIKE_SIGMA);
-            PaddedRows::new(thin, parts(normal, ROW_STRIDE))
-                .smooth(&strike, patience)
-                .raise_maxima(&dips, &mut most, patience);
+            normal[crossed_axis] = 1.0;
+            normal[strike_axis] = -slope;
+            let strike = taps(strike_axis, 1.0, crossed_axis, slope, STRIKE_SIGMA);
+            PaddedRows::new(thinned_dims, parts(normal, ROW_STRIDE))
+                .smooth(&strike, cancel)
+                .raise_maxima(&dips, &mut max_likelihood, cancel);
             done += 1.0;
-            patience.set_fraction(PROGRESS_SCANNED * done / strikes);
+            cancel.set_fraction(PROGRESS_SCANNED * done / strikes);
         }
     }
-    interpolate_rows(thin, &most, vertical, dims)
+    interpolate_rows(thinned_dims, &max_likelihood, vertical, dims)
 }
 
 /// Offset of a sample (in samples) and its weight.
 type LineTap<const D: usize> = ([i32; D], f32);
 
-/// Gaussian weights on a line that advances by `step` along one axis and `slope` times that across.
+/// Returns Gaussian weights on a line that advances by `step` along one axis, and by `slope` times
+/// that along the other.
 fn taps<const D: usize>(
-    along: usize,
+    axis: usize,
     step: f64,
-    across: usize,
+    cross_axis: usize,
     slope: f64,
     width: f64,
 ) -> Vec<LineTap<D>> {
@@ -125,11 +133,11 @@ fn taps<const D: usize>(
         let weight = (-0.5 * (f64::from(k) * length / width).powi(2)).exp();
         let sideways = f64::from(k) * step * slope;
         let share = sideways - sideways.floor();
-        for (far, share) in [(0, 1.0 - share), (1, share)] {
+        for (next, share) in [(0, 1.0 - share), (1, share)] {
             if share > 1e-6 {
                 let mut offset = [0; D];
-                offset[along] = k;
-                offset[across] = sideways.floor() as i32 + far;
+                offset[axis] = k;
+                offset[cross_axis] = sideways.floor() as i32 + next;
                 taps.push((offset, (weight * share) as f32));
             }
         }
@@ -140,12 +148,12 @@ fn taps<const D: usize>(
 /// Two images in rows of x with zeros on either side.
 struct PaddedRows<const D: usize> {
     dims: [usize; D],
-    /// From one row to the next.
+    /// Distance in memory between successive rows.
     pitch: usize,
     images: [Vec<f32>; 2],
 }
 
-/// Zeros on either side of a row: as far as any tap reaches.
+/// Number of zeros on either side of a row: at least the reach of any tap.
 const MARGIN: usize = 32;
 
 impl<const D: usize> PaddedRows<D> {
@@ -153,8 +161,8 @@ impl<const D: usize> PaddedRows<D> {
         let pitch = dims[0].next_multiple_of(LANES) + 2 * MARGIN;
         let images = parts.map(|part| {
             let mut padded = vec![0.0; part.len() / dims[0].max(1) * pitch];
-            for (to, from) in padded.chunks_mut(pitch).zip(part.chunks(dims[0])) {
-                to[MARGIN..][..dims[0]].copy_from_slice(from);
+            for (target, source) in padded.chunks_mut(pitch).zip(part.chunks(dims[0])) {
+                target[MARGIN..][..dims[0]].copy_from_slice(source);
             }
             padded
         });
@@ -165,32 +173,33 @@ impl<const D: usize> PaddedRows<D> {
         }
     }
 
-    /// Where, in memory, the taps of a row begin, and their weights; taps in rows outside are left out.
+    /// Computes the positions in memory at which the taps of a row begin, and their weights; taps
+    /// in rows outside the image are left out.
     fn row_taps(&self, row: usize, taps: &[LineTap<D>], starts: &mut Vec<(usize, f32)>) {
         starts.clear();
         let mut at = [0; D];
-        let mut rest = row;
+        let mut remaining = row;
         for k in 1..D {
-            at[k] = (rest % self.dims[k]) as i32;
-            rest /= self.dims[k];
+            at[k] = (remaining % self.dims[k]) as i32;
+            remaining /= self.dims[k];
         }
         for (offset, weight) in taps {
             let mut row = 0;
-            let mut inside = true;
+            let mut is_inside = true;
             for k in (1..D).rev() {
                 let i = at[k] + offset[k];
-                inside &= i >= 0 && (i as usize) < self.dims[k];
+                is_inside &= i >= 0 && (i as usize) < self.dims[k];
                 row = row * self.dims[k] + i.max(0) as usize;
             }
-            if inside {
+            if is_inside {
                 let start = row * self.pitch + MARGIN;
                 starts.push((start.wrapping_add_signed(offset[0] as isize), *weight));
             }
         }
     }
 
-    /// Weighted sums over the taps.
-    fn smooth(&self, taps: &[LineTap<D>], patience: &CancelToken<'_>) -> Self {
+    /// Returns weighted sums over the taps.
+    fn smooth(&self, taps: &[LineTap<D>], cancel: &CancelToken<'_>) -> Self {
         let mut parts = [
             vec![0.0; self.images[0].len()],
             vec![0.0; self.images[0].len()],
@@ -206,7 +215,7 @@ impl<const D: usize> PaddedRows<D> {
                     .chunks_mut(self.pitch)
                     .zip(second.chunks_mut(self.pitch));
                 for (row, (first, second)) in rows.enumerate() {
-                    if patience.is_cancelled() {
+                    if cancel.is_cancelled() {
                         return;
                     }
                     self.row_taps(number * ROWS_PER_TASK + row, taps, starts);
@@ -221,7 +230,7 @@ impl<const D: usize> PaddedRows<D> {
                             }
                         },
                     );
-                    // The lanes past the row's end belong to the zeros.
+                    // Lanes beyond the end of the row are padding and must be zero.
                     first[self.dims[0]..].fill(0.0);
                     second[self.dims[0]..].fill(0.0);
                 }
@@ -233,31 +242,32 @@ impl<const D: usize> PaddedRows<D> {
         }
     }
 
-    /// Raises `most` to what is missing of the squared ratio of the weighted sums to one, the
-    /// harmonic mean of the two halves of each line.
+    /// Raises `maxima` to one minus the squared ratio of the weighted sums: the harmonic mean of
+    /// the two halves of each line.
     fn raise_maxima(
         &self,
         lines: &[[Vec<LineTap<D>>; 2]],
-        most: &mut [f32],
-        patience: &CancelToken<'_>,
+        maxima: &mut [f32],
+        cancel: &CancelToken<'_>,
     ) {
         let nx = self.dims[0];
-        most.par_chunks_mut(ROWS_PER_TASK * nx)
+        maxima
+            .par_chunks_mut(ROWS_PER_TASK * nx)
             .enumerate()
             .for_each_init(
                 <[Vec<(usize, f32)>; 2]>::default,
-                |starts, (number, most)| {
+                |starts, (number, maxima)| {
                     for line in lines {
-                        if patience.is_cancelled() {
+                        if cancel.is_cancelled() {
                             return;
                         }
-                        for (row, most) in most.chunks_mut(nx).enumerate() {
+                        for (row, row_maxima) in maxima.chunks_mut(nx).enumerate() {
                             for (starts, half) in starts.iter_mut().zip(line) {
                                 self.row_taps(number * ROWS_PER_TASK + row, half, starts);
                             }
                             dispatch_simd(
                                 #[inline(always)]
-                                || self.raise_row_maxima(starts, most),
+                                || self.raise_row_maxima(starts, row_maxima),
                             );
                         }
                     }
@@ -266,18 +276,18 @@ impl<const D: usize> PaddedRows<D> {
     }
 
     #[inline(always)]
-    fn raise_row_maxima(&self, [up, down]: &[Vec<(usize, f32)>; 2], most: &mut [f32]) {
-        for (block, most) in most.chunks_mut(LANES).enumerate() {
+    fn raise_row_maxima(&self, [up, down]: &[Vec<(usize, f32)>; 2], maxima: &mut [f32]) {
+        for (block, block_maxima) in maxima.chunks_mut(LANES).enumerate() {
             let up = self.complement(up, block * LANES);
             let down = self.complement(down, block * LANES);
-            for (lane, most) in most.iter_mut().enumerate() {
+            for (lane, max) in block_maxima.iter_mut().enumerate() {
                 let (up, down) = (up[lane], down[lane]);
-                *most = most.max(2.0 * up * down / (up + down + f32::MIN_POSITIVE));
+                *max = max.max(2.0 * up * down / (up + down + f32::MIN_POSITIVE));
             }
         }
     }
 
-    /// What is missing of the squared ratio to one.
+    /// Returns one minus the squared ratio of the weighted sums.
     #[inline(always)]
     fn complement(&self, starts: &[(usize, f32)], x: usize) -> [f32; LANES] {
         let [mut a, b] = self.sums(starts, x);
@@ -288,7 +298,7 @@ impl<const D: usize> PaddedRows<D> {
         a
     }
 
-    /// Weighted sums of both parts for the lanes from `x` on.
+    /// Returns the weighted sums of both images for the lanes from `x` on.
     #[inline(always)]
     fn sums(&self, starts: &[(usize, f32)], x: usize) -> [[f32; LANES]; 2] {
         let mut sums = [[0.0f32; LANES]; 2];
@@ -300,26 +310,26 @@ impl<const D: usize> PaddedRows<D> {
                     .copied()
                     .unwrap_or([0.0; LANES])
             };
-            let (from_a, from_b) = (lanes(&self.images[0]), lanes(&self.images[1]));
+            let (lanes_a, lanes_b) = (lanes(&self.images[0]), lanes(&self.images[1]));
             for lane in 0..LANES {
-                a[lane] += weight * from_a[lane];
-                b[lane] += weight * from_b[lane];
+                a[lane] += weight * lanes_a[lane];
+                b[lane] += weight * lanes_b[lane];
             }
         }
         sums
     }
 }
 
-/// Samples of all planes from those of every [`ROW_STRIDE`]-th: linear between them.
+/// Interpolates the samples of all planes linearly from those of every [`ROW_STRIDE`]-th plane.
 fn interpolate_rows<const D: usize>(
-    thin: [usize; D],
+    thinned_dims: [usize; D],
     samples: &[f32],
     axis: usize,
     dims: [usize; D],
 ) -> Vec<f32> {
-    let (from, to) = (
+    let (source, target) = (
         Volume {
-            dims: thin,
+            dims: thinned_dims,
             samples,
         },
         Volume { dims, samples: &[] },
@@ -327,12 +337,12 @@ fn interpolate_rows<const D: usize>(
     (0..dims.iter().product())
         .into_par_iter()
         .map(|i| {
-            let mut at = to.coordinates(i);
-            let share = (at[axis] % ROW_STRIDE) as f32 / ROW_STRIDE as f32;
+            let mut at = target.coordinates(i);
+            let fraction = (at[axis] % ROW_STRIDE) as f32 / ROW_STRIDE as f32;
             at[axis] /= ROW_STRIDE;
-            let low = samples[from.index(at)];
-            at[axis] = (at[axis] + 1).min(thin[axis] - 1);
-            low + share * (samples[from.index(at)] - low)
+            let low = samples[source.index(at)];
+            at[axis] = (at[axis] + 1).min(thinned_dims[axis] - 1);
+            low + fraction * (samples[source.index(at)] - low)
         })
         .collect()
 }

@@ -1,11 +1,11 @@
-//! Where waveforms do not continue along the layers.
+//! Measures where waveforms do not continue along the layers.
 //!
-//! Semblance compares the energy of a mean with the mean energy (structure-oriented semblance: Marfurt
-//! et al. 1998, Hale 2013). Here the two that are compared are what is seen of the layer on either side
-//! of a fault that might run through the sample: two half discs, each averaged before they are compared,
-//! so that noise lowers no semblance. Where a fault throws the layers, waveforms on both sides do not
-//! match. Chance mismatches remain, so numerator and denominator are smoothed before they are divided,
-//! over pieces of all the planes that a fault might run along: [`scan`].
+//! Semblance compares the energy of a mean with the mean energy (structure-oriented semblance:
+//! Marfurt et al. 1998, Hale 2013). Here the two waveforms that are compared are those of the layer
+//! on either side of a possible fault through the sample: means over two half discs of the layer,
+//! so that noise does not lower the semblance. If a fault displaces the layers, the two waveforms
+//! differ. They may also differ by chance; therefore numerator and denominator are smoothed before
+//! the division, over pieces of all planes that a fault might follow: [`scan`].
 
 use super::scan;
 use crate::error::Result;
@@ -20,66 +20,72 @@ use crate::image::LiveMask;
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
 
-/// Radius (samples) of the disc of a layer round a sample ...
+/// Radius (samples) of the disc of a layer around a sample.
 const DISC_RADIUS: i32 = 4;
-/// ... and the standard deviation of its weights.
+/// Standard deviation (samples) of the weights in the disc.
 const DISC_SIGMA: f32 = 2.5;
-/// What is nearer than this (samples) to the fault belongs to neither half.
+/// Distance (samples) from the fault within which samples belong to neither half disc.
 const FAULT_HALF_WIDTH: f64 = 0.5;
 
-/// A half disc of which no larger share of the weights is seen tells nothing.
+/// Share of the weights of a half disc that must be at live samples; with a smaller share, the half
+/// disc is not used.
 const MIN_WEIGHT_SHARE: f32 = 0.1;
 
-/// Width (samples) of the Gaussian under which the rms of amplitudes is taken.
+/// Width (samples) of the Gaussian under which the root mean square of amplitudes is taken.
 const BALANCE_SIGMA: f64 = 6.0;
 
-/// Energy, as a share of the image's mean, that amplitudes are not balanced below: there is only noise.
+/// Energy, as a share of the image's mean, that is added before amplitudes are balanced: where the
+/// energy is lower, there is only noise.
 const MIN_BALANCED_ENERGY: f32 = 0.3;
 
-/// Energy of balanced amplitudes that counts as alike anywhere: where it is quiet there are no faults.
+/// Energy of balanced amplitudes that is added to numerator and denominator, so that quiet parts
+/// have no faults.
 const QUIET_ENERGY: f32 = 0.1;
 
-/// Rows per parallel task.
+/// Number of rows per parallel task.
 const ROWS_PER_TASK: usize = 64;
 
-/// Samples of a row that share one normal of the layers: its window is wider.
+/// Number of samples of a row that share one normal of the layers: the tensor's window is wider.
 const LANES: usize = 8;
 
-/// How many layers to either side are looked at: as far as planes are followed ([`scan::MAX_DISTANCE`]), from there as far
-/// as what is seen of a layer at most, and from there as far as amplitudes are balanced.
+/// Number of layers of the halo: the reach of planes ([`scan::SCAN_REACH`]), plus that of the disc,
+/// plus that of balancing.
 pub const HALO_LAYERS: usize =
     (scan::SCAN_REACH + 3 * DISC_RADIUS as usize + 4 * BALANCE_SIGMA as usize).next_multiple_of(8);
 
-/// How likely a fault runs through each sample, in [0, 1], of which each rank has a share: see [`scan::likelihood`].
-/// `layers` are the normals of amplitudes smoothed to the scale of their derivatives, whose root mean square is `rms`;
-/// their window should be wide, as a throw must not pass for a dip. Samples that are not `live` have no weight
-/// (normalised convolution: Knutsson and Westin 1993).
+/// Computes the fault likelihood at each sample, in [0, 1]; each rank gets a share of it. See
+/// [`scan::likelihood`].
+///
+/// `normals` are the normals of layers, from amplitudes smoothed to the scale of their derivatives,
+/// and `rms` is the root mean square amplitude. The window of the normals should be wide, so that a
+/// throw is not mistaken for a dip. Samples that are not `live` have no weight (normalised
+/// convolution: Knutsson and Westin 1993).
 ///
 /// # Errors
-/// Those of reading layers of `amplitude`.
+/// Returns the errors of reading layers of `amplitude`.
 pub fn likelihood<const D: usize>(
     amplitude: &Samples<'_, D>,
-    (layers, rms): (&NormalField<D>, f32),
+    (normals, rms): (&NormalField<D>, f32),
     live: Option<&LiveMask<D>>,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Result<Samples<'static, D>> {
-    let vertical = layers.main_axis();
-    amplitude.map_windows(HALO_LAYERS, patience, |stack| {
+    let vertical = normals.main_axis();
+    amplitude.map_windows(HALO_LAYERS, cancel, |stack| {
         let dims = stack.volume.dims;
-        let mut balanced = balance_amplitudes(stack.volume, rms, patience);
+        let mut balanced = balance_amplitudes(stack.volume, rms, cancel);
         let weights = live.map(|live| weights(stack, live));
         if let Some(weights) = &weights {
             balanced.iter_mut().zip(weights).for_each(|(b, w)| *b *= w);
         }
         let balanced = stack.with_samples(&balanced);
-        scan::likelihood(dims, vertical, patience, |across, every| {
+        scan::likelihood(dims, vertical, cancel, |fault_normal, stride| {
             let weights = weights.as_deref();
             side_energies(
                 (balanced, weights),
-                layers,
-                across,
-                (vertical, every),
-                patience,
+                normals,
+                fault_normal,
+                (vertical, stride),
+                cancel,
             )
         })
     })
@@ -95,15 +101,16 @@ fn weights<const D: usize>(stack: LayerStack<'_, D>, live: &LiveMask<D>) -> Vec<
         .collect()
 }
 
-/// Amplitudes over their rms round each sample, so that no layer has more say than others; that of all is `rms`.
+/// Divides amplitudes by their root mean square around each sample, so that all layers have the
+/// same influence; `rms` is that of the whole image.
 fn balance_amplitudes<const D: usize>(
     amplitude: Volume<'_, D>,
     rms: f32,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Vec<f32> {
     let a = amplitude.samples;
     let mut energy: Vec<f32> = a.par_iter().map(|a| a * a).collect();
-    smooth(amplitude.dims, &mut energy, [BALANCE_SIGMA; D], patience);
+    smooth(amplitude.dims, &mut energy, [BALANCE_SIGMA; D], cancel);
     let floor = MIN_BALANCED_ENERGY * rms.powi(2);
     energy.par_iter_mut().zip(a).for_each(|(e, a)| {
         *e = a / (*e + floor).max(f32::MIN_POSITIVE).sqrt();
@@ -111,51 +118,54 @@ fn balance_amplitudes<const D: usize>(
     energy
 }
 
-/// Likelihood down to which a fault is followed, and which it must reach somewhere; or these
-/// multiples of the noise, if they are more.
+/// Likelihood down to which a fault is followed, and the one that it must reach somewhere. The
+/// second constant has multiples of the noise that are used if they are larger.
 pub const MIN_LIKELIHOODS: [f32; 2] = [0.06, 0.14];
 const MIN_NOISE_RATIOS: [f32; 2] = [1.75, 2.5];
 
-/// Thresholds for the ridges of [`likelihood`]: semblance is a share, so they are the same for all
-/// images, unless there is much noise.
+/// Returns the thresholds for the ridges of [`likelihood`]. They are the same for all images,
+/// unless there is much noise, because semblance is a ratio.
 pub fn thresholds(statistics: &RidgeStatistics) -> (f32, f32) {
-    let least = |i: usize| MIN_LIKELIHOODS[i].max(MIN_NOISE_RATIOS[i] * statistics.noise);
-    (least(0), least(1))
+    let min = |i: usize| MIN_LIKELIHOODS[i].max(MIN_NOISE_RATIOS[i] * statistics.noise);
+    (min(0), min(1))
 }
 
-/// A sample of a disc: its offset, on which side of the fault it is, and its weight.
+/// A sample of a disc: its offset, its side of the fault (0 or 1), and its weight.
 type DiscTap<const D: usize> = ([i32; D], usize, f32);
 
-/// Samples of a disc in the plane of the axes other than `axis`, but for those on a fault that runs square
-/// to `across`.
-fn half_disc_taps<const D: usize>(axis: usize, across: [f64; D]) -> Vec<DiscTap<D>> {
+/// Returns the samples of a disc in the plane of the axes other than `axis`, except those on a
+/// fault with normal `fault_normal`.
+fn half_disc_taps<const D: usize>(axis: usize, fault_normal: [f64; D]) -> Vec<DiscTap<D>> {
     let line: Vec<i32> = (-DISC_RADIUS..=DISC_RADIUS).collect();
-    let length = dot(across, across).sqrt();
+    let length = dot(fault_normal, fault_normal).sqrt();
     let tap = |number: usize| {
-        let mut rest = number;
+        let mut remaining = number;
         let mut offset = [0; D];
         for k in 1..D {
-            offset[(axis + k) % D] = line[rest % line.len()];
-            rest /= line.len();
+            offset[(axis + k) % D] = line[remaining % line.len()];
+            remaining /= line.len();
         }
         let square: i32 = offset.iter().map(|o| o * o).sum();
-        let off = dot(offset.map(f64::from), across) / length;
+        let distance = dot(offset.map(f64::from), fault_normal) / length;
         let weight = (-0.5 * square as f32 / (DISC_SIGMA * DISC_SIGMA)).exp();
-        // Round, but with the ends of the axes.
-        let counts = square <= DISC_RADIUS * DISC_RADIUS + 1 && off.abs() > FAULT_HALF_WIDTH;
-        counts.then_some((offset, usize::from(off > 0.0), weight))
+        // The disc is slightly enlarged, so that it includes more samples near the ends of the
+        // axes.
+        let is_counted =
+            square <= DISC_RADIUS * DISC_RADIUS + 1 && distance.abs() > FAULT_HALF_WIDTH;
+        is_counted.then_some((offset, usize::from(distance > 0.0), weight))
     };
     (0..line.len().pow(D as u32 - 1)).filter_map(tap).collect()
 }
 
-/// Energy of the mean and mean energy of what the layers show on either side of faults square to the
-/// horizontal direction `across`, one through each sample of every `every`-th plane along `vertical`.
+/// Returns the energy of the mean and the mean energy of the waveforms on either side of faults
+/// with the horizontal normal `fault_normal`, one through each sample of every `stride`-th plane
+/// along `vertical`.
 fn side_energies<const D: usize>(
     (balanced, weights): (LayerStack<'_, D>, Option<&[f32]>),
-    layers: &NormalField<D>,
-    across: [f64; D],
-    (vertical, every): (usize, usize),
-    patience: &CancelToken<'_>,
+    normals: &NormalField<D>,
+    fault_normal: [f64; D],
+    (vertical, stride): (usize, usize),
+    cancel: &CancelToken<'_>,
 ) -> [Vec<f32>; 2] {
     let amplitude = balanced.volume;
     let sides = FaultSides {
@@ -163,73 +173,79 @@ fn side_energies<const D: usize>(
         amplitude,
         weights,
         strides: amplitude.strides(),
-        normals: layers,
-        taps: std::array::from_fn(|axis| half_disc_taps(axis, across)),
+        normals,
+        taps: std::array::from_fn(|axis| half_disc_taps(axis, fault_normal)),
     };
-    let mut thin = amplitude.dims;
-    thin[vertical] = thin[vertical].div_ceil(every);
-    let space = Volume {
-        dims: thin,
+    let mut thinned_dims = amplitude.dims;
+    thinned_dims[vertical] = thinned_dims[vertical].div_ceil(stride);
+    let thinned = Volume {
+        dims: thinned_dims,
         samples: &[],
     };
     let mut step = [1; D];
-    step[vertical] = every;
-    let count = thin.iter().product();
+    step[vertical] = stride;
+    let count = thinned_dims.iter().product();
     let mut parts = [vec![0.0f32; count], vec![0.0f32; count]];
-    let [of_mean, mean_of] = &mut parts;
-    let chunk = ROWS_PER_TASK * thin[0];
-    let chunks = of_mean
+    let [energy_of_mean, mean_energy] = &mut parts;
+    let chunk = ROWS_PER_TASK * thinned_dims[0];
+    let chunks = energy_of_mean
         .par_chunks_mut(chunk)
-        .zip(mean_of.par_chunks_mut(chunk));
-    chunks.enumerate().for_each(|(number, (of_mean, mean_of))| {
-        let rows = of_mean.chunks_mut(thin[0]).zip(mean_of.chunks_mut(thin[0]));
-        for (row, (of_mean, mean_of)) in rows.enumerate() {
-            if patience.is_cancelled() {
-                return;
-            }
-            let at = space.coordinates(number * chunk + row * thin[0]);
-            let mut at: [usize; D] = std::array::from_fn(|k| at[k] * step[k]);
-            for x in (0..amplitude.dims[0]).step_by(LANES) {
-                at[0] = x;
-                let (means, shares) = sides.side_means(at);
-                for lane in (0..LANES.min(amplitude.dims[0] - x)).step_by(step[0]) {
-                    let [a, b] = means.map(|side| side[lane]);
-                    let to = (x + lane) / step[0];
-                    of_mean[to] = 0.25 * (a + b) * (a + b) + QUIET_ENERGY;
-                    mean_of[to] = 0.5 * (a * a + b * b) + QUIET_ENERGY;
-                    if let Some(shares) = shares {
-                        // Where little is seen of a side nothing is known: that is quiet.
-                        let weight = shares[0][lane] * shares[1][lane];
-                        of_mean[to] = weight * (of_mean[to] - QUIET_ENERGY) + QUIET_ENERGY;
-                        mean_of[to] = weight * (mean_of[to] - QUIET_ENERGY) + QUIET_ENERGY;
+        .zip(mean_energy.par_chunks_mut(chunk));
+    chunks
+        .enumerate()
+        .for_each(|(number, (energy_of_mean, mean_energy))| {
+            let rows = energy_of_mean
+                .chunks_mut(thinned_dims[0])
+                .zip(mean_energy.chunks_mut(thinned_dims[0]));
+            for (row, (energy_of_mean, mean_energy)) in rows.enumerate() {
+                if cancel.is_cancelled() {
+                    return;
+                }
+                let at = thinned.coordinates(number * chunk + row * thinned_dims[0]);
+                let mut at: [usize; D] = std::array::from_fn(|k| at[k] * step[k]);
+                for x in (0..amplitude.dims[0]).step_by(LANES) {
+                    at[0] = x;
+                    let (means, shares) = sides.side_means(at);
+                    for lane in (0..LANES.min(amplitude.dims[0] - x)).step_by(step[0]) {
+                        let [a, b] = means.map(|side| side[lane]);
+                        let index = (x + lane) / step[0];
+                        energy_of_mean[index] = 0.25 * (a + b) * (a + b) + QUIET_ENERGY;
+                        mean_energy[index] = 0.5 * (a * a + b * b) + QUIET_ENERGY;
+                        if let Some(shares) = shares {
+                            // Where little of a side is live, the energy is lowered, as in quiet parts.
+                            let weight = shares[0][lane] * shares[1][lane];
+                            energy_of_mean[index] =
+                                weight * (energy_of_mean[index] - QUIET_ENERGY) + QUIET_ENERGY;
+                            mean_energy[index] =
+                                weight * (mean_energy[index] - QUIET_ENERGY) + QUIET_ENERGY;
+                        }
                     }
                 }
             }
-        }
-    });
+        });
     parts
 }
 
-/// Something of each lane on both sides.
+/// A value for each lane on both sides.
 type SideValues = [[f32; LANES]; 2];
 
-/// What the layers show on both sides of faults of one strike.
+/// Half discs of the layers on both sides of faults of one strike.
 struct FaultSides<'a, const D: usize> {
     balanced_amplitude: LayerStack<'a, D>,
-    /// The same as a volume of its own.
+    /// The same samples as a separate volume.
     amplitude: Volume<'a, D>,
-    /// Weights of its samples, by which they are multiplied; 1 if there are none.
+    /// Weights by which the samples are multiplied; all are 1 if `None`.
     weights: Option<&'a [f32]>,
     strides: [usize; D],
     normals: &'a NormalField<D>,
-    /// For each axis that the layers may lie across.
+    /// Disc samples for each axis that the layers may lie across.
     taps: [Vec<DiscTap<D>>; D],
 }
 
 impl<const D: usize> FaultSides<'_, D> {
-    /// Weighted means over both half discs of the layer through each of [`LANES`] samples of a row; the
-    /// same twice where a side is outside of the image. Where samples have weights, also the share of each
-    /// side's weights.
+    /// Returns the weighted means over both half discs of the layer through each of [`LANES`]
+    /// samples of a row. If one side is outside the image, its mean is that of the other side. If
+    /// samples have weights, also returns the share of each side's weights.
     fn side_means(&self, at: [usize; D]) -> (SideValues, Option<SideValues>) {
         let mut middle = at;
         middle[0] = (at[0] + LANES / 2).min(self.amplitude.dims[0] - 1);
@@ -244,30 +260,31 @@ impl<const D: usize> FaultSides<'_, D> {
             }
         });
         let slope = normal.map(|c| -c / normal[axis]);
-        let lead = slope.iter().map(|s| s.abs()).sum::<f32>() * DISC_RADIUS as f32;
+        let reach = slope.iter().map(|s| s.abs()).sum::<f32>() * DISC_RADIUS as f32;
         let margin = |k: usize| {
             if k == axis {
-                lead as usize + 2
+                reach as usize + 2
             } else {
                 DISC_RADIUS as usize
             }
         };
-        let inside = (0..D).all(|k| {
+        let is_interior = (0..D).all(|k| {
             let last = if k == 0 { at[0] + LANES } else { at[k] };
             at[k] >= margin(k) && last + margin(k) < self.amplitude.dims[k]
         });
-        let (mut sums, mut totals) = self.sum_taps(self.amplitude.samples, at, axis, slope, inside);
+        let (mut sums, mut totals) =
+            self.sum_taps(self.amplitude.samples, at, axis, slope, is_interior);
         let shares = self.weights.map(|weights| {
-            let (seen, _) = self.sum_taps(weights, at, axis, slope, inside);
+            let (weight_sums, _) = self.sum_taps(weights, at, axis, slope, is_interior);
             let mut shares = [[1.0f32; LANES]; 2];
             for side in 0..2 {
                 for lane in 0..LANES {
                     if totals[side][lane] > 0.0 {
-                        let share = seen[side][lane] / totals[side][lane];
-                        let enough = share > MIN_WEIGHT_SHARE;
-                        shares[side][lane] = if enough { share } else { 0.0 };
-                        totals[side][lane] = if enough {
-                            seen[side][lane]
+                        let share = weight_sums[side][lane] / totals[side][lane];
+                        let is_enough = share > MIN_WEIGHT_SHARE;
+                        shares[side][lane] = if is_enough { share } else { 0.0 };
+                        totals[side][lane] = if is_enough {
+                            weight_sums[side][lane]
                         } else {
                             f32::INFINITY
                         };
@@ -289,7 +306,7 @@ impl<const D: usize> FaultSides<'_, D> {
         (sums, shares)
     }
 
-    /// Returns weighted sums of samples over both half discs, and the sums of the weights.
+    /// Returns the weighted sums of samples over both half discs, and the sums of the weights.
     #[inline(always)]
     fn sum_taps(
         &self,
@@ -297,11 +314,11 @@ impl<const D: usize> FaultSides<'_, D> {
         at: [usize; D],
         axis: usize,
         slope: [f32; D],
-        inside: bool,
+        is_interior: bool,
     ) -> (SideValues, SideValues) {
         let mut sums = [[0.0f32; LANES]; 2];
         let mut totals = [[0.0f32; LANES]; 2];
-        if inside {
+        if is_interior {
             dispatch_simd(
                 #[inline(always)]
                 || self.add_interior(samples, at, axis, slope, &mut sums, &mut totals),
@@ -314,7 +331,7 @@ impl<const D: usize> FaultSides<'_, D> {
         (sums, totals)
     }
 
-    /// Adds up the samples of all lanes; none of them is outside.
+    /// Adds up the samples of all lanes; all are inside the image.
     #[inline(always)]
     fn add_interior(
         &self,
@@ -328,23 +345,26 @@ impl<const D: usize> FaultSides<'_, D> {
         let base: usize = (0..D).map(|k| at[k] * self.strides[k]).sum();
         let mut weights = [0.0f32; 2];
         for (offset, side, weight) in &self.taps[axis] {
-            let (mut to, mut shift) = (base as isize, 0.0f32);
+            let (mut position, mut shift) = (base as isize, 0.0f32);
             for k in 0..D {
-                // Along the axis the offset is zero and its slope minus one.
-                to += offset[k] as isize * self.strides[k] as isize;
+                // Along the axis, the offset is 0 and its slope is -1.
+                position += offset[k] as isize * self.strides[k] as isize;
                 shift += offset[k] as f32 * slope[k];
             }
             let low = shift.floor();
-            to += low as isize * self.strides[axis] as isize;
-            let share = shift - low;
-            let from = |start: usize| samples[start..].first_chunk::<LANES>();
-            let pair = (from(to as usize), from(to as usize + self.strides[axis]));
+            position += low as isize * self.strides[axis] as isize;
+            let fraction = shift - low;
+            let lanes_at = |start: usize| samples[start..].first_chunk::<LANES>();
+            let pair = (
+                lanes_at(position as usize),
+                lanes_at(position as usize + self.strides[axis]),
+            );
             let (Some(low), Some(high)) = pair else {
                 continue;
             };
             weights[*side] += weight;
             for lane in 0..LANES {
-                sums[*side][lane] += weight * (low[lane] + share * (high[lane] - low[lane]));
+                sums[*side][lane] += weight * (low[lane] + fraction * (high[lane] - low[lane]));
             }
         }
         *totals = weights.map(|w| [w; LANES]);
@@ -367,24 +387,24 @@ impl<const D: usize> FaultSides<'_, D> {
         let last = dims[axis] as isize - 1;
         for (offset, side, weight) in &self.taps[axis] {
             let (mut start, mut shift) = (0, 0.0f32);
-            let mut inside = true;
+            let mut is_inside = true;
             for k in 0..D {
                 if k != axis {
-                    let to = at[k] as i32 + offset[k];
-                    inside &= to >= 0 && (to as usize) < dims[k];
-                    start += to.max(0) as usize * self.strides[k];
+                    let coordinate = at[k] as i32 + offset[k];
+                    is_inside &= coordinate >= 0 && (coordinate as usize) < dims[k];
+                    start += coordinate.max(0) as usize * self.strides[k];
                     shift += offset[k] as f32 * slope[k];
                 }
             }
-            // The share is rounded alike wherever the layers at hand begin.
-            let (below, share) = (shift.floor(), shift - shift.floor());
+            // The fraction is rounded alike wherever the current layers begin.
+            let (below, fraction) = (shift.floor(), shift - shift.floor());
             let low = at[axis] as isize + below as isize;
-            if !inside || low < 0 || low > last || low == last && share > 0.0 {
+            if !is_inside || low < 0 || low > last || low == last && fraction > 0.0 {
                 continue;
             }
             let high = (low + 1).min(last);
             let [a, b] = [low, high].map(|i| samples[start + i as usize * self.strides[axis]]);
-            sums[*side][lane] += weight * (a + share * (b - a));
+            sums[*side][lane] += weight * (a + fraction * (b - a));
             totals[*side][lane] += weight;
         }
     }

@@ -1,17 +1,18 @@
-//! How often random shortest paths pass each sample, and the closed path round an object.
+//! Confidence of samples by random shortest paths, and the closed path around an object.
 //!
-//! Where the thesis is open or cannot be followed to the letter:
+//! Decisions where the thesis leaves the details open or cannot be followed literally:
 //!
 //! - Both the weight exp(-0.1 |grad I|) of a step and the slowness of the fronts depend on the grey
-//!   scale: it is stretched to 0 .. 255. The slowness is exp(0.1 |grad I|), the step's inverse; without
-//!   the 0.1 it would overflow.
-//! - A point is drawn with probability 1 - M / T, M its marching distance; T is the distance at which
-//!   the front first reaches a point of the other kind.
-//! - The last path joins the most confident sample to its neighbour, the step between them barred.
-//!   Nothing keeps it from taking the next four samples; here it must go round the object's first
-//!   point, by searching twice the graph: a step over the ray from that point leads from one copy into
-//!   the other. A step costs what it did before, over its ends' mean confidence: the confidence alone,
-//!   low where few sinks lie behind a piece of the boundary, lets the path cut through the object.
+//!   scale, which is stretched to 0 .. 255. The slowness is exp(0.1 |grad I|), the inverse of the
+//!   weight; without the factor 0.1 it would overflow.
+//! - A point is drawn with probability 1 - M / T, where M is its marching distance and T the
+//!   distance at which the front first reaches a point of the other kind.
+//! - The last path of the thesis joins the most confident sample to its neighbour without using the
+//!   step between them; nothing prevents it from being a loop of a few samples. Here the path must
+//!   go around the object's first point. This is enforced by a search in two copies of the graph: a
+//!   step across the ray from that point leads from one copy to the other. A step costs the weight
+//!   above, divided by the mean confidence of its ends. The confidence alone is low where few sinks
+//!   lie behind a part of the boundary, so that the path would cut through the object.
 
 use super::PathSeeds;
 use super::marching::{Queue, fast_marching};
@@ -23,35 +24,35 @@ use crate::image::Geometry;
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
 
-/// What paths tell of an image.
+/// Confidence of edges, and the boundary of the object.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EnhancedEdges {
     /// For every sample, the share of the paths that pass it.
     pub confidence: Vec<f32>,
-    /// The samples of the closed path round the object, in order; none if confident samples do not
+    /// Samples of the closed path around the object, in order; `None` if confident samples do not
     /// surround it.
     pub boundary: Option<Vec<usize>>,
 }
 
-/// How much the gradient of a grey scale of 0 to 255 matters.
+/// Factor of the gradient of a grey scale of 0 to 255.
 const GRADIENT_WEIGHT: f32 = 0.1;
 
-/// Draws in vain, for each point wanted, until too few are taken for none.
+/// Largest number of rejected draws per requested point.
 const MAX_REJECTED_DRAWS: usize = 10_000;
 
-/// No sample.
+/// Marks the absence of a sample.
 const NO_SAMPLE: u32 = u32::MAX;
 
-/// Enhances the edges of an object in an image of which `smoothed` holds the samples.
+/// Enhances the edges of an object in the image `smoothed`.
 ///
 /// # Errors
-/// [`Error::Feature`] for an image that is not of the plane, without a point of the object, for points
-/// outside the image, and where object and background cannot be told apart.
+/// Returns an [`Error::Feature`] if the image is not two-dimensional, no point of the object is
+/// given, a point is outside the image, or object and background cannot be distinguished.
 pub fn enhance<const D: usize>(
     smoothed: Volume<'_, D>,
     geometry: &Geometry<D>,
     seeds: &PathSeeds<D>,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Result<EnhancedEdges> {
     let fail = |problem: &str, remedy: &str| {
         Err(Error::Feature(cause("feature 'paths'", problem, remedy)))
@@ -66,7 +67,7 @@ pub fn enhance<const D: usize>(
         return Err(Error::Feature(
             cause(
                 "feature 'paths'",
-                "does not know where the object is",
+                "needs a point of the object",
                 "give a point inside it",
             )
             .with_parameter("object"),
@@ -79,39 +80,39 @@ pub fn enhance<const D: usize>(
     if background.is_empty() {
         background = border_samples(smoothed).collect();
     }
-    let gentle = edge_slowness(smoothed, patience);
-    let slowness: Vec<f32> = gentle.iter().map(|g| 1.0 / g).collect();
-    let drawn = |starts: &[usize], others: &[usize], count: usize, key: u64| {
-        let distance = fast_marching(dims, [1.0; D], &slowness, starts, patience);
-        let until = others.iter().map(|&i| distance[i]);
-        let until = until.fold(f32::INFINITY, f32::min);
-        draw_samples(&distance, until, count, seeds.seed.wrapping_add(key))
+    let weights = edge_slowness(smoothed, cancel);
+    let slowness: Vec<f32> = weights.iter().map(|g| 1.0 / g).collect();
+    let draw = |starts: &[usize], other_points: &[usize], count: usize, key: u64| {
+        let distance = fast_marching(dims, [1.0; D], &slowness, starts, cancel);
+        let max_distance = other_points.iter().map(|&i| distance[i]);
+        let max_distance = max_distance.fold(f32::INFINITY, f32::min);
+        draw_samples(&distance, max_distance, count, seeds.seed.wrapping_add(key))
     };
-    let sources = drawn(&object, &background, seeds.sources, 0);
-    let sinks = drawn(&background, &object, seeds.sinks, 1 << 32);
+    let sources = draw(&object, &background, seeds.sources, 0);
+    let sinks = draw(&background, &object, seeds.sinks, 1 << 32);
     if sources.len() < seeds.sources || sinks.len() < seeds.sinks {
         return fail(
             "cannot tell the object from the background: a point of one lies at one of the other",
             "give points of the object inside it, and points of the background around it",
         );
     }
-    let counts = path_counts(smoothed, &gentle, &sources, &sinks, patience);
+    let counts = path_counts(smoothed, &weights, &sources, &sinks, cancel);
     let per_path = 1.0 / (sources.len() * sinks.len()).max(1) as f32;
     Ok(EnhancedEdges {
-        boundary: closed_path(smoothed, &gentle, &counts, object[0]),
+        boundary: closed_path(smoothed, &weights, &counts, object[0]),
         confidence: counts.iter().map(|&c| c as f32 * per_path).collect(),
     })
 }
 
-/// The sample nearest to a physical point.
+/// Returns the sample nearest to a physical point.
 fn sample_at<const D: usize>(
     point: &[f64; D],
     geometry: &Geometry<D>,
     volume: Volume<'_, D>,
 ) -> Result<usize> {
-    let inside =
+    let is_inside =
         |at: &[f64; D]| (0..D).all(|k| at[k] >= -0.5 && at[k] < volume.dims[k] as f64 - 0.5);
-    match geometry.to_index(*point).filter(inside) {
+    match geometry.to_index(*point).filter(is_inside) {
         Some(at) => Ok(volume.index(at.map(|i| i.round() as usize))),
         None => Err(Error::Feature(cause(
             format!("feature 'paths': point {point:?}"),
@@ -121,7 +122,7 @@ fn sample_at<const D: usize>(
     }
 }
 
-/// The samples on the sides of the image.
+/// Returns the samples on the sides of the image.
 fn border_samples<const D: usize>(volume: Volume<'_, D>) -> impl Iterator<Item = usize> {
     (0..volume.dims.iter().product()).filter(move |&i| {
         let at = volume.coordinates(i);
@@ -129,107 +130,108 @@ fn border_samples<const D: usize>(volume: Volume<'_, D>) -> impl Iterator<Item =
     })
 }
 
-/// Formula 25 for every sample: 1 on even ground, near 0 on edges.
-fn edge_slowness<const D: usize>(smoothed: Volume<'_, D>, patience: &CancelToken<'_>) -> Vec<f32> {
+/// Returns the weight of formula 25 for every sample: 1 on flat ground, near 0 on edges.
+fn edge_slowness<const D: usize>(smoothed: Volume<'_, D>, cancel: &CancelToken<'_>) -> Vec<f32> {
     let extremes = |(low, high): (f32, f32), &s: &f32| (low.min(s), high.max(s));
     let (low, high) = smoothed
         .samples
         .iter()
         .fold((f32::INFINITY, f32::NEG_INFINITY), extremes);
     let grey = 255.0 / (high - low).max(f32::MIN_POSITIVE);
-    let mut gentle = gradient_magnitude(smoothed, patience);
-    gentle
+    let mut weights = gradient_magnitude(smoothed, cancel);
+    weights
         .iter_mut()
         .for_each(|g| *g = (-GRADIENT_WEIGHT * grey * *g).exp());
-    gentle
+    weights
 }
 
-/// Samples drawn at random, kept with probability 1 - distance / until.
-fn draw_samples(distance: &[f32], until: f32, count: usize, key: u64) -> Vec<usize> {
+/// Draws `count` samples at random, each kept with probability 1 - distance / max_distance.
+fn draw_samples(distance: &[f32], max_distance: f32, count: usize, key: u64) -> Vec<usize> {
     let mut drawn = Vec::with_capacity(count);
     for n in 0..(MAX_REJECTED_DRAWS * count) as u64 {
         if drawn.len() == count {
             break;
         }
         let sample = (uniform(key, 2 * n) * distance.len() as f64) as usize;
-        if f64::from(distance[sample]) < uniform(key, 2 * n + 1) * f64::from(until) {
+        if f64::from(distance[sample]) < uniform(key, 2 * n + 1) * f64::from(max_distance) {
             drawn.push(sample);
         }
     }
     drawn
 }
 
-/// How many of the shortest paths from all sources to all sinks pass each sample. A step between two
-/// neighbours costs the mean of how gentle they are (formula 26).
+/// Returns the number of shortest paths, from all sources to all sinks, that pass each sample. A
+/// step between two neighbours costs the mean of their weights (formula 26).
 fn path_counts<const D: usize>(
     grid: Volume<'_, D>,
-    gentle: &[f32],
+    weights: &[f32],
     sources: &[usize],
     sinks: &[usize],
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Vec<u32> {
     let parts: Vec<Vec<u32>> = sources
         .par_iter()
         .map(|&source| {
-            let before = shortest_path_tree(grid, gentle, source, sinks, patience);
+            let previous = shortest_path_tree(grid, weights, source, sinks, cancel);
             let mut passed = Vec::new();
             for &sink in sinks {
                 let mut at = sink as u32;
                 while at != NO_SAMPLE {
                     passed.push(at);
-                    at = before[at as usize];
+                    at = previous[at as usize];
                 }
             }
             passed
         })
         .collect();
-    let mut counts = vec![0u32; gentle.len()];
+    let mut counts = vec![0u32; weights.len()];
     for &i in parts.iter().flatten() {
         counts[i as usize] += 1;
     }
     counts
 }
 
-/// The sample before each on the shortest path from the source, until all sinks are reached.
+/// Returns the sample before each one on the shortest path from the source, until all sinks are
+/// reached.
 fn shortest_path_tree<const D: usize>(
     grid: Volume<'_, D>,
-    gentle: &[f32],
+    weights: &[f32],
     source: usize,
     sinks: &[usize],
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Vec<u32> {
-    let mut cost = vec![f32::INFINITY; gentle.len()];
-    let mut before = vec![NO_SAMPLE; gentle.len()];
-    let mut wanted: Vec<usize> = sinks.to_vec();
-    wanted.sort_unstable();
-    wanted.dedup();
-    let mut left = wanted.len();
+    let mut cost = vec![f32::INFINITY; weights.len()];
+    let mut previous = vec![NO_SAMPLE; weights.len()];
+    let mut targets: Vec<usize> = sinks.to_vec();
+    targets.sort_unstable();
+    targets.dedup();
+    let mut remaining = targets.len();
     let mut queue = Queue::default();
     cost[source] = 0.0;
     queue.push(0.0, source);
-    while let Some((so_far, i)) = queue.pop() {
-        if so_far > cost[i] {
+    while let Some((path_cost, i)) = queue.pop() {
+        if path_cost > cost[i] {
             continue;
         }
-        if patience.is_cancelled() {
+        if cancel.is_cancelled() {
             break;
         }
-        if wanted.binary_search(&i).is_ok() {
-            left -= 1;
-            if left == 0 {
+        if targets.binary_search(&i).is_ok() {
+            remaining -= 1;
+            if remaining == 0 {
                 break;
             }
         }
         for_each_neighbour(grid, i, |j| {
-            let then = so_far + 0.5 * (gentle[i] + gentle[j]);
-            if then < cost[j] {
-                cost[j] = then;
-                before[j] = i as u32;
-                queue.push(then, j);
+            let new_cost = path_cost + 0.5 * (weights[i] + weights[j]);
+            if new_cost < cost[j] {
+                cost[j] = new_cost;
+                previous[j] = i as u32;
+                queue.push(new_cost, j);
             }
         });
     }
-    before
+    previous
 }
 
 /// Calls `visit` for the neighbours of a sample along the axes.
@@ -246,27 +248,28 @@ fn for_each_neighbour<const D: usize>(grid: Volume<'_, D>, i: usize, mut visit: 
     }
 }
 
-/// The cheapest closed path over samples that any path passes, an odd number of times over the ray from
-/// `inside` along the first axis.
+/// Returns the cheapest closed path, over samples that any path passes, that crosses the ray from
+/// `inside` along the first axis an odd number of times.
 ///
-/// It goes through the sample opposite to where the cheapest one through the most confident sample
-/// of all comes to the boundary: that sample itself may lie beside it.
+/// A first closed path is sought through the most confident sample, which may lie beside the
+/// boundary. The result is the closed path through the sample in the middle of the first one.
 fn closed_path<const D: usize>(
     grid: Volume<'_, D>,
-    gentle: &[f32],
+    weights: &[f32],
     counts: &[u32],
     inside: usize,
 ) -> Option<Vec<usize>> {
-    let surest = (0..counts.len()).max_by_key(|&i| (counts[i], std::cmp::Reverse(i)))?;
-    let path = closed_path_through(surest, grid, gentle, counts, inside)?;
-    closed_path_through(path[path.len() / 2], grid, gentle, counts, inside)
+    let most_confident = (0..counts.len()).max_by_key(|&i| (counts[i], std::cmp::Reverse(i)))?;
+    let path = closed_path_through(most_confident, grid, weights, counts, inside)?;
+    closed_path_through(path[path.len() / 2], grid, weights, counts, inside)
 }
 
-/// The same through one sample; where it is beside all such paths, without the way to one and back.
+/// Returns the cheapest closed path through one sample. If that sample is not on the loop, the way
+/// to the loop and back is removed.
 fn closed_path_through<const D: usize>(
     first: usize,
     grid: Volume<'_, D>,
-    gentle: &[f32],
+    weights: &[f32],
     counts: &[u32],
     inside: usize,
 ) -> Option<Vec<usize>> {
@@ -278,51 +281,51 @@ fn closed_path_through<const D: usize>(
         let (p, q) = (grid.coordinates(i), grid.coordinates(j));
         p[0] > centre[0] && p[1] != q[1] && p[1].min(q[1]) == row
     };
-    // Sample i of the second copy is number samples + i.
+    // Sample i of the second copy has the index samples + i.
     let mut cost = vec![f32::INFINITY; 2 * samples];
-    let mut before = vec![NO_SAMPLE; 2 * samples];
+    let mut previous = vec![NO_SAMPLE; 2 * samples];
     let mut queue = Queue::default();
     cost[first] = 0.0;
     queue.push(0.0, first);
-    while let Some((so_far, here)) = queue.pop() {
-        if here == samples + first {
+    while let Some((path_cost, node)) = queue.pop() {
+        if node == samples + first {
             break;
         }
-        if so_far > cost[here] {
+        if path_cost > cost[node] {
             continue;
         }
-        let (i, copy) = (here % samples, here / samples);
+        let (i, copy) = (node % samples, node / samples);
         for_each_neighbour(grid, i, |j| {
             if counts[j] == 0 || j == inside {
                 return;
             }
-            let there = j + samples * (copy ^ usize::from(crosses(i, j)));
-            let then = so_far + (gentle[i] + gentle[j]) / (counts[i] + counts[j]) as f32;
-            if then < cost[there] {
-                cost[there] = then;
-                before[there] = here as u32;
-                queue.push(then, there);
+            let neighbour = j + samples * (copy ^ usize::from(crosses(i, j)));
+            let new_cost = path_cost + (weights[i] + weights[j]) / (counts[i] + counts[j]) as f32;
+            if new_cost < cost[neighbour] {
+                cost[neighbour] = new_cost;
+                previous[neighbour] = node as u32;
+                queue.push(new_cost, neighbour);
             }
         });
     }
-    // Back to where it began. Where a sample is met in both copies, the path has been once round in
-    // between; what lies before is a way to the boundary and back.
-    let mut place = vec![NO_SAMPLE; samples];
+    // The path is followed back to its start. If it meets a sample in both copies, it has gone
+    // around once in between; the part before is the way to the loop and back.
+    let mut position_on_path = vec![NO_SAMPLE; samples];
     let mut path: Vec<usize> = Vec::new();
-    let mut here = (samples + first) as u32;
-    while here != NO_SAMPLE {
-        let i = here as usize % samples;
-        if place[i] != NO_SAMPLE {
-            return Some(path.split_off(place[i] as usize));
+    let mut node = (samples + first) as u32;
+    while node != NO_SAMPLE {
+        let i = node as usize % samples;
+        if position_on_path[i] != NO_SAMPLE {
+            return Some(path.split_off(position_on_path[i] as usize));
         }
-        place[i] = path.len() as u32;
+        position_on_path[i] = path.len() as u32;
         path.push(i);
-        here = before[here as usize];
+        node = previous[node as usize];
     }
     None
 }
 
-/// 1 at the samples that a closed path surrounds, a half on the path, 0 outside.
+/// Returns 1 at samples inside a closed path, 0.5 on the path, and 0 outside.
 pub fn inside_mask<const D: usize>(grid: Volume<'_, D>, path: &[usize]) -> Vec<f32> {
     let mut values = vec![1.0; grid.dims.iter().product()];
     for &i in path {

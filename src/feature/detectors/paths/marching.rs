@@ -1,11 +1,12 @@
-//! Fast marching: how long a front takes to reach every sample.
+//! Fast marching: the travel time of a front to every sample.
 //!
-//! Solves |grad T| = slowness with T = 0 at the starts (Sethian 1996), by upwind differences that are
-//! right to the second order where the two samples before one are known. Samples next to a start get
-//! the straight way's time, as differences are worst where T has its tip.
+//! Solves |grad T| = slowness with T = 0 at the starts (Sethian 1996). Upwind differences are of
+//! second order if the two samples before one are known. Samples near a start get the travel time
+//! of a straight line, because differences have their largest errors at the tip of T.
 //!
-//! So times of a smooth front are right to the second order of the step, and those from a point, at
-//! whose tip no difference is, to the first: at most 0.3 steps of the grid off, however fine it is.
+//! Times of a smooth front are accurate to second order in the step. Times from a point are
+//! accurate to first order, because of the singularity at the point: the error is at most 0.3 steps
+//! of the grid, however fine the grid is.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -13,10 +14,10 @@ use std::collections::BinaryHeap;
 use crate::feature::volume::Volume;
 use crate::progress::CancelToken;
 
-/// Round a start the straight way is taken this far, in samples.
+/// Radius (samples) around a start in which times are those of straight lines.
 const EXACT_RADIUS: i32 = 3;
 
-/// A queue of samples, the least value first; values are at least zero.
+/// A queue of samples, smallest value first; values are not negative.
 #[derive(Default)]
 pub(super) struct Queue(BinaryHeap<Reverse<(u32, u32)>>);
 
@@ -32,15 +33,15 @@ impl Queue {
     }
 }
 
-/// The time at every sample of a grid of `dims` samples, `step` apart, through a medium of `slowness`
-/// (time per lattice unit, above zero) at every sample, from the nearest of the `starts` (indices of
-/// samples). Infinite everywhere without a start.
+/// Returns the travel time to every sample of a grid of `dims` samples, `step` apart, from the
+/// nearest of `starts` (indices of samples). `slowness` is the time per lattice unit at every
+/// sample, above zero. All times are infinite if there is no start.
 pub fn fast_marching<const D: usize>(
     dims: [usize; D],
     step: [f64; D],
     slowness: &[f32],
     starts: &[usize],
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Vec<f32> {
     let grid = Volume {
         dims,
@@ -61,7 +62,7 @@ pub fn fast_marching<const D: usize>(
         if front.is_known[sample] || time > front.time[sample] {
             continue;
         }
-        if patience.is_cancelled() {
+        if cancel.is_cancelled() {
             break;
         }
         front.is_known[sample] = true;
@@ -88,29 +89,31 @@ struct MarchingFront<'a, const D: usize> {
 }
 
 impl<const D: usize> MarchingFront<'_, D> {
-    /// The straight way from a start to the samples around it.
+    /// Sets the times of straight lines from a start to the samples around it.
     fn add_start(&mut self, start: usize) {
         let at = self.grid.coordinates(start);
         let side = 2 * EXACT_RADIUS + 1;
         for number in 0..side.pow(D as u32) {
-            let mut rest = number;
+            let mut remaining = number;
             let offset: [i32; D] = std::array::from_fn(|_| {
-                let o = rest % side - EXACT_RADIUS;
-                rest /= side;
+                let o = remaining % side - EXACT_RADIUS;
+                remaining /= side;
                 o
             });
-            let to: [i32; D] = std::array::from_fn(|k| at[k] as i32 + offset[k]);
-            let inside = (0..D).all(|k| to[k] >= 0 && to[k] < self.grid.dims[k] as i32);
-            if !inside || offset.iter().map(|o| o * o).sum::<i32>() > EXACT_RADIUS * EXACT_RADIUS {
+            let neighbour: [i32; D] = std::array::from_fn(|k| at[k] as i32 + offset[k]);
+            let is_inside =
+                (0..D).all(|k| neighbour[k] >= 0 && neighbour[k] < self.grid.dims[k] as i32);
+            if !is_inside || offset.iter().map(|o| o * o).sum::<i32>() > EXACT_RADIUS * EXACT_RADIUS
+            {
                 continue;
             }
-            let sample = self.grid.index(to.map(|i| i as usize));
-            let way: f64 = (0..D)
+            let sample = self.grid.index(neighbour.map(|i| i as usize));
+            let distance: f64 = (0..D)
                 .map(|k| (f64::from(offset[k]) * self.step[k]).powi(2))
                 .sum::<f64>()
                 .sqrt();
             let slowness = 0.5 * (self.grid.samples[start] + self.grid.samples[sample]);
-            self.lower_time(sample, way as f32 * slowness);
+            self.lower_time(sample, distance as f32 * slowness);
         }
     }
 
@@ -127,7 +130,7 @@ impl<const D: usize> MarchingFront<'_, D> {
             return;
         }
         let at = self.grid.coordinates(sample);
-        // Along each axis (T - value)^2 times a weight, the earliest value first.
+        // Along each axis (T - value)^2 times a weight, smallest value first.
         let mut terms = [(f64::INFINITY, 0.0); D];
         for k in 0..D {
             let stride = self.strides[k];
@@ -137,20 +140,21 @@ impl<const D: usize> MarchingFront<'_, D> {
                 i.filter(|&i| self.is_known[i])
                     .map_or(f64::INFINITY, |i| f64::from(self.time[i]))
             };
-            let (near, far) = match (value(before(1)), value(after(1))) {
+            let (first, second) = match (value(before(1)), value(after(1))) {
                 (b, a) if b <= a => (b, value(before(2))),
                 (_, a) => (a, value(after(2))),
             };
             let scale = self.step[k].powi(-2);
-            terms[k] = if far <= near && near < f64::INFINITY {
-                ((4.0 * near - far) / 3.0, 2.25 * scale)
+            terms[k] = if second <= first && first < f64::INFINITY {
+                ((4.0 * first - second) / 3.0, 2.25 * scale)
             } else {
-                (near, scale)
+                (first, scale)
             };
         }
         terms.sort_by(|a, b| a.0.total_cmp(&b.0));
         let slowness = f64::from(self.grid.samples[sample]);
-        // The more axes take part the earlier it is, but none that is later than the outcome.
+        // Every axis that takes part makes the time smaller; an axis whose value is later than the
+        // result does not take part.
         let (mut a, mut b, mut c) = (0.0, 0.0, -slowness * slowness);
         let mut time = f64::INFINITY;
         for (value, weight) in terms {
@@ -170,14 +174,15 @@ impl<const D: usize> MarchingFront<'_, D> {
 mod tests {
     use super::*;
 
-    /// The largest error, in steps of the grid, of the distance from a point in an even medium.
+    /// Returns the largest error, in steps of the grid, of the distance from a point in a
+    /// homogeneous medium.
     fn error_of_distance<const D: usize>(dims: [usize; D], step: [f64; D], at: [usize; D]) -> f64 {
         let slowness = vec![2.0; dims.iter().product()];
         let grid = Volume {
             dims,
             samples: &slowness,
         };
-        let got = fast_marching(
+        let times = fast_marching(
             dims,
             step,
             &slowness,
@@ -185,10 +190,10 @@ mod tests {
             &CancelToken::never(),
         );
         let mut worst = 0.0f64;
-        for (i, &time) in got.iter().enumerate() {
+        for (i, &time) in times.iter().enumerate() {
             let p = grid.coordinates(i);
-            let way = (0..D).map(|k| ((p[k] as f64 - at[k] as f64) * step[k]).powi(2));
-            worst = worst.max((f64::from(time) - 2.0 * way.sum::<f64>().sqrt()).abs() / 2.0);
+            let squares = (0..D).map(|k| ((p[k] as f64 - at[k] as f64) * step[k]).powi(2));
+            worst = worst.max((f64::from(time) - 2.0 * squares.sum::<f64>().sqrt()).abs() / 2.0);
         }
         worst
     }
@@ -200,19 +205,19 @@ mod tests {
             error_of_distance([90, 70], [1.0, 0.5], [0, 69]),
             error_of_distance([40, 36, 30], [1.0; 3], [12, 20, 9]),
         ] {
-            // 0.293 steps and less.
+            // Measured: 0.293 steps and less.
             assert!(error < 0.3, "{error}");
         }
     }
 
-    /// How the error falls when the step is halved, twice.
+    /// Returns the orders of convergence when the step is halved twice.
     fn convergence_orders(error: impl Fn(usize) -> f64) -> [f64; 2] {
         let [coarse, half, quarter] = [1, 2, 4].map(error);
         [(coarse / half).log2(), (half / quarter).log2()]
     }
 
     #[test]
-    fn from_a_point_the_error_falls_with_the_step() {
+    fn distance_from_a_point_converges_to_first_order() {
         let plane = convergence_orders(|n| {
             let step = [1.0 / n as f64; 2];
             error_of_distance([40 * n + 1, 30 * n + 1], step, [12 * n, 9 * n])
@@ -232,8 +237,8 @@ mod tests {
     }
 
     #[test]
-    fn of_a_straight_front_the_error_falls_with_the_square_of_the_step() {
-        // Slowness 1 + 0.8 sin 3y, the front at y = 0: T = y + 0.8 (1 - cos 3y) / 3.
+    fn a_straight_front_converges_to_second_order() {
+        // Slowness 1 + 0.8 sin 3y, with the front at y = 0: T = y + 0.8 (1 - cos 3y) / 3.
         let orders = convergence_orders(|n| {
             let (nx, ny, step) = (10 * n + 1, 20 * n + 1, 0.05 / n as f64);
             let y = |i: usize| (i / nx) as f64 * step;
@@ -241,7 +246,7 @@ mod tests {
                 .map(|i| (1.0 + 0.8 * (3.0 * y(i)).sin()) as f32)
                 .collect();
             let starts: Vec<usize> = (0..nx).collect();
-            let got = fast_marching(
+            let times = fast_marching(
                 [nx, ny],
                 [step; 2],
                 &slowness,
@@ -249,7 +254,7 @@ mod tests {
                 &CancelToken::never(),
             );
             let truth = |i: usize| y(i) + 0.8 / 3.0 * (1.0 - (3.0 * y(i)).cos());
-            let errors = got
+            let errors = times
                 .iter()
                 .enumerate()
                 .map(|(i, &t)| (f64::from(t) - truth(i)).abs());
@@ -266,26 +271,26 @@ mod tests {
     fn the_nearest_start_counts() {
         let (dims, slowness) = ([50, 40], vec![1.0; 2000]);
         let starts = [5 * 50 + 7, 30 * 50 + 41];
-        let both = fast_marching(dims, [1.0; 2], &slowness, &starts, &CancelToken::never());
-        let one =
+        let combined = fast_marching(dims, [1.0; 2], &slowness, &starts, &CancelToken::never());
+        let single =
             starts.map(|s| fast_marching(dims, [1.0; 2], &slowness, &[s], &CancelToken::never()));
-        for (i, &time) in both.iter().enumerate() {
-            let nearest = one[0][i].min(one[1][i]);
+        for (i, &time) in combined.iter().enumerate() {
+            let nearest = single[0][i].min(single[1][i]);
             assert!((time - nearest).abs() < 0.5, "{time} {nearest}");
         }
         let none = fast_marching(dims, [1.0; 2], &slowness, &[], &CancelToken::never());
         assert!(none.iter().all(|t| *t == f32::INFINITY));
     }
 
-    /// Where the speed is v = 1 + g y, rays from the origin's row are arcs of circles and the time is
+    /// If the speed is v = 1 + g y, rays from the origin's row are arcs of circles, and the time is
     /// acosh(1 + g^2 r^2 / (2 v)) / g.
     #[test]
     fn time_in_a_medium_whose_speed_grows() {
         let (nx, ny, g) = (80, 60, 0.05);
         let speed = |y: usize| 1.0 + g * y as f64;
         let slowness: Vec<f32> = (0..nx * ny).map(|i| (1.0 / speed(i / nx)) as f32).collect();
-        let got = fast_marching([nx, ny], [1.0; 2], &slowness, &[20], &CancelToken::never());
-        for (i, &time) in got.iter().enumerate() {
+        let times = fast_marching([nx, ny], [1.0; 2], &slowness, &[20], &CancelToken::never());
+        for (i, &time) in times.iter().enumerate() {
             let (x, y) = (i % nx, i / nx);
             let squares = (x as f64 - 20.0).powi(2) + (y as f64).powi(2);
             let truth = (1.0 + g * g * squares / (2.0 * speed(y))).acosh() / g;

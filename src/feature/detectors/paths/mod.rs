@@ -1,17 +1,21 @@
-//! The boundary of one object, by random shortest paths (Xu 2016, chapter 5), in the plane.
+//! The boundary of one object in the plane, by random shortest paths (Xu 2016, chapter 5).
 //!
-//! Points in an object and points around it are drawn at random, near in *marching distance* to those
-//! that the user gave: fronts that start there hardly pass edges. Between all pairs the shortest paths
-//! run along edges, where a step is cheap. How often a sample is passed is the *confidence* that it is
-//! an edge, and the cheapest closed path over confident samples round the object is its boundary.
-//! The boundary is a path from sample to sample: what it surrounds is smoothed, and points are where
-//! that is steepest ([`steepest`](mod@crate::feature::non_max_suppression)).
+//! Points in the object and points around it are drawn at random, near the points that the user
+//! gave. Nearness is measured by the *marching distance*: fronts that start at the given points
+//! hardly cross edges. The shortest paths between all pairs of drawn points run along edges, where
+//! steps are cheap. The share of the paths that pass a sample is the *confidence* that the sample
+//! is on an edge. The cheapest closed path around the object, over confident samples, is its
+//! boundary.
+//!
+//! The boundary is a path from sample to sample. The indicator of its inside is smoothed, and
+//! feature points are the maxima of its gradient magnitude
+//! ([`non_max_suppression`](mod@crate::feature::non_max_suppression)).
 //!
 //! - `enhance`: the paths, their confidence, and the closed path
-//! - `marching`: how long a front takes to reach every sample
+//! - `marching`: travel time of a front to every sample
 //!
-//! Scale: one sample for the gradient, 1.5 for the closed path. Assumptions: the object's edge is
-//! steep nearly all the way round, and the first of its points lies inside it.
+//! Scale: one sample for the gradient, 1.5 for the closed path. Assumptions: the edge of the object
+//! is steep nearly all around, and the first of the object's points lies inside it.
 
 pub(crate) mod enhance;
 pub(crate) mod marching;
@@ -23,23 +27,24 @@ use crate::feature::non_max_suppression::gradient_maxima;
 use crate::feature::volume::Volume;
 use crate::feature::{FeatureKind, gaussian};
 
-/// Points of an object and around it, and how many are drawn near them.
+/// Points of an object and of the background, and numbers of points that are drawn near them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PathSeeds<const D: usize> {
-    /// Points of the object, in the image's physical coordinates. The boundary goes round the first.
+    /// Points of the object, in the image's physical coordinates. The boundary goes around the
+    /// first one.
     pub object: Vec<[f64; D]>,
-    /// Points of the background; the image's outermost samples if there are none.
+    /// Points of the background; the samples on the sides of the image if there are none.
     pub background: Vec<[f64; D]>,
-    /// Ends of paths in the object.
+    /// Number of path ends in the object.
     pub sources: usize,
-    /// Ends of paths in the background.
+    /// Number of path ends in the background.
     pub sinks: usize,
-    /// Decides which.
+    /// Seed of the random numbers.
     pub seed: u64,
 }
 
 impl<const D: usize> Default for PathSeeds<D> {
-    /// The thesis's 50 sources and 100 sinks, near no point yet.
+    /// Returns 50 sources and 100 sinks, as in the thesis, without points.
     fn default() -> Self {
         Self {
             object: Vec::new(),
@@ -51,13 +56,14 @@ impl<const D: usize> Default for PathSeeds<D> {
     }
 }
 
-/// Finds the boundary of an object.
+/// Detector of the boundary of an object.
 pub struct Paths;
 
-/// Width (samples) of the Gaussian that makes a smooth curve of a path from sample to sample.
+/// Width (samples) of the Gaussian that turns a path from sample to sample into a smooth curve.
 const PATH_SCALE: f64 = 1.5;
 
-/// A step from 0 to 1, smoothed over [`PATH_SCALE`], is 0.26 steep.
+/// Thresholds of the gradient magnitude: that of a step from 0 to 1 is 0.26 after smoothing over
+/// [`PATH_SCALE`].
 const MIN_STEP: Thresholds = Thresholds {
     low: 0.1,
     high: 0.1,
@@ -71,39 +77,39 @@ impl<const D: usize> Detector<D> for Paths {
 
     fn find(
         &self,
-        scene: &DetectorInput<'_, D>,
+        input: &DetectorInput<'_, D>,
         notes: &mut Vec<String>,
     ) -> Result<DetectorOutput<D>> {
-        let (dims, scale, seeds) = (scene.dims(), scene.scale(), &scene.options.seeds);
-        let samples = scene.smoothed()?;
+        let (dims, scale, seeds) = (input.dims(), input.scale(), &input.options.seeds);
+        let samples = input.smoothed()?;
         let smoothed = Volume::new(dims, &samples);
-        let found = enhance::enhance(smoothed, scene.source.geometry(), seeds, scene.cancel)?;
-        let drawn = format!(
+        let enhanced = enhance::enhance(smoothed, input.source.geometry(), seeds, input.cancel)?;
+        let summary = format!(
             "shortest paths at scale {scale} from {} sources in the object to {} sinks around it",
             seeds.sources, seeds.sinks
         );
         let mut candidates = Vec::new();
-        if let Some(path) = &found.boundary {
+        if let Some(path) = &enhanced.boundary {
             let mut values = enhance::inside_mask(smoothed, path);
             let inside = values.iter().filter(|v| **v == 1.0).count();
             let length = path.len();
             notes.push(format!(
-                "{drawn}: a boundary of {length} samples around {inside}"
+                "{summary}: a boundary of {length} samples around {inside}"
             ));
-            gaussian::smooth(dims, &mut values, [PATH_SCALE; D], scene.cancel);
-            let closed = Volume::new(dims, &values);
-            let steepness = gradient_magnitude(closed, scene.cancel);
+            gaussian::smooth(dims, &mut values, [PATH_SCALE; D], input.cancel);
+            let inside_volume = Volume::new(dims, &values);
+            let magnitudes = gradient_magnitude(inside_volume, input.cancel);
             candidates = gradient_maxima(
-                closed,
-                Volume::new(dims, &steepness),
+                inside_volume,
+                Volume::new(dims, &magnitudes),
                 MIN_STEP.low,
-                scene.cancel,
+                input.cancel,
             );
         } else {
-            notes.push(format!("{drawn}: no path goes around the object"));
+            notes.push(format!("{summary}: no path goes around the object"));
         }
         Ok(DetectorOutput {
-            confidence: Some(found.confidence),
+            confidence: Some(enhanced.confidence),
             ..DetectorOutput::new(candidates, scale, MIN_STEP)
         })
     }

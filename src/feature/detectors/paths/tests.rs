@@ -7,7 +7,7 @@ const DIMS: [usize; 2] = [90, 80];
 const CENTRE: [f64; 2] = [42.4, 38.7];
 const RADIUS: f64 = 21.3;
 
-/// A bright disc; with a gap, its rim is eight times as wide over 40 degrees.
+/// Returns an image of a bright disc; with `gap`, its rim is eight times as wide over 40 degrees.
 fn disc(noise: f64, gap: bool) -> Image<2> {
     let mut random = Noise::new(9);
     let value = |i: usize| {
@@ -15,8 +15,8 @@ fn disc(noise: f64, gap: bool) -> Image<2> {
             (i % DIMS[0]) as f64 - CENTRE[0],
             (i / DIMS[0]) as f64 - CENTRE[1],
         ];
-        let wide = gap && v.atan2(u).abs() < 0.35;
-        let width = if wide { 8.0 } else { 1.0 };
+        let is_wide = gap && v.atan2(u).abs() < 0.35;
+        let width = if is_wide { 8.0 } else { 1.0 };
         let inside = (0.5 - (u.hypot(v) - RADIUS) / width).clamp(0.0, 1.0);
         (40.0 + 150.0 * inside + noise * random.normal()) as f32
     };
@@ -38,36 +38,36 @@ fn path_options(object: &[[f64; 2]]) -> DetectionOptions<2> {
 fn the_boundary_of_a_disc_is_closed_and_where_it_is() {
     for (noise, gap) in [(0.0, false), (15.0, false), (10.0, true)] {
         let image = disc(noise, gap);
-        let found = detect(&image, &path_options(&[[45.0, 35.0], [38.0, 45.0]])).unwrap();
+        let features = detect(&image, &path_options(&[[45.0, 35.0], [38.0, 45.0]])).unwrap();
         let (mut squares, mut worst) = (0.0, 0.0f64);
         let mut sectors = [false; 36];
-        for point in &found.points {
+        for point in &features.points {
             let [u, v] = [0, 1].map(|k| f64::from(point.position[k]) - CENTRE[k]);
-            let off = u.hypot(v) - RADIUS;
-            worst = worst.max(off.abs());
-            squares += off * off;
+            let distance = u.hypot(v) - RADIUS;
+            worst = worst.max(distance.abs());
+            squares += distance * distance;
             sectors[((v.atan2(u) / std::f64::consts::TAU + 0.5) * 36.0) as usize % 36] = true;
         }
-        let rms = (squares / found.points.len() as f64).sqrt();
-        assert!(sectors.iter().all(|s| *s), "{:?}", found.notes);
+        let rms = (squares / features.points.len() as f64).sqrt();
+        assert!(sectors.iter().all(|s| *s), "{:?}", features.notes);
         assert!(
             rms < if gap { 1.2 } else { 0.5 } && worst < if gap { 4.0 } else { 1.5 },
             "{noise} {gap}: {rms} {worst}"
         );
         // Along the boundary the potential has no gap.
-        for point in &found.points {
+        for point in &features.points {
             let at = point.position.map(f64::from);
-            assert!(found.potential.value(at) < -0.9, "{at:?}");
+            assert!(features.potential.value(at) < -0.9, "{at:?}");
         }
-        // The samples on the rim are passed far more often than others.
-        let confidence = found.confidence.unwrap().samples;
+        // Many more paths pass samples on the rim than others.
+        let confidence = features.confidence.unwrap().samples;
         assert!(confidence.iter().all(|c| (0.0..=1.0).contains(c)));
-        let mean = |on: bool| {
+        let mean = |is_on_rim: bool| {
             let (mut sum, mut count) = (0.0, 0);
             for (i, c) in confidence.iter().enumerate() {
                 let [x, y] = [(i % DIMS[0]) as f64, (i / DIMS[0]) as f64];
-                let near = ((x - CENTRE[0]).hypot(y - CENTRE[1]) - RADIUS).abs() < 1.0;
-                if near == on {
+                let is_near = ((x - CENTRE[0]).hypot(y - CENTRE[1]) - RADIUS).abs() < 1.0;
+                if is_near == is_on_rim {
                     sum += f64::from(*c);
                     count += 1;
                 }
@@ -85,7 +85,7 @@ fn the_boundary_of_a_disc_is_closed_and_where_it_is() {
 
 #[test]
 fn shortest_paths_are_the_shortest() {
-    // Costs at random on a small grid, against Bellman and Ford.
+    // Random costs on a small grid, compared with the algorithm of Bellman and Ford.
     let dims = [9, 7];
     let costs: Vec<f32> = (0..63).map(|i| 0.05 + uniform(3, i) as f32).collect();
     let grid = Volume {
@@ -93,24 +93,24 @@ fn shortest_paths_are_the_shortest() {
         samples: &costs,
     };
     let (source, sinks) = (40, [0, 8, 31, 62, 62]);
-    let mut least = vec![f32::INFINITY; 63];
-    least[source] = 0.0;
+    let mut min_cost = vec![f32::INFINITY; 63];
+    min_cost[source] = 0.0;
     for _ in 0..63 {
         for i in 0..63 {
             for_each_neighbour(grid, i, |j| {
-                least[j] = least[j].min(least[i] + 0.5 * (costs[i] + costs[j]));
+                min_cost[j] = min_cost[j].min(min_cost[i] + 0.5 * (costs[i] + costs[j]));
             });
         }
     }
-    let before = shortest_path_tree(grid, &costs, source, &sinks, &CancelToken::never());
+    let previous = shortest_path_tree(grid, &costs, source, &sinks, &CancelToken::never());
     for sink in sinks {
         let (mut at, mut cost) = (sink, 0.0);
         while at != source {
-            let next = before[at] as usize;
+            let next = previous[at] as usize;
             cost += 0.5 * (costs[at] + costs[next]);
             at = next;
         }
-        assert!((cost - least[sink]).abs() < 1e-5);
+        assert!((cost - min_cost[sink]).abs() < 1e-5);
     }
     // Every path passes its ends.
     let counts = path_counts(grid, &costs, &[source], &sinks, &CancelToken::never());
@@ -118,8 +118,8 @@ fn shortest_paths_are_the_shortest() {
 }
 
 #[test]
-fn a_closed_path_goes_round_and_leaves_out_ways_to_and_fro() {
-    // A ring of samples with a spur to its brightest sample, and a bright block beside it.
+fn a_closed_path_goes_round_and_drops_detours() {
+    // A ring of samples with a branch to its brightest sample, and a bright block beside it.
     let dims = [12, 10];
     let mut counts = vec![0u32; 120];
     let mut set = |x: usize, y: usize, c: u32| counts[y * 12 + x] = c;
@@ -134,16 +134,19 @@ fn a_closed_path_goes_round_and_leaves_out_ways_to_and_fro() {
     }
     set(10, 5, 20);
     let grid = Volume { dims, samples: &[] };
-    let even = [1.0; 120];
-    let path = closed_path(grid, &even, &counts, 4 * 12 + 4).unwrap();
+    let uniform_weights = [1.0; 120];
+    let path = closed_path(grid, &uniform_weights, &counts, 4 * 12 + 4).unwrap();
     assert_eq!(path.len(), 20);
     assert!(path.iter().all(|i| counts[*i] == 5));
     let values = inside_mask(grid, &path);
     assert_eq!(values.iter().filter(|v| **v == 1.0).count(), 16);
     assert_eq!(values.iter().filter(|v| **v == 0.5).count(), 20);
-    // An open ring has none.
+    // An open ring has no closed path.
     counts[2 * 12 + 4] = 0;
-    assert_eq!(closed_path(grid, &even, &counts, 4 * 12 + 4), None);
+    assert_eq!(
+        closed_path(grid, &uniform_weights, &counts, 4 * 12 + 4),
+        None
+    );
 }
 
 #[test]
@@ -151,7 +154,7 @@ fn points_are_drawn_near_their_start() {
     let distance: Vec<f32> = (0..1000).map(|i| i as f32).collect();
     let drawn = draw_samples(&distance, 500.0, 4000, 1);
     assert_eq!(drawn.len(), 4000);
-    // The probability falls linearly to zero at 500: the mean is a third of that.
+    // The probability falls linearly to 0 at 500: the mean is a third of that.
     let mean = drawn.iter().sum::<usize>() as f64 / 4000.0;
     assert!((mean - 500.0 / 3.0).abs() < 6.0, "{mean}");
     assert!(drawn.iter().all(|i| *i < 500));
@@ -159,16 +162,16 @@ fn points_are_drawn_near_their_start() {
 }
 
 #[test]
-fn what_is_missing_is_named() {
+fn missing_points_are_reported() {
     let image = disc(0.0, false);
-    let says = |object: &[[f64; 2]]| {
+    let error_for = |object: &[[f64; 2]]| {
         detect(&image, &path_options(object))
             .unwrap_err()
             .to_string()
     };
-    assert!(says(&[]).contains("give a point inside it"));
-    assert!(says(&[[45.0, 90.0]]).contains("outside the image"));
-    assert!(says(&[[45.0, 0.0]]).contains("cannot tell"));
+    assert!(error_for(&[]).contains("give a point inside it"));
+    assert!(error_for(&[[45.0, 90.0]]).contains("outside the image"));
+    assert!(error_for(&[[45.0, 0.0]]).contains("cannot tell"));
     let space = Image::new(
         [4, 4, 4],
         (0..64).map(|i| i as f32).collect(),

@@ -1,13 +1,13 @@
-//! Which trace header bytes hold what.
+//! Bytes of SEG-Y trace headers that hold the fields of a trace.
 
 use std::str::FromStr;
 
 use crate::error::{Error, Result, cause};
 
-/// Bytes of a standard trace header.
+/// Length of a standard trace header in bytes.
 pub const TRACE_HEADER_BYTES: usize = 240;
 
-/// First byte (counted from 1, as the standard does) of the trace header fields that place a trace.
+/// First bytes, counted from 1 as in the standard, of the trace header fields that place a trace.
 /// An optional field set to 0 is not read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SegyBytes {
@@ -28,7 +28,7 @@ pub struct SegyBytes {
 }
 
 impl Default for SegyBytes {
-    /// The places of the SEG-Y standard since revision 1.
+    /// Returns the bytes of the SEG-Y standard since revision 1.
     fn default() -> Self {
         Self {
             inline: 189,
@@ -45,8 +45,8 @@ impl Default for SegyBytes {
 impl FromStr for SegyBytes {
     type Err = Error;
 
-    /// `inline=9,crossline=21,x=73,y=77,scalar=71,delay=109,dt=117`, each optional, the others
-    /// staying at the standard's places.
+    /// Parses `inline=9,crossline=21,x=73,y=77,scalar=71,delay=109,dt=117`. Each entry is optional;
+    /// missing fields keep the bytes of the standard.
     fn from_str(text: &str) -> Result<Self> {
         let mut bytes = Self::default();
         for entry in text.split(',').filter(|entry| !entry.trim().is_empty()) {
@@ -81,11 +81,11 @@ fn option_error(problem: String, remedy: &str) -> Error {
 }
 
 impl SegyBytes {
-    /// Every field must lie within the 240 bytes of a trace header, and the line numbers and both
-    /// or neither of the coordinates must be given.
+    /// Checks that every field lies within the 240 bytes of a trace header, that the line numbers
+    /// are given, and that both or neither of the coordinates are given.
     ///
     /// # Errors
-    /// Says which field is wrong.
+    /// Returns an [`Error::Io`] that names the wrong field.
     pub fn check(&self) -> Result<()> {
         let fields = [
             ("inline", self.inline, 4, false),

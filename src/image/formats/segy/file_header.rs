@@ -1,4 +1,4 @@
-//! The file header: byte order, sample format, and where the traces lie.
+//! The file header: byte order, sample format, and position of the traces.
 //!
 //! Byte numbers in the comments count from 1 from the start of the file, as the standard does.
 
@@ -12,13 +12,14 @@ use crate::error::{Error, Result, cause, io_error};
 use crate::files::read_exact_at;
 use crate::image::formats::samples::{Encoding, Endian, SampleType};
 
-/// Bytes of the textual and the binary header together: the least a SEG-Y file can have.
+/// Length in bytes of the textual and the binary header together: the minimum length of a SEG-Y
+/// file.
 pub const FILE_HEADER_BYTES: usize = TEXT_HEADER_BYTES + 400;
 
-/// Revision 2's constant at 3297-3300 that tells the byte order.
+/// Constant of revision 2 in bytes 3297-3300, which shows the byte order.
 const BYTE_ORDER_MARK: u32 = 0x0102_0304;
 
-/// An open SEG-Y file and how it is laid out.
+/// An open SEG-Y file and its layout.
 pub struct SegyFile {
     pub file: File,
     pub encoding: Encoding,
@@ -26,25 +27,26 @@ pub struct SegyFile {
     pub revision: (u8, u8),
     /// Lines of the textual header.
     pub text_lines: Vec<String>,
-    /// Samples of every trace.
+    /// Number of samples of every trace.
     pub samples_per_trace: usize,
     /// Sample interval of the file header in microseconds.
     pub interval_us: Option<f64>,
-    /// Whether lengths are in feet; `None` if the file does not say.
+    /// `true` if lengths are in feet, `false` if they are in metres; `None` if the file does not
+    /// say.
     pub lengths_in_feet: Option<bool>,
-    /// Offset of the first trace.
+    /// Offset of the first trace in the file.
     pub traces_offset: u64,
-    /// Bytes of each trace's header or headers.
+    /// Bytes of the header or headers of each trace.
     pub trace_header_bytes: usize,
-    /// Number of whole traces.
+    /// Number of complete traces.
     pub trace_count: usize,
-    /// Bytes after the last whole trace: something is wrong if there are any.
+    /// Number of bytes after the last complete trace; not zero if the file is inconsistent.
     pub trailing_bytes: u64,
     pub notes: Vec<String>,
 }
 
 impl SegyFile {
-    /// Bytes of a trace, header and samples.
+    /// Returns the number of bytes of a trace, header and samples.
     pub fn trace_bytes(&self) -> u64 {
         (self.trace_header_bytes + self.samples_per_trace * self.encoding.size()) as u64
     }
@@ -52,7 +54,7 @@ impl SegyFile {
     /// Opens a file and reads its headers.
     ///
     /// # Errors
-    /// [`Error::Io`] if the file cannot be read or is no SEG-Y file that we know how to read.
+    /// Returns an [`Error::Io`] if the file cannot be read or is not a supported SEG-Y file.
     pub fn open(path: &Path) -> Result<Self> {
         let refuse =
             |problem: String, remedy: &str| Error::Io(cause(path.display(), problem, remedy));
@@ -79,13 +81,14 @@ impl SegyFile {
             sample_type: sample,
             endian: fields.endian,
         };
-        // 3501, 3502; some writers swap the two.
+        // The revision is in bytes 3501 and 3502; some writers swap the two.
         let revision = match (header[3500], header[3501]) {
             (0, major @ 1..=2) => (major, 0),
             revision => revision,
         };
-        // Old writers leave garbage where revision 2 has fields, so believe them only if it is 2.
-        let revised = revision.0 == 2 || fields.has_byte_order_mark();
+        // Old writers leave garbage in the fields of revision 2. These fields are therefore used
+        // only in files of revision 2.
+        let is_revision_2 = revision.0 == 2 || fields.has_byte_order_mark();
         let mut notes = Vec::new();
 
         let mut start = text_end(&file, length, fields.i16(3505), &mut notes)
@@ -98,12 +101,12 @@ impl SegyFile {
                 refuse(problem, "it is cut off or damaged: copy or write it again")
             })?;
         let mut end = length;
-        if revised {
+        if is_revision_2 {
             let offset = fields.u64(3521);
             if offset >= FILE_HEADER_BYTES as u64 && offset <= length {
                 start = offset;
             }
-            // Trailing stanzas, if their number is plausible.
+            // Trailing stanzas are excluded, if their number is plausible.
             let trailer = u64::from(fields.u32(3529)) * TEXT_HEADER_BYTES as u64;
             if trailer <= length - start {
                 end -= trailer;
@@ -116,22 +119,22 @@ impl SegyFile {
             samples > 0 && body >= bytes && body % bytes == 0
         };
         let declared = match fields.u32(3269) {
-            n if revised && n > 0 => n,
+            n if is_revision_2 && n > 0 => n,
             _ => u32::from(fields.u16(3221)),
         };
         // Revision 2.0 counts additional trace headers at 3507-3510, revision 2.1 at 3507-3508.
         let headers = [fields.u16(3507), fields.u16(3509), 0]
             .map(|n| TRACE_HEADER_BYTES * (1 + usize::from(n)));
         let trace_header = match headers.into_iter().find(|&h| fits(declared, h)) {
-            Some(header) if revised => header,
-            None if revised => headers[0],
+            Some(header) if is_revision_2 => header,
+            None if is_revision_2 => headers[0],
             _ => TRACE_HEADER_BYTES,
         };
-        let of_first_trace = first_trace_sample_count(&file, start, length, fields.endian)
+        let first_trace_samples = first_trace_sample_count(&file, start, length, fields.endian)
             .map_err(|e| io_error(path, "read", e))?;
         let samples = choose_sample_count(
             declared,
-            of_first_trace,
+            first_trace_samples,
             |n| fits(n, trace_header),
             &mut notes,
         );
@@ -147,7 +150,7 @@ impl SegyFile {
         let bytes = trace_header as u64 + u64::from(samples) * encoding.size() as u64;
         let extended = fields.f64(3273);
         let dt = match f64::from(fields.i16(3217)) {
-            _ if revised && extended.is_finite() && extended > 0.0 => Some(extended),
+            _ if is_revision_2 && extended.is_finite() && extended > 0.0 => Some(extended),
             dt if dt > 0.0 => Some(dt),
             _ => None,
         };
@@ -172,37 +175,39 @@ impl SegyFile {
     }
 }
 
-/// Whether the first bytes of a file look like a SEG-Y header: text, then a plausible sample format.
+/// Returns `true` if the first bytes of a file look like a SEG-Y header: text, then a plausible
+/// sample format.
 pub fn looks_like(head: &[u8]) -> bool {
     head.len() >= FILE_HEADER_BYTES
         && text::is_text(&head[..TEXT_HEADER_BYTES])
         && BinaryHeader::parse(head).is_ok()
 }
 
-/// The number of samples: the file header's, or the first trace's if only that fits the length.
+/// Returns the number of samples per trace: that of the file header, or that of the first trace if
+/// only this fits the length of the file.
 fn choose_sample_count(
     declared: u32,
-    of_first_trace: u32,
+    first_trace_samples: u32,
     fits: impl Fn(u32) -> bool,
     notes: &mut Vec<String>,
 ) -> u32 {
-    if !fits(declared) && (fits(of_first_trace) || declared == 0) {
-        if declared != of_first_trace && of_first_trace > 0 {
+    if !fits(declared) && (fits(first_trace_samples) || declared == 0) {
+        if declared != first_trace_samples && first_trace_samples > 0 {
             notes.push(format!(
-                "the file header gives {declared} samples per trace, the first trace {of_first_trace}: the latter is used, as it fits the file's length"
+                "the file header gives {declared} samples per trace, the first trace {first_trace_samples}: the latter is used, as it fits the file's length"
             ));
         }
-        return of_first_trace;
+        return first_trace_samples;
     }
-    if of_first_trace > 0 && of_first_trace != declared {
+    if first_trace_samples > 0 && first_trace_samples != declared {
         notes.push(format!(
-            "the first trace gives {of_first_trace} samples, the file header {declared}: the latter is used"
+            "the first trace gives {first_trace_samples} samples, the file header {declared}: the latter is used"
         ));
     }
     declared
 }
 
-/// Number of samples in the header of the first trace; 0 if there is none.
+/// Returns the number of samples in the header of the first trace, or 0 if there is no trace.
 fn first_trace_sample_count(
     file: &File,
     start: u64,
@@ -219,8 +224,9 @@ fn first_trace_sample_count(
     }))
 }
 
-/// Where the textual headers end: `declared` extended ones follow the binary header, or with -1 as
-/// many as it takes to reach an end stanza. Stanzas that were not declared are skipped too.
+/// Returns the end of the textual headers. `declared` extended headers follow the binary header; if
+/// `declared` is negative, headers follow up to an end stanza. Stanzas that were not declared are
+/// skipped, too. Returns `None` if the headers do not fit into the file.
 fn text_end(
     file: &File,
     length: u64,
@@ -230,7 +236,7 @@ fn text_end(
     let block = TEXT_HEADER_BYTES as u64;
     let mut start = FILE_HEADER_BYTES as u64;
     let mut record = vec![0; TEXT_HEADER_BYTES];
-    let mut next = |start: u64| -> io::Result<Option<String>> {
+    let mut read_stanza = |start: u64| -> io::Result<Option<String>> {
         if start + block > length {
             return Ok(None);
         }
@@ -238,7 +244,7 @@ fn text_end(
         Ok(Some(text::decode(&record)))
     };
     if declared < 0 {
-        while let Some(stanza) = next(start)? {
+        while let Some(stanza) = read_stanza(start)? {
             start += block;
             let stanza: String = stanza.to_lowercase().split_whitespace().collect();
             if stanza.contains("((seg:endtext))") {
@@ -251,7 +257,7 @@ fn text_end(
     if start > length {
         return Ok(None);
     }
-    while next(start)?.is_some_and(|stanza| stanza.starts_with("((")) {
+    while read_stanza(start)?.is_some_and(|stanza| stanza.starts_with("((")) {
         notes.push(
             "an extended textual header that the file header does not count is skipped".into(),
         );
@@ -260,14 +266,14 @@ fn text_end(
     Ok(Some(start))
 }
 
-/// Numbers of the binary header.
+/// Fields of the binary header.
 struct BinaryHeader<'a> {
     bytes: &'a [u8],
     endian: Endian,
 }
 
 impl<'a> BinaryHeader<'a> {
-    /// Finds the byte order and the sample type.
+    /// Determines the byte order and the sample type.
     fn parse(header: &'a [u8]) -> std::result::Result<(Self, SampleType), String> {
         let big = Self {
             bytes: header,
@@ -277,7 +283,7 @@ impl<'a> BinaryHeader<'a> {
             bytes: header,
             endian: Endian::Little,
         };
-        // 3225: at most one of the two orders makes a known code.
+        // Byte 3225: at most one of the two orders gives a known code.
         let code = |fields: &Self| fields.u16(3225);
         let fields = match big.u32(3297) {
             BYTE_ORDER_MARK => big,

@@ -1,4 +1,4 @@
-//! From the line numbers of all traces to a grid of inlines and crosslines.
+//! Arranges traces in a grid of inlines and crosslines by their line numbers.
 
 use serde::Serialize;
 
@@ -14,7 +14,7 @@ pub struct LineNumbers {
 }
 
 impl LineNumbers {
-    /// The coarsest regular numbering that contains all `numbers`.
+    /// Returns the numbering with the largest step that contains all `numbers`.
     pub fn from_numbers(numbers: &[i32]) -> Self {
         let first = numbers.iter().copied().min().unwrap_or(0);
         let last = numbers.iter().copied().max().unwrap_or(0);
@@ -30,12 +30,12 @@ impl LineNumbers {
         }
     }
 
-    /// Position of a line, from 0.
+    /// Returns the index of a line, counted from 0.
     pub fn index(&self, number: i32) -> usize {
         ((i64::from(number) - self.first) / self.step) as usize
     }
 
-    /// Largest line number.
+    /// Returns the largest line number.
     pub fn last(&self) -> i64 {
         self.first + (self.count as i64 - 1) * self.step
     }
@@ -55,33 +55,33 @@ fn gcd(a: u32, b: u32) -> u32 {
     if b == 0 { a } else { gcd(b, a % b) }
 }
 
-/// No trace in this cell.
+/// Index that stands for a cell without a trace.
 pub const NO_TRACE: usize = usize::MAX;
 
-/// Which trace lies in which cell of the survey.
+/// Assignment of traces to the cells of a survey.
 pub struct TraceGrid {
     /// Inline numbers.
     pub inline: LineNumbers,
     /// Crossline numbers.
     pub crossline: LineNumbers,
-    /// Trace of each cell, crossline fastest; [`NO_TRACE`] where there is none.
+    /// Trace of each cell, crossline fastest; [`NO_TRACE`] if the cell has none.
     pub traces: Vec<usize>,
     /// Number of cells without a trace.
     pub missing_count: usize,
-    /// Number of traces left out because their cell has an earlier one.
+    /// Number of traces that are not used because an earlier trace is in their cell.
     pub duplicate_count: usize,
-    /// How many of the duplicates have another offset than the trace they duplicate.
+    /// Number of duplicates whose offset differs from that of the trace they duplicate.
     pub other_offset_count: usize,
 }
 
-/// The most cells for each trace: a survey emptier than this has wrong line numbers.
+/// Largest number of cells per trace. A survey with more empty cells has wrong line numbers.
 const MAX_CELLS_PER_TRACE: u64 = 10;
 
 impl TraceGrid {
-    /// Puts traces into cells; the first one in each cell stays.
+    /// Assigns traces to cells; the first trace of each cell is used.
     ///
     /// # Errors
-    /// What is wrong with the line numbers if they cannot be those of a survey.
+    /// Returns a message if the line numbers cannot be those of a survey.
     pub fn from_line_numbers(
         inlines: &[i32],
         crosslines: &[i32],
@@ -127,7 +127,7 @@ impl TraceGrid {
         Ok(grid)
     }
 
-    /// Whether cells hold gathers instead of single traces.
+    /// Returns `true` if cells hold gathers instead of single traces.
     pub fn is_prestack(&self) -> bool {
         let filled = self.traces.len() - self.missing_count;
         self.duplicate_count > 0
@@ -135,8 +135,8 @@ impl TraceGrid {
                 || self.duplicate_count >= filled)
     }
 
-    /// Whether the traces fill an area, rather than lie along a path, however crooked: a path of
-    /// neighbours through n x m cells has at most n + m - 1 of them.
+    /// Returns `true` if the traces fill an area rather than a path. A path of neighbours through n
+    /// x m cells has at most n + m - 1 of them.
     pub fn is_volume(&self) -> bool {
         let filled = (self.traces.len() - self.missing_count) as u64;
         filled >= self.inline.count + self.crossline.count
@@ -158,7 +158,7 @@ mod tests {
 
     #[test]
     fn missing_and_duplicate_traces_are_counted() {
-        // 2 x 3 cells, one empty, one twice.
+        // Of 2 x 3 cells one is empty and one has two traces.
         let grid =
             TraceGrid::from_line_numbers(&[1, 1, 5, 5, 5, 1], &[10, 20, 10, 30, 20, 10], &[0; 6])
                 .unwrap();

@@ -1,4 +1,4 @@
-//! 2-D lines: traces along a path, in the order in which they stand in the file.
+//! 2-D lines: traces along a path, in the order of the file.
 
 use super::bytes::SegyBytes;
 use super::grid::{LineNumbers, NO_TRACE, TraceGrid};
@@ -7,39 +7,41 @@ use super::trace_headers::TraceHeaders;
 use crate::geometry::{dot, norm};
 use crate::image::Geometry;
 
-/// Steps between neighbouring traces that are so many times as long as most lead to another line.
+/// Largest ratio between a step and the median step along a line. A longer step leads to another
+/// line.
 const MAX_STEP_RATIO: f64 = 10.0;
 
-/// The least cosine of the angle between a step and the next: lines bend, but do not turn.
+/// Smallest cosine of the angle between a step and the next. Lines bend, but do not turn back.
 const MIN_STEP_COSINE: f64 = 0.1;
 
-/// Where steps differ from their mean by more than this share, a user is told.
+/// Largest deviation of steps from their mean, relative to the mean, that is not reported.
 const MAX_STEP_DEVIATION: f64 = 0.01;
 
 /// Steps from trace to trace along a line.
 struct TraceSteps {
-    /// By the coordinates at these bytes.
+    /// First bytes of the coordinates that were used.
     coordinate_bytes: [usize; 2],
     lengths: Vec<f64>,
-    /// Whether one leads elsewhere than along a line: back, aside, or far away.
+    /// `true` if a step leads away from the line: backwards, sideways, or far away.
     leaves_line: bool,
 }
 
 impl TraceSteps {
-    /// By the first coordinates that lead from trace to trace.
+    /// Computes the steps from the first coordinates in the headers that differ from trace to
+    /// trace.
     fn from_headers(bytes: &SegyBytes, headers: &TraceHeaders) -> Option<Self> {
         let standard = SegyBytes::default();
-        let mut places = vec![[bytes.x, bytes.y]];
-        if places[0] == [standard.x, standard.y] {
-            places.push([73, 77]);
+        let mut byte_pairs = vec![[bytes.x, bytes.y]];
+        if byte_pairs[0] == [standard.x, standard.y] {
+            byte_pairs.push([73, 77]);
         }
-        let places = places.into_iter().filter(|&[x, _]| x > 0);
-        places
-            .map(|place| Self::from_coordinates(place, bytes, headers))
+        let byte_pairs = byte_pairs.into_iter().filter(|&[x, _]| x > 0);
+        byte_pairs
+            .map(|pair| Self::from_coordinates(pair, bytes, headers))
             .find(|steps| {
-                // At most one in a hundred stands where the one before it does.
-                let none = steps.lengths.iter().filter(|length| **length == 0.0);
-                100 * none.count() <= steps.lengths.len()
+                // At most one step in a hundred may have the length zero.
+                let zero_steps = steps.lengths.iter().filter(|length| **length == 0.0);
+                100 * zero_steps.count() <= steps.lengths.len()
             })
     }
 
@@ -67,12 +69,12 @@ impl TraceSteps {
     }
 }
 
-/// Whether traces whose numbers make no survey are those of a line: they are stacked, and numbered one
-/// after the other or placed along a path.
+/// Returns `true` if traces whose numbers do not form a survey are those of a line: they are
+/// stacked, and are placed along a path or numbered consecutively.
 pub(super) fn is_line(bytes: &SegyBytes, headers: &TraceHeaders) -> bool {
     let offsets = headers.i32s(37);
-    let stacked = offsets.iter().all(|offset| *offset == offsets[0]);
-    let rises = |numbers: Vec<i32>| {
+    let is_stacked = offsets.iter().all(|offset| *offset == offsets[0]);
+    let is_evenly_numbered = |numbers: Vec<i32>| {
         let step = |pair: &[i32]| i64::from(pair[1]) - i64::from(pair[0]);
         let mut steps = numbers.windows(2).map(step);
         let first = steps.next().unwrap_or(0);
@@ -80,30 +82,36 @@ pub(super) fn is_line(bytes: &SegyBytes, headers: &TraceHeaders) -> bool {
     };
     let path = TraceSteps::from_headers(bytes, headers);
     let standard = SegyBytes::default();
-    // Bytes that a user gives are not second-guessed.
-    let by_default = [bytes.inline, bytes.crossline] == [standard.inline, standard.crossline];
-    by_default && stacked && path.map_or_else(|| rises(headers.i32s(21)), |path| !path.leaves_line)
+    // Bytes that the user gives are used as they are.
+    let has_default_bytes =
+        [bytes.inline, bytes.crossline] == [standard.inline, standard.crossline];
+    has_default_bytes
+        && is_stacked
+        && path.map_or_else(
+            || is_evenly_numbered(headers.i32s(21)),
+            |path| !path.leaves_line,
+        )
 }
 
 impl SegySurvey {
-    /// Takes traces as those of a line: those of a single inline or crossline by its numbers, which may have
-    /// gaps; others in the order of the file.
+    /// Uses the traces as a line. Traces of a single inline or crossline are arranged by their
+    /// numbers, which may have gaps; other traces keep the order of the file.
     pub(super) fn set_line(
         &mut self,
-        found: Option<TraceGrid>,
+        candidate: Option<TraceGrid>,
         bytes: &SegyBytes,
         headers: &TraceHeaders,
     ) {
         let count = self.file.trace_count;
-        let (grid, name) = match found {
+        let (grid, name) = match candidate {
             Some(grid) if grid.inline.count == 1 => (grid, "crossline"),
             Some(grid) if grid.crossline.count == 1 => {
-                let turned = TraceGrid {
+                let transposed = TraceGrid {
                     inline: grid.crossline,
                     crossline: grid.inline,
                     ..grid
                 };
-                (turned, "inline")
+                (transposed, "inline")
             }
             _ => {
                 let lines = |count: usize| LineNumbers {
@@ -128,7 +136,7 @@ impl SegySurvey {
         self.grid = Some(grid);
     }
 
-    /// Distances along the line across, times down.
+    /// Returns the geometry of a line: distance along the line horizontally, time downwards.
     fn line_geometry(
         &mut self,
         grid: &TraceGrid,
@@ -136,14 +144,14 @@ impl SegySurvey {
         bytes: &SegyBytes,
         headers: &TraceHeaders,
     ) -> Geometry<3> {
-        let (vertical, top, time) = self.vertical_sampling();
-        // From the first cell with a trace to the last, whatever is missing between.
-        let filled = |&(_, &trace): &(usize, &usize)| trace != NO_TRACE;
+        let (vertical, top, time_unit) = self.vertical_sampling();
+        // The line extends from the first cell with a trace to the last, including gaps.
+        let has_trace = |&(_, &trace): &(usize, &usize)| trace != NO_TRACE;
         let cells: Vec<usize> = grid
             .traces
             .iter()
             .enumerate()
-            .filter(filled)
+            .filter(has_trace)
             .map(|c| c.0)
             .collect();
         let span = cells.last().unwrap_or(&0) - cells.first().unwrap_or(&0);
@@ -153,16 +161,17 @@ impl SegySurvey {
             Some(steps) => {
                 let length: f64 = steps.lengths.iter().sum();
                 let pitch = length / span as f64;
-                let off = |step: &f64| (step - pitch).abs();
-                let most = steps.lengths.iter().map(off).fold(0.0, f64::max);
+                let deviation = |step: &f64| (step - pitch).abs();
+                let max_deviation = steps.lengths.iter().map(deviation).fold(0.0, f64::max);
                 let [x, y] = steps.coordinate_bytes;
                 let mut note = format!(
                     "a 2-D line: {} traces over {length:.1} by X, Y at bytes {x} and {y}, {pitch:.3} apart",
                     cells.len()
                 );
-                if most > MAX_STEP_DEVIATION * pitch && grid.missing_count == 0 {
-                    note +=
-                        &format!(" on average, though steps differ from that by up to {most:.3}");
+                if max_deviation > MAX_STEP_DEVIATION * pitch && grid.missing_count == 0 {
+                    note += &format!(
+                        " on average, though steps differ from that by up to {max_deviation:.3}"
+                    );
                 }
                 self.notes.push(note);
                 self.info.placed_by = format!("bytes {x} and {y}");
@@ -180,7 +189,7 @@ impl SegySurvey {
             origin: [0.0, 0.0, top],
             axes: [[0.0, 0.0, -vertical], [pitch, 0.0, 0.0], [0.0, pitch, 0.0]],
             names: ["sample", name, "line"].map(String::from),
-            units: [unit, unit, time].map(String::from),
+            units: [unit, unit, time_unit].map(String::from),
         }
     }
 }

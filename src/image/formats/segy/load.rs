@@ -1,4 +1,4 @@
-//! The samples of a survey, read as an image's.
+//! Reads the samples of a survey as those of an image.
 
 use std::io;
 use std::ops::Range;
@@ -16,7 +16,8 @@ use crate::image::formats::samples::{Endian, SampleType};
 use crate::image::formats::stream::{ImageHeader, ImageStream, PlaneReader};
 
 impl SegySurvey {
-    /// How many samples there are along each axis, and which rows of them have no trace.
+    /// Returns the number of samples along each axis, and a flag per row: `true` if the row has no
+    /// trace.
     fn dims_and_missing(&self) -> ([usize; 3], Vec<bool>) {
         let Some(grid) = &self.grid else {
             return ([0; 3], Vec::new());
@@ -26,23 +27,24 @@ impl SegySurvey {
         ([self.file.samples_per_trace, lines[0], lines[1]], missing)
     }
 
-    /// The image whose samples are still in the file; cells without a trace are zero.
+    /// Returns the image with its samples still in the file. Cells without a trace are zero.
     ///
     /// # Errors
-    /// [`Error::Io`] if the traces make no grid, or some of them cannot be read.
+    /// Returns an [`Error::Io`] if the traces do not form a grid, or if some of them cannot be
+    /// read.
     pub(in crate::image::formats) fn into_stream(mut self, path: &Path) -> Result<ImageStream> {
         let (dims, missing) = self.dims_and_missing();
-        let nothing = || {
+        let no_grid_error = || {
             Error::Io(cause(
                 path.display(),
                 "has no grid of traces",
                 "give a volume",
             ))
         };
-        let grid = self.grid.take().ok_or_else(nothing)?;
-        let doubts = self.float_format_warning();
+        let grid = self.grid.take().ok_or_else(no_grid_error)?;
+        let warning = self.float_format_warning();
         self.notes
-            .extend(doubts.map_err(|e| io_error(path, "read", e))?);
+            .extend(warning.map_err(|e| io_error(path, "read", e))?);
         let lines = self.info.inlines.zip(self.info.crosslines);
         Ok(ImageStream {
             header: ImageHeader {
@@ -65,9 +67,9 @@ impl SegySurvey {
         })
     }
 
-    /// A warning if a file that claims IBM floats seems to hold IEEE ones, a frequent mistake. An
-    /// IBM fraction starts with a digit other than zero, an IEEE float has a zero in that place once
-    /// in 16 times.
+    /// Returns a warning if a file that claims IBM floats seems to hold IEEE floats, which is a
+    /// frequent mistake. The fraction of an IBM float starts with a hexadecimal digit other than
+    /// zero; an IEEE float has a zero there once in 16 times.
     fn float_format_warning(&self) -> io::Result<Option<String>> {
         const TRACES_CHECKED: usize = 200;
         let layout = &self.file;
@@ -91,14 +93,14 @@ impl SegySurvey {
         }
         Ok((nonzero > 1000 && 50 * unnormal > nonzero).then(|| {
             format!(
-                "{:.0} % of the samples are odd for IBM floats: if the values make no sense, they are IEEE floats and the sample format (bytes 3225-3226) should be 5",
+                "{:.0} % of the samples are unusual for IBM floats: if the values make no sense, they are IEEE floats and the sample format (bytes 3225-3226) should be 5",
                 100.0 * unnormal as f64 / nonzero as f64
             )
         }))
     }
 }
 
-/// The traces of a survey, as samples.
+/// Reader of the traces of a survey, as planes of an image.
 struct TracePlanes {
     path: PathBuf,
     file: SegyFile,
@@ -111,38 +113,38 @@ impl PlaneReader for TracePlanes {
         let samples = layout.samples_per_trace;
         let crosslines = self.grid.crossline.count as usize;
         let trace_bytes = layout.trace_bytes() as usize;
-        // Neighbouring cells whose traces follow one another in the file are read together.
-        let longest = (1 << 18) / trace_bytes + 1;
+        // Neighbouring cells whose traces are consecutive in the file are read together.
+        let max_run = (1 << 18) / trace_bytes + 1;
         out.par_chunks_mut(rows.len() * samples)
             .zip(self.grid.traces[first * crosslines..].par_chunks(crosslines))
             .try_for_each_init(Vec::new, |buffer, (mut out, traces)| {
                 let mut traces = &traces[rows.clone()];
                 while let Some(&first) = traces.first() {
-                    let follows = |(i, &trace): (usize, &usize)| {
-                        first != NO_TRACE && i < longest && trace == first + i
+                    let continues_run = |(i, &trace): (usize, &usize)| {
+                        first != NO_TRACE && i < max_run && trace == first + i
                     };
                     let run = traces
                         .iter()
                         .enumerate()
-                        .take_while(|&t| follows(t))
+                        .take_while(|&t| continues_run(t))
                         .count();
-                    let done = run.max(1);
-                    let (here, rest) = out.split_at_mut(done * samples);
+                    let cells = run.max(1);
+                    let (head, tail) = out.split_at_mut(cells * samples);
                     if run == 0 {
-                        here.fill(0.0);
+                        head.fill(0.0);
                     } else {
                         buffer.resize(run * trace_bytes, 0);
                         let offset = layout.traces_offset + (first * trace_bytes) as u64;
                         read_exact_at(&layout.file, buffer, offset)?;
                         let traces = buffer.chunks(trace_bytes);
-                        for (trace, out) in traces.zip(here.chunks_mut(samples)) {
+                        for (trace, out) in traces.zip(head.chunks_mut(samples)) {
                             layout
                                 .encoding
                                 .decode(&trace[layout.trace_header_bytes..], out);
                         }
                     }
-                    traces = &traces[done..];
-                    out = rest;
+                    traces = &traces[cells..];
+                    out = tail;
                 }
                 Ok::<_, io::Error>(())
             })

@@ -1,4 +1,4 @@
-//! A SEG-Y file's headers made sense of: lines, times and places of all traces.
+//! Interprets the headers of a SEG-Y file: lines, times and positions of all traces.
 
 use std::path::Path;
 
@@ -12,42 +12,46 @@ use super::trace_headers::{HeaderField, TraceHeaders};
 use crate::error::{Cause, Result, cause, io_error};
 use crate::image::Geometry;
 
-/// Where line numbers are when they are not at the standard's bytes: field record, trace number,
-/// or source point, and CDP.
+/// Bytes of line numbers that are tried if those of the standard are not valid: field record, trace
+/// number, or source point, each with CDP.
 const OTHER_LINE_BYTES: [[usize; 2]; 3] = [[9, 21], [5, 21], [17, 21]];
 
-/// Remedies that are settings of the reader.
+/// Remedies that are options of the reader.
 const LINE_BYTES_REMEDY: &str =
-    "say at which bytes of the trace headers the inline and crossline numbers are";
-const PRESTACK_REMEDY: &str = "stack it first, or say at which bytes of the trace headers the inline and \
-crossline numbers are";
+    "give the bytes of the inline and crossline numbers in the trace headers";
+const PRESTACK_REMEDY: &str = "stack it first, or give the bytes of the inline and crossline numbers in the \
+trace headers";
 const START_TIMES_REMEDY: &str =
     "write it with one start time, or give 0 as the byte of the start time to ignore these";
 
 /// The image axes, the fastest in memory first.
 const AXIS_NAMES: [&str; 3] = ["sample", "crossline", "inline"];
 
-/// The fields of all trace headers that are looked at.
+/// Returns the trace header fields that are read.
 fn header_fields(bytes: &SegyBytes) -> Vec<HeaderField> {
-    let given = [bytes.inline, bytes.crossline, bytes.x, bytes.y];
-    let others = OTHER_LINE_BYTES.concat();
-    // Offset, source coordinates.
-    let long = given.into_iter().chain(others).chain([37, 73, 77]);
-    // Whether a trace is dead.
-    let short = [bytes.scalar, bytes.delay, 29];
-    let long = long.map(|byte| (byte, 4));
-    long.chain(short.map(|byte| (byte, 2)))
+    let configured = [bytes.inline, bytes.crossline, bytes.x, bytes.y];
+    let alternatives = OTHER_LINE_BYTES.concat();
+    // Bytes of the offset and of the source coordinates.
+    let four_byte = configured
+        .into_iter()
+        .chain(alternatives)
+        .chain([37, 73, 77]);
+    // Byte 29 identifies dead traces.
+    let two_byte = [bytes.scalar, bytes.delay, 29];
+    let four_byte = four_byte.map(|byte| (byte, 4));
+    four_byte
+        .chain(two_byte.map(|byte| (byte, 2)))
         .filter(|(byte, _)| *byte > 0)
         .collect()
 }
 
-/// An open SEG-Y file whose headers have been understood.
+/// An open SEG-Y file whose headers have been interpreted.
 pub struct SegySurvey {
-    /// What the file holds.
+    /// Contents of the file.
     pub info: SegyInfo,
-    /// What a user should know about how the file was understood.
+    /// Messages for the user about the interpretation of the file.
     pub notes: Vec<String>,
-    /// Why the file cannot be read as a volume or a line.
+    /// Reason why the file cannot be read as a volume or a line.
     pub problem: Option<Cause>,
     pub(super) file: SegyFile,
     pub(super) grid: Option<TraceGrid>,
@@ -58,8 +62,8 @@ impl SegySurvey {
     /// Reads and interprets all headers.
     ///
     /// # Errors
-    /// [`crate::Error::Io`] if the file cannot be read or its file header makes no sense. What is
-    /// wrong with its traces is put into [`SegySurvey::problem`].
+    /// Returns a [`crate::Error::Io`] if the file cannot be read or its file header is invalid.
+    /// Problems with the traces are stored in [`SegySurvey::problem`] instead.
     pub fn open(path: &Path, bytes: &SegyBytes) -> Result<Self> {
         bytes.check()?;
         let layout = SegyFile::open(path)?;
@@ -106,13 +110,13 @@ impl SegySurvey {
         Ok(survey)
     }
 
-    /// Whether the traces make a grid whose samples can be read: a volume or a line.
+    /// Returns `true` if the traces form a grid whose samples can be read: a volume or a line.
     pub fn has_samples(&self) -> bool {
         self.grid.is_some()
     }
 
-    /// Fills in all that the trace headers say; stops with problem and remedy at the first thing
-    /// that keeps the file from being a volume or a line.
+    /// Stores all information of the trace headers. Stops with a problem and its remedy at the
+    /// first obstacle to reading the file as a volume or a line.
     fn interpret(
         &mut self,
         bytes: &SegyBytes,
@@ -192,14 +196,14 @@ impl SegySurvey {
         self.start_times_problem(bytes, headers).map_or(Ok(()), Err)
     }
 
-    /// Sample interval and time of the first sample.
+    /// Sets the sample interval and the time of the first sample.
     fn find_times(&mut self, bytes: &SegyBytes, headers: &TraceHeaders) {
-        let first = |byte: usize| match byte {
+        let first_trace_value = |byte: usize| match byte {
             0 => 0,
             byte => headers.first_i16(byte),
         };
-        let of_trace = Some(f64::from(first(bytes.dt))).filter(|&dt| dt > 0.0);
-        let dt = match (self.file.interval_us, of_trace) {
+        let trace_interval = Some(f64::from(first_trace_value(bytes.dt))).filter(|&dt| dt > 0.0);
+        let dt = match (self.file.interval_us, trace_interval) {
             (Some(file), Some(trace)) if file != trace => {
                 self.notes.push(format!(
                     "the file header's sample interval is {file} us, the first trace's {trace} us: the former is used"
@@ -216,9 +220,9 @@ impl SegySurvey {
         }
         self.info.dt_ms = dt.map(|us| us / 1000.0);
 
-        // Revision 1 added a scalar for times at 215: it divides if negative.
-        let delay = f64::from(first(bytes.delay));
-        self.info.t0_ms = match first(215) {
+        // Revision 1 added a scalar for times at byte 215: it divides if negative.
+        let delay = f64::from(first_trace_value(bytes.delay));
+        self.info.t0_ms = match first_trace_value(215) {
             _ if self.file.revision.0 == 0 => delay,
             s @ (1 | 10 | 100 | 1000 | 10000) => delay * f64::from(s),
             s @ (-1 | -10 | -100 | -1000 | -10000) => delay / -f64::from(s),
@@ -226,7 +230,8 @@ impl SegySurvey {
         };
     }
 
-    /// Traces that start at different times are not aligned, and the image would be wrong.
+    /// Returns a problem and its remedy if traces start at different times: the image would be
+    /// misaligned.
     fn start_times_problem(
         &self,
         bytes: &SegyBytes,
@@ -235,15 +240,15 @@ impl SegySurvey {
         if bytes.delay == 0 {
             return None;
         }
-        // Dead traces (byte 29: 2) often have no times.
-        let dead = headers.i16s(29).into_iter().map(|id| id == 2);
-        let delays = headers.i16s(bytes.delay).into_iter().zip(dead);
-        let alive: Vec<i16> = delays.filter(|d| !d.1).map(|d| d.0).collect();
-        let (least, most) = (alive.iter().min()?, alive.iter().max()?);
-        (least != most).then(|| {
+        // Dead traces (value 2 at byte 29) often have no times.
+        let is_dead = headers.i16s(29).into_iter().map(|id| id == 2);
+        let delays = headers.i16s(bytes.delay).into_iter().zip(is_dead);
+        let live_delays: Vec<i16> = delays.filter(|d| !d.1).map(|d| d.0).collect();
+        let (min, max) = (live_delays.iter().min()?, live_delays.iter().max()?);
+        (min != max).then(|| {
             (
                 format!(
-                    "its traces start at different times: from {least} to {most} ms (byte {})",
+                    "its traces start at different times: from {min} to {max} ms (byte {})",
                     bytes.delay
                 ),
                 START_TIMES_REMEDY,
@@ -251,8 +256,8 @@ impl SegySurvey {
         })
     }
 
-    /// The grid by the given line numbers, or, if they are the standard's and make no sense, by
-    /// others in use.
+    /// Returns the grid of the configured line numbers. If these are the standard bytes and are not
+    /// valid, other common bytes are tried.
     fn find_grid(
         &mut self,
         bytes: &SegyBytes,
@@ -262,40 +267,40 @@ impl SegySurvey {
         let grid = |[inline, crossline]: [usize; 2]| {
             TraceGrid::from_line_numbers(&headers.i32s(inline), &headers.i32s(crossline), &offsets)
         };
-        let given = [bytes.inline, bytes.crossline];
+        let line_bytes = [bytes.inline, bytes.crossline];
         let standard = SegyBytes::default();
-        let found = grid(given);
-        let Err(problem) = found else {
-            return found;
+        let result = grid(line_bytes);
+        let Err(problem) = result else {
+            return result;
         };
         let problem = format!(
-            "its line numbers at bytes {} and {} make no survey: {problem}",
-            given[0], given[1]
+            "its line numbers at bytes {} and {} do not form a survey: {problem}",
+            line_bytes[0], line_bytes[1]
         );
-        if given != [standard.inline, standard.crossline]
+        if line_bytes != [standard.inline, standard.crossline]
             || offsets.iter().any(|o| *o != offsets[0])
         {
             return Err(problem);
         }
-        for other in OTHER_LINE_BYTES {
-            let convincing = |grid: &TraceGrid| {
+        for alternative in OTHER_LINE_BYTES {
+            let is_convincing = |grid: &TraceGrid| {
                 grid.is_volume()
                     && grid.duplicate_count == 0
                     && 2 * grid.missing_count <= grid.traces.len()
             };
-            if let Some(grid) = grid(other).ok().filter(convincing) {
+            if let Some(grid) = grid(alternative).ok().filter(is_convincing) {
                 self.notes.push(format!(
-                    "{problem}; bytes {} and {} make one and are used instead",
-                    other[0], other[1]
+                    "{problem}; bytes {} and {} do, and are used instead",
+                    alternative[0], alternative[1]
                 ));
-                self.info.line_bytes = other;
+                self.info.line_bytes = alternative;
                 return Ok(grid);
             }
         }
         Err(problem)
     }
 
-    /// Places the survey by the best coordinates there are, the line numbers as the last resort.
+    /// Places the survey by the best available coordinates, or by line numbers if there are none.
     fn place(&mut self, bytes: &SegyBytes, headers: &TraceHeaders, grid: &TraceGrid) {
         let inlines = headers.i32s(self.info.line_bytes[0]);
         let crosslines = headers.i32s(self.info.line_bytes[1]);
@@ -304,7 +309,7 @@ impl SegySurvey {
             .zip(&crosslines)
             .map(|(&i, &c)| [grid.inline.index(i), grid.crossline.index(c)])
             .collect();
-        let integers = |[x, y]: [usize; 2]| {
+        let fit_integers = |[x, y]: [usize; 2]| {
             let (x, y) = (headers.i32s(x), headers.i32s(y));
             if (x == inlines && y == crosslines) || (x == crosslines && y == inlines) {
                 return Err("only repeat the line numbers".to_string());
@@ -314,7 +319,7 @@ impl SegySurvey {
 
         let standard = SegyBytes::default();
         let mut tried: Vec<(String, std::result::Result<SurveyFit, String>)> = Vec::new();
-        // Where revision 2's floating-point coordinates are given, they supersede the integers.
+        // Floating-point coordinates of revision 2 supersede the integers, where they are given.
         if let (Some(x), Some(y)) = (headers.extension_f64s(0), headers.extension_f64s(1)) {
             let positions: Vec<[f64; 2]> = x.into_iter().zip(y).map(|(x, y)| [x, y]).collect();
             if positions.iter().any(|p| *p != [0.0, 0.0]) {
@@ -322,23 +327,23 @@ impl SegySurvey {
                 tried.push(("bytes 161 and 169 of trace header extension 1".into(), fit));
             }
         }
-        let mut places = vec![[bytes.x, bytes.y]];
-        if places[0] == [standard.x, standard.y] {
-            places.push([73, 77]);
+        let mut byte_pairs = vec![[bytes.x, bytes.y]];
+        if byte_pairs[0] == [standard.x, standard.y] {
+            byte_pairs.push([73, 77]);
         }
-        for place in places.into_iter().filter(|&[x, _]| x > 0) {
+        for pair in byte_pairs.into_iter().filter(|&[x, _]| x > 0) {
             if tried.iter().any(|(_, fit)| fit.is_ok()) {
                 break;
             }
-            let name = format!("bytes {} and {}", place[0], place[1]);
-            tried.push((name, integers(place)));
+            let name = format!("bytes {} and {}", pair[0], pair[1]);
+            tried.push((name, fit_integers(pair)));
         }
 
         for (name, fit) in tried {
             match fit {
                 Ok(fit) => {
                     self.notes.push(format!(
-                        "placed by X, Y at {name}: they miss a regular grid by {:.3} rms, {:.3} at most (pitch: inlines {:.3}, crosslines {:.3})",
+                        "placed by X, Y at {name}: they deviate from a regular grid by {:.3} rms, {:.3} at most (pitch: inlines {:.3}, crosslines {:.3})",
                         fit.rms, fit.max, fit.line_spacing()[0], fit.line_spacing()[1]
                     ));
                     self.info.placed_by = name;
@@ -354,7 +359,7 @@ impl SegySurvey {
     }
 
     fn survey_geometry(&mut self, grid: &TraceGrid, headers: &TraceHeaders) -> Geometry<3> {
-        let (vertical, top, time) = self.vertical_sampling();
+        let (vertical, top, time_unit) = self.vertical_sampling();
         let (origin, crossline, inline, unit) = match &self.info.fit {
             Some(fit) => {
                 let placed = (fit.origin, fit.crossline, fit.inline);
@@ -383,22 +388,23 @@ impl SegySurvey {
                 [inline[0], inline[1], 0.0],
             ],
             names: AXIS_NAMES.map(String::from),
-            units: [unit, unit, time].map(String::from),
+            units: [unit, unit, time_unit].map(String::from),
         }
     }
 }
 
 impl SegySurvey {
-    /// Step and start along the vertical, which goes down, and its unit.
+    /// Returns the step and start along the vertical, which points downwards, and its unit.
     pub(super) fn vertical_sampling(&self) -> (f64, f64, &'static str) {
         match self.info.dt_ms {
             Some(dt) => (dt, 0.0 - self.info.t0_ms, "ms"), // not -t0, which may be -0
-            // Without an interval the start time has no place on an axis that counts samples.
+            // Without an interval the axis counts samples, so that the start time does not apply.
             None => (1.0, 0.0, "sample"),
         }
     }
 
-    /// The unit of X and Y; empty, with a note, where the file does not say.
+    /// Returns the unit of X and Y. If the file does not say, the unit is empty and a note is
+    /// added.
     pub(super) fn length_unit(&mut self, headers: &TraceHeaders) -> &'static str {
         let unit = match (headers.first_i16(89), self.file.lengths_in_feet) {
             (2, _) => "arcsec",
@@ -415,7 +421,8 @@ impl SegySurvey {
     }
 }
 
-/// Coordinates with each trace's own scalar: divided if it is negative, multiplied if positive.
+/// Applies the scalar of each trace to its coordinates: a negative scalar divides, a positive one
+/// multiplies.
 pub(super) fn scale_coordinates(
     x: &[i32],
     y: &[i32],

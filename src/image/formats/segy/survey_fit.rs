@@ -1,9 +1,9 @@
-//! From the coordinates of all traces to the affine map that places the survey.
+//! Fits the affine map that places a survey to the coordinates of all traces.
 
 use serde::Serialize;
 
-/// Where a survey lies: `origin + i * inline + c * crossline` for the `i`th inline and `c`th
-/// crossline, by least squares over all traces.
+/// Position of a survey: `origin + i * inline + c * crossline` for the `i`th inline and `c`th
+/// crossline, fitted by least squares to all traces.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SurveyFit {
     /// Position of the first inline and first crossline.
@@ -12,25 +12,25 @@ pub struct SurveyFit {
     pub inline: [f64; 2],
     /// Step from one crossline to the next.
     pub crossline: [f64; 2],
-    /// Root of the mean squared distance of the traces from their fitted places.
+    /// Root mean square distance of the traces from their fitted positions.
     pub rms: f64,
-    /// Largest such distance.
+    /// Largest distance of a trace from its fitted position.
     pub max: f64,
-    /// Number of traces that went into the fit.
+    /// Number of traces used for the fit.
     pub traces: usize,
 }
 
 impl SurveyFit {
-    /// Distance between inlines and between crosslines.
+    /// Returns the distance between inlines and between crosslines.
     pub fn line_spacing(&self) -> [f64; 2] {
         [self.inline, self.crossline].map(|[x, y]| x.hypot(y))
     }
 
     /// Fits the positions of traces to their cells, `[inline, crossline]` from 0. Traces at exactly
-    /// (0, 0) have no coordinates and are left out.
+    /// (0, 0) have no coordinates and are not used.
     ///
     /// # Errors
-    /// Why the positions are no coordinates of a survey.
+    /// Returns a message if the positions are not coordinates of a survey.
     pub fn from_positions(cells: &[[usize; 2]], positions: &[[f64; 2]]) -> Result<Self, String> {
         let known: Vec<usize> = (0..positions.len())
             .filter(|&t| positions[t] != [0.0, 0.0])
@@ -52,18 +52,18 @@ impl SurveyFit {
         }
         if fit.rms > 0.25 * pitch[0].min(pitch[1]) {
             return Err(format!(
-                "do not follow the line numbers (they miss the best regular grid, of pitch {:.4} x {:.4}, by {:.4} rms)",
+                "do not follow the line numbers (they deviate from the best regular grid, of pitch {:.4} x {:.4}, by {:.4} rms)",
                 pitch[0], pitch[1], fit.rms
             ));
         }
         Ok(fit)
     }
 
-    /// Least squares on centred values, which keeps the digits of large coordinates; `None` if the
-    /// cells lie on one line.
+    /// Solves the least-squares problem on centred values, which keeps the digits of large
+    /// coordinates. Returns `None` if the cells lie on one line.
     fn solve(cells: &[[usize; 2]], positions: &[[f64; 2]], known: &[usize]) -> Option<Self> {
         let count = known.len() as f64;
-        let at = |t: usize| cells[t].map(|k| k as f64);
+        let cell_of = |t: usize| cells[t].map(|k| k as f64);
         let mean = |value: &dyn Fn(usize) -> [f64; 2]| {
             let mut sum = [0.0; 2];
             for &t in known {
@@ -72,14 +72,14 @@ impl SurveyFit {
             }
             sum.map(|s| s / count)
         };
-        let mean_cell = mean(&at);
+        let mean_cell = mean(&cell_of);
         let mean_position = mean(&|t| positions[t]);
 
         // Normal equations: [ii ic; ic cc] [step_i; step_c] = [iv; cv] for v = x and v = y.
         let (mut ii, mut ic, mut cc) = (0.0, 0.0, 0.0);
         let (mut iv, mut cv) = ([0.0; 2], [0.0; 2]);
         for &t in known {
-            let cell = at(t);
+            let cell = cell_of(t);
             let (i, c) = (cell[0] - mean_cell[0], cell[1] - mean_cell[1]);
             ii += i * i;
             ic += i * c;
@@ -101,10 +101,10 @@ impl SurveyFit {
 
         let (mut sum, mut max) = (0.0, 0.0f64);
         for &t in known {
-            let [i, c] = at(t);
-            let miss =
+            let [i, c] = cell_of(t);
+            let residual =
                 [0, 1].map(|k| positions[t][k] - origin[k] - i * inline[k] - c * crossline[k]);
-            let squared = miss[0] * miss[0] + miss[1] * miss[1];
+            let squared = residual[0] * residual[0] + residual[1] * residual[1];
             sum += squared;
             max = max.max(squared);
         }
@@ -123,12 +123,12 @@ impl SurveyFit {
 mod tests {
     use super::*;
 
-    fn fit_survey(place: impl Fn(f64, f64) -> [f64; 2]) -> Result<SurveyFit, String> {
+    fn fit_survey(position_of: impl Fn(f64, f64) -> [f64; 2]) -> Result<SurveyFit, String> {
         let (mut cells, mut positions) = (Vec::new(), Vec::new());
         for i in 0..11 {
             for c in 0..7 {
                 cells.push([i, c]);
-                positions.push(place(i as f64, c as f64));
+                positions.push(position_of(i as f64, c as f64));
             }
         }
         SurveyFit::from_positions(&cells, &positions)
@@ -162,9 +162,12 @@ mod tests {
 
     #[test]
     fn traces_without_coordinates_are_left_out() {
-        let fit = fit_survey(|i, j| match i == 3.0 {
-            true => [0.0, 0.0],
-            false => [1e5 + 10.0 * i, 2e5 + 10.0 * j],
+        let fit = fit_survey(|i, j| {
+            if i == 3.0 {
+                [0.0, 0.0]
+            } else {
+                [1e5 + 10.0 * i, 2e5 + 10.0 * j]
+            }
         })
         .unwrap();
         assert_eq!(fit.traces, 70);
@@ -172,15 +175,15 @@ mod tests {
     }
 
     #[test]
-    fn what_are_no_coordinates() {
-        for (place, says) in [
+    fn unusable_coordinates_are_refused() {
+        for (position_of, expected) in [
             ((|_, _| [0.0, 0.0]) as fn(f64, f64) -> [f64; 2], "all zero"),
             (|_, _| [7.0, 8.0], "same for all"),
             (|i, j| [1.0 + i + j, 2.0 * (i + j)], "straight line"),
             (|i, j| [1.0 + (i * 7.3 + j * 3.1).sin(), j], "do not follow"),
         ] {
-            let reason = fit_survey(place).unwrap_err();
-            assert!(reason.contains(says), "{reason} (expected: {says})");
+            let reason = fit_survey(position_of).unwrap_err();
+            assert!(reason.contains(expected), "{reason} (expected: {expected})");
         }
     }
 }

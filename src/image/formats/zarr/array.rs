@@ -1,4 +1,4 @@
-//! Elements of an array, cell by cell: a cell is a chunk, or one of those within a shard.
+//! Reads the elements of an array cell by cell. A cell is a chunk, or an inner chunk of a shard.
 
 use std::fs::File;
 use std::io::ErrorKind;
@@ -18,25 +18,27 @@ use crate::image::formats::stream::PlaneReader;
 use crate::image::labels::LabelCollector;
 use crate::memory;
 
-/// What to do about a damaged chunk.
+/// Remedy for a damaged chunk.
 const DAMAGED_REMEDY: &str = "copy or write the array again";
 
-/// Cells decoded at once for each thread.
+/// Number of cells per thread that are decoded at once.
 const CELLS_PER_THREAD: usize = 2;
 
-/// An index entry of a cell that no shard holds.
+/// Index entry of a cell that is not in the shard.
 const ABSENT: u64 = u64::MAX;
 
 impl ArrayMetadata {
-    /// Elements along the last three axes, the slowest first; all before these have one.
+    /// Returns the number of elements along the last three axes, the slowest first, or `None` if an
+    /// earlier axis has more than one element or there is only one axis.
     pub fn volume_shape(&self) -> Option<[usize; 3]> {
         let axes = self.shape.len();
-        let before = axes.saturating_sub(3);
-        (self.shape[..before].iter().all(|&n| n == 1) && axes >= 2).then(|| last_three(&self.shape))
+        let leading = axes.saturating_sub(3);
+        (self.shape[..leading].iter().all(|&n| n == 1) && axes >= 2)
+            .then(|| last_three(&self.shape))
     }
 
-    /// The bytes of the elements of a cell, given by its number along each axis; `None` where no chunk
-    /// holds it.
+    /// Returns the bytes of the elements of a cell, or `None` if no chunk holds it. `cell` is the
+    /// index of the cell along each axis.
     fn read_cell(&self, cell: &[usize]) -> Result<Option<Vec<u8>>> {
         let codecs = &self.codecs;
         let Some(shard) = &codecs.shard else {
@@ -45,39 +47,41 @@ impl ArrayMetadata {
                 return Ok(None);
             };
             let packed = read_range(&path, &file, 0, length, length)?;
-            let done = codecs.cell_codecs.decode_cell(packed, &codecs.cell_shape);
-            return done
+            let decoded = codecs.cell_codecs.decode_cell(packed, &codecs.cell_shape);
+            return decoded
                 .map(Some)
                 .map_err(|problem| chunk_error(&path, &problem));
         };
-        let along = |of: fn(usize, usize) -> usize| -> Vec<usize> {
+        let for_each_axis = |op: fn(usize, usize) -> usize| -> Vec<usize> {
             cell.iter()
                 .zip(&shard.cell_counts)
-                .map(|(&c, &n)| of(c, n))
+                .map(|(&c, &n)| op(c, n))
                 .collect()
         };
-        let path = self.chunk_file(&along(|c, n| c / n));
+        let path = self.chunk_file(&for_each_axis(|c, n| c / n));
         let Some((file, length)) = open_chunk(&path)? else {
             return Ok(None);
         };
-        let within = along(|c, n| c % n);
-        let number = within
+        let cell_in_shard = for_each_axis(|c, n| c % n);
+        let index = cell_in_shard
             .iter()
             .zip(&shard.cell_counts)
             .fold(0, |number, (c, n)| number * n + c);
-        let Some((start, count)) = shard_entry(shard, &path, &file, length, number)? else {
+        let Some((start, count)) = shard_entry(shard, &path, &file, length, index)? else {
             return Ok(None);
         };
         let packed = read_range(&path, &file, start, count, length)?;
-        let done = codecs.cell_codecs.decode_cell(packed, &codecs.cell_shape);
-        let told = |problem: CodecError| chunk_error(&path, &format!("chunk {within:?} {problem}"));
-        done.map(Some).map_err(told)
+        let decoded = codecs.cell_codecs.decode_cell(packed, &codecs.cell_shape);
+        let to_error =
+            |problem: CodecError| chunk_error(&path, &format!("chunk {cell_in_shard:?} {problem}"));
+        decoded.map(Some).map_err(to_error)
     }
 
-    /// All elements, of a small array.
+    /// Reads all elements of a small array.
     ///
     /// # Errors
-    /// [`Error::Io`] for chunks that cannot be read, [`Error::Job`] if there is no memory for them.
+    /// Returns an [`Error::Io`] if chunks cannot be read, and an [`Error::Job`] if there is not
+    /// enough memory.
     pub fn read_all(&self) -> Result<Vec<f64>> {
         let count: usize = self.shape.iter().product();
         let (place, remedy) = (self.folder.display(), "give a part of the image");
@@ -99,11 +103,11 @@ impl ArrayMetadata {
         Ok(out)
     }
 
-    /// One element.
+    /// Decodes one element.
     fn decode_element(&self, raw: &[u8]) -> f64 {
         use SampleType::*;
         let encoding = self.codecs.cell_codecs.encoding;
-        // In the order of this machine's numbers as they are written: most significant byte first.
+        // Bytes with the most significant byte first.
         let mut bits = [0; 8];
         let bytes = &mut bits[8 - raw.len()..];
         bytes.copy_from_slice(raw);
@@ -124,31 +128,35 @@ impl ArrayMetadata {
         }
     }
 
-    /// Fills `out` with elements of these rows of planes along the last two axes, from plane `first` of the third
-    /// last on.
+    /// Fills `out` with a range of rows of consecutive planes along the last two axes, beginning
+    /// with plane `first` of the third last axis.
     fn gather<T: Copy + Send>(
         &self,
         first: usize,
-        within: Range<usize>,
+        row_range: Range<usize>,
         out: &mut [T],
         fill: T,
         decode: impl Fn(&[u8]) -> Vec<T> + Sync,
     ) -> Result<()> {
         let [nz, _, nx] = last_three(&self.shape);
         let [cz, cy, cx] = last_three(&self.codecs.cell_shape);
-        let (begin, high) = (within.start / cy, within.len());
-        let last = (first + out.len() / (high * nx).max(1)).min(nz);
+        let (first_row_cell, row_count) = (row_range.start / cy, row_range.len());
+        let end_plane = (first + out.len() / (row_count * nx).max(1)).min(nz);
         let axes = self.shape.len();
         let cells = [
-            last.div_ceil(cz).saturating_sub(first / cz),
-            within.end.div_ceil(cy).saturating_sub(begin),
+            end_plane.div_ceil(cz).saturating_sub(first / cz),
+            row_range.end.div_ceil(cy).saturating_sub(first_row_cell),
             nx.div_ceil(cx),
         ];
         let count: usize = cells.iter().product();
-        let place = |number: usize| {
+        let cell_at = |number: usize| {
             let [_, rows, columns] = cells;
             let (plane, rest) = (number / (rows * columns), number % (rows * columns));
-            [first / cz + plane, begin + rest / columns, rest % columns]
+            [
+                first / cz + plane,
+                first_row_cell + rest / columns,
+                rest % columns,
+            ]
         };
         let batch = CELLS_PER_THREAD * rayon::current_num_threads();
         for start in (0..count).step_by(batch) {
@@ -157,23 +165,23 @@ impl ArrayMetadata {
                 .map(|number| {
                     // All axes before the last three have one element.
                     let mut cell = vec![0; axes.saturating_sub(3)];
-                    cell.extend(&place(number)[3 - axes.min(3)..]);
+                    cell.extend(&cell_at(number)[3 - axes.min(3)..]);
                     Ok(self.read_cell(&cell)?.map(|bytes| decode(&bytes)))
                 })
                 .collect::<Result<_>>()?;
             for (number, values) in numbers.zip(decoded) {
-                let [k, j, i] = place(number);
+                let [k, j, i] = cell_at(number);
                 let [z0, y0, x0] = [k * cz, j * cy, i * cx];
-                let wide = cx.min(nx - x0);
-                for z in z0.max(first)..(z0 + cz).min(last) {
-                    for y in y0.max(within.start)..(y0 + cy).min(within.end) {
-                        let to = ((z - first) * high + y - within.start) * nx + x0;
-                        let row = &mut out[to..to + wide];
+                let width = cx.min(nx - x0);
+                for z in z0.max(first)..(z0 + cz).min(end_plane) {
+                    for y in y0.max(row_range.start)..(y0 + cy).min(row_range.end) {
+                        let target = ((z - first) * row_count + y - row_range.start) * nx + x0;
+                        let row = &mut out[target..target + width];
                         match &values {
                             None => row.fill(fill),
                             Some(values) => {
-                                let from = ((z - z0) * cy + y - y0) * cx;
-                                row.copy_from_slice(&values[from..from + wide]);
+                                let source = ((z - z0) * cy + y - y0) * cx;
+                                row.copy_from_slice(&values[source..source + width]);
                             }
                         }
                     }
@@ -205,9 +213,9 @@ impl PlaneReader for ArrayMetadata {
         }
         let [nx, ny, nz] = dims;
         let mut collector = LabelCollector::default();
-        let together = self.batch_planes();
-        for first in (0..nz).step_by(together.max(1)) {
-            let planes = together.min(nz - first);
+        let batch = self.batch_planes();
+        for first in (0..nz).step_by(batch.max(1)) {
+            let planes = batch.min(nz - first);
             let mut out = vec![0i128; planes * nx * ny];
             self.gather(first, 0..ny, &mut out, self.fill_value as i128, |bytes| {
                 encoding.integers(bytes).collect()
@@ -218,30 +226,33 @@ impl PlaneReader for ArrayMetadata {
     }
 }
 
-/// The last three of these numbers, with 1 for one that is missing before them.
+/// Returns the last three of these numbers, with 1 in place of missing ones at the front.
 fn last_three(counts: &[usize]) -> [usize; 3] {
     let axes = counts.len();
-    std::array::from_fn(|k| (axes + k).checked_sub(3).map_or(1, |at| counts[at]))
+    std::array::from_fn(|k| (axes + k).checked_sub(3).map_or(1, |index| counts[index]))
 }
 
-/// A chunk's file and its length; `None` if it has none.
+/// Opens the file of a chunk and returns it with its length, or `None` if it does not exist.
 fn open_chunk(path: &Path) -> Result<Option<(File, u64)>> {
     let file = match File::open(path) {
         Ok(file) => file,
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
         Err(error) => return Err(io_error(path, "open", error)),
     };
-    let about = file.metadata().map_err(|e| io_error(path, "read", e))?;
-    match about.is_file() {
-        true => Ok(Some((file, about.len()))),
-        false => Err(chunk_error(path, "is no file")),
+    let metadata = file.metadata().map_err(|e| io_error(path, "read", e))?;
+    if metadata.is_file() {
+        Ok(Some((file, metadata.len())))
+    } else {
+        Err(chunk_error(path, "is not a file"))
     }
 }
 
-/// Part of a chunk's file, which has so many bytes.
+/// Reads a part of the file of a chunk, which is `length` bytes long.
 fn read_range(path: &Path, file: &File, start: u64, count: u64, length: u64) -> Result<Vec<u8>> {
     if start.checked_add(count).is_none_or(|end| end > length) {
-        let problem = format!("is cut off: bytes {start} + {count} of {length} are named");
+        let problem = format!(
+            "is cut off: it has {length} bytes, but its index names {count} bytes at {start}"
+        );
         return Err(chunk_error(path, &problem));
     }
     memory::ensure_available(path.display(), count as f64, "a chunk", DAMAGED_REMEDY)?;
@@ -250,7 +261,8 @@ fn read_range(path: &Path, file: &File, start: u64, count: u64, length: u64) -> 
     Ok(bytes)
 }
 
-/// Where a cell lies in a shard of so many bytes, and how many it has there.
+/// Returns the offset and the number of bytes of a cell in a shard file of `length` bytes, or
+/// `None` if the cell is not in the shard.
 fn shard_entry(
     shard: &Shard,
     path: &Path,
@@ -259,13 +271,14 @@ fn shard_entry(
     number: usize,
 ) -> Result<Option<(u64, u64)>> {
     let size = shard.index_bytes() as u64;
-    let at = match shard.is_index_at_end {
-        true => length.saturating_sub(size),
-        false => 0,
+    let offset = if shard.is_index_at_end {
+        length.saturating_sub(size)
+    } else {
+        0
     };
     let mut shape = shard.cell_counts.clone();
     shape.push(2);
-    let index = read_range(path, file, at, size, length)?;
+    let index = read_range(path, file, offset, size, length)?;
     let index = shard.index_codecs.decode_cell(index, &shape);
     let index = index.map_err(|problem| chunk_error(path, &format!("its index {problem}")))?;
     let value = |k: usize| {

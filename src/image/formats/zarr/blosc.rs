@@ -1,8 +1,9 @@
-//! Blosc's container (version 1): blocks of shuffled elements, each compressed by itself.
+//! The Blosc container (version 1): blocks of shuffled elements, each compressed separately.
 //!
-//! After a header of 16 bytes (version, version of the compressor, flags, size of an element, then the
-//! lengths of content, block and whole, as 32-bit numbers) stands where each block begins. A block is one
-//! compressed stream with its length before it, or one for each byte of the elements.
+//! The header has 16 bytes: version, version of the compressor, flags, and size of an element, then
+//! the lengths of content, block and container as 32-bit numbers. The offset of each block follows.
+//! A block consists of one compressed stream with its length in front, or of one such stream per
+//! byte of the elements.
 
 use std::io::Read;
 
@@ -12,40 +13,48 @@ use super::codecs::{CodecError, decode_zstd};
 
 const HEADER_BYTES: usize = 16;
 
-// Bits of the flags.
+// Bits of the flags byte.
 const FLAG_SHUFFLE: u8 = 1;
 const FLAG_MEMCPY: u8 = 2;
 const FLAG_BITSHUFFLE: u8 = 4;
 const FLAG_UNSPLIT: u8 = 16;
 
-/// The compressor's number stands in the upper bits of the flags.
+/// Position of the number of the compressor in the flags byte.
 const COMPRESSOR_SHIFT: u32 = 5;
 const COMPRESSOR_LZ4: u8 = 1;
 
-/// Elements of more bytes than this are not split into streams, nor are streams that would be shorter.
+/// Limits of splitting a block into streams: the largest size of an element, and the smallest
+/// length of a stream, in bytes.
 const MAX_STREAMS: usize = 16;
 const MIN_STREAM_BYTES: usize = 128;
 
-/// Bytes of a block that is written.
+/// Length of a block in written containers, in bytes.
 const BLOCK_BYTES: usize = 1 << 18;
 
-/// What a container holds: `most` bytes at most.
+/// Decompresses a container to at most `max_bytes` bytes.
 ///
 /// # Errors
-/// What is wrong with it.
-pub fn decompress(bytes: &[u8], most: usize) -> Result<Vec<u8>, CodecError> {
+/// Returns a message if the container is damaged or not supported.
+pub fn decompress(bytes: &[u8], max_bytes: usize) -> Result<Vec<u8>, CodecError> {
     let header = bytes.first_chunk::<HEADER_BYTES>().ok_or("is cut off")?;
     let [version, _, flags, size, ..] = *header;
-    let number = |at: usize| {
-        let raw = [header[at], header[at + 1], header[at + 2], header[at + 3]];
+    let number = |offset: usize| {
+        let raw = [
+            header[offset],
+            header[offset + 1],
+            header[offset + 2],
+            header[offset + 3],
+        ];
         u32::from_le_bytes(raw) as usize
     };
     let [length, block, packed] = [number(4), number(8), number(12)];
     if !(1..=2).contains(&version) {
-        return Err(format!("is of Blosc's format {version}; 1 and 2 are read"));
+        return Err(format!("has Blosc format {version}; only 1 and 2 are read"));
     }
-    if length > most {
-        return Err(format!("claims {length} bytes where {most} are needed"));
+    if length > max_bytes {
+        return Err(format!(
+            "claims {length} bytes where {max_bytes} are needed"
+        ));
     }
     if packed > bytes.len() {
         return Err(format!(
@@ -73,21 +82,24 @@ pub fn decompress(bytes: &[u8], most: usize) -> Result<Vec<u8>, CodecError> {
             && block / size >= MIN_STREAM_BYTES
             && out.len() == block;
         let count = if split { size } else { 1 };
-        let each = out.len() / count;
-        if each * count != out.len() {
-            return Err("has blocks of broken elements".into());
+        let stream_len = out.len() / count;
+        if stream_len * count != out.len() {
+            return Err("has blocks that do not hold whole elements".into());
         }
         streams.resize(out.len(), 0);
-        let mut from = start;
-        for stream in streams.chunks_mut(each) {
-            let length = read_number(bytes, from)?;
-            let packed = bytes.get(from + 4..).and_then(|rest| rest.get(..length));
+        let mut position = start;
+        for stream in streams.chunks_mut(stream_len) {
+            let length = read_number(bytes, position)?;
+            let packed = bytes
+                .get(position + 4..)
+                .and_then(|rest| rest.get(..length));
             let packed = packed.ok_or("is cut off within a block")?;
-            match length == stream.len() {
-                true => stream.copy_from_slice(packed),
-                false => unpack_stream(flags >> COMPRESSOR_SHIFT, packed, stream)?,
+            if length == stream.len() {
+                stream.copy_from_slice(packed)
+            } else {
+                unpack_stream(flags >> COMPRESSOR_SHIFT, packed, stream)?
             }
-            from += 4 + length;
+            position += 4 + length;
         }
         if flags & FLAG_SHUFFLE != 0 && size > 1 {
             unshuffle_bytes(&streams, size, out);
@@ -100,13 +112,13 @@ pub fn decompress(bytes: &[u8], most: usize) -> Result<Vec<u8>, CodecError> {
     Ok(out)
 }
 
-/// The number at a byte.
-fn read_number(bytes: &[u8], at: usize) -> Result<usize, CodecError> {
-    let raw = bytes.get(at..).and_then(|rest| rest.first_chunk::<4>());
+/// Returns the 32-bit number at an offset.
+fn read_number(bytes: &[u8], offset: usize) -> Result<usize, CodecError> {
+    let raw = bytes.get(offset..).and_then(|rest| rest.first_chunk::<4>());
     Ok(u32::from_le_bytes(*raw.ok_or("is cut off")?) as usize)
 }
 
-/// Unpacks one stream, which fills `out`.
+/// Decompresses one stream, which fills `out`. Returns a message if it does not.
 fn unpack_stream(compressor: u8, packed: &[u8], out: &mut [u8]) -> Result<(), CodecError> {
     let filled = match compressor {
         0 => unpack_blosclz(packed, out).ok_or("is damaged (blosclz)")?,
@@ -120,72 +132,73 @@ fn unpack_stream(compressor: u8, packed: &[u8], out: &mut [u8]) -> Result<(), Co
             out.len()
         }
         4 => {
-            let found = decode_zstd(packed, out.len())?;
-            out[..found.len()].copy_from_slice(&found);
-            found.len()
+            let content = decode_zstd(packed, out.len())?;
+            out[..content.len()].copy_from_slice(&content);
+            content.len()
         }
-        2 => return Err("is compressed by Blosc's snappy, which is not read".into()),
+        2 => return Err("is compressed with snappy, which is not read".into()),
         other => {
             return Err(format!(
-                "is compressed by Blosc's compressor {other}, which is not known"
+                "is compressed with the unknown Blosc compressor {other}"
             ));
         }
     };
-    match filled == out.len() {
-        true => Ok(()),
-        false => Err(format!(
-            "is damaged: {filled} of {} bytes of a block",
+    if filled == out.len() {
+        Ok(())
+    } else {
+        Err(format!(
+            "is damaged: a block has {filled} of {} bytes",
             out.len()
-        )),
+        ))
     }
 }
 
-/// Unpacks a stream of BloscLZ, a kin of FastLZ: runs of literals, and copies of what was there `distance`
-/// bytes before. `None` where it makes no sense.
+/// Decompresses a stream of BloscLZ, which resembles FastLZ: runs of literals, and copies of
+/// earlier output. Returns the number of bytes written, or `None` if the stream is invalid.
 fn unpack_blosclz(packed: &[u8], out: &mut [u8]) -> Option<usize> {
-    /// Larger distances are written in two bytes more.
+    /// Largest distance that is stored in the short form; larger ones take two more bytes.
     const MAX_SHORT_DISTANCE: usize = 8191;
-    let mut from = packed.iter().map(|&b| usize::from(b));
-    let mut done = 0;
-    let mut control = from.next()? & 31;
+    let mut input = packed.iter().map(|&b| usize::from(b));
+    let mut written = 0;
+    let mut control = input.next()? & 31;
     loop {
         if control < 32 {
             for _ in 0..=control {
-                *out.get_mut(done)? = from.next()? as u8;
-                done += 1;
+                *out.get_mut(written)? = input.next()? as u8;
+                written += 1;
             }
         } else {
             let mut length = (control >> 5) - 1;
             let high = (control & 31) << 8;
             if length == 6 {
                 loop {
-                    let more = from.next()?;
-                    length += more;
-                    if more != 255 {
+                    let extra = input.next()?;
+                    length += extra;
+                    if extra != 255 {
                         break;
                     }
                 }
             }
-            let low = from.next()?;
+            let low = input.next()?;
             let mut distance = high + low;
             if low == 255 && high == 31 << 8 {
-                distance = MAX_SHORT_DISTANCE + (from.next()? << 8);
-                distance += from.next()?;
+                distance = MAX_SHORT_DISTANCE + (input.next()? << 8);
+                distance += input.next()?;
             }
-            let start = done.checked_sub(distance + 1)?;
+            let start = written.checked_sub(distance + 1)?;
             for k in start..start + length + 3 {
-                *out.get_mut(done)? = *out.get(k)?;
-                done += 1;
+                *out.get_mut(written)? = *out.get(k)?;
+                written += 1;
             }
         }
-        match from.next() {
+        match input.next() {
             Some(next) => control = next,
-            None => return Some(done),
+            None => return Some(written),
         }
     }
 }
 
-/// Elements whose first bytes stand together, then their second ones, and so on.
+/// Restores elements that are stored as all first bytes, then all second bytes, and so on.
 fn unshuffle_bytes(shuffled: &[u8], size: usize, out: &mut [u8]) {
     let count = out.len() / size;
     for (byte, plane) in shuffled[..count * size].chunks(count.max(1)).enumerate() {
@@ -196,30 +209,32 @@ fn unshuffle_bytes(shuffled: &[u8], size: usize, out: &mut [u8]) {
     out[count * size..].copy_from_slice(&shuffled[count * size..]);
 }
 
-/// Elements whose first bits stand together, then their second ones, and so on; eight elements a byte.
+/// Restores elements that are stored as all first bits, then all second bits, and so on, with eight
+/// elements per byte.
 fn unshuffle_bits(shuffled: &[u8], size: usize, version: u8, out: &mut [u8]) {
     let count = out.len() / size;
-    // Blosc's second format left alone what is no multiple of eight.
-    let whole = match version {
+    // Format 2 of Blosc does not shuffle a block whose number of elements is not a multiple of
+    // eight.
+    let shuffled_count = match version {
         2 if !count.is_multiple_of(8) => 0,
         _ => count - count % 8,
     };
-    let row = whole / 8;
-    out[..whole * size].fill(0);
-    for (bit, row) in (shuffled[..whole * size].chunks(row.max(1))).enumerate() {
+    let row = shuffled_count / 8;
+    out[..shuffled_count * size].fill(0);
+    for (bit, row) in (shuffled[..shuffled_count * size].chunks(row.max(1))).enumerate() {
         let (byte, bit) = (bit / 8, bit % 8);
-        for (eight, packed) in row.iter().enumerate() {
+        for (octet, packed) in row.iter().enumerate() {
             for k in 0..8 {
-                out[(8 * eight + k) * size + byte] |= (packed >> k & 1) << bit;
+                out[(8 * octet + k) * size + byte] |= (packed >> k & 1) << bit;
             }
         }
     }
-    out[whole * size..].copy_from_slice(&shuffled[whole * size..]);
+    out[shuffled_count * size..].copy_from_slice(&shuffled[shuffled_count * size..]);
 }
 
-/// Elements of `size` bytes in a container: shuffled, by LZ4.
+/// Compresses elements of `size` bytes into a container, shuffled and with LZ4.
 pub fn compress(bytes: &[u8], size: usize) -> Vec<u8> {
-    // Whole elements in each block.
+    // Each block holds whole elements.
     let block = (BLOCK_BYTES / size * size).min(bytes.len()).max(1);
     let count = bytes.len().div_ceil(block);
     let mut out = vec![0; HEADER_BYTES + 4 * count];
@@ -248,8 +263,8 @@ pub fn compress(bytes: &[u8], size: usize) -> Vec<u8> {
         out.extend_from_slice(bytes);
     }
     out[..4].copy_from_slice(&[2, 1, flags, size as u8]);
-    for (at, number) in [(4, bytes.len()), (8, block), (12, out.len())] {
-        out[at..at + 4].copy_from_slice(&(number as u32).to_le_bytes());
+    for (offset, number) in [(4, bytes.len()), (8, block), (12, out.len())] {
+        out[offset..offset + 4].copy_from_slice(&(number as u32).to_le_bytes());
     }
     out
 }
@@ -259,7 +274,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_packed_is_unpacked() {
+    fn compressed_bytes_are_decompressed_exactly() {
         for count in [0, 1, 31, 1000, 70_000, 300_001] {
             let bytes: Vec<u8> = (0..count).map(|i| (i / 7 % 61) as u8).collect();
             let packed = compress(&bytes, 4);
@@ -270,7 +285,7 @@ mod tests {
                 assert!(decompress(&packed[..packed.len() - 1], count).is_err());
             }
         }
-        // What cannot be compressed is copied.
+        // Noise cannot be compressed and is copied.
         let mut state = 1u32;
         let noise: Vec<u8> = (0..5000)
             .map(|_| {
@@ -284,11 +299,12 @@ mod tests {
     }
 
     #[test]
-    fn blosclz_copies_what_was_there() {
-        // Three literals, then nine bytes from three before, then one literal.
+    fn blosclz_copies_earlier_bytes() {
+        // The stream has three literals, then nine bytes copied from distance three, then one
+        // literal.
         let mut out = [0; 13];
         let packed = [2, b'a', b'b', b'c', 7 << 5, 0, 2, 0, b'd'];
-        // Length 6 + 0 + 3 = 9 at distance 2 + 1.
+        // The length is 6 + 0 + 3 = 9, the distance 2 + 1.
         assert_eq!(unpack_blosclz(&packed, &mut out), Some(13));
         assert_eq!(&out, b"abcabcabcabcd");
         assert_eq!(unpack_blosclz(&packed[..6], &mut out), None);

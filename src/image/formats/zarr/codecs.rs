@@ -1,7 +1,7 @@
-//! From the bytes of a chunk to those of its elements.
+//! Decodes the bytes of a chunk to those of its elements.
 //!
-//! An array's chain of codecs turns elements into bytes in one order or the other, perhaps with axes
-//! transposed, and compresses these. With sharding a file holds many such chunks and an index of them.
+//! The codec chain of an array converts elements to bytes in either byte order, may transpose axes,
+//! and compresses the bytes. With sharding a file holds many such chunks and their index.
 
 use std::io::Read;
 
@@ -12,47 +12,47 @@ use super::blosc;
 use super::metadata::{checked_product, parse_counts};
 use crate::image::formats::samples::{Encoding, Endian, SampleType};
 
-/// What is wrong with a chunk, or with what is said of chunks.
+/// Description of a problem with a chunk or with the metadata of chunks.
 pub type CodecError = String;
 
-/// How chunks are coded.
+/// Codecs of an array.
 pub struct Codecs {
-    /// How the cells are coded that are read one by one: the chunks, or those within shards.
+    /// Codecs of the cells that are read one by one: the chunks, or the inner chunks of shards.
     pub cell_codecs: CodecChain,
-    /// Elements of a cell along each axis.
+    /// Number of elements of a cell along each axis.
     pub cell_shape: Vec<usize>,
-    /// How cells lie in the files of chunks, unless each has its own.
+    /// Layout of the cells in shard files; `None` if each cell has its own file.
     pub shard: Option<Shard>,
 }
 
-/// Cells in one file, and where.
+/// Layout of a file that holds several cells.
 pub struct Shard {
-    /// Cells along each axis.
+    /// Number of cells along each axis.
     pub cell_counts: Vec<usize>,
-    /// Whether the index stands at the end of the file rather than at its beginning.
+    /// `true` if the index is at the end of the file, `false` if it is at the beginning.
     pub is_index_at_end: bool,
-    /// How the index is coded: only by codecs that keep its length known.
+    /// Codecs of the index. They keep its length.
     pub index_codecs: CodecChain,
 }
 
 impl Shard {
-    /// Bytes of the index as the file has it.
+    /// Returns the number of bytes of the index in the file.
     pub fn index_bytes(&self) -> usize {
         let sums = self.index_codecs.byte_codecs.len();
         16 * self.cell_counts.iter().product::<usize>() + CHECKSUM_BYTES * sums
     }
 }
 
-/// Bytes of a check sum.
+/// Length of a checksum in bytes.
 const CHECKSUM_BYTES: usize = 4;
 
-/// What becomes of the elements of a cell.
+/// Codecs that are applied to the elements of a cell.
 pub struct CodecChain {
-    /// Which axis of the cell each axis of what is stored is; empty where they are the same.
+    /// Axis of the cell for each stored axis; empty if the order is the same.
     axis_order: Vec<usize>,
-    /// How an element is coded.
+    /// Encoding of an element.
     pub encoding: Encoding,
-    /// What is done to the bytes, the last first.
+    /// Codecs that are applied to the bytes, the last one first.
     byte_codecs: Vec<ByteCodec>,
 }
 
@@ -66,13 +66,13 @@ enum ByteCodec {
 }
 
 impl Codecs {
-    /// From an array's metadata.
+    /// Parses the codecs in the metadata of an array with chunks of shape `chunk`.
     ///
     /// # Errors
-    /// What is not read here.
+    /// Returns a message if a codec is not supported or the metadata are invalid.
     pub fn parse(value: &Value, chunk: &[usize], sample: SampleType) -> Result<Self, CodecError> {
         let list = value.as_array().ok_or("has no codecs")?;
-        let Some(at) = list
+        let Some(sharding_index) = list
             .iter()
             .position(|codec| codec_name(codec) == "sharding_indexed")
         else {
@@ -85,27 +85,33 @@ impl Codecs {
         if list.len() != 1 {
             return Err(format!(
                 "has shards within other codecs ({}), which are not read",
-                codec_name(&list[usize::from(at == 0)])
+                codec_name(&list[usize::from(sharding_index == 0)])
             ));
         }
-        let within = &list[at]["configuration"];
-        let shape = parse_counts(&within["chunk_shape"])
+        let configuration = &list[sharding_index]["configuration"];
+        let shape = parse_counts(&configuration["chunk_shape"])
             .filter(|shape| {
                 shape.len() == chunk.len()
                     && shape
                         .iter()
                         .zip(chunk)
-                        .all(|(&n, &all)| n > 0 && all % n == 0)
+                        .all(|(&n, &total)| n > 0 && total % n == 0)
             })
-            .ok_or_else(|| format!("has shards of {chunk:?} elements that no chunks fill"))?;
-        let cells: Vec<usize> = chunk.iter().zip(&shape).map(|(all, n)| all / n).collect();
+            .ok_or_else(|| {
+                format!("has shards of {chunk:?} elements, which are not a multiple of its chunks")
+            })?;
+        let cells: Vec<usize> = chunk
+            .iter()
+            .zip(&shape)
+            .map(|(total, n)| total / n)
+            .collect();
         checked_product(&cells)
             .and_then(|count| count.checked_mul(16))
             .ok_or("has shards of too many chunks")?;
         let empty = Vec::new();
-        let inner = within["codecs"].as_array().unwrap_or(&empty);
-        let of_index = within["index_codecs"].as_array().unwrap_or(&empty);
-        let index = CodecChain::parse(of_index, cells.len() + 1, SampleType::U64)?;
+        let inner = configuration["codecs"].as_array().unwrap_or(&empty);
+        let index_codecs = configuration["index_codecs"].as_array().unwrap_or(&empty);
+        let index = CodecChain::parse(index_codecs, cells.len() + 1, SampleType::U64)?;
         if !index.axis_order.is_empty() || index.byte_codecs.iter().any(|p| *p != ByteCodec::Crc32c)
         {
             return Err("has a compressed index of its shards, which is not read".into());
@@ -115,14 +121,14 @@ impl Codecs {
             cell_shape: shape,
             shard: Some(Shard {
                 cell_counts: cells,
-                is_index_at_end: within["index_location"] != "start",
+                is_index_at_end: configuration["index_location"] != "start",
                 index_codecs: index,
             }),
         })
     }
 }
 
-/// A codec's name.
+/// Returns the name of a codec.
 fn codec_name(codec: &Value) -> &str {
     codec["name"].as_str().or(codec.as_str()).unwrap_or("")
 }
@@ -136,9 +142,10 @@ impl CodecChain {
             let packing = match (codec_name(codec), encoding.is_some()) {
                 ("transpose", false) => {
                     let next = parse_permutation(&codec["configuration"]["order"], axes)?;
-                    order = match order.is_empty() {
-                        true => next,
-                        false => next.iter().map(|&k| order[k]).collect(),
+                    order = if order.is_empty() {
+                        next
+                    } else {
+                        next.iter().map(|&k| order[k]).collect()
                     };
                     continue;
                 }
@@ -177,7 +184,7 @@ impl CodecChain {
         })
     }
 
-    /// How bytes are compressed, to be said after how elements are coded.
+    /// Returns a text that describes the compression, to be appended to the encoding of elements.
     pub fn compression_label(&self) -> &'static str {
         match self.byte_codecs.iter().find(|p| **p != ByteCodec::Crc32c) {
             None => "",
@@ -188,24 +195,28 @@ impl CodecChain {
         }
     }
 
-    /// The bytes of the elements of a cell of this shape, in its own order of axes.
+    /// Decodes the elements of a cell of this shape, in the axis order of the cell.
     ///
     /// # Errors
-    /// What is wrong with `packed`.
+    /// Returns a message if `packed` is damaged.
     pub fn decode_cell(&self, packed: Vec<u8>, shape: &[usize]) -> Result<Vec<u8>, CodecError> {
         let size = self.encoding.size();
         let needed = size * shape.iter().product::<usize>();
         let mut bytes = packed;
         for (i, packing) in self.byte_codecs.iter().enumerate() {
-            // What check sums stand after is known only where nothing else follows.
-            let after = self.byte_codecs[i + 1..].iter();
-            let sums = after.clone().filter(|p| **p == ByteCodec::Crc32c).count();
-            let last = after.count() == sums;
-            let most = match last {
-                true => needed + CHECKSUM_BYTES * sums,
-                false => 2 * needed + (1 << 16),
+            // The exact length of the output is known only if nothing but checksums follows.
+            let following = self.byte_codecs[i + 1..].iter();
+            let sums = following
+                .clone()
+                .filter(|p| **p == ByteCodec::Crc32c)
+                .count();
+            let only_checksums_follow = following.count() == sums;
+            let max_bytes = if only_checksums_follow {
+                needed + CHECKSUM_BYTES * sums
+            } else {
+                2 * needed + (1 << 16)
             };
-            bytes = packing.decode(&bytes, most)?;
+            bytes = packing.decode(&bytes, max_bytes)?;
         }
         if bytes.len() != needed {
             return Err(format!("holds {} bytes instead of {needed}", bytes.len()));
@@ -218,77 +229,79 @@ impl CodecChain {
 }
 
 impl ByteCodec {
-    /// The bytes before this was done to them: `most` at most.
-    fn decode(self, bytes: &[u8], most: usize) -> Result<Vec<u8>, CodecError> {
+    /// Decodes bytes to at most `max_bytes` bytes, or one more if there are too many.
+    fn decode(self, bytes: &[u8], max_bytes: usize) -> Result<Vec<u8>, CodecError> {
         let read = |reader: &mut dyn Read| {
             let mut out = Vec::new();
-            let done = reader.take(most as u64 + 1).read_to_end(&mut out);
-            done.map_err(|e| format!("is damaged: {e}"))?;
+            let result = reader.take(max_bytes as u64 + 1).read_to_end(&mut out);
+            result.map_err(|e| format!("is damaged: {e}"))?;
             Ok(out)
         };
         match self {
             Self::Gzip => read(&mut MultiGzDecoder::new(bytes)),
             Self::Zlib => read(&mut ZlibDecoder::new(bytes)),
-            Self::Zstd => decode_zstd(bytes, most),
-            Self::Blosc => blosc::decompress(bytes, most),
+            Self::Zstd => decode_zstd(bytes, max_bytes),
+            Self::Blosc => blosc::decompress(bytes, max_bytes),
             Self::Crc32c => {
                 let (rest, sum) = bytes
                     .split_last_chunk::<CHECKSUM_BYTES>()
                     .ok_or("is cut off")?;
-                match crc32c(rest) == u32::from_le_bytes(*sum) {
-                    true => Ok(rest.to_vec()),
-                    false => Err("has another check sum than is written in it".into()),
+                if crc32c(rest) == u32::from_le_bytes(*sum) {
+                    Ok(rest.to_vec())
+                } else {
+                    Err("has a checksum that does not match its content".into())
                 }
             }
         }
     }
 }
 
-/// What zstd's frames hold, `most` bytes at most.
-pub fn decode_zstd(bytes: &[u8], most: usize) -> Result<Vec<u8>, CodecError> {
+/// Decompresses all zstd frames to at most `max_bytes` bytes.
+pub fn decode_zstd(bytes: &[u8], max_bytes: usize) -> Result<Vec<u8>, CodecError> {
     let mut out = Vec::new();
-    let mut rest = bytes;
-    while !rest.is_empty() {
-        let mut decoder = ruzstd::decoding::StreamingDecoder::new(&mut rest)
+    let mut remaining = bytes;
+    while !remaining.is_empty() {
+        let mut decoder = ruzstd::decoding::StreamingDecoder::new(&mut remaining)
             .map_err(|e| format!("is damaged: {e}"))?;
-        let room = (most + 1).saturating_sub(out.len()) as u64;
-        let done = (&mut decoder).take(room).read_to_end(&mut out);
-        done.map_err(|e| format!("is damaged: {e}"))?;
-        if out.len() > most {
-            return Err(format!("holds more than {most} bytes"));
+        let limit = (max_bytes + 1).saturating_sub(out.len()) as u64;
+        let result = (&mut decoder).take(limit).read_to_end(&mut out);
+        result.map_err(|e| format!("is damaged: {e}"))?;
+        if out.len() > max_bytes {
+            return Err(format!("holds more than {max_bytes} bytes"));
         }
     }
     Ok(out)
 }
 
-/// A permutation of the axes.
+/// Parses a permutation of the axes.
 fn parse_permutation(value: &Value, axes: usize) -> Result<Vec<usize>, CodecError> {
     let order = parse_counts(value).unwrap_or_default();
     let mut sorted = order.clone();
     sorted.sort_unstable();
-    match sorted.into_iter().eq(0..axes) {
-        true => Ok(order),
-        false => Err(format!(
-            "has the transposition {value}, which is none of {axes} axes"
-        )),
+    if sorted.into_iter().eq(0..axes) {
+        Ok(order)
+    } else {
+        Err(format!(
+            "has the transposition {value}, which is not a permutation of {axes} axes"
+        ))
     }
 }
 
-/// Elements of `size` bytes that are stored with axis `order[k]` of the cell as axis `k`, in the order of
-/// the cell.
+/// Restores the axis order of a cell. `bytes` holds elements of `size` bytes, stored with axis
+/// `order[k]` of the cell as axis `k`.
 fn restore_axis_order(bytes: &[u8], size: usize, shape: &[usize], order: &[usize]) -> Vec<u8> {
-    // How far apart neighbours along each axis of the cell are stored.
-    let mut apart = vec![0; shape.len()];
+    // Stored distance in bytes between neighbours along each axis of the cell.
+    let mut strides = vec![0; shape.len()];
     let mut stride = size;
     for &k in order.iter().rev() {
-        apart[k] = stride;
+        strides[k] = stride;
         stride *= shape[k];
     }
     let mut out = Vec::with_capacity(bytes.len());
     let mut index = vec![0; shape.len()];
     for _ in 0..bytes.len() / size {
-        let at: usize = index.iter().zip(&apart).map(|(i, s)| i * s).sum();
-        out.extend_from_slice(&bytes[at..at + size]);
+        let offset: usize = index.iter().zip(&strides).map(|(i, s)| i * s).sum();
+        out.extend_from_slice(&bytes[offset..offset + size]);
         for k in (0..shape.len()).rev() {
             index[k] += 1;
             if index[k] < shape[k] {
@@ -300,7 +313,7 @@ fn restore_axis_order(bytes: &[u8], size: usize, shape: &[usize], order: &[usize
     out
 }
 
-/// The check sum of iSCSI (RFC 3720, appendix B.4): Castagnoli's polynomial, reflected.
+/// Returns the iSCSI checksum (RFC 3720, appendix B.4): Castagnoli's polynomial, reflected.
 fn crc32c(bytes: &[u8]) -> u32 {
     const TABLE: [u32; 256] = {
         let mut table = [0; 256];
@@ -328,7 +341,7 @@ mod tests {
 
     #[test]
     fn check_sums_are_those_of_rfc_3720() {
-        // Appendix B.4.
+        // The values are those of appendix B.4.
         assert_eq!(crc32c(&[0; 32]), 0x8a91_36aa);
         assert_eq!(crc32c(&[0xff; 32]), 0x62a8_ab43);
         let rising: Vec<u8> = (0..32).collect();
@@ -336,8 +349,9 @@ mod tests {
     }
 
     #[test]
-    fn transposed_elements_come_back() {
-        // Element (i, j, k) of 2 x 3 x 4 is 12 i + 4 j + k; stored with axes (2, 0, 1).
+    fn transposed_elements_are_restored() {
+        // Element (i, j, k) of a 2 x 3 x 4 array is 12 i + 4 j + k; it is stored with axes (2, 0,
+        // 1).
         let (shape, order) = ([2, 3, 4], [2, 0, 1]);
         let mut stored = Vec::new();
         for k in 0..4u16 {

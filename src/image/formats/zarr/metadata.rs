@@ -1,4 +1,4 @@
-//! What a node's `zarr.json` says: a group, or an array, its chunks and how they are coded.
+//! Metadata of a node in `zarr.json`: a group, or an array with its chunks and codecs.
 
 use std::path::{Path, PathBuf};
 
@@ -9,19 +9,20 @@ use crate::error::{Result, io_error};
 use crate::image::formats::packed::file_error;
 use crate::image::formats::samples::SampleType;
 
-/// The file that makes a folder a node of Zarr version 3.
+/// Name of the file that marks a folder as a node of Zarr version 3.
 pub const NODE_FILE: &str = "zarr.json";
 
-/// No chunk holds more bytes than this: Blosc's limit too.
+/// Largest size of a chunk in bytes, which is also the limit of Blosc.
 const MAX_CHUNK_BYTES: usize = i32::MAX as usize;
 
-/// No array has more elements: what no chunk holds takes time to be passed over, though no room.
+/// Largest number of elements of an array. Chunks without a file take no space, but reading them
+/// takes time.
 const MAX_ELEMENTS: usize = 1 << 40;
 
-/// No metadata are longer: what is longer describes no array.
+/// Largest size of a metadata file in bytes.
 const MAX_METADATA_BYTES: u64 = 1 << 26;
 
-/// A node of the hierarchy.
+/// Node of the hierarchy.
 pub enum ZarrNode {
     /// A folder of nodes, with its attributes.
     Group(Map<String, Value>),
@@ -29,29 +30,29 @@ pub enum ZarrNode {
     Array(Box<ArrayMetadata>),
 }
 
-/// What an array is.
+/// Metadata of an array.
 pub struct ArrayMetadata {
-    /// The folder of the array.
+    /// Folder of the array.
     pub folder: PathBuf,
-    /// Elements along each axis, the slowest first.
+    /// Number of elements along each axis, the slowest first.
     pub shape: Vec<usize>,
-    /// The value of elements that no chunk holds.
+    /// Value of elements that no chunk holds.
     pub fill_value: f64,
-    /// How chunks are coded.
+    /// Codecs of the chunks.
     pub codecs: Codecs,
-    /// Names of its axes; empty where an axis has none.
+    /// Names of the axes; empty where an axis has none.
     pub axis_names: Vec<String>,
-    /// What else is said of it.
+    /// Further attributes.
     pub attributes: Map<String, Value>,
-    /// How chunks' files are named.
+    /// Naming scheme of chunk files.
     chunk_keys: ChunkKeys,
 }
 
-/// How chunks' files are named.
+/// Naming scheme of chunk files.
 struct ChunkKeys {
-    /// `c/1/2/3`, rather than `1/2/3`.
+    /// `true` for names such as `c/1/2/3`, `false` for `1/2/3`.
     has_prefix: bool,
-    /// Between the numbers.
+    /// Character between the numbers.
     separator: char,
 }
 
@@ -59,18 +60,18 @@ impl ZarrNode {
     /// Reads the metadata of the node in a folder.
     ///
     /// # Errors
-    /// [`crate::Error::Io`] if there are none, or they describe nothing that is read here.
+    /// Returns a [`crate::Error::Io`] if there are no metadata, or if they are not supported.
     pub fn open(folder: &Path) -> Result<Self> {
         let path = folder.join(NODE_FILE);
         let length = std::fs::metadata(&path).map_err(|e| io_error(&path, "open", e))?;
         if length.len() > MAX_METADATA_BYTES {
-            let problem = format!("has {} bytes, which are no metadata", length.len());
+            let problem = format!("has {} bytes, too many for metadata", length.len());
             return Err(file_error(&path, problem, REWRITE_REMEDY));
         }
         let text = std::fs::read(&path).map_err(|e| io_error(&path, "read", e))?;
-        let bad = |problem: String| file_error(&path, problem, REWRITE_REMEDY);
+        let to_error = |problem: String| file_error(&path, problem, REWRITE_REMEDY);
         let value: Value = serde_json::from_slice(&text)
-            .map_err(|e| bad(format!("is no JSON of Zarr: {e}")).with_source(e))?;
+            .map_err(|e| to_error(format!("is no JSON of Zarr: {e}")).with_source(e))?;
         if value["zarr_format"] != 3 {
             let problem = format!("is of Zarr version {}, not 3", value["zarr_format"]);
             return Err(file_error(&path, problem, VERSION_2_REMEDY));
@@ -80,9 +81,11 @@ impl ZarrNode {
             Some("group") => Ok(Self::Group(attributes)),
             Some("array") => {
                 let array = ArrayMetadata::parse(folder, &value, attributes);
-                array.map(|array| Self::Array(Box::new(array))).map_err(bad)
+                array
+                    .map(|array| Self::Array(Box::new(array)))
+                    .map_err(to_error)
             }
-            _ => Err(bad(format!(
+            _ => Err(to_error(format!(
                 "has the node_type {}, neither array nor group",
                 value["node_type"]
             ))),
@@ -90,10 +93,10 @@ impl ZarrNode {
     }
 }
 
-/// What to do about metadata that make no sense.
+/// Remedy for invalid metadata.
 pub const REWRITE_REMEDY: &str = "write the array again, e.g. with zarr-python's defaults";
 
-/// What to do about an older store.
+/// Remedy for a store of version 2.
 pub const VERSION_2_REMEDY: &str = "convert it to version 3, e.g. with zarr-python: zarr.create_array(new, data=zarr.open(old)[:]), \
 or with multidimio of version 1 from the SEG-Y file";
 
@@ -120,7 +123,7 @@ impl ArrayMetadata {
             .filter(|&count| count <= MAX_ELEMENTS)
             .ok_or_else(|| format!("has the shape {shape:?}, more than any survey"))?;
         let encoding = &value["chunk_key_encoding"];
-        let prefixed = match encoding["name"].as_str().or(encoding.as_str()) {
+        let has_prefix = match encoding["name"].as_str().or(encoding.as_str()) {
             Some("default") => true,
             Some("v2") => false,
             _ => {
@@ -132,12 +135,12 @@ impl ArrayMetadata {
         let separator = match encoding["configuration"]["separator"].as_str() {
             Some("/") => '/',
             Some(".") => '.',
-            None if prefixed => '/',
+            None if has_prefix => '/',
             None => '.',
             Some(other) => return Err(format!("has chunk keys separated by '{other}'")),
         };
         let transformers = value["storage_transformers"].as_array();
-        if transformers.is_some_and(|all| !all.is_empty()) {
+        if transformers.is_some_and(|list| !list.is_empty()) {
             return Err("has storage transformers, which are not read".into());
         }
         let names = match value["dimension_names"].as_array() {
@@ -152,7 +155,7 @@ impl ArrayMetadata {
             codecs: Codecs::parse(&value["codecs"], &chunk, sample)?,
             fill_value: parse_fill_value(&value["fill_value"], sample)?,
             chunk_keys: ChunkKeys {
-                has_prefix: prefixed,
+                has_prefix,
                 separator,
             },
             shape,
@@ -161,15 +164,15 @@ impl ArrayMetadata {
         })
     }
 
-    /// The file of a chunk.
+    /// Returns the path of the file of a chunk.
     pub fn chunk_file(&self, chunk: &[usize]) -> PathBuf {
         let numbers: Vec<String> = chunk.iter().map(usize::to_string).collect();
         let ChunkKeys {
-            has_prefix: prefixed,
+            has_prefix,
             separator,
         } = self.chunk_keys;
         let joined = numbers.join(&separator.to_string());
-        let key = match (prefixed, joined.is_empty()) {
+        let key = match (has_prefix, joined.is_empty()) {
             (true, true) => "c".to_string(),
             (true, false) => format!("c{separator}{joined}"),
             (false, true) => "0".to_string(),
@@ -179,15 +182,18 @@ impl ArrayMetadata {
     }
 }
 
-/// A product, if it is a number of this machine.
+/// Returns the product, or `None` if it overflows.
 pub fn checked_product(counts: &[usize]) -> Option<usize> {
-    counts.iter().try_fold(1usize, |all, &n| all.checked_mul(n))
+    counts
+        .iter()
+        .try_fold(1usize, |product, &n| product.checked_mul(n))
 }
 
-/// A list of whole numbers.
+/// Parses a list of whole numbers.
 pub fn parse_counts(value: &Value) -> Option<Vec<usize>> {
-    let all = value.as_array()?.iter();
-    all.map(|n| n.as_u64().and_then(|n| usize::try_from(n).ok()))
+    let values = value.as_array()?.iter();
+    values
+        .map(|n| n.as_u64().and_then(|n| usize::try_from(n).ok()))
         .collect()
 }
 
@@ -221,12 +227,13 @@ fn sample_bytes(sample: SampleType) -> usize {
     .size()
 }
 
-/// The value of what no chunk holds, as its type has it.
+/// Parses the value of elements that no chunk holds.
 fn parse_fill_value(value: &Value, sample: SampleType) -> std::result::Result<f64, String> {
-    let bad = || format!("has the fill_value {value}, which is no {sample:?}");
+    let invalid =
+        || format!("has the fill_value {value}, which is not a value of the type {sample:?}");
     match value {
-        Value::Bool(on) => Ok(f64::from(u8::from(*on))),
-        Value::Number(number) => number.as_f64().ok_or_else(bad),
+        Value::Bool(flag) => Ok(f64::from(u8::from(*flag))),
+        Value::Number(number) => number.as_f64().ok_or_else(invalid),
         Value::String(text) => match (text.as_str(), sample) {
             ("NaN", _) => Ok(f64::NAN),
             ("Infinity", _) => Ok(f64::INFINITY),
@@ -241,10 +248,10 @@ fn parse_fill_value(value: &Value, sample: SampleType) -> std::result::Result<f6
                     }
                     (Some(Ok(bits)), SampleType::F32) => Ok(f32::from_bits(bits as u32).into()),
                     (Some(Ok(bits)), SampleType::F64) => Ok(f64::from_bits(bits)),
-                    _ => Err(bad()),
+                    _ => Err(invalid()),
                 }
             }
         },
-        _ => Err(bad()),
+        _ => Err(invalid()),
     }
 }

@@ -1,14 +1,14 @@
-//! Zarr version 3 in local folders: an array in chunks, alone or in a group; and MDIO version 1, which is such
-//! a group of a survey.
+//! Zarr version 3 in local folders: a chunked array, alone or in a group; and MDIO version 1, which
+//! stores a survey as such a group.
 //!
-//! An array of shape `(nz, ny, nx)` becomes an image of dims `[nx, ny, nz]`. It is read chunk by chunk,
-//! by as many threads as there are; never all compressed data at once.
+//! An array of shape `(nz, ny, nx)` becomes an image of dimensions `[nx, ny, nz]`. It is read chunk
+//! by chunk on all threads, so that the compressed data are never in memory as a whole.
 //!
-//! - `metadata`: what `zarr.json` says
-//! - `codecs`: from the bytes of a chunk to elements; `blosc`: one of the codecs
-//! - `array`: elements of an array
-//! - `place`: where it lies, by the arrays beside it
-//! - `write`: an image as such a group
+//! - `metadata`: the content of `zarr.json`
+//! - `codecs`: decodes the bytes of a chunk to elements; `blosc` is one of the codecs
+//! - `array`: the elements of an array
+//! - `placement`: the geometry of an array, from the arrays next to it
+//! - `write`: writes an image as a group
 
 mod array;
 mod blosc;
@@ -30,10 +30,10 @@ use metadata::{ArrayMetadata, NODE_FILE, VERSION_2_REMEDY, ZarrNode};
 
 pub use write::write;
 
-/// Whether a path is a folder of Zarr.
+/// Returns `true` if the path is a Zarr folder.
 ///
 /// # Errors
-/// [`Error::Io`] for one of version 2.
+/// Returns an [`Error::Io`] if it is a folder of version 2.
 pub fn is_node(path: &Path) -> Result<bool> {
     if !path.is_dir() {
         return Ok(false);
@@ -41,72 +41,75 @@ pub fn is_node(path: &Path) -> Result<bool> {
     if path.join(NODE_FILE).is_file() {
         return Ok(true);
     }
-    let old = [".zarray", ".zgroup", ".zmetadata"];
-    match old.iter().any(|name| path.join(name).is_file()) {
-        true => {
-            let problem = "is of Zarr version 2 (or MDIO version 0), which is not read";
-            Err(file_error(path, problem, VERSION_2_REMEDY))
-        }
-        false => Ok(false),
+    let version_2_files = [".zarray", ".zgroup", ".zmetadata"];
+    if version_2_files.iter().any(|name| path.join(name).is_file()) {
+        let problem = "is of Zarr version 2 (or MDIO version 0), which is not read";
+        Err(file_error(path, problem, VERSION_2_REMEDY))
+    } else {
+        Ok(false)
     }
 }
 
-/// Opens an array, or the only one of a group that can be an image.
+/// Opens an array, or the only array of a group that can be an image.
 ///
 /// # Errors
-/// [`Error::Io`] for metadata that cannot be read, and where there is no such array or more than one.
+/// Returns an [`Error::Io`] if the metadata cannot be read, or if there is no such array or more
+/// than one.
 pub fn open(path: &Path) -> Result<ImageStream> {
     let (array, group) = match ZarrNode::open(path)? {
         ZarrNode::Group(attributes) => (select_array(path, &attributes)?, Some(path.to_path_buf())),
         ZarrNode::Array(array) => {
             let folder = path.canonicalize().map_err(|e| io_error(path, "open", e))?;
-            let around = folder
+            let parent = folder
                 .parent()
                 .filter(|folder| folder.join(NODE_FILE).is_file());
-            (*array, around.map(Path::to_path_buf))
+            (*array, parent.map(Path::to_path_buf))
         }
     };
-    let shown = format_shape(&array.shape);
+    let shape_text = format_shape(&array.shape);
     let [nz, ny, nx] = array
         .volume_shape()
         .filter(|dims| !dims.contains(&0))
         .ok_or_else(|| {
-            let problem = format!("holds {shown} elements, where 2 or 3 axes are needed");
+            let problem = format!("holds {shape_text} elements, where 2 or 3 axes are needed");
             file_error(
                 &array.folder,
                 problem,
                 "give another array, or a part of this one",
             )
         })?;
-    let coded = array.codecs.cell_codecs.encoding;
-    let mut head = ImageHeader {
-        encoding: format!("{coded}{}", array.codecs.cell_codecs.compression_label()),
+    let encoding = array.codecs.cell_codecs.encoding;
+    let mut header = ImageHeader {
+        encoding: format!("{encoding}{}", array.codecs.cell_codecs.compression_label()),
         notes: Vec::new(),
-        ..ImageHeader::without_geometry(ImageFormat::Zarr, [nx, ny, nz], coded, "Zarr")
+        ..ImageHeader::without_geometry(ImageFormat::Zarr, [nx, ny, nz], encoding, "Zarr")
     };
     if group.as_deref() == Some(path) {
         let name = array.folder.file_name().unwrap_or_default();
-        head.notes
+        header
+            .notes
             .push(format!("the array {}", name.to_string_lossy()));
     }
-    placement::place(&mut head, &array, group.as_deref())?;
-    let planes: Box<dyn PlaneReader> = match head.missing.is_empty() {
-        true => Box::new(array),
-        false => Box::new(MaskedArray {
+    placement::place(&mut header, &array, group.as_deref())?;
+    let reader: Box<dyn PlaneReader> = if header.missing.is_empty() {
+        Box::new(array)
+    } else {
+        Box::new(MaskedArray {
             array,
-            missing: head.missing.clone(),
+            missing: header.missing.clone(),
             plane_dims: [nx, ny],
-        }),
+        })
     };
     Ok(ImageStream {
-        header: head,
-        encoding: coded,
-        reader: planes,
+        header,
+        encoding,
+        reader,
         max_magnitude_bits: Default::default(),
     })
 }
 
-/// The array of a group that is an image: the one that the group names, or else the only one.
+/// Selects the array of a group that is an image: the default array that the group names, or else
+/// the only one.
 fn select_array(
     group: &Path,
     attributes: &serde_json::Map<String, Value>,
@@ -118,8 +121,8 @@ fn select_array(
         .filter(|path| path.join(NODE_FILE).is_file())
         .collect();
     folders.sort();
-    let named = attributes.get("attributes").unwrap_or(&Value::Null);
-    if let Some(name) = named["defaultVariableName"].as_str()
+    let group_attributes = attributes.get("attributes").unwrap_or(&Value::Null);
+    if let Some(name) = group_attributes["defaultVariableName"].as_str()
         && let Some(folder) = folders.iter().find(|path| path.ends_with(name))
         && let ZarrNode::Array(array) = ZarrNode::open(folder)?
     {
@@ -134,8 +137,8 @@ fn select_array(
             Err(error) => failed = failed.or(Some(error)),
         }
     }
-    // Arrays that only say where the others lie.
-    let beside: Vec<String> = arrays
+    // Arrays that hold coordinates or the trace mask are not images.
+    let coordinate_names: Vec<String> = arrays
         .iter()
         .filter_map(|array| array.attributes.get("coordinates")?.as_str())
         .flat_map(|names| names.split_whitespace().map(String::from))
@@ -146,27 +149,29 @@ fn select_array(
         name.to_string_lossy().into_owned()
     };
     for axes in [3, 2] {
-        let mut fit: Vec<ArrayMetadata> = Vec::new();
-        let (taken, left): (Vec<_>, Vec<_>) = arrays.into_iter().partition(|array| {
+        let mut candidates: Vec<ArrayMetadata> = Vec::new();
+        let (selected, remaining): (Vec<_>, Vec<_>) = arrays.into_iter().partition(|array| {
             array.volume_shape().is_some()
                 && array.shape.len() >= axes
-                && !beside.contains(&name(array))
+                && !coordinate_names.contains(&name(array))
         });
-        arrays = left;
-        fit.extend(taken);
-        let Some(first) = fit.pop() else { continue };
-        if fit.is_empty() {
+        arrays = remaining;
+        candidates.extend(selected);
+        let Some(first) = candidates.pop() else {
+            continue;
+        };
+        if candidates.is_empty() {
             return Ok(first);
         }
-        fit.push(first);
-        let named: Vec<String> = fit
+        candidates.push(first);
+        let descriptions: Vec<String> = candidates
             .iter()
             .map(|array| format!("{} ({})", name(array), format_shape(&array.shape)))
             .collect();
         return Err(file_error(
             group,
-            format!("holds several arrays: {}", named.join(", ")),
-            &format!("give one of them, as in {}", fit[0].folder.display()),
+            format!("holds several arrays: {}", descriptions.join(", ")),
+            &format!("give one of them, as in {}", candidates[0].folder.display()),
         ));
     }
     Err(failed.unwrap_or_else(|| {
@@ -175,17 +180,18 @@ fn select_array(
     }))
 }
 
-/// 3 x 4 x 5.
+/// Formats a shape, e.g. `3 x 4 x 5`.
 fn format_shape(counts: &[usize]) -> String {
     let words: Vec<String> = counts.iter().map(usize::to_string).collect();
     words.join(" x ")
 }
 
-/// An array some of whose rows hold no data: zeros, whatever is written there.
+/// An array with rows that hold no data. These rows are read as zeros, whatever the array holds
+/// there.
 struct MaskedArray {
     array: ArrayMetadata,
     missing: Vec<bool>,
-    /// Samples of a plane along its axes.
+    /// Number of samples of a plane along its axes.
     plane_dims: [usize; 2],
 }
 
@@ -206,8 +212,7 @@ impl PlaneReader for MaskedArray {
     }
 }
 
-/// How elements are coded that hold all samples of this type without loss: as these are, if 32-bit floats hold
-/// them.
+/// Returns a type that holds all samples of this type without loss, as far as 32-bit floats do.
 fn lossless_type(sample: samples::SampleType) -> samples::SampleType {
     use samples::SampleType::*;
     match sample {

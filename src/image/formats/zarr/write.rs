@@ -1,5 +1,5 @@
-//! An image as a group of Zarr, with the arrays that say where it lies: xarray opens it as a data set, and
-//! that of a survey has what MDIO calls its own.
+//! Writes an image as a Zarr group, with arrays that hold its coordinates. xarray opens the group
+//! as a data set; the group of a survey has the arrays of MDIO.
 
 use std::fs::{self, File};
 use std::io::Write;
@@ -17,13 +17,14 @@ use crate::image::Geometry;
 use crate::image::formats::StreamedImage;
 use crate::image::formats::samples::SampleType;
 
-/// Samples of a chunk along each axis.
+/// Number of samples of a chunk along each axis.
 const CHUNK: usize = 64;
 
-/// Writes an image as a folder of Zarr version 3: chunks of 64 samples along each axis, packed by Blosc.
+/// Writes an image as a folder of Zarr version 3, with chunks of 64 samples along each axis,
+/// compressed with Blosc.
 ///
 /// # Errors
-/// [`crate::Error::Io`] if it cannot be written.
+/// Returns an [`crate::Error::Io`] if it cannot be written.
 pub fn write<const D: usize>(path: &Path, image: &StreamedImage<'_, D>) -> Result<()> {
     let mut batch = Batch::default();
     batch.write_tree(path, NODE_FILE, |folder| write_arrays(path, folder, image))?;
@@ -35,7 +36,7 @@ fn write_arrays<const D: usize>(
     folder: &Path,
     image: &StreamedImage<'_, D>,
 ) -> Result<()> {
-    let failed = |error| io_error(path, "write", error);
+    let to_error = |error| io_error(path, "write", error);
     let names = axis_names(image.geometry);
     let name = match image.line_numbers {
         Some(_) => "amplitude",
@@ -46,7 +47,7 @@ fn write_arrays<const D: usize>(
         "node_type": "group",
         "attributes": { "attributes": { "defaultVariableName": name } },
     });
-    write_metadata(folder, &group).map_err(failed)?;
+    write_metadata(folder, &group).map_err(to_error)?;
 
     let shape: Vec<usize> = image.dims.iter().rev().copied().collect();
     let array = ArrayWriter {
@@ -65,13 +66,13 @@ fn write_arrays<const D: usize>(
             "origin": space.origin, "axes": space.axes, "names": space.names, "units": space.units,
         }),
     );
-    let beside = write_coordinates(folder, image, &names).map_err(failed)?;
-    if !beside.is_empty() {
-        attributes.insert("coordinates".into(), beside.join(" ").into());
+    let coordinate_names = write_coordinates(folder, image, &names).map_err(to_error)?;
+    if !coordinate_names.is_empty() {
+        attributes.insert("coordinates".into(), coordinate_names.join(" ").into());
     }
-    array.create(Value::Object(attributes)).map_err(failed)?;
+    array.create(Value::Object(attributes)).map_err(to_error)?;
     let mut first = 0;
-    let done = image
+    let result = image
         .slabs
         .for_each_slab(array.chunk_shape[0], &mut |slab| {
             let planes = slab.len() / array.plane_len().max(1);
@@ -79,10 +80,10 @@ fn write_arrays<const D: usize>(
             first += planes;
             Ok(())
         });
-    done.map_err(failed)
+    result.map_err(to_error)
 }
 
-/// A name for each axis, all different, x first.
+/// Returns a different name for each axis, x first.
 fn axis_names<const D: usize>(geometry: &Geometry<D>) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
     for k in 0..D {
@@ -91,29 +92,30 @@ fn axis_names<const D: usize>(geometry: &Geometry<D>) -> Vec<String> {
             None => "",
         };
         let name = match (&*geometry.names[k], unit) {
-            // As MDIO calls it.
+            // MDIO uses these names.
             ("sample", "ms" | "s" | "us") => "time",
             ("sample", "m" | "ft") => "depth",
             (name, _) => name,
         };
-        let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-');
-        let clean: String = name.chars().filter(|c| plain(*c)).collect();
-        let taken = [
+        let is_plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-');
+        let clean: String = name.chars().filter(|c| is_plain(*c)).collect();
+        let reserved = [
             TRACE_MASK,
             POSITION_NAMES[0],
             POSITION_NAMES[1],
             "amplitude",
             "samples",
         ];
-        match clean.is_empty() || names.contains(&clean) || taken.contains(&&*clean) {
-            true => names.push(format!("axis_{k}")),
-            false => names.push(clean),
+        if clean.is_empty() || names.contains(&clean) || reserved.contains(&&*clean) {
+            names.push(format!("axis_{k}"))
+        } else {
+            names.push(clean)
         }
     }
     names
 }
 
-/// Writes the arrays that say where the image lies; names those of them that are of no axis.
+/// Writes the coordinate arrays. Returns the names of those that do not belong to a single axis.
 fn write_coordinates<const D: usize>(
     folder: &Path,
     image: &StreamedImage<'_, D>,
@@ -130,64 +132,72 @@ fn write_coordinates<const D: usize>(
         if let Some(lines) = lines {
             let numbers = (0..count as i64).map(|i| (lines.first + i * lines.step) as i32);
             let bytes: Vec<u8> = numbers.flat_map(i32::to_le_bytes).collect();
-            let one = single_chunk_array(
+            let array = single_chunk_array(
                 folder,
                 &names[k],
                 &names[k..=k],
                 vec![count],
                 SampleType::I32,
             );
-            one.write_single_chunk(&bytes, "")?;
+            array.write_single_chunk(&bytes, "")?;
             continue;
         }
-        // Along one coordinate of the world, downwards as positive numbers.
-        let along: Vec<usize> = (0..D).filter(|&c| geometry.axes[k][c] != 0.0).collect();
-        let [c] = along[..] else { continue };
+        // The coordinate of an axis along one physical coordinate; depths and times are written as
+        // positive numbers.
+        let coordinates: Vec<usize> = (0..D).filter(|&c| geometry.axes[k][c] != 0.0).collect();
+        let [c] = coordinates[..] else { continue };
         let downwards = matches!(&*names[k], "time" | "depth" | "sample" | "twt");
-        let sign = match downwards && geometry.axes[k][c] < 0.0 {
-            true => -1.0,
-            false => 1.0,
+        let sign = if downwards && geometry.axes[k][c] < 0.0 {
+            -1.0
+        } else {
+            1.0
         };
         let value = |i| 0.0 + sign * (geometry.origin[c] + i as f64 * geometry.axes[k][c]);
         let bytes: Vec<u8> = (0..count)
             .flat_map(|i| f64::to_le_bytes(value(i)))
             .collect();
-        let one = single_chunk_array(
+        let array = single_chunk_array(
             folder,
             &names[k],
             &names[k..=k],
             vec![count],
             SampleType::F64,
         );
-        one.write_single_chunk(&bytes, &geometry.units[c])?;
+        array.write_single_chunk(&bytes, &geometry.units[c])?;
     }
     if image.line_numbers.is_none() || D < 3 {
         return Ok(Vec::new());
     }
     let [ny, nz] = [image.dims[1], image.dims[2]];
-    let across = [names[2].clone(), names[1].clone()];
-    let mut beside = Vec::new();
+    let line_axes = [names[2].clone(), names[1].clone()];
+    let mut written = Vec::new();
     for (c, name) in POSITION_NAMES.into_iter().enumerate() {
         let position = |row: usize| {
             let [inline, crossline] = [row / ny, row % ny].map(|i| i as f64);
-            let along = inline * geometry.axes[2][c] + crossline * geometry.axes[1][c];
-            geometry.origin[c] + along
+            let offset = inline * geometry.axes[2][c] + crossline * geometry.axes[1][c];
+            geometry.origin[c] + offset
         };
         let bytes: Vec<u8> = (0..ny * nz)
             .flat_map(|row| f64::to_le_bytes(position(row)))
             .collect();
-        let one = single_chunk_array(folder, name, &across, vec![nz, ny], SampleType::F64);
-        one.write_single_chunk(&bytes, &geometry.units[c])?;
-        beside.push(name.to_string());
+        let array = single_chunk_array(folder, name, &line_axes, vec![nz, ny], SampleType::F64);
+        array.write_single_chunk(&bytes, &geometry.units[c])?;
+        written.push(name.to_string());
     }
-    let live = |row: usize| u8::from(!image.missing.get(row).unwrap_or(&false));
-    let bytes: Vec<u8> = (0..ny * nz).map(live).collect();
-    single_chunk_array(folder, TRACE_MASK, &across, vec![nz, ny], SampleType::Bool)
-        .write_single_chunk(&bytes, "")?;
-    Ok(beside)
+    let is_live = |row: usize| u8::from(!image.missing.get(row).unwrap_or(&false));
+    let bytes: Vec<u8> = (0..ny * nz).map(is_live).collect();
+    single_chunk_array(
+        folder,
+        TRACE_MASK,
+        &line_axes,
+        vec![nz, ny],
+        SampleType::Bool,
+    )
+    .write_single_chunk(&bytes, "")?;
+    Ok(written)
 }
 
-/// An array that is one chunk.
+/// Returns a writer of an array that is a single chunk.
 fn single_chunk_array(
     folder: &Path,
     name: &str,
@@ -204,7 +214,7 @@ fn single_chunk_array(
     }
 }
 
-/// An array that is being written.
+/// Writer of an array.
 struct ArrayWriter {
     folder: std::path::PathBuf,
     axis_names: Vec<String>,
@@ -214,7 +224,7 @@ struct ArrayWriter {
 }
 
 impl ArrayWriter {
-    /// Makes its folder and metadata.
+    /// Creates the folder and the metadata.
     fn create(&self, attributes: Value) -> std::io::Result<()> {
         use SampleType::*;
         let (name, endian) = match self.sample_type {
@@ -255,7 +265,7 @@ impl ArrayWriter {
         write_metadata(&self.folder, &array)
     }
 
-    /// Bytes of an element.
+    /// Returns the number of bytes of an element.
     fn element_bytes(&self) -> usize {
         use SampleType::*;
         match self.sample_type {
@@ -266,7 +276,7 @@ impl ArrayWriter {
         }
     }
 
-    /// Writes the only chunk, and all there is to say.
+    /// Writes the only chunk, and the metadata with its unit.
     fn write_single_chunk(&self, bytes: &[u8], unit: &str) -> std::io::Result<()> {
         let kind = match unit {
             "ms" | "s" | "us" => "time",
@@ -280,14 +290,14 @@ impl ArrayWriter {
         self.write_chunk(&vec![0; self.shape.len()], bytes)
     }
 
-    /// Elements of a plane across the slowest axis.
+    /// Returns the number of elements of a plane perpendicular to the slowest axis.
     fn plane_len(&self) -> usize {
         self.shape[1..].iter().product()
     }
 
-    /// Writes the chunks of some planes, which begin where a chunk begins.
+    /// Writes the chunks of consecutive planes, which begin at a chunk boundary.
     fn write_planes(&self, first: usize, planes: usize, samples: &[f32]) -> std::io::Result<()> {
-        // In the plane the slowest axis is y, and there is a single column of chunks in the third.
+        // In 2-D the slowest axis is y, and the third axis has a single chunk.
         let (ny, nx, cy, cx) = match self.shape[..] {
             [_, ny, nx] => (ny, nx, self.chunk_shape[1], self.chunk_shape[2]),
             _ => (
@@ -303,17 +313,18 @@ impl ArrayWriter {
         (0..count).into_par_iter().try_for_each(|number| {
             let (z, rest) = (number / (rows * columns), number % (rows * columns));
             let (y, x) = (rest / columns, rest % columns);
-            // Beyond the array's end a chunk is filled up.
+            // A chunk that extends beyond the array is padded with zeros.
             let mut values = vec![0.0; cz * cy * cx];
-            let wide = cx.min(nx - x * cx);
+            let width = cx.min(nx - x * cx);
             for k in 0..cz.min(planes - z * cz) {
                 for j in 0..cy.min(ny - y * cy) {
-                    let from = ((z * cz + k) * ny + y * cy + j) * nx + x * cx;
-                    let to = (k * cy + j) * cx;
-                    values[to..to + wide].copy_from_slice(&samples[from..from + wide]);
+                    let source = ((z * cz + k) * ny + y * cy + j) * nx + x * cx;
+                    let target = (k * cy + j) * cx;
+                    values[target..target + width]
+                        .copy_from_slice(&samples[source..source + width]);
                 }
             }
-            // What no chunk holds is zero.
+            // A chunk of zeros need not be written, because the fill value is zero.
             if values.iter().all(|v| v.to_bits() == 0) {
                 return Ok(());
             }
@@ -325,7 +336,7 @@ impl ArrayWriter {
         })
     }
 
-    /// The bytes of samples.
+    /// Converts samples to bytes.
     fn encode(&self, samples: &[f32]) -> Vec<u8> {
         use SampleType::*;
         match self.sample_type {
@@ -363,7 +374,7 @@ fn write_metadata(folder: &Path, value: &Value) -> std::io::Result<()> {
     write_synced(&folder.join(NODE_FILE), format!("{value:#}\n").as_bytes())
 }
 
-/// Writes a file and brings it to the disk.
+/// Writes a file and flushes it to the disk.
 fn write_synced(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     let mut file = File::create(path)?;
     file.write_all(bytes)?;

@@ -1,6 +1,6 @@
-//! Atoms come, go and move in a part of a mesh, whose outer faces stay what they are: each of them
-//! by a change that leaves a valid mesh, so that the part always fits the rest. Then all that
-//! [`improve`](super::improve) does.
+//! Adds, removes and moves atoms in a part of a mesh, whose outer faces do not change. Each change
+//! leaves a valid mesh, so that the part always fits the rest of the mesh. All steps of
+//! [`improve`](super::improve) follow.
 
 use super::{TetImprover, smooth};
 use crate::error::{Error, cause};
@@ -15,24 +15,25 @@ use crate::mesh::quality::min_sine;
 use crate::mesh::{FACES, TetMesh};
 use crate::progress::CancelToken;
 
-/// Reshapes a part of a mesh: new nodes are put in, others collapsed into a neighbour, and all moved
-/// towards their targets as far as the mesh allows.
+/// Reshapes a part of a mesh: inserts new nodes, collapses removed ones into a neighbour, and moves
+/// all nodes towards their targets as far as the mesh allows.
 ///
 /// # Errors
-/// The node that cannot be put where it must be, or cannot go; or that the part is no mesh.
+/// Returns [`ReshapeError::Node`] with the node that cannot reach its target or cannot be removed,
+/// and [`ReshapeError::Mesh`] if the part is not a valid mesh.
 pub fn reshape(
     part: TetMesh,
-    wanted: &ReshapeRequest<3>,
+    request: &ReshapeRequest<3>,
     extent: [f64; 3],
-    sheets: &FeaturePlanes,
+    planes: &FeaturePlanes,
     distance: &Distance<3>,
     target: &Target,
 ) -> Result<ReshapeResult<TetMesh>, ReshapeError> {
     let ReshapeRequest {
         targets,
         kinds,
-        is_removed: gone,
-    } = wanted;
+        is_removed,
+    } = request;
     let count = part.nodes.len();
     let neighbors = complex::neighbors(count, &part.tets).map_err(|face| {
         ReshapeError::Mesh(Error::Mesh(cause(
@@ -41,39 +42,39 @@ pub fn reshape(
             "mesh the image again",
         )))
     })?;
-    let target = target.min_dihedral.to_radians().sin();
-    let own = &kinds[..count];
+    let target_sine = target.min_dihedral.to_radians().sin();
+    let part_kinds = &kinds[..count];
     let mut improver = TetImprover::new(
         part,
         neighbors,
-        own,
+        part_kinds,
         extent,
-        sheets,
+        planes,
         distance,
-        target,
+        target_sine,
         &CancelToken::never(),
     );
-    // Nodes move before edges are searched.
+    // The proximities are of no use, as nodes move before edges are searched.
     improver.proximities = Vec::new();
     for node in count..targets.len() {
-        let (hold, _) = NodeConstraint::new(targets[node], kinds[node], extent, sheets);
-        if !improver.insert_node(targets[node], hold) {
+        let (constraint, _) = NodeConstraint::new(targets[node], kinds[node], extent, planes);
+        if !improver.insert_node(targets[node], constraint) {
             return Err(ReshapeError::Node(node as u32));
         }
     }
-    for node in (0..gone.len()).filter(|&n| gone[n]) {
+    for node in (0..is_removed.len()).filter(|&n| is_removed[n]) {
         if !improver.remove_node(node as u32) {
             return Err(ReshapeError::Node(node as u32));
         }
     }
-    improver.move_to_targets(wanted);
-    let astray = |&n: &usize| {
-        !gone[n] && kinds[n] == AtomKind::Fixed && improver.complex.nodes[n] != targets[n]
+    improver.move_to_targets(request);
+    let is_off_target = |&n: &usize| {
+        !is_removed[n] && kinds[n] == AtomKind::Fixed && improver.complex.nodes[n] != targets[n]
     };
-    if let Some(node) = (0..targets.len()).find(astray) {
+    if let Some(node) = (0..targets.len()).find(is_off_target) {
         return Err(ReshapeError::Node(node as u32));
     }
-    let outcome = improver
+    let report = improver
         .improve(&CancelToken::never())
         .map_err(ReshapeError::Mesh)?;
     let finished = improver.finish(kinds);
@@ -82,13 +83,13 @@ pub fn reshape(
         kinds: finished.kinds,
         request_nodes: finished.old_ids,
         feature_faces: finished.feature_faces,
-        report: outcome,
+        report,
     })
 }
 
-/// How to look for a cavity that a new node can see: whether it begins with all tetrahedra whose
-/// circumsphere holds the node, or only with the one that holds it; and the least sine of what
-/// fills it.
+/// Rules for the search of a cavity around a new node, tried in order. `true` if the cavity begins
+/// with all tetrahedra whose circumsphere contains the node, `false` if it begins with the
+/// tetrahedron that contains it; and the smallest sine of the new tetrahedra.
 const CAVITY_RULES: [(bool, f64); 6] = [
     (true, 0.1),
     (false, 0.1),
@@ -98,57 +99,63 @@ const CAVITY_RULES: [(bool, f64); 6] = [
     (false, 0.003),
 ];
 
-/// Sines above which collapsing a node is welcome, less welcome and so on.
+/// Smallest sines that a collapse may leave, tried in order.
 const COLLAPSE_SINES: [f64; 5] = [0.25, 0.1, 0.03, 0.01, 0.003];
 
-/// How often a node is dragged towards neighbours to have it collapse into one, and how far at most.
+/// Largest number of times that a node is moved towards its neighbours so that it can collapse into
+/// one.
 const MAX_DRAGS: usize = 12;
+/// Fractions of the way to a neighbour that such a move tries.
 const DRAG_FRACTIONS: [f64; 3] = [0.8, 0.6, 0.4];
 
-/// A step towards a target may leave tetrahedra as flat as this.
+/// Smallest sine that a step towards a target may leave.
 const MIN_STEP_SINE: f64 = 0.03;
 
-/// Rounds of steps, with flips in between.
+/// Largest number of rounds of steps, with flips in between.
 const MAX_ROUNDS: usize = 24;
 
-/// A position whose least share of a tetrahedron is no more than this may be on a face of it.
+/// Largest barycentric coordinate of a position that counts as lying on the opposite face.
 const ON_FACE_TOLERANCE: f64 = 1e-6;
 
-/// A cavity is given up when it has been changed so often.
+/// Largest number of changes of a cavity.
 const MAX_CAVITY_CHANGES: usize = 200;
 
 impl TetImprover<'_> {
-    /// Puts a new node at `x`. False if there is no tetrahedron for it, or none can be made.
-    fn insert_node(&mut self, x: [f64; 3], hold: NodeConstraint) -> bool {
-        let new = self.complex.nodes.len() as u32;
+    /// Inserts a new node at `x`. Returns `false` if no tetrahedron contains it, or no valid cavity
+    /// is found.
+    fn insert_node(&mut self, x: [f64; 3], constraint: NodeConstraint) -> bool {
+        let node = self.complex.nodes.len() as u32;
         self.complex.add_node(x);
-        self.constraints.push(hold);
-        let home = self.containing_tet(x);
-        for (delaunay, floor) in CAVITY_RULES {
-            if let Some(cavity) = home.and_then(|home| self.cavity(home, new, delaunay, floor)) {
+        self.constraints.push(constraint);
+        let containing = self.containing_tet(x);
+        for (use_circumspheres, floor) in CAVITY_RULES {
+            if let Some(cavity) =
+                containing.and_then(|home| self.cavity(home, node, use_circumspheres, floor))
+            {
                 self.commit(&cavity);
                 return true;
             }
         }
-        self.complex.truncate_nodes(new as usize);
+        self.complex.truncate_nodes(node as usize);
         self.constraints.pop();
         false
     }
 
-    /// The tetrahedron that holds a position, if one does to rounding: of several the one that it lies
-    /// deepest in.
+    /// Returns the tetrahedron that contains a position, within rounding errors; if several do, the
+    /// one in which it lies deepest.
     fn containing_tet(&self, x: [f64; 3]) -> Option<u32> {
-        let near = match self.walk(x) {
+        let candidates = match self.walk(x) {
             Some(found) if self.min_barycentric(found, x) > ON_FACE_TOLERANCE => {
                 return Some(found);
             }
             Some(found) => self.all_containing_tets(found, x),
-            // The part may have dents that no straight way leads through.
+            // The part may be concave, so that no straight path leads to the position.
             None => (0..self.complex.tets.len() as u32)
                 .filter(|&t| self.complex.is_alive(t))
                 .collect(),
         };
-        near.into_iter()
+        candidates
+            .into_iter()
             .map(|t| (self.min_barycentric(t, x), t))
             .fold((-1e-9, None), |best, (value, t)| {
                 if value > best.0 {
@@ -160,14 +167,14 @@ impl TetImprover<'_> {
             .1
     }
 
-    /// The least of the shares by which the corners of a tetrahedron make a position: not negative
-    /// inside.
+    /// Returns the smallest barycentric coordinate of a position in a tetrahedron. It is not
+    /// negative inside.
     fn min_barycentric(&self, t: u32, x: [f64; 3]) -> f64 {
-        let shares = self.scaled_barycentric(t, x).into_iter();
-        shares.fold(f64::INFINITY, f64::min) / volume6(&self.complex.corners(t))
+        let coordinates = self.scaled_barycentric(t, x).into_iter();
+        coordinates.fold(f64::INFINITY, f64::min) / volume6(&self.complex.corners(t))
     }
 
-    /// The shares, times six times the volume.
+    /// Returns the barycentric coordinates, multiplied by six times the volume.
     fn scaled_barycentric(&self, t: u32, x: [f64; 3]) -> [f64; 4] {
         let p = self.complex.corners(t);
         std::array::from_fn(|k| {
@@ -177,32 +184,34 @@ impl TetImprover<'_> {
         })
     }
 
-    /// Goes from one tetrahedron to the next, each time through the face beyond which a position is
-    /// farthest, to the one that holds it: from those made last, as new nodes are often next to each
-    /// other. `None` if that leads out of the part, or nowhere.
+    /// Walks from tetrahedron to tetrahedron, each time through the face beyond which the position
+    /// is farthest, to the one that contains it. The walk starts at the newest tetrahedra, as new
+    /// nodes are often next to each other. Returns `None` if it leads out of the part, or does not
+    /// end.
     fn walk(&self, x: [f64; 3]) -> Option<u32> {
         let count = self.complex.tets.len() as u32;
         let alive = |&t: &u32| t < count && self.complex.is_alive(t);
-        let mut at = self.slots.iter().copied().chain(0..count).find(alive)?;
+        let mut current = self.slots.iter().copied().chain(0..count).find(alive)?;
         for _ in 0..count {
-            let shares = self.scaled_barycentric(at, x);
-            let beyond = (0..4)
-                .filter(|&k| shares[k] < 0.0)
-                .map(|k| (shares[k], self.complex.neighbors[at as usize][k]))
+            let coordinates = self.scaled_barycentric(current, x);
+            let next_face = (0..4)
+                .filter(|&k| coordinates[k] < 0.0)
+                .map(|k| (coordinates[k], self.complex.neighbors[current as usize][k]))
                 .filter(|(_, next)| *next != NONE)
                 .min_by(|a, b| a.0.total_cmp(&b.0));
-            match beyond {
-                Some((_, next)) => at = next,
+            match next_face {
+                Some((_, next)) => current = next,
                 None => {
-                    let inside = self.min_barycentric(at, x) > -ON_FACE_TOLERANCE;
-                    return inside.then_some(at);
+                    let inside = self.min_barycentric(current, x) > -ON_FACE_TOLERANCE;
+                    return inside.then_some(current);
                 }
             }
         }
         None
     }
 
-    /// The tetrahedra that hold a position to rounding, as `first` does, in rising order.
+    /// Returns the tetrahedra that contain a position within rounding errors, as `first` does, in
+    /// rising order.
     fn all_containing_tets(&self, first: u32, x: [f64; 3]) -> Vec<u32> {
         let mut found = vec![first];
         let mut next = 0;
@@ -221,19 +230,20 @@ impl TetImprover<'_> {
         found
     }
 
-    /// Tetrahedra round `home` all of whose outer faces the new node sees so well that the smallest
-    /// sine of what it spans with them, left in `fresh`, is above `floor`.
+    /// Finds tetrahedra around `start_tet` such that the new node and each outer face of this
+    /// cavity span a tetrahedron with a smallest sine above `floor`. The new tetrahedra are left in
+    /// `new_tets`.
     pub(super) fn cavity(
         &mut self,
-        home: u32,
-        new: u32,
-        delaunay: bool,
+        start_tet: u32,
+        node: u32,
+        use_circumspheres: bool,
         floor: f64,
     ) -> Option<Vec<u32>> {
-        let x = self.complex.nodes[new as usize];
-        let mut cavity = vec![home];
+        let x = self.complex.nodes[node as usize];
+        let mut cavity = vec![start_tet];
         let mut next = 0;
-        while delaunay && next < cavity.len() {
+        while use_circumspheres && next < cavity.len() {
             for k in 0..4 {
                 if let Some(n) = self.complex.neighbor(cavity[next], k)
                     && !cavity.contains(&n)
@@ -244,16 +254,16 @@ impl TetImprover<'_> {
             }
             next += 1;
         }
-        // Tetrahedra that x lies in, or on the rim of, must be in the cavity.
-        let mut needed = vec![home];
+        // Tetrahedra that contain x, also on their faces, must stay in the cavity.
+        let mut needed = vec![start_tet];
         for _ in 0..MAX_CAVITY_CHANGES {
-            match self.first_invisible_face(&cavity, new, floor) {
+            match self.first_invisible_face(&cavity, node, floor) {
                 None => return self.fills_cavity(&cavity).then_some(cavity),
                 Some((t, k)) if needed.contains(&t) => {
-                    let beyond = self.complex.neighbor(t, k)?;
-                    needed.push(beyond);
-                    if !cavity.contains(&beyond) {
-                        cavity.push(beyond);
+                    let neighbor = self.complex.neighbor(t, k)?;
+                    needed.push(neighbor);
+                    if !cavity.contains(&neighbor) {
+                        cavity.push(neighbor);
                     }
                 }
                 Some((t, _)) => cavity.retain(|&other| other != t),
@@ -262,29 +272,30 @@ impl TetImprover<'_> {
         None
     }
 
-    /// Spans tetrahedra from the node to the cavity's outer faces, into `fresh`. Gives the first face
-    /// that it does not see well enough: its tetrahedron, and its number there.
+    /// Spans tetrahedra from the node to the outer faces of the cavity, into `new_tets`. Returns
+    /// the first face for which the new tetrahedron is too flat: its tetrahedron, and its index
+    /// there.
     fn first_invisible_face(
         &mut self,
         cavity: &[u32],
-        new: u32,
+        node: u32,
         floor: f64,
     ) -> Option<(u32, usize)> {
         self.new_tets.clear();
         for &t in cavity {
             for k in 0..4 {
-                let beyond = self.complex.neighbors[t as usize][k];
-                if cavity.contains(&beyond) {
+                let neighbor = self.complex.neighbors[t as usize][k];
+                if cavity.contains(&neighbor) {
                     continue;
                 }
                 let tet = self.complex.tets[t as usize];
                 let [a, b, c] = FACES[k].map(|i| tet[i]);
-                // In a side of the box the node lies among the others.
-                if beyond == NONE && self.is_in_side(&[a, b, c, new]) {
+                // In a side of the box, the node lies in the plane of the face.
+                if neighbor == NONE && self.is_in_side(&[a, b, c, node]) {
                     continue;
                 }
                 let mut spanned = tet;
-                spanned[k] = new;
+                spanned[k] = node;
                 if min_sine(&spanned.map(|n| self.complex.nodes[n as usize])) <= floor {
                     return Some((t, k));
                 }
@@ -294,7 +305,7 @@ impl TetImprover<'_> {
         None
     }
 
-    /// Whether `fresh` fills the cavity and has all of its nodes.
+    /// Returns `true` if `new_tets` fills the cavity and has all of its nodes.
     fn fills_cavity(&self, cavity: &[u32]) -> bool {
         let volume = |tet: [u32; 4]| volume6(&tet.map(|n| self.complex.nodes[n as usize]));
         let old: f64 = cavity
@@ -302,15 +313,15 @@ impl TetImprover<'_> {
             .map(|&t| volume(self.complex.tets[t as usize]))
             .sum();
         let new: f64 = self.new_tets.iter().map(|&tet| volume(tet)).sum();
-        let has = |n: u32| self.new_tets.iter().any(|tet| tet.contains(&n));
+        let is_used = |n: u32| self.new_tets.iter().any(|tet| tet.contains(&n));
         let mut nodes = cavity.iter().flat_map(|&t| self.complex.tets[t as usize]);
-        (old - new).abs() <= 1e-9 * old && nodes.all(has)
+        (old - new).abs() <= 1e-9 * old && nodes.all(is_used)
     }
 
     /// Collapses a node into the neighbour that leaves the best tetrahedra.
     fn remove_node(&mut self, node: u32) -> bool {
         self.constraints[node as usize].clear_surfaces();
-        for easing in 0..MAX_DRAGS {
+        for drag in 0..MAX_DRAGS {
             let x = self.complex.nodes[node as usize];
             self.complex.star(node, &mut self.star);
             let mut around: Vec<u32> = (self.star.iter())
@@ -320,8 +331,8 @@ impl TetImprover<'_> {
             around.sort_unstable();
             around.dedup();
             around.sort_by(|&a, &b| {
-                let gap = |n: u32| norm(sub(self.complex.nodes[n as usize], x));
-                gap(a).total_cmp(&gap(b))
+                let distance = |n: u32| norm(sub(self.complex.nodes[n as usize], x));
+                distance(a).total_cmp(&distance(b))
             });
             for floor in COLLAPSE_SINES {
                 for features_first in [true, false] {
@@ -331,58 +342,59 @@ impl TetImprover<'_> {
                     }
                 }
             }
-            self.drag_node(node, &around, easing);
+            self.drag_node(node, &around, drag);
         }
         false
     }
 
     /// Moves a node most of the way to the nearest neighbour (or the `nth` next) into which it may
-    /// collapse, with flips of what that makes flat: in a regular lattice no collapse is possible at
-    /// once, for the faces round an atom lie in one plane with its neighbours.
+    /// collapse, and flips the tetrahedra that become flat. In a regular lattice no collapse is
+    /// possible without this, as the faces around an atom lie in one plane with its neighbours.
     fn drag_node(&mut self, node: u32, around: &[u32], nth: usize) {
-        let hold = self.constraints[node as usize];
+        let constraint = self.constraints[node as usize];
         let from = self.complex.nodes[node as usize];
         self.gather_star(node);
-        let mut left = nth;
+        let mut to_skip = nth;
         for &n in around {
             let to = self.complex.nodes[n as usize];
-            let off_side = (0..3).any(|k| hold.fixed_axes >> k & 1 == 1 && from[k] != to[k]);
-            if off_side || !hold.is_subset_of(&self.constraints[n as usize]) {
+            let off_side = (0..3).any(|k| constraint.fixed_axes >> k & 1 == 1 && from[k] != to[k]);
+            if off_side || !constraint.is_subset_of(&self.constraints[n as usize]) {
                 continue;
             }
-            let on_the_way = |share: &f64| -> [f64; 3] {
-                std::array::from_fn(|k| from[k] + share * (to[k] - from[k]))
+            let point_at = |fraction: &f64| -> [f64; 3] {
+                std::array::from_fn(|k| from[k] + fraction * (to[k] - from[k]))
             };
-            let sound =
+            let is_sound =
                 |x: &[f64; 3]| smooth::worst_sine(*x, &self.link, MIN_STEP_SINE) > MIN_STEP_SINE;
-            let Some(x) = DRAG_FRACTIONS.iter().map(on_the_way).find(sound) else {
+            let Some(x) = DRAG_FRACTIONS.iter().map(point_at).find(is_sound) else {
                 continue;
             };
-            if left > 0 {
-                left -= 1;
+            if to_skip > 0 {
+                to_skip -= 1;
                 continue;
             }
-            // Coordinates in a side stay what they are, to the bit.
+            // Coordinates in a side of the box must not change, not even by rounding.
             let x = std::array::from_fn(|k| if from[k] == to[k] { from[k] } else { x[k] });
-            self.move_to(node, x, hold);
+            self.move_to(node, x, constraint);
             self.flip_queue(&CancelToken::never());
             return;
         }
     }
 
-    /// Moves nodes towards their targets, with flips of what that makes poor in between.
-    fn move_to_targets(&mut self, wanted: &ReshapeRequest<3>) {
-        let mut pending: Vec<u32> = (0..wanted.targets.len())
-            .filter(|&n| !wanted.is_removed[n] && self.complex.nodes[n] != wanted.targets[n])
+    /// Moves nodes towards their targets, with flips of the tetrahedra that fall below target in
+    /// between.
+    fn move_to_targets(&mut self, request: &ReshapeRequest<3>) {
+        let mut pending: Vec<u32> = (0..request.targets.len())
+            .filter(|&n| !request.is_removed[n] && self.complex.nodes[n] != request.targets[n])
             .map(|n| n as u32)
             .collect();
         for _ in 0..MAX_ROUNDS {
             let before = pending.len();
             let mut moved = false;
             pending.retain(|&node| {
-                let (went, arrived) = self.step_towards(node, wanted);
-                moved |= went;
-                !arrived
+                let (has_moved, has_arrived) = self.step_towards(node, request);
+                moved |= has_moved;
+                !has_arrived
             });
             self.flip_queue(&CancelToken::never());
             if pending.is_empty() || (!moved && pending.len() == before) {
@@ -391,35 +403,37 @@ impl TetImprover<'_> {
         }
     }
 
-    /// Goes to the target, or as far towards it as leaves no tetrahedron flat. Whether the node has
-    /// moved, and whether it is there.
-    fn step_towards(&mut self, node: u32, wanted: &ReshapeRequest<3>) -> (bool, bool) {
+    /// Moves a node to its target, or as far towards it as leaves no tetrahedron flat. Returns
+    /// `true` if the node has moved, and `true` if it has arrived.
+    fn step_towards(&mut self, node: u32, request: &ReshapeRequest<3>) -> (bool, bool) {
         let n = node as usize;
-        let (from, to) = (self.complex.nodes[n], wanted.targets[n]);
+        let (from, to) = (self.complex.nodes[n], request.targets[n]);
         self.gather_star(node);
-        let here = smooth::worst_sine(from, &self.link, f64::NEG_INFINITY);
-        for share in [1.0, 0.5, 0.25] {
-            let x = match share {
+        let current_sine = smooth::worst_sine(from, &self.link, f64::NEG_INFINITY);
+        for fraction in [1.0, 0.5, 0.25] {
+            let x = match fraction {
                 1.0 => to,
-                _ => std::array::from_fn(|k| from[k] + share * (to[k] - from[k])),
+                _ => std::array::from_fn(|k| from[k] + fraction * (to[k] - from[k])),
             };
-            // What is flat already may at least not become flatter.
-            let floor = MIN_STEP_SINE.min(here);
+            // A tetrahedron that is flat already must at least not become flatter.
+            let floor = MIN_STEP_SINE.min(current_sine);
             if smooth::worst_sine(x, &self.link, floor) > floor {
-                let (hold, _) = NodeConstraint::new(x, wanted.kinds[n], self.extent, self.planes);
-                self.move_to(node, x, hold);
-                return (true, share == 1.0);
+                let (constraint, _) =
+                    NodeConstraint::new(x, request.kinds[n], self.extent, self.planes);
+                self.move_to(node, x, constraint);
+                return (true, fraction == 1.0);
             }
         }
         (false, false)
     }
 }
 
-/// Whether a position lies inside the sphere through the corners of a positive tetrahedron.
+/// Returns `true` if a position lies inside the sphere through the corners of a positive
+/// tetrahedron.
 fn is_in_circumsphere(p: &[[f64; 3]; 4], x: [f64; 3]) -> bool {
     let rows = p.map(|q| sub(q, x));
     let square = rows.map(|[a, b, c]| a * a + b * b + c * c);
-    // The determinant of (position, square) by its last column.
+    // The determinant of (position, square), expanded by its last column.
     let minor = |i: usize, j: usize, k: usize| {
         crate::geometry::dot(rows[i], crate::geometry::cross(rows[j], rows[k]))
     };

@@ -1,4 +1,4 @@
-//! Nodes that come, go and move.
+//! Nodes are added, removed and moved.
 
 use super::*;
 use crate::lattice::seeding::{Alignment, fcc};
@@ -12,58 +12,58 @@ fn circumsphere_of_a_corner() {
     let p = [[0.0; 3], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0]];
     assert!(volume6(&p) > 0.0);
     let radius = 3f64.sqrt();
-    for (share, inside) in [(0.0, true), (0.99, true), (1.01, false)] {
-        let x = [1.0 + share * radius, 1.0, 1.0];
-        assert_eq!(is_in_circumsphere(&p, x), inside, "{share}");
+    for (fraction, inside) in [(0.0, true), (0.99, true), (1.01, false)] {
+        let x = [1.0 + fraction * radius, 1.0, 1.0];
+        assert_eq!(is_in_circumsphere(&p, x), inside, "{fraction}");
     }
 }
 
-/// A box of atoms, four units apart.
+/// Returns a box of atoms with spacing 4.
 fn box_part() -> (TetMesh, Vec<AtomKind>) {
     let atoms = fcc(EXTENT, &Distance::Constant(4.0), &[], Alignment::OnFeatures).unwrap();
     let mesh = delaunay::delaunay(&atoms.positions).unwrap();
     (mesh, atoms.kinds)
 }
 
-fn reshape_checked(mesh: TetMesh, wanted: &ReshapeRequest<3>) -> ReshapeResult<TetMesh> {
-    let sheets = FeaturePlanes::new(&[], EXTENT, 3.0, 4.0);
+fn reshape_checked(mesh: TetMesh, request: &ReshapeRequest<3>) -> ReshapeResult<TetMesh> {
+    let planes = FeaturePlanes::new(&[], EXTENT, 3.0, 4.0);
     let distance = Distance::Constant(4.0);
     let target = Target::default();
-    let done = reshape(mesh, wanted, EXTENT, &sheets, &distance, &target)
-        .unwrap_or_else(|why| panic!("{why:?} of {:?}", wanted.kinds));
-    let found = check(&done.mesh, [0.0; 3], EXTENT, 1e-9);
-    assert!(found.passed(), "{:?}", found.problems);
-    done
+    let result = reshape(mesh, request, EXTENT, &planes, &distance, &target)
+        .unwrap_or_else(|why| panic!("{why:?} of {:?}", request.kinds));
+    let checked = check(&result.mesh, [0.0; 3], EXTENT, 1e-9);
+    assert!(checked.passed(), "{:?}", checked.problems);
+    result
 }
 
 #[test]
 #[cfg(feature = "tetgen")]
-fn every_atom_but_corners_can_go() {
+fn every_atom_but_corners_can_be_removed() {
     let (mesh, kinds) = box_part();
     for node in (0..kinds.len())
         .filter(|&n| kinds[n] != AtomKind::Corner)
         .step_by(3)
     {
-        let mut gone = vec![false; kinds.len()];
-        gone[node] = true;
-        let wanted = ReshapeRequest {
+        let mut is_removed = vec![false; kinds.len()];
+        is_removed[node] = true;
+        let request = ReshapeRequest {
             targets: mesh.nodes.clone(),
             kinds: kinds.clone(),
-            is_removed: gone,
+            is_removed,
         };
-        let done = reshape_checked(mesh.clone(), &wanted);
-        assert!(!done.request_nodes.contains(&(node as u32)));
+        let result = reshape_checked(mesh.clone(), &request);
+        assert!(!result.request_nodes.contains(&(node as u32)));
         assert!(
-            done.report.below_target_after < 6,
+            result.report.below_target_after < 6,
             "{node}: {:?}",
-            done.report
+            result.report
         );
     }
 }
 
 #[test]
 #[cfg(feature = "tetgen")]
-fn atoms_come_anywhere_also_onto_faces_edges_and_sides() {
+fn atoms_can_be_inserted_anywhere_also_on_faces_edges_and_sides() {
     let (mesh, kinds) = box_part();
     let middle = |nodes: &[u32]| -> [f64; 3] {
         let sum = |k: usize| {
@@ -77,20 +77,23 @@ fn atoms_come_anywhere_also_onto_faces_edges_and_sides() {
     for t in (0..mesh.tets.len()).step_by(11) {
         for count in [2, 3, 4] {
             let x = middle(&mesh.tets[t][..count]);
-            let mut wanted = ReshapeRequest {
+            let mut request = ReshapeRequest {
                 targets: mesh.nodes.clone(),
                 kinds: kinds.clone(),
                 is_removed: vec![false; kinds.len() + 1],
             };
-            wanted.targets.push(x);
-            wanted.kinds.push(AtomKind::Fixed);
-            let done = reshape_checked(mesh.clone(), &wanted);
-            let at = done
+            request.targets.push(x);
+            request.kinds.push(AtomKind::Fixed);
+            let result = reshape_checked(mesh.clone(), &request);
+            let node = result
                 .request_nodes
                 .iter()
                 .position(|&n| n as usize == kinds.len())
                 .unwrap();
-            assert_eq!((done.mesh.nodes[at], done.kinds[at]), (x, AtomKind::Fixed));
+            assert_eq!(
+                (result.mesh.nodes[node], result.kinds[node]),
+                (x, AtomKind::Fixed)
+            );
         }
     }
 }
@@ -99,7 +102,7 @@ fn atoms_come_anywhere_also_onto_faces_edges_and_sides() {
 #[cfg(feature = "tetgen")]
 fn nodes_reach_their_targets() {
     let (mesh, kinds) = box_part();
-    // A wave through the box, which the sides keep to.
+    // A wave through the box that leaves the sides unchanged.
     let targets: Vec<[f64; 3]> = (mesh.nodes.iter())
         .map(|x| {
             let mut y = *x;
@@ -111,15 +114,15 @@ fn nodes_reach_their_targets() {
             y
         })
         .collect();
-    let gone = vec![false; kinds.len()];
+    let is_removed = vec![false; kinds.len()];
     let fixed = vec![AtomKind::Fixed; kinds.len()];
-    let wanted = ReshapeRequest {
+    let request = ReshapeRequest {
         targets: targets.clone(),
         kinds: fixed,
-        is_removed: gone,
+        is_removed,
     };
-    let done = reshape_checked(mesh, &wanted);
-    for (x, &n) in done.mesh.nodes.iter().zip(&done.request_nodes) {
+    let result = reshape_checked(mesh, &request);
+    for (x, &n) in result.mesh.nodes.iter().zip(&result.request_nodes) {
         if let Some(target) = targets.get(n as usize) {
             assert_eq!(x, target);
         }
@@ -128,8 +131,8 @@ fn nodes_reach_their_targets() {
 
 #[test]
 #[cfg(feature = "tetgen")]
-fn the_home_of_a_position_is_that_of_all_tetrahedra_that_holds_it_best() {
-    // A box with a dent: what no straight way leads through is there, too.
+fn containing_tet_is_the_one_in_which_the_position_lies_deepest() {
+    // A box with a dent: positions behind it cannot be reached by a straight walk.
     let (mut mesh, kinds) = box_part();
     let middle =
         |t: &[u32; 4], k: usize| t.iter().map(|&n| mesh.nodes[n as usize][k]).sum::<f64>() / 4.0;
@@ -142,7 +145,7 @@ fn the_home_of_a_position_is_that_of_all_tetrahedra_that_holds_it_best() {
     assert!(kept.len() < mesh.tets.len() - 10);
     mesh.tets = kept;
     let neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
-    let sheets = FeaturePlanes::new(&[], EXTENT, 3.0, 4.0);
+    let planes = FeaturePlanes::new(&[], EXTENT, 3.0, 4.0);
     let distance = Distance::Constant(4.0);
     let tets = mesh.tets.clone();
     let nodes = mesh.nodes.clone();
@@ -151,7 +154,7 @@ fn the_home_of_a_position_is_that_of_all_tetrahedra_that_holds_it_best() {
         neighbors,
         &kinds,
         EXTENT,
-        &sheets,
+        &planes,
         &distance,
         0.2,
         &CancelToken::never(),
@@ -162,7 +165,7 @@ fn the_home_of_a_position_is_that_of_all_tetrahedra_that_holds_it_best() {
         f64::from(state >> 8) / f64::from(1 << 24)
     };
     let mut positions: Vec<[f64; 3]> = (0..400).map(|_| EXTENT.map(|l| l * random())).collect();
-    // On nodes, edges and faces, too.
+    // Positions on nodes, edges and faces, too.
     for t in tets.iter().step_by(5) {
         for count in 1..4 {
             let sum = |k: usize| {
@@ -206,23 +209,23 @@ fn a_part_in_which_three_tetrahedra_share_a_face_is_refused() {
         tets: vec![[0, 1, 2, 3], [0, 1, 2, 4], [0, 2, 1, 5]],
         nodes,
     };
-    let wanted = ReshapeRequest {
+    let request = ReshapeRequest {
         targets: mesh.nodes.clone(),
         kinds: vec![AtomKind::Interior; 6],
         is_removed: vec![false; 6],
     };
-    let sheets = FeaturePlanes::new(&[], EXTENT, 3.0, 4.0);
+    let planes = FeaturePlanes::new(&[], EXTENT, 3.0, 4.0);
     let distance = Distance::Constant(4.0);
-    let refusal = reshape(
+    let result = reshape(
         mesh,
-        &wanted,
+        &request,
         EXTENT,
-        &sheets,
+        &planes,
         &distance,
         &Target::default(),
     );
-    let Err(ReshapeError::Mesh(error)) = refusal else {
-        panic!("{refusal:?}");
+    let Err(ReshapeError::Mesh(error)) = result else {
+        panic!("{result:?}");
     };
     assert!(error.to_string().contains("more than two"), "{error}");
 }

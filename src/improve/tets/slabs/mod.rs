@@ -1,13 +1,14 @@
-//! A large mesh improved slab by slab, each as a mesh of its own that stays as it is where it was cut out: at the
-//! same time, and by processes of which none holds all.
+//! Improves a large mesh slab by slab, in parallel and by ranks of which none has the whole mesh.
+//! Each slab is a mesh of its own whose outer faces at the cuts do not change.
 //!
-//! First come *bands* round the cuts, which are far from where they end themselves; then slabs, in which what
-//! bands left poor at their ends is in the middle. What is on different sides of a cut meets in faces that have
-//! been improved before and no longer change.
+//! First the *bands* around the cuts are improved, except near their own ends. Then the slabs
+//! follow, in which the ends of the bands are in the middle. Slabs on both sides of a cut meet in
+//! faces that have been improved before and do not change any more.
 //!
-//! How a mesh is cut depends on its atoms and d alone, so that the result is the same for any number of processes.
+//! The cuts depend on the atoms and d alone, so that the result is the same for any number of
+//! ranks.
 //!
-//! - `part`: a part of a mesh as one of its own
+//! - `submesh`: a part of a mesh as a mesh of its own
 
 mod submesh;
 #[cfg(test)]
@@ -33,190 +34,199 @@ use crate::mesh::{FACES, TetMesh};
 use crate::progress::CancelToken;
 use submesh::SubMesh;
 
-/// A band reaches so far to either side of its cut, over the largest d ...
+/// Distance, in units of the largest d, to which a band extends on either side of its cut.
 const BAND_HALF_WIDTH: f64 = 6.0;
-/// ... and is improved so far from it: what is mended may change what is some 3 d away.
+/// Distance from the cut, in the same units, within which a band is improved. A repair may change
+/// tetrahedra some 3 d away.
 const BAND_CORE_HALF_WIDTH: f64 = 3.0;
-/// Slabs are at least so thick, over the same ...
+/// Smallest thickness of a slab, in units of the largest d.
 const MIN_SLAB_THICKNESS: f64 = 48.0;
-/// ... and have at least so many atoms.
+/// Smallest number of atoms in a slab.
 const MIN_SLAB_ATOMS: usize = 20_480;
-/// There are not more: they and the bands between them are numbered with 16 bits.
+/// Largest number of slabs. The slabs and the bands between them are numbered with 16 bits.
 const MAX_SLABS: usize = 1 << 14;
 
-/// Where a mesh is cut: at planes across the longest axis of the box.
+/// Planes, normal to the longest axis of the box, that cut a mesh into slabs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SlabCuts {
-    /// The axis.
+    /// Axis to which the planes are normal.
     pub axis: usize,
-    /// Where, rising.
+    /// Positions of the planes along the axis, rising.
     positions: Vec<f64>,
     half_width: f64,
 }
 
 impl SlabCuts {
-    /// So that slabs have as many atoms each, of which everyone of the group has a share; none if there is but one slab.
+    /// Chooses the cuts so that all slabs have the same number of atoms, where each rank has a part
+    /// of the atoms. Returns `None` if there is only one slab.
     ///
     /// # Errors
-    /// Those of the others.
+    /// Returns an error if another rank fails.
     pub fn new(
-        share: &[[f64; 3]],
+        owned: &[[f64; 3]],
         extent: [f64; 3],
         distance: &Distance<3>,
-        group: &dyn Comm,
+        comm: &dyn Comm,
     ) -> Result<Option<Self>> {
         let Some(axis) = (0..3).max_by(|&k, &l| extent[k].total_cmp(&extent[l])) else {
             return Ok(None);
         };
-        let half = BAND_HALF_WIDTH * distance.max();
-        let atoms: Vec<usize> = group.all_gather("atoms", share.len())?;
+        let half_width = BAND_HALF_WIDTH * distance.max();
+        let atoms: Vec<usize> = comm.all_gather("atoms", owned.len())?;
         let atoms = atoms.iter().sum();
-        let most = Self::max_slabs(atoms, extent[axis], distance.max());
-        let mut along: Vec<f64> = share.iter().map(|x| x[axis]).collect();
-        for count in (2..=most).rev() {
-            let ranks: Vec<usize> = (1..count).map(|i| i * atoms / count).collect();
-            let at = match group.size() {
-                1 => (ranks.iter())
-                    .map(|&rank| *along.select_nth_unstable_by(rank, f64::total_cmp).1)
+        let max_count = Self::max_slabs(atoms, extent[axis], distance.max());
+        let mut coordinates: Vec<f64> = owned.iter().map(|x| x[axis]).collect();
+        for count in (2..=max_count).rev() {
+            let order_indices: Vec<usize> = (1..count).map(|i| i * atoms / count).collect();
+            let cut_positions = match comm.size() {
+                1 => (order_indices.iter())
+                    .map(|&index| *coordinates.select_nth_unstable_by(index, f64::total_cmp).1)
                     .collect(),
-                _ => {
-                    order_statistics(&[along.iter().copied()], &[|_| &ranks], group)?.swap_remove(0)
-                }
+                _ => order_statistics(&[coordinates.iter().copied()], &[|_| &order_indices], comm)?
+                    .swap_remove(0),
             };
             let mut ends = vec![0.0];
-            ends.extend(&at);
+            ends.extend(&cut_positions);
             ends.push(extent[axis]);
-            // Between bands there must be something.
-            if ends.windows(2).all(|two| two[1] - two[0] > 3.0 * half) {
+            // Bands must not touch each other.
+            if ends
+                .windows(2)
+                .all(|pair| pair[1] - pair[0] > 3.0 * half_width)
+            {
                 return Ok(Some(Self {
                     axis,
-                    positions: at,
-                    half_width: half,
+                    positions: cut_positions,
+                    half_width,
                 }));
             }
         }
         Ok(None)
     }
 
-    /// How many slabs there are at most where there are so many atoms, at most `d` apart, in a box so long.
-    pub fn max_slabs(atoms: usize, longest: f64, d: f64) -> usize {
-        let thick = (longest / (MIN_SLAB_THICKNESS * d)) as usize;
-        thick.min(atoms / MIN_SLAB_ATOMS).min(MAX_SLABS)
+    /// Returns the largest number of slabs for a number of atoms, whose spacing is at most `d`, in
+    /// a box of this length.
+    pub fn max_slabs(atoms: usize, length: f64, d: f64) -> usize {
+        let by_thickness = (length / (MIN_SLAB_THICKNESS * d)) as usize;
+        by_thickness.min(atoms / MIN_SLAB_ATOMS).min(MAX_SLABS)
     }
 
-    /// How many slabs there are.
+    /// Returns the number of slabs.
     pub fn count(&self) -> usize {
         self.positions.len() + 1
     }
 
-    /// Where the atoms begin that are the first of tetrahedra of each slab but the first, and of the band after it:
-    /// at the end of the band before.
+    /// Returns where the first atoms of the tetrahedra begin for each slab but the first, together
+    /// with the band after it: at the end of the band before it.
     pub fn first_atom_cuts(&self) -> Vec<f64> {
         self.positions
             .iter()
-            .map(|at| at + self.half_width)
+            .map(|cut| cut + self.half_width)
             .collect()
     }
 
-    /// Of a tetrahedron whose first atom is there: twice the number of the slab, and one more in the band after it.
+    /// Returns the region of a tetrahedron whose first atom is at `x`: twice the index of the slab,
+    /// plus one in the band after the slab.
     fn region_index(&self, x: [f64; 3]) -> u16 {
         let x = x[self.axis];
-        let begun = self
+        let passed = self
             .positions
-            .partition_point(|at| at - self.half_width <= x);
-        match begun.checked_sub(1) {
+            .partition_point(|cut| cut - self.half_width <= x);
+        match passed.checked_sub(1) {
             Some(band) if x < self.positions[band] + self.half_width => 2 * band as u16 + 1,
-            _ => 2 * begun as u16,
+            _ => 2 * passed as u16,
         }
     }
 
-    /// Whether a tetrahedron of the band after a slab is on the slab's side of the cut.
+    /// Returns `true` if a tetrahedron of the band after a slab is on the slab's side of the cut.
     fn is_before_cut(&self, part: &SubMesh, t: u32, slab: usize) -> bool {
         part.scaled_centroid(t, self.axis) < 4.0 * self.positions[slab]
     }
 }
 
-/// The slabs of one of those who share a mesh, improved.
+/// The improved slabs of one rank.
 #[derive(Debug)]
 pub struct SlabResult {
-    /// Its tetrahedra.
+    /// Tetrahedra of the slabs.
     pub partition: MeshPartition,
-    /// What each of its nodes may do.
+    /// Kind of each node.
     pub kinds: Vec<AtomKind>,
-    /// For each tetrahedron which of its faces lie on a feature: bit k for face k.
+    /// Faces of each tetrahedron that lie on a feature: bit k for face k.
     pub feature_faces: Vec<u8>,
-    /// What was done, of the whole mesh.
+    /// Report for the whole mesh.
     pub report: ImproveReport,
 }
 
 impl SlabResult {
-    /// All pieces as one, on every member of the group.
+    /// Gathers the whole mesh on every rank.
     ///
     /// # Errors
-    /// Those of other members.
-    pub fn all_gather(mut self, group: &dyn Comm) -> Result<Self> {
-        if group.size() == 1 {
-            // In place: they are the largest array of all.
-            let around = self.partition.neighbors.as_flattened_mut().par_iter_mut();
-            around.filter(|n| **n == NOT_LOCAL).for_each(|n| *n = NONE);
+    /// Returns an error if another rank fails.
+    pub fn all_gather(mut self, comm: &dyn Comm) -> Result<Self> {
+        if comm.size() == 1 {
+            // Done in place, as this is the largest of all arrays.
+            let neighbors = self.partition.neighbors.as_flattened_mut().par_iter_mut();
+            neighbors
+                .filter(|n| **n == NOT_LOCAL)
+                .for_each(|n| *n = NONE);
             return Ok(self);
         }
         let Self {
-            partition: piece,
+            partition,
             kinds,
             feature_faces,
-            report: improved,
+            report,
         } = self;
-        let (first, whole) = (0, piece.global_counts);
-        let part = SubMesh {
+        let (first_cell, global_counts) = (0, partition.global_counts);
+        let submesh = SubMesh {
             constraints: Vec::new(),
-            neighbors: piece.local_neighbors(),
-            global_ids: piece.global_ids,
-            nodes: piece.mesh.nodes,
+            neighbors: partition.local_neighbors(),
+            global_ids: partition.global_ids,
+            nodes: partition.mesh.nodes,
             kinds,
-            tets: piece.mesh.tets,
+            tets: partition.mesh.tets,
         };
-        let parts: Vec<(SubMesh, Vec<u8>)> = group.all_gather("pieces", (part, feature_faces))?;
+        let parts: Vec<(SubMesh, Vec<u8>)> =
+            comm.all_gather("partitions", (submesh, feature_faces))?;
         let (parts, marks): (Vec<SubMesh>, Vec<Vec<u8>>) = parts.into_iter().unzip();
-        let part = SubMesh::merge(parts);
+        let submesh = SubMesh::merge(parts);
         Ok(Self {
             partition: MeshPartition {
                 mesh: TetMesh {
-                    nodes: part.nodes,
-                    tets: part.tets,
+                    nodes: submesh.nodes,
+                    tets: submesh.tets,
                 },
-                neighbors: part.neighbors,
-                global_ids: part.global_ids,
-                first_cell: first,
-                global_counts: whole,
+                neighbors: submesh.neighbors,
+                global_ids: submesh.global_ids,
+                first_cell,
+                global_counts,
             },
-            kinds: part.kinds,
+            kinds: submesh.kinds,
             feature_faces: marks.concat(),
-            report: improved,
+            report,
         })
     }
 }
 
-/// What slabs are improved for.
+/// Parameters of the improvement of slabs.
 #[derive(Debug, Clone, Copy)]
 pub struct SlabContext<'a> {
-    /// The far corner of the box.
+    /// Far corner of the box.
     pub extent: [f64; 3],
-    /// The features.
+    /// Local planes of the features.
     pub planes: &'a FeaturePlanes,
-    /// d.
+    /// Nominal distance d.
     pub distance: &'a Distance<3>,
-    /// What is asked for.
+    /// Quality to reach.
     pub target: &'a Target,
 }
 
 impl SlabContext<'_> {
-    /// Of the smallest angle asked for.
+    /// Returns the sine of the target for the smallest angle.
     fn target_sine(&self) -> f64 {
         self.target.min_dihedral.to_radians().sin()
     }
 
-    /// Whether a face lies in a side of the box.
+    /// Returns `true` if a face lies in a side of the box.
     fn is_in_side(&self, face: [[f64; 3]; 3]) -> bool {
         (0..3).any(|k| {
             let [x, others @ ..] = face.map(|x| x[k]);
@@ -225,239 +235,251 @@ impl SlabContext<'_> {
     }
 }
 
-/// A part that has been improved. The numbers of nodes that came are `NONE`.
+/// A part after its improvement. New nodes have the global index `NONE`.
 struct ImprovedPart {
     submesh: SubMesh,
-    /// Nodes that came.
+    /// Number of new nodes.
     new_node_count: usize,
-    /// The numbers of those that went.
+    /// Global indices of the removed nodes.
     removed_nodes: Vec<u32>,
     feature_faces: Vec<u8>,
     counts: OperationCounts,
     blocked: Vec<BlockedCell>,
 }
 
-/// Atoms as far as they are known to a member of a group: all that its tetrahedra have.
+/// Atoms that a rank knows: at least those of its tetrahedra.
 #[derive(Debug, Clone, Default)]
 pub struct KnownAtoms {
-    /// The atoms.
+    /// The known atoms.
     pub atoms: Atoms<3>,
-    /// The number of each among all, rising. None where all are known.
+    /// Global index of each known atom, rising; `None` if all atoms are known.
     pub global_ids: Option<Vec<u32>>,
-    /// How many there are in all.
+    /// Number of atoms in total.
     pub global_count: usize,
 }
 
-/// Which slabs a member of a group has.
-pub fn slabs_of_rank(slabs: usize, group: &dyn Comm) -> Range<usize> {
-    partition_range(slabs, group.rank(), group.size())
+/// Returns the slabs of this rank.
+pub fn slabs_of_rank(slabs: usize, comm: &dyn Comm) -> Range<usize> {
+    partition_range(slabs, comm.rank(), comm.size())
 }
 
-/// Makes the slabs of each member of a group follow the features and frees them of slivers, as [`improve`] does a mesh
-/// as a whole.
+/// Makes the slabs of each rank follow the features and removes their slivers, as [`improve`] does
+/// with a whole mesh.
 ///
-/// `tets` are Delaunay tetrahedra of the atoms that are known, at least those of the [own](slabs_of_rank) slabs, with
-/// neighbours among them; of each the first node is the least.
+/// `delaunay` has the Delaunay tetrahedra of the known atoms, at least those of the rank's [own
+/// slabs](slabs_of_rank), and their neighbours. The first node of each tetrahedron must be the one
+/// with the smallest index.
 ///
 /// # Errors
-/// Those of other members.
+/// Returns an error if another rank fails.
 ///
 /// [`improve`]: super::improve
 pub fn improve_in_slabs(
     known: KnownAtoms,
-    joined: (Vec<[u32; 4]>, Vec<[u32; 4]>),
+    delaunay: (Vec<[u32; 4]>, Vec<[u32; 4]>),
     cuts: &SlabCuts,
-    aim: SlabContext<'_>,
-    group: &dyn Comm,
-    patience: &CancelToken<'_>,
+    context: SlabContext<'_>,
+    comm: &dyn Comm,
+    cancel: &CancelToken<'_>,
 ) -> Result<SlabResult> {
     let (slabs, bands) = (cuts.count(), cuts.positions.len());
-    let own = slabs_of_rank(slabs, group);
-    let whole = known.global_count;
-    let (raw, poor_before) = regions(joined, cuts, &own, known, aim.target_sine());
-    let (mut inner, mut between) = (Vec::new(), Vec::new());
-    for (i, part) in raw.into_iter().enumerate() {
-        [&mut inner, &mut between][i % 2].push(part);
+    let own_slabs = slabs_of_rank(slabs, comm);
+    let atom_count = known.global_count;
+    let (regions_of_rank, below_target_before) =
+        regions(delaunay, cuts, &own_slabs, known, context.target_sine());
+    let (mut slab_parts, mut band_parts) = (Vec::new(), Vec::new());
+    for (i, part) in regions_of_rank.into_iter().enumerate() {
+        [&mut slab_parts, &mut band_parts][i % 2].push(part);
     }
-    // Bands: numbers for the nodes that came, and what is beyond the cut to the next slab, which may be another's.
-    let own_bands = own.start..own.end.min(bands);
-    let mut done: Vec<ImprovedPart> = (own_bands.into_par_iter().zip(between).with_max_len(1))
-        .map(|(band, part)| {
-            let core = BAND_CORE_HALF_WIDTH / BAND_HALF_WIDTH * cuts.half_width;
-            let between = [cuts.positions[band] - core, cuts.positions[band] + core];
-            improve_part(part, Some((cuts.axis, between)), aim, patience)
-        })
-        .collect::<Result<Vec<ImprovedPart>>>()?;
-    let mut end = number_all_nodes(&mut done, whole as u32, group)?;
-    let (mut counts, mut gone) = (OperationCounts::default(), Vec::new());
-    let mut parts: Vec<Vec<SubMesh>> = own.clone().map(|_| Vec::new()).collect();
-    let mut to: Vec<Vec<SubMesh>> = vec![Vec::new(); group.size()];
-    for ((slab, parts), band) in own.clone().zip(&mut parts).zip(done) {
-        let side = |before: bool| {
+    // Improve the bands, number their new nodes, and send the half beyond the cut to the rank of
+    // the next slab.
+    let own_bands = own_slabs.start..own_slabs.end.min(bands);
+    let mut improved_bands: Vec<ImprovedPart> =
+        (own_bands.into_par_iter().zip(band_parts).with_max_len(1))
+            .map(|(band, part)| {
+                let core = BAND_CORE_HALF_WIDTH / BAND_HALF_WIDTH * cuts.half_width;
+                let core_range = [cuts.positions[band] - core, cuts.positions[band] + core];
+                improve_part(part, Some((cuts.axis, core_range)), context, cancel)
+            })
+            .collect::<Result<Vec<ImprovedPart>>>()?;
+    let mut id_end = number_all_nodes(&mut improved_bands, atom_count as u32, comm)?;
+    let (mut counts, mut removed_nodes) = (OperationCounts::default(), Vec::new());
+    let mut parts: Vec<Vec<SubMesh>> = own_slabs.clone().map(|_| Vec::new()).collect();
+    let mut outgoing: Vec<Vec<SubMesh>> = vec![Vec::new(); comm.size()];
+    for ((slab, parts), band) in own_slabs.clone().zip(&mut parts).zip(improved_bands) {
+        let half_band = |before: bool| {
             (band.submesh).filter_tets(|t| cuts.is_before_cut(&band.submesh, t, slab) == before)
         };
-        let (before, after) = rayon::join(|| side(true), || side(false));
+        let (before, after) = rayon::join(|| half_band(true), || half_band(false));
         parts.push(before);
-        to[owner(slab + 1, slabs, group.size())].push(after);
-        // What it left is tried again, and counted then.
+        outgoing[owner(slab + 1, slabs, comm.size())].push(after);
+        // Edges that a band left intersecting are treated again in the slab, and counted there.
         counts += OperationCounts {
             intersecting_left: 0,
             ..band.counts
         };
-        gone.extend(band.removed_nodes);
+        removed_nodes.extend(band.removed_nodes);
     }
-    let beyond = group.all_to_all("bands", to)?.concat();
-    let first = usize::from(own.start == 0);
-    for (parts, part) in parts.iter_mut().skip(first).zip(beyond) {
+    let incoming = comm.all_to_all("bands", outgoing)?.concat();
+    let first = usize::from(own_slabs.start == 0);
+    for (parts, part) in parts.iter_mut().skip(first).zip(incoming) {
         parts.push(part);
     }
-    let mut done: Vec<ImprovedPart> = (inner.into_par_iter().zip(parts).with_max_len(1))
-        .map(|(inner, mut parts)| {
-            parts.push(inner);
-            improve_part(SubMesh::merge(parts), None, aim, patience)
-        })
-        .collect::<Result<Vec<ImprovedPart>>>()?;
-    end = number_all_nodes(&mut done, end, group)?;
+    let mut improved_slabs: Vec<ImprovedPart> =
+        (slab_parts.into_par_iter().zip(parts).with_max_len(1))
+            .map(|(inner, mut parts)| {
+                parts.push(inner);
+                improve_part(SubMesh::merge(parts), None, context, cancel)
+            })
+            .collect::<Result<Vec<ImprovedPart>>>()?;
+    id_end = number_all_nodes(&mut improved_slabs, id_end, comm)?;
     let mut blocked = Vec::new();
-    for slab in &mut done {
+    for slab in &mut improved_slabs {
         counts += slab.counts;
-        gone.append(&mut slab.removed_nodes);
+        removed_nodes.append(&mut slab.removed_nodes);
         blocked.append(&mut slab.blocked);
     }
-    let gone: Vec<Vec<u32>> = group.all_gather("nodes that went", gone)?;
-    let mut gone = gone.concat();
-    gone.sort_unstable();
-    let all: Vec<(usize, (OperationCounts, Vec<BlockedCell>))> =
-        group.all_gather("improvement", (poor_before, (counts, blocked)))?;
-    let (mut poor_before, mut counts, mut blocked) = (0, OperationCounts::default(), Vec::new());
-    for (poor, (some, of_some)) in all {
-        poor_before += poor;
-        counts += some;
-        blocked.extend(of_some);
+    let removed_nodes: Vec<Vec<u32>> = comm.all_gather("removed nodes", removed_nodes)?;
+    let mut removed_nodes = removed_nodes.concat();
+    removed_nodes.sort_unstable();
+    let summaries: Vec<(usize, (OperationCounts, Vec<BlockedCell>))> =
+        comm.all_gather("improvement", (below_target_before, (counts, blocked)))?;
+    let (mut below_target_before, mut counts, mut blocked) =
+        (0, OperationCounts::default(), Vec::new());
+    for (below_target, (rank_counts, rank_blocked)) in summaries {
+        below_target_before += below_target;
+        counts += rank_counts;
+        blocked.extend(rank_blocked);
     }
-    let worse = |of: &BlockedCell| of.min_angle.min(180.0 - of.max_angle);
-    blocked.sort_by(|a, b| worse(a).total_cmp(&worse(b)));
-    let improved = ImproveReport {
-        below_target_before: poor_before,
+    let angle_margin = |cell: &BlockedCell| cell.min_angle.min(180.0 - cell.max_angle);
+    blocked.sort_by(|a, b| angle_margin(a).total_cmp(&angle_margin(b)));
+    let report = ImproveReport {
+        below_target_before,
         below_target_after: blocked.len(),
         counts,
         blocked,
     };
-    let (parts, marks): (Vec<SubMesh>, Vec<Vec<u8>>) = (done.into_iter())
+    let (parts, marks): (Vec<SubMesh>, Vec<Vec<u8>>) = (improved_slabs.into_iter())
         .map(|slab| (slab.submesh, slab.feature_faces))
         .unzip();
-    let mut part = SubMesh::merge(parts);
-    mark_cut_faces(&mut part, aim);
-    let number = |id: u32| id - gone.partition_point(|&gone| gone < id) as u32;
-    let tets: Vec<usize> = group.all_gather("tetrahedra", part.tets.len())?;
-    let piece = MeshPartition {
-        global_ids: part.global_ids.iter().map(|&id| number(id)).collect(),
-        first_cell: tets[..group.rank()].iter().sum(),
-        global_counts: [end as usize - gone.len(), tets.iter().sum()],
-        neighbors: part.neighbors,
+    let mut merged = SubMesh::merge(parts);
+    mark_cut_faces(&mut merged, context);
+    let compact_id = |id: u32| id - removed_nodes.partition_point(|&removed| removed < id) as u32;
+    let tets: Vec<usize> = comm.all_gather("tetrahedra", merged.tets.len())?;
+    let partition = MeshPartition {
+        global_ids: merged.global_ids.iter().map(|&id| compact_id(id)).collect(),
+        first_cell: tets[..comm.rank()].iter().sum(),
+        global_counts: [id_end as usize - removed_nodes.len(), tets.iter().sum()],
+        neighbors: merged.neighbors,
         mesh: TetMesh {
-            nodes: part.nodes,
-            tets: part.tets,
+            nodes: merged.nodes,
+            tets: merged.tets,
         },
     };
     Ok(SlabResult {
-        partition: piece,
-        kinds: part.kinds,
+        partition,
+        kinds: merged.kinds,
         feature_faces: marks.concat(),
-        report: improved,
+        report,
     })
 }
 
-/// Who has a slab.
+/// Returns the rank that has a slab.
 fn owner(slab: usize, slabs: usize, count: usize) -> usize {
-    let has = |rank: &usize| partition_range(slabs, *rank, count).contains(&slab);
-    (0..count).find(has).unwrap_or(0)
+    let owns = |rank: &usize| partition_range(slabs, *rank, count).contains(&slab);
+    (0..count).find(owns).unwrap_or(0)
 }
 
-/// The regions of some slabs and of the bands after them, each as a part, and how many of their tetrahedra are poorer than
-/// a sine.
+/// Returns the regions of some slabs and of the bands after them, each as a part, and the number of
+/// their tetrahedra whose smallest sine is below `sine`.
 fn regions(
     (tets, neighbors): (Vec<[u32; 4]>, Vec<[u32; 4]>),
     cuts: &SlabCuts,
-    own: &Range<usize>,
+    own_slabs: &Range<usize>,
     known: KnownAtoms,
     sine: f64,
 ) -> (Vec<SubMesh>, usize) {
     let Atoms { positions, kinds } = &known.atoms;
-    let own = 2 * own.start..(2 * own.end).min(2 * cuts.count() - 1);
-    let least = |tet: &[u32; 4]| tet.iter().fold(NONE, |a, &b| a.min(b)) as usize;
+    let own_regions = 2 * own_slabs.start..(2 * own_slabs.end).min(2 * cuts.count() - 1);
+    let first_node = |tet: &[u32; 4]| tet.iter().fold(NONE, |a, &b| a.min(b)) as usize;
     let region: Vec<u16> = (tets.par_iter())
-        .map(|tet| cuts.region_index(positions[least(tet)]))
+        .map(|tet| cuts.region_index(positions[first_node(tet)]))
         .collect();
-    let part = |region_here: usize| {
+    let extract_region = |index: usize| {
         let chosen: Vec<u32> = (region.par_iter().enumerate())
-            .filter(|(_, region)| usize::from(**region) == region_here)
+            .filter(|(_, region)| usize::from(**region) == index)
             .map(|(t, _)| t as u32)
             .collect();
         let mut part = SubMesh::extract(&tets, &neighbors, &chosen, |n| {
             let n = n as usize;
             (positions[n], kinds[n], None)
         });
-        if let Some(numbers) = &known.global_ids {
+        if let Some(ids) = &known.global_ids {
             part.global_ids
                 .iter_mut()
-                .for_each(|id| *id = numbers[*id as usize]);
+                .for_each(|id| *id = ids[*id as usize]);
         }
         part
     };
-    let parts: Vec<SubMesh> = own.into_par_iter().with_max_len(1).map(part).collect();
-    let poor = |part: &SubMesh| {
+    let parts: Vec<SubMesh> = own_regions
+        .into_par_iter()
+        .with_max_len(1)
+        .map(extract_region)
+        .collect();
+    let count_below = |part: &SubMesh| {
         let tets = part.tets.par_iter().with_min_len(TASK_SIZE);
         let corners = |tet: &[u32; 4]| tet.map(|n| part.nodes[n as usize]);
         tets.filter(|tet| min_sine(&corners(tet)) < sine).count()
     };
-    let poor = parts.iter().map(poor).sum();
-    (parts, poor)
+    let below_target = parts.iter().map(count_below).sum();
+    (parts, below_target)
 }
 
 impl ImprovedPart {
-    /// Gives the nodes that came their numbers, and tells the next.
+    /// Numbers the new nodes, starting from `next`, which becomes the next free index.
     fn number_nodes(&mut self, next: &mut u32) {
-        let came = self.submesh.global_ids.len() - self.new_node_count;
-        for id in &mut self.submesh.global_ids[came..] {
+        let first_new = self.submesh.global_ids.len() - self.new_node_count;
+        for id in &mut self.submesh.global_ids[first_new..] {
             *id = *next;
             *next += 1;
         }
     }
 }
 
-/// Gives all nodes that came their numbers, in the order of parts, from `first` on; tells where they end.
-fn number_all_nodes(done: &mut [ImprovedPart], first: u32, group: &dyn Comm) -> Result<u32> {
-    let came: u32 = done.iter().map(|part| part.new_node_count as u32).sum();
-    let came: Vec<u32> = group.all_gather("nodes that came", came)?;
-    let mut next = first + came[..group.rank()].iter().sum::<u32>();
-    done.iter_mut()
+/// Numbers the new nodes of all ranks, in the order of the parts, starting from `first`. Returns
+/// the next free index.
+fn number_all_nodes(parts: &mut [ImprovedPart], first: u32, comm: &dyn Comm) -> Result<u32> {
+    let new_count: u32 = parts.iter().map(|part| part.new_node_count as u32).sum();
+    let new_counts: Vec<u32> = comm.all_gather("new nodes", new_count)?;
+    let mut next = first + new_counts[..comm.rank()].iter().sum::<u32>();
+    parts
+        .iter_mut()
         .for_each(|part| part.number_nodes(&mut next));
-    Ok(first + came.iter().sum::<u32>())
+    Ok(first + new_counts.iter().sum::<u32>())
 }
 
-/// Improves a part, or what is between two places along an axis, as a mesh of its own: the nodes where it was cut out
-/// stay, and so do the faces there.
+/// Improves a part, or the range of it along an axis, as a mesh of its own. The nodes and faces
+/// where it was cut out do not change.
 fn improve_part(
     part: SubMesh,
-    between: Option<(usize, [f64; 2])>,
-    aim: SlabContext<'_>,
-    patience: &CancelToken<'_>,
+    range: Option<(usize, [f64; 2])>,
+    context: SlabContext<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Result<ImprovedPart> {
     let SubMesh {
         global_ids: ids,
         nodes,
         kinds,
-        constraints: holds,
+        constraints: known_constraints,
         tets,
         neighbors,
     } = part;
-    let mut stays = vec![false; nodes.len()];
+    let mut is_fixed = vec![false; nodes.len()];
     for (tet, around) in tets.iter().zip(&neighbors) {
         for k in (0..4).filter(|&k| around[k] == NONE) {
             let face = FACES[k].map(|i| tet[i] as usize);
-            if !aim.is_in_side(face.map(|n| nodes[n])) {
-                face.iter().for_each(|&n| stays[n] = true);
+            if !context.is_in_side(face.map(|n| nodes[n])) {
+                face.iter().for_each(|&n| is_fixed[n] = true);
             }
         }
     }
@@ -465,53 +487,55 @@ fn improve_part(
         TetMesh { nodes, tets },
         neighbors,
         &kinds,
-        aim.extent,
-        aim.planes,
-        aim.distance,
-        aim.target_sine(),
-        patience,
+        context.extent,
+        context.planes,
+        context.distance,
+        context.target_sine(),
+        cancel,
     );
-    (improver.is_rank_local, improver.axis_range) = (true, between);
-    for (hold, held) in improver.constraints.iter_mut().zip(holds) {
-        *hold = held.unwrap_or(*hold);
+    (improver.is_rank_local, improver.axis_range) = (true, range);
+    for (constraint, known) in improver.constraints.iter_mut().zip(known_constraints) {
+        *constraint = known.unwrap_or(*constraint);
     }
-    let mut sides = Vec::new();
-    for (n, hold) in improver.constraints.iter_mut().enumerate() {
-        if stays[n] {
-            sides.push((n, hold.fixed_axes));
-            hold.fixed_axes = 7;
+    let mut saved_axes = Vec::new();
+    for (n, constraint) in improver.constraints.iter_mut().enumerate() {
+        if is_fixed[n] {
+            saved_axes.push((n, constraint.fixed_axes));
+            constraint.fixed_axes = 7;
         }
     }
-    let ImproveReport { counts, .. } = improver.improve(patience)?;
-    for (n, axes) in sides {
+    let ImproveReport { counts, .. } = improver.improve(cancel)?;
+    for (n, axes) in saved_axes {
         improver.constraints[n].fixed_axes = axes;
     }
     let blocked = improver.blocked_cells();
     let finished = improver.finish(&kinds);
-    let before = finished
+    let old_count = finished
         .old_ids
         .partition_point(|&n| (n as usize) < ids.len());
-    let mut gone = Vec::with_capacity(ids.len() - before);
-    let mut left = finished.old_ids[..before].iter().peekable();
+    let mut removed_nodes = Vec::with_capacity(ids.len() - old_count);
+    let mut remaining = finished.old_ids[..old_count].iter().peekable();
     for (n, &id) in ids.iter().enumerate() {
-        if left.next_if(|&&kept| kept as usize == n).is_none() {
-            gone.push(id);
+        if remaining.next_if(|&&kept| kept as usize == n).is_none() {
+            removed_nodes.push(id);
         }
     }
-    let came = finished.old_ids.len() - before;
-    let kept = finished.old_ids[..before].iter().map(|&n| ids[n as usize]);
+    let new_count = finished.old_ids.len() - old_count;
+    let kept = finished.old_ids[..old_count]
+        .iter()
+        .map(|&n| ids[n as usize]);
     Ok(ImprovedPart {
-        new_node_count: came,
-        removed_nodes: gone,
+        new_node_count: new_count,
+        removed_nodes,
         feature_faces: finished.feature_faces,
         counts,
         blocked,
         submesh: SubMesh {
-            global_ids: kept.chain((0..came).map(|_| NONE)).collect(),
+            global_ids: kept.chain((0..new_count).map(|_| NONE)).collect(),
             nodes: finished.mesh.nodes,
             kinds: finished.kinds,
-            // Of slabs nothing is improved again.
-            constraints: match between {
+            // Slabs are not improved again, so their constraints are not needed.
+            constraints: match range {
                 Some(_) => finished.constraints.into_iter().map(Some).collect(),
                 None => Vec::new(),
             },
@@ -521,12 +545,12 @@ fn improve_part(
     })
 }
 
-/// From now on faces that are not in a side of the box lead to another piece.
-fn mark_cut_faces(part: &mut SubMesh, aim: SlabContext<'_>) {
+/// Marks the outer faces that are not in a side of the box as leading to another rank.
+fn mark_cut_faces(part: &mut SubMesh, context: SlabContext<'_>) {
     let tets = part.neighbors.par_iter_mut().zip(&part.tets);
     tets.for_each(|(around, tet)| {
-        for (face, n) in FACES.iter().zip(around).filter(|of| *of.1 == NONE) {
-            if !aim.is_in_side(face.map(|i| part.nodes[tet[i] as usize])) {
+        for (face, n) in FACES.iter().zip(around).filter(|pair| *pair.1 == NONE) {
+            if !context.is_in_side(face.map(|i| part.nodes[tet[i] as usize])) {
                 *n = NOT_LOCAL;
             }
         }

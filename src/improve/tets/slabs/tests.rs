@@ -1,4 +1,4 @@
-//! Slabs of one mesh, by one and by several.
+//! Slabs give the same mesh for one rank and for several.
 
 use super::super::tests::box_mesh;
 use super::*;
@@ -8,13 +8,13 @@ use crate::geometry::{norm, normal};
 use crate::mesh::check::{CheckHints, check_with_hints};
 use crate::mesh::complex;
 
-/// The plane x + y / 2 = `at` as points of a feature.
-fn plane_points(at: f32, extent: [f64; 3]) -> Vec<FeaturePoint<3>> {
+/// Returns the plane x + y / 2 = `x0` as points of a feature.
+fn plane_points(x0: f32, extent: [f64; 3]) -> Vec<FeaturePoint<3>> {
     let [_, y, z] = extent.map(|e| e as usize);
     let length = 1.25f32.sqrt();
     let points = (0..=z).flat_map(|k| {
         (0..=y).map(move |j| FeaturePoint {
-            position: [at - 0.5 * j as f32, j as f32, k as f32],
+            position: [x0 - 0.5 * j as f32, j as f32, k as f32],
             normal: [1.0 / length, 0.5 / length, 0.0],
             strength: 1.0,
         })
@@ -23,19 +23,19 @@ fn plane_points(at: f32, extent: [f64; 3]) -> Vec<FeaturePoint<3>> {
 }
 
 #[test]
-fn slabs_are_the_same_mesh_for_any_number_of_members() {
+fn slabs_give_the_same_mesh_for_any_number_of_ranks() {
     let (mesh, kinds, extent) = box_mesh([45, 7, 6], 4.0, 0.28, |_| true);
     let neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
-    // One in the middle of a slab, and two that cross a cut.
+    // One plane in the middle of a slab, and two planes that cross a cut.
     let points = [40.0, 72.0, 123.0]
-        .map(|at| plane_points(at, extent))
+        .map(|x0| plane_points(x0, extent))
         .concat();
-    let sheets = FeaturePlanes::new(&points, extent, 3.6, 5.0);
+    let planes = FeaturePlanes::new(&points, extent, 3.6, 5.0);
     let distance = Distance::Constant(4.5);
     let target = Target::default();
-    let aim = SlabContext {
+    let context = SlabContext {
         extent,
-        planes: &sheets,
+        planes: &planes,
         distance: &distance,
         target: &target,
     };
@@ -52,86 +52,90 @@ fn slabs_are_the_same_mesh_for_any_number_of_members() {
         global_ids: None,
         global_count: mesh.nodes.len(),
     };
-    let improved = |group: &dyn Comm| {
+    let improve = |comm: &dyn Comm| {
         let atoms = atoms();
-        let joined = (mesh.tets.clone(), neighbors.clone());
-        let patience = &CancelToken::never();
-        improve_in_slabs(atoms, joined, &cuts, aim, group, patience).unwrap()
+        let delaunay = (mesh.tets.clone(), neighbors.clone());
+        let cancel = &CancelToken::never();
+        improve_in_slabs(atoms, delaunay, &cuts, context, comm, cancel).unwrap()
     };
-    let alone = improved(&SelfComm);
+    let serial = improve(&SelfComm);
     let SlabResult {
-        partition: piece,
-        report: improved,
-        ..
-    } = &improved(&SelfComm);
+        partition, report, ..
+    } = &improve(&SelfComm);
     assert_eq!(
-        (piece.first_cell, piece.global_ids.len()),
-        (0, piece.global_counts[0])
+        (partition.first_cell, partition.global_ids.len()),
+        (0, partition.global_counts[0])
     );
     assert!(
-        piece
+        partition
             .global_ids
             .iter()
             .copied()
-            .eq(0..piece.global_counts[0] as u32)
+            .eq(0..partition.global_counts[0] as u32)
     );
-    let known = CheckHints {
-        neighbors: Some(piece.neighbors.as_flattened()),
+    let hints = CheckHints {
+        neighbors: Some(partition.neighbors.as_flattened()),
         ..CheckHints::default()
     };
-    let check = check_with_hints(&piece.mesh, known, [0.0; 3], extent, 1e-12);
-    assert!(check.passed(), "{:?}", check.problems);
-    assert!(improved.below_target_before > 100 && improved.counts.intersecting_before > 50);
-    assert_eq!(improved.below_target_after, 0);
-    // Of the planes as much is faces as in a mesh that is not cut.
-    let on_planes = |mesh: &TetMesh, marks: &[u8]| -> f64 {
+    let checked = check_with_hints(&partition.mesh, hints, [0.0; 3], extent, 1e-12);
+    assert!(checked.passed(), "{:?}", checked.problems);
+    assert!(report.below_target_before > 100 && report.counts.intersecting_before > 50);
+    assert_eq!(report.below_target_after, 0);
+    // Faces cover the planes as well as in a mesh that is not cut.
+    let area_on_features = |mesh: &TetMesh, marks: &[u8]| -> f64 {
         let faces = mesh.tets.iter().zip(marks).flat_map(|(tet, marks)| {
             let marked = (0..4).filter(move |k| marks >> k & 1 == 1);
             marked.map(move |k| FACES[k].map(|i| mesh.nodes[tet[i] as usize]))
         });
         faces.map(|face| norm(normal(&face))).sum()
     };
-    let (mut whole, mut around, mut of_whole) = (mesh.clone(), neighbors.clone(), kinds.clone());
+    let (mut uncut_mesh, mut uncut_neighbors, mut uncut_kinds) =
+        (mesh.clone(), neighbors.clone(), kinds.clone());
     let (_, marks) = super::super::improve(
-        &mut whole,
-        &mut around,
-        &mut of_whole,
+        &mut uncut_mesh,
+        &mut uncut_neighbors,
+        &mut uncut_kinds,
         extent,
-        &sheets,
+        &planes,
         &distance,
         &target,
         &CancelToken::never(),
     )
     .unwrap();
-    let areas = [(&piece.mesh, &alone.feature_faces), (&whole, &marks)];
-    let [cut, uncut] = areas.map(|(mesh, marks)| on_planes(mesh, marks));
+    let areas = [
+        (&partition.mesh, &serial.feature_faces),
+        (&uncut_mesh, &marks),
+    ];
+    let [cut, uncut] = areas.map(|(mesh, marks)| area_on_features(mesh, marks));
     assert!(cut > 0.98 * uncut && uncut > 3000.0, "{cut} of {uncut}");
 
     for count in [2, 3, 5] {
-        let all = run_threads(count, |group| {
-            let own = improve_in_slabs(
+        let results = run_threads(count, |comm| {
+            let local = improve_in_slabs(
                 atoms(),
                 (mesh.tets.clone(), neighbors.clone()),
                 &cuts,
-                aim,
-                group,
+                context,
+                comm,
                 &CancelToken::never(),
             );
-            let own = own.unwrap();
-            let piece = own.partition.clone();
-            (piece, own.all_gather(group).unwrap())
+            let local = local.unwrap();
+            let local_partition = local.partition.clone();
+            (local_partition, local.all_gather(comm).unwrap())
         });
         let mut first = 0;
-        for (own, whole) in &all {
+        for (local, gathered) in &results {
             assert_eq!(
-                (own.first_cell, own.global_counts),
-                (first, piece.global_counts),
+                (local.first_cell, local.global_counts),
+                (first, partition.global_counts),
                 "{count}"
             );
-            first += own.mesh.tets.len();
-            assert!(whole.partition == alone.partition, "{count}");
-            assert!(whole.kinds == alone.kinds && whole.feature_faces == alone.feature_faces);
-            assert_eq!(whole.report, alone.report);
+            first += local.mesh.tets.len();
+            assert!(gathered.partition == serial.partition, "{count}");
+            assert!(
+                gathered.kinds == serial.kinds && gathered.feature_faces == serial.feature_faces
+            );
+            assert_eq!(gathered.report, serial.report);
         }
     }
 }
@@ -148,15 +152,15 @@ fn a_mesh_is_cut_where_slabs_are_thick_and_have_atoms() {
     let cut = |n: [usize; 3], d: f64| {
         let extent = n.map(|n| (n - 1) as f64 * d);
         let (atoms, distance) = (atoms(n, d), Distance::Constant(d));
-        let alone = SlabCuts::new(&atoms, extent, &distance, &SelfComm).unwrap();
-        // The same by several, each of which has some.
-        for cuts in run_threads(3, |group| {
-            let own = partition_range(atoms.len(), group.rank(), 3);
-            SlabCuts::new(&atoms[own], extent, &distance, group).unwrap()
+        let serial = SlabCuts::new(&atoms, extent, &distance, &SelfComm).unwrap();
+        // Several ranks with a part of the atoms each find the same cuts.
+        for cuts in run_threads(3, |comm| {
+            let range = partition_range(atoms.len(), comm.rank(), 3);
+            SlabCuts::new(&atoms[range], extent, &distance, comm).unwrap()
         }) {
-            assert_eq!(cuts, alone);
+            assert_eq!(cuts, serial);
         }
-        alone
+        serial
     };
     assert_eq!(cut([90, 40, 40], 3.0), None, "not thick enough");
     assert_eq!(cut([150, 10, 10], 3.0), None, "too few atoms");
@@ -174,7 +178,7 @@ fn a_mesh_is_cut_where_slabs_are_thick_and_have_atoms() {
 #[test]
 fn every_slab_has_one_owner() {
     for (slabs, count) in [(1, 1), (3, 2), (4, 4), (2, 7), (5, 3)] {
-        let ranges = run_threads(count, |group| slabs_of_rank(slabs, group));
+        let ranges = run_threads(count, |comm| slabs_of_rank(slabs, comm));
         let all: Vec<usize> = ranges.iter().cloned().flatten().collect();
         assert!(all.into_iter().eq(0..slabs));
         for slab in 0..slabs {

@@ -1,14 +1,14 @@
-//! Smoothing of a triangulation under the weight of its image (Xu 2016, section 2.3): nodes move
-//! towards the centroids of the triangles around them, weighted by how steep the image is there, and
-//! edges, but for those on features, are flipped back to Delaunay's, in turns.
+//! Smooths a triangulation with the image as the weight (Xu 2016, section 2.3). Two steps
+//! alternate: nodes move towards the centroids of the triangles around them, weighted by the image
+//! gradient there; and edges, except those on features, are flipped back to Delaunay's.
 //!
-//! What the steps (formulas 9 to 12) aim at, for a constant image, is a small energy, the sum over
-//! triangles of area times the sum of squared edges: up to a constant both the squared distance of the
-//! nodes from all that is in the triangles around them (CVT) and the error of the paraboloid's
-//! interpolation (ODT; Chen & Holst 2011). With an image each triangle counts with its weight. The
-//! steps take the triangles around a node for given, so where these are far from regular, or the weight
-//! changes fast, they may miss; so a step is shortened until the energy falls. Delaunay's flips lower the
-//! energy without weights.
+//! For a constant image, the moves (formulas 9 to 12) aim at a small energy: the sum over all
+//! triangles of the area times the sum of the squared edges. Up to a constant this is both the mean
+//! squared distance of the nodes from the points of the triangles around them (CVT) and the error
+//! of interpolating a paraboloid (ODT; Chen & Holst 2011). With an image, each triangle counts with
+//! its weight. The formulas assume that the triangles around a node stay the same. Where these are
+//! far from regular, or the weight changes fast, a move may raise the energy; then it is shortened
+//! until the energy falls. Delaunay flips lower the energy without weights.
 
 use serde::{Deserialize, Serialize};
 
@@ -20,81 +20,83 @@ use crate::mesh::delaunay::{constrained_plane, delaunay_plane};
 use crate::mesh::tri::{SIDES, double_area, squared_sides};
 use crate::progress::CancelToken;
 
-/// Where a node goes.
+/// Position to which a node moves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum Scheme {
-    /// Centroidal: each node to the weighted centroid of the triangles around it (formula 10)
+    /// Centroidal: each node moves to the weighted centroid of the triangles around it (formula 10)
     Cvt,
-    /// Optimal Delaunay: half as far again, to the weighted mean of the midpoints of the edges
-    /// opposite it (formula 12)
+    /// Optimal Delaunay: each node moves half as far again, to the weighted mean of the midpoints
+    /// of the edges opposite it (formula 12)
     Odt,
 }
 
-/// How a triangulation is smoothed.
+/// Parameters of the smoothing of a triangulation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Relaxation<const D: usize> {
-    /// Where nodes go.
+    /// Position to which nodes move.
     pub scheme: Scheme,
-    /// How much each place counts, above zero: see [`weight`].
+    /// Positive weight of each position: see [`weight`].
     pub weight: ScalarField<D>,
-    /// Times that all nodes are moved, and edges flipped after them.
+    /// Number of times that all nodes are moved and edges flipped afterwards.
     pub rounds: usize,
 }
 
-/// Rounds after which little changes, as published.
+/// Number of rounds after which little changes, as published.
 pub const DEFAULT_ROUNDS: usize = 5;
 
-/// Even ground counts for this share of the mean steepness: formula 10 alone leaves a node on it
-/// undecided.
+/// Weight that is added everywhere, as a share of the mean gradient magnitude. Without it, formula 10
+/// does not determine the position of a node where the image has no gradient.
 const UNIFORM_WEIGHT_SHARE: f64 = 0.1;
 
-/// The weight of an image's places from their `steepness` (the gradient's magnitude).
-pub fn weight<const D: usize>(mut steepness: ScalarField<D>) -> ScalarField<D> {
-    let samples = &mut steepness.samples;
+/// Returns the weight of the positions of an image from its gradient magnitude.
+pub fn weight<const D: usize>(mut gradient: ScalarField<D>) -> ScalarField<D> {
+    let samples = &mut gradient.samples;
     let sum: f64 = samples.iter().map(|&s| f64::from(s)).sum();
-    let floor = match UNIFORM_WEIGHT_SHARE * sum / samples.len().max(1) as f64 {
-        floor if floor > 0.0 => floor as f32,
+    let uniform_weight = match UNIFORM_WEIGHT_SHARE * sum / samples.len().max(1) as f64 {
+        uniform_weight if uniform_weight > 0.0 => uniform_weight as f32,
         _ => 1.0,
     };
-    samples.iter_mut().for_each(|s| *s += floor);
-    steepness
+    samples.iter_mut().for_each(|s| *s += uniform_weight);
+    gradient
 }
 
-/// What a round did to the energy.
+/// Effect of one round on the energy.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RelaxationRound {
-    /// Before nodes were moved.
+    /// Energy before nodes are moved.
     pub energy_before: f64,
-    /// After.
+    /// Energy after nodes are moved.
     pub energy_after: f64,
-    /// Nodes that moved.
+    /// Number of nodes that moved.
     pub moved_count: usize,
 }
 
-/// Halvings of a step that does not lower the energy; then the node stays.
+/// Largest number of halvings of a step that does not lower the energy. After these the node stays.
 const MAX_HALVINGS: usize = 4;
 
-/// The Delaunay triangulation of points, once smoothed, with the edges `kept` (of one triangulation of
-/// them) among its own: without, nodes that come near a curve would take edges on it away. `mobility`
-/// says which coordinates of each may change: 1 for free, 0 for held; the ends of kept edges are. When
-/// `patience` is over, the others stay where they are.
+/// Returns the smoothed Delaunay triangulation of points, and the energies of the rounds.
+///
+/// The triangulation contains the edges `kept_edges`, which must belong to one triangulation of the
+/// points. Without this, nodes that come near a curve would remove edges on it. `mobility` has the
+/// coordinates of each point that may change: 1 for free, 0 for fixed. The ends of the kept edges
+/// must be fixed. If `cancel` is cancelled, the remaining nodes stay where they are.
 ///
 /// # Errors
-/// Those of [`constrained_plane`].
+/// Returns the errors of [`delaunay_plane`] or, with kept edges, of [`constrained_plane`].
 pub fn relax(
     mut points: Vec<[f64; 2]>,
-    kept: &[[u32; 2]],
+    kept_edges: &[[u32; 2]],
     mobility: &[[f64; 2]],
     relaxation: &Relaxation<2>,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Result<(TriMesh, Vec<RelaxationRound>)> {
-    let join = |points: &[[f64; 2]]| match kept {
+    let triangulate = |points: &[[f64; 2]]| match kept_edges {
         [] => delaunay_plane(points),
-        kept => constrained_plane(points, kept),
+        kept_edges => constrained_plane(points, kept_edges),
     };
-    let mut mesh = join(&points)?;
+    let mut mesh = triangulate(&points)?;
     let mut rounds = Vec::with_capacity(relaxation.rounds);
     for _ in 0..relaxation.rounds {
         let mut round = RelaxationRound {
@@ -104,7 +106,7 @@ pub fn relax(
         };
         let stars = NodeTriangles::new(&mesh);
         for node in 0..points.len() {
-            if !patience.is_cancelled() && mobility[node] != [0.0; 2] {
+            if !cancel.is_cancelled() && mobility[node] != [0.0; 2] {
                 let star = stars.get(node);
                 round.moved_count +=
                     usize::from(relaxation.move_node(&mut mesh, node, star, mobility[node]));
@@ -113,7 +115,7 @@ pub fn relax(
         round.energy_after = energy(&mesh, relaxation);
         rounds.push(round);
         points = mesh.nodes;
-        mesh = join(&points)?;
+        mesh = triangulate(&points)?;
         if round.moved_count == 0 {
             break;
         }
@@ -121,25 +123,26 @@ pub fn relax(
     Ok((mesh, rounds))
 }
 
-/// The energy of a mesh: the sum of its triangles' [`Relaxation::cost`].
+/// Returns the energy of a mesh: the sum of the [`Relaxation::cost`] of its triangles.
 pub fn energy(mesh: &TriMesh, relaxation: &Relaxation<2>) -> f64 {
     let corners = (0..mesh.triangles.len()).map(|t| mesh.corners(t));
     corners.map(|p| relaxation.cost(&p)).sum()
 }
 
 impl Relaxation<2> {
-    /// The weight of a triangle: its mean at the centroid and at those of the three triangles which the
-    /// centroid makes with the edges (the thesis's figure 2.3).
+    /// Returns the weight of a triangle: the mean at its centroid and at the centroids of the three
+    /// triangles that its centroid forms with its edges (figure 2.3 of the thesis).
     fn triangle_weight(&self, p: &[[f64; 2]; 3]) -> f64 {
         let centroid = |p: [[f64; 2]; 3]| [0, 1].map(|k| (p[0][k] + p[1][k] + p[2][k]) / 3.0);
         let middle = centroid(*p);
         let parts = SIDES.map(|[i, j]| centroid([p[i], p[j], middle]));
-        // Interpolation may overshoot below the lowest sample.
+        // Interpolation may undershoot the smallest sample.
         let value = |x: [f64; 2]| self.weight.value(x).max(f64::MIN_POSITIVE);
         0.25 * (value(middle) + parts.map(value).iter().sum::<f64>())
     }
 
-    /// Weight times area times the sum of squared edges; infinite for a triangle that is not positive.
+    /// Returns weight times area times the sum of squared edges; infinity for a triangle whose area
+    /// is not positive.
     fn cost(&self, p: &[[f64; 2]; 3]) -> f64 {
         let area2 = double_area(p);
         if area2 <= 0.0 {
@@ -148,7 +151,7 @@ impl Relaxation<2> {
         0.5 * area2 * self.triangle_weight(p) * squared_sides(p).iter().sum::<f64>()
     }
 
-    /// Moves one node; whether it moved.
+    /// Moves one node. Returns `true` if it moved.
     fn move_node(&self, mesh: &mut TriMesh, node: usize, star: &[u32], mobility: [f64; 2]) -> bool {
         let start = mesh.nodes[node];
         let (mut mass, mut moment, mut cost) = (0.0, [0.0; 2], 0.0);
@@ -162,20 +165,20 @@ impl Relaxation<2> {
             cost += self.cost(&p);
         }
         // The centroid of a triangle is two thirds of the way to the middle of the opposite edge.
-        let share = match self.scheme {
+        let factor = match self.scheme {
             Scheme::Cvt => 2.0 / 3.0,
             Scheme::Odt => 1.0,
         };
-        let way = [0, 1].map(|k| mobility[k] * share * (moment[k] / mass - start[k]));
-        let mut length = 1.0;
+        let step = [0, 1].map(|k| mobility[k] * factor * (moment[k] / mass - start[k]));
+        let mut fraction = 1.0;
         for _ in 0..=MAX_HALVINGS {
-            mesh.nodes[node] = [0, 1].map(|k| start[k] + length * way[k]);
+            mesh.nodes[node] = [0, 1].map(|k| start[k] + fraction * step[k]);
             let corners = star.iter().map(|&t| mesh.corners(t as usize));
-            let then: f64 = corners.map(|p| self.cost(&p)).sum();
-            if then < cost * (1.0 - 1e-12) {
+            let new_cost: f64 = corners.map(|p| self.cost(&p)).sum();
+            if new_cost < cost * (1.0 - 1e-12) {
                 return true;
             }
-            length *= 0.5;
+            fraction *= 0.5;
         }
         mesh.nodes[node] = start;
         false

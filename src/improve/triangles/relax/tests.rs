@@ -8,7 +8,7 @@ use crate::mesh::tri::shape_quality;
 
 const EXTENT: [f64; 2] = [60.0, 54.0];
 
-/// Points at random in the box, `count` inside, with corners and points on the sides.
+/// Returns random points in the box, `count` inside of it, and points on the corners and sides.
 fn random_points(count: usize) -> Atoms<2> {
     let mut state = 7u32;
     let mut random = || {
@@ -34,7 +34,7 @@ fn field(f: impl FnMut([f64; 2]) -> f64) -> ScalarField<2> {
     ScalarField::from_fn([61, 55], [1.0; 2], f)
 }
 
-/// A disc of 100 on 0, as steep as it is.
+/// Returns the weight of the image of a disc of value 100 on a background of 0.
 fn weight_of_a_disc() -> ScalarField<2> {
     let image = field(|[x, y]| 100.0 * (0.5 - (x - 28.3).hypot(y - 26.1) + 15.0).clamp(0.0, 1.0));
     let volume = Volume {
@@ -49,8 +49,8 @@ fn weight_of_a_disc() -> ScalarField<2> {
 
 #[test]
 fn steps_are_those_of_the_formulas() {
-    // One node among six others; weights differ from triangle to triangle.
-    let around = [
+    // One node among six others. The weights of the triangles differ.
+    let ring = [
         [4.0, 0.3],
         [2.2, 3.1],
         [-2.0, 4.0],
@@ -61,7 +61,7 @@ fn steps_are_those_of_the_formulas() {
     let shift = |[x, y]: [f64; 2]| [x + 30.0, y + 27.0];
     let x0 = shift([0.4, -0.2]);
     let mut nodes = vec![x0];
-    nodes.extend(around.map(shift));
+    nodes.extend(ring.map(shift));
     let triangles: Vec<[u32; 3]> = (0..6).map(|i| [0, 1 + i, 1 + (i + 1) % 6]).collect();
     let mesh = TriMesh { nodes, triangles };
     let star: Vec<u32> = (0..6).collect();
@@ -73,7 +73,7 @@ fn steps_are_those_of_the_formulas() {
         };
         let areas = |t: usize| 0.5 * double_area(&mesh.corners(t));
         let g = |t: usize| relaxation.triangle_weight(&mesh.corners(t));
-        let want: [f64; 2] = [0, 1].map(|k| match scheme {
+        let expected: [f64; 2] = [0, 1].map(|k| match scheme {
             Scheme::Cvt => {
                 let centroid = |t: usize| mesh.corners(t).iter().map(|p| p[k]).sum::<f64>() / 3.0;
                 let sum: f64 = (0..6).map(|t| areas(t) * centroid(t) * g(t)).sum();
@@ -94,7 +94,7 @@ fn steps_are_those_of_the_formulas() {
         let mut moved = mesh.clone();
         assert!(relaxation.move_node(&mut moved, 0, &star, [1.0; 2]));
         for k in 0..2 {
-            assert!((moved.nodes[0][k] - want[k]).abs() < 1e-9, "{scheme:?}");
+            assert!((moved.nodes[0][k] - expected[k]).abs() < 1e-9, "{scheme:?}");
         }
     }
 }
@@ -145,23 +145,23 @@ fn random_points_become_centroids_of_their_triangles() {
             inside += 1;
             regular += usize::from((5..=7).contains(&star.len()));
         }
-        // Points are about five apart.
+        // The spacing of the points is about five.
         let rms = (squares / inside as f64).sqrt();
         assert!(rms < 0.1, "{scheme:?} {rms}");
         assert!(
             regular * 10 >= inside * 9,
             "{regular} of {inside} have five to seven neighbours"
         );
-        let q = |mesh: &TriMesh| {
+        let mean_quality = |mesh: &TriMesh| {
             let all = (0..mesh.triangles.len()).map(|t| shape_quality(&mesh.corners(t)));
             all.sum::<f64>() / mesh.triangles.len() as f64
         };
         let before = delaunay_plane(&atoms.positions).unwrap();
         assert!(
-            q(&mesh) > 0.9 && q(&before) < 0.8,
+            mean_quality(&mesh) > 0.9 && mean_quality(&before) < 0.8,
             "{} {}",
-            q(&before),
-            q(&mesh)
+            mean_quality(&before),
+            mean_quality(&mesh)
         );
     }
 }
@@ -197,8 +197,8 @@ fn with_an_image_the_energy_falls_and_the_mesh_stays_valid() {
         }
         let last = rounds[DEFAULT_ROUNDS - 1].energy_after;
         assert!(last < 0.8 * rounds[0].energy_before, "{rounds:?}");
-        let found = check(&mesh, [0.0; 2], EXTENT, 1e-12);
-        assert!(found.passed(), "{:?}", found.problems);
+        let checked = check(&mesh, [0.0; 2], EXTENT, 1e-12);
+        assert!(checked.passed(), "{:?}", checked.problems);
         for (n, kind) in atoms.kinds.iter().enumerate() {
             let (x, y) = (atoms.positions[n], mesh.nodes[n]);
             match kind {
@@ -213,43 +213,43 @@ fn with_an_image_the_energy_falls_and_the_mesh_stays_valid() {
 }
 
 #[test]
-fn edges_that_shall_stay_do() {
+fn kept_edges_stay() {
     let mut atoms = random_points(250);
     for kind in atoms.kinds[..250].iter_mut().step_by(3) {
         *kind = AtomKind::Fixed;
     }
     let edges = |mesh: &TriMesh| -> Vec<[u32; 2]> {
-        let of = |t: &[u32; 3]| SIDES.map(|side| side.map(|i| t[i]));
-        let mut edges: Vec<[u32; 2]> = mesh.triangles.iter().flat_map(of).collect();
+        let sides = |t: &[u32; 3]| SIDES.map(|side| side.map(|i| t[i]));
+        let mut edges: Vec<[u32; 2]> = mesh.triangles.iter().flat_map(sides).collect();
         edges.retain(|e| e[0] < e[1]);
         edges.sort_unstable();
         edges
     };
     let fixed = |n: u32| atoms.kinds[n as usize] == AtomKind::Fixed;
-    let mut kept = edges(&delaunay_plane(&atoms.positions).unwrap());
-    kept.retain(|e| e.iter().all(|&n| fixed(n)));
+    let mut kept_edges = edges(&delaunay_plane(&atoms.positions).unwrap());
+    kept_edges.retain(|e| e.iter().all(|&n| fixed(n)));
     let mobility = atoms.mobility(EXTENT);
     let relaxation = Relaxation {
         scheme: Scheme::Odt,
         weight: weight_of_a_disc(),
         rounds: DEFAULT_ROUNDS,
     };
-    let left = |constrained: &[[u32; 2]]| {
+    let count_left = |constrained: &[[u32; 2]]| {
         let points = atoms.positions.clone();
-        let endless = CancelToken::never();
-        let (mesh, rounds) = relax(points, constrained, &mobility, &relaxation, &endless).unwrap();
+        let cancel = CancelToken::never();
+        let (mesh, rounds) = relax(points, constrained, &mobility, &relaxation, &cancel).unwrap();
         assert!(
             rounds
                 .iter()
                 .all(|round| round.energy_after < round.energy_before)
         );
         assert!(check(&mesh, [0.0; 2], EXTENT, 1e-12).passed());
-        let found = edges(&mesh);
-        let there = |e: &&[u32; 2]| found.binary_search(e).is_ok();
-        kept.iter().filter(there).count()
+        let found_edges = edges(&mesh);
+        let is_found = |e: &&[u32; 2]| found_edges.binary_search(e).is_ok();
+        kept_edges.iter().filter(is_found).count()
     };
-    assert!(kept.len() > 60);
-    assert_eq!(left(&kept), kept.len());
-    // Without being told, it gives up one in ten and more.
-    assert!(left(&[]) * 10 < kept.len() * 9);
+    assert!(kept_edges.len() > 60);
+    assert_eq!(count_left(&kept_edges), kept_edges.len());
+    // Without the constraint, smoothing loses more than one in ten of the edges.
+    assert!(count_left(&[]) * 10 < kept_edges.len() * 9);
 }

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use super::{FILLER, LANES};
 
-/// The neighbours of up to [`CHUNK`](super::CHUNK_ATOMS) successive atoms.
+/// The neighbours of up to [`CHUNK_ATOMS`](super::CHUNK_ATOMS) successive atoms.
 #[derive(Clone, Default)]
 pub struct NeighbourRows {
     /// Index of each member among all points: first the chunk's own atoms, then their neighbours.
@@ -13,31 +13,31 @@ pub struct NeighbourRows {
     pub(super) spans: Vec<[u32; 2]>,
     /// Members, in rows filled up to whole groups.
     pub(super) list: Vec<[u16; LANES]>,
-    /// Whether there are more members than can be numbered.
+    /// `true` if there are more members than can be numbered.
     pub has_overflowed: bool,
 }
 
 impl NeighbourRows {
-    /// Number of the chunk's own atoms.
+    /// Returns the count of the chunk's own atoms.
     pub fn len(&self) -> usize {
         self.spans.len()
     }
 
-    /// The groups of neighbours of each atom of the chunk.
+    /// Returns the groups of neighbours of each atom of the chunk.
     #[inline(always)]
     pub fn iter(&self) -> impl Iterator<Item = &[[u16; LANES]]> {
         let spans = self.spans.iter();
         spans.map(|&[start, end]| &self.list[start as usize..end as usize])
     }
 
-    /// The neighbours of the chunk's `n`th atom, as members.
+    /// Returns the neighbours of atom `n` of the chunk, as members.
     pub(super) fn row(&self, n: usize) -> impl Iterator<Item = u16> {
         let [start, end] = self.spans[n].map(|bound| bound as usize);
         let row = self.list[start..end].as_flattened().iter();
         row.copied().filter(|&m| m != FILLER)
     }
 
-    /// Begins anew with the given atoms and no neighbours.
+    /// Resets to the given atoms without neighbours.
     pub(super) fn reset(&mut self, atoms: Range<usize>) {
         self.members.clear();
         self.members.extend(atoms.start as u32..atoms.end as u32);
@@ -47,7 +47,7 @@ impl NeighbourRows {
         self.has_overflowed = false;
     }
 
-    /// Replaces the row of the chunk's `n`th atom: in its place if it fits.
+    /// Replaces the row of atom `n` of the chunk, in its place if it fits.
     pub(super) fn replace(&mut self, n: usize, row: &[u16]) {
         let groups = row.len().div_ceil(LANES);
         let [start, end] = self.spans[n].map(|bound| bound as usize);
@@ -66,7 +66,7 @@ impl NeighbourRows {
         self.spans[n] = [start as u32, (start + groups) as u32];
     }
 
-    /// Adds a member to the row of the chunk's `n`th atom, if it is not there.
+    /// Adds a member to the row of atom `n` of the chunk, unless it is there already.
     pub(super) fn insert(&mut self, n: usize, member: u16) {
         let [start, end] = self.spans[n].map(|bound| bound as usize);
         let row = self.list[start..end].as_flattened_mut();
@@ -77,7 +77,7 @@ impl NeighbourRows {
             *slot = member;
             return;
         }
-        // No room left: the row moves to the end of the list.
+        // The row has no free slot, so it moves to the end of the list.
         if end < self.list.len() {
             self.spans[n][0] = self.list.len() as u32;
             self.list.extend_from_within(start..end);
@@ -88,23 +88,23 @@ impl NeighbourRows {
         self.spans[n][1] = self.list.len() as u32;
     }
 
-    /// Takes a member out of the row of the chunk's `n`th atom, if it is there.
+    /// Removes a member from the row of atom `n` of the chunk, if it is there.
     pub(super) fn remove(&mut self, n: usize, member: u16) {
         let [start, end] = self.spans[n].map(|bound| bound as usize);
         let row = self.list[start..end].as_flattened_mut();
-        let Some(place) = row.iter().position(|&m| m == member) else {
+        let Some(position) = row.iter().position(|&m| m == member) else {
             return;
         };
         // The last neighbour takes its place.
-        let last = row.iter().rposition(|&m| m != FILLER).unwrap_or(place);
-        row[place] = row[last];
+        let last = row.iter().rposition(|&m| m != FILLER).unwrap_or(position);
+        row[position] = row[last];
         row[last] = FILLER;
         if last % LANES == 0 {
             self.spans[n][1] -= 1;
         }
     }
 
-    /// Number of groups that are in use.
+    /// Returns the count of groups that are in use.
     pub(super) fn live_group_count(&self) -> usize {
         let spans = self.spans.iter();
         spans.map(|[start, end]| (end - start) as usize).sum()

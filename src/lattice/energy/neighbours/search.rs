@@ -1,4 +1,4 @@
-//! Finding the points near an atom.
+//! Finds the points near an atom.
 
 use crate::parallel::prelude::*;
 use pulp::{Simd, WithSimd};
@@ -12,55 +12,65 @@ use crate::geometry::counting_sort::sort_by_group_into;
 
 /// Points sorted into the cells of a regular grid.
 ///
-/// Not [`Buckets`](crate::geometry::cell_list::CellList): sorted anew at every repair of the list, so arrays
-/// are kept, and rows of cells are looked at in whole groups of points whose positions lie together.
+/// Unlike [`CellList`](crate::geometry::cell_list::CellList), it is sorted again at every repair of
+/// the list, so its arrays are reused, and rows of cells are scanned in whole groups of points
+/// whose positions lie together.
 #[derive(Clone, Default)]
 pub struct AtomCells {
     /// The near corner of the grid.
     origin: [i32; 3],
     /// Edges of a cell, in fixed-point units.
     cell_edges: [f32; 3],
-    /// The first cell along each axis that has points of those held, and how many there are from it to the last.
+    /// The first cell along each axis that contains a local point.
     first_cell: [usize; 3],
     dims: [usize; 3],
     /// Where each cell's points start in the arrays below; x fastest, one more at the end.
     starts: Vec<u32>,
     /// The points' indices in cell order.
     order: Vec<u32>,
-    /// Positions in cell order, with the point's index as their last element, and as many more as a
-    /// group may need.
+    /// Positions in cell order, with the point's index as their last element, and as many extra
+    /// points as a group may need.
     points: Vec<IntPoint>,
     /// Square of each point's reach, in the same order.
     reach2: Vec<f32>,
-    /// The cell of each point, in the points' own order.
+    /// The cell of each point, in the points' original order.
     cell_of: Vec<u32>,
 }
 
 impl AtomCells {
-    /// Sorts points into cells of the given edges, or larger ones if they were many more than points. The grid is that of
-    /// `all` points of the lattice, of which some are held here.
-    fn sort(&mut self, points: &[IntPoint], reach: &[f32], held: &PointBounds, all: &PointBounds) {
-        let edges = CELL_EDGE_RATIOS.map(|edge| edge * all.min_reach);
-        let (low, high) = (all.low, all.high);
+    /// Sorts points into cells of the standard edges, or larger ones if there would be many more
+    /// cells than points. The grid is laid over the bounds of all points of the lattice
+    /// (`global_bounds`), of which only those in `local_bounds` are here.
+    fn sort(
+        &mut self,
+        points: &[IntPoint],
+        reach: &[f32],
+        local_bounds: &PointBounds,
+        global_bounds: &PointBounds,
+    ) {
+        let edges = CELL_EDGE_RATIOS.map(|edge| edge * global_bounds.min_reach);
+        let (low, high) = (global_bounds.low, global_bounds.high);
         let spans = high.iter().zip(&low).map(|(h, l)| h.saturating_sub(*l));
         let spans: Vec<f32> = spans.filter(|&s| s > 0).map(|s| s as f32).collect();
-        let roomy = spans.iter().product::<f32>() / (4.0 * all.count.max(1) as f32);
-        let roomy = roomy.powf(1.0 / spans.len().max(1) as f32);
+        let cell_size = spans.iter().product::<f32>() / (4.0 * global_bounds.count.max(1) as f32);
+        let cell_size = cell_size.powf(1.0 / spans.len().max(1) as f32);
         let edge = edges.iter().product::<f32>().cbrt();
-        let larger = (roomy / edge).max(1.0);
-        self.cell_edges = edges.map(|edge| (larger * edge).max(1.0));
+        let enlargement = (cell_size / edge).max(1.0);
+        self.cell_edges = edges.map(|edge| (enlargement * edge).max(1.0));
         self.origin = low;
         let per_unit = self.cell_edges.map(|edge| 1.0 / edge);
-        let along = |k: usize, x: i32| (x.saturating_sub(low[k]) as f32 * per_unit[k]) as usize;
-        let first: [usize; 3] = std::array::from_fn(|k| along(k, held.low[k]));
-        let dims: [usize; 3] = match points.is_empty() {
-            true => [0; 3],
-            false => std::array::from_fn(|k| along(k, held.high[k]) + 1 - first[k]),
+        let cell_along =
+            |k: usize, x: i32| (x.saturating_sub(low[k]) as f32 * per_unit[k]) as usize;
+        let first: [usize; 3] = std::array::from_fn(|k| cell_along(k, local_bounds.low[k]));
+        let dims: [usize; 3] = if points.is_empty() {
+            [0; 3]
+        } else {
+            std::array::from_fn(|k| cell_along(k, local_bounds.high[k]) + 1 - first[k])
         };
         (self.first_cell, self.dims) = (first, dims);
         let cell = |p: &IntPoint| {
-            let at: [usize; 3] = std::array::from_fn(|k| along(k, p[k]) - first[k]);
-            ((at[2] * dims[1] + at[1]) * dims[0] + at[0]) as u32
+            let cell: [usize; 3] = std::array::from_fn(|k| cell_along(k, p[k]) - first[k]);
+            ((cell[2] * dims[1] + cell[1]) * dims[0] + cell[0]) as u32
         };
         points
             .par_iter()
@@ -70,10 +80,10 @@ impl AtomCells {
         sort_by_group_into(count, &self.cell_of, &mut self.starts, &mut self.order);
         self.points.resize(points.len() + LANES, UNREACHABLE_POINT);
         self.reach2.resize(points.len() + LANES, 0.0);
-        let places = self.points.par_iter_mut().zip(&mut self.reach2);
-        places.zip(&self.order).for_each(|((place, reach2), &n)| {
+        let sorted = self.points.par_iter_mut().zip(&mut self.reach2);
+        sorted.zip(&self.order).for_each(|((target, reach2), &n)| {
             let point = points[n as usize];
-            *place = [point[0], point[1], point[2], n as i32];
+            *target = [point[0], point[1], point[2], n as i32];
             *reach2 = reach[n as usize] * reach[n as usize];
         });
     }
@@ -87,11 +97,11 @@ pub struct NeighbourSearch<'a> {
     cells: &'a AtomCells,
 }
 
-/// Edges of a search cell in units of the smallest reach: rows of cells along x are looked at from one
-/// end to the other, in groups, so rows are thick and their ends fine.
+/// Edges of a search cell in units of the smallest reach. Rows of cells along x are scanned from
+/// one end to the other, in groups, so rows are thick and their ends fine.
 const CELL_EDGE_RATIOS: [f32; 3] = [0.25, 0.75, 0.75];
 
-/// How far points spread, and their reaches.
+/// Bounds of points and of their reaches.
 #[derive(Clone)]
 struct PointBounds {
     low: [i32; 3],
@@ -104,7 +114,7 @@ struct PointBounds {
 codec_fields! { PointBounds as PointBounds { low, high, min_reach, max_reach, count } }
 
 impl PointBounds {
-    /// Of no points.
+    /// The bounds of no points.
     const EMPTY: Self = Self {
         low: [i32::MAX; 3],
         high: [i32::MIN; 3],
@@ -113,7 +123,7 @@ impl PointBounds {
         count: 0,
     };
 
-    /// Of a point.
+    /// Returns the bounds of one point.
     fn from_point((p, &reach): (&IntPoint, &f32)) -> Self {
         Self {
             low: [p[0], p[1], p[2]],
@@ -124,7 +134,7 @@ impl PointBounds {
         }
     }
 
-    /// Of both.
+    /// Returns the bounds of both.
     fn union(self, other: Self) -> Self {
         Self {
             low: std::array::from_fn(|k| self.low[k].min(other.low[k])),
@@ -137,55 +147,57 @@ impl PointBounds {
 }
 
 impl<'a> NeighbourSearch<'a> {
-    /// Among the points held here.
+    /// Prepares a search among the local points.
     ///
     /// # Errors
-    /// Those of other ranks.
-    pub fn new(among: PointSet<'a>, cells: &'a mut AtomCells) -> Result<Self> {
-        let PointSet { points, reach, .. } = among;
-        let spread = points.par_iter().zip(reach).map(PointBounds::from_point);
-        let spread = spread.reduce(|| PointBounds::EMPTY, PointBounds::union);
-        let own = PointBounds {
-            count: among.images.owned_point_count(among.halo),
-            ..spread.clone()
+    /// Returns an error if another rank fails.
+    pub fn new(point_set: PointSet<'a>, cells: &'a mut AtomCells) -> Result<Self> {
+        let PointSet { points, reach, .. } = point_set;
+        let bounds = points.par_iter().zip(reach).map(PointBounds::from_point);
+        let bounds = bounds.reduce(|| PointBounds::EMPTY, PointBounds::union);
+        let owned_bounds = PointBounds {
+            count: point_set.images.owned_point_count(point_set.halo),
+            ..bounds.clone()
         };
-        let all = among.halo.all_gather("extent of atoms", own)?;
-        let all = all.into_iter().fold(PointBounds::EMPTY, PointBounds::union);
-        cells.sort(points, reach, &spread, &all);
+        let gathered = point_set.halo.all_gather("extent of atoms", owned_bounds)?;
+        let global_bounds = gathered
+            .into_iter()
+            .fold(PointBounds::EMPTY, PointBounds::union);
+        cells.sort(points, reach, &bounds, &global_bounds);
         Ok(Self {
-            points: among,
-            max_reach: all.max_reach,
+            points: point_set,
+            max_reach: global_bounds.max_reach,
             cells,
         })
     }
 
-    /// Lists the neighbours of the chunk's `n`th atom anew.
+    /// Lists the neighbours of atom `n` of the chunk again.
     #[inline]
     pub fn list(&self, n: usize, rows: &mut NeighbourRows, scratch: &mut RowScratch) {
         let atom = rows.members[n];
-        let (arch, mut found) = (scratch.arch, std::mem::take(&mut scratch.found));
+        let (arch, mut nearby_points) = (scratch.arch, std::mem::take(&mut scratch.nearby_points));
         let count = arch.dispatch(GatherKernel {
             search: self,
             atom,
-            found: &mut found,
+            nearby_points: &mut nearby_points,
         });
         let mut row = std::mem::take(&mut scratch.row);
         row.clear();
         row.extend(
-            found[..count]
+            nearby_points[..count]
                 .iter()
                 .map(|&point| scratch.find_or_add_member(point, rows)),
         );
         rows.replace(n, &row);
-        (scratch.found, scratch.row) = (found, row);
+        (scratch.nearby_points, scratch.row) = (nearby_points, row);
     }
 }
 
-/// Fills `found` with the points near an atom, and returns their number.
+/// Fills `nearby_points` with the points near an atom, and returns their count.
 struct GatherKernel<'a> {
     search: &'a NeighbourSearch<'a>,
     atom: u32,
-    found: &'a mut Vec<u32>,
+    nearby_points: &'a mut Vec<u32>,
 }
 
 impl WithSimd for GatherKernel<'_> {
@@ -196,77 +208,81 @@ impl WithSimd for GatherKernel<'_> {
         let Self {
             search,
             atom,
-            found,
+            nearby_points,
         } = self;
         let cells = &search.cells;
         let centre = search.points.points[atom as usize];
         let reach = search.points.reach[atom as usize];
-        let own2 = reach * reach;
+        let centre_reach2 = reach * reach;
         // r < reach_j <= reach_i + slope r  =>  r < reach_i / (1 - slope)
         let radius = (reach / (1.0 - search.points.slope).max(1e-3)).min(search.max_reach);
-        // From the near corner of the grid; the margin covers the rounding to f32.
-        let at: [f32; 3] = std::array::from_fn(|k| (centre[k] - cells.origin[k]) as f32);
-        let radius = radius + 1e-6 * at[0].max(at[1]).max(at[2]);
+        // Relative to the near corner of the grid; the margin covers the rounding to f32.
+        let position: [f32; 3] = std::array::from_fn(|k| (centre[k] - cells.origin[k]) as f32);
+        let radius = radius + 1e-6 * position[0].max(position[1]).max(position[2]);
         let per_unit = cells.cell_edges.map(|edge| 1.0 / edge);
         let range = |k: usize, radius: f32| {
-            let first = ((at[k] - radius) * per_unit[k]).max(0.0) as usize;
-            let last = ((at[k] + radius) * per_unit[k]) as usize;
+            let first = ((position[k] - radius) * per_unit[k]).max(0.0) as usize;
+            let last = ((position[k] + radius) * per_unit[k]) as usize;
             let end = cells.first_cell[k] + cells.dims[k];
             (first.max(cells.first_cell[k]), last.min(end - 1))
         };
-        // How far the atom is from the slab of a cell along an axis.
+        // Distance of the atom from the slab of a cell along an axis.
         let gap = |k: usize, cell: usize| {
             let low = cell as f32 * cells.cell_edges[k];
-            (low - at[k])
-                .max(at[k] - low - cells.cell_edges[k])
+            (low - position[k])
+                .max(position[k] - low - cells.cell_edges[k])
                 .max(0.0)
         };
         let mut end = 0;
         let (ys, zs) = (range(1, radius), range(2, radius));
         for z in zs.0..=zs.1 {
             for y in ys.0..=ys.1 {
-                let left = radius * radius - gap(1, y).powi(2) - gap(2, z).powi(2);
-                if left <= 0.0 {
+                let remaining2 = radius * radius - gap(1, y).powi(2) - gap(2, z).powi(2);
+                if remaining2 <= 0.0 {
                     continue;
                 }
-                let xs = range(0, left.sqrt());
+                let xs = range(0, remaining2.sqrt());
                 let row = (z - cells.first_cell[2]) * cells.dims[1] + y - cells.first_cell[1];
                 let row = row * cells.dims[0];
-                let (from, to) = (xs.0 - cells.first_cell[0], xs.1 - cells.first_cell[0]);
-                let run = cells.starts[row + from] as usize..cells.starts[row + to + 1] as usize;
-                if found.len() < end + run.len() + LANES {
-                    found.resize(2 * (end + run.len() + LANES), 0);
+                let (first_x, last_x) = (xs.0 - cells.first_cell[0], xs.1 - cells.first_cell[0]);
+                let points =
+                    cells.starts[row + first_x] as usize..cells.starts[row + last_x + 1] as usize;
+                if nearby_points.len() < end + points.len() + LANES {
+                    nearby_points.resize(2 * (end + points.len() + LANES), 0);
                 }
-                let mut first = run.start;
-                while first < run.end {
+                let mut first = points.start;
+                while first < points.end {
                     let group = &cells.points[first..first + LANES];
                     let index: [u32; LANES] = std::array::from_fn(|l| group[l][3] as u32);
-                    let left = (run.end - first) as u32;
-                    let mut near = [0u32; LANES];
+                    let remaining = (points.end - first) as u32;
+                    let mut is_near = [0u32; LANES];
                     for l in 0..LANES {
                         let step = |k: usize| group[l][k].wrapping_sub(centre[k]) as f32;
                         let (dx, dy, dz) = (step(0), step(1), step(2));
-                        let inside = dx * dx + dy * dy + dz * dz < own2;
-                        near[l] = u32::from(inside & ((l as u32) < left) & (index[l] != atom));
+                        let is_inside = dx * dx + dy * dy + dz * dz < centre_reach2;
+                        is_near[l] =
+                            u32::from(is_inside & ((l as u32) < remaining) & (index[l] != atom));
                     }
                     if search.points.slope > 0.0 {
-                        // Those that reach farther than the atom.
+                        // Points with a larger reach than the atom's.
                         let reach2 = &cells.reach2[first..first + LANES];
                         for l in 0..LANES {
                             let step = |k: usize| group[l][k].wrapping_sub(centre[k]) as f32;
                             let (dx, dy, dz) = (step(0), step(1), step(2));
-                            let inside = dx * dx + dy * dy + dz * dz < reach2[l];
-                            near[l] |= u32::from(inside & ((l as u32) < left) & (index[l] != atom));
+                            let is_inside = dx * dx + dy * dy + dz * dz < reach2[l];
+                            is_near[l] |= u32::from(
+                                is_inside & ((l as u32) < remaining) & (index[l] != atom),
+                            );
                         }
                     }
-                    // Without branches: the end moves on only past those to be kept.
-                    let slots = &mut found[end..end + LANES];
-                    let mut kept = 0;
+                    // Without branches: the end advances only past the points to be kept.
+                    let slots = &mut nearby_points[end..end + LANES];
+                    let mut kept_count = 0;
                     for l in 0..LANES {
-                        slots[kept & (LANES - 1)] = index[l];
-                        kept += near[l] as usize;
+                        slots[kept_count & (LANES - 1)] = index[l];
+                        kept_count += is_near[l] as usize;
                     }
-                    end += kept;
+                    end += kept_count;
                     first += LANES;
                 }
             }

@@ -1,4 +1,4 @@
-//! The list against all pairs.
+//! Tests of the neighbour list against all pairs.
 
 use super::*;
 
@@ -12,7 +12,7 @@ fn fixed_point_rounds_to_the_nearest() {
 }
 
 #[test]
-fn lists_exactly_the_pairs_in_reach() {
+fn lists_exactly_the_pairs_within_reach() {
     let fixed = FixedPointMap::new(&[20.0, 13.0, 9.0]);
     let mut seed = 7u64;
     let mut random = || {
@@ -23,7 +23,7 @@ fn lists_exactly_the_pairs_in_reach() {
         .map(|_| [20.0 * random(), 13.0 * random(), 9.0 * random()])
         .collect();
     let points: Vec<IntPoint> = positions.iter().map(|x| fixed.to_point(x)).collect();
-    // The last 200 are points, but no atoms.
+    // The last 200 are points, but not atoms.
     let atoms = 1300;
     for slope in [0.0, 0.15] {
         let reach: Vec<f32> = positions
@@ -32,23 +32,24 @@ fn lists_exactly_the_pairs_in_reach() {
             .collect();
         let mut neighbours = Neighbours::default();
         let images = MirrorImages::new([0; 4], 3);
-        let held = OwnedAndGhosts::all(atoms);
-        let among = PointSet {
+        let halo = OwnedAndGhosts::all(atoms);
+        let point_set = PointSet {
             points: &points,
-            halo: &held,
+            halo: &halo,
             images: &images,
             reach: &reach,
             slope: slope as f32,
         };
-        neighbours.build(among).unwrap();
+        neighbours.build(point_set).unwrap();
         let mut listed = 0;
         for rows in &neighbours.chunks {
             assert!(!rows.has_overflowed);
             for n in 0..rows.len() {
                 let i = rows.members[n] as usize;
                 assert_eq!(i, listed);
-                let mut found: Vec<u32> = rows.row(n).map(|m| rows.members[m as usize]).collect();
-                found.sort_unstable();
+                let mut neighbour_points: Vec<u32> =
+                    rows.row(n).map(|m| rows.members[m as usize]).collect();
+                neighbour_points.sort_unstable();
                 let truth: Vec<u32> = (0..positions.len())
                     .filter(|&j| {
                         let r2: f64 = (0..3)
@@ -58,7 +59,7 @@ fn lists_exactly_the_pairs_in_reach() {
                     })
                     .map(|j| j as u32)
                     .collect();
-                assert_eq!(found, truth, "atom {i}");
+                assert_eq!(neighbour_points, truth, "atom {i}");
                 listed += 1;
             }
         }

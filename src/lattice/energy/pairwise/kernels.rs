@@ -9,7 +9,7 @@ use crate::lattice::energy::neighbours::{
 };
 use crate::lattice::energy::pair::{CUTOFF_RATIO, force, potential};
 
-/// What the general kernel must know of each atom besides its position.
+/// Data of an atom that the general kernel needs in addition to its position.
 #[derive(Clone, Copy, Default)]
 pub struct AtomParams {
     /// 1 / d(x_i) per fixed-point unit.
@@ -18,7 +18,7 @@ pub struct AtomParams {
     pub weight: f32,
 }
 
-/// What fills up groups of neighbours.
+/// Parameters that fill up groups of neighbours.
 pub const FILLER_PARAMS: AtomParams = AtomParams {
     inverse_d: 1.0,
     weight: 0.0,
@@ -35,7 +35,7 @@ pub struct NeighbourSums {
     pub log_d_derivative: f32,
 }
 
-/// Working memory of a thread: what the kernels must know of the members of a chunk.
+/// Working memory of a thread: data of the members of a chunk that the kernels need.
 pub struct ChunkScratch {
     pub points: Vec<IntPoint>,
     pub params: Vec<AtomParams>,
@@ -51,35 +51,35 @@ thread_local! {
 }
 
 impl ChunkScratch {
-    /// Copies together what belongs to a chunk.
-    pub fn load_chunk(&mut self, rows: &NeighbourRows, points: &[IntPoint], sites: &[AtomParams]) {
+    /// Copies the points and parameters of a chunk's members together.
+    pub fn load_chunk(&mut self, rows: &NeighbourRows, points: &[IntPoint], params: &[AtomParams]) {
         for (local, &member) in self.points.iter_mut().zip(&rows.members) {
             *local = points[member as usize];
         }
-        if !sites.is_empty() {
+        if !params.is_empty() {
             self.params.resize(MAX_CHUNK_MEMBERS, FILLER_PARAMS);
             for (local, &member) in self.params.iter_mut().zip(&rows.members) {
-                *local = sites[member as usize];
+                *local = params[member as usize];
             }
         }
     }
 }
 
-/// `x` within `[low, high]`: what [`f32::clamp`] gives, in two instructions.
+/// Returns `x` clamped to `[low, high]` as [`f32::clamp`] does, in two instructions.
 #[inline(always)]
 fn fast_clamp(x: f32, low: f32, high: f32) -> f32 {
     let x = if x > low { x } else { low };
     if x < high { x } else { high }
 }
 
-/// The sum of a group.
+/// Returns the sum of a group.
 #[inline(always)]
 fn sum_lanes(lanes: &[f32; LANES]) -> f32 {
-    let four: [f32; 4] = std::array::from_fn(|l| lanes[l] + lanes[l + 4]);
-    (four[0] + four[2]) + (four[1] + four[3])
+    let pair_sums: [f32; 4] = std::array::from_fn(|l| lanes[l] + lanes[l + 4]);
+    (pair_sums[0] + pair_sums[2]) + (pair_sums[1] + pair_sums[3])
 }
 
-/// The differences x_j - x_i of a group of neighbours, one array an axis.
+/// Returns the differences x_j - x_i of a group of neighbours, one array an axis.
 #[inline(always)]
 fn differences(points: &[IntPoint], centre: &IntPoint, group: &[u16; LANES]) -> [[f32; LANES]; 3] {
     let p = group.map(|j| points[j as usize]);
@@ -103,29 +103,30 @@ impl<const D: usize> WithSimd for ConstantDistanceKernel<'_, D> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> f64 {
-        // A length that the compiler knows, so that no index needs a check.
+        // The compiler knows this length, so that no index needs a check.
         let points = &self.points[..MAX_CHUNK_MEMBERS];
         let (inverse, stiffness) = (self.inverse_d, self.stiffness);
         let mut total = 0.0;
         for ((row, gradient), centre) in self.rows.iter().zip(self.gradient).zip(points) {
             let mut energy = [0.0f32; LANES];
-            let mut pull = [[0.0f32; LANES]; 3];
+            let mut derivative = [[0.0f32; LANES]; 3];
             for group in row {
                 let step = differences(points, centre, group);
                 for l in 0..LANES {
                     let v: [f32; 3] = std::array::from_fn(|k| step[k][l] * inverse);
                     let u2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
-                    // Atoms at one place push each other nowhere rather than to infinity.
+                    // The lower limit avoids an infinite force between atoms at one place; they do
+                    // not push each other.
                     let u = fast_clamp(u2, 1e-12, CUTOFF_RATIO * CUTOFF_RATIO).sqrt();
                     energy[l] += potential(u, stiffness);
                     let f = force(u, stiffness) / u;
                     for k in 0..3 {
-                        pull[k][l] += f * v[k];
+                        derivative[k][l] += f * v[k];
                     }
                 }
             }
             total += f64::from(sum_lanes(&energy));
-            *gradient = std::array::from_fn(|k| self.weight * f64::from(sum_lanes(&pull[k])));
+            *gradient = std::array::from_fn(|k| self.weight * f64::from(sum_lanes(&derivative[k])));
         }
         0.5 * total
     }
@@ -145,7 +146,7 @@ impl WithSimd for VariableDistanceKernel<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let (points, sites) = (
+        let (points, params) = (
             &self.points[..MAX_CHUNK_MEMBERS],
             &self.params[..MAX_CHUNK_MEMBERS],
         );
@@ -154,34 +155,35 @@ impl WithSimd for VariableDistanceKernel<'_> {
             .rows
             .iter()
             .zip(self.sums)
-            .zip(points.iter().zip(sites));
-        for ((row, sums), (centre, own)) in atoms {
+            .zip(points.iter().zip(params));
+        for ((row, sums), (centre, centre_params)) in atoms {
             let mut energy = [0.0f32; LANES];
-            let mut swell = [0.0f32; LANES];
-            let mut pull = [[0.0f32; LANES]; 3];
+            let mut log_d_derivative = [0.0f32; LANES];
+            let mut derivative = [[0.0f32; LANES]; 3];
             for group in row {
                 let step = differences(points, centre, group);
-                let other = group.map(|j| sites[j as usize]);
+                let neighbour_params = group.map(|j| params[j as usize]);
                 for l in 0..LANES {
-                    let v: [f32; 3] = std::array::from_fn(|k| step[k][l] * own.inverse_d);
+                    let v: [f32; 3] = std::array::from_fn(|k| step[k][l] * centre_params.inverse_d);
                     let r2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
                     let r = fast_clamp(r2, 1e-12, f32::MAX).sqrt();
-                    // r is in units of the own d; the other's units differ.
-                    let ratio = other[l].inverse_d / own.inverse_d;
+                    // r is in units of the atom's own d; the neighbour's d differs.
+                    let ratio = neighbour_params[l].inverse_d / centre_params.inverse_d;
                     energy[l] += potential(r * ratio, stiffness);
-                    let own_force = other[l].weight * force(r, stiffness);
-                    let other_force = own.weight * force(r * ratio, stiffness) * ratio;
-                    swell[l] += own_force * fast_clamp(r, 0.0, CUTOFF_RATIO);
-                    let f = (own_force + other_force) / r * own.inverse_d;
+                    let centre_force = neighbour_params[l].weight * force(r, stiffness);
+                    let neighbour_force =
+                        centre_params.weight * force(r * ratio, stiffness) * ratio;
+                    log_d_derivative[l] += centre_force * fast_clamp(r, 0.0, CUTOFF_RATIO);
+                    let f = (centre_force + neighbour_force) / r * centre_params.inverse_d;
                     for k in 0..3 {
-                        pull[k][l] += f * v[k];
+                        derivative[k][l] += f * v[k];
                     }
                 }
             }
             *sums = NeighbourSums {
                 potential: sum_lanes(&energy),
-                position_derivative: pull.map(|lanes| sum_lanes(&lanes)),
-                log_d_derivative: sum_lanes(&swell),
+                position_derivative: derivative.map(|lanes| sum_lanes(&lanes)),
+                log_d_derivative: sum_lanes(&log_d_derivative),
             };
         }
     }

@@ -1,8 +1,9 @@
 //! The exact energy and gradient, from pairs of atoms.
 //!
-//! Cost is about 20 pairs an atom, whatever d is in samples. The gradient is the exact derivative of
-//! the energy, with the derivatives of b(x), of a variable d(x) and of a variable beta(x) in it: with
-//! d_j = d(x_j), w_i = 1 - beta(x_i) and A_i = 1/2 sum over j of phi(r_ij / d_j),
+//! The cost is about 20 pairs an atom, whatever d is in samples. The gradient is the exact
+//! derivative of the energy, including the derivatives of b(x), of a variable d(x) and of a
+//! variable beta(x). With d_j = d(x_j), w_i = 1 - beta(x_i) and A_i = 1/2 sum over j of phi(r_ij /
+//! d_j):
 //!
 //! ```text
 //! P         = sum_i w_i A_i + beta(x_i) b(x_i)
@@ -11,11 +12,11 @@
 //!           + (b(x_k) - A_k) grad beta(x_k) + beta(x_k) grad b(x_k)
 //! ```
 //!
-//! Alongside, j runs over mirror images as well (`Images`), which by symmetry leaves the formulas as
-//! they are, and -b takes the place of b.
+//! For alignment alongside features, j runs over mirror images as well (`MirrorImages`), which by
+//! symmetry does not change the formulas, and -b takes the place of b.
 //!
-//! Distances are computed in `f32` from fixed-point positions (`FixedPoint`) and summed in a fixed
-//! order, so the result is the same for any number of threads and on any machine.
+//! Distances are computed in `f32` from fixed-point positions (`FixedPointMap`) and summed in a
+//! fixed order, so the result is the same for any number of threads and on any machine.
 
 use crate::parallel::prelude::*;
 use pulp::Arch;
@@ -43,7 +44,8 @@ use crate::lattice::seeding::Alignment;
 /// at 1.73 d, so a regular lattice gets no more pairs from it.
 const SKIN_RATIO: f32 = 0.2;
 
-/// The neighbour list is repaired if at most one atom in this many has moved far, else built anew.
+/// The neighbour list is repaired if at most one point in this many has moved far, else built
+/// again.
 const REPAIR_DIVISOR: usize = 4;
 
 /// The exact evaluator of the lattice energy.
@@ -63,27 +65,27 @@ pub struct PairwiseEnergy<'a, const D: usize> {
     /// Positions and reaches for which the neighbours are listed.
     listed_points: Vec<IntPoint>,
     listed_reach: Vec<f32>,
-    /// Whether none are listed yet.
+    /// `true` until neighbours have been listed.
     needs_listing: bool,
     /// For the general kernel only.
     params: Vec<AtomParams>,
     parts: EnergyParts,
     relisted_count: usize,
     stiffness: f32,
-    /// What A counts for.
+    /// The weight of A.
     kappa: f64,
 }
 
 impl<'a, const D: usize> PairwiseEnergy<'a, D> {
-    /// An evaluator for atoms in the box `[0, extent]`, for `D` of 2 or 3. Without a `potential` the
-    /// image has no part in the energy (b = 0).
+    /// Creates an evaluator for atoms in the box `[0, extent]`, for `D` of 2 or 3. Without an
+    /// `image` potential the image has no part in the energy (b = 0).
     ///
     /// # Errors
-    /// [`Error::Optimize`] if beta leaves [0, 1].
+    /// Returns [`Error::Optimize`] if beta leaves [0, 1].
     pub fn new(
         extent: [f64; D],
         distance: &'a Distance<D>,
-        potential: Option<&'a SparseField<D>>,
+        image: Option<&'a SparseField<D>>,
         beta: Beta<D>,
     ) -> Result<Self> {
         let range = match &beta {
@@ -92,11 +94,11 @@ impl<'a, const D: usize> PairwiseEnergy<'a, D> {
                 (f64::from(b).min(low), f64::from(b).max(high))
             }),
         };
-        let finite = match &beta {
+        let is_finite = match &beta {
             Beta::Constant(beta) => beta.is_finite(),
             Beta::Field(field) => field.samples.iter().all(|b| b.is_finite()),
         };
-        if !(finite && range.0 >= 0.0 && range.1 <= 1.0) {
+        if !(is_finite && range.0 >= 0.0 && range.1 <= 1.0) {
             return Err(Error::Optimize(cause(
                 "beta",
                 format!("ranges from {} to {}", range.0, range.1),
@@ -106,7 +108,7 @@ impl<'a, const D: usize> PairwiseEnergy<'a, D> {
         let fixed = FixedPointMap::new(&extent);
         Ok(Self {
             distance,
-            image: potential,
+            image,
             beta,
             alignment: Alignment::OnFeatures,
             fixed_point: fixed,
@@ -125,40 +127,42 @@ impl<'a, const D: usize> PairwiseEnergy<'a, D> {
         })
     }
 
-    /// Where atoms shall end up, [`Alignment::OnFeatures`] at first. [`Alignment::AlongsideFeatures`], -b takes the
-    /// place of b, and mirror images of the atoms beyond the sides act on those inside.
+    /// Sets where atoms shall end up; the default is [`Alignment::OnFeatures`]. With
+    /// [`Alignment::AlongsideFeatures`], -b takes the place of b, and mirror images of the atoms
+    /// beyond the sides act on those inside.
     pub fn with_alignment(mut self, alignment: Alignment) -> Self {
         self.alignment = alignment;
         self
     }
 
     /// Keeps atoms from crowding on features, by the stiffening that suits beta (its largest value
-    /// where it is a field); see [`pair`](super::pair). Recommended for any but the shortest
-    /// minimisation.
+    /// where it is a field); see [`pair`](super::pair). Recommended for all but the shortest
+    /// minimisations.
     pub fn with_auto_stiffness(self) -> Self {
         let stiffness = self.beta.stiffness();
         self.with_stiffness(stiffness)
     }
 
-    /// Makes atoms nearer than d push each other apart harder than the potential as published does;
-    /// 0, as at first, for the potential as published.
+    /// Makes atoms nearer than d push each other apart harder than the published potential does.
+    /// The default, 0, is the published potential.
     pub fn with_stiffness(mut self, stiffness: f32) -> Self {
         self.stiffness = stiffness.max(0.0);
         self
     }
 
-    /// Makes A count for `kappa` of what it is, so that P = (1 - beta) kappa A + beta B.
+    /// Sets the weight of A, so that P = (1 - beta) kappa A + beta B.
     pub(super) fn with_kappa(mut self, kappa: f64) -> Self {
         self.kappa = kappa;
         self
     }
 
-    /// How many points' neighbours have been listed anew because the point had moved, in all.
+    /// Returns how often a point's neighbours have been listed because the point had moved, in
+    /// total.
     pub fn relisted_count(&self) -> usize {
         self.relisted_count
     }
 
-    /// d in fixed-point units, if it is the same everywhere.
+    /// Returns d in fixed-point units, if it is the same everywhere.
     fn constant_d(&self) -> Option<f32> {
         match self.distance {
             Distance::Constant(d) => Some((*d * self.fixed_point.scale) as f32),
@@ -166,31 +170,32 @@ impl<'a, const D: usize> PairwiseEnergy<'a, D> {
         }
     }
 
-    /// d of a point in fixed-point units.
+    /// Returns d of a point in fixed-point units.
     fn point_d(&self, point: usize) -> f32 {
         let constant = self.constant_d();
         constant.unwrap_or_else(|| 1.0 / self.params[point].inverse_d)
     }
 
-    /// How far a pair may be apart so that one of the two, of reach `reach`, is listed.
+    /// Returns the largest distance of a pair that is listed because one of its points has the
+    /// reach `reach`.
     fn max_listed_distance(&self, reach: f32) -> f32 {
         let slope = f64::from(CUTOFF_RATIO + SKIN_RATIO) * self.max_slope;
         reach / (1.0 - slope as f32).max(1e-3)
     }
 
-    /// Takes over new positions and brings the neighbour list up to date.
+    /// Takes over new positions and updates the neighbour list.
     ///
-    /// The list holds all pairs nearer than 1.5 d + skin (of either atom) at the positions `listed`.
-    /// An atom that has moved, or whose d has grown, by more than half its skin in all gets a new
-    /// listed position. So a pair left out is never nearer than 1.5 d: both together have used up at
-    /// most the larger skin.
+    /// The list contains all pairs nearer than 1.5 d + skin (of either atom) at the listed
+    /// positions. An atom that has moved, or whose d has grown, by more than half its skin in total
+    /// gets a new listed position. So a pair that is not listed is never nearer than 1.5 d: both
+    /// together have used up at most the larger skin.
     ///
     /// # Errors
-    /// Those of other ranks.
-    fn update(&mut self, x: &[[f64; D]], held: &OwnedAndGhosts<'_>) -> Result<()> {
+    /// Returns an error if another rank fails.
+    fn update(&mut self, x: &[[f64; D]], halo: &OwnedAndGhosts<'_>) -> Result<()> {
         let count = x.len();
         if self.points.len() != count + self.images.len() {
-            // Other atoms than before, or more of the same.
+            // The atoms are others than before, or their count has changed.
             self.images.rebuild(&[], |_| 0.0);
             self.points = vec![UNREACHABLE_POINT; count];
             self.needs_listing = true;
@@ -210,9 +215,9 @@ impl<'a, const D: usize> PairwiseEnergy<'a, D> {
             self.update_params(x);
         }
         if self.needs_listing {
-            return self.list_all(held);
+            return self.list_all(halo);
         }
-        let far = |&n: &u32| {
+        let has_moved_far = |&n: &u32| {
             let n = n as usize;
             let old_d = self.listed_reach[n] / (CUTOFF_RATIO + SKIN_RATIO);
             let step = |k: usize| (self.points[n][k] - self.listed_points[n][k]) as f32;
@@ -222,31 +227,31 @@ impl<'a, const D: usize> PairwiseEnergy<'a, D> {
         let moved: Vec<u32> = (0..self.points.len() as u32)
             .into_par_iter()
             .with_min_len(CHUNK_ATOMS)
-            .filter(far)
+            .filter(has_moved_far)
             .collect();
-        let own = held.owned();
-        let own_moved = moved.iter().map(|&n| n as usize).filter(|&n| {
+        let owned = halo.owned();
+        let owned_moved = moved.iter().map(|&n| n as usize).filter(|&n| {
             let image = n.checked_sub(count);
-            own.contains(&image.map_or(n, |image| self.images.source(image).0 as usize))
+            owned.contains(&image.map_or(n, |image| self.images.source(image).0 as usize))
         });
         let alongside = self.alignment == Alignment::AlongsideFeatures;
         let lacks_images = |n: usize| {
             let reach = self.max_listed_distance((CUTOFF_RATIO + SKIN_RATIO) * self.point_d(n));
             n < count && !self.images.are_sufficient(n, &self.points[n], reach)
         };
-        // Of own atoms and their images; so that all ranks do the same.
+        // Counted for owned atoms and their images and then summed, so that all ranks decide alike.
         let counts = [
-            own_moved.clone().count(),
-            self.images.owned_point_count(held),
-            usize::from(alongside && own_moved.clone().any(lacks_images)),
+            owned_moved.clone().count(),
+            self.images.owned_point_count(halo),
+            usize::from(alongside && owned_moved.clone().any(lacks_images)),
         ];
-        let all = held.all_gather("atoms that have moved", counts)?;
-        let sum = |k: usize| all.iter().map(|counts| counts[k]).sum::<usize>();
+        let gathered = halo.all_gather("atoms that have moved", counts)?;
+        let sum = |k: usize| gathered.iter().map(|counts| counts[k]).sum::<usize>();
         if sum(0) == 0 {
             return Ok(());
         }
         if sum(0) > sum(1) / REPAIR_DIVISOR || sum(2) > 0 {
-            return self.list_all(held);
+            return self.list_all(halo);
         }
         self.relisted_count += moved.len();
         for &n in &moved {
@@ -254,27 +259,27 @@ impl<'a, const D: usize> PairwiseEnergy<'a, D> {
             self.listed_reach[n as usize] = (CUTOFF_RATIO + SKIN_RATIO) * self.point_d(n as usize);
         }
         let mut neighbours = std::mem::take(&mut self.neighbours);
-        let repaired = neighbours.repair(self.point_set(held), &moved);
+        let result = neighbours.repair(self.point_set(halo), &moved);
         self.neighbours = neighbours;
-        repaired
+        result
     }
 
-    /// The points among which neighbours are listed.
-    fn point_set<'s>(&'s self, held: &'s OwnedAndGhosts<'s>) -> PointSet<'s> {
+    /// Returns the points among which neighbours are listed.
+    fn point_set<'s>(&'s self, halo: &'s OwnedAndGhosts<'s>) -> PointSet<'s> {
         PointSet {
             points: &self.listed_points,
-            halo: held,
+            halo,
             images: &self.images,
             reach: &self.listed_reach,
             slope: (f64::from(CUTOFF_RATIO + SKIN_RATIO) * self.max_slope) as f32,
         }
     }
 
-    /// Lists the neighbours of all atoms anew, and finds the images that they need.
+    /// Lists the neighbours of all atoms from scratch, and finds the images that they need.
     ///
     /// # Errors
-    /// Those of other ranks.
-    fn list_all(&mut self, held: &OwnedAndGhosts<'_>) -> Result<()> {
+    /// Returns an error if another rank fails.
+    fn list_all(&mut self, halo: &OwnedAndGhosts<'_>) -> Result<()> {
         let count = self.points.len() - self.images.len();
         if self.alignment == Alignment::AlongsideFeatures {
             let mut images = std::mem::take(&mut self.images);
@@ -282,8 +287,8 @@ impl<'a, const D: usize> PairwiseEnergy<'a, D> {
                 |n: usize| self.max_listed_distance((CUTOFF_RATIO + SKIN_RATIO) * self.point_d(n));
             images.rebuild(&self.points[..count], reach);
             self.points.resize(count + images.len(), UNREACHABLE_POINT);
-            let (atoms, mirrored) = self.points.split_at_mut(count);
-            images.update_positions(atoms, mirrored);
+            let (atoms, image_points) = self.points.split_at_mut(count);
+            images.update_positions(atoms, image_points);
             self.images = images;
             self.copy_image_params(count);
         }
@@ -291,27 +296,27 @@ impl<'a, const D: usize> PairwiseEnergy<'a, D> {
         let reach = |n| (CUTOFF_RATIO + SKIN_RATIO) * self.point_d(n);
         self.listed_reach = (0..self.points.len()).map(reach).collect();
         let mut neighbours = std::mem::take(&mut self.neighbours);
-        let built = neighbours.build(self.point_set(held));
+        let result = neighbours.build(self.point_set(halo));
         self.neighbours = neighbours;
-        built?;
+        result?;
         self.needs_listing = false;
         self.relisted_count += self.points.len();
         Ok(())
     }
 
-    /// d and beta of every atom, for the general kernel.
+    /// Computes d and beta of every atom, for the general kernel.
     fn update_params(&mut self, x: &[[f64; D]]) {
         let (distance, beta, scale) = (self.distance, &self.beta, self.fixed_point.scale);
         let kappa = self.kappa;
         self.params.resize(x.len(), FILLER_PARAMS);
-        let sites = self.params.par_iter_mut().zip(x).with_min_len(CHUNK_ATOMS);
-        sites.for_each(|(site, x)| {
+        let params = self.params.par_iter_mut().zip(x).with_min_len(CHUNK_ATOMS);
+        params.for_each(|(params, x)| {
             let beta = match beta {
                 Beta::Constant(beta) => *beta,
                 Beta::Field(field) => field.value(*x),
             };
             let inverse = 1.0 / (distance.value_at(*x) * scale);
-            *site = AtomParams {
+            *params = AtomParams {
                 inverse_d: inverse as f32,
                 weight: (kappa * (1.0 - beta)) as f32,
             };
@@ -319,7 +324,7 @@ impl<'a, const D: usize> PairwiseEnergy<'a, D> {
         self.copy_image_params(x.len());
     }
 
-    /// Images have the d and beta of their atoms.
+    /// Copies the parameters of atoms to their images.
     fn copy_image_params(&mut self, count: usize) {
         if !self.params.is_empty() {
             self.params.truncate(count);
@@ -329,19 +334,19 @@ impl<'a, const D: usize> PairwiseEnergy<'a, D> {
         }
     }
 
-    /// A, B and P of a chunk of atoms at `x`, and their gradient.
+    /// Returns A, B and P of a chunk of atoms at `x`, and writes their gradient.
     fn evaluate_chunk(
         &self,
         rows: &NeighbourRows,
         x: &[[f64; D]],
         gradient: &mut [[f64; D]],
-        local: &mut ChunkScratch,
+        scratch: &mut ChunkScratch,
     ) -> [f64; 3] {
-        // Only where d varies without any measure: some pairs are missing.
+        // This happens only where d varies extremely: some pairs are missing.
         if rows.has_overflowed {
             return [f64::NAN; 3];
         }
-        local.load_chunk(rows, &self.points, &self.params);
+        scratch.load_chunk(rows, &self.points, &self.params);
         let sign = match self.alignment {
             Alignment::OnFeatures => 1.0,
             Alignment::AlongsideFeatures => -1.0,
@@ -355,7 +360,7 @@ impl<'a, const D: usize> PairwiseEnergy<'a, D> {
         let mut total = [0.0f64; 3];
         if let (Distance::Constant(d), Beta::Constant(beta)) = (self.distance, &self.beta) {
             total[0] = Arch::new().dispatch(ConstantDistanceKernel {
-                points: &local.points,
+                points: &scratch.points,
                 rows,
                 inverse_d: (1.0 / (d * scale)) as f32,
                 stiffness,
@@ -373,15 +378,15 @@ impl<'a, const D: usize> PairwiseEnergy<'a, D> {
             total[2] = kappa * (1.0 - beta) * total[0] + beta * total[1];
             return total;
         }
-        local.sums.resize(x.len(), NeighbourSums::default());
+        scratch.sums.resize(x.len(), NeighbourSums::default());
         Arch::new().dispatch(VariableDistanceKernel {
-            points: &local.points,
-            params: &local.params,
+            points: &scratch.points,
+            params: &scratch.params,
             rows,
             stiffness,
-            sums: &mut local.sums,
+            sums: &mut scratch.sums,
         });
-        for ((sums, x), gradient) in local.sums.iter().zip(x).zip(gradient) {
+        for ((sums, x), gradient) in scratch.sums.iter().zip(x).zip(gradient) {
             let (d, d_slope) = self.distance.value_and_gradient_at(*x);
             let (beta, beta_slope) = match &self.beta {
                 Beta::Constant(beta) => (*beta, [0.0; D]),
@@ -415,22 +420,22 @@ impl<const D: usize> Energy<D> for PairwiseEnergy<'_, D> {
     fn evaluate_partition(
         &mut self,
         x: &[[f64; D]],
-        held: &OwnedAndGhosts<'_>,
+        halo: &OwnedAndGhosts<'_>,
         gradient: &mut [[f64; D]],
     ) -> Result<f64> {
-        self.update(x, held)?;
+        self.update(x, halo)?;
         let chunks = &self.neighbours.chunks;
-        let own = held.owned();
+        let owned = halo.owned();
         let mut sums = vec![[0.0; 3]; chunks.len()];
         sums.par_iter_mut()
             .zip(chunks)
-            .zip(gradient[own.clone()].par_chunks_mut(CHUNK_ATOMS))
-            .zip(x[own].par_chunks(CHUNK_ATOMS))
+            .zip(gradient[owned.clone()].par_chunks_mut(CHUNK_ATOMS))
+            .zip(x[owned].par_chunks(CHUNK_ATOMS))
             .for_each(|(((sums, rows), gradient), x)| {
                 *sums = CHUNK_SCRATCH
-                    .with_borrow_mut(|local| self.evaluate_chunk(rows, x, gradient, local));
+                    .with_borrow_mut(|scratch| self.evaluate_chunk(rows, x, gradient, scratch));
             });
-        let total = held.all_reduce_sum(sums)?;
+        let total = halo.all_reduce_sum(sums)?;
         self.parts = EnergyParts {
             lattice: total[0],
             image: total[1],
@@ -441,25 +446,25 @@ impl<const D: usize> Energy<D> for PairwiseEnergy<'_, D> {
     fn terms(
         &mut self,
         x: &[[f64; D]],
-        held: &OwnedAndGhosts<'_>,
+        halo: &OwnedAndGhosts<'_>,
         minimised: f64,
         gradient: &mut [[f64; D]],
     ) -> Result<EnergyTerms> {
         let (parts, kappa, stiffness) = (self.parts, self.kappa, self.stiffness);
         (self.kappa, self.stiffness) = (1.0, 0.0);
-        let energy = self.evaluate_partition(x, held, gradient);
-        let found = std::mem::replace(&mut self.parts, parts);
+        let energy = self.evaluate_partition(x, halo, gradient);
+        let published = std::mem::replace(&mut self.parts, parts);
         (self.kappa, self.stiffness) = (kappa, stiffness);
-        Ok(EnergyTerms::from_pairs(found, energy?, minimised))
+        Ok(EnergyTerms::from_pairs(published, energy?, minimised))
     }
 
     fn stiffness(&self, x: &[[f64; D]]) -> Vec<f32> {
-        // In units of d the curvature of the lattice is 4 (1 - beta) and that of a valley of depth 1
-        // and width d / 4 is 16 beta.
+        // In units of d the curvature of the lattice is 4 (1 - beta), and that of a valley of depth
+        // 1 and width d / 4 is 16 beta.
         let Some(image) = &self.image else {
             return vec![1.0; x.len()];
         };
-        let at = |x: &[f64; D]| {
+        let stiffness_at = |x: &[f64; D]| {
             let beta = match &self.beta {
                 Beta::Constant(beta) => *beta,
                 Beta::Field(field) => field.value(*x),
@@ -469,7 +474,10 @@ impl<const D: usize> Energy<D> for PairwiseEnergy<'_, D> {
                 .map_or(0.0, |(b, _)| b.abs());
             (1.0 + 4.0 * beta / (1.0 - beta).max(0.05) * depth) as f32
         };
-        x.par_iter().with_min_len(CHUNK_ATOMS).map(at).collect()
+        x.par_iter()
+            .with_min_len(CHUNK_ATOMS)
+            .map(stiffness_at)
+            .collect()
     }
 
     fn duplicate(&self) -> Box<dyn Energy<D> + Send + '_> {

@@ -1,11 +1,11 @@
-//! The exact evaluator against the energy's definition.
+//! Tests of the exact evaluator against the definition of the energy.
 
 use super::*;
 use crate::image::ScalarField;
 
 /// Cubic convolution from its definition, in `f64` and one axis after the other.
 fn interpolate<const D: usize>(field: &ScalarField<D>, x: &[f64; D]) -> f64 {
-    let keys = |s: f64| match s.abs() {
+    let kernel = |s: f64| match s.abs() {
         s if s < 1.0 => 1.5 * s.powi(3) - 2.5 * s * s + 1.0,
         s if s < 2.0 => -0.5 * s.powi(3) + 2.5 * s * s - 4.0 * s + 2.0,
         _ => 0.0,
@@ -15,10 +15,10 @@ fn interpolate<const D: usize>(field: &ScalarField<D>, x: &[f64; D]) -> f64 {
         let (mut flat, mut stride, mut rest, mut weight) = (0, 1, tap, 1.0);
         for k in 0..D {
             let index = x[k] / field.step[k];
-            let at = index.floor() + (rest % 6) as f64 - 2.0;
+            let sample_index = index.floor() + (rest % 6) as f64 - 2.0;
             rest /= 6;
-            weight *= keys(index - at);
-            flat += stride * at.clamp(0.0, (field.dims[k] - 1) as f64) as usize;
+            weight *= kernel(index - sample_index);
+            flat += stride * sample_index.clamp(0.0, (field.dims[k] - 1) as f64) as usize;
             stride *= field.dims[k];
         }
         sum += weight * f64::from(field.samples[flat]);
@@ -26,7 +26,7 @@ fn interpolate<const D: usize>(field: &ScalarField<D>, x: &[f64; D]) -> f64 {
     sum
 }
 
-/// What the tests evaluate.
+/// A case that the tests evaluate.
 struct EnergyCase<'a, const D: usize> {
     extent: [f64; D],
     distance: &'a Distance<D>,
@@ -37,8 +37,8 @@ struct EnergyCase<'a, const D: usize> {
 }
 
 impl<const D: usize> EnergyCase<'_, D> {
-    /// The terms of the energy that atom `n` has a part in, straight from the definition: those
-    /// it shares with other atoms, and its own.
+    /// Returns the terms of the energy that involve atom `n`, computed from the definition: those
+    /// that it shares with other atoms, and its own.
     fn terms(&self, x: &[[f64; D]], n: usize) -> (f64, f64) {
         let phi = |u: f64| {
             let u = u.min(1.5);
@@ -49,13 +49,14 @@ impl<const D: usize> EnergyCase<'_, D> {
             Beta::Constant(beta) => *beta,
             Beta::Field(field) => interpolate(field, x),
         };
-        let (own_d, own_beta) = (self.distance.value_at(x[n]), beta(&x[n]));
+        let (centre_d, centre_beta) = (self.distance.value_at(x[n]), beta(&x[n]));
         let (images, sign) = match self.alignment {
             Alignment::OnFeatures => (1, 1.0),
             Alignment::AlongsideFeatures => (3usize.pow(D as u32), -1.0),
         };
-        let (mut shared, mut own) = (0.0, sign * own_beta * interpolate(self.potential, &x[n]));
-        let reach = 1.6 * self.distance.max();
+        let (mut shared, mut single) =
+            (0.0, sign * centre_beta * interpolate(self.potential, &x[n]));
+        let cutoff = 1.6 * self.distance.max();
         for (j, other) in x.iter().enumerate() {
             // The atom itself first, then mirrored in near (1) and far (2) sides.
             for image in 0..images {
@@ -66,22 +67,23 @@ impl<const D: usize> EnergyCase<'_, D> {
                 };
                 let r2: f64 = (0..D).map(|k| (x[n][k] - mirrored(k)).powi(2)).sum();
                 let r = r2.sqrt();
-                if r > reach {
+                if r > cutoff {
                     continue;
                 }
-                let with_other = 0.5 * (1.0 - own_beta) * phi(r / self.distance.value_at(*other));
+                let pair_energy =
+                    0.5 * (1.0 - centre_beta) * phi(r / self.distance.value_at(*other));
                 if j != n {
-                    shared += with_other + 0.5 * (1.0 - beta(other)) * phi(r / own_d);
+                    shared += pair_energy + 0.5 * (1.0 - beta(other)) * phi(r / centre_d);
                 } else if image > 0 {
-                    own += with_other;
+                    single += pair_energy;
                 }
             }
         }
-        (shared, own)
+        (shared, single)
     }
 
-    /// Relative errors of the evaluator: of its gradient against differences of the definition
-    /// (of some atoms, in the Euclidean norm), and of its energy.
+    /// Returns the relative errors of the evaluator: of its gradient against differences of the
+    /// definition (for some atoms, in the Euclidean norm), and of its energy.
     fn errors(&self, x: &[[f64; D]]) -> (f64, f64) {
         let potential = SparseField::from_field(self.potential);
         let mut evaluator = PairwiseEnergy::new(
@@ -98,8 +100,8 @@ impl<const D: usize> EnergyCase<'_, D> {
         let energy = evaluator.evaluate(x, &mut gradient).unwrap();
         let mut truth = 0.0;
         for n in 0..x.len() {
-            let (shared, own) = self.terms(x, n);
-            truth += 0.5 * shared + own;
+            let (shared, single) = self.terms(x, n);
+            truth += 0.5 * shared + single;
         }
         let (mut error2, mut size2) = (0.0, 0.0);
         let mut y = x.to_vec();
@@ -133,22 +135,23 @@ fn random(seed: u64) -> impl FnMut() -> f64 {
     }
 }
 
-/// Random atoms at least `apart` apart.
-fn lattice<const D: usize>(extent: [f64; D], apart: f64, seed: u64) -> Vec<[f64; D]> {
+/// Random atoms that are at least `min_distance` apart.
+fn lattice<const D: usize>(extent: [f64; D], min_distance: f64, seed: u64) -> Vec<[f64; D]> {
     let mut random = random(seed);
     let mut atoms: Vec<[f64; D]> = Vec::new();
     for _ in 0..6_000 {
         let x: [f64; D] = std::array::from_fn(|k| random() * extent[k]);
-        let near =
-            |a: &[f64; D]| (0..D).map(|k| (a[k] - x[k]).powi(2)).sum::<f64>() < apart * apart;
-        if !atoms.iter().any(near) {
+        let is_near = |a: &[f64; D]| {
+            (0..D).map(|k| (a[k] - x[k]).powi(2)).sum::<f64>() < min_distance * min_distance
+        };
+        if !atoms.iter().any(is_near) {
             atoms.push(x);
         }
     }
     atoms
 }
 
-/// A slowly waving field between two values.
+/// A slowly varying field between two values.
 fn smooth<const D: usize>(extent: [f64; D], low: f64, high: f64) -> ScalarField<D> {
     let dims = extent.map(|l| l as usize + 1);
     ScalarField::from_fn(dims, [1.0; D], |x| {
@@ -161,7 +164,7 @@ fn smooth<const D: usize>(extent: [f64; D], low: f64, high: f64) -> ScalarField<
 fn lattice_gradient_is_exact_for_constant_distance() {
     let extent = [21.0, 18.0, 24.0];
     let x = lattice(extent, 1.8, 3);
-    let nothing = ScalarField {
+    let zero_potential = ScalarField {
         dims: [2; 3],
         step: [30.0; 3],
         samples: vec![0.0; 8],
@@ -170,7 +173,7 @@ fn lattice_gradient_is_exact_for_constant_distance() {
     let (gradient, energy) = EnergyCase {
         extent,
         distance: &distance,
-        potential: &nothing,
+        potential: &zero_potential,
         beta: Beta::Constant(0.5),
         stiffness: 0.0,
         alignment: Alignment::OnFeatures,
@@ -187,7 +190,7 @@ fn lattice_gradient_is_exact_far_from_the_origin() {
     for atom in &mut x {
         *atom = atom.map(|c| c + 870.0);
     }
-    let nothing = ScalarField {
+    let zero_potential = ScalarField {
         dims: [2; 3],
         step: [900.0; 3],
         samples: vec![0.0; 8],
@@ -196,7 +199,7 @@ fn lattice_gradient_is_exact_far_from_the_origin() {
     let (gradient, _) = EnergyCase {
         extent,
         distance: &distance,
-        potential: &nothing,
+        potential: &zero_potential,
         beta: Beta::Constant(0.5),
         stiffness: 0.0,
         alignment: Alignment::OnFeatures,
@@ -259,12 +262,12 @@ fn gradient_is_exact_in_two_dimensions() {
 #[test]
 fn gradient_is_exact_with_mirror_images() {
     fn check<const D: usize>(extent: [f64; D], seed: u64) {
-        let inside = |x: [f64; D]| x.map(|c| 0.4 + c);
+        let inset = |x: [f64; D]| x.map(|c| 0.4 + c);
         let x = lattice(extent.map(|l| l - 0.8), 1.8, seed);
-        let x: Vec<[f64; D]> = x.into_iter().map(inside).collect();
+        let x: Vec<[f64; D]> = x.into_iter().map(inset).collect();
         let potential = smooth(extent, -1.0, 0.0);
-        let vary = Distance::Field(smooth(extent, 2.0, 4.0));
-        for distance in [Distance::Constant(3.0), vary] {
+        let varying = Distance::Field(smooth(extent, 2.0, 4.0));
+        for distance in [Distance::Constant(3.0), varying] {
             for beta in [Beta::Constant(0.4), Beta::Field(smooth(extent, 0.2, 0.8))] {
                 let (gradient, energy) = EnergyCase {
                     extent,
@@ -287,32 +290,35 @@ fn gradient_is_exact_with_mirror_images() {
 
 #[test]
 fn the_perfect_lattice_of_the_plane_is_a_minimum() {
-    // Inside, where all six neighbours are there, no force; and any change costs energy.
+    // Atoms inside, which have all six neighbours, feel no force, and any change costs energy.
     let (d, extent) = (2.0, [20.0, 16.0 * 0.75f64.sqrt()]);
     let x = crate::lattice::seeding::densest_lattice::fit_lattice(extent, d, Alignment::OnFeatures);
     let distance = Distance::Constant(d);
     let mut energy = PairwiseEnergy::new(extent, &distance, None, Beta::Constant(0.0)).unwrap();
     let mut gradient = vec![[0.0; 2]; x.len()];
     let lowest = energy.evaluate(&x, &mut gradient).unwrap();
-    let inner = |x: &[f64; 2]| (0..2).all(|k| x[k] > 1.6 * d && x[k] < extent[k] - 1.6 * d);
-    let at_rest = x.iter().zip(&gradient).filter(|(x, _)| inner(x));
-    assert!(at_rest.clone().count() > 20);
-    for (_, g) in at_rest {
+    let is_inner = |x: &[f64; 2]| (0..2).all(|k| x[k] > 1.6 * d && x[k] < extent[k] - 1.6 * d);
+    let inner_atoms = x.iter().zip(&gradient).filter(|(x, _)| is_inner(x));
+    assert!(inner_atoms.clone().count() > 20);
+    for (_, g) in inner_atoms {
         assert!(g.iter().all(|g| g.abs() < 1e-6), "{g:?}");
     }
     let mut random = random(11);
     for _ in 0..20 {
-        let jump = |x: &[f64; 2]| match inner(x) {
-            true => x.map(|c| c + 0.05 * d * (random() - 0.5)),
-            false => *x,
+        let perturb = |x: &[f64; 2]| {
+            if is_inner(x) {
+                x.map(|c| c + 0.05 * d * (random() - 0.5))
+            } else {
+                *x
+            }
         };
-        let moved: Vec<[f64; 2]> = x.iter().map(jump).collect();
+        let moved: Vec<[f64; 2]> = x.iter().map(perturb).collect();
         assert!(energy.evaluate(&moved, &mut gradient).unwrap() > lowest);
     }
 }
 
 #[test]
-fn a_kept_list_gives_what_a_new_one_gives() {
+fn an_updated_list_gives_the_energy_of_a_new_one() {
     check_incremental_update(Alignment::OnFeatures);
     check_incremental_update(Alignment::AlongsideFeatures);
 }
@@ -322,35 +328,41 @@ fn check_incremental_update(alignment: Alignment) {
     let mut x = lattice(extent, 1.8, 8);
     let distance = Distance::Field(smooth(extent, 2.0, 4.5));
     let mut random = random(9);
-    let new = || {
-        let new = PairwiseEnergy::new(extent, &distance, None, Beta::Constant(0.0));
-        new.unwrap().with_alignment(alignment)
+    let new_evaluator = || {
+        let evaluator = PairwiseEnergy::new(extent, &distance, None, Beta::Constant(0.0));
+        evaluator.unwrap().with_alignment(alignment)
     };
-    let mut kept = new();
+    let mut incremental = new_evaluator();
     let mut gradient = vec![[0.0; 3]; x.len()];
     for pass in 0..40 {
-        // Now all atoms a little, now a few of them far.
-        let (share, size) = if pass % 2 == 0 {
+        // All atoms move a little in even passes; a few of them move far in odd ones.
+        let (fraction, size) = if pass % 2 == 0 {
             (1.0, 0.12)
         } else {
             (0.02, 1.5)
         };
         for atom in &mut x {
-            if random() < share {
+            if random() < fraction {
                 *atom = std::array::from_fn(|k| {
                     (atom[k] + size * (random() - 0.5)).clamp(0.0, extent[k])
                 });
             }
         }
-        let energy = kept.evaluate(&x, &mut gradient).unwrap();
-        let mut truth = vec![[0.0; 3]; x.len()];
-        let expected = new().evaluate(&x, &mut truth).unwrap();
+        let energy = incremental.evaluate(&x, &mut gradient).unwrap();
+        let mut expected_gradient = vec![[0.0; 3]; x.len()];
+        let expected = new_evaluator()
+            .evaluate(&x, &mut expected_gradient)
+            .unwrap();
         assert!((energy - expected).abs() < 1e-6 * expected.abs());
-        for (a, b) in gradient.iter().flatten().zip(truth.iter().flatten()) {
+        for (a, b) in gradient
+            .iter()
+            .flatten()
+            .zip(expected_gradient.iter().flatten())
+        {
             assert!((a - b).abs() < 1e-5, "{a} {b}");
         }
     }
-    let listings = kept.relisted_count() as f64 / x.len() as f64;
+    let listings = incremental.relisted_count() as f64 / x.len() as f64;
     println!("{listings:.1} listings an atom");
     assert!(listings > 1.0 && listings < 50.0, "{listings}");
 }

@@ -8,10 +8,10 @@ use crate::mesh::delaunay::delaunay_plane;
 fn ball<const D: usize>(dims: [usize; D], radius: f64) -> Image<D> {
     let empty = Volume { dims, samples: &[] };
     let value = |i: usize| {
-        let at = empty.coordinates(i);
-        let squares = (0..D).map(|k| (at[k] as f64 - 0.5 * (dims[k] - 1) as f64 - 0.3).powi(2));
-        let off = squares.sum::<f64>().sqrt() - radius;
-        (100.0 * (0.5 - off).clamp(0.0, 1.0) + 20.0 * at[0] as f64 / dims[0] as f64) as f32
+        let sample = empty.coordinates(i);
+        let squares = (0..D).map(|k| (sample[k] as f64 - 0.5 * (dims[k] - 1) as f64 - 0.3).powi(2));
+        let outside = squares.sum::<f64>().sqrt() - radius;
+        (100.0 * (0.5 - outside).clamp(0.0, 1.0) + 20.0 * sample[0] as f64 / dims[0] as f64) as f32
     };
     let samples = (0..dims.iter().product()).map(value).collect();
     Image::new(dims, samples, Geometry::default())
@@ -38,11 +38,12 @@ fn distance2<const D: usize>(a: &[f64; D], b: &[f64; D]) -> f64 {
     (0..D).map(|k| (a[k] - b[k]).powi(2)).sum()
 }
 
-/// Every feature point has an atom within reach of its radius, no two atoms on features are in one
-/// another's smallest window, and d(x) at every atom is its distance from the nearest.
-fn is_thinned<const D: usize>(image: &Image<D>) {
+/// Checks that every feature point has an atom within its radius, that no two atoms on features are
+/// in each other's smallest window, and that d(x) at every atom is at most the distance to the
+/// nearest atom.
+fn check_thinning<const D: usize>(image: &Image<D>) {
     let (features, atoms, distance) = seed_image(image);
-    let on: Vec<[f64; D]> = atoms
+    let on_features: Vec<[f64; D]> = atoms
         .positions
         .iter()
         .zip(&atoms.kinds)
@@ -50,19 +51,19 @@ fn is_thinned<const D: usize>(image: &Image<D>) {
         .map(|(x, _)| *x)
         .collect();
     assert!(
-        on.len() > 20 && on.len() * 2 < features.points.len(),
+        on_features.len() > 20 && on_features.len() * 2 < features.points.len(),
         "{}",
-        on.len()
+        on_features.len()
     );
     for point in &features.points {
         let x = point.position.map(f64::from);
-        let reach = f64::from(radii(D)[2]) + 1.0;
-        let near = |a: &&[f64; D]| (0..D).all(|k| (a[k] - x[k]).abs() <= reach);
-        assert!(on.iter().any(|a| near(&a)), "{x:?}");
+        let radius = f64::from(radii(D)[2]) + 1.0;
+        let is_near = |a: &&[f64; D]| (0..D).all(|k| (a[k] - x[k]).abs() <= radius);
+        assert!(on_features.iter().any(|a| is_near(&a)), "{x:?}");
     }
-    for (n, a) in on.iter().enumerate() {
-        let apart = on[..n].iter().map(|b| distance2(a, b).sqrt());
-        assert!(apart.fold(f64::INFINITY, f64::min) > min_point_distance(D) - 1.1);
+    for (n, a) in on_features.iter().enumerate() {
+        let distances = on_features[..n].iter().map(|b| distance2(a, b).sqrt());
+        assert!(distances.fold(f64::INFINITY, f64::min) > min_point_distance(D) - 1.1);
     }
     for (n, x) in atoms.positions.iter().enumerate() {
         let others = (0..atoms.len()).filter(|&m| m != n);
@@ -77,8 +78,8 @@ fn is_thinned<const D: usize>(image: &Image<D>) {
 
 #[test]
 fn feature_points_are_thinned_and_make_the_distance() {
-    is_thinned(&ball([96, 80], 30.0));
-    is_thinned(&ball([48, 44, 40], 14.0));
+    check_thinning(&ball([96, 80], 30.0));
+    check_thinning(&ball([48, 44, 40], 14.0));
 }
 
 #[test]
@@ -100,7 +101,7 @@ fn straight_features_keep_fewer_points_than_corners() {
     );
     let gaps: Vec<f64> = kept.windows(2).map(|w| w[1][0] - w[0][0]).collect();
     assert!(gaps.iter().all(|g| *g == 6.0), "{gaps:?}");
-    // A right angle: about its corner the points spread alike in both directions.
+    // A right angle: around its corner the points spread alike in both directions.
     let mut corner = line.clone();
     corner.extend((20..60).map(|i| FeaturePoint {
         position: [30.2, i as f32],
@@ -114,54 +115,54 @@ fn straight_features_keep_fewer_points_than_corners() {
         &mut OccupiedSamples::new(dims),
         &CancelToken::never(),
     );
-    let near = |x: &&[f64; 2]| (x[0] - 30.2).hypot(x[1] - 20.2) < 3.5;
-    assert!(kept.iter().filter(near).count() >= 2, "{kept:?}");
+    let is_near = |x: &&[f64; 2]| (x[0] - 30.2).hypot(x[1] - 20.2) < 3.5;
+    assert!(kept.iter().filter(is_near).count() >= 2, "{kept:?}");
     // The step of the lattice does not matter.
     let stretch = |p: &FeaturePoint<2>| FeaturePoint {
         position: [2.0 * p.position[0], 0.5 * p.position[1]],
         ..*p
     };
     let stretched: Vec<_> = corner.iter().map(stretch).collect();
-    let same = thin_points(
+    let kept_stretched = thin_points(
         &stretched,
         dims,
         [2.0, 0.5],
         &mut OccupiedSamples::new(dims),
         &CancelToken::never(),
     );
-    assert_eq!(same.len(), kept.len());
+    assert_eq!(kept_stretched.len(), kept.len());
 }
 
-/// The edge of a disc as a detector finds it: the samples that it passes nearest to along an axis, each
-/// moved onto it.
+/// Returns the edge of a disc as a detector finds it: the samples nearest to the edge along an
+/// axis, each moved onto the edge.
 fn circle(dims: [usize; 2], centre: [f64; 2], radius: f64) -> Vec<FeaturePoint<2>> {
     let empty = Volume { dims, samples: &[] };
-    let mut found = Vec::new();
+    let mut points = Vec::new();
     for i in 0..dims[0] * dims[1] {
-        let at = empty.coordinates(i);
-        let from: [f64; 2] = std::array::from_fn(|k| at[k] as f64 - centre[k]);
-        let r = from[0].hypot(from[1]);
-        if (r - radius).abs() <= 0.5 * from[0].abs().max(from[1].abs()) / r.max(1e-9) {
-            found.push(FeaturePoint {
-                position: std::array::from_fn(|k| (centre[k] + radius / r * from[k]) as f32),
-                normal: std::array::from_fn(|k| (from[k] / r) as f32),
+        let sample = empty.coordinates(i);
+        let offset: [f64; 2] = std::array::from_fn(|k| sample[k] as f64 - centre[k]);
+        let r = offset[0].hypot(offset[1]);
+        if (r - radius).abs() <= 0.5 * offset[0].abs().max(offset[1].abs()) / r.max(1e-9) {
+            points.push(FeaturePoint {
+                position: std::array::from_fn(|k| (centre[k] + radius / r * offset[k]) as f32),
+                normal: std::array::from_fn(|k| (offset[k] / r) as f32),
                 strength: 1.0,
             });
         }
     }
-    found
+    points
 }
 
 #[test]
 fn the_more_a_line_bends_the_more_of_its_points_are_kept() {
     let dims = [120, 120];
-    // Mean over some centres, for samples lie differently about each.
+    // Mean over some centres, because samples lie differently around each.
     let spacing = |radius: f64| {
         let centres = [[60.3, 59.7], [60.0, 60.5], [59.9, 60.15], [60.45, 60.3]];
         let kept = centres.map(|centre| {
             let points = circle(dims, centre, radius);
-            let held = &mut OccupiedSamples::new(dims);
-            thin_points(&points, dims, [1.0; 2], held, &CancelToken::never()).len() as f64
+            let occupied = &mut OccupiedSamples::new(dims);
+            thin_points(&points, dims, [1.0; 2], occupied, &CancelToken::never()).len() as f64
         });
         2.0 * std::f64::consts::PI * radius * 4.0 / kept.iter().sum::<f64>()
     };
@@ -169,17 +170,21 @@ fn the_more_a_line_bends_the_more_of_its_points_are_kept() {
     println!("{spacings:?}");
     assert!(spacings[1] <= 3.0, "{spacings:?}");
     assert!(spacings.is_sorted_by(|a, b| a < b), "{spacings:?}");
-    // Those that hardly bend within a window are lines: six samples along an axis, 8.5 askew.
+    // Circles that hardly bend within a window are lines: six samples along an axis, 8.5 along a
+    // diagonal.
     for radius in [10.0, 15.0, 20.0, 30.0, 45.0] {
-        let wide = spacing(radius);
-        assert!(wide > spacings[4] - 0.1 && wide < 8.5, "{radius}: {wide}");
+        let line_spacing = spacing(radius);
+        assert!(
+            line_spacing > spacings[4] - 0.1 && line_spacing < 8.5,
+            "{radius}: {line_spacing}"
+        );
     }
 }
 
 #[test]
 fn lines_side_by_side_are_no_detail() {
     let dims = [90, 90];
-    for apart in [3.0, 5.0, 9.0f32] {
+    for gap in [3.0, 5.0, 9.0f32] {
         let line = |y: f32| {
             (0..90).map(move |i| FeaturePoint {
                 position: [i as f32, y],
@@ -187,16 +192,16 @@ fn lines_side_by_side_are_no_detail() {
                 strength: 1.0,
             })
         };
-        let lines: Vec<_> = (0..5).flat_map(|n| line(20.2 + apart * n as f32)).collect();
-        let held = &mut OccupiedSamples::new(dims);
-        let kept = thin_points(&lines, dims, [1.0; 2], held, &CancelToken::never());
-        // Coarse, each leaves out a square of eleven samples.
-        let most = 5.0 * 90.0 / 6.0 + 5.0;
-        assert!((kept.len() as f64) < most, "{apart}: {}", kept.len());
+        let lines: Vec<_> = (0..5).flat_map(|n| line(20.2 + gap * n as f32)).collect();
+        let occupied = &mut OccupiedSamples::new(dims);
+        let kept = thin_points(&lines, dims, [1.0; 2], occupied, &CancelToken::never());
+        // With the coarse radius, each point excludes a square of eleven samples.
+        let max = 5.0 * 90.0 / 6.0 + 5.0;
+        assert!((kept.len() as f64) < max, "{gap}: {}", kept.len());
     }
 }
 
-/// Atoms where an image in noise is seeded, over atoms where it is without.
+/// Checks the ratio of the count of atoms in an image with noise to that without.
 fn noisy_atom_ratio<const D: usize>(dims: [usize; D], radius: f64, percent: f64) {
     let image = |noise: f64, seed: u64| {
         let mut random = crate::feature::scenes::Noise::new(seed);
@@ -265,9 +270,9 @@ fn seeds_of_a_plane_image_fill_the_box_with_triangles() {
     let count = |kind| atoms.kinds.iter().filter(|k| **k == kind).count();
     assert_eq!(count(AtomKind::Corner), 4);
     let mesh = delaunay_plane(&atoms.positions).unwrap();
-    let found = check(&mesh, [0.0; 2], [95.0, 79.0], 1e-12);
-    assert!(found.passed(), "{:?}", found.problems);
-    // No room is left for another uniform point.
+    let report = check(&mesh, [0.0; 2], [95.0, 79.0], 1e-12);
+    assert!(report.passed(), "{:?}", report.problems);
+    // No space is left for another uniform point.
     let widest = mesh
         .triangles
         .iter()

@@ -1,19 +1,20 @@
-//! Atoms drawn by chance, where the image is strong first (Fernandes & Gattass 2009).
+//! Random atoms with the image as their density, features first (Fernandes & Gattass 2009).
 //!
-//! The image, as grey levels, is an image of probabilities. Under a gamma correction, S^(1/gamma), it
-//! becomes another: small gammas leave only the strongest features, large ones make all places nearly
-//! as likely as one another. For each of 41 gammas, in rising order, places are drawn by a guide table
-//! and become atoms where no atom is nearer than 0.8 d(x); after 1024 failures in a row comes the next
-//! gamma. So features get their atoms first, and then the rest of the box its own.
+//! The image, as grey levels S, is an image of probabilities. Gamma correction, S^(1/gamma),
+//! changes it: small gammas leave only the strongest features, large gammas make all positions
+//! nearly equally likely. For each of 41 gammas, in ascending order, positions are drawn by a guide
+//! table and become atoms where no atom is nearer than 0.8 d(x). After 1024 failures in a row the
+//! next gamma follows. So features get their atoms first, and then the rest of the box.
 //!
-//! Samples of one grey level are equally likely. So a table is over the 256 levels, and a draw takes
-//! one of the samples of its level: what a table over all samples gives, without making 41 of them.
-//! Level 0 counts as one level's worth, for under any gamma nought stays nought, and the box would not
-//! be filled.
+//! Samples of one grey level are equally likely. So a table is over the 256 levels, and a draw
+//! takes one of the samples of its level: the result is that of a table over all samples, without
+//! the cost of building 41 of them. Level 0 gets the weight of one level, because zero stays zero
+//! under any gamma, and the box would not be filled.
 //!
-//! So that the box is filled exactly, its corners come first, then its edges, evenly divided; then in
-//! 3-D its sides, drawn from their samples; then the inside. Alongside, there is nothing on the sides,
-//! and places are the likelier the farther they are from features.
+//! So that the box is filled exactly, its corners come first, then its edges, evenly divided; then
+//! in 3-D its sides, drawn from their samples; then the inside. With
+//! [`Alignment::AlongsideFeatures`] there are no atoms on the sides, and positions are the likelier
+//! the farther they are from features.
 
 use super::grow::faces;
 mod table;
@@ -32,11 +33,11 @@ use crate::progress::CancelToken;
 
 /// Failures in a row after which the next table is used (Fernandes & Gattass 2009, table 1).
 const MAX_FAILURES: usize = 1024;
-/// Grey levels.
+/// Count of grey levels.
 const GREY_LEVEL_COUNT: usize = 256;
 
-/// The gamma corrections, rising: 1/i for i > 1 and |i| + 1 for i <= 1, i from -20 to 20 (Fernandes &
-/// Gattass 2009; as printed, 2 comes twice, from i = 1 and i = -1).
+/// Returns the gamma corrections, ascending: 1/i for i > 1 and |i| + 1 for i <= 1, i from -20 to 20
+/// (Fernandes & Gattass 2009; as printed, 2 comes twice, from i = 1 and i = -1).
 pub fn gammas() -> impl Iterator<Item = f64> {
     let small = (2..=20).rev().map(|i| 1.0 / f64::from(i));
     let large = [1.0, 2.0].into_iter().chain((2..=21).map(f64::from));
@@ -57,15 +58,15 @@ impl GreyLevels {
             GREY_LEVEL_COUNT,
             levels.clone().map(|(_, level)| level.into()),
         );
-        let given: Vec<u32> = levels.map(|(sample, _)| sample).collect();
-        let samples = order.iter().map(|&n| given[n as usize]).collect();
+        let unsorted: Vec<u32> = levels.map(|(sample, _)| sample).collect();
+        let samples = order.iter().map(|&n| unsorted[n as usize]).collect();
         Self {
             samples,
             level_starts,
         }
     }
 
-    /// The table of levels under a gamma correction; `None` if there are no samples.
+    /// Returns the table of levels under a gamma correction; `None` if there are no samples.
     fn table(&self, gamma: f64) -> Option<GuideTable> {
         let weight = |level: usize| {
             let signal = (level + 1) as f64 / GREY_LEVEL_COUNT as f64;
@@ -75,16 +76,16 @@ impl GreyLevels {
         GuideTable::new(&(0..GREY_LEVEL_COUNT).map(weight).collect::<Vec<_>>())
     }
 
-    /// A sample.
+    /// Draws a sample.
     fn draw(&self, table: &GuideTable, random: &mut Random) -> usize {
         let level = table.draw(random.draw());
         let [start, end] = [0, 1].map(|k| self.level_starts[level + k] as usize);
-        let place = (random.draw() * (end - start) as f64) as usize;
-        self.samples[start + place] as usize
+        let offset = (random.draw() * (end - start) as f64) as usize;
+        self.samples[start + offset] as usize
     }
 }
 
-/// The sequence of chance.
+/// Returns the sequence of random numbers of a seed.
 fn random_sequence(seed: u64) -> Random {
     let mut random = Random::new(seed);
     // The first number is not used.
@@ -92,15 +93,15 @@ fn random_sequence(seed: u64) -> Random {
     random
 }
 
-/// Positions of a lattice of spacing d(x) that fills the box `[0, extent]`, for `D` of 2 or 3, drawn
-/// by chance under the image `potential`, which spans the box: -1 on features, 0 elsewhere. Atoms on
-/// sides have coordinates of exactly `0.0` or `extent[k]`; all others lie on samples. None is nearer
-/// than 0.8 d to `fixed` atoms, which are in the box and not in the result. No atoms are drawn beyond
-/// `most` in all.
+/// Draws the positions of a lattice of spacing d(x) that fills the box `[0, extent]`, for `D` of 2
+/// or 3, with the image `potential` as their density. The potential spans the box: -1 on features,
+/// 0 elsewhere. Atoms on sides have coordinates of exactly `0.0` or `extent[k]`; all others lie on
+/// samples. None is nearer than 0.8 d to `fixed` atoms, which are in the box and not in the result.
+/// Drawing stops at `max_atoms` atoms in total.
 ///
 /// # Errors
-/// [`Error::Seeding`](crate::Error::Seeding) if the potential is the same everywhere, does not span
-/// the box or has 2^32 samples or more.
+/// Returns [`Error::Seeding`](crate::Error::Seeding) if the potential is the same everywhere, does
+/// not span the box or has 2^32 samples or more.
 pub fn draw_lattice<const D: usize>(
     extent: [f64; D],
     distance: &Distance<D>,
@@ -108,8 +109,8 @@ pub fn draw_lattice<const D: usize>(
     fixed: &[[f64; D]],
     alignment: Alignment,
     seed: u64,
-    most: usize,
-    patience: &CancelToken<'_>,
+    max_atoms: usize,
+    cancel: &CancelToken<'_>,
 ) -> Result<Vec<[f64; D]>> {
     let [low, high] = potential_range(potential, extent, "guide")?;
     let level = |b: f32| {
@@ -119,16 +120,16 @@ pub fn draw_lattice<const D: usize>(
         };
         (share * (GREY_LEVEL_COUNT - 1) as f32).round() as u8
     };
-    let mut placed = empty_grid([0.0; D], extent, MIN_SITE_DISTANCE * distance.min());
+    let mut grid = empty_grid([0.0; D], extent, MIN_SITE_DISTANCE * distance.min());
     for &x in fixed {
-        placed.add(x);
+        grid.add(x);
     }
     let mut random = random_sequence(seed);
-    let first = match alignment {
+    let max_rank = match alignment {
         Alignment::OnFeatures => D,
         Alignment::AlongsideFeatures => 0,
     };
-    for rank in (0..=first).rev() {
+    for rank in (0..=max_rank).rev() {
         for sides in faces::<D>(rank) {
             let corner: [f64; D] = std::array::from_fn(|k| match sides >> (D + k) & 1 {
                 1 => extent[k],
@@ -138,20 +139,23 @@ pub fn draw_lattice<const D: usize>(
                 .filter(|&k| (sides | sides >> D) >> k & 1 == 0)
                 .collect();
             if rank == D {
-                if placed.is_free(&corner, 1e-3 * distance.min()) {
-                    placed.add(corner);
+                if grid.is_free(&corner, 1e-3 * distance.min()) {
+                    grid.add(corner);
                 }
             } else if let [axis] = axes[..] {
-                let at = |t: f64| {
+                let point_at = |t: f64| {
                     let mut x = corner;
                     x[axis] = t;
                     x
                 };
-                for t in
-                    graded_positions(extent[axis], distance.min(), |t| distance.value_at(at(t)))
-                {
-                    if placed.is_free(&at(t), MIN_SITE_DISTANCE * distance.value_at(at(t))) {
-                        placed.add(at(t));
+                for t in graded_positions(extent[axis], distance.min(), |t| {
+                    distance.value_at(point_at(t))
+                }) {
+                    if grid.is_free(
+                        &point_at(t),
+                        MIN_SITE_DISTANCE * distance.value_at(point_at(t)),
+                    ) {
+                        grid.add(point_at(t));
                     }
                 }
             } else {
@@ -161,45 +165,45 @@ pub fn draw_lattice<const D: usize>(
                     (sample, level(potential.samples[sample as usize]))
                 });
                 draw_atoms(
-                    &mut placed,
+                    &mut grid,
                     &GreyLevels::new(levels),
                     |sample| face.position(sample),
                     &axes,
                     extent,
                     distance,
                     &mut random,
-                    most.saturating_add(fixed.len()),
-                    patience,
+                    max_atoms.saturating_add(fixed.len()),
+                    cancel,
                 );
             }
         }
     }
-    Ok(placed.positions()[fixed.len()..].to_vec())
+    Ok(grid.positions()[fixed.len()..].to_vec())
 }
 
-/// Draws until all tables have failed, or there are `most` atoms.
+/// Draws atoms until all tables have failed, or there are `max_atoms` atoms.
 fn draw_atoms<const D: usize>(
-    placed: &mut IncrementalGrid<D>,
+    grid: &mut IncrementalGrid<D>,
     levels: &GreyLevels,
     position: impl Fn(usize) -> [f64; D],
     axes: &[usize],
     extent: [f64; D],
     distance: &Distance<D>,
     random: &mut Random,
-    most: usize,
-    patience: &CancelToken<'_>,
+    max_atoms: usize,
+    cancel: &CancelToken<'_>,
 ) {
     for table in gammas().map_while(|gamma| levels.table(gamma)) {
         let mut failures = 0;
         while failures <= MAX_FAILURES
-            && placed.positions().len() < most
-            && !patience.is_cancelled()
+            && grid.positions().len() < max_atoms
+            && !cancel.is_cancelled()
         {
             let x = position(levels.draw(&table, random));
             let d = distance.value_at(x);
-            let inside = |&k: &usize| x[k].min(extent[k] - x[k]) >= SIDE_MARGIN * d;
-            if axes.iter().all(inside) && placed.is_free(&x, MIN_SITE_DISTANCE * d) {
-                placed.add(x);
+            let is_clear = |&k: &usize| x[k].min(extent[k] - x[k]) >= SIDE_MARGIN * d;
+            if axes.iter().all(is_clear) && grid.is_free(&x, MIN_SITE_DISTANCE * d) {
+                grid.add(x);
                 failures = 0;
             } else {
                 failures += 1;
@@ -208,28 +212,31 @@ fn draw_atoms<const D: usize>(
     }
 }
 
-/// The samples of a field inside one of its sides, or inside the whole of it.
+/// The samples of a field in the interior of one of its sides, or in the interior of the field.
 struct FieldFace<'a, const D: usize> {
     field: &'a ScalarField<D>,
     corner: [f64; D],
-    /// Number of samples along each axis.
+    /// Count of samples along each axis.
     dims: [usize; D],
-    /// Index of the first along each axis.
+    /// Index of the first sample along each axis.
     first_index: [usize; D],
 }
 
 impl<'a, const D: usize> FieldFace<'a, D> {
-    /// Along `axes`, through a corner of the field.
+    /// Selects the samples along `axes`, through a corner of the field.
     fn new(field: &'a ScalarField<D>, corner: [f64; D], axes: &[usize]) -> Self {
-        let along = |k: usize| axes.contains(&k);
+        let is_along = |k: usize| axes.contains(&k);
         Self {
             field,
             corner,
-            dims: std::array::from_fn(|k| match along(k) {
-                true => field.dims[k].saturating_sub(2),
-                false => 1,
+            dims: std::array::from_fn(|k| {
+                if is_along(k) {
+                    field.dims[k].saturating_sub(2)
+                } else {
+                    1
+                }
             }),
-            first_index: std::array::from_fn(|k| match (along(k), corner[k] > 0.0) {
+            first_index: std::array::from_fn(|k| match (is_along(k), corner[k] > 0.0) {
                 (true, _) => 1,
                 (false, true) => field.dims[k] - 1,
                 (false, false) => 0,
@@ -241,7 +248,7 @@ impl<'a, const D: usize> FieldFace<'a, D> {
         self.dims.iter().product()
     }
 
-    /// The index in the field of the `n`th.
+    /// Returns the index in the field of sample `n`.
     fn sample(&self, n: usize) -> u32 {
         let (mut rest, mut stride, mut sample) = (n, 1, 0);
         for k in 0..D {
@@ -252,15 +259,16 @@ impl<'a, const D: usize> FieldFace<'a, D> {
         sample as u32
     }
 
-    /// Where a sample of the field is; on sides exactly.
+    /// Returns the position of a sample of the field; exact on sides.
     fn position(&self, sample: usize) -> [f64; D] {
         let mut rest = sample;
         std::array::from_fn(|k| {
             let index = rest % self.field.dims[k];
             rest /= self.field.dims[k];
-            match index == 0 || index + 1 == self.field.dims[k] {
-                true => self.corner[k],
-                false => index as f64 * self.field.step[k],
+            if index == 0 || index + 1 == self.field.dims[k] {
+                self.corner[k]
+            } else {
+                index as f64 * self.field.step[k]
             }
         })
     }

@@ -1,24 +1,24 @@
-//! Numbers drawn with given probabilities, each in constant time.
+//! Draws numbers with given probabilities, each in constant time.
 
-/// A table by which numbers are drawn with given probabilities in expected constant time, however many
-/// there are (Chen & Asau 1974; Devroye 1986, chapter III.2.4): the interval [0, 1) is cut into as many
-/// equal parts as there are numbers, and each knows where the search through cumulative probabilities
-/// starts.
+/// A table that draws numbers with given probabilities in expected constant time, however many
+/// there are (Chen & Asau 1974; Devroye 1986, chapter III.2.4). The interval [0, 1) is cut into as
+/// many equal parts as there are numbers, and for each part the table stores where the search
+/// through cumulative probabilities starts.
 #[derive(Debug, Clone)]
 pub struct GuideTable {
     /// Probability of a number or any before it.
     cumulative: Vec<f64>,
-    /// The least number whose cumulative probability is above the start of each part.
+    /// The smallest number whose cumulative probability is above the start of each part.
     guide: Vec<u32>,
 }
 
 impl GuideTable {
-    /// A table of the numbers from 0 on, as likely as their weights say; `None` unless the weights are
-    /// finite, not negative, fewer than 2^32, and some are positive.
+    /// Creates a table of the numbers from 0 on with the given weights. Returns `None` unless the
+    /// weights are finite, not negative, fewer than 2^32, and some are positive.
     pub fn new(weights: &[f64]) -> Option<Self> {
         let total: f64 = weights.iter().sum();
-        let sound = weights.iter().all(|&w| w >= 0.0) && u32::try_from(weights.len()).is_ok();
-        if !(sound && total > 0.0 && total.is_finite()) {
+        let is_valid = weights.iter().all(|&w| w >= 0.0) && u32::try_from(weights.len()).is_ok();
+        if !(is_valid && total > 0.0 && total.is_finite()) {
             return None;
         }
         let last = weights.iter().rposition(|&w| w > 0.0)?;
@@ -28,7 +28,7 @@ impl GuideTable {
             .enumerate()
             .map(|(n, w)| {
                 sum += w;
-                // Not a rounding error below 1.
+                // The last value must be exactly 1, without a rounding error.
                 if n >= last { 1.0 } else { sum / total }
             })
             .collect();
@@ -45,13 +45,14 @@ impl GuideTable {
         Some(Self { cumulative, guide })
     }
 
-    /// The number that belongs to `chance`, which is even in [0, 1).
+    /// Returns the number that belongs to `chance`, a uniform random number in [0, 1).
     #[inline]
     pub fn draw(&self, chance: f64) -> usize {
         self.search(chance).0
     }
 
-    /// The number, and how many cumulative probabilities were looked at: less than 2 on average.
+    /// Returns the number, and the count of cumulative probabilities inspected: less than 2 on
+    /// average.
     pub(super) fn search(&self, chance: f64) -> (usize, usize) {
         let first = self.guide[(chance * self.guide.len() as f64) as usize] as usize;
         let mut n = first;

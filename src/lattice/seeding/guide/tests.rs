@@ -1,4 +1,4 @@
-//! Draws against their probabilities, and lattices that are drawn.
+//! Tests of draws against their probabilities, and of lattices that are drawn.
 
 use super::*;
 use crate::image::SparseField;
@@ -10,7 +10,7 @@ fn uniform_numbers(seed: u64, count: usize) -> impl Iterator<Item = f64> {
     (0..count).map(move |_| random.draw())
 }
 
-/// Chi-square over its degrees of freedom, in standard deviations from what is expected.
+/// Returns chi-square over its degrees of freedom, in standard deviations from the expected value.
 fn chi_square(drawn: &[usize], weights: &[f64]) -> f64 {
     let count = drawn.iter().sum::<usize>() as f64;
     let total: f64 = weights.iter().sum();
@@ -29,7 +29,7 @@ fn chi_square(drawn: &[usize], weights: &[f64]) -> f64 {
 }
 
 #[test]
-fn numbers_are_drawn_as_likely_as_they_shall_be() {
+fn numbers_are_drawn_with_their_probabilities() {
     let uneven: Vec<f64> = (0..300)
         .map(|n| {
             if n % 7 == 3 {
@@ -45,10 +45,10 @@ fn numbers_are_drawn_as_likely_as_they_shall_be() {
         for chance in uniform_numbers(7, 400_000) {
             drawn[table.draw(chance)] += 1;
         }
-        let off = chi_square(&drawn, &weights);
-        println!("chi-square {off:.2} standard deviations off");
-        assert!(off.abs() < 4.0, "{off}");
-        // A table of other weights is found out.
+        let deviation = chi_square(&drawn, &weights);
+        println!("chi-square {deviation:.2} standard deviations off");
+        assert!(deviation.abs() < 4.0, "{deviation}");
+        // The test detects a table of other weights.
         let mut wrong = weights.clone();
         wrong[2] += 0.1 * weights.iter().sum::<f64>();
         wrong[3] += 1.0;
@@ -72,12 +72,12 @@ fn numbers_are_drawn_as_likely_as_they_shall_be() {
 #[test]
 fn a_draw_costs_the_same_however_many_numbers_there_are() {
     for count in [10, 1_000, 100_000, 3_000_000] {
-        // Most of the weight in few numbers, as in an image of features.
+        // Most of the weight is in few numbers, as in an image of features.
         let weight = |n: usize| if n.is_multiple_of(50) { 1.0 } else { 1e-4 };
         let weights: Vec<f64> = (0..count).map(weight).collect();
         let table = GuideTable::new(&weights).unwrap();
-        let looked: usize = uniform_numbers(3, 100_000).map(|c| table.search(c).1).sum();
-        let mean = looked as f64 / 1e5;
+        let inspected: usize = uniform_numbers(3, 100_000).map(|c| table.search(c).1).sum();
+        let mean = inspected as f64 / 1e5;
         println!("{count} numbers: {mean:.3} inspected per draw");
         // Devroye: at most 1 + numbers / parts.
         assert!(mean <= 2.0, "{mean}");
@@ -97,9 +97,9 @@ fn samples_are_drawn_as_their_grey_levels_say() {
         }
         let signal = |&level: &u8| (f64::from(level) + 1.0) / 256.0;
         let weights: Vec<f64> = levels.iter().map(|l| signal(l).powf(1.0 / gamma)).collect();
-        let off = chi_square(&drawn, &weights);
-        println!("gamma {gamma}: chi-square {off:.2} standard deviations off");
-        assert!(off.abs() < 4.0, "{off}");
+        let deviation = chi_square(&drawn, &weights);
+        println!("gamma {gamma}: chi-square {deviation:.2} standard deviations off");
+        assert!(deviation.abs() < 4.0, "{deviation}");
     }
 }
 
@@ -121,13 +121,13 @@ fn there_are_41_rising_gammas() {
     assert_eq!(gammas, printed);
 }
 
-/// A valley across the box, where x + y / 4 is half of it.
+/// A valley across the box, where x + y / 4 is 0.6 times the extent along x.
 pub fn valley<const D: usize>(extent: [f64; D]) -> ScalarField<D> {
     let dims = extent.map(|l| l as usize + 1);
     ScalarField::from_fn(dims, [1.0; D], |x| {
-        let off = (x[0] + 0.25 * x[1] - 0.6 * extent[0]) / 1.5;
-        if off.abs() < 4.0 {
-            -(-0.5 * off * off).exp()
+        let offset = (x[0] + 0.25 * x[1] - 0.6 * extent[0]) / 1.5;
+        if offset.abs() < 4.0 {
+            -(-0.5 * offset * offset).exp()
         } else {
             0.0
         }
@@ -136,13 +136,10 @@ pub fn valley<const D: usize>(extent: [f64; D]) -> ScalarField<D> {
 
 fn check<const D: usize>(extent: [f64; D], distance: &Distance<D>, densest: f64) {
     let potential = valley(extent);
-    let how = |seed, most| Seeding::Guide {
-        seed,
-        max_atoms: most,
-    };
-    let place = |how, alignment| {
+    let guide = |seed, max_atoms| Seeding::Guide { seed, max_atoms };
+    let place_atoms = |seeding, alignment| {
         seed(
-            how,
+            seeding,
             extent,
             distance,
             &[],
@@ -152,34 +149,41 @@ fn check<const D: usize>(extent: [f64; D], distance: &Distance<D>, densest: f64)
         )
         .unwrap()
     };
-    let atoms = place(how(1, usize::MAX), Alignment::OnFeatures);
+    let atoms = place_atoms(guide(1, usize::MAX), Alignment::OnFeatures);
     let spacing = spacing_quantiles(&atoms, distance);
-    let [least, _, median, _, widest] = spacing;
-    let on = |x: &[f64; D]| (x[0] + 0.25 * x[1] - 0.6 * extent[0]).abs() < 1.0;
-    let on = atoms.positions.iter().filter(|x| on(x)).count();
+    let [min, _, median, _, max] = spacing;
+    let is_on_feature = |x: &[f64; D]| (x[0] + 0.25 * x[1] - 0.6 * extent[0]).abs() < 1.0;
+    let on_feature = atoms.positions.iter().filter(|x| is_on_feature(x)).count();
     println!(
-        "{D}-D: {} atoms, {on} on the feature; nearest / d {spacing:.3?}",
+        "{D}-D: {} atoms, {on_feature} on the feature; nearest / d {spacing:.3?}",
         atoms.len()
     );
-    // d may be less at the other end.
-    assert!(least > 0.72 && widest < 1.5 && median < 1.05);
-    // As many on the feature as random places could hold there, nearly (Renyi: 0.75 a length in
-    // the plane; 0.547 of the area in space).
+    // d may be smaller at the other end.
+    assert!(min > 0.72 && max < 1.5 && median < 1.05);
+    // Nearly as many atoms on the feature as random positions could fill there (Renyi: 0.75 of the
+    // length in the plane; 0.547 of the area in space).
     let length = extent[1] * 17.0f64.sqrt() / 4.0;
     let area: f64 = (2..D).map(|k| extent[k]).product::<f64>() * length;
     assert!(
-        on as f64 > densest * area / (MIN_SITE_DISTANCE * distance.max()).powi(D as i32 - 1),
-        "{on}"
+        on_feature as f64
+            > densest * area / (MIN_SITE_DISTANCE * distance.max()).powi(D as i32 - 1),
+        "{on_feature}"
     );
-    assert_eq!(atoms, place(how(1, usize::MAX), Alignment::OnFeatures));
-    assert_ne!(atoms, place(how(2, usize::MAX), Alignment::OnFeatures));
-    let few = place(how(1, atoms.len() - 20), Alignment::OnFeatures);
+    assert_eq!(
+        atoms,
+        place_atoms(guide(1, usize::MAX), Alignment::OnFeatures)
+    );
+    assert_ne!(
+        atoms,
+        place_atoms(guide(2, usize::MAX), Alignment::OnFeatures)
+    );
+    let few = place_atoms(guide(1, atoms.len() - 20), Alignment::OnFeatures);
     assert_eq!(few.len(), atoms.len() - 20);
 
-    let beside = place(how(1, usize::MAX), Alignment::AlongsideFeatures);
+    let alongside = place_atoms(guide(1, usize::MAX), Alignment::AlongsideFeatures);
     let margin = SIDE_MARGIN * distance.min() - 1e-9;
-    let clear = |x: &[f64; D]| (0..D).all(|k| x[k] > margin && x[k] < extent[k] - margin);
-    assert!(beside.positions.iter().all(clear));
+    let is_clear = |x: &[f64; D]| (0..D).all(|k| x[k] > margin && x[k] < extent[k] - margin);
+    assert!(alongside.positions.iter().all(is_clear));
 }
 
 #[test]
@@ -201,13 +205,13 @@ fn a_potential_without_features_is_refused() {
     let extent = [40.0, 30.0];
     let distance = Distance::Constant(5.0);
     let mut field = valley(extent);
-    let how = Seeding::Guide {
+    let seeding = Seeding::Guide {
         seed: 1,
         max_atoms: usize::MAX,
     };
     let message = |field: Option<&ScalarField<2>>| {
         seed(
-            how,
+            seeding,
             extent,
             &distance,
             &[],

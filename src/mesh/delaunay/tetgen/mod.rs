@@ -1,9 +1,11 @@
-//! The Delaunay triangulation of points in space, by TetGen (Si 2015, "TetGen, a Delaunay-based
-//! quality tetrahedral mesh generator"): incremental insertion in a biased random, then Hilbert
-//! order; exact predicates; ties of cospherical points broken by symbolic perturbation.
+//! The Delaunay triangulation of points in 3-D, by TetGen (Si 2015, "TetGen, a Delaunay-based
+//! quality tetrahedral mesh generator"). TetGen inserts points incrementally, in a biased random
+//! and then Hilbert order; its predicates are exact, and ties of cospherical points are broken by
+//! symbolic perturbation.
 //!
-//! What TetGen does badly on bad points is kept from it: everything it would assert on is checked
-//! before, and its errors come back as [`Error::Delaunay`](crate::Error::Delaunay).
+//! Input that TetGen cannot handle is rejected before the call: all conditions that would end in an
+//! assertion are checked first. TetGen's own errors are returned as
+//! [`Error::Delaunay`](crate::Error::Delaunay).
 
 mod global_points;
 #[cfg(feature = "tetgen")]
@@ -26,48 +28,51 @@ pub use global_points::GlobalPoints;
 #[cfg(feature = "tetgen")]
 pub use worker::{peak_mb, run_in_worker, serve, share_with_workers};
 
-/// The neighbour beyond a face of the hull.
+/// Stands for the outside, beyond a face of the hull.
 pub const OUTSIDE: u32 = u32::MAX;
 
-/// So many points are triangulated in parts, if there are workers to do so, and come in an order that does
-/// not depend on it.
+/// Smallest number of points that are triangulated in parts, if there are workers. From this number
+/// on the order of the tetrahedra is canonical, so that it does not depend on the number of
+/// workers.
 #[cfg(feature = "tetgen")]
 const MIN_PARALLEL_POINTS: usize = 40_000;
-/// A part has at most so many points, for a run takes some 700 bytes for each; of smaller parts halos are a larger share.
+/// Largest number of points of a part. A run takes some 700 bytes for each point; in smaller parts
+/// halos are a larger fraction.
 #[cfg(feature = "tetgen")]
 const MAX_PART_POINTS: usize = 600_000;
-/// A part has at least so many points.
+/// Smallest number of points of a part.
 #[cfg(feature = "tetgen")]
 const MIN_PART_POINTS: usize = 20_000;
 
 /// A Delaunay triangulation and its adjacency.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Delaunay {
-    /// Nodes are the given points in the given order; tetrahedra fill their convex hull.
+    /// The points in their order as nodes, and the tetrahedra that fill their convex hull.
     pub mesh: TetMesh,
-    /// `neighbors[t][k]` shares with tetrahedron `t` the face opposite its node `k`;
-    /// [`OUTSIDE`] on the hull.
+    /// `neighbors[t][k]` shares with tetrahedron `t` the face opposite its node `k`; [`OUTSIDE`] on
+    /// the hull.
     pub neighbors: Vec<[u32; 4]>,
 }
 
-/// The Delaunay triangulation of `points`.
+/// Returns the Delaunay triangulation of `points`.
 ///
-/// Nodes are all points in their order, every one used; tetrahedra are positively oriented (see
-/// [`crate::mesh`]), never flat, and fill the convex hull exactly. One call at a time runs in a
-/// process; others wait, unless [`run_in_worker`](super::run_in_worker) gives each a process of its own.
+/// Nodes are all points in their order, and every one is used. Tetrahedra are positively oriented
+/// (see [`crate::mesh`]), never flat, and fill the convex hull exactly. Only one call at a time
+/// runs in a process; others wait, unless [`run_in_worker`](super::run_in_worker) gives each call a
+/// process of its own.
 ///
 /// # Errors
-/// [`Error::Delaunay`](crate::Error::Delaunay) for fewer than four points, a coordinate that is
-/// not finite, points all in one plane, two points at one place (both are named), or when built
+/// Returns [`Error::Delaunay`](crate::Error::Delaunay) for fewer than four points, for a coordinate
+/// that is not finite, for points in one plane, for coinciding points (the message names both), or
 /// without the feature `tetgen`.
 pub fn delaunay(points: &[[f64; 3]]) -> Result<TetMesh> {
     Ok(run(points, false)?.mesh)
 }
 
-/// [`delaunay`] with the adjacency, which TetGen hands over for about a tenth of its time.
+/// Returns the [`delaunay`] triangulation with its adjacency, which takes about a tenth more time.
 ///
 /// # Errors
-/// As [`delaunay`].
+/// Returns the errors of [`delaunay`].
 pub fn delaunay_with_neighbors(points: &[[f64; 3]]) -> Result<Delaunay> {
     run(points, true)
 }
@@ -75,57 +80,69 @@ pub fn delaunay_with_neighbors(points: &[[f64; 3]]) -> Result<Delaunay> {
 /// Some of the tetrahedra of a [`Delaunay`] triangulation.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct IntervalTets {
-    /// By their nodes.
+    /// Node numbers of each tetrahedron.
     pub tets: Vec<[u32; 4]>,
-    /// What is beyond each face; [`OUTSIDE`] for tetrahedra that are not among these, too.
+    /// Index of the tetrahedron beyond each face; [`OUTSIDE`] also if that tetrahedron is not in
+    /// this list.
     pub neighbors: Vec<[u32; 4]>,
 }
 
-/// Some of the tetrahedra of [`delaunay_with_neighbors`], in the same order: space is cut across an axis at `cuts`,
-/// and a tetrahedron is of the stretch that its first point, by number, is in. Neighbours that are of other
-/// stretches than these are [`OUTSIDE`]. None if only the whole can tell.
+/// Returns some of the tetrahedra of [`delaunay_with_neighbors`], in the same order. Space is cut
+/// into intervals along an axis at `cuts`. A tetrahedron belongs to the interval of its first point
+/// (the one with the lowest number). Returns the tetrahedra of `intervals`; neighbours in other
+/// intervals are [`OUTSIDE`]. Returns `None` if only a triangulation of all points can give the
+/// result.
 ///
-/// No more than these stretches and a little round them is triangulated: of all points, the `whole`, those farther from
-/// them than its [halo](GlobalPoints::max_halo) need not be there.
+/// Only the points in these intervals and in a halo round them are triangulated. `global` describes
+/// all points; points farther away than its [`max_halo`](GlobalPoints::max_halo) need not be in
+/// `points`.
 ///
 /// # Errors
-/// As [`delaunay`].
+/// Returns the errors of [`delaunay`].
 #[cfg(feature = "tetgen")]
 pub fn delaunay_in_intervals(
     points: &[[f64; 3]],
-    whole: GlobalPoints,
+    global: GlobalPoints,
     axis: usize,
     cuts: &[f64],
-    stretches: std::ops::Range<usize>,
+    intervals: std::ops::Range<usize>,
 ) -> Result<Option<IntervalTets>> {
-    if stretches.is_empty() {
+    if intervals.is_empty() {
         return Ok(Some(IntervalTets::default()));
     }
     check_points(points)?;
-    let Some(program) = worker::program_for_parts().filter(|_| whole.count >= MIN_PARALLEL_POINTS)
+    let Some(program) = worker::program_for_parts().filter(|_| global.count >= MIN_PARALLEL_POINTS)
     else {
         return Ok(None);
     };
     let run = |part: &[[f64; 3]]| worker::run_program(program, part, true);
-    let at_once = rayon::current_num_threads();
+    let worker_count = rayon::current_num_threads();
     let limits = [MIN_PART_POINTS, MAX_PART_POINTS];
-    let some =
-        parts::tets_in_intervals(points, whole, axis, cuts, stretches, at_once, limits, &run)?;
-    Ok(some.map(|mut answer| {
-        parts::sort_canonical(points.len(), &mut answer);
+    let output = parts::tets_in_intervals(
+        points,
+        global,
+        axis,
+        cuts,
+        intervals,
+        worker_count,
+        limits,
+        &run,
+    )?;
+    Ok(output.map(|mut output| {
+        parts::sort_canonical(points.len(), &mut output);
         IntervalTets {
-            tets: answer.tets,
-            neighbors: answer.neighbors,
+            tets: output.tets,
+            neighbors: output.neighbors,
         }
     }))
 }
 
-/// The same where there is no TetGen.
+/// Returns an error, because this atomesh was built without TetGen.
 ///
 /// # Errors
-/// Always.
+/// Always returns [`Error::Delaunay`](crate::Error::Delaunay).
 #[cfg(not(feature = "tetgen"))]
-pub fn delaunay_of_stretches(
+pub fn delaunay_in_intervals(
     points: &[[f64; 3]],
     _: GlobalPoints,
     _: usize,
@@ -137,14 +154,14 @@ pub fn delaunay_of_stretches(
 
 fn run(points: &[[f64; 3]], with_neighbors: bool) -> Result<Delaunay> {
     check_points(points)?;
-    let answer = run_tetgen(points, with_neighbors)?;
-    check_all_used(points, &answer.tets)?;
+    let output = run_tetgen(points, with_neighbors)?;
+    check_all_used(points, &output.tets)?;
     Ok(Delaunay {
         mesh: TetMesh {
             nodes: points.to_vec(),
-            tets: answer.tets,
+            tets: output.tets,
         },
-        neighbors: answer.neighbors,
+        neighbors: output.neighbors,
     })
 }
 
@@ -152,8 +169,8 @@ fn delaunay_error(problem: impl std::fmt::Display, remedy: impl std::fmt::Displa
     crate::Error::Delaunay(cause("Delaunay triangulation", problem, remedy))
 }
 
-/// What TetGen would meet with an assertion, i.e. the end of the process, or with a message on
-/// standard output, which is not its to write on.
+/// Checks for input on which TetGen would abort the process by an assertion, or print a message on
+/// standard output.
 fn check_points(points: &[[f64; 3]]) -> Result<()> {
     if points.len() < 4 {
         return Err(delaunay_error(
@@ -211,21 +228,29 @@ fn check_points(points: &[[f64; 3]]) -> Result<()> {
     Ok(())
 }
 
-/// Least height of a big tetrahedron among the points, and the length of its longest edge: each
-/// node in turn is the one farthest from the point, line and plane of those before. Thickness at
-/// the level of rounding means points in one plane.
+/// Returns the smallest height of a large tetrahedron among the points, and the length of its
+/// longest edge. Each node in turn is the point farthest from the first point, then from the line,
+/// then from the plane of those before. A thickness at the level of rounding means that the points
+/// lie in one plane.
 fn thickness_and_length(points: &[[f64; 3]]) -> (f64, f64) {
     let farthest = |distance2: &(dyn Fn([f64; 3]) -> f64 + Sync)| {
-        let none = || (0.0, [0.0; 3]);
-        let later = |best: (f64, [f64; 3]), other: (f64, [f64; 3])| {
-            // Of several the first.
-            if other.0 > best.0 { other } else { best }
+        let no_candidate = || (0.0, [0.0; 3]);
+        let farther_of = |best: (f64, [f64; 3]), candidate: (f64, [f64; 3])| {
+            // Of several equally far points, the first is taken.
+            if candidate.0 > best.0 {
+                candidate
+            } else {
+                best
+            }
         };
-        let farther = |best, p: &[f64; 3]| {
+        let update = |best, p: &[f64; 3]| {
             let q = std::array::from_fn(|k| p[k] - points[0][k]);
-            later(best, (distance2(q), q))
+            farther_of(best, (distance2(q), q))
         };
-        points.par_iter().fold(none, farther).reduce(none, later)
+        points
+            .par_iter()
+            .fold(no_candidate, update)
+            .reduce(no_candidate, farther_of)
     };
     let (length2, a) = farthest(&|q| dot(q, q));
     let (area2, b) = farthest(&|q| {
@@ -241,7 +266,8 @@ fn thickness_and_length(points: &[[f64; 3]]) -> (f64, f64) {
     (height.min((area2 / length2).sqrt()), length2.sqrt())
 }
 
-/// TetGen leaves out a point that coincides, or nearly so, with another: names such points.
+/// Returns an error that names two points if TetGen has left out a point because it coincides, or
+/// nearly so, with another.
 fn check_all_used(points: &[[f64; 3]], tets: &[[u32; 4]]) -> Result<()> {
     let used: Vec<AtomicBool> = points.par_iter().map(|_| AtomicBool::new(false)).collect();
     tets.par_iter().for_each(|tet| {
@@ -259,26 +285,26 @@ fn check_all_used(points: &[[f64; 3]], tets: &[[u32; 4]]) -> Result<()> {
         .min_by(|&i, &j| squared(&points[i]).total_cmp(&squared(&points[j])))
         .unwrap_or(first);
     let distance = squared(&points[nearest]).sqrt();
-    let others = match unused.count() {
+    let more_points = match unused.count() {
         0 => String::new(),
         n => format!(" (and {n} more points like it)"),
     };
     Err(delaunay_error(
         format!(
-            "points {first} and {nearest} are {distance:e} apart, at [{}, {}, {}]{others}",
+            "points {first} and {nearest} are {distance:e} apart, at [{}, {}, {}]{more_points}",
             p[0], p[1], p[2]
         ),
         "keep one of the two",
     ))
 }
 
-/// What TetGen answers.
+/// Output of one run of TetGen.
 #[cfg_attr(not(feature = "tetgen"), allow(dead_code))]
 struct TetgenOutput {
-    /// `TETGEN_SHIM_OK`, or why there is nothing else.
+    /// `TETGEN_SHIM_OK`, or the reason why there are no tetrahedra.
     status: i64,
     tets: Vec<[u32; 4]>,
-    /// Empty if not asked for.
+    /// Neighbours of each tetrahedron; empty if they were not requested.
     neighbors: Vec<[u32; 4]>,
 }
 
@@ -288,46 +314,48 @@ codec_fields! {
 }
 
 #[cfg(not(feature = "tetgen"))]
-fn tetrahedra(_: &[[f64; 3]], _: bool) -> Result<TetgenOutput> {
+fn run_tetgen(_: &[[f64; 3]], _: bool) -> Result<TetgenOutput> {
     Err(delaunay_error(
         "this atomesh was built without TetGen",
         "install libtet1.5-dev and libclang-dev and build with the feature `tetgen` (on by default)",
     ))
 }
 
-/// Tetrahedra and, when asked for, neighbours; `points` have passed `check_points`.
+/// Returns tetrahedra and, if requested, neighbours. `points` have passed `check_points`.
 #[cfg(feature = "tetgen")]
 fn run_tetgen(points: &[[f64; 3]], with_neighbors: bool) -> Result<TetgenOutput> {
     use tetgen_sys as sys;
-    let one_run = |points: &[[f64; 3]], with_neighbors| match worker::program_for_all() {
+    let run_once = |points: &[[f64; 3]], with_neighbors| match worker::program_for_all() {
         Some(program) => worker::run_program(program, points, with_neighbors),
         None => Ok(ffi::run(points, with_neighbors)),
     };
-    let large = points.len() >= MIN_PARALLEL_POINTS;
-    let at_once = rayon::current_num_threads();
-    let at_all = match large {
-        true => comm::broadcast_from_root("processors", || Ok(at_once * comm::size()))?,
-        false => 1,
+    let is_large = points.len() >= MIN_PARALLEL_POINTS;
+    let local_workers = rayon::current_num_threads();
+    let total_workers = if is_large {
+        comm::broadcast_from_root("processors", || Ok(local_workers * comm::size()))?
+    } else {
+        1
     };
-    let at_all = at_all.min(points.len() / MIN_PART_POINTS).max(1);
-    // In rounds, in each of which all are at work.
-    let count = (points.len().div_ceil(MAX_PART_POINTS)).next_multiple_of(at_all);
-    let in_parts = match worker::program_for_parts() {
-        Some(program) if large && at_all > 1 => {
-            parts::triangulate_in_parts(points, count, at_once, &|part| {
+    let total_workers = total_workers.min(points.len() / MIN_PART_POINTS).max(1);
+    // The number of parts is a multiple of the number of workers, so that all of them work in every
+    // round.
+    let count = (points.len().div_ceil(MAX_PART_POINTS)).next_multiple_of(total_workers);
+    let combined = match worker::program_for_parts() {
+        Some(program) if is_large && total_workers > 1 => {
+            parts::triangulate_in_parts(points, count, local_workers, &|part| {
                 worker::run_program(program, part, true)
             })?
         }
         _ => None,
     };
-    let mut answer = match in_parts {
+    let mut output = match combined {
         Some(answer) => answer,
-        None => one_run(points, with_neighbors)?,
+        None => run_once(points, with_neighbors)?,
     };
     if !with_neighbors {
-        answer.neighbors = Vec::new();
+        output.neighbors = Vec::new();
     }
-    match answer.status as sys::tetgen_shim_status {
+    match output.status as sys::tetgen_shim_status {
         sys::TETGEN_SHIM_OK => {}
         sys::TETGEN_SHIM_BAD_INPUT => {
             return Err(delaunay_error(
@@ -341,25 +369,25 @@ fn run_tetgen(points: &[[f64; 3]], with_neighbors: bool) -> Result<TetgenOutput>
                 "use a larger nominal distance",
             ));
         }
-        other => {
+        status => {
             return Err(delaunay_error(
-                format!("TetGen stopped with its error {other}"),
+                format!("TetGen stopped with its error {status}"),
                 "please report it with the image and the options",
             ));
         }
     }
-    // TetGen's tetrahedra point to nodes; a stray index would be undefined behaviour later on.
-    let stray = |tet: &[u32; 4]| tet.iter().any(|&node| node as usize >= points.len());
-    if answer.tets.par_iter().any(stray) {
+    // An out-of-range index would make later code panic.
+    let is_out_of_range = |tet: &[u32; 4]| tet.iter().any(|&node| node as usize >= points.len());
+    if output.tets.par_iter().any(is_out_of_range) {
         return Err(delaunay_error(
             "TetGen returned a node that was not given",
             "please report it",
         ));
     }
-    if large {
-        parts::sort_canonical(points.len(), &mut answer);
+    if is_large {
+        parts::sort_canonical(points.len(), &mut output);
     }
-    Ok(answer)
+    Ok(output)
 }
 
 #[cfg(feature = "tetgen")]
@@ -371,12 +399,13 @@ mod ffi {
 
     use super::TetgenOutput;
 
-    /// TetGen is not re-entrant: `exactinit` writes the error bounds of its predicates, made for
-    /// the extent of the points at hand, into globals. A second run at the same time would use
-    /// the wrong bounds, and be wrong without notice. Hence one run at a time in a process.
+    /// TetGen is not re-entrant: `exactinit` writes the error bounds of its predicates, which
+    /// depend on the extent of the points, into global variables. A second run at the same time
+    /// would use wrong bounds and could give wrong results without notice. Therefore only one run
+    /// at a time is allowed in a process.
     static TETGEN_LOCK: Mutex<()> = Mutex::new(());
 
-    /// Owns what the C++ side allocated and gives it back.
+    /// Owns the memory that the C++ side allocated, and frees it when dropped.
     struct OwnedMesh(sys::tetgen_shim_mesh);
 
     impl Drop for OwnedMesh {
@@ -387,13 +416,13 @@ mod ffi {
     }
 
     impl OwnedMesh {
-        /// A copy of one of the mesh's arrays, four numbers a tetrahedron. TetGen's tetrahedra turn
-        /// as ours do and its neighbours are numbered as ours; its -1 becomes `OUTSIDE`.
+        /// Returns a copy of one of the mesh's arrays, with four numbers for each tetrahedron.
+        /// TetGen's orientation and numbering of neighbours equal ours; its -1 becomes `OUTSIDE`.
         fn copy_array(&self, array: *const i32) -> Vec<[u32; 4]> {
             if array.is_null() {
                 return Vec::new();
             }
-            // SAFETY: a non-null array of the mesh holds 4 * count ints and lives as long as self.
+            // SAFETY: a non-null array of the mesh has 4 * count ints and lives as long as self.
             let values = unsafe {
                 std::slice::from_raw_parts(array.cast::<[i32; 4]>(), self.0.count as usize)
             };
@@ -401,18 +430,19 @@ mod ffi {
         }
     }
 
-    /// TetGen in this process.
+    /// Runs TetGen in this process.
     pub fn run(points: &[[f64; 3]], with_neighbors: bool) -> TetgenOutput {
         let mut mesh = OwnedMesh(sys::tetgen_shim_mesh {
             tetrahedra: std::ptr::null_mut(),
             neighbors: std::ptr::null_mut(),
             count: 0,
         });
-        // A panic elsewhere cannot leave TetGen half-way: a poisoned lock is as good as new.
+        // TetGen has no state that a panic could leave inconsistent, so a poisoned lock can be
+        // used.
         let lock = TETGEN_LOCK.lock().unwrap_or_else(PoisonError::into_inner);
-        // SAFETY: `points` is read only, 3 * len finite doubles of nonzero extent, len >= 4 and
-        // below i32::MAX (`check_points`); the switches are a constant that ends with zero; the lock
-        // is held. The shim catches every exception.
+        // SAFETY: `points` is only read and has 3 * len finite doubles of nonzero extent, with len
+        // >= 4 and below i32::MAX (`check_points`); the switches are a constant that ends with
+        // zero; the lock is held. The shim catches every exception.
         let status = unsafe {
             sys::tetgen_shim_run(
                 points.as_ptr().cast(),
@@ -438,7 +468,7 @@ mod tests;
 #[cfg(not(feature = "tetgen"))]
 mod tests_without_tetgen {
     #[test]
-    fn says_what_is_missing() {
+    fn error_names_the_missing_library() {
         let points = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         let text = super::delaunay(&points).unwrap_err().to_string();
         assert!(

@@ -1,13 +1,16 @@
-//! One triangulation by several runs of TetGen at once, each of a part of the points.
+//! Computes one triangulation by several concurrent runs of TetGen, each for a part of the points.
 //!
-//! Space is cut into slabs. The points of a slab and of a halo round it are triangulated. A tetrahedron
-//! whose circumsphere, as far as points can be in it at all, lies in slab and halo is one of the whole's:
-//! it is *certified*. Where all at the slab's own points are, the slab keeps those whose first point (by
-//! number) is its own; else the halo is widened (as Peterka, Morozov and Phillips 2014 do by blocks). Ties of
-//! cospherical points TetGen breaks by the points' numbers, which come in the same order in each part.
+//! 1. Space is cut into slabs across an axis. The points of a slab and of a halo round it are
+//!    triangulated.
+//! 2. A tetrahedron is *certified* if its circumsphere, as far as it can contain points, lies
+//!    inside the slab and its halo. Then it is a tetrahedron of the whole triangulation.
+//! 3. If all tetrahedra at the slab's own points are certified, the slab keeps those whose first
+//!    point (the one with the lowest number) is its own. Otherwise the halo is widened (as Peterka,
+//!    Morozov and Phillips 2014 do with blocks).
 //!
-//! So the tetrahedra are those of a single run. So that they are in the same order, too, both are put into
-//! [`sort_canonical`].
+//! TetGen breaks ties of cospherical points by the points' numbers, which are in the same order in
+//! each part. Therefore the tetrahedra are those of a single run. [`sort_canonical`] brings both
+//! into the same order.
 
 use std::ops::Range;
 use std::panic::resume_unwind;
@@ -24,23 +27,25 @@ use crate::error::Result;
 use crate::geometry::counting_sort::sort_by_group_into;
 use crate::geometry::{cross, dot, sub};
 
-/// The neighbour is kept by another slab.
+/// Stands for a neighbour that another slab keeps.
 const IN_OTHER_SLAB: u32 = OUTSIDE - 1;
-/// The rounding of a circumcentre, in distances, where its sphere's radius is the distance: it grows with
-/// the square of the radius. (2e-16 times what a flat tetrahedron makes of it, and room.)
+/// Rounding error of a circumcentre, in mean distances, if the radius is one mean distance; it
+/// grows with the square of the radius. It is 2e-16 times the amplification by a flat tetrahedron,
+/// with a margin.
 const ROUNDING_TOLERANCE: f64 = 1e-9;
-/// Points whose tetrahedra are put in order together.
+/// Number of points whose tetrahedra one task sorts.
 const SORT_CHUNK: usize = 4096;
 
-/// What `run` answers for all points, from its answers for `count` parts, so many of them `at_once`; with
-/// neighbours, in no order. None if this way does not lead there: points that do not fill a box, or are too uneven.
+/// Returns the triangulation of all points, with neighbours and in no particular order, from the
+/// output of `run` for `count` parts, at most `worker_count` at the same time. Returns `None` if
+/// this does not work: for points that do not fill a box, or are too unevenly distributed.
 ///
 /// # Errors
-/// Those of `run`.
+/// Returns the errors of `run`.
 pub fn triangulate_in_parts<R>(
     points: &[[f64; 3]],
     count: usize,
-    at_once: usize,
+    worker_count: usize,
     run: &R,
 ) -> Result<Option<TetgenOutput>>
 where
@@ -50,13 +55,15 @@ where
         return Ok(None);
     };
     let mut parts: Vec<Option<TetgenOutput>> = Vec::with_capacity(count);
-    let own = |own: Range<usize>, give: &mut dyn FnMut(Option<TetgenOutput>)| {
-        for part in slabs.triangulate_slabs(own, at_once, run) {
+    let triangulate = |own: Range<usize>, give: &mut dyn FnMut(Option<TetgenOutput>)| {
+        for part in slabs.triangulate_slabs(own, worker_count, run) {
             give(part?);
         }
         Ok(())
     };
-    comm::distribute("slabs of points", count, own, &mut |part| parts.push(part))?;
+    comm::distribute("slabs of points", count, triangulate, &mut |part| {
+        parts.push(part)
+    })?;
     let parts: Option<Vec<TetgenOutput>> = parts.into_iter().collect();
     Ok(parts.and_then(|parts| match concatenate(parts) {
         (all, 0) => Some(all),
@@ -64,20 +71,24 @@ where
     }))
 }
 
-/// The tetrahedra whose first point is in some of the stretches between `cuts` across an axis, as `run` answers for
-/// parts of these, so many of them `at_once`; with neighbours among them, in no order. None if this way does not lead
-/// there, or leaves out a point. Parts have about as many points as `limits` say, or are a stretch. Of the `whole` no
-/// points need be there but those in the stretches, or no farther from these than [`GlobalPoints::max_halo`].
+/// Returns the tetrahedra whose first point is in one of the `intervals` between `cuts` along an
+/// axis, with neighbours among them and in no particular order. They come from the output of `run`
+/// for parts of these intervals, at most `worker_count` at the same time. Returns `None` if this
+/// does not work, or if TetGen leaves out a point.
+///
+/// `limits` are the smallest and the largest number of points of a part, but a part is at most one
+/// interval. `global` describes all points; `points` needs to have only those in the intervals, or
+/// no farther from them than [`GlobalPoints::max_halo`].
 ///
 /// # Errors
-/// Those of `run`.
+/// Returns the errors of `run`.
 pub fn tets_in_intervals<R>(
     points: &[[f64; 3]],
-    whole: GlobalPoints,
+    global: GlobalPoints,
     axis: usize,
     cuts: &[f64],
-    stretches: Range<usize>,
-    at_once: usize,
+    intervals: Range<usize>,
+    worker_count: usize,
     limits: [usize; 2],
     run: &R,
 ) -> Result<Option<TetgenOutput>>
@@ -86,47 +97,50 @@ where
 {
     let mut slabs = PointSlabs {
         axis,
-        ..PointSlabs::single(points, whole)
+        ..PointSlabs::single(points, global)
     };
-    // Stretches in parts, so that all are at work.
-    let mut own = 0..0;
-    let [least, most] = limits;
-    let at_once_each = at_once.div_ceil(stretches.len().max(1));
-    for stretch in 0..=cuts.len() {
-        if stretch == stretches.start {
-            own.start = slabs.cuts.len();
+    // Intervals are cut into parts so that all workers have work.
+    let mut slab_range = 0..0;
+    let [min_points, max_points] = limits;
+    let workers_per_interval = worker_count.div_ceil(intervals.len().max(1));
+    for interval in 0..=cuts.len() {
+        if interval == intervals.start {
+            slab_range.start = slabs.cuts.len();
         }
-        if stretches.contains(&stretch) {
-            let from = stretch
+        if intervals.contains(&interval) {
+            let low = interval
                 .checked_sub(1)
                 .map_or(f64::NEG_INFINITY, |i| cuts[i]);
-            let to = cuts.get(stretch).copied().unwrap_or(f64::INFINITY);
-            let along = points.iter().map(|p| p[axis]);
-            let mut along: Vec<f64> = along.filter(|x| from <= *x && *x < to).collect();
-            let count = along.len();
-            let parts = at_once_each.min(count / least).max(count.div_ceil(most));
+            let high = cuts.get(interval).copied().unwrap_or(f64::INFINITY);
+            let coordinates = points.iter().map(|p| p[axis]);
+            let mut coordinates: Vec<f64> =
+                coordinates.filter(|x| low <= *x && *x < high).collect();
+            let count = coordinates.len();
+            let parts = workers_per_interval
+                .min(count / min_points)
+                .max(count.div_ceil(max_points));
             for part in 1..parts {
                 let (_, cut, _) =
-                    along.select_nth_unstable_by(part * count / parts, f64::total_cmp);
+                    coordinates.select_nth_unstable_by(part * count / parts, f64::total_cmp);
                 slabs.cuts.push(*cut);
             }
-            own.end = slabs.cuts.len() + 1;
+            slab_range.end = slabs.cuts.len() + 1;
         }
-        slabs.cuts.extend(cuts.get(stretch));
+        slabs.cuts.extend(cuts.get(interval));
     }
     if !slabs.cuts.windows(2).all(|two| two[0] < two[1]) {
         return Ok(None);
     }
     let parts: Result<Option<Vec<TetgenOutput>>> = (slabs
-        .triangulate_slabs(own.clone(), at_once, run)
+        .triangulate_slabs(slab_range.clone(), worker_count, run)
         .into_iter())
     .collect();
-    let parts = parts?.filter(|parts| parts.len() == own.len());
+    let parts = parts?.filter(|parts| parts.len() == slab_range.len());
     Ok(parts.map(|parts| concatenate(parts).0))
 }
 
-/// The parts' tetrahedra one after the other, with neighbours across; and how many faces have lead to none of them, where
-/// neighbours are outside.
+/// Concatenates the tetrahedra of all parts, and connects neighbours across parts. Returns also the
+/// number of faces without a partner; these get the neighbour `OUTSIDE`.
 fn concatenate(parts: Vec<TetgenOutput>) -> (TetgenOutput, usize) {
     let count = parts.iter().map(|part| part.tets.len()).sum();
     let mut all = TetgenOutput {
@@ -134,61 +148,61 @@ fn concatenate(parts: Vec<TetgenOutput>) -> (TetgenOutput, usize) {
         tets: Vec::with_capacity(count),
         neighbors: Vec::with_capacity(count),
     };
-    // Faces beyond which another part goes on.
-    let mut open: Vec<([u32; 3], u32, usize)> = Vec::new();
-    // What has been copied goes.
+    // Faces beyond which another part continues.
+    let mut open_faces: Vec<([u32; 3], u32, usize)> = Vec::new();
+    // Each part is dropped after it has been copied, to save memory.
     for part in parts {
         let first = all.tets.len() as u32;
-        let open_of = |(t, (tet, around)): (usize, (&[u32; 4], &[u32; 4]))| {
-            let (tet, around) = (*tet, *around);
-            let ends = (0..4).filter(move |&k| around[k] == IN_OTHER_SLAB);
-            ends.map(move |k| {
+        let open_faces_of = |(t, (tet, adjacent)): (usize, (&[u32; 4], &[u32; 4]))| {
+            let (tet, adjacent) = (*tet, *adjacent);
+            let open_indices = (0..4).filter(move |&k| adjacent[k] == IN_OTHER_SLAB);
+            open_indices.map(move |k| {
                 let mut face = [1, 2, 3].map(|j| tet[(k + j) % 4]);
                 face.sort_unstable();
                 (face, first + t as u32, k)
             })
         };
         let cells = part.tets.par_iter().zip(&part.neighbors).enumerate();
-        open.par_extend(cells.flat_map_iter(open_of));
-        let moved = |n: u32| match n {
+        open_faces.par_extend(cells.flat_map_iter(open_faces_of));
+        let global_index = |n: u32| match n {
             IN_OTHER_SLAB | OUTSIDE => OUTSIDE,
-            own => first + own,
+            local => first + local,
         };
         all.tets.extend_from_slice(&part.tets);
-        let around = part.neighbors.par_iter();
+        let adjacent = part.neighbors.par_iter();
         all.neighbors
-            .par_extend(around.map(|around| around.map(moved)));
+            .par_extend(adjacent.map(|adjacent| adjacent.map(global_index)));
     }
-    open.par_sort_unstable();
-    let mut alone = 0;
-    let mut rest = &open[..];
-    while let [(face, a, k), after @ ..] = rest {
-        rest = after;
-        match after {
-            [(other, b, l), after @ ..] if face == other => {
+    open_faces.par_sort_unstable();
+    let mut unmatched = 0;
+    let mut remaining = &open_faces[..];
+    while let [(face, a, k), tail @ ..] = remaining {
+        remaining = tail;
+        match tail {
+            [(other_face, b, l), tail @ ..] if face == other_face => {
                 all.neighbors[*a as usize][*k] = *b;
                 all.neighbors[*b as usize][*l] = *a;
-                rest = after;
+                remaining = tail;
             }
-            _ => alone += 1,
+            _ => unmatched += 1,
         }
     }
-    (all, alone)
+    (all, unmatched)
 }
 
-/// Space, cut across its longest axis so that each slab has as many points.
+/// Space, cut across its longest axis so that all slabs have about the same number of points.
 struct PointSlabs<'a> {
     points: &'a [[f64; 3]],
     global: GlobalPoints,
     axis: usize,
-    /// Where one slab ends and the next begins.
+    /// Coordinates where one slab ends and the next begins.
     cuts: Vec<f64>,
-    /// Of points, if they stood regularly.
+    /// Mean distance between points, for a regular arrangement.
     mean_distance: f64,
 }
 
 impl<'a> PointSlabs<'a> {
-    /// One.
+    /// Returns a single slab, across the longest axis.
     fn single(points: &'a [[f64; 3]], global: GlobalPoints) -> Self {
         let size = sub(global.high, global.low);
         Self {
@@ -200,36 +214,37 @@ impl<'a> PointSlabs<'a> {
         }
     }
 
-    /// None if the points cannot be cut so often.
+    /// Returns `count` slabs, or `None` if the points cannot be cut into that many.
     fn new(points: &'a [[f64; 3]], count: usize) -> Option<Self> {
         let uncut = Self::single(points, GlobalPoints::from_points(points));
         let axis = uncut.axis;
-        let mut along: Vec<f64> = points.iter().map(|p| p[axis]).collect();
+        let mut coordinates: Vec<f64> = points.iter().map(|p| p[axis]).collect();
         let cuts: Vec<f64> = (1..count)
             .map(|i| {
-                *along
+                *coordinates
                     .select_nth_unstable_by(i * points.len() / count, f64::total_cmp)
                     .1
             })
             .collect();
-        let apart = cuts.windows(2).all(|two| two[0] < two[1])
+        let are_distinct = cuts.windows(2).all(|two| two[0] < two[1])
             && cuts.first().is_none_or(|&cut| uncut.global.low[axis] < cut);
-        apart.then_some(Self { cuts, ..uncut })
+        are_distinct.then_some(Self { cuts, ..uncut })
     }
 
-    /// Those of some slabs, in their order, so many of them at once; fewer where one leads nowhere.
+    /// Triangulates a range of slabs, at most `worker_count` at the same time, and returns the
+    /// results in their order. After the first failure no further slab is started.
     fn triangulate_slabs<R>(
         &self,
         slabs: Range<usize>,
-        at_once: usize,
+        worker_count: usize,
         run: &R,
     ) -> Vec<Result<Option<TetgenOutput>>>
     where
         R: Fn(&[[f64; 3]]) -> Result<TetgenOutput> + Sync,
     {
         let (end, next) = (slabs.end, &AtomicUsize::new(slabs.start));
-        // Each thread takes the next slab, until one leads nowhere.
-        let work = move || {
+        // Each worker thread takes the next slab, until one fails.
+        let worker = move || {
             let mut done = Vec::new();
             loop {
                 let slab = next.fetch_add(1, Relaxed);
@@ -244,11 +259,11 @@ impl<'a> PointSlabs<'a> {
             }
         };
         let mut parts: Vec<(usize, Result<Option<TetgenOutput>>)> = thread::scope(|scope| {
-            let at_work: Vec<_> = (0..at_once.min(slabs.len()))
-                .map(|_| scope.spawn(work))
+            let workers: Vec<_> = (0..worker_count.min(slabs.len()))
+                .map(|_| scope.spawn(worker))
                 .collect();
-            let ended = at_work.into_iter().map(thread::ScopedJoinHandle::join);
-            ended
+            let results = workers.into_iter().map(thread::ScopedJoinHandle::join);
+            results
                 .flat_map(|parts| parts.unwrap_or_else(|panic| resume_unwind(panic)))
                 .collect()
         });
@@ -256,97 +271,103 @@ impl<'a> PointSlabs<'a> {
         parts.into_iter().map(|part| part.1).collect()
     }
 
-    /// The tetrahedra that a slab keeps, with neighbours among them.
+    /// Returns the tetrahedra that a slab keeps, with neighbours among them.
     fn triangulate_slab<R>(&self, slab: usize, run: &R) -> Result<Option<TetgenOutput>>
     where
         R: Fn(&[[f64; 3]]) -> Result<TetgenOutput>,
     {
-        let from = slab
+        let low = slab
             .checked_sub(1)
             .map_or(f64::NEG_INFINITY, |i| self.cuts[i]);
-        let to = self.cuts.get(slab).copied().unwrap_or(f64::INFINITY);
+        let high = self.cuts.get(slab).copied().unwrap_or(f64::INFINITY);
         for halo in
             (0..MAX_HALO_TRIES).map(|i| INITIAL_HALO * self.mean_distance * f64::from(1 << i))
         {
-            let within = [from - halo, to + halo];
-            let has = |&i: &u32| {
+            let bounds = [low - halo, high + halo];
+            let is_in_bounds = |&i: &u32| {
                 let x = self.points[i as usize][self.axis];
-                within[0] <= x && x <= within[1]
+                bounds[0] <= x && x <= bounds[1]
             };
-            let members: Vec<u32> = (0..self.points.len() as u32).filter(has).collect();
+            let members: Vec<u32> = (0..self.points.len() as u32).filter(is_in_bounds).collect();
             let points: Vec<[f64; 3]> = members.iter().map(|&i| self.points[i as usize]).collect();
-            let answer = run(&points)?;
-            if answer.status != 0 {
+            let output = run(&points)?;
+            if output.status != 0 {
                 return Ok(None);
             }
-            if let Some(kept) = self.certified_tets(&answer, &members, [from, to], within) {
+            if let Some(kept) = self.certified_tets(&output, &members, [low, high], bounds) {
                 return Ok(Some(kept));
             }
         }
         Ok(None)
     }
 
-    /// What the slab from one place to another keeps of the triangulation of `members`, all `within` some
-    /// bounds; None if a tetrahedron at one of its points is not certified.
+    /// Returns the tetrahedra that the slab from `low` to `high` keeps of the triangulation of
+    /// `members`, which are the points inside `bounds`. Returns `None` if a tetrahedron at one of
+    /// the slab's points is not certified.
     fn certified_tets(
         &self,
-        answer: &TetgenOutput,
+        output: &TetgenOutput,
         members: &[u32],
-        [from, to]: [f64; 2],
-        within: [f64; 2],
+        [low, high]: [f64; 2],
+        bounds: [f64; 2],
     ) -> Option<TetgenOutput> {
         let point = |local: u32| self.points[members[local as usize] as usize];
         let owns = |local: u32| {
             let x = point(local)[self.axis];
-            from <= x && x < to
+            low <= x && x < high
         };
-        let mut number = vec![IN_OTHER_SLAB; answer.tets.len()];
+        let mut new_index = vec![IN_OTHER_SLAB; output.tets.len()];
         let mut used = vec![false; members.len()];
         let mut count = 0;
-        for ((tet, neighbors), number) in answer.tets.iter().zip(&answer.neighbors).zip(&mut number)
+        for ((tet, neighbors), new_index) in output
+            .tets
+            .iter()
+            .zip(&output.neighbors)
+            .zip(&mut new_index)
         {
-            let own = tet.map(owns);
+            let is_own = tet.map(owns);
             tet.iter().for_each(|&local| used[local as usize] = true);
-            if !own.contains(&true) {
+            if !is_own.contains(&true) {
                 continue;
             }
             let corners = tet.map(point);
             let hull_is_real = (0..4).all(|k| {
                 let face = [1, 2, 3].map(|j| (k + j) % 4);
                 neighbors[k] != OUTSIDE
-                    || !face.iter().any(|&j| own[j])
+                    || !face.iter().any(|&j| is_own[j])
                     || self.is_on_side(face.map(|j| corners[j]))
             });
-            if !(hull_is_real && self.is_certified(corners, within)) {
+            if !(hull_is_real && self.is_certified(corners, bounds)) {
                 return None;
             }
             if owns(*tet.iter().min()?) {
-                *number = count;
+                *new_index = count;
                 count += 1;
             }
         }
-        // A point that coincides with another is left out.
+        // TetGen leaves out a point that coincides with another.
         if (0..members.len()).any(|i| !used[i] && owns(i as u32)) {
             return None;
         }
-        let mine = |t: &usize| number[*t] != IN_OTHER_SLAB;
+        let is_kept = |t: &usize| new_index[*t] != IN_OTHER_SLAB;
         let neighbor = |n: u32| match n {
             OUTSIDE => OUTSIDE,
-            n => number[n as usize],
+            n => new_index[n as usize],
         };
-        let all = 0..answer.tets.len();
+        let all_tets = 0..output.tets.len();
         Some(TetgenOutput {
-            status: answer.status,
-            tets: (all.clone().filter(mine))
-                .map(|t| answer.tets[t].map(|local| members[local as usize]))
+            status: output.status,
+            tets: (all_tets.clone().filter(is_kept))
+                .map(|t| output.tets[t].map(|local| members[local as usize]))
                 .collect(),
-            neighbors: (all.filter(mine))
-                .map(|t| answer.neighbors[t].map(neighbor))
+            neighbors: (all_tets.filter(is_kept))
+                .map(|t| output.neighbors[t].map(neighbor))
                 .collect(),
         })
     }
 
-    /// Whether a face lies in one side of the box of all points, so that nothing is beyond.
+    /// Returns `true` if a face lies in one side of the box of all points, so that no point is
+    /// beyond it.
     fn is_on_side(&self, face: [[f64; 3]; 3]) -> bool {
         (0..3).any(|k| {
             [self.global.low[k], self.global.high[k]]
@@ -355,87 +376,92 @@ impl<'a> PointSlabs<'a> {
         })
     }
 
-    /// Whether all that could be in the circumsphere is `within` the bounds.
-    fn is_certified(&self, [a, b, c, d]: [[f64; 3]; 4], within: [f64; 2]) -> bool {
+    /// Returns `true` if the part of the circumsphere that can contain points lies inside `bounds`.
+    fn is_certified(&self, [a, b, c, d]: [[f64; 3]; 4], bounds: [f64; 2]) -> bool {
         let [b, c, d] = [b, c, d].map(|p| sub(p, a));
         let [normal_b, normal_c, normal_d] = [cross(c, d), cross(d, b), cross(b, c)];
         let twice = 2.0 * dot(b, normal_b);
         let [b2, c2, d2] = [b, c, d].map(|p| dot(p, p));
-        let middle: [f64; 3] = std::array::from_fn(|k| {
+        let centre: [f64; 3] = std::array::from_fn(|k| {
             (b2 * normal_b[k] + c2 * normal_c[k] + d2 * normal_d[k]) / twice
         });
-        let radius2 = dot(middle, middle);
+        let radius2 = dot(centre, centre);
         let rounding = ROUNDING_TOLERANCE * radius2 / self.mean_distance;
-        // In the box of all points the sphere is less wide where its middle is outside.
+        // If the centre is outside the box of all points, only a smaller cap of the sphere is
+        // inside the box.
         let outside2: f64 = (0..3)
             .filter(|&k| k != self.axis)
             .map(|k| {
-                let x = a[k] + middle[k];
+                let x = a[k] + centre[k];
                 let [low, high] = [self.global.low[k], self.global.high[k]];
                 (low - x).max(x - high).max(0.0).powi(2)
             })
             .sum();
         let reach =
             (radius2 - outside2).max(0.0).sqrt() + (rounding * radius2.sqrt()).sqrt() + rounding;
-        let x = a[self.axis] + middle[self.axis];
-        // Not so for what is no number.
-        within[0] <= x - reach && x + reach <= within[1]
+        let x = a[self.axis] + centre[self.axis];
+        // The comparison is false for NaN, so a tetrahedron without a circumsphere is not
+        // certified.
+        bounds[0] <= x - reach && x + reach <= bounds[1]
     }
 }
 
-/// Tetrahedra in an order that depends on nothing but themselves: each begins with its first point (by
-/// number) and goes on with the first of the others, its turn unchanged; and so they follow one another.
-pub fn sort_canonical(points: usize, answer: &mut TetgenOutput) {
+/// Sorts tetrahedra into an order that depends only on the tetrahedra themselves. Each is rotated,
+/// with its orientation unchanged, to start with its lowest node and continue with the lowest of
+/// the others; then the tetrahedra are sorted by their nodes.
+pub fn sort_canonical(points: usize, output: &mut TetgenOutput) {
     let TetgenOutput {
         tets, neighbors, ..
-    } = answer;
+    } = output;
     let with_neighbors = !neighbors.is_empty();
-    let turns: Vec<[u8; 4]> = tets.par_iter().map(canonical_rotation).collect();
-    let turned = |t: u32| turns[t as usize].map(|k| tets[t as usize][usize::from(k)]);
-    // By the first point ...
-    let first = |t: u32| turned(t)[0];
+    let rotations: Vec<[u8; 4]> = tets.par_iter().map(canonical_rotation).collect();
+    let rotated = |t: u32| rotations[t as usize].map(|k| tets[t as usize][usize::from(k)]);
+    // Group by the first node,
+    let first = |t: u32| rotated(t)[0];
     let firsts: Vec<u32> = (0..tets.len() as u32).into_par_iter().map(first).collect();
     let (mut starts, mut sorted) = (Vec::new(), Vec::new());
     sort_by_group_into(points, &firsts, &mut starts, &mut sorted);
     drop(firsts);
-    // ... and then by the others.
-    let mut rest = sorted.as_mut_slice();
-    let mut groups = Vec::with_capacity(points / SORT_CHUNK + 1);
+    // then sort each group by the other nodes.
+    let mut remaining = sorted.as_mut_slice();
+    let mut chunks = Vec::with_capacity(points / SORT_CHUNK + 1);
     for first in (0..points).step_by(SORT_CHUNK) {
         let last = (first + SORT_CHUNK).min(points);
-        let (own, after) = rest.split_at_mut((starts[last] - starts[first]) as usize);
-        rest = after;
-        groups.push((first..last, own));
+        let (chunk, tail) = remaining.split_at_mut((starts[last] - starts[first]) as usize);
+        remaining = tail;
+        chunks.push((first..last, chunk));
     }
-    groups.into_par_iter().for_each(|(nodes, own)| {
-        let from = starts[nodes.start];
+    chunks.into_par_iter().for_each(|(nodes, chunk)| {
+        let chunk_start = starts[nodes.start];
         for node in nodes {
-            let place = (starts[node] - from) as usize..(starts[node + 1] - from) as usize;
-            own[place].sort_unstable_by_key(|&t| turned(t));
+            let range =
+                (starts[node] - chunk_start) as usize..(starts[node + 1] - chunk_start) as usize;
+            chunk[range].sort_unstable_by_key(|&t| rotated(t));
         }
     });
-    let new_tets = sorted.par_iter().map(|&t| turned(t)).collect();
+    let new_tets = sorted.par_iter().map(|&t| rotated(t)).collect();
     if with_neighbors {
-        let place = tets.par_iter().map(|_| AtomicU32::new(0));
-        let place: Vec<AtomicU32> = place.collect();
-        let all = sorted.par_iter().enumerate();
-        all.for_each(|(new, &old)| place[old as usize].store(new as u32, Relaxed));
-        let moved = |&t: &u32| {
-            turns[t as usize].map(|k| match neighbors[t as usize][usize::from(k)] {
+        let new_index = tets.par_iter().map(|_| AtomicU32::new(0));
+        let new_index: Vec<AtomicU32> = new_index.collect();
+        let pairs = sorted.par_iter().enumerate();
+        pairs.for_each(|(new, &old)| new_index[old as usize].store(new as u32, Relaxed));
+        let renumbered = |&t: &u32| {
+            rotations[t as usize].map(|k| match neighbors[t as usize][usize::from(k)] {
                 OUTSIDE => OUTSIDE,
-                n => place[n as usize].load(Relaxed),
+                n => new_index[n as usize].load(Relaxed),
             })
         };
-        *neighbors = sorted.par_iter().map(moved).collect();
+        *neighbors = sorted.par_iter().map(renumbered).collect();
     }
     *tets = new_tets;
 }
 
-/// The even permutation after which the least number is first and the least of the others second.
+/// Returns the even permutation that puts the lowest node first and the lowest of the others
+/// second.
 fn canonical_rotation(tet: &[u32; 4]) -> [u8; 4] {
     const ROTATIONS: [[u8; 4]; 4] = [[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]];
-    let least = (0..4).min_by_key(|&k| tet[k]).unwrap_or(0);
-    let [a, b, c, d] = ROTATIONS[least];
+    let min_corner = (0..4).min_by_key(|&k| tet[k]).unwrap_or(0);
+    let [a, b, c, d] = ROTATIONS[min_corner];
     let others = [[b, c, d], [c, d, b], [d, b, c]];
     let [b, c, d] = others
         .into_iter()
@@ -450,18 +476,19 @@ mod tests {
     use super::*;
     use crate::geometry::random::Random;
 
-    /// Points of a cubic lattice with both ends of each axis, moved by up to `noise` within the box.
-    fn lattice(dims: [usize; 3], noise: f64, place: impl Fn(f64) -> f64) -> Vec<[f64; 3]> {
+    /// Returns the points of a lattice that has points on all sides of its box. Inner coordinates
+    /// are moved at random by up to `noise` / 2.
+    fn lattice(dims: [usize; 3], noise: f64, position: impl Fn(f64) -> f64) -> Vec<[f64; 3]> {
         let mut random = Random::new(7);
         let mut points = Vec::new();
         for x in 0..dims[0] {
             for y in 0..dims[1] {
                 for z in 0..dims[2] {
-                    let at = [x, y, z];
+                    let index = [x, y, z];
                     points.push(std::array::from_fn(|k| {
-                        let moved = noise * (random.draw() - 0.5);
-                        let end = at[k] == 0 || at[k] == dims[k] - 1;
-                        place(at[k] as f64 + if end { 0.0 } else { moved })
+                        let offset = noise * (random.draw() - 0.5);
+                        let end = index[k] == 0 || index[k] == dims[k] - 1;
+                        position(index[k] as f64 + if end { 0.0 } else { offset })
                     }));
                 }
             }
@@ -470,16 +497,16 @@ mod tests {
     }
 
     fn triangulate_whole(points: &[[f64; 3]]) -> TetgenOutput {
-        let mut answer = ffi::run(points, true);
-        sort_canonical(points.len(), &mut answer);
-        answer
+        let mut output = ffi::run(points, true);
+        sort_canonical(points.len(), &mut output);
+        output
     }
 
     #[test]
-    fn parts_give_the_tetrahedra_of_the_whole() {
+    fn parts_give_the_tetrahedra_of_a_single_run() {
         let run = |points: &[[f64; 3]]| Ok(ffi::run(points, true));
         let scenes = [
-            // In general position, cospherical everywhere, and of uneven distances.
+            // In general position, cospherical everywhere, and unevenly distributed.
             lattice([30, 14, 12], 0.9, |x| x),
             lattice([30, 10, 9], 0.0, |x| x),
             lattice([12, 11, 34], 0.5, |x| x + 0.02 * x * x),
@@ -501,63 +528,77 @@ mod tests {
     }
 
     #[test]
-    fn stretches_have_the_tetrahedra_of_the_whole_in_its_order() {
+    fn intervals_have_the_tetrahedra_of_a_single_run_in_its_order() {
         let run = |points: &[[f64; 3]]| Ok(ffi::run(points, true));
         let points = lattice([60, 14, 12], 0.9, |x| x);
-        let (single, whole) = (
+        let (single, global) = (
             triangulate_whole(&points),
             GlobalPoints::from_points(&points),
         );
         let cuts = [15.0, 29.3, 45.0];
-        let stretch =
+        let interval_of =
             |tet: &[u32; 4]| cuts.partition_point(|cut| *cut <= points[tet[0] as usize][0]);
-        for own in [0..1, 1..3, 2..4, 0..4, 2..2_usize] {
+        for intervals in [0..1, 1..3, 2..4, 0..4, 2..2_usize] {
             let limits = [500, 1500];
-            // No others are at hand.
+            // Only the points that are needed are passed.
             let ends = [
-                own.start
+                intervals
+                    .start
                     .checked_sub(1)
                     .map_or(f64::NEG_INFINITY, |i| cuts[i]),
-                cuts.get(own.end.max(1) - 1)
+                cuts.get(intervals.end.max(1) - 1)
                     .copied()
                     .unwrap_or(f64::INFINITY),
             ];
-            let near = |&n: &usize| {
+            let is_near = |&n: &usize| {
                 let x = points[n][0];
-                ends[0] - whole.max_halo() <= x && x <= ends[1] + whole.max_halo()
+                ends[0] - global.max_halo() <= x && x <= ends[1] + global.max_halo()
             };
-            let numbers: Vec<usize> = (0..points.len()).filter(near).collect();
-            let some: Vec<[f64; 3]> = numbers.iter().map(|&n| points[n]).collect();
-            let some = tets_in_intervals(&some, whole, 0, &cuts, own.clone(), 3, limits, &run);
-            let mut some = some.unwrap().unwrap();
-            some.tets
+            let numbers: Vec<usize> = (0..points.len()).filter(is_near).collect();
+            let local_points: Vec<[f64; 3]> = numbers.iter().map(|&n| points[n]).collect();
+            let output = tets_in_intervals(
+                &local_points,
+                global,
+                0,
+                &cuts,
+                intervals.clone(),
+                3,
+                limits,
+                &run,
+            );
+            let mut output = output.unwrap().unwrap();
+            output
+                .tets
                 .iter_mut()
                 .for_each(|tet| *tet = tet.map(|n| numbers[n as usize] as u32));
-            sort_canonical(points.len(), &mut some);
+            sort_canonical(points.len(), &mut output);
             let chosen: Vec<usize> = (0..single.tets.len())
-                .filter(|&t| own.contains(&stretch(&single.tets[t])))
+                .filter(|&t| intervals.contains(&interval_of(&single.tets[t])))
                 .collect();
             assert!(
-                some.tets.iter().eq(chosen.iter().map(|&t| &single.tets[t])),
-                "{own:?}"
+                output
+                    .tets
+                    .iter()
+                    .eq(chosen.iter().map(|&t| &single.tets[t])),
+                "{intervals:?}"
             );
-            for (around, &t) in some.neighbors.iter().zip(&chosen) {
-                let wanted = single.neighbors[t].map(|n| match n {
+            for (adjacent, &t) in output.neighbors.iter().zip(&chosen) {
+                let expected = single.neighbors[t].map(|n| match n {
                     OUTSIDE => OUTSIDE,
                     n => chosen
                         .binary_search(&(n as usize))
                         .map_or(OUTSIDE, |n| n as u32),
                 });
-                assert_eq!(*around, wanted, "{own:?}");
+                assert_eq!(*adjacent, expected, "{intervals:?}");
             }
         }
-        // Two points at one place: only the whole says so.
+        // Of two coinciding points TetGen drops one. Only a run with all points reports that.
         let mut twice = points.clone();
         twice.push(points[1000]);
-        let at = points[1000][0];
-        let (cuts, whole) = ([at - 4.0, at + 4.0], GlobalPoints::from_points(&twice));
-        let some = tets_in_intervals(&twice, whole, 0, &cuts, 1..2, 1, [500, 9999], &run);
-        assert!(some.unwrap().is_none());
+        let x = points[1000][0];
+        let (cuts, global) = ([x - 4.0, x + 4.0], GlobalPoints::from_points(&twice));
+        let output = tets_in_intervals(&twice, global, 0, &cuts, 1..2, 1, [500, 9999], &run);
+        assert!(output.unwrap().is_none());
     }
 
     #[test]

@@ -1,10 +1,10 @@
-//! TetGen: what it makes of good and of bad points.
+//! Tests of TetGen with valid and invalid points.
 
 use super::*;
 use crate::Error;
 use crate::geometry::{cross, dot, volume6};
 
-/// Face-centred cubic points of half-spacing `h` in the box [0, m * h]^3, sides included.
+/// Returns face-centred cubic points of half-spacing `h` in the box [0, m * h]^3, sides included.
 fn fcc(m: usize, h: f64) -> Vec<[f64; 3]> {
     let mut points = Vec::new();
     for k in 0..=m {
@@ -19,7 +19,8 @@ fn fcc(m: usize, h: f64) -> Vec<[f64; 3]> {
     points
 }
 
-/// A small generator of uniform numbers in [0, 1); the tests need no quality.
+/// Returns a uniform random number in [0, 1), from a simple generator that is good enough for
+/// tests.
 fn uniform(state: &mut u64) -> f64 {
     *state = state
         .wrapping_mul(6364136223846793005)
@@ -33,14 +34,14 @@ fn six_volumes(mesh: &TetMesh) -> Vec<f64> {
         .collect()
 }
 
-/// Positive tetrahedra of the given total volume; mutual neighbours; the hull's faces on the
-/// box; the hull's area that of the box.
+/// Asserts that tetrahedra are positive and have the right total volume, neighbours are mutual, and
+/// the hull's faces lie on the box's sides and cover their area.
 fn assert_fills_box(d: &Delaunay, extent: [f64; 3]) {
-    let six = six_volumes(&d.mesh);
+    let volumes6 = six_volumes(&d.mesh);
     let box_volume = extent[0] * extent[1] * extent[2];
-    let worst = six.iter().copied().fold(f64::INFINITY, f64::min);
+    let worst = volumes6.iter().copied().fold(f64::INFINITY, f64::min);
     assert!(worst > 1e-9, "a flat or inverted tetrahedron: {worst}");
-    let error = six.iter().sum::<f64>() / 6.0 / box_volume - 1.0;
+    let error = volumes6.iter().sum::<f64>() / 6.0 / box_volume - 1.0;
     assert!(error.abs() <= 1e-12, "volume error {error}");
     let mut area = [0.0; 6];
     for (t, tet) in d.mesh.tets.iter().enumerate() {
@@ -61,24 +62,26 @@ fn assert_fills_box(d: &Delaunay, extent: [f64; 3]) {
                         - (x[1][b] - x[0][b]) * (x[2][a] - x[0][a]))
                         .abs();
             } else {
-                let back = d.neighbors[n as usize]
+                let back_index = d.neighbors[n as usize]
                     .iter()
                     .position(|&b| b as usize == t);
-                let back = back.expect("neighbours know each other");
-                let other = d.mesh.tets[n as usize];
-                let mut theirs: Vec<u32> =
-                    (0..4).filter(|&i| i != back).map(|i| other[i]).collect();
+                let back_index = back_index.expect("neighbours are mutual");
+                let other_tet = d.mesh.tets[n as usize];
+                let mut other_face: Vec<u32> = (0..4)
+                    .filter(|&i| i != back_index)
+                    .map(|i| other_tet[i])
+                    .collect();
                 face.sort_unstable();
-                theirs.sort_unstable();
-                assert_eq!(face, theirs);
+                other_face.sort_unstable();
+                assert_eq!(face, other_face);
             }
         }
     }
     for (side, area) in area.iter().enumerate() {
-        let want = box_volume / extent[side / 2];
+        let expected = box_volume / extent[side / 2];
         assert!(
-            (area / want - 1.0).abs() < 1e-12,
-            "side {side}: area {area}, not {want}"
+            (area / expected - 1.0).abs() < 1e-12,
+            "side {side}: area {area}, not {expected}"
         );
     }
 }
@@ -100,15 +103,15 @@ fn four_points_make_one_positive_tetrahedron() {
     assert_eq!(delaunay(&points).unwrap(), d.mesh);
 }
 
-/// The worst case of degeneracy: every point on many common spheres, the hull's in six planes.
-/// (Five points of each square and eight of each octahedron's neighbourhood are cospherical.)
+/// The most degenerate case: every point lies on many common spheres, and the hull's points in six
+/// planes. (Five points of each square, and eight round each octahedron, are cospherical.)
 #[test]
 fn perfect_lattice_fills_its_box() {
     for m in [2, 3, 10] {
-        // 0.7 is not a dyadic fraction: planes are exact only because coordinates repeat.
+        // 0.7 is not a dyadic fraction: the planes are exact only because coordinates repeat.
         let h = 0.7;
         let d = delaunay_with_neighbors(&if m == 3 {
-            // Odd sizes leave corners out of the parity lattice: add all eight.
+            // For odd sizes the parity lattice lacks some corners, so all eight are added.
             let mut points = fcc(m, h);
             for corner in 0..8 {
                 let p = std::array::from_fn(|k| ((corner >> k) & 1) as f64 * m as f64 * h);
@@ -128,18 +131,18 @@ fn perfect_lattice_fills_its_box() {
 #[test]
 fn random_interior_in_a_regular_box_is_delaunay() {
     let (m, h) = (12, 1.3);
-    let far = m as f64 * h;
+    let length = m as f64 * h;
     let mut state = 7;
     let mut points = fcc(m, h);
     for p in &mut points {
-        if p.iter().all(|&c| c > 0.0 && c < far) {
+        if p.iter().all(|&c| c > 0.0 && c < length) {
             p.iter_mut()
                 .for_each(|c| *c += (uniform(&mut state) - 0.5) * h);
         }
     }
     let d = delaunay_with_neighbors(&points).unwrap();
-    assert_fills_box(&d, [far; 3]);
-    // Empty spheres: the node beyond each face is not inside (up to rounding).
+    assert_fills_box(&d, [length; 3]);
+    // Empty spheres: the node beyond each face is not inside the circumsphere (up to rounding).
     for (t, tet) in d.mesh.tets.iter().enumerate() {
         for k in 0..4 {
             let n = d.neighbors[t][k];
@@ -163,10 +166,10 @@ fn random_interior_in_a_regular_box_is_delaunay() {
 
 fn circumsphere(x: [[f64; 3]; 4]) -> ([f64; 3], f64) {
     let e: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|k| x[i + 1][k] - x[0][k]));
-    let six = dot(e[0], cross(e[1], e[2]));
+    let volume6 = dot(e[0], cross(e[1], e[2]));
     let (a, b, c) = (cross(e[1], e[2]), cross(e[2], e[0]), cross(e[0], e[1]));
     let r: [f64; 3] = std::array::from_fn(|k| {
-        (dot(e[0], e[0]) * a[k] + dot(e[1], e[1]) * b[k] + dot(e[2], e[2]) * c[k]) / (2.0 * six)
+        (dot(e[0], e[0]) * a[k] + dot(e[1], e[1]) * b[k] + dot(e[2], e[2]) * c[k]) / (2.0 * volume6)
     });
     (std::array::from_fn(|k| x[0][k] + r[k]), dot(r, r).sqrt())
 }
@@ -174,13 +177,13 @@ fn circumsphere(x: [[f64; 3]; 4]) -> ([f64; 3], f64) {
 #[test]
 fn same_points_same_tetrahedra_also_from_many_threads() {
     let points = fcc(8, 1.0);
-    let want = delaunay(&points).unwrap();
+    let expected = delaunay(&points).unwrap();
     std::thread::scope(|scope| {
         let runs: Vec<_> = (0..4)
             .map(|_| scope.spawn(|| delaunay(&points).unwrap()))
             .collect();
         for run in runs {
-            assert_eq!(run.join().unwrap(), want);
+            assert_eq!(run.join().unwrap(), expected);
         }
     });
 }
@@ -217,8 +220,8 @@ fn oblique_planes_and_lines_are_named_and_thin_slabs_are_not() {
         .map(|i| [0.1, 0.2, 0.7].map(|c| c * f64::from(i)))
         .collect();
     assert!(error_message(&line).contains("one line"));
-    let far: Vec<[f64; 3]> = line.iter().map(|p| p.map(|c| c + 6e5)).collect();
-    assert!(error_message(&far).contains("one line"));
+    let far_away: Vec<[f64; 3]> = line.iter().map(|p| p.map(|c| c + 6e5)).collect();
+    assert!(error_message(&far_away).contains("one line"));
 
     let slab: Vec<[f64; 3]> = plane
         .iter()
@@ -232,12 +235,12 @@ fn oblique_planes_and_lines_are_named_and_thin_slabs_are_not() {
 #[test]
 fn coinciding_points_are_named() {
     let mut points = fcc(6, 1.0);
-    let twin = points.len();
+    let duplicate = points.len();
     points.push(points[31]);
     let text = error_message(&points);
     assert!(
-        text.contains(&format!("points {twin} and 31 are 0e0 apart"))
-            || text.contains(&format!("points 31 and {twin} are 0e0 apart")),
+        text.contains(&format!("points {duplicate} and 31 are 0e0 apart"))
+            || text.contains(&format!("points 31 and {duplicate} are 0e0 apart")),
         "{text}"
     );
     points.push(points[5]);

@@ -1,9 +1,13 @@
-//! TetGen in processes of its own: `atomesh-tetgen` of `tetgen-sys`, or any program that [serves](serve).
+//! Runs TetGen in separate worker processes: `atomesh-tetgen` of `tetgen-sys`, or any program that
+//! calls [`serve`].
 //!
-//! For several parts of one triangulation at once; for a program that cannot hold TetGen itself (a shared library such as Python's extension modules
-//! hides the symbol with which the shim makes TetGen's errors harmless), or that wants to live on
-//! whatever becomes of TetGen. The answer is the same to the byte, and calls do not wait for one another.
-//! What goes over the pipes is told in `tetgen-sys/cpp/worker.cpp`.
+//! Workers serve three purposes. They compute several parts of one triangulation at the same time.
+//! They help programs that cannot contain TetGen themselves: a shared library such as a Python
+//! extension module hides the symbol with which the shim makes TetGen's errors harmless. And they
+//! protect the calling program from crashes of TetGen.
+//!
+//! The result is identical to the byte, and calls do not wait for one another. The protocol on the
+//! pipes is described in `tetgen-sys/cpp/worker.cpp`.
 
 use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::path::PathBuf;
@@ -16,24 +20,27 @@ use std::time::Duration;
 use super::{TetgenOutput, delaunay_error};
 use crate::error::Result;
 
-/// Hundredths of a second in which a worker that has hung up may end by itself.
+/// Time in hundredths of a second that a worker gets to end by itself after it has closed its
+/// pipes.
 const GRACE_CENTISECONDS: usize = 50;
 
 /// A program that runs TetGen.
 pub(super) struct WorkerProgram {
     path: PathBuf,
     arguments: &'static [&'static str],
-    /// For all, or only for parts of large ones.
+    /// `true` if it runs all triangulations, `false` if it runs only the parts of large ones.
     runs_all: bool,
 }
 
 static PROGRAM: OnceLock<WorkerProgram> = OnceLock::new();
 
-/// The largest memory of this process and its workers together, in MB, where the system tells.
+/// Largest memory so far of this process and its workers together, in MB, on systems that report
+/// it.
 static PEAK_MB: AtomicU64 = AtomicU64::new(0);
 
-/// From now on TetGen runs in processes of this program, `atomesh-tetgen`, instead of in this process; large
-/// triangulations in several at once. The first call of this or [`share_with_workers`] counts.
+/// Makes TetGen run in processes of this program, `atomesh-tetgen`, instead of in this process, and
+/// large triangulations in several processes at the same time. Only the first call of this function
+/// or of [`share_with_workers`] has an effect.
 pub fn run_in_worker(program: impl Into<PathBuf>) {
     PROGRAM.get_or_init(|| WorkerProgram {
         path: program.into(),
@@ -42,8 +49,8 @@ pub fn run_in_worker(program: impl Into<PathBuf>) {
     });
 }
 
-/// From now on large triangulations are made in parts, by as many processes of this program at once as there
-/// are threads; with these arguments it has to [`serve`].
+/// Makes large triangulations run in parts, in as many processes of this program at the same time
+/// as there are threads. With these arguments the program must call [`serve`].
 pub fn share_with_workers(program: impl Into<PathBuf>, arguments: &'static [&'static str]) {
     PROGRAM.get_or_init(|| WorkerProgram {
         path: program.into(),
@@ -52,34 +59,36 @@ pub fn share_with_workers(program: impl Into<PathBuf>, arguments: &'static [&'st
     });
 }
 
-/// The program to run, if it shall not be this one.
+/// Returns the worker program, if all triangulations should run in it.
 pub(super) fn program_for_all() -> Option<&'static WorkerProgram> {
     PROGRAM.get().filter(|program| program.runs_all)
 }
 
-/// The program for parts.
+/// Returns the worker program for parts of large triangulations.
 pub(super) fn program_for_parts() -> Option<&'static WorkerProgram> {
     PROGRAM.get()
 }
 
-/// Largest memory so far of this process together with its workers, in MB (10^6 bytes); 0 without any.
+/// Returns the largest memory so far of this process together with its workers, in MB (10^6 bytes);
+/// 0 if no worker has run.
 pub fn peak_mb() -> f64 {
     PEAK_MB.load(Relaxed) as f64
 }
 
-/// Reads points from standard input and writes their tetrahedra on standard output, as `atomesh-tetgen` does;
-/// gives the exit code.
+/// Reads points from standard input and writes their tetrahedra to standard output, as
+/// `atomesh-tetgen` does. Returns the exit code.
 #[allow(unsafe_code)]
 pub fn serve() -> u8 {
-    // SAFETY: touches nothing but its own memory, standard input and output; the one TetGen that runs.
+    // SAFETY: the function uses only its own memory, standard input and standard output, and it is
+    // the only TetGen that runs in this process.
     unsafe { tetgen_sys::tetgen_shim_serve() as u8 }
 }
 
-/// What TetGen, run by `program`, answers.
+/// Returns TetGen's output, computed by a process of `program`.
 ///
 /// # Errors
-/// [`Error::Delaunay`](crate::Error::Delaunay) if it cannot be run, or ends without an answer: crashes,
-/// is killed, hangs up. It never outlives the call.
+/// Returns [`Error::Delaunay`](crate::Error::Delaunay) if the program cannot be run, or if it ends
+/// without output: it crashes, is killed or closes its pipes. The process never outlives the call.
 pub(super) fn run_program(
     program: &WorkerProgram,
     points: &[[f64; 3]],
@@ -109,21 +118,21 @@ pub(super) fn run_program(
         .map_err(|error| worker.failure(&error))
 }
 
-/// Ended, if it has not ended by itself, when dropped.
+/// A worker process. It is killed when dropped, unless it has ended by itself.
 struct Worker(Child);
 
 impl Drop for Worker {
     fn drop(&mut self) {
-        // Both fail, as they may, where it has ended.
+        // Both calls fail if the process has ended already, which is no problem.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
 }
 
 impl Worker {
-    /// Why there is no answer.
+    /// Returns the error that explains why there is no output.
     fn failure(&mut self, error: &io::Error) -> crate::Error {
-        // Having lost its pipes it is about to end, if it has not.
+        // The worker has lost its pipes: it has ended, or it will end soon.
         let mut ended = None;
         for _ in 0..GRACE_CENTISECONDS {
             ended = self.0.try_wait().ok().flatten();
@@ -134,7 +143,7 @@ impl Worker {
         }
         let ended = match ended {
             Some(status) => status.to_string(),
-            None => "it hung up".to_string(),
+            None => "it closed its pipes".to_string(),
         };
         delaunay_error(
             format!("TetGen's program ended without an answer ({ended}; {error})"),
@@ -144,7 +153,7 @@ impl Worker {
     }
 }
 
-/// Hands over the points; who gives `input` away closes it.
+/// Sends the points to the worker. Dropping `input` closes the pipe.
 fn send_points(input: ChildStdin, points: &[[f64; 3]], with_neighbors: bool) -> io::Result<()> {
     let mut input = BufWriter::with_capacity(1 << 16, input);
     input.write_all(&(points.len() as u64).to_ne_bytes())?;
@@ -155,11 +164,11 @@ fn send_points(input: ChildStdin, points: &[[f64; 3]], with_neighbors: bool) -> 
     input.flush()
 }
 
-/// What the worker answers; `at_work` while it still has all that it needed.
+/// Reads the worker's output. Calls `record_memory` while the worker still holds all its memory.
 fn receive_tets(
     output: ChildStdout,
     with_neighbors: bool,
-    at_work: impl FnOnce() -> WorkerMemory,
+    record_memory: impl FnOnce() -> WorkerMemory,
 ) -> io::Result<TetgenOutput> {
     let mut output = BufReader::with_capacity(1 << 16, output);
     let mut number = [0; 8];
@@ -167,11 +176,12 @@ fn receive_tets(
     let status = i64::from_ne_bytes(number);
     output.read_exact(&mut number)?;
     let count = u64::from_ne_bytes(number);
-    let _until_it_is_read = at_work();
+    let _memory = record_memory();
     let tets = read_tets(&mut output, count)?;
-    let neighbors = match with_neighbors {
-        true => read_tets(&mut output, count)?,
-        false => Vec::new(),
+    let neighbors = if with_neighbors {
+        read_tets(&mut output, count)?
+    } else {
+        Vec::new()
     };
     Ok(TetgenOutput {
         status,
@@ -180,18 +190,19 @@ fn receive_tets(
     })
 }
 
-/// Memory of a worker that is at work, in MB.
+/// Memory of a running worker, in MB.
 struct WorkerMemory(u64);
 
-/// Of all workers at work.
+/// Memory of all running workers, in MB.
 static WORKERS_MB: AtomicU64 = AtomicU64::new(0);
 
-/// Takes down what a worker and all others have at its end, with this process.
+/// Records the peak memory of a worker together with that of all other running workers and this
+/// process.
 fn record_memory(worker: u32) -> WorkerMemory {
     let megabytes = |process: &str, row: &str| {
         let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
         let line = status.lines().find_map(|line| line.strip_prefix(row));
-        let kilobytes = line.and_then(|rest| rest.split_whitespace().next()?.parse::<u64>().ok());
+        let kilobytes = line.and_then(|value| value.split_whitespace().next()?.parse::<u64>().ok());
         kilobytes.unwrap_or(0) * 1024 / 1_000_000
     };
     let memory = WorkerMemory(megabytes(&worker.to_string(), "VmHWM:"));
@@ -207,13 +218,13 @@ impl Drop for WorkerMemory {
 }
 
 fn read_tets(output: &mut impl Read, count: u64) -> io::Result<Vec<[u32; 4]>> {
-    let mut four = [0; 16];
-    let read = |_| {
-        output.read_exact(&mut four)?;
-        let (numbers, _) = four.as_chunks::<4>();
+    let mut buffer = [0; 16];
+    let read_tet = |_| {
+        output.read_exact(&mut buffer)?;
+        let (numbers, _) = buffer.as_chunks::<4>();
         Ok(std::array::from_fn(|k| u32::from_ne_bytes(numbers[k])))
     };
-    (0..count).map(read).collect()
+    (0..count).map(read_tet).collect()
 }
 
 #[cfg(test)]
@@ -229,11 +240,11 @@ mod tests {
     const WORKER_PATH: &str = env!("ATOMESH_TETGEN_WORKER");
 
     fn program(path: impl Into<PathBuf>) -> WorkerProgram {
-        let (path, arguments, for_all) = (path.into(), &[][..], true);
+        let (path, arguments, runs_all) = (path.into(), &[][..], true);
         WorkerProgram {
             path,
             arguments,
-            runs_all: for_all,
+            runs_all,
         }
     }
 
@@ -244,7 +255,7 @@ mod tests {
             .collect()
     }
 
-    /// A program that does what the script says.
+    /// Creates a program that runs the shell script `text`.
     fn script(folder: &Path, text: &str) -> PathBuf {
         let path = folder.join("worker");
         std::fs::write(&path, format!("#!/bin/sh\n{text}\n")).unwrap();
@@ -263,42 +274,45 @@ mod tests {
     fn a_worker_answers_as_this_process_does() {
         let points = scattered(3000);
         for with_neighbors in [false, true] {
-            let own = super::super::ffi::run(&points, with_neighbors);
-            let other = run_program(&program(WORKER_PATH), &points, with_neighbors).unwrap();
-            assert_eq!((own.status, own.tets), (other.status, other.tets));
-            assert_eq!(own.neighbors, other.neighbors);
-            assert_eq!(other.neighbors.is_empty(), !with_neighbors);
+            let in_process = super::super::ffi::run(&points, with_neighbors);
+            let in_worker = run_program(&program(WORKER_PATH), &points, with_neighbors).unwrap();
+            assert_eq!(
+                (in_process.status, in_process.tets),
+                (in_worker.status, in_worker.tets)
+            );
+            assert_eq!(in_process.neighbors, in_worker.neighbors);
+            assert_eq!(in_worker.neighbors.is_empty(), !with_neighbors);
         }
     }
 
-    /// The error that would crash a program in which TetGen's own `terminatetetgen` is called.
+    /// This error would crash a program in which TetGen's own `terminatetetgen` is called.
     #[test]
     fn a_worker_reports_tetgens_errors() {
         let flat: Vec<[f64; 3]> = (0..400)
             .map(|i| (f64::from(i % 20), f64::from(i / 20)))
             .map(|(x, y)| [x, y, x + 2.0 * y])
             .collect();
-        let answer = run_program(&program(WORKER_PATH), &flat, true).unwrap();
-        assert_eq!(answer.status, i64::from(tetgen_sys::TETGEN_SHIM_BAD_INPUT));
-        assert!(answer.tets.is_empty());
+        let output = run_program(&program(WORKER_PATH), &flat, true).unwrap();
+        assert_eq!(output.status, i64::from(tetgen_sys::TETGEN_SHIM_BAD_INPUT));
+        assert!(output.tets.is_empty());
     }
 
     #[test]
     fn a_worker_that_does_not_answer_is_one_error() {
         let folder = tempfile::tempdir().unwrap();
         let points = scattered(5000);
-        let ways = [
+        let cases = [
             ("kill -9 $$", "signal: 9"),
             ("exit 3", "exit status: 3"),
             ("cat >/dev/null; kill -SEGV $$", "signal: 11"),
             ("exec 0<&- 1>&-; exit 0", "exit status: 0"),
-            ("exec 0<&- 1>&- sleep 1000", "it hung up"),
+            ("exec 0<&- 1>&- sleep 1000", "it closed its pipes"),
             ("cat >/dev/null; printf 12345678123", "failed to fill"),
         ];
-        for (text, says) in ways {
+        for (text, expected) in cases {
             let error = error_message(&script(folder.path(), text), &points);
             assert!(error.contains("without an answer"), "{text}: {error}");
-            assert!(error.contains(says), "{text}: {error}");
+            assert!(error.contains(expected), "{text}: {error}");
         }
         let error = error_message(&folder.path().join("absent"), &points);
         assert!(error.contains("cannot be run"), "{error}");
@@ -315,21 +329,21 @@ mod tests {
         let program = script(folder.path(), &text);
         let points = scattered(400_000);
         let number = thread::scope(|scope| {
-            let asking = scope.spawn(|| error_message(&program, &points));
-            let begun = Instant::now();
+            let caller = scope.spawn(|| error_message(&program, &points));
+            let start = Instant::now();
             while !pid.exists() {
-                assert!(begun.elapsed() < Duration::from_secs(30), "no worker");
+                assert!(start.elapsed() < Duration::from_secs(30), "no worker");
                 thread::sleep(Duration::from_millis(5));
             }
             thread::sleep(Duration::from_millis(100));
             let number = std::fs::read_to_string(&pid).unwrap().trim().to_string();
             let killed = Command::new("kill").args(["-9", &number]).status().unwrap();
             assert!(killed.success(), "it was not at work any more");
-            let error = asking.join().unwrap();
+            let error = caller.join().unwrap();
             assert!(error.contains("signal: 9"), "{error}");
             number
         });
-        // Nor a zombie.
+        // The killed worker does not remain as a zombie process.
         assert!(!Path::new("/proc").join(number).exists());
     }
 }

@@ -1,24 +1,25 @@
-//! Sites whose Voronoi cells have the facets of a surface for faces (VoroCrust: Abdelkader and others,
-//! ACM Transactions on Graphics 39(3), 2020).
+//! Places sites whose Voronoi cells have the facets of a surface as faces (VoroCrust: Abdelkader
+//! and others, ACM Transactions on Graphics 39(3), 2020).
 //!
-//! A ball round every node of the surface: the spheres of a facet's nodes meet in two points, mirror
-//! images of each other in the facet's plane. These are sites. Where no other ball covers either of
-//! them, nothing is nearer to a node of the facet than the sites round it, all of which are on its sphere: so the
-//! nodes are nodes of cells, and the face between the two sites is the facet. All other atoms stay
-//! outside of the balls.
+//! Every node of the surface gets a ball. The spheres of a facet's nodes meet in two points, mirror
+//! images of each other in the facet's plane; these are sites. If no other ball covers them,
+//! nothing is nearer to a node of the facet than the sites round it, and these all lie on its
+//! sphere. Therefore the nodes are nodes of cells, and the face between the two sites is the facet.
+//! All other atoms stay outside the balls.
 //!
 //! - `surface`: the facets, and how they meet
-//! - `tidy`: better triangles
+//! - `regularise`: improves the shape of triangles
 //! - `balls`: radii such that few points are covered
 //! - `faces`: the faces of cells that lie on the surface
-//! - `room`: where sites may stand
+//! - `site_region`: where sites may be
 //!
-//! A facet whose points are covered, beyond a side of the box or too near to those of another facet goes
-//! without sites. The cells around take its place, and as their sites are mirror images in nearly the same
-//! plane, their faces go on nearly in it; [`ConformingSites::covered_share`] tells how much of the surface is followed so.
+//! A facet gets no sites if its points are covered, beyond a side of the box, or too close to those
+//! of another facet. The cells round it fill its place. Their sites are mirror images in nearly the
+//! same plane, so their faces continue nearly in it. [`ConformingSites::covered_share`] measures
+//! how much of the surface has exact faces.
 //!
-//! Where a surface ends, a site stands ahead of its rim, as far from it as those above and below: the three cells meet
-//! at the rim, and the face ends there.
+//! Where a surface ends, one more site is placed ahead of its rim, at the same distance from the
+//! rim as the sites above and below. The three cells meet at the rim, and the face ends there.
 
 mod balls;
 mod faces;
@@ -35,62 +36,63 @@ pub use faces::FacetGrid;
 pub use site_region::SiteRegion;
 pub use surface::FacetSurface;
 
-/// Sites nearer to one another than this, in units of the edges round them, are too near.
+/// Smallest distance between sites, in mean edge lengths of their facets.
 const MIN_SITE_DISTANCE: f64 = 0.25;
 
-/// Sites on either side of the facets of a surface, and the balls that other atoms keep out of.
+/// Sites on both sides of the facets of a surface, and the balls that other atoms must not enter.
 #[derive(Debug)]
 pub struct ConformingSites<const D: usize> {
     balls: Balls<D>,
     site_region: SiteRegion<D>,
     grid: CellList<D>,
     max_radius: f64,
-    /// The facets that have their two sites, ascending.
+    /// The facets that have two sites, ascending.
     facets: Vec<u32>,
-    /// The facets, and of each the node opposite its rim, of the sites ahead of rims.
+    /// The sites ahead of rims: the facet, and the index of its node opposite the rim.
     rims: Vec<(u32, usize)>,
 }
 
 impl<const D: usize> ConformingSites<D> {
-    /// Sites for a surface in the box `[0, extent]`, none of them near the atoms that are `given`.
-    pub fn new(surface: FacetSurface<D>, extent: [f64; D], given: &[[f64; D]]) -> Self {
-        Self::with_region(surface, extent, given, SiteRegion::default())
+    /// Creates sites for a surface in the box `[0, extent]`, none of them close to the `existing`
+    /// atoms.
+    pub fn new(surface: FacetSurface<D>, extent: [f64; D], existing: &[[f64; D]]) -> Self {
+        Self::with_region(surface, extent, existing, SiteRegion::default())
     }
 
-    /// The same where there is `room`; other atoms keep to it, too.
+    /// Creates sites for a surface inside a `region`, which also applies to other atoms.
     pub fn with_region(
         surface: FacetSurface<D>,
         extent: [f64; D],
-        given: &[[f64; D]],
-        room: SiteRegion<D>,
+        existing: &[[f64; D]],
+        region: SiteRegion<D>,
     ) -> Self {
         let balls = Balls::new(surface, extent);
-        let largest = balls.max_radius();
+        let max_radius = balls.max_radius();
         let mut conforming = Self {
-            grid: CellList::new(&balls.surface.nodes, largest.max(f64::MIN_POSITIVE)),
-            max_radius: largest,
-            site_region: room,
+            grid: CellList::new(&balls.surface.nodes, max_radius.max(f64::MIN_POSITIVE)),
+            max_radius,
+            site_region: region,
             facets: Vec::new(),
             rims: Vec::new(),
             balls,
         };
-        conforming.facets = conforming.separated_facets(given);
+        conforming.facets = conforming.separated_facets(existing);
         conforming.rims = conforming.rims_with_sites();
         conforming
     }
 
-    /// The surface, as the faces follow it.
+    /// Returns the surface.
     pub fn surface(&self) -> &FacetSurface<D> {
         &self.balls.surface
     }
 
-    /// The facets that have their two sites, ascending.
+    /// Returns the facets that have two sites, ascending.
     pub fn facets(&self) -> &[u32] {
         &self.facets
     }
 
-    /// The sites: for each of the [`facets`](Self::facets) that above and that below it, then those ahead
-    /// of rims.
+    /// Returns the sites: two for each of the [`facets`](Self::facets), above and below it, then
+    /// those ahead of rims.
     pub fn sites(&self) -> Vec<[f64; D]> {
         let points = self
             .facets
@@ -100,44 +102,46 @@ impl<const D: usize> ConformingSites<D> {
         points.flatten().chain(rims).collect()
     }
 
-    /// Where sites and other atoms may stand.
+    /// Returns the region where sites and other atoms may be.
     pub fn site_region(&self) -> &SiteRegion<D> {
         &self.site_region
     }
 
-    /// Whether there is room at a place outside of all balls.
+    /// Returns `true` if a position is inside the region and outside all balls.
     pub fn is_free(&self, x: [f64; D]) -> bool {
-        let mut free = self.site_region.contains(x);
-        if free && !self.surface().nodes.is_empty() {
+        let mut is_free = self.site_region.contains(x);
+        if is_free && !self.surface().nodes.is_empty() {
             self.grid.visit_within(x, self.max_radius, |n| {
-                free = free && !self.balls.covers(n, &x);
+                is_free = is_free && !self.balls.covers(n, &x);
             });
         }
-        free
+        is_free
     }
 
-    /// Takes those of the [`sites`](Self::sites) away that are `unfit`, those of facets in pairs; whether there
-    /// are any.
-    pub fn remove_unfit(&mut self, unfit: impl Fn(usize) -> bool) -> bool {
+    /// Removes the [`sites`](Self::sites) for which `is_unfit` holds, those of facets in pairs.
+    /// Returns `true` if any were removed.
+    pub fn remove_unfit(&mut self, is_unfit: impl Fn(usize) -> bool) -> bool {
         let (facets, rims) = (self.facets.len(), self.rims.len());
-        let mut place = 0..facets;
-        let pair = |i: usize| unfit(2 * i) || unfit(2 * i + 1);
+        let mut indices = 0..facets;
+        let has_unfit_site = |i: usize| is_unfit(2 * i) || is_unfit(2 * i + 1);
         self.facets
-            .retain(|_| place.next().is_none_or(|i| !pair(i)));
-        let mut place = 2 * facets..;
-        self.rims.retain(|_| place.next().is_none_or(|i| !unfit(i)));
+            .retain(|_| indices.next().is_none_or(|i| !has_unfit_site(i)));
+        let mut indices = 2 * facets..;
+        self.rims
+            .retain(|_| indices.next().is_none_or(|i| !is_unfit(i)));
         self.facets.len() < facets || self.rims.len() < rims
     }
 
-    /// The facets whose points are fit for sites and apart from one another, the larger of two that are
-    /// not.
-    fn separated_facets(&self, given: &[[f64; D]]) -> Vec<u32> {
+    /// Returns the facets whose points can be sites and are far enough from each other. Of two
+    /// facets that are too close, the larger one is kept.
+    fn separated_facets(&self, existing: &[[f64; D]]) -> Vec<u32> {
         let balls = &self.balls;
         let mut facets: Vec<u32> = Vec::new();
         let mut points: Vec<[f64; D]> = Vec::new();
         for f in 0..self.surface().facets.len() {
-            let fits = |pair: &[[f64; D]; 2]| pair.iter().all(|&x| self.site_region.contains(x));
-            if let Some(pair) = balls.facet_points(f).filter(fits) {
+            let is_allowed =
+                |pair: &[[f64; D]; 2]| pair.iter().all(|&x| self.site_region.contains(x));
+            if let Some(pair) = balls.facet_points(f).filter(is_allowed) {
                 facets.push(f as u32);
                 points.extend(pair);
             }
@@ -146,30 +150,30 @@ impl<const D: usize> ConformingSites<D> {
             .iter()
             .map(|&f| balls.edge_length(f as usize))
             .collect();
-        let reach = MIN_SITE_DISTANCE * sizes.iter().copied().fold(0.0, f64::max);
+        let radius = MIN_SITE_DISTANCE * sizes.iter().copied().fold(0.0, f64::max);
         let mut kept = vec![true; facets.len()];
         if facets.is_empty() {
             return facets;
         }
-        let grid = CellList::new(&points, reach);
-        let mut near: Vec<(f64, usize, usize)> = Vec::new();
+        let grid = CellList::new(&points, radius);
+        let mut close_pairs: Vec<(f64, usize, usize)> = Vec::new();
         for (i, x) in points.iter().enumerate() {
             grid.visit(*x, |j| {
                 let (f, g) = (i / 2, j / 2);
-                let apart = distance2(x, &points[j]).sqrt() / sizes[f].min(sizes[g]);
-                if f < g && apart < MIN_SITE_DISTANCE {
-                    near.push((apart, f, g));
+                let distance = distance2(x, &points[j]).sqrt() / sizes[f].min(sizes[g]);
+                if f < g && distance < MIN_SITE_DISTANCE {
+                    close_pairs.push((distance, f, g));
                 }
             });
         }
-        for x in given {
-            grid.visit_within(*x, reach, |i| {
+        for x in existing {
+            grid.visit_within(*x, radius, |i| {
                 kept[i / 2] &= distance2(x, &points[i]).sqrt() >= MIN_SITE_DISTANCE * sizes[i / 2];
             });
         }
-        near.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+        close_pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
         let area = |f: usize| norm(normal(&self.surface().corners(facets[f] as usize)));
-        for (_, f, g) in near {
+        for (_, f, g) in close_pairs {
             if kept[f] && kept[g] {
                 kept[if area(f) < area(g) { f } else { g }] = false;
             }
@@ -179,27 +183,28 @@ impl<const D: usize> ConformingSites<D> {
         facets
     }
 
-    /// The site ahead of the rim of a facet opposite its k-th node, if there is room.
+    /// Returns the site ahead of the rim of a facet opposite its k-th node, if that position is
+    /// free.
     fn site_ahead_of(&self, (f, k): (u32, usize)) -> Option<[f64; D]> {
         self.balls
             .rim_point(f as usize, k)
             .filter(|&x| self.is_free(x))
     }
 
-    /// The rims ahead of which sites stand: of facets that have sites.
+    /// Returns the rims, of facets that have sites, ahead of which sites are placed.
     fn rims_with_sites(&self) -> Vec<(u32, usize)> {
         let surface = self.surface();
         let mut rims: Vec<((u32, usize), [f64; D], f64)> = Vec::new();
         for (ridge, facets) in surface.ridges() {
             let [f] = facets[..] else { continue };
             let nodes = ridge.iter().filter(|&&n| n != NONE);
-            let on_side = nodes.fold(u8::MAX, |s, &n| {
+            let common_sides = nodes.fold(u8::MAX, |s, &n| {
                 s & surface.sides_of_node(n, self.balls.extent())
             });
             let opposite = surface.facets[f as usize]
                 .iter()
                 .position(|n| !ridge.contains(n));
-            if on_side != 0 || self.facets.binary_search(&f).is_err() {
+            if common_sides != 0 || self.facets.binary_search(&f).is_err() {
                 continue;
             }
             let Some(rim) = opposite.map(|k| (f, k)) else {
@@ -213,23 +218,23 @@ impl<const D: usize> ConformingSites<D> {
                 ));
             }
         }
-        let mut ahead = Vec::new();
+        let mut kept = Vec::new();
         if rims.is_empty() {
-            return ahead;
+            return kept;
         }
         let extent = self.balls.extent();
-        let reach = rims.iter().fold(0.0f64, |most, rim| most.max(rim.2));
-        // Never more than a million cells.
+        let max_distance = rims.iter().fold(0.0f64, |max, rim| max.max(rim.2));
+        // The grid has at most a million cells.
         let volume: f64 = extent.iter().product();
-        let edge = reach.max((volume / 1e6).powf(1.0 / D as f64));
-        let mut placed = IncrementalGrid::new([0.0; D], extent, edge);
+        let cell_size = max_distance.max((volume / 1e6).powf(1.0 / D as f64));
+        let mut placed = IncrementalGrid::new([0.0; D], extent, cell_size);
         self.sites().into_iter().for_each(|x| _ = placed.add(x));
-        for (rim, x, room) in rims {
-            if placed.is_free(&x, room) {
+        for (rim, x, min_distance) in rims {
+            if placed.is_free(&x, min_distance) {
                 placed.add(x);
-                ahead.push(rim);
+                kept.push(rim);
             }
         }
-        ahead
+        kept
     }
 }

@@ -1,15 +1,17 @@
-//! Where sites may stand, if not everywhere: in a part of a mesh of which the rest stays.
+//! The region where sites may be placed. It is limited if only a part of a mesh is rebuilt and the
+//! rest stays.
 
 use crate::geometry::cell_list::CellList;
 use crate::geometry::distance2;
 
-/// A sphere round a point stays empty also of what rounding puts onto it.
+/// Relative tolerance by which the excluded balls are enlarged, so that sites on their spheres are
+/// excluded too.
 const ROUNDING_TOLERANCE: f64 = 1e-9;
 
-/// Balls in one of which sites have to stand, and those that stay empty.
+/// A union of balls in which sites must be, without the balls in which they must not be.
 #[derive(Debug, Default)]
 pub struct SiteRegion<const D: usize> {
-    /// Centres and radii; with none sites may stand anywhere.
+    /// Centres and radii of the allowed balls; if empty, all positions are allowed.
     allowed_balls: Vec<([f64; D], f64)>,
     excluded_balls: Vec<([f64; D], f64)>,
     grid: Option<CellList<D>>,
@@ -17,12 +19,13 @@ pub struct SiteRegion<const D: usize> {
 }
 
 impl<const D: usize> SiteRegion<D> {
-    /// The places in the `open` balls that are in none of the `closed` ones. Nodes of Voronoi cells stay as
-    /// long as no site enters the balls round them whose spheres bear their sites.
+    /// Creates the region inside the `allowed_balls` and outside all `excluded_balls`. The nodes of
+    /// Voronoi cells do not change as long as no site enters their circumscribed balls, which are
+    /// passed as `excluded_balls`.
     pub fn new(allowed_balls: Vec<([f64; D], f64)>, excluded_balls: Vec<([f64; D], f64)>) -> Self {
         let max_radius = excluded_balls
             .iter()
-            .fold(0.0f64, |most, ball| most.max(ball.1));
+            .fold(0.0f64, |max, ball| max.max(ball.1));
         let centres: Vec<[f64; D]> = excluded_balls.iter().map(|ball| ball.0).collect();
         Self {
             allowed_balls,
@@ -32,18 +35,19 @@ impl<const D: usize> SiteRegion<D> {
         }
     }
 
-    /// Whether a site may stand there.
+    /// Returns `true` if a site may be placed at `x`.
     pub fn contains(&self, x: [f64; D]) -> bool {
-        let within =
+        let is_inside =
             |ball: &([f64; D], f64), scale: f64| distance2(&ball.0, &x) < ball.1 * ball.1 * scale;
-        let mut holds = self.allowed_balls.is_empty()
-            || self.allowed_balls.iter().any(|ball| within(ball, 1.0));
-        if let (true, Some(grid)) = (holds, &self.grid) {
+        let mut is_allowed = self.allowed_balls.is_empty()
+            || self.allowed_balls.iter().any(|ball| is_inside(ball, 1.0));
+        if let (true, Some(grid)) = (is_allowed, &self.grid) {
             grid.visit_within(x, self.max_radius, |i| {
-                holds = holds && !within(&self.excluded_balls[i], 1.0 + ROUNDING_TOLERANCE);
+                is_allowed =
+                    is_allowed && !is_inside(&self.excluded_balls[i], 1.0 + ROUNDING_TOLERANCE);
             });
         }
-        holds
+        is_allowed
     }
 }
 
@@ -52,12 +56,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn room_is_in_open_balls_and_off_closed_ones() {
-        let room = SiteRegion::new(vec![([0.0; 2], 2.0)], vec![([1.0, 0.0], 0.5)]);
-        assert!(room.contains([0.0, 1.0]) && room.contains([0.4, 0.0]));
-        assert!(!room.contains([0.6, 0.0]), "in a closed ball");
-        assert!(!room.contains([0.5, 0.0]), "on its sphere");
-        assert!(!room.contains([0.0, 2.1]), "in no open ball");
+    fn region_is_in_allowed_balls_and_off_excluded_ones() {
+        let region = SiteRegion::new(vec![([0.0; 2], 2.0)], vec![([1.0, 0.0], 0.5)]);
+        assert!(region.contains([0.0, 1.0]) && region.contains([0.4, 0.0]));
+        assert!(!region.contains([0.6, 0.0]), "in an excluded ball");
+        assert!(!region.contains([0.5, 0.0]), "on its sphere");
+        assert!(!region.contains([0.0, 2.1]), "in no allowed ball");
         assert!(SiteRegion::default().contains([9.0, 9.0]));
     }
 }

@@ -1,4 +1,4 @@
-//! The facets that faces of Voronoi cells shall lie on.
+//! The facets on which faces of Voronoi cells should lie.
 
 use std::collections::BTreeMap;
 
@@ -7,70 +7,76 @@ use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
 use crate::mesh::poly::Lists;
 
-/// Triangles (edges in the plane) in a box `[0, extent]`, which meet in whole ridges.
+/// Triangles (in 2-D: edges) in a box `[0, extent]` that meet in whole ridges.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct FacetSurface<const D: usize> {
-    /// Where the nodes are; on a side of the box exactly.
+    /// Positions of the nodes; nodes on a side of the box lie exactly on it.
     pub nodes: Vec<[f64; D]>,
     /// The nodes of each facet.
     pub facets: Vec<[u32; D]>,
 }
 
-/// The nodes of a ridge in rising order: where facets meet. The second is `NONE` in the plane.
+/// The nodes of a ridge, where facets meet, in ascending order. In 2-D the second is `NONE`.
 pub(super) type Ridge = [u32; 2];
 
 impl<const D: usize> FacetSurface<D> {
-    /// The marked faces of a mesh (`marks`: bit k of a cell for its face k, on both of its sides).
-    /// `neighbors` has for every cell and face, in order, the cell beyond.
+    /// Creates a surface from the marked faces of a mesh. `marks` has bit k of a cell set if its
+    /// face k is marked, on both sides of the face. `neighbors` has the cell beyond for every cell
+    /// and face, in order.
     pub fn from_marked<M: Simplices<D>>(mesh: &M, neighbors: &[u32], marks: &[u8]) -> Self {
         let mut surface = Self::default();
-        let mut number = vec![NONE; mesh.nodes().len()];
+        let mut new_index = vec![NONE; mesh.nodes().len()];
         for (face, &beyond) in neighbors.iter().enumerate() {
-            let (c, k) = (face / (D + 1), face % (D + 1));
-            if marks[c] >> k & 1 == 0 || beyond == NONE || (beyond as usize) < c {
+            let (cell, face_index) = (face / (D + 1), face % (D + 1));
+            if marks[cell] >> face_index & 1 == 0 || beyond == NONE || (beyond as usize) < cell {
                 continue;
             }
-            let facet = mesh.face(c, k).map(|n| {
-                let number = &mut number[n as usize];
-                if *number == NONE {
-                    *number = surface.nodes.len() as u32;
+            let facet = mesh.face(cell, face_index).map(|n| {
+                let new_node = &mut new_index[n as usize];
+                if *new_node == NONE {
+                    *new_node = surface.nodes.len() as u32;
                     surface.nodes.push(mesh.nodes()[n as usize]);
                 }
-                *number
+                *new_node
             });
             surface.facets.push(facet);
         }
         surface
     }
 
-    /// The facets that are `wanted`, as a surface.
-    pub fn subset(&self, wanted: impl Fn(usize) -> bool) -> Self {
-        let mut part = Self::default();
-        let mut number = vec![NONE; self.nodes.len()];
-        for (_, facet) in self.facets.iter().enumerate().filter(|&(f, _)| wanted(f)) {
-            part.facets.push(facet.map(|n| {
-                let number = &mut number[n as usize];
-                if *number == NONE {
-                    *number = part.nodes.len() as u32;
-                    part.nodes.push(self.nodes[n as usize]);
+    /// Returns the facets for which `is_selected` holds, as a surface.
+    pub fn subset(&self, is_selected: impl Fn(usize) -> bool) -> Self {
+        let mut subset = Self::default();
+        let mut new_index = vec![NONE; self.nodes.len()];
+        for (_, facet) in self
+            .facets
+            .iter()
+            .enumerate()
+            .filter(|&(f, _)| is_selected(f))
+        {
+            subset.facets.push(facet.map(|n| {
+                let new_node = &mut new_index[n as usize];
+                if *new_node == NONE {
+                    *new_node = subset.nodes.len() as u32;
+                    subset.nodes.push(self.nodes[n as usize]);
                 }
-                *number
+                *new_node
             }));
         }
-        part
+        subset
     }
 
-    /// The positions of a facet's nodes.
+    /// Returns the positions of a facet's nodes.
     pub fn corners(&self, facet: usize) -> [[f64; D]; D] {
         self.facets[facet].map(|n| self.nodes[n as usize])
     }
 
-    /// The unit normal of a facet.
+    /// Returns the unit normal of a facet.
     pub(super) fn unit_normal(&self, facet: usize) -> [f64; D] {
         unit(normal(&self.corners(facet)))
     }
 
-    /// The facets at each node.
+    /// Returns the facets at each node.
     pub(super) fn facets_of_nodes(&self) -> Lists {
         let mut stars = vec![Vec::new(); self.nodes.len()];
         for (f, facet) in self.facets.iter().enumerate() {
@@ -81,7 +87,7 @@ impl<const D: usize> FacetSurface<D> {
         lists
     }
 
-    /// For each node the mean length of the edges of its facets.
+    /// Returns for each node the mean length of the edges of its facets.
     pub(super) fn edge_lengths(&self) -> Vec<f64> {
         let mut sums = vec![(0.0, 0usize); self.nodes.len()];
         for facet in &self.facets {
@@ -100,7 +106,7 @@ impl<const D: usize> FacetSurface<D> {
             .collect()
     }
 
-    /// The facets at each ridge.
+    /// Returns the facets at each ridge.
     pub(super) fn ridges(&self) -> BTreeMap<Ridge, Vec<u32>> {
         let mut ridges: BTreeMap<Ridge, Vec<u32>> = BTreeMap::new();
         for f in 0..self.facets.len() {
@@ -111,19 +117,19 @@ impl<const D: usize> FacetSurface<D> {
         ridges
     }
 
-    /// The ridges of a facet: the one opposite each of its nodes.
+    /// Returns the ridges of a facet: the one opposite each of its nodes.
     pub(super) fn ridges_of(&self, facet: usize) -> [Ridge; D] {
         let nodes = self.facets[facet];
         std::array::from_fn(|k| {
             let mut ridge = [NONE; 2];
             let others = (0..D).filter(|&i| i != k).map(|i| nodes[i]);
-            ridge.iter_mut().zip(others).for_each(|(to, n)| *to = n);
+            ridge.iter_mut().zip(others).for_each(|(slot, n)| *slot = n);
             ridge.sort_unstable();
             ridge
         })
     }
 
-    /// The sides of the box on which a node lies, as bits.
+    /// Returns the sides of the box on which a node lies, as bits.
     pub(super) fn sides_of_node(&self, node: u32, extent: [f64; D]) -> u8 {
         let x = &self.nodes[node as usize];
         (0..D).fold(0, |sides, k| {

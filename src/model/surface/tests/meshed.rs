@@ -1,26 +1,28 @@
-//! Surfaces in meshes of images, against what is known of these.
+//! Tests of surfaces in meshes of images, against the known features of these.
 
 use super::*;
 use crate::feature::{self, Features};
 use crate::image::synth::{self, SyntheticKind};
 use crate::image::{Geometry, Image};
-use crate::job::{self, Outcome, Params, Spacing};
+use crate::job::spec::{MeshSpec, NominalDistance};
+use crate::job::{self, Outcome, Params};
 use crate::lattice::optimize::NoProgress;
 use crate::mesh::interface::marks_from_bits;
 
 fn image(dims: [usize; 3], value: impl Fn([f64; 3]) -> f64) -> Image<3> {
     let [nx, ny, _] = dims;
-    let at = |i: usize| [i % nx, i / nx % ny, i / (nx * ny)].map(|c| c as f64);
-    let samples = (0..dims.iter().product()).map(|i| value(at(i)) as f32);
+    let position = |i: usize| [i % nx, i / nx % ny, i / (nx * ny)].map(|c| c as f64);
+    let samples = (0..dims.iter().product()).map(|i| value(position(i)) as f32);
     Image::new(dims, samples.collect(), Geometry::default())
 }
 
 fn mesh(image: &Image<3>, kind: feature::FeatureKind, d: f64) -> Outcome {
-    let params = Params {
-        spacing: Spacing::Constant(d),
+    let params = Params::new(MeshSpec {
+        distance: NominalDistance::Constant(d),
         feature: kind,
-        ..Params::default()
-    };
+        ..MeshSpec::default()
+    })
+    .unwrap();
     job::run(image, &params, &mut NoProgress).unwrap()
 }
 
@@ -44,7 +46,8 @@ fn group_facets(outcome: &Outcome, min_area: Option<f64>) -> Surfaces<3> {
     )
 }
 
-/// Area of the plane n.x = c in the box: over the two axes along which it is steepest.
+/// Returns the area of the plane n.x = c in the box, by sampling it over the two axes to which it
+/// is least inclined.
 fn plane_area(n: [f64; 3], c: f64, dims: [usize; 3]) -> f64 {
     let k = (0..3).fold(0, |k, j| if n[j].abs() > n[k].abs() { j } else { k });
     let (i, j) = ((k + 1) % 3, (k + 2) % 3);
@@ -61,7 +64,7 @@ fn plane_area(n: [f64; 3], c: f64, dims: [usize; 3]) -> f64 {
 
 #[test]
 #[ignore = "slow: make test-all"]
-fn as_many_faults_come_out_as_went_in() {
+fn all_synthetic_faults_are_found() {
     for (kind, seed) in [
         (SyntheticKind::Planes, 4),
         (SyntheticKind::Planes, 6),
@@ -73,34 +76,35 @@ fn as_many_faults_come_out_as_went_in() {
             count: Some(3),
             ..synth::Options::default()
         };
-        let made = synth::make(kind, &options).unwrap();
-        let outcome = mesh(&made.image, feature::FeatureKind::Ridges, 6.0);
+        let synthetic = synth::make(kind, &options).unwrap();
+        let outcome = mesh(&synthetic.image, feature::FeatureKind::Ridges, 6.0);
         let surfaces = group_facets(&outcome, None);
-        let found = measure(
+        let measures = measure(
             &surfaces,
             &outcome.simplices().unwrap().mesh.nodes,
             &MapAxes::from_axis(0, true),
             &[],
         );
-        assert_eq!(found.len(), 3, "{kind:?} {seed}: {found:#?}");
-        let truth = &made.truth;
+        assert_eq!(measures.len(), 3, "{kind:?} {seed}: {measures:#?}");
+        let truth = &synthetic.truth;
         let [nx, ny, _] = truth.dims;
-        for m in &found {
-            // The exact plane, by a sample near it whose truth fits the surface best.
+        for m in &measures {
+            // The exact plane comes from a nearby sample whose true orientation fits the surface
+            // best.
             let n: [f64; 3] = std::array::from_fn(|k| m.normal[k]);
             let middle: [f64; 3] = std::array::from_fn(|k| m.centre[k]);
-            let near = (0..truth.distance.len()).filter(|&i| truth.distance[i] < 2.0);
+            let candidates = (0..truth.distance.len()).filter(|&i| truth.distance[i] < 2.0);
             let fit = |&i: &usize| {
-                let at = [i % nx, i / nx % ny, i / (nx * ny)].map(|c| c as f64);
-                let off = dot(geometry::sub(at, middle), n).abs();
+                let position = [i % nx, i / nx % ny, i / (nx * ny)].map(|c| c as f64);
+                let distance = dot(geometry::sub(position, middle), n).abs();
                 let aligned = dot(truth.direction[i].map(f64::from), n).abs();
-                (1.0 - aligned) + 1e-3 * off
+                (1.0 - aligned) + 1e-3 * distance
             };
-            let best = near.min_by(|i, j| fit(i).total_cmp(&fit(j))).unwrap();
-            let at = [best % nx, best / nx % ny, best / (nx * ny)].map(|c| c as f64);
+            let best = candidates.min_by(|i, j| fit(i).total_cmp(&fit(j))).unwrap();
+            let position = [best % nx, best / nx % ny, best / (nx * ny)].map(|c| c as f64);
             let exact = truth.direction[best].map(f64::from);
             if kind == SyntheticKind::Planes {
-                let foot = geometry::add_scaled(at, f64::from(truth.distance[best]), exact);
+                let foot = geometry::add_scaled(position, f64::from(truth.distance[best]), exact);
                 let area = plane_area(exact, dot(foot, exact), truth.dims);
                 assert!(
                     (m.area / area - 1.0).abs() < 0.05,
@@ -114,20 +118,20 @@ fn as_many_faults_come_out_as_went_in() {
                 assert!(m.rms_plane_distance < 0.3, "{m:?}");
             }
         }
-        // In all: the volume of a layer about the faults tells their area (but for where they
-        // cross: there it tells less).
+        // The volume of a layer around the faults gives their total area (a little less where they
+        // cross).
         let layer = truth.distance.iter().filter(|&&d| d < 2.0).count() as f64 / 4.0;
-        let all: f64 = found.iter().map(|m| m.area).sum();
+        let total_area: f64 = measures.iter().map(|m| m.area).sum();
         assert!(
-            (all / layer - 1.03).abs() < 0.05,
-            "{kind:?} {seed}: {all} {layer}"
+            (total_area / layer - 1.03).abs() < 0.05,
+            "{kind:?} {seed}: {total_area} {layer}"
         );
 
-        // The same faces, but for a few, are found by the potential alone.
+        // The potential alone finds almost the same faces.
         let Features {
             potential, sigma, ..
         } = &outcome.features;
-        let by_image = facet_selection::valley_facets(
+        let valley_facets = facet_selection::valley_facets(
             &outcome.simplices().unwrap().mesh,
             potential,
             *sigma,
@@ -135,21 +139,25 @@ fn as_many_faults_come_out_as_went_in() {
             0.82,
         );
         let marked = marked_facets(&outcome);
-        let both = by_image
+        let common_count = valley_facets
             .iter()
             .filter(|f| marked.binary_search(f).is_ok())
             .count();
-        let [one, other] = [&marked, &by_image].map(|list| both as f64 / list.len() as f64);
-        assert!(one > 0.95 && other > 0.8, "{one} {other}");
+        let [marked_share, valley_share] =
+            [&marked, &valley_facets].map(|list| common_count as f64 / list.len() as f64);
+        assert!(
+            marked_share > 0.95 && valley_share > 0.8,
+            "{marked_share} {valley_share}"
+        );
     }
 }
 
-/// Three layers, folded and thrown by a fault: six units.
+/// Returns the unit of a point: three folded layers that a fault displaces give six units.
 fn layer_unit([x, y, z]: [f64; 3]) -> u32 {
-    let beyond = y - 30.0 + 0.35 * (x - 36.0) - 0.15 * (z - 26.0) > 0.0;
-    let depth = x + 2.0 * (z * 0.1).sin() + if beyond { 9.0 } else { 0.0 };
+    let is_beyond = y - 30.0 + 0.35 * (x - 36.0) - 0.15 * (z - 26.0) > 0.0;
+    let depth = x + 2.0 * (z * 0.1).sin() + if is_beyond { 9.0 } else { 0.0 };
     let layer = [22.0, 48.0].iter().filter(|&&top| depth > top).count() as u32;
-    layer + if beyond { 3 } else { 0 }
+    layer + if is_beyond { 3 } else { 0 }
 }
 
 #[test]
@@ -163,21 +171,22 @@ fn painted_units_have_their_volume_and_do_not_leak() {
     let cells = cells(&outcome.simplices().unwrap().mesh, &closed);
     let (block, count) = blocks(&cells, 0.3, 24);
     assert_eq!(count, 6);
-    let of_image = &outcome.simplices().unwrap().mesh;
-    let ways = Geodesics::new(of_image, &of_image.cells_of_faces().unwrap(), &cells);
+    let image_mesh = &outcome.simplices().unwrap().mesh;
+    let geodesics = Geodesics::new(image_mesh, &image_mesh.cells_of_faces().unwrap(), &cells);
 
-    // The truth: the volume of each unit, by points half a sample apart.
+    // The true volume of each unit, from points half a sample apart.
     let mut truth = [0.0; 6];
-    let fine = dims.map(|n| 2 * (n - 1));
-    for z in 0..fine[2] {
-        for y in 0..fine[1] {
-            for x in 0..fine[0] {
+    let fine_dims = dims.map(|n| 2 * (n - 1));
+    for z in 0..fine_dims[2] {
+        for y in 0..fine_dims[1] {
+            for x in 0..fine_dims[0] {
                 truth[layer_unit([x, y, z].map(|c| 0.5 * c as f64 + 0.25)) as usize] += 0.125;
             }
         }
     }
-    // A seed in the middle of each unit, one unit after the other: nothing else stops the paint.
-    let places = [
+    // One seed in the middle of each unit, painted one after the other, so that nothing else stops
+    // the paint.
+    let positions = [
         [10.0, 20.0],
         [32.0, 15.0],
         [60.0, 8.0],
@@ -185,32 +194,32 @@ fn painted_units_have_their_volume_and_do_not_leak() {
         [26.0, 48.0],
         [55.0, 45.0],
     ];
-    for [x, y] in places {
+    for [x, y] in positions {
         let seed = [x, y, 25.3];
-        let want = layer_unit(seed);
+        let expected = layer_unit(seed);
         let source = GeodesicSource {
             position: seed,
-            cell: cell_at(of_image, seed),
-            label: want,
+            cell: cell_at(image_mesh, seed),
+            label: expected,
         };
-        let painted = flow(&ways, &block, None, &[source], f64::INFINITY).label;
-        let (mut all, mut wrong) = (0.0, 0.0);
+        let painted = paint(&geodesics, &block, None, &[source], f64::INFINITY).label;
+        let (mut painted_volume, mut leaked_volume) = (0.0, 0.0);
         for t in 0..cells.len() {
             if painted[t].is_some() {
-                all += cells.volumes[t];
-                if layer_unit(cells.centres[t]) != want {
-                    wrong += cells.volumes[t];
+                painted_volume += cells.volumes[t];
+                if layer_unit(cells.centres[t]) != expected {
+                    leaked_volume += cells.volumes[t];
                 }
             }
         }
-        let true_volume = truth[want as usize];
+        let true_volume = truth[expected as usize];
         assert!(
-            (all / true_volume - 1.0).abs() < 0.03,
-            "unit {want}: {all} {true_volume}"
+            (painted_volume / true_volume - 1.0).abs() < 0.03,
+            "unit {expected}: {painted_volume} {true_volume}"
         );
         assert!(
-            wrong < 0.02 * true_volume,
-            "unit {want}: {wrong} of {true_volume} leaked"
+            leaked_volume < 0.02 * true_volume,
+            "unit {expected}: {leaked_volume} of {true_volume} leaked"
         );
     }
 }
@@ -229,7 +238,7 @@ fn the_number_of_threads_changes_nothing() {
         let cells = cells(&outcome.simplices().unwrap().mesh, &surfaces.facets);
         (surfaces, blocks(&cells, 0.3, 10))
     };
-    let one = rayon::ThreadPoolBuilder::new()
+    let single = rayon::ThreadPoolBuilder::new()
         .num_threads(1)
         .build()
         .unwrap();
@@ -237,5 +246,5 @@ fn the_number_of_threads_changes_nothing() {
         .num_threads(4)
         .build()
         .unwrap();
-    assert_eq!(one.install(run), four.install(run));
+    assert_eq!(single.install(run), four.install(run));
 }

@@ -1,8 +1,8 @@
-//! What the tests of surfaces have in common: sheets, boxes of cells.
+//! Helpers for the tests of surfaces: sheets of facets, and boxes of cells.
 //!
 //! - `grouping`: facets into surfaces, and their measures
-//! - `painting`: the cells between surfaces: blocks, paint, skins
-//! - `meshed`: all of it on meshes of images
+//! - `painting`: the cells between surfaces: blocks, paint, enclosing facets
+//! - `meshed`: surfaces in meshes of images
 
 mod grouping;
 #[cfg(feature = "tetgen")]
@@ -21,9 +21,9 @@ use crate::mesh::poly::PolyMesh;
 use crate::mesh::voronoi::voronoi_plane;
 use crate::mesh::{TetMesh, TriMesh};
 use crate::model::geodesics::{GeodesicSource, Geodesics};
-use crate::model::paint::{blocks, clearance, contrast_factors, paint as flow};
+use crate::model::paint::{blocks, clearance, contrast_factors, paint};
 
-/// Numbers in [0, 1) that look random.
+/// Returns a pseudo-random number in [0, 1).
 fn random(seed: &mut u64) -> f64 {
     *seed = seed
         .wrapping_mul(6_364_136_223_846_793_005)
@@ -31,16 +31,16 @@ fn random(seed: &mut u64) -> f64 {
     (*seed >> 11) as f64 / (1u64 << 53) as f64
 }
 
-/// A sheet of `n` by `m` squares, each cut in two, whose node (i, j) is `at(i, j)`; nodes at places
-/// that exist already are shared.
+/// Adds a sheet of `n` by `m` squares, each cut in two. Node (i, j) is at `at(i, j)`; nodes at
+/// existing positions are shared.
 fn add_sheet(
     nodes: &mut Vec<[f64; 3]>,
     facets: &mut Vec<[u32; 3]>,
     [n, m]: [usize; 2],
-    at: impl Fn(f64, f64) -> [f64; 3],
+    position: impl Fn(f64, f64) -> [f64; 3],
 ) {
-    let mut number = |i: usize, j: usize| {
-        let x = at(i as f64, j as f64);
+    let mut node_index = |i: usize, j: usize| {
+        let x = position(i as f64, j as f64);
         let known = nodes.iter().position(|y| norm(geometry::sub(x, *y)) < 1e-9);
         known.unwrap_or_else(|| {
             nodes.push(x);
@@ -50,13 +50,13 @@ fn add_sheet(
     for i in 0..n {
         for j in 0..m {
             let [a, b, c, d] =
-                [(i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)].map(|(i, j)| number(i, j));
+                [(i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)].map(|(i, j)| node_index(i, j));
             facets.extend([[a, b, d], [a, d, c]]);
         }
     }
 }
 
-/// Two sheets of 100 and 80 that cross along z at `degrees`.
+/// Returns two sheets with the areas 100 and 80 that cross along z at an angle of `degrees`.
 fn crossing_sheets(degrees: f64) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
     let (mut nodes, mut facets) = (Vec::new(), Vec::new());
     let (sin, cos) = degrees.to_radians().sin_cos();
@@ -75,42 +75,44 @@ fn areas<const D: usize>(surfaces: &Surfaces<D>, nodes: &[[f64; D]]) -> Vec<f64>
         .collect()
 }
 
-/// A box of `dims` unit cubes, each of six tetrahedra (squares: two triangles) round its diagonal.
+/// Returns a box of `dims` unit cubes, each of six tetrahedra around its diagonal (in 2-D squares,
+/// each of two triangles).
 fn cubes<const D: usize, M: Simplices<D>>(dims: [usize; D]) -> M {
     jittered_box(dims, dims.map(|n| n as f64), 0.0, |_| false)
 }
 
-/// Facets in the plane where coordinate `axis` is `at`, unless `left_out`.
+/// Returns the facets in the plane where the coordinate `axis` is `coordinate`, except those for
+/// whose centroid `is_omitted` is `true`.
 fn plane_facets<const D: usize, F: Mesh<D>>(
     mesh: &F,
     axis: usize,
-    at: f64,
-    left_out: impl Fn([f64; D]) -> bool + Sync,
+    coordinate: f64,
+    is_omitted: impl Fn([f64; D]) -> bool + Sync,
 ) -> Vec<[u32; D]> {
     facet_selection::facets_where(mesh, |_, facet| {
         let x = facet.map(|n| mesh.nodes()[n as usize]);
         let centroid = std::array::from_fn(|k| x.iter().map(|x| x[k]).sum::<f64>() / D as f64);
-        x.iter().all(|p| p[axis] == at) && !left_out(centroid)
+        x.iter().all(|p| p[axis] == coordinate) && !is_omitted(centroid)
     })
 }
 
-/// The cells of a mesh parted by facets.
+/// Returns the cells of a mesh, separated by closed facets.
 fn cells<const D: usize, F: Mesh<D>>(mesh: &F, closed: &[[u32; D]]) -> CellAdjacency<D> {
     CellAdjacency::new(mesh, &mesh.cells_of_faces().unwrap(), closed)
 }
 
-/// The cell that holds a point.
+/// Returns the cell that contains a point.
 fn cell_at<const D: usize, F: Mesh<D>>(mesh: &F, x: [f64; D]) -> u32 {
     find_cell(mesh, &mesh.cells_of_faces().unwrap(), x).unwrap()
 }
 
-/// Sites whose Voronoi cells are unit cubes (squares).
+/// Returns sites whose Voronoi cells are unit cubes (squares in 2-D).
 fn cube_sites<const D: usize>(dims: [usize; D]) -> Vec<[f64; D]> {
     let middle = |i: usize| {
-        let mut rest = i;
+        let mut remaining = i;
         dims.map(|n| {
-            let x = (rest % n) as f64 + 0.5;
-            rest /= n;
+            let x = (remaining % n) as f64 + 0.5;
+            remaining /= n;
             x
         })
     };

@@ -7,7 +7,7 @@ use crate::store::foreign::netcdf::NetcdfReader;
 use crate::store::foreign::{FileProblem, NamedFaces, ReadResult, labels_field};
 use crate::store::mixed_elements::SolidAssembler;
 
-/// Reads them.
+/// Reads a mesh of polyhedra.
 pub fn read(file: &NetcdfReader, groups: BlockGroups) -> ReadResult<MeshFile<PolyMesh<3>>> {
     let mut faces: Vec<Vec<u32>> = Vec::new();
     for block in 1.. {
@@ -19,28 +19,28 @@ pub fn read(file: &NetcdfReader, groups: BlockGroups) -> ReadResult<MeshFile<Pol
     }
     let (mut cells, mut region): (Vec<Vec<u32>>, Vec<i32>) = (Vec::new(), Vec::new());
     for block in 0..groups.block_ids.len().max(1) {
-        let [of_faces, of_nodes] =
+        let [face_array, node_array] =
             ["facconn", "connect"].map(|name| format!("{name}{}", block + 1));
-        if file.shape(&of_faces).is_some() {
+        if file.shape(&face_array).is_some() {
             cells.extend(read_lists(
                 file,
-                &of_faces,
+                &face_array,
                 &format!("ebepecnt{}", block + 1),
             )?);
             region.resize(cells.len(), groups.region(block));
-        } else if file.shape(&of_nodes).is_some() {
-            let kind = file.attribute(&of_nodes, "elem_type").unwrap_or_default();
+        } else if file.shape(&node_array).is_some() {
+            let kind = file.attribute(&node_array, "elem_type").unwrap_or_default();
             return Err(FileProblem {
                 problem: format!(
-                    "block {} holds elements '{kind}' beside cells of faces",
+                    "block {} has elements '{kind}', but other blocks have cells that are lists of faces",
                     groups.block_number(block)
                 ),
-                remedy: "write all blocks as cells of faces (NFACED)",
+                remedy: "write all blocks with cells that are lists of faces (NFACED)",
             });
         }
     }
     let ring = |&face: &u32| faces.get(face as usize).cloned();
-    let no_face = || FileProblem::damaged("has a cell of faces that it does not have");
+    let no_face = || FileProblem::damaged("has a cell with a face that does not exist");
     let mut solids = SolidAssembler::default();
     for cell in &cells {
         let rings: Option<Vec<Vec<u32>>> = cell.iter().map(ring).collect();
@@ -51,11 +51,11 @@ pub fn read(file: &NetcdfReader, groups: BlockGroups) -> ReadResult<MeshFile<Pol
         .map_err(FileProblem::damaged)?;
     mesh.region = region;
     let mut named = Vec::new();
-    for (set, of, side) in side_set_sides(file)? {
-        let cell = of.checked_sub(1).and_then(|at| cells.get(at));
+    for (set, element, side) in side_set_sides(file)? {
+        let cell = element.checked_sub(1).and_then(|i| cells.get(i));
         let face = cell
             .zip(side.checked_sub(1))
-            .and_then(|(cell, at)| cell.get(at));
+            .and_then(|(cell, i)| cell.get(i));
         let mut nodes = face.and_then(ring).ok_or_else(missing_element_error)?;
         nodes.sort_unstable();
         named.push((nodes, -set));
@@ -69,17 +69,17 @@ pub fn read(file: &NetcdfReader, groups: BlockGroups) -> ReadResult<MeshFile<Pol
         let mut ring: Vec<u32> = ring.collect();
         ring.sort_unstable();
         let first = named.partition_point(|(nodes, _)| *nodes < ring);
-        let own = named[first..]
+        let same_face = named[first..]
             .iter()
             .take_while(|(nodes, _)| *nodes == ring);
-        let own: Vec<i32> = own.map(|(_, group)| *group).collect();
-        mesh.on_feature[f] = !own.is_empty();
+        let groups_of_face: Vec<i32> = same_face.map(|(_, group)| *group).collect();
+        mesh.on_feature[f] = !groups_of_face.is_empty();
         surfaces.extend(
             names
-                .name_index(&own)
-                .map(|place| (mesh.face_cells[f], place)),
+                .name_index(&groups_of_face)
+                .map(|name_index| (mesh.face_cells[f], name_index)),
         );
-        if names.has_horizon(&own) {
+        if names.has_horizon(&groups_of_face) {
             horizons.extend(mesh.face_cells[f].map(i64::from));
         }
     }
@@ -94,21 +94,24 @@ pub fn read(file: &NetcdfReader, groups: BlockGroups) -> ReadResult<MeshFile<Pol
     })
 }
 
-/// Lists of numbers, which begin with 1 in the file; `counts` says how long each is, or they all have a row.
+/// Reads lists of numbers, which count from 1 in the file. The array `counts` has the length of
+/// each list; without it, all lists have the length of a row.
 fn read_lists(file: &NetcdfReader, name: &str, counts: &str) -> ReadResult<Vec<Vec<u32>>> {
     let numbers = file.numbers(name)?;
     let counts: Vec<f64> = match (file.shape(counts), file.shape(name)) {
         (None, Some(&[count, size])) => vec![size as f64; count],
         _ => file.numbers(counts)?,
     };
-    let damaged = || FileProblem::damaged(format!("'{name}' is not as long as its parts"));
-    let mut rest = numbers.as_slice();
+    let damaged = || FileProblem::damaged(format!("'{name}' is not as long as its lists together"));
+    let mut remaining = numbers.as_slice();
     let mut lists = Vec::with_capacity(counts.len());
     for count in counts {
-        let (own, after) = rest.split_at_checked(count as usize).ok_or_else(damaged)?;
-        rest = after;
-        // Zero is no number, and becomes one that is too large.
-        lists.push(own.iter().map(|&n| (n as u32).wrapping_sub(1)).collect());
+        let (list, tail) = remaining
+            .split_at_checked(count as usize)
+            .ok_or_else(damaged)?;
+        remaining = tail;
+        // A zero is invalid; it becomes a number that is too large.
+        lists.push(list.iter().map(|&n| (n as u32).wrapping_sub(1)).collect());
     }
-    rest.is_empty().then_some(lists).ok_or_else(damaged)
+    remaining.is_empty().then_some(lists).ok_or_else(damaged)
 }

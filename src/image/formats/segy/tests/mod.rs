@@ -1,7 +1,7 @@
-//! SEG-Y files made byte by byte (this file makes them).
+//! Tests with SEG-Y files that this module builds byte by byte.
 //!
-//! - [`made`]: what is read from them
-//! - [`real`]: real files, where they are at hand
+//! - `synthetic`: reads the built files
+//! - `real_data`: reads real files, if they are available
 
 mod real_data;
 mod synthetic;
@@ -13,7 +13,7 @@ use super::*;
 use crate::image::Image;
 use crate::image::formats::{self, ReadOptions, segy};
 
-/// One trace: its header fields as (first byte, width, value), and its samples.
+/// A trace: its header fields as (first byte, width, value), and its samples.
 #[derive(Clone)]
 struct TestTrace {
     fields: Vec<(usize, usize, i64)>,
@@ -24,7 +24,7 @@ struct TestTrace {
 struct SegyBuilder {
     is_little_endian: bool,
     format: i64,
-    /// Binary header fields: (byte in the file, width, value).
+    /// Fields of the binary header: (byte in the file, width, value).
     fields: Vec<(usize, usize, i64)>,
     extended_text: Vec<&'static str>,
     traces: Vec<TestTrace>,
@@ -32,12 +32,14 @@ struct SegyBuilder {
 
 const SAMPLES_PER_TRACE: usize = 6;
 
-/// The sample at an inline, crossline and sample index: exact in every format, 8-bit ones included.
+/// Returns the sample at an inline, crossline and sample index. It is exact in every format,
+/// including 8-bit formats.
 fn sample_value(i: usize, c: usize, k: usize) -> f64 {
     ((i * 31 + c * 7 + k * 3) % 120) as f64 - 40.0
 }
 
-/// A survey of 4 inlines 10, 12 .. and 3 crosslines 100, 105 .., rotated by 30 degrees, far away.
+/// Returns the position of a trace in a survey of 4 inlines 10, 12, ... and 3 crosslines 100, 105,
+/// ..., which is rotated by 30 degrees and far from the origin.
 fn trace_position(i: usize, c: usize) -> [f64; 2] {
     let (sin, cos) = 30f64.to_radians().sin_cos();
     let (a, b) = (25.0 * i as f64, 12.5 * c as f64);

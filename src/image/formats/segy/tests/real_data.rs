@@ -1,11 +1,11 @@
-//! Real files, where they are at hand.
+//! Tests with real files, if they are available.
 
 use std::path::PathBuf;
 
 use super::*;
 use crate::image::formats::{self, ReadOptions};
 
-/// A folder of images made by others, which are not kept here.
+/// Returns a folder of images from other sources, which are not in the repository.
 fn data_folder(folder: &str) -> PathBuf {
     let root = std::env::var_os("ATOMESH_DATA").map_or_else(
         || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
@@ -31,7 +31,7 @@ fn seismic3d() {
         &loaded,
         "bytes 181 and 185 only repeat the line numbers"
     ));
-    // Source X, Y hold local metres: a grid of 25 m x 12.5 m, to within rounding.
+    // Source X, Y are local metres: a grid of 25 m x 12.5 m, up to rounding.
     let fit = info.fit.as_ref().unwrap();
     assert!(
         (fit.line_spacing()[0] - 25.0).abs() < 0.01 && (fit.line_spacing()[1] - 12.5).abs() < 0.01
@@ -72,7 +72,7 @@ fn the_same_cube_in_every_format() {
             assert_eq!(other.image, f3.image, "{name}");
         }
     }
-    // These formats cannot hold the values: unsigned ones wrapped, 8-bit ones cut off.
+    // These formats cannot hold the values: unsigned formats wrap.
     for (format, modulus) in [(10, 2f64.powi(32)), (11, 65536.0), (15, 2f64.powi(24))] {
         let name = format!("multiformats/Format{format}msb.sgy");
         let image = read_real(&folder.join(&name)).unwrap().image;
@@ -82,12 +82,12 @@ fn the_same_cube_in_every_format() {
     }
 }
 
-/// Every file of the collection, with what it must give: dims, or part of the refusal.
+/// Checks every file of the collection against its expected dimensions or a part of the error.
 #[test]
 #[ignore = "needs images made by others: make test-all DATA=folder"]
 fn odd_and_broken_files() {
     let folder = data_folder("formats_segy");
-    const EXPECTED_PROBLEM: &str = "make no survey";
+    const EXPECTED_PROBLEM: &str = "do not form a survey";
     let refused: &[(&str, &str)] = &[
         ("segyio/1x1.sgy", EXPECTED_PROBLEM),
         ("segyio/1xN.sgy", "pre-stack"),
@@ -107,13 +107,13 @@ fn odd_and_broken_files() {
         ("segyio/mapping-unsupported-type.sgy", EXPECTED_PROBLEM),
         ("segyio/mapping-shifted.sgy", "several traces in a cell"),
         ("segyio/multiformats/Format4msb.sgy", "sample format 4"),
-        // A line, which is an image of the plane.
+        // A line is a 2-D image.
         (
             "segysak/f3-iline-111.sgy",
             "is a 2-D image of 75 x 18 samples",
         ),
     ];
-    let read: &[(&str, [usize; 3])] = &[
+    let readable: &[(&str, [usize; 3])] = &[
         ("segyio/tiny.sgy", [4, 2, 3]),
         ("segyio/mapping-default.sgy", [4, 2, 3]),
         ("segyio/mapping-empty.sgy", [4, 2, 3]),
@@ -127,11 +127,11 @@ fn odd_and_broken_files() {
         ("segysak/f3-withdead.sgy", [75, 18, 23]),
         ("segysak/test-geometry.sgy", [4, 202, 61]),
     ];
-    for (name, says) in refused {
+    for (name, expected) in refused {
         let error = read_real(&folder.join(name)).unwrap_err().to_string();
-        assert!(error.contains(says), "{name}: {error}");
+        assert!(error.contains(expected), "{name}: {error}");
     }
-    for (name, dims) in read {
+    for (name, dims) in readable {
         assert_eq!(
             read_real(&folder.join(name)).unwrap().image.dims(),
             *dims,
@@ -141,7 +141,7 @@ fn odd_and_broken_files() {
     let dead = read_real(&folder.join("segysak/f3-withdead.sgy")).unwrap();
     assert_eq!(dead.survey.unwrap().missing, 175);
 
-    // Nothing in the folder may panic, and all but two sorts can at least be described.
+    // No file in the folder causes a panic, and all but a few kinds can at least be described.
     for sub in ["segyio", "segyio/multiformats", "segysak"] {
         for entry in std::fs::read_dir(folder.join(sub)).unwrap() {
             let path = entry.unwrap().path();
@@ -158,7 +158,7 @@ fn odd_and_broken_files() {
 #[ignore = "needs images made by others: make test-all DATA=folder"]
 fn one_survey_turned_in_eight_directions() {
     let folder = data_folder("formats_segy/segyio");
-    // Azimuths of the inline and crossline steps as the file names say, and the scalar as pitch.
+    // The file names give the azimuth of the crossline steps.
     for (name, clockwise) in [
         ("normal", 0.0f64),
         ("acute", 45.0),
@@ -172,8 +172,8 @@ fn one_survey_turned_in_eight_directions() {
         let loaded = read_real(&folder.join(format!("{name}-small.sgy"))).unwrap();
         let fit = loaded.survey.unwrap().fit.unwrap();
         let [x, y] = fit.crossline;
-        let off = (x.atan2(y).to_degrees() - clockwise + 180.0).rem_euclid(360.0) - 180.0;
-        assert!(off.abs() < 1e-6, "{name}: off by {off} degrees");
+        let error = (x.atan2(y).to_degrees() - clockwise + 180.0).rem_euclid(360.0) - 180.0;
+        assert!(error.abs() < 1e-6, "{name}: off by {error} degrees");
         assert!(fit.max < 1e-6 * fit.line_spacing()[0], "{name}");
     }
 }

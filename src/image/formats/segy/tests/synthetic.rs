@@ -1,4 +1,4 @@
-//! Files made here: every format, order and fault that a header can have.
+//! Tests with built files: every format, trace order and header fault.
 
 use proptest::prelude::*;
 
@@ -38,18 +38,18 @@ fn every_sample_format_in_both_byte_orders() {
             assert_eq!(f64::from(image.samples[[1, 2, 5]]), sample_value(1, 2, 5));
         }
     }
-    let refused = SegyBuilder {
+    let message = SegyBuilder {
         format: 4,
         ..survey()
     }
     .error_message();
-    assert!(refused.contains("sample format 4"), "{refused}");
-    let refused = SegyBuilder {
+    assert!(message.contains("sample format 4"), "{message}");
+    let message = SegyBuilder {
         format: 0,
         ..survey()
     }
     .error_message();
-    assert!(refused.contains("sample format 0"), "{refused}");
+    assert!(message.contains("sample format 0"), "{message}");
 }
 
 #[test]
@@ -59,49 +59,49 @@ fn geometry_of_a_rotated_survey() {
     assert_eq!(geometry.names, ["sample", "crossline", "inline"]);
     assert_eq!(geometry.units, ["m", "m", "ms"]);
     for (i, c, k) in [(0, 0, 0), (3, 2, 5), (1, 2, 0)] {
-        let found = geometry.to_physical([k as f64, c as f64, i as f64]);
+        let position = geometry.to_physical([k as f64, c as f64, i as f64]);
         let [x, y] = trace_position(i, c);
         // Coordinates are rounded to centimetres.
         assert!(
-            (found[0] - x).abs() < 0.01 && (found[1] - y).abs() < 0.01,
-            "{found:?}"
+            (position[0] - x).abs() < 0.01 && (position[1] - y).abs() < 0.01,
+            "{position:?}"
         );
-        assert_eq!(found[2], -(48.0 + 4.0 * k as f64));
+        assert_eq!(position[2], -(48.0 + 4.0 * k as f64));
     }
     let fit = loaded.survey.unwrap().fit.unwrap();
     assert!(fit.max < 0.01 && fit.rms > 0.0);
-    // Down, then to the left of the inlines, then along them: right-handed.
+    // Down, then to the left of the inlines, then along them: a right-handed system.
     assert!((geometry.determinant() - 4.0 * 12.5 * 25.0).abs() < 1.0);
 }
 
 #[test]
 fn any_order_of_traces() {
-    let mut made = survey();
+    let mut builder = survey();
     let crossline_first: Vec<TestTrace> = (0..3)
         .flat_map(|c| (0..4).map(move |i| trace(i, c)))
         .collect();
-    made.traces = crossline_first;
-    assert_values(&made.read().unwrap().image);
-    made.traces.reverse();
-    assert_values(&made.read().unwrap().image);
-    made.traces.swap(2, 9);
-    assert_values(&made.read().unwrap().image);
+    builder.traces = crossline_first;
+    assert_values(&builder.read().unwrap().image);
+    builder.traces.reverse();
+    assert_values(&builder.read().unwrap().image);
+    builder.traces.swap(2, 9);
+    assert_values(&builder.read().unwrap().image);
 }
 
 #[test]
-fn missing_and_duplicate_traces_are_told() {
-    let mut made = survey();
-    made.traces.remove(4); // inline 1, crossline 1
-    let mut twice = trace(0, 2);
-    twice.samples.fill(99.0);
-    made.traces.push(twice);
-    let loaded = made.read().unwrap();
+fn missing_and_duplicate_traces_are_reported() {
+    let mut builder = survey();
+    builder.traces.remove(4); // inline 1, crossline 1
+    let mut duplicate = trace(0, 2);
+    duplicate.samples.fill(99.0);
+    builder.traces.push(duplicate);
+    let loaded = builder.read().unwrap();
     let info = loaded.survey.as_ref().unwrap();
     assert_eq!((info.missing, info.duplicates), (1, 1));
     assert!(has_note(&loaded, "1 of 12 cells have no trace"));
     assert!(has_note(&loaded, "1 traces repeat"));
     assert_eq!(loaded.image.samples[[1, 1, 3]], 0.0);
-    // The first of the duplicates stays.
+    // The first of the duplicates is used.
     assert_eq!(
         f64::from(loaded.image.samples[[0, 2, 3]]),
         sample_value(0, 2, 3)
@@ -109,18 +109,18 @@ fn missing_and_duplicate_traces_are_told() {
 }
 
 #[test]
-fn coordinates_are_never_taken_on_trust() {
-    // Line numbers where X and Y should be, coordinates in source X, Y.
-    let mut made = survey();
+fn coordinates_are_checked_against_the_line_numbers() {
+    // Line numbers are at the bytes of X and Y, and the coordinates are in source X, Y.
+    let mut builder = survey();
     for t in 0..12 {
         let (i, c) = (t / 3, t % 3);
         let [x, y] = trace_position(i, c).map(|v| (v * 100.0).round() as i64);
-        made.set_field(t, 181, 4, 10 + 2 * i as i64);
-        made.set_field(t, 185, 4, 100 + 5 * c as i64);
-        made.set_field(t, 73, 4, x);
-        made.set_field(t, 77, 4, y);
+        builder.set_field(t, 181, 4, 10 + 2 * i as i64);
+        builder.set_field(t, 185, 4, 100 + 5 * c as i64);
+        builder.set_field(t, 73, 4, x);
+        builder.set_field(t, 77, 4, y);
     }
-    let loaded = made.read().unwrap();
+    let loaded = builder.read().unwrap();
     assert!(has_note(
         &loaded,
         "bytes 181 and 185 only repeat the line numbers"
@@ -128,13 +128,13 @@ fn coordinates_are_never_taken_on_trust() {
     assert!(has_note(&loaded, "placed by X, Y at bytes 73 and 77"));
     assert!((loaded.image.geometry.origin[0] - 620_000.0).abs() < 0.01);
 
-    // Scattered coordinates: none can be used.
+    // No coordinates can be used if all of them are scattered.
     for t in 0..12 {
         for byte in [73, 77, 181, 185] {
-            made.set_field(t, byte, 4, ((t * 7919 + byte * 31) % 1009) as i64);
+            builder.set_field(t, byte, 4, ((t * 7919 + byte * 31) % 1009) as i64);
         }
     }
-    let loaded = made.read().unwrap();
+    let loaded = builder.read().unwrap();
     assert!(has_note(&loaded, "do not follow the line numbers"));
     assert!(has_note(&loaded, "no usable X, Y"));
     let geometry = &loaded.image.geometry;
@@ -145,17 +145,17 @@ fn coordinates_are_never_taken_on_trust() {
 #[test]
 fn scalars_multiply_divide_or_do_nothing() {
     for (scalar, factor) in [(-10, 0.1), (10, 10.0), (0, 1.0), (1, 1.0)] {
-        let mut made = survey();
+        let mut builder = survey();
         for t in 0..12 {
-            made.set_field(t, 71, 2, scalar);
+            builder.set_field(t, 71, 2, scalar);
         }
-        let found = made.read().unwrap().image.geometry.origin[0];
+        let origin = builder.read().unwrap().image.geometry.origin[0];
         assert!(
-            (found - 62_000_000.0 * factor).abs() < factor,
-            "{scalar}: {found}"
+            (origin - 62_000_000.0 * factor).abs() < factor,
+            "{scalar}: {origin}"
         );
     }
-    // Byte 0: no scalar at all.
+    // Byte 0 means that there is no scalar.
     let ignored = survey()
         .read_with(&"scalar=0,delay=0".parse().unwrap())
         .unwrap();
@@ -165,33 +165,30 @@ fn scalars_multiply_divide_or_do_nothing() {
 }
 
 #[test]
-fn line_numbers_elsewhere() {
-    let mut made = survey();
+fn line_numbers_at_other_bytes_are_found() {
+    let mut builder = survey();
     for t in 0..12 {
-        for (from, to) in [(189, 9), (193, 21)] {
-            let number = made.traces[t]
+        for (from_byte, to_byte) in [(189, 9), (193, 21)] {
+            let number = builder.traces[t]
                 .fields
                 .iter()
-                .find(|f| f.0 == from)
+                .find(|f| f.0 == from_byte)
                 .unwrap()
                 .2;
-            made.set_field(t, to, 4, number);
-            made.set_field(t, from, 4, 0);
+            builder.set_field(t, to_byte, 4, number);
+            builder.set_field(t, from_byte, 4, 0);
         }
     }
-    let loaded = made.read().unwrap();
+    let loaded = builder.read().unwrap();
     assert_values(&loaded.image);
-    assert!(has_note(
-        &loaded,
-        "bytes 9 and 21 make one and are used instead"
-    ));
-    let told = made
+    assert!(has_note(&loaded, "bytes 9 and 21 do, and are used instead"));
+    let with_bytes = builder
         .read_with(&"inline=9,crossline=21".parse().unwrap())
         .unwrap();
-    assert_eq!(told.image, loaded.image);
-    assert!(!has_note(&told, "instead"));
-    // Wrong bytes by the user are not second-guessed.
-    let wrong = made
+    assert_eq!(with_bytes.image, loaded.image);
+    assert!(!has_note(&with_bytes, "instead"));
+    // Wrong bytes that the user gives are not replaced by others.
+    let wrong = builder
         .read_with(&"inline=13,crossline=17".parse().unwrap())
         .unwrap_err();
     assert!(
@@ -202,25 +199,25 @@ fn line_numbers_elsewhere() {
 }
 
 #[test]
-fn what_is_no_image_is_refused_and_described() {
+fn files_without_an_image_are_refused_and_described() {
     let cut = |traces: usize| {
-        let mut made = survey();
-        made.traces.truncate(traces);
-        made
+        let mut builder = survey();
+        builder.traces.truncate(traces);
+        builder
     };
-    for (made, says) in [(cut(0), "has no traces"), (cut(1), "has a single trace")] {
-        let refused = made.error_message();
-        assert!(refused.contains(says), "{refused}");
-        let info = made.scan();
-        assert_eq!(info.traces, made.traces.len());
-        assert!(info.problem.unwrap().contains(says));
+    for (builder, expected) in [(cut(0), "has no traces"), (cut(1), "has a single trace")] {
+        let message = builder.error_message();
+        assert!(message.contains(expected), "{message}");
+        let info = builder.scan();
+        assert_eq!(info.traces, builder.traces.len());
+        assert!(info.problem.unwrap().contains(expected));
     }
 
     let mut gathers = survey();
     for c in 0..12 {
-        let mut far = gathers.traces[c].clone();
-        far.fields.push((37, 4, 500));
-        gathers.traces.push(far);
+        let mut far_offset = gathers.traces[c].clone();
+        far_offset.fields.push((37, 4, 500));
+        gathers.traces.push(far_offset);
     }
     assert!(gathers.error_message().contains("pre-stack"));
 
@@ -235,94 +232,95 @@ fn what_is_no_image_is_refused_and_described() {
 #[test]
 fn cut_off_files() {
     let bytes = survey().to_bytes();
-    let read = |length: usize| {
+    let error_of_first = |length: usize| {
         with_file(&bytes[..length], |path| {
             segy::read(path, &SegyBytes::default())
         })
         .unwrap_err()
         .to_string()
     };
-    assert!(read(0).contains("is cut off"));
-    assert!(read(FILE_HEADER_BYTES - 1).contains("a SEG-Y header alone has 3600"));
-    assert!(read(FILE_HEADER_BYTES).contains("has no traces"));
-    assert!(read(bytes.len() - 1).contains("left over after 11 traces"));
-    // A count of extended headers that the file does not have.
-    let mut made = survey();
-    made.fields.push((3505, 2, 3000));
+    assert!(error_of_first(0).contains("is cut off"));
+    assert!(error_of_first(FILE_HEADER_BYTES - 1).contains("a SEG-Y header alone has 3600"));
+    assert!(error_of_first(FILE_HEADER_BYTES).contains("has no traces"));
+    assert!(error_of_first(bytes.len() - 1).contains("left over after 11 traces"));
+    // The file claims extended headers that it does not have.
+    let mut builder = survey();
+    builder.fields.push((3505, 2, 3000));
     assert!(
-        made.error_message()
+        builder
+            .error_message()
             .contains("3000 extended textual headers")
     );
 }
 
 #[test]
 fn headers_of_later_revisions() {
-    let mut made = survey();
-    made.extended_text = vec!["((OTHER: STANZA))", "((SEG: EndText))"];
-    assert_values(&made.read().unwrap().image);
-    made.fields.push((3505, 2, -1));
-    assert_values(&made.read().unwrap().image);
+    let mut builder = survey();
+    builder.extended_text = vec!["((OTHER: STANZA))", "((SEG: EndText))"];
+    assert_values(&builder.read().unwrap().image);
+    builder.fields.push((3505, 2, -1));
+    assert_values(&builder.read().unwrap().image);
 
-    // Revision 2: the sample count and interval in their new places, marked little-endian.
-    let mut made = survey();
-    made.is_little_endian = true;
-    made.fields.extend([
+    // Revision 2 has the sample count and interval at other bytes, and marks the byte order.
+    let mut builder = survey();
+    builder.is_little_endian = true;
+    builder.fields.extend([
         (3221, 2, 0),
         (3269, 4, SAMPLES_PER_TRACE as i64),
         (3273, 8, 2500f64.to_bits() as i64),
         (3297, 4, 0x0102_0304),
     ]);
-    let loaded = made.read().unwrap();
+    let loaded = builder.read().unwrap();
     assert_values(&loaded.image);
     assert_eq!(loaded.survey.unwrap().dt_ms, Some(2.5));
-    // Revision 1: delay in tenths of a millisecond.
-    let mut made = survey();
-    made.fields.push((3501, 1, 1));
+    // Revision 1 has a scalar for the delay, here tenths of a millisecond.
+    let mut builder = survey();
+    builder.fields.push((3501, 1, 1));
     for t in 0..12 {
-        made.set_field(t, 215, 2, -10);
+        builder.set_field(t, 215, 2, -10);
     }
-    assert_eq!(made.read().unwrap().image.geometry.origin[2], -4.8);
+    assert_eq!(builder.read().unwrap().image.geometry.origin[2], -4.8);
 }
 
 #[test]
-fn intervals_and_counts_that_disagree_are_told() {
-    let mut made = survey();
-    made.set_field(0, 117, 2, 2000);
-    made.set_field(0, 115, 2, 99);
-    let loaded = made.read().unwrap();
+fn intervals_and_counts_that_disagree_are_reported() {
+    let mut builder = survey();
+    builder.set_field(0, 117, 2, 2000);
+    builder.set_field(0, 115, 2, 99);
+    let loaded = builder.read().unwrap();
     assert!(has_note(&loaded, "4000 us, the first trace's 2000 us"));
     assert!(has_note(&loaded, "first trace gives 99 samples"));
-    // Where the file header's cannot be right, the trace's is used.
-    made.fields.extend([(3217, 2, -4000), (3221, 2, 17)]);
-    made.set_field(0, 115, 2, SAMPLES_PER_TRACE as i64);
-    let loaded = made.read().unwrap();
+    // The value of the first trace is used if that of the file header cannot be right.
+    builder.fields.extend([(3217, 2, -4000), (3221, 2, 17)]);
+    builder.set_field(0, 115, 2, SAMPLES_PER_TRACE as i64);
+    let loaded = builder.read().unwrap();
     assert_values(&loaded.image);
     assert_eq!(loaded.survey.unwrap().dt_ms, Some(2.0));
-    // None at all: the vertical axis counts samples.
-    made.set_field(0, 117, 2, 0);
-    let loaded = made.read().unwrap();
+    // The vertical axis counts samples if there is no interval at all.
+    builder.set_field(0, 117, 2, 0);
+    let loaded = builder.read().unwrap();
     assert!(has_note(&loaded, "counts samples"));
     assert_eq!(loaded.image.geometry.units[2], "sample");
 }
 
 #[test]
-fn ieee_floats_labelled_ibm_are_doubted() {
-    let mut made = survey();
-    made.format = 5;
-    for (t, trace) in made.traces.iter_mut().enumerate() {
+fn ieee_floats_labelled_ibm_are_reported() {
+    let mut builder = survey();
+    builder.format = 5;
+    for (t, trace) in builder.traces.iter_mut().enumerate() {
         trace.samples = (0..200)
             .map(|k| ((t * 200 + k) as f64 * 0.7).sin() * 1000.0)
             .collect();
     }
-    made.fields.push((3221, 2, 200));
-    assert!(!has_note(&made.read().unwrap(), "odd for IBM"));
-    let mut bytes = made.to_bytes();
+    builder.fields.push((3221, 2, 200));
+    assert!(!has_note(&builder.read().unwrap(), "unusual for IBM"));
+    let mut bytes = builder.to_bytes();
     bytes[3225] = 1;
     let loaded = with_file(&bytes, |path| segy::read(path, &SegyBytes::default())).unwrap();
-    assert!(has_note(&loaded, "odd for IBM"));
-    let mut ibm = made.clone();
+    assert!(has_note(&loaded, "unusual for IBM"));
+    let mut ibm = builder.clone();
     ibm.format = 1;
-    assert!(!has_note(&ibm.read().unwrap(), "odd for IBM"));
+    assert!(!has_note(&ibm.read().unwrap(), "unusual for IBM"));
 }
 
 #[test]
@@ -343,7 +341,7 @@ fn segy_is_recognised_by_its_content() {
 
 proptest! {
     #![proptest_config(ProptestConfig { cases: 200, failure_persistence: None, ..Default::default() })]
-    /// Whatever is wrong with a file, the answer is an image that fits into it, or an error.
+    /// Any damaged file gives an image that fits into it, or an error.
     #[test]
     fn damaged_files_never_panic(
         changes in prop::collection::vec((3200usize..4000, any::<u8>()), 0..12),
@@ -364,13 +362,17 @@ proptest! {
     }
 }
 
-/// Traces along a path: `places` of each, and the numbers at bytes 189, 193 and 21.
-fn line(places: impl Fn(usize) -> [f64; 2], numbers: impl Fn(usize) -> [i64; 3]) -> SegyBuilder {
-    let mut made = survey();
-    made.traces = (0..5)
+/// Builds traces along a path. `position_of` gives the position of each trace, and `numbers_of` the
+/// numbers at bytes 189, 193 and 21.
+fn line(
+    position_of: impl Fn(usize) -> [f64; 2],
+    numbers_of: impl Fn(usize) -> [i64; 3],
+) -> SegyBuilder {
+    let mut builder = survey();
+    builder.traces = (0..5)
         .map(|t| {
-            let [x, y] = places(t).map(|v| (100.0 * v).round() as i64);
-            let [inline, crossline, cdp] = numbers(t);
+            let [x, y] = position_of(t).map(|v| (100.0 * v).round() as i64);
+            let [inline, crossline, cdp] = numbers_of(t);
             TestTrace {
                 fields: vec![
                     (189, 4, inline),
@@ -387,13 +389,13 @@ fn line(places: impl Fn(usize) -> [f64; 2], numbers: impl Fn(usize) -> [i64; 3])
             }
         })
         .collect();
-    made
+    builder
 }
 
 #[test]
 fn a_line_is_an_image_of_the_plane_with_time_down() {
-    // 12.5 m from trace to trace, in a direction of its own; numbered by CDP alone, or by one inline.
-    let along = |t: usize| [600_000.0 + 7.5 * t as f64, 6_000_000.0 - 10.0 * t as f64];
+    // Traces are 12.5 m apart in an oblique direction, and numbered by CDP alone or by one inline.
+    let position_on_line = |t: usize| [600_000.0 + 7.5 * t as f64, 6_000_000.0 - 10.0 * t as f64];
     for (numbers, name) in [
         ([0, 0, 1], "trace"),
         ([0, 1, 0], "crossline"),
@@ -401,10 +403,10 @@ fn a_line_is_an_image_of_the_plane_with_time_down() {
         ([1, 1, 1], "trace"),
     ] {
         let numbers: [i64; 3] = numbers;
-        let made = line(along, |t| numbers.map(|n| 100 + n * t as i64));
+        let builder = line(position_on_line, |t| numbers.map(|n| 100 + n * t as i64));
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("line.sgy");
-        std::fs::write(&path, made.to_bytes()).unwrap();
+        std::fs::write(&path, builder.to_bytes()).unwrap();
         let loaded = match formats::read_any(&path, &ReadOptions::default()).unwrap() {
             formats::AnyImage::Plane(loaded) => loaded,
             formats::AnyImage::Space(_) => panic!("{name} is no plane"),
@@ -425,16 +427,16 @@ fn a_line_is_an_image_of_the_plane_with_time_down() {
 }
 
 #[test]
-fn what_jumps_from_line_to_line_is_no_line() {
-    // Three lines one after the other, whose numbers are nowhere.
+fn traces_that_jump_between_lines_are_refused() {
+    // Three lines follow one another, and no header gives their numbers.
     let rows = |t: usize| [1000.0 * (t / 2) as f64, 25.0 * (t % 2) as f64];
-    let said = line(rows, |t| [0, 0, 100 + t as i64]).error_message();
-    assert!(said.contains("make no survey"), "{said}");
-    // Without places, numbers must run evenly.
-    let said = line(|_| [0.0; 2], |t| [0, 0, [1, 5, 2, 8, 3][t]]).error_message();
-    assert!(said.contains("make no survey"), "{said}");
-    let made = line(|_| [0.0; 2], |t| [0, 0, 7 + t as i64]);
-    let notes = made.read().unwrap().notes;
+    let message = line(rows, |t| [0, 0, 100 + t as i64]).error_message();
+    assert!(message.contains("do not form a survey"), "{message}");
+    // Without coordinates the numbers must be consecutive.
+    let message = line(|_| [0.0; 2], |t| [0, 0, [1, 5, 2, 8, 3][t]]).error_message();
+    assert!(message.contains("do not form a survey"), "{message}");
+    let builder = line(|_| [0.0; 2], |t| [0, 0, 7 + t as i64]);
+    let notes = builder.read().unwrap().notes;
     assert!(
         notes
             .iter()

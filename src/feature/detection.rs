@@ -3,8 +3,6 @@
 use super::FeatureKind;
 use super::LabelOptions;
 use super::MissingData;
-use super::candidate::Voxel;
-use super::detectors::Detector;
 use super::detectors::paths::PathSeeds;
 use super::volume::Volume;
 use crate::error::{Error, Result, cause};
@@ -178,15 +176,13 @@ pub(crate) fn fills_gaps<const D: usize>(
     kind: FeatureKind,
     modality: Modality,
 ) -> bool {
-    match kind {
-        FeatureKind::Labels | FeatureKind::Mask | FeatureKind::Paths | FeatureKind::Potential => {
-            false
-        }
-        FeatureKind::Auto => {
+    match kind.detectors::<D>() {
+        // The image decides on the kind.
+        [] => {
             let modality = modality.or_detect(&image.geometry);
             image.label_evidence(modality).is_none()
         }
-        _ => true,
+        detectors => detectors.iter().all(|detector| detector.fills_gaps()),
     }
 }
 
@@ -222,16 +218,6 @@ pub(super) fn ensure_not_constant<const D: usize>(image: &Image<D>) -> Result<()
 /// Largest number of samples of an image that is searched in memory: algorithms in memory index
 /// samples by 32 bits.
 pub(super) const MAX_IN_MEMORY_SAMPLES: usize = u32::MAX as usize;
-
-/// Returns the largest number of samples of an image in which a detector finds features.
-pub(super) fn max_samples<const D: usize>(detector: &dyn Detector<D>) -> usize {
-    match detector.kind() {
-        _ if detector.is_streamable() => Voxel::MAX_COUNT,
-        // Paths search a graph of two copies of the image.
-        FeatureKind::Paths => MAX_IN_MEMORY_SAMPLES / 2,
-        _ => MAX_IN_MEMORY_SAMPLES,
-    }
-}
 
 /// Returns an error if the image has more samples than can be indexed.
 pub(super) fn ensure_sample_count<const D: usize>(dims: [usize; D], max: usize) -> Result<()> {
@@ -306,6 +292,7 @@ pub(super) fn first_non_finite(samples: &[f32]) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::comm::SelfComm;
     use crate::feature::scenes::{ExactSurface, ridge_image};
     use crate::feature::{detect, detect_with_cancel, detectors};
     use crate::image::{Geometry, ImageLayers, ImageSource};
@@ -316,7 +303,7 @@ mod tests {
     fn images_with_too_many_samples_are_refused() {
         let check_count = |dims: [usize; 3], kind| {
             let detector = detectors::detector_for::<3>(kind).unwrap();
-            ensure_sample_count(dims, max_samples(detector))
+            ensure_sample_count(dims, detector.max_samples())
         };
         // Detectors that read layers can index far more samples than a disk holds.
         for kind in [FeatureKind::Ridges, FeatureKind::Horizons] {
@@ -369,8 +356,8 @@ mod tests {
         for kind in [FeatureKind::Labels, FeatureKind::Canny, FeatureKind::Paths] {
             let options = DetectionOptions::with_kind(kind, 8.0);
             let cancel = &CancelToken::never();
-            let error =
-                detect_with_cancel(ImageSource::Layered(&layers), &options, cancel).unwrap_err();
+            let source = ImageSource::Layered(&layers);
+            let error = detect_with_cancel(source, &options, &SelfComm, cancel).unwrap_err();
             assert!(error.to_string().contains("4294967296 samples"), "{error}");
         }
     }

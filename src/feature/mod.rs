@@ -7,15 +7,13 @@
 //! are dropped. Last, the potential b(x) gets a valley along each surface.
 //!
 //! Options and results:
-//! - `kind`: kinds of features and their names
 //! - `detection`: options of detection and their checks
 //! - `outcome`: what was found of each kind, and how credible it is
 //! - `doubt`: decisions that the image leaves open
 //! - `resolved`: scales and thresholds of a whole image, to be used again for a part of it
 //!
-//! Detectors, one file per kind:
-//! - `detectors`: their trait and table; `auto`, `canny`, `edges`, `faults`, `faults_and_horizons`,
-//!   `horizons`, `labels`, `masks`, `paths`, `potential`, `ridges` (and valleys)
+//! Detectors:
+//! - `detectors`: kinds of features with their names and properties; one file per kind
 //!
 //! Shared by detectors:
 //! - `volume`: samples in memory and their finite differences
@@ -59,7 +57,6 @@ pub(crate) mod eigen;
 pub(crate) mod gaussian;
 pub(crate) mod gradient_magnitude;
 pub(crate) mod hessian;
-mod kind;
 pub(crate) mod label_map;
 mod lines;
 pub(crate) mod local_feature_size;
@@ -82,7 +79,7 @@ pub(crate) mod scenes;
 #[cfg(test)]
 mod tests;
 
-use crate::comm::{Comm, SelfComm, WorldComm};
+use crate::comm::{Comm, SelfComm};
 use crate::error::Result;
 use crate::image::{Image, ImageSource, LiveMask, ScalarField, SparseField};
 use crate::progress::{CancelToken, Stage};
@@ -96,9 +93,10 @@ use windows::Samples;
 
 pub use detection::DetectionOptions;
 pub(crate) use detection::fills_gaps;
+pub use detectors::FeatureKind;
 pub use detectors::paths::PathSeeds;
+pub(crate) use detectors::{Brightness, ThresholdMeaning};
 pub use doubt::Doubt;
-pub use kind::FeatureKind;
 pub use label_map::{LabelMap, LabelOptions};
 pub use lines::{FeatureLine, LineKind, MIN_LENGTH, lines};
 pub use outcome::{KindOutcome, MIN_FAULT_DIP, MissingData};
@@ -210,11 +208,11 @@ pub fn detect<const D: usize>(
     image: &Image<D>,
     options: &DetectionOptions<D>,
 ) -> Result<Features<D>> {
-    detect_in_memory(image, options, &CancelToken::never())
+    detect_in_memory(image, options, &SelfComm, &CancelToken::never())
 }
 
 /// Finds features as [`detect`] does, in an image that may be read layer by layer, until `cancel`
-/// is cancelled.
+/// is cancelled. The ranks of `comm` share the work.
 ///
 /// # Errors
 /// Returns the errors of [`detect`], the errors of reading, and an
@@ -222,18 +220,19 @@ pub fn detect<const D: usize>(
 pub(crate) fn detect_with_cancel<const D: usize>(
     source: ImageSource<'_, D>,
     options: &DetectionOptions<D>,
+    comm: &dyn Comm,
     cancel: &CancelToken<'_>,
 ) -> Result<Features<D>> {
     let layers = match source {
-        ImageSource::InMemory(image) => return detect_in_memory(image, options, cancel),
+        ImageSource::InMemory(image) => return detect_in_memory(image, options, comm, cancel),
         ImageSource::Layered(layers) => layers,
     };
     detection::validate_options(options)?;
     let (dims, tasks) = (layers.dims(), detectors::requested_detectors(options));
     for (detector, _) in tasks.iter().flatten() {
-        detection::ensure_sample_count(dims, detection::max_samples(*detector))?;
+        detection::ensure_sample_count(dims, detector.max_samples())?;
     }
-    let samples = Samples::from_layers(layers, 1.0);
+    let samples = Samples::from_layers(layers, 1.0).with_comm(comm);
     // The survey is made for every kind, because an image with gaps is searched in memory.
     let modality = options.modality.or_detect(layers.geometry());
     let choice = detectors::auto::choose_in_layers(&samples, modality, cancel)?;
@@ -247,12 +246,12 @@ pub(crate) fn detect_with_cancel<const D: usize>(
     };
     match selection {
         Some((tasks, reason)) if tasks.iter().all(|(detector, _)| detector.is_streamable()) => {
-            run_detectors((source, None), tasks, reason, options, cancel)
+            run_detectors((source, None), tasks, reason, options, comm, cancel)
         }
         // The detectors need the whole image, or the image has gaps.
         _ => {
             detection::ensure_sample_count(dims, detection::MAX_IN_MEMORY_SAMPLES)?;
-            detect_in_memory(&layers.load()?, options, cancel)
+            detect_in_memory(&layers.load()?, options, comm, cancel)
         }
     }
 }
@@ -261,14 +260,15 @@ pub(crate) fn detect_with_cancel<const D: usize>(
 fn detect_in_memory<const D: usize>(
     image: &Image<D>,
     options: &DetectionOptions<D>,
+    comm: &dyn Comm,
     cancel: &CancelToken<'_>,
 ) -> Result<Features<D>> {
     let prepared = detection::prepare_image(image, options)?;
     let image = &*prepared.image;
     detection::ensure_not_constant(image)?;
-    let (tasks, reason) = detectors::select_detectors(image, options)?;
+    let (tasks, reason) = detectors::select_detectors(image, options, comm)?;
     let source = (ImageSource::InMemory(image), prepared.live_mask.as_ref());
-    let mut features = run_detectors(source, tasks, reason, options, cancel)?;
+    let mut features = run_detectors(source, tasks, reason, options, comm, cancel)?;
     features.notes.extend(prepared.notes);
     features.missing = prepared.missing;
     Ok(features)
@@ -280,6 +280,7 @@ fn run_detectors<const D: usize>(
     tasks: Vec<detectors::DetectorTask<D>>,
     reason: Option<detectors::SelectionReason>,
     options: &DetectionOptions<D>,
+    comm: &dyn Comm,
     cancel: &CancelToken<'_>,
 ) -> Result<Features<D>> {
     let count = tasks.len() as f64;
@@ -287,12 +288,13 @@ fn run_detectors<const D: usize>(
         cancel.set_range(index as f64 / count, (index + 1) as f64 / count);
         let input = DetectorInput {
             live_mask: live,
+            comm,
             ..DetectorInput::new(source, &options, cancel)
         };
         run_detector(&input, detector, [[false; 2]; D])
     };
     let results: Result<Vec<_>> = tasks.into_iter().enumerate().map(run_task).collect();
-    let mut features = detectors::combine_features(results?, source.dims(), options)?;
+    let mut features = detectors::combine_features(results?, source.dims(), options, comm)?;
     if let Some(reason) = reason {
         features.notes.insert(0, reason.note);
         features.doubt = reason.doubt;
@@ -331,7 +333,7 @@ pub(crate) fn detect_part<const D: usize>(
         )
     };
     let results: Result<Vec<_>> = resolved.iter().map(run_kind).collect();
-    detectors::combine_features(results?, part.dims(), options)
+    detectors::combine_features(results?, part.dims(), options, &SelfComm)
 }
 
 /// Approximate share of the work that is done when all candidates are found, and when they are
@@ -351,7 +353,7 @@ fn run_detector<const D: usize>(
     open_sides: OpenSides<D>,
 ) -> Result<Features<D>> {
     let (dims, options, kind) = (input.dims(), input.options, detector.kind());
-    detection::ensure_sample_count(dims, detection::max_samples(detector))?;
+    detection::ensure_sample_count(dims, detector.max_samples())?;
     let mut notes = Vec::new();
     let output = detector.find(input, &mut notes);
     input.cancel.set_fraction(PROGRESS_FOUND);
@@ -363,7 +365,7 @@ fn run_detector<const D: usize>(
             live.is_usable(at)
         }),
         (None, ImageSource::InMemory(image)) => {
-            output.drop_near_missing_data(image, detector.extra_reach(), &mut notes, &WorldComm)?;
+            output.drop_near_missing_data(image, detector.extra_reach(), &mut notes, input.comm)?;
         }
         (None, ImageSource::Layered(_)) => (),
     }
@@ -389,7 +391,7 @@ fn run_detector<const D: usize>(
         min_width: detector.min_width(options.d_min),
         open_sides,
     };
-    let comm = &WorldComm as &dyn Comm;
+    let comm = input.comm;
     let comm_and_cancel = (comm, input.cancel);
     let mut surfaces = surfaces::extract_surfaces(
         dims,
@@ -414,7 +416,8 @@ fn run_detector<const D: usize>(
     // Edges do not cross at small angles, but noise scatters their normals, so that points of one
     // edge are told apart by the number of their surface. Other surfaces may run as near to each
     // other as points of one surface do: they are told apart by their normals.
-    let surface = (kind == FeatureKind::Edges).then_some(&surfaces.surface[..]);
+    let has_scattered_normals = detector.has_scattered_normals();
+    let surface = has_scattered_normals.then_some(&surfaces.surface[..]);
     let spacing = gaps.map(|[min, max]| {
         let points = &surfaces.points;
         let has_labels = output.labels.is_some();
@@ -475,23 +478,17 @@ fn run_detector<const D: usize>(
         }
     };
     input.cancel.check(Stage::Features)?;
-    let is_horizon = kind == FeatureKind::Horizons;
+    let is_horizon = detector.is_horizon();
     let outcome = KindOutcome {
         kind,
         points: surfaces.total_points,
         dropped: surfaces.dropped,
         signal_to_noise: output.signal_to_noise,
-        gently_dipping: match kind {
-            FeatureKind::Faults => {
-                let geometry = input.source.geometry();
-                outcome::gently_dipping_share(
-                    &surfaces.points,
-                    geometry,
-                    options.step,
-                    points_comm,
-                )?
-            }
-            _ => None,
+        gently_dipping: if detector.is_fault() {
+            let geometry = input.source.geometry();
+            outcome::gently_dipping_share(&surfaces.points, geometry, options.step, points_comm)?
+        } else {
+            None
         },
     };
     Ok(Features {

@@ -5,10 +5,10 @@ use super::frame::JobDomain;
 use super::optimise::{self, optimise};
 use super::spec::SeedingKind;
 use super::{MeshSpace, Meshing, Params, Spacing, StageRunner, canny, estimate};
-use crate::comm::{self, Comm, WorldComm};
+use crate::comm::Comm;
 use crate::error::cause;
 use crate::feature::components::for_each_sample;
-use crate::feature::{FeatureKind, Features};
+use crate::feature::{Brightness, Features};
 use crate::image::{Image, ImageSource, LabelValue, ScalarField};
 use crate::lattice::distance::{self, DenseRegion, Distance, DistanceLimits, DistributedDistance};
 use crate::lattice::optimize::{self, StopReason};
@@ -45,13 +45,14 @@ where
     MeshSpace<D>: Meshing<D>,
 {
     stages.begin_unless_stopped(Stage::Placing)?;
+    let comm = stages.comm;
     if params.spec.seeding == SeedingKind::Canny {
         let placed = stages.run_or_interrupt(Stage::Placing, |cancel| {
-            canny::canny_atoms(&*source.to_image()?, params, features, frame, cancel)
+            canny::canny_atoms(&*source.to_image()?, params, features, frame, comm, cancel)
         })?;
         let atoms = placed.atoms.global_count as f64;
         let estimate = estimate::estimate_from_atom_count::<D>(atoms, params.spec.cell_kind());
-        stages.observer.estimate(&estimate);
+        stages.progress.estimate(&estimate);
         estimate::afford(&estimate)?;
         return Ok(placed);
     }
@@ -75,31 +76,32 @@ pub(super) fn nominal_distance<const D: usize>(
     frame: &JobDomain<D>,
     stages: &mut StageRunner<'_>,
 ) -> Result<DistributedDistance<D>> {
-    let (extent, ways, group) = (frame.extent, &frame.well_paths, &WorldComm as &dyn Comm);
-    let distance = stages.run_or_interrupt(Stage::Placing, |patience| {
-        let mut distance = base_distance(source, params, features, frame.step, patience)?;
-        if features.labels.is_some() || !ways.is_empty() {
-            distance = DistributedDistance::Global(distance.into_global(group)?);
+    let (extent, well_paths, comm) = (frame.extent, &frame.well_paths, stages.comm);
+    let distance = stages.run_or_interrupt(Stage::Placing, |cancel| {
+        let mut distance = base_distance(source, params, features, frame.step, comm, cancel)?;
+        if features.labels.is_some() || !well_paths.is_empty() {
+            distance = DistributedDistance::Global(distance.into_global(comm)?);
         }
-        if let DistributedDistance::Global(whole) = distance {
-            distance = DistributedDistance::Global(distance_with_labels(
-                whole, params, features, patience,
-            ));
+        if let DistributedDistance::Global(global) = distance {
+            distance =
+                DistributedDistance::Global(distance_with_labels(global, params, features, cancel));
         }
-        patience.check(Stage::Placing)?;
+        cancel.check(Stage::Placing)?;
         match (
-            params.spec.well_distance.filter(|_| !ways.is_empty()),
+            params.spec.well_distance.filter(|_| !well_paths.is_empty()),
             distance,
         ) {
-            (Some(least), DistributedDistance::Global(distance)) => wells::refine_near_wells(
-                distance,
-                ways,
-                least,
-                MAX_DISTANCE_GROWTH,
-                extent,
-                patience,
-            )
-            .map(DistributedDistance::Global),
+            (Some(min_distance), DistributedDistance::Global(distance)) => {
+                wells::refine_near_wells(
+                    distance,
+                    well_paths,
+                    min_distance,
+                    MAX_DISTANCE_GROWTH,
+                    extent,
+                    cancel,
+                )
+                .map(DistributedDistance::Global)
+            }
             (_, distance) => Ok(distance),
         }
     })?;
@@ -107,9 +109,9 @@ pub(super) fn nominal_distance<const D: usize>(
     let mut estimate = estimate::estimate_from_distance(&outline, extent, params.spec.cell_kind());
     if stages.may_partition {
         estimate =
-            estimate::estimate_per_rank(estimate, extent, &outline, params.seeding(), comm::size());
+            estimate::estimate_per_rank(estimate, extent, &outline, params.seeding(), comm.size());
     }
-    stages.observer.estimate(&estimate);
+    stages.progress.estimate(&estimate);
     estimate::afford(&estimate)?;
     drop(outline);
     Ok(distance)
@@ -140,13 +142,13 @@ pub(super) fn optimised_lattice<const D: usize>(
     frame: &JobDomain<D>,
     stages: &mut StageRunner<'_>,
 ) -> Result<PlacedAtoms<D>> {
-    let group = &WorldComm;
+    let comm = stages.comm;
     let (atoms, optimised) = stages.load_or_run_shares("3-moved", |stages| {
         let (mut atoms, ()) = stages.load_or_run_shares("2-seeded", |stages| {
-            let atoms = stages.run_or_interrupt(Stage::Placing, |patience| {
-                let (how, potential) = (params.seeding(), &features.potential);
+            let atoms = stages.run_or_interrupt(Stage::Placing, |cancel| {
+                let (method, potential) = (params.seeding(), &features.potential);
                 let extent = frame.extent;
-                seeding::seed_partition(how, extent, &distance, fixed, potential, group, patience)
+                seeding::seed_partition(method, extent, &distance, fixed, potential, comm, cancel)
             })?;
             Ok((atoms, ()))
         })?;
@@ -157,7 +159,8 @@ pub(super) fn optimised_lattice<const D: usize>(
             features,
             &distance,
             frame,
-            stages.observer,
+            comm,
+            stages.progress,
         )?;
         if optimised.stop == StopReason::Interrupted {
             stages.mark_interrupted();
@@ -176,25 +179,30 @@ fn densest_brightness<const D: usize>(
     image: &Image<D>,
     features: &Features<D>,
 ) -> (DenseRegion, String) {
-    let mask = |value: f32| {
+    let is_bright = |value: f32| {
         let samples = image.as_slice().iter();
         let sum: f64 = samples.map(|&s| f64::from(s)).sum();
         f64::from(value) * image.as_slice().len() as f64 > sum
     };
     let kinds = features.resolved.iter();
-    let mut of = kinds.filter_map(|of| match (of.kind, of.mask) {
-        (FeatureKind::Ridges, _) => Some((DenseRegion::Bright, "ridges, which are bright".into())),
-        (FeatureKind::Valleys, _) => Some((DenseRegion::Dark, "valleys, which are dark".into())),
-        (FeatureKind::Labels | FeatureKind::Mask, Some(value)) if mask(value) => {
-            Some((DenseRegion::Bright, format!("a thin mask of {value}")))
-        }
-        (FeatureKind::Labels | FeatureKind::Mask, Some(value)) => {
-            Some((DenseRegion::Dark, format!("a thin mask of {value}")))
-        }
-        _ => None,
+    let mut regions = kinds.filter_map(|options| {
+        let kind = options.kind;
+        Some(match (options.mask, kind.brightness()) {
+            (Some(value), _) if is_bright(value) => {
+                (DenseRegion::Bright, format!("a thin mask of {value}"))
+            }
+            (Some(value), _) => (DenseRegion::Dark, format!("a thin mask of {value}")),
+            (None, Some(Brightness::Bright)) => {
+                (DenseRegion::Bright, format!("{kind}, which are bright"))
+            }
+            (None, Some(Brightness::Dark)) => {
+                (DenseRegion::Dark, format!("{kind}, which are dark"))
+            }
+            (None, None) => return None,
+        })
     });
-    let followed = of.next_back();
-    followed.unwrap_or_else(|| (DenseRegion::Dark, "features neither bright nor dark".into()))
+    let last = regions.next_back();
+    last.unwrap_or_else(|| (DenseRegion::Dark, "features neither bright nor dark".into()))
 }
 
 /// What whoever reads the report should know of how the distance came about.
@@ -207,12 +215,12 @@ pub(super) fn distance_note<const D: usize>(
         return Ok(None);
     };
     let (dense, why) = densest_brightness(&*source.to_image()?, features);
-    let end = match dense {
+    let extreme = match dense {
         DenseRegion::Dark => "darkest",
         DenseRegion::Bright => "brightest",
     };
     Ok(Some(format!(
-        "distance from image: least where it is {end}, for it has {why}"
+        "distance from image: least where it is {extreme}, for it has {why}"
     )))
 }
 
@@ -222,41 +230,45 @@ fn distance_with_labels<const D: usize>(
     distance: Distance<D>,
     params: &Params<D>,
     features: &Features<D>,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Distance<D> {
     let Some(labelled) = &features.labels else {
         return distance;
     };
-    let wish = |label: &LabelValue| {
-        let wish = params.spec.label.iter().find(|wish| wish.label == *label);
-        wish.and_then(|wish| wish.distance)
+    let label_distance = |label: &LabelValue| {
+        let options = params
+            .spec
+            .label
+            .iter()
+            .find(|options| options.label == *label);
+        options.and_then(|options| options.distance)
     };
-    let wishes: Vec<Option<f64>> = labelled.labels.iter().map(wish).collect();
-    if wishes.iter().all(Option::is_none) {
+    let distances: Vec<Option<f64>> = labelled.labels.iter().map(label_distance).collect();
+    if distances.iter().all(Option::is_none) {
         return distance;
     }
-    let most = params.spacing().max();
+    let max = params.spacing().max();
     let mut field = match &distance {
         Distance::Bricks(_) => return distance,
         Distance::Field(field) => field.clone(),
         Distance::Constant(d) => {
-            let least = wishes.iter().flatten().copied().fold(*d, f64::min);
-            distance::coarse_field(features.potential.extent(), least, *d)
+            let min = distances.iter().flatten().copied().fold(*d, f64::min);
+            distance::coarse_field(features.potential.extent(), min, *d)
         }
     };
     let (dims, step) = (field.dims, field.step);
     for_each_sample(dims, |i, at| {
         let x = std::array::from_fn(|k| at[k] as f64 * step[k]);
-        if let Some(wish) = wishes[labelled.label_at(x) as usize] {
+        if let Some(target) = distances[labelled.label_at(x) as usize] {
             let d = &mut field.samples[i];
-            *d = if wish <= most {
-                d.min(wish as f32)
+            *d = if target <= max {
+                d.min(target as f32)
             } else {
-                *d * (wish / most) as f32
+                *d * (target / max) as f32
             };
         }
     });
-    distance::limit_gradient(&mut field, MAX_DISTANCE_GROWTH, patience);
+    distance::limit_gradient(&mut field, MAX_DISTANCE_GROWTH, cancel);
     Distance::Field(field)
 }
 
@@ -266,27 +278,29 @@ fn base_distance<const D: usize>(
     params: &Params<D>,
     features: &Features<D>,
     step: [f64; D],
-    patience: &CancelToken<'_>,
+    comm: &dyn Comm,
+    cancel: &CancelToken<'_>,
 ) -> Result<DistributedDistance<D>> {
     let field = |image: &Image<D>| ScalarField {
         dims: image.dims(),
         step,
         samples: image.as_slice().to_vec(),
     };
-    let wishes = || params.spec.label.iter().filter_map(|wish| wish.distance);
-    let least = |d: f64| wishes().fold(d, f64::min);
-    let (growth, group) = (MAX_DISTANCE_GROWTH, &WorldComm as &dyn Comm);
-    let gaps = |min, max| {
-        distance::distributed_from_gaps(
-            features,
-            DistanceLimits { min, max, growth },
-            patience,
-            group,
-        )
+    let label_distances = || {
+        params
+            .spec
+            .label
+            .iter()
+            .filter_map(|options| options.distance)
     };
-    let all = match params.spacing() {
+    let min_with_labels = |d: f64| label_distances().fold(d, f64::min);
+    let growth = MAX_DISTANCE_GROWTH;
+    let gaps = |min, max| {
+        distance::distributed_from_gaps(features, DistanceLimits { min, max, growth }, cancel, comm)
+    };
+    let result = match params.spacing() {
         Spacing::Constant(d) if features.spacing.is_some() => {
-            return gaps(least(d), d.max(least(d)));
+            return gaps(min_with_labels(d), d.max(min_with_labels(d)));
         }
         Spacing::FromFeatureGaps { min, max } => {
             // Parts of labels may be thinner than the least distance.
@@ -295,24 +309,17 @@ fn base_distance<const D: usize>(
                 Some(_) => spacing.fold(min, |min, d| min.min(f64::from(*d))),
                 None => min,
             };
-            return gaps(least(min), max);
+            return gaps(min_with_labels(min), max);
         }
         Spacing::FromFeatures { min, max } => {
             let limits = DistanceLimits { min, max, growth };
-            return distance::distributed_from_features(features, limits, patience, group);
+            return distance::distributed_from_features(features, limits, cancel, comm);
         }
         Spacing::Constant(d) => Ok(Distance::Constant(d)),
         Spacing::FromImage { min, max } => {
             let image = source.to_image()?;
             let dense = densest_brightness(&image, features).0;
-            distance::from_image(
-                &field(&image),
-                dense,
-                min,
-                max,
-                MAX_DISTANCE_GROWTH,
-                patience,
-            )
+            distance::from_image(&field(&image), dense, min, max, MAX_DISTANCE_GROWTH, cancel)
         }
         Spacing::FromLaplacian { min, max } => distance::from_laplacian(
             &features.potential.to_dense(),
@@ -320,7 +327,7 @@ fn base_distance<const D: usize>(
             min,
             max,
             MAX_DISTANCE_GROWTH,
-            patience,
+            cancel,
         ),
         Spacing::FromCannyAtoms { .. } => Err(Error::Job(cause(
             "distance",
@@ -328,27 +335,28 @@ fn base_distance<const D: usize>(
             "give a distance, or place Canny's points",
         ))),
         Spacing::FromDistanceMap { min, max } => match &params.distance_map {
-            Some(given) if given.dims() == source.dims() => {
-                distance::from_samples(field(given), min, max, MAX_DISTANCE_GROWTH, patience)
+            Some(map) if map.dims() == source.dims() => {
+                distance::from_samples(field(map), min, max, MAX_DISTANCE_GROWTH, cancel)
             }
-            given => Err(Error::Job(cause(
+            map => Err(Error::Job(cause(
                 "distances",
                 format!(
                     "have dimensions {:?}, the image {:?}",
-                    given.as_ref().map(|image| image.dims()).unwrap_or([0; D]),
+                    map.as_ref().map(|image| image.dims()).unwrap_or([0; D]),
                     source.dims()
                 ),
                 "give one distance per sample of the image",
             ))),
         },
     };
-    all.map(DistributedDistance::Global)
+    result.map(DistributedDistance::Global)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::feature::{DetectionOptions, detect};
+    use crate::comm::SelfComm;
+    use crate::feature::{DetectionOptions, FeatureKind, detect};
     use crate::image::Geometry;
     use crate::job::spec::{DistanceSource, MeshSpec, NominalDistance};
 
@@ -373,9 +381,10 @@ mod tests {
                 &params,
                 &features,
                 [1.0; 2],
+                &SelfComm,
                 &CancelToken::never(),
             );
-            let d = d.unwrap().into_global(&WorldComm).unwrap();
+            let d = d.unwrap().into_global(&SelfComm).unwrap();
             let d = |x: f64| d.value_at([x, 35.0]);
             assert!(
                 d(40.0) < 4.1 && d(5.0) > 6.0,

@@ -5,7 +5,7 @@ use serde::Serialize;
 use super::regions;
 use super::table::group_digits;
 use super::{Fidelity, Quality, Report, Voronoi};
-use crate::feature::{FeatureKind, KindOutcome, MIN_FAULT_DIP};
+use crate::feature::{FeatureKind, KindOutcome, MIN_FAULT_DIP, ThresholdMeaning};
 
 /// Minimum fraction of the features that have faces, and of the faces that are on features. Less is
 /// an issue.
@@ -324,7 +324,13 @@ impl Report {
             return None;
         }
         let issue = "no feature was found, so the mesh follows none".to_string();
-        if let Some(threshold) = options["threshold"].as_f64() {
+        let kind: Option<FeatureKind> =
+            (options["feature"].as_str()).and_then(|name| name.parse().ok());
+        let has_strength =
+            kind.is_none_or(|kind| kind.threshold_meaning() == ThresholdMeaning::MinStrength);
+        if let Some(threshold) = options["threshold"].as_f64()
+            && has_strength
+        {
             return Some(Issue {
                 message: issue,
                 option: Some(format!("--threshold {}", 0.5 * threshold)),
@@ -339,7 +345,11 @@ impl Report {
         Some(Issue {
             message: issue,
             option: other.map(|kind| format!("--feature {kind}")),
-            suggestion: "looks for another kind of feature; or use a --threshold below the one in the notes",
+            suggestion: if has_strength {
+                "looks for another kind of feature; or use a --threshold below the one in the notes"
+            } else {
+                "looks for another kind of feature"
+            },
         })
     }
 
@@ -645,15 +655,10 @@ impl Report {
     /// Returns the issue of a kind of feature that was chosen although the image is ambiguous.
     fn doubt_issue(&self) -> Option<Issue> {
         let doubt = self.doubt.as_ref()?;
-        let suggestion = if doubt.assumed == FeatureKind::Labels {
-            "follows the middle of painted lines; --feature labels confirms solid objects"
-        } else {
-            "follows the surfaces themselves; --feature edges confirms the sides of solid objects"
-        };
         Some(Issue {
             message: format!("doubtful: {}", doubt.question),
             option: Some(format!("--feature {}", doubt.other)),
-            suggestion,
+            suggestion: doubt.other.suggestion_in_doubt()?,
         })
     }
 

@@ -1,4 +1,4 @@
-//! The verb `edit`: atoms added, moved and removed, and only their neighbourhood meshed anew.
+//! The verb `edit`: adds, moves and removes atoms, and meshes only their neighbourhood again.
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,7 @@ use crate::cli::console::Console;
 use crate::cli::interrupts::Interrupts;
 use crate::cli::parse;
 use crate::error::{cause, io_error};
-use crate::feature::{self, FeatureKind};
+use crate::feature;
 use crate::image::formats::InputOptions;
 use crate::image::formats::{AnyImage, LoadedImage};
 use crate::image::{Image, ImageSource};
@@ -29,7 +29,7 @@ use crate::store::output::with_image;
 use crate::store::{FieldValue, MeshFile, Storable, with_mesh};
 use crate::{Error, Result};
 
-/// `atomesh edit`.
+/// Arguments of `atomesh edit`.
 #[derive(Debug, Args)]
 pub struct EditArgs {
     /// A mesh written by atomesh
@@ -38,23 +38,24 @@ pub struct EditArgs {
     /// The image that was meshed
     #[arg(value_name = "IMAGE")]
     pub image: PathBuf,
-    /// The edited mesh
+    /// The edited mesh to write
     #[arg(short, long, value_name = "OUT.vtu")]
     pub output: PathBuf,
-    /// A new atom, in the image's physical coordinates (X,Y in 2-D); may be repeated, like all edits
+    /// A new atom, in the image's physical coordinates (X,Y in 2-D). This and the other edits may
+    /// be repeated
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub add: Vec<String>,
-    /// Moves atom N to X,Y,Z: a point of the mesh as ParaView numbers them, or of Voronoi cells a cell
+    /// Move atom N to X,Y,Z. N is the number of a point of the mesh as ParaView shows it, or of a
+    /// cell for Voronoi cells
     #[arg(long = "move", value_name = "N:X,Y,Z", allow_hyphen_values = true)]
     pub moves: Vec<String>,
-    /// Removes atom N
+    /// Remove atom N
     #[arg(long, value_name = "N")]
     pub remove: Vec<String>,
-    /// Edits from a CSV file, one per line: add,X,Y,Z or move,N,X,Y,Z or remove,N
+    /// A CSV file of edits, one per line: add,X,Y,Z or move,N,X,Y,Z or remove,N
     #[arg(long, value_name = "FILE.csv")]
     pub edits: Option<PathBuf>,
-    /// Added and moved atoms only start where they are put, and then move as all others do; without
-    /// this they stay there, as wells do
+    /// Let added and moved atoms move like all others. By default they stay in place, as wells do
     #[arg(long)]
     pub free: bool,
     /// How to read the image.
@@ -75,17 +76,17 @@ pub fn edit(args: &EditArgs, interrupts: &Interrupts, console: &mut Console) -> 
     clock.begin(Stage::Reading);
     with_mesh!(console.read_mesh(&args.mesh)?,
         simplices file => {
-            let lost = editable_mesh::dropped_arrays(&file);
-            run(args, file, edit_simplices, lost, clock, interrupts, console)
+            let dropped = editable_mesh::dropped_arrays(&file);
+            run(args, file, edit_simplices, dropped, clock, interrupts, console)
         },
         cells file => {
-            let lost = cells::dropped_arrays(&file);
-            run(args, file, edit_cells, lost, clock, interrupts, console)
+            let dropped = cells::dropped_arrays(&file);
+            run(args, file, edit_cells, dropped, clock, interrupts, console)
         }
     )
 }
 
-/// How a mesh of some kind of cells is edited.
+/// The function that edits a mesh of one kind of cells.
 type EditFn<const D: usize, M> = fn(
     MeshFile<M>,
     &str,
@@ -96,12 +97,12 @@ type EditFn<const D: usize, M> = fn(
     &mut dyn Progress,
 ) -> Result<EditedMesh<M>>;
 
-/// The same in the plane and in space, whatever the cells are; arrays that are `lost` are dropped.
+/// Edits a mesh of any dimension and kind of cells. Arrays in `dropped` are not in the edited mesh.
 fn run<const D: usize, M: Storable<D>>(
     args: &EditArgs,
     file: MeshFile<M>,
     edit: EditFn<D, M>,
-    lost: Vec<String>,
+    dropped: Vec<String>,
     mut clock: Clock,
     interrupts: &Interrupts,
     console: &mut Console,
@@ -119,38 +120,38 @@ fn run<const D: usize, M: Storable<D>>(
     };
     image.check(&args.image.display().to_string())?;
     let mut params = Params::<D>::read(&spec).map_err(with_option_name)?;
-    // An image in depth is taken as it is.
+    // An image that is in depth already is not converted.
     let velocity = (spec.velocity.as_ref()).filter(|_| image.geometry.time_coordinate().is_some());
-    let labels = params.spec.feature == FeatureKind::Labels;
-    let (image, stretch) = image_in_depth(image, velocity, labels, console)?;
-    if let Some(conversion) = &stretch {
+    let labels = params.spec.feature.has_labels();
+    let (image, conversion) = image_in_depth(image, velocity, labels, console)?;
+    if let Some(conversion) = &conversion {
         params
             .convert_to_depth(conversion)
             .map_err(with_option_name)?;
     }
-    let image = match feature::fills_gaps(&image, params.spec.feature, params.modality) {
-        true => (image.mark_dead(!params.spec.input.keeps_nulls())?)
-            .map_or(image, |marked| marked.image),
-        false => image,
+    let image = if feature::fills_gaps(&image, params.spec.feature, params.modality) {
+        (image.mark_dead(!params.spec.input.keeps_nulls())?).map_or(image, |marked| marked.image)
+    } else {
+        image
     };
     let hash = console.hash(&args.image)?;
-    if text_field(&file, "input_sha256").is_some_and(|known| known.trim() != hash) {
+    if text_field(&file, "input_sha256").is_some_and(|recorded| recorded.trim() != hash) {
         notes.push(format!(
             "{} is not the file that was meshed (its SHA-256 differs)",
             args.image.display()
         ));
     }
-    if !lost.is_empty() {
+    if !dropped.is_empty() {
         notes.push(format!(
             "dropped the arrays {}, which an edit cannot know",
-            lost.join(", ")
+            dropped.join(", ")
         ));
     }
     clock.end();
 
     let place = args.mesh.display().to_string();
     let before = file.mesh.len();
-    let mut watcher = EditProgress {
+    let mut progress = EditProgress {
         console,
         interrupts,
     };
@@ -161,7 +162,7 @@ fn run<const D: usize, M: Storable<D>>(
         &params,
         &edits,
         args.free,
-        &mut watcher,
+        &mut progress,
     )?;
     let after = edited.file.mesh.len();
     console.begin_stage(Stage::Writing);
@@ -180,10 +181,10 @@ fn run<const D: usize, M: Storable<D>>(
         "file": path_text(&args.output),
         "edits": edits.iter().map(|edit| &edit.name).collect::<Vec<_>>(),
     });
-    if let (Some(all), Ok(serde_json::Value::Object(more))) =
+    if let (Some(object), Ok(serde_json::Value::Object(fields))) =
         (json.as_object_mut(), serde_json::to_value(&summary))
     {
-        all.extend(more);
+        object.extend(fields);
     }
     let cells = [before, after];
     let table = table::<D, M>(&edits, &summary, cells);
@@ -194,16 +195,16 @@ fn run<const D: usize, M: Storable<D>>(
     Ok(())
 }
 
-/// An image of the mesh's dimension.
-fn image_of_dimension<const D: usize>(any: AnyImage) -> Option<LoadedImage<D>> {
-    let any: Box<dyn std::any::Any> = match any {
+/// Returns the image if it has dimension `D`.
+fn image_of_dimension<const D: usize>(image: AnyImage) -> Option<LoadedImage<D>> {
+    let image: Box<dyn std::any::Any> = match image {
         AnyImage::Plane(loaded) => Box::new(loaded),
         AnyImage::Space(loaded) => Box::new(loaded),
     };
-    any.downcast().ok().map(|loaded| *loaded)
+    image.downcast().ok().map(|loaded| *loaded)
 }
 
-/// A text that belongs to the whole mesh.
+/// Returns the field data of this name, if it is a text.
 fn text_field<'a, M>(file: &'a MeshFile<M>, name: &str) -> Option<&'a str> {
     let mut fields = file.field_data.iter();
     fields.find_map(|(known, value)| match value {
@@ -212,8 +213,8 @@ fn text_field<'a, M>(file: &'a MeshFile<M>, name: &str) -> Option<&'a str> {
     })
 }
 
-/// Returns the options that made the mesh, as its record says, as far as an edit needs them, and notes on
-/// what an edit does not do again.
+/// Returns the options with which the mesh was made, as far as an edit needs them, and notes on
+/// steps that an edit does not repeat.
 fn recorded_spec<M>(args: &EditArgs, file: &MeshFile<M>) -> Result<(MeshSpec, Vec<String>)> {
     let refuse = |problem: String, remedy| Error::Mesh(cause(args.mesh.display(), problem, remedy));
     let record = text_field(file, "parameters").ok_or_else(|| {
@@ -233,8 +234,8 @@ fn recorded_spec<M>(args: &EditArgs, file: &MeshFile<M>) -> Result<(MeshSpec, Ve
         .map_err(|e| unknown(&e.message().replace('\n', ", ")).with_source(e))?;
     let mut notes = Vec::new();
     let mut note = |line: &str| notes.push(line.to_string());
-    // The mesh holds its fixed atoms and its distances, while the files may be gone. Voronoi cells hold
-    // their fixed atoms once they have been edited.
+    // The mesh holds its fixed atoms and its distances, while the files may no longer exist.
+    // Voronoi cells hold their fixed atoms only after a first edit.
     let needs_files =
         spec.cell_kind() == CellKind::Voronoi && file.cell_array(cells::ATOM_KIND).is_none();
     if !needs_files {
@@ -261,7 +262,7 @@ fn recorded_spec<M>(args: &EditArgs, file: &MeshFile<M>) -> Result<(MeshSpec, Ve
     Ok((spec, notes))
 }
 
-/// All edits, in the order of the options' names, then those of the file.
+/// Returns all edits: `--add`, `--move`, `--remove`, then those of the file.
 fn parse_edits<const D: usize>(args: &EditArgs) -> Result<Vec<Edit<D>>> {
     let mut edits = Vec::new();
     for words in &args.add {
@@ -272,13 +273,13 @@ fn parse_edits<const D: usize>(args: &EditArgs) -> Result<Vec<Edit<D>>> {
     }
     for words in &args.moves {
         let remedy = "give an atom and its new place such as 812:1500,2000,300";
-        let Some((node, to)) = words.split_once(':') else {
+        let Some((node, target)) = words.split_once(':') else {
             return Err(parse::option_error("--move", words, "has no colon", remedy));
         };
         let node = parse_atom("--move", words, node)?;
         edits.push(Edit {
             name: format!("--move {words}"),
-            change: AtomChange::Move(node, parse::point("--move", to, POINT_REMEDY)?),
+            change: AtomChange::Move(node, parse::point("--move", target, POINT_REMEDY)?),
         });
     }
     for words in &args.remove {
@@ -305,7 +306,7 @@ fn parse_atom(option: &str, value: &str, word: &str) -> Result<u32> {
     atom.map_err(|_| parse::option_error(option, value, "does not name an atom", ATOM_REMEDY))
 }
 
-/// Edits from a CSV file; empty lines and lines that begin with `#` are skipped.
+/// Reads edits from a CSV file. Empty lines and lines that begin with `#` are skipped.
 fn read_edits<const D: usize>(path: &Path) -> Result<Vec<Edit<D>>> {
     let text = std::fs::read_to_string(path).map_err(|e| io_error(path, "read", e))?;
     let mut edits = Vec::new();
@@ -320,10 +321,10 @@ fn read_edits<const D: usize>(path: &Path) -> Result<Vec<Edit<D>>> {
             "add" => AtomChange::Add(parse::point(&place, rest, POINT_REMEDY)?),
             "remove" => AtomChange::Remove(parse_atom(&place, rest, rest)?),
             "move" => {
-                let (node, to) = rest.split_once(',').unwrap_or((rest, ""));
+                let (node, target) = rest.split_once(',').unwrap_or((rest, ""));
                 AtomChange::Move(
                     parse_atom(&place, rest, node)?,
-                    parse::point(&place, to, POINT_REMEDY)?,
+                    parse::point(&place, target, POINT_REMEDY)?,
                 )
             }
             _ => {
@@ -340,7 +341,7 @@ fn read_edits<const D: usize>(path: &Path) -> Result<Vec<Edit<D>>> {
     Ok(edits)
 }
 
-/// What was done, on one screen.
+/// Returns a table of the edits, the changed parts and their quality.
 fn table<const D: usize, M: Mesh<D>>(
     edits: &[Edit<D>],
     summary: &Summary,
@@ -349,10 +350,10 @@ fn table<const D: usize, M: Mesh<D>>(
     let mut lines = Vec::new();
     let mut line = |name: &str, text: String| lines.push(format!("{name:<12}{text}"));
     for (edit, atom) in edits.iter().zip(&summary.atoms) {
-        let is = atom.map_or("gone".into(), |n| format!("atom {n}"));
+        let state = atom.map_or("gone".into(), |n| format!("atom {n}"));
         line(
             "edit",
-            format!("{} is {is}", edit.name.trim_start_matches('-')),
+            format!("{} is {state}", edit.name.trim_start_matches('-')),
         );
     }
     let kind = M::CELLS_NAME;
@@ -392,16 +393,16 @@ fn table<const D: usize, M: Mesh<D>>(
             summary.samples, summary.evaluations
         ),
     );
-    let rest = Report {
+    let report = Report {
         stages: summary.stages.clone(),
         notes: summary.notes.clone(),
         ..Report::default()
     };
-    lines.push(rest.table().trim_end().to_string());
+    lines.push(report.table().trim_end().to_string());
     lines.join("\n")
 }
 
-/// Shows the stages.
+/// Shows the stages on the console, and stops the edit when the user asks for it.
 struct EditProgress<'a> {
     console: &'a mut Console,
     interrupts: &'a Interrupts,
@@ -412,8 +413,8 @@ impl Progress for EditProgress<'_> {
         self.console.begin_stage(stage);
     }
 
-    fn fraction_done(&mut self, share: f64) {
-        self.console.progress(share, "");
+    fn fraction_done(&mut self, fraction: f64) {
+        self.console.progress(fraction, "");
     }
 
     fn keep_going(&mut self) -> bool {

@@ -1,4 +1,4 @@
-//! `atomesh mesh`: from a checked job to the files it writes.
+//! The verb `mesh`: checks the options, runs the job and writes its files.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -13,9 +13,9 @@ use crate::cli::common::output::potential_image;
 use crate::cli::console::{Console, PendingHash, print};
 use crate::cli::interrupts::Interrupts;
 use crate::cli::job_files::{check_files, output_path};
+use crate::comm::Comm;
 use crate::error::{cause, io_error};
 use crate::export::page::{self, MAX_PAGE_BYTES, PageInfo, PageStats};
-use crate::feature::FeatureKind;
 use crate::files::vtk::DataArray;
 use crate::image::formats::stream::{ImageStream, OpenedImage};
 use crate::image::formats::{AnyImage, LoadedImage, into_any_image};
@@ -34,19 +34,19 @@ use crate::store::cell_output::cell_mesh_file;
 use crate::store::output::{simplex_mesh_file, with_image};
 use crate::store::pvtu::is_pvtu;
 use crate::store::{FieldValue, MeshFile, PvdSeries, StoredMesh, to_physical};
-use crate::{Error, Result, comm};
+use crate::{Error, Result};
 
-/// `atomesh mesh`.
+/// Arguments of `atomesh mesh`.
 #[derive(Debug, Args)]
 pub struct MeshArgs {
-    /// The image: SEG-Y, Zarr, MDIO, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png (2-D), or raw
-    /// samples with --raw
+    /// The image to mesh: SEG-Y, Zarr, MDIO, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png (2-D),
+    /// or raw samples with --raw
     #[arg(value_name = "IMAGE", required_unless_present = "print_config")]
     pub image: Option<PathBuf>,
     /// Options of the job.
     #[command(flatten)]
     pub spec: Typed<MeshSpec>,
-    /// Options from a TOML file; those typed here win
+    /// A TOML file of options. Options on the command line take precedence
     #[arg(long, value_name = "FILE.toml", help_heading = None)]
     pub config: Option<PathBuf>,
     /// Print the effective options as TOML and stop
@@ -55,10 +55,15 @@ pub struct MeshArgs {
 }
 
 /// Runs the verb.
-pub fn mesh(args: &MeshArgs, interrupts: &Interrupts, console: &mut Console) -> Result<VerbStatus> {
+pub(crate) fn mesh(
+    args: &MeshArgs,
+    interrupts: &Interrupts,
+    console: &mut Console,
+    comm: &dyn Comm,
+) -> Result<VerbStatus> {
     let spec = read_spec(args)?;
     let image = args.image.as_deref().unwrap_or(Path::new("image"));
-    check_files(image, &spec, args.config.as_deref())?;
+    check_files(image, &spec, args.config.as_deref(), comm.size())?;
     if args.print_config {
         print(spec.to_toml()?.trim_end());
         return Ok(VerbStatus::Done);
@@ -67,13 +72,15 @@ pub fn mesh(args: &MeshArgs, interrupts: &Interrupts, console: &mut Console) -> 
     let mut clock = Clock::new();
     console.begin_stage(Stage::Reading);
     clock.begin(Stage::Reading);
-    // Traces are stretched in memory.
-    let stretched = matches!(spec.velocity, Some(NumberOrFile::File(_)));
+    // Conversion to depth with a file of velocities resamples the traces in memory.
+    let resamples = matches!(spec.velocity, Some(NumberOrFile::File(_)));
     let opened = match console.open_image(image, &spec.input)? {
-        OpenedImage::Stream(stream) if stretched || !stream.stays_in_file() => stream
-            .into_loaded(image)
-            .map(into_any_image)
-            .map(OpenedImage::InMemory)?,
+        OpenedImage::Stream(stream) if resamples || !stream.stays_in_file(comm.size() > 1) => {
+            stream
+                .into_loaded(image)
+                .map(into_any_image)
+                .map(OpenedImage::InMemory)?
+        }
         opened => opened,
     };
     clock.end();
@@ -82,14 +89,15 @@ pub fn mesh(args: &MeshArgs, interrupts: &Interrupts, console: &mut Console) -> 
         spec: &spec,
         interrupts,
         clock,
+        comm,
     };
-    let able = cfg!(feature = "tetgen");
+    let has_tetgen = cfg!(feature = "tetgen");
     match opened {
         OpenedImage::InMemory(AnyImage::Plane(loaded)) => run.mesh_in_memory(loaded, console),
-        OpenedImage::InMemory(AnyImage::Space(loaded)) if able => {
+        OpenedImage::InMemory(AnyImage::Space(loaded)) if has_tetgen => {
             run.mesh_in_memory(loaded, console)
         }
-        OpenedImage::Stream(mut stream) if able => {
+        OpenedImage::Stream(mut stream) if has_tetgen => {
             if let Some(NumberOrFile::Constant(velocity)) = spec.velocity {
                 let geometry = &mut stream.header.geometry;
                 *geometry = geometry.to_depth(velocity).map_err(with_option_name)?.0;
@@ -109,7 +117,7 @@ pub fn mesh(args: &MeshArgs, interrupts: &Interrupts, console: &mut Console) -> 
     }
 }
 
-/// What is to be said of an image that is still in its file.
+/// Returns the notes on an image that is still in its file.
 fn stream_notes(stream: &ImageStream) -> Vec<String> {
     let mut notes = stream.header.notes.clone();
     notes.extend(stream.rounding_note());
@@ -117,11 +125,11 @@ fn stream_notes(stream: &ImageStream) -> Vec<String> {
     notes
 }
 
-/// Returns the options: those that were typed, over those of the configuration file.
+/// Returns the typed options, with those of the configuration file for all others.
 ///
 /// # Errors
-/// [`Error::Io`] if the configuration file cannot be read, [`Error::Job`] if it holds something else
-/// than options, or for an option that is impossible.
+/// Returns [`Error::Io`] if the configuration file cannot be read, and [`Error::Job`] if it holds
+/// anything but options, or for an option that is impossible.
 fn read_spec(args: &MeshArgs) -> Result<MeshSpec> {
     let Some(path) = &args.config else {
         let spec = args.spec.options.clone();
@@ -140,10 +148,10 @@ fn read_spec(args: &MeshArgs) -> Result<MeshSpec> {
         ))
         .with_source(e)
     })?;
-    let spec = args.spec.over(&from_file)?;
+    let spec = args.spec.with_fallback(&from_file)?;
     spec.validate().map_err(|error| {
         let place = &error.cause().place;
-        // An option that was not typed stands in the file.
+        // An option that was not typed comes from the configuration file.
         if option_name(place).is_some_and(|name| !args.spec.names.contains(name)) {
             let place = format!("{}: {place}", path.display());
             error.with_place(place)
@@ -154,12 +162,13 @@ fn read_spec(args: &MeshArgs) -> Result<MeshSpec> {
     Ok(spec.resolved())
 }
 
-/// A job whose image is read.
+/// A job whose image has been opened.
 struct MeshRun<'a> {
     path: &'a Path,
     spec: &'a MeshSpec,
     interrupts: &'a Interrupts,
     clock: Clock,
+    comm: &'a dyn Comm,
 }
 
 impl MeshRun<'_> {
@@ -183,14 +192,18 @@ impl MeshRun<'_> {
         let mut params = Params::<D>::read(self.spec).map_err(with_option_name)?;
         params.modality = Modality::detect(format, &image.geometry);
         let velocity = self.spec.velocity.as_ref();
-        let labels = params.spec.feature == FeatureKind::Labels;
-        let (image, stretch) = image_in_depth(image, velocity, labels, console)?;
-        if let Some(conversion) = &stretch {
+        let is_labels = params.spec.feature.has_labels();
+        let (image, conversion) = image_in_depth(image, velocity, is_labels, console)?;
+        if let Some(conversion) = &conversion {
             params
                 .convert_to_depth(conversion)
                 .map_err(with_option_name)?;
         }
-        notes.extend(stretch.into_iter().flat_map(|stretch| stretch.notes));
+        notes.extend(
+            conversion
+                .into_iter()
+                .flat_map(|conversion| conversion.notes),
+        );
         self.mesh(
             ImageSource::InMemory(&image),
             dims,
@@ -200,7 +213,8 @@ impl MeshRun<'_> {
         )
     }
 
-    /// Meshes an image, of which there are `notes`; its file is of so many samples.
+    /// Meshes an image. `notes` returns the notes on it, and `dims` are the dimensions of the image
+    /// in its file.
     fn mesh<const D: usize, M: Simplices<D>>(
         self,
         image: ImageSource<'_, D>,
@@ -217,17 +231,19 @@ impl MeshRun<'_> {
             spec,
             interrupts,
             mut clock,
+            comm,
         } = self;
         let geometry = image.geometry();
         warn_if_time(geometry, console);
-        let hashing = comm::is_root().then(|| console.start_hash(path));
+        let pending_hash = comm.is_root().then(|| console.start_hash(path));
         let output = output_path(path, spec);
 
         let step = params.spec.metric.step(geometry);
-        let mut watcher = MeshProgress {
+        let mut progress = MeshProgress {
             console,
             max_evaluations: crate::job::optimize_options(&params).max_evaluations,
             interrupts,
+            comm,
             trace_path: spec.trace.as_deref(),
             trace: None,
             traced_lattices: Vec::new(),
@@ -243,52 +259,56 @@ impl MeshRun<'_> {
             .as_deref()
             .map(Checkpoint::new)
             .transpose()?;
-        let whole = [&spec.lines, &spec.page, &spec.surfaces, &spec.potential_out];
-        let way = RunOptions {
+        let whole_mesh_outputs = [&spec.lines, &spec.page, &spec.surfaces, &spec.potential_out];
+        let run_options = RunOptions {
             checkpoint: checkpoint.as_ref(),
-            may_partition: is_pvtu(&output) && whole.iter().all(|path| path.is_none()),
+            may_partition: is_pvtu(&output) && whole_mesh_outputs.iter().all(|path| path.is_none()),
+            comm,
         };
-        let outcome = crate::job::run_from(image, &params, way, &mut watcher);
-        let (failed, traced) = (watcher.trace_error, watcher.traced_lattices);
-        let mut outcome = match failed.map_or(outcome, Err) {
+        let outcome = crate::job::run_from(image, &params, run_options, &mut progress);
+        let (trace_error, traced) = (progress.trace_error, progress.traced_lattices);
+        let mut outcome = match trace_error.map_or(outcome, Err) {
             Ok(outcome) => outcome,
             Err(error) => {
-                // What was left undone may look like another fault.
-                return Err(match interrupts.is_requested() {
-                    true => Error::Interrupted(error.cause().clone()),
-                    false => error,
+                // Work that was left undone after an interruption may look like another error.
+                return Err(if interrupts.is_requested() {
+                    Error::Interrupted(error.cause().clone())
+                } else {
+                    error
                 });
             }
         };
 
         allocator::trim();
         console.begin_stage(Stage::Writing);
-        interrupts.set_stage(Stage::Writing);
+        interrupts.set_stage(Stage::Writing, comm);
         clock.begin(Stage::Writing);
-        let found = || hashing.map_or_else(|| console.hash(path), PendingHash::wait);
-        let input_sha256 = comm::broadcast_from_root("the image's hash", found)?;
+        let hash = || pending_hash.map_or_else(|| console.hash(path), PendingHash::wait);
+        let input_sha256 = comm.broadcast_from_root("the image's hash", hash)?;
         outcome.provenance = Provenance {
             parameters: spec.clone().reproducible().to_toml()?,
             input_sha256,
         };
-        let ending = match outcome.stop == StopReason::Interrupted || interrupts.is_requested() {
-            true => VerbStatus::Interrupted,
-            false => VerbStatus::Done,
+        let status = if outcome.stop == StopReason::Interrupted || interrupts.is_requested() {
+            VerbStatus::Interrupted
+        } else {
+            VerbStatus::Done
         };
-        if comm::is_root() || is_pvtu(&output) {
-            console.write_outcome(&output, &outcome, image)?;
+        if comm.is_root() || is_pvtu(&output) {
+            console.write_outcome(&output, &outcome, image, comm)?;
         }
-        let in_world = match comm::is_root() || outcome.share.is_some() {
-            true => outcome.quality_in_world()?,
-            false => None,
+        let physical_quality = if comm.is_root() || outcome.share.is_some() {
+            outcome.quality_in_world(comm)?
+        } else {
+            None
         };
-        if !comm::is_root() {
-            return Ok(ending);
+        if !comm.is_root() {
+            return Ok(status);
         }
         if let Some(path) = &spec.lines {
             outcome.write_lines(path)?;
         }
-        outcome.report.quality_physical = in_world;
+        outcome.report.quality_physical = physical_quality;
         let modality = params.modality.or_detect(geometry);
         outcome.report.used_in_physical_space = modality != Modality::Survey;
         if let Some(path) = &spec.potential_out {
@@ -314,22 +334,22 @@ impl MeshRun<'_> {
         if let Some(path) = &spec.report {
             crate::files::atomic_write(path, |out| writeln!(out, "{json:#}"))?;
         }
-        let mut said = format!("{}\nwrote {}", report.table().trim_end(), output.display());
+        let mut text = format!("{}\nwrote {}", report.table().trim_end(), output.display());
         if let Some(path) = &spec.page {
             let written = write_page(path, &output, &*image.to_image()?, &outcome, json.clone())?;
-            said = format!("{said}\n{}", super::report::written_message(path, written));
+            text = format!("{text}\n{}", super::report::written_message(path, written));
         }
         if let Some(path) = &spec.surfaces {
             let surfaces = write_surfaces(path, &output, &outcome, console)?;
-            said = format!("{said}\nwrote {}: {surfaces} surfaces", path.display());
+            text = format!("{text}\nwrote {}: {surfaces} surfaces", path.display());
         }
-        console.result(said, &json);
-        Ok(ending)
+        console.result(text, &json);
+        Ok(status)
     }
 }
 
-/// Writes the faces on features of a mesh that has just been made and written to `output`, each with the
-/// number of its surface; says how many surfaces there are.
+/// Writes the faces on features of a mesh that was written to `output`, each with the number of its
+/// surface. Returns the number of surfaces.
 fn write_surfaces<const D: usize, M: Simplices<D>>(
     path: &Path,
     output: &Path,
@@ -352,7 +372,7 @@ where
     }
 }
 
-/// The page of a mesh that has just been made and written to `output`.
+/// Writes the page of a mesh that was written to `output`.
 fn write_page<const D: usize, M: Simplices<D>>(
     path: &Path,
     output: &Path,
@@ -364,14 +384,14 @@ where
     MeshSpace<D>: Meshing<D, Mesh = M>,
 {
     let name = output.file_name().unwrap_or(output.as_os_str());
-    let about = PageInfo {
+    let info = PageInfo {
         title: name.to_string_lossy().into_owned(),
         report,
         parameters: outcome.provenance.parameters.clone(),
         input_hash: outcome.provenance.input_sha256.clone(),
     };
     let place = output.display().to_string();
-    // As the file has it.
+    // The page shows the mesh as its file holds it.
     match &outcome.mesh {
         MeshResult::Simplices(made) => {
             let file = with_image(
@@ -379,7 +399,7 @@ where
                 ImageSource::InMemory(image),
             )?;
             let stored = StoredMesh::new(file, &place)?;
-            page::write(path, Some(image), &stored, &about, MAX_PAGE_BYTES)
+            page::write(path, Some(image), &stored, &info, MAX_PAGE_BYTES)
         }
         MeshResult::Voronoi { mesh, weld } => {
             let file = with_image(
@@ -387,12 +407,12 @@ where
                 ImageSource::InMemory(image),
             )?;
             let stored = StoredMesh::new(file, &place)?;
-            page::write(path, Some(image), &stored, &about, MAX_PAGE_BYTES)
+            page::write(path, Some(image), &stored, &info, MAX_PAGE_BYTES)
         }
     }
 }
 
-/// A large number in two digits.
+/// Formats a number with two significant digits.
 fn round_to_two_digits(number: f64) -> String {
     match number {
         n if n >= 1e6 => format!("{:.1} million", n / 1e6),
@@ -403,32 +423,34 @@ fn round_to_two_digits(number: f64) -> String {
     }
 }
 
-/// Shows the pipeline's progress, keeps its lattices, and passes on the wish to stop.
+/// Shows the progress of the job, writes its lattices to the trace, and stops the job when the user
+/// asks for it.
 struct MeshProgress<'a> {
     console: &'a mut Console,
-    /// Most evaluations of the energy.
+    /// Largest number of evaluations of the energy.
     max_evaluations: usize,
     interrupts: &'a Interrupts,
+    comm: &'a dyn Comm,
     trace_path: Option<&'a Path>,
-    /// Begun with the first lattice.
+    /// The trace, which is created with the first lattice.
     trace: Option<PvdSeries>,
-    /// The lattices in it.
+    /// Report entries of the lattices in the trace.
     traced_lattices: Vec<TracedLattice>,
-    /// Whether lattices lie in the plane z = 0.
+    /// `true` if lattices lie in the plane z = 0.
     is_planar: bool,
     geometry: Geometry<3>,
     step: [f64; 3],
-    /// Why a lattice could not be written.
+    /// The error of a lattice that could not be written.
     trace_error: Option<Error>,
     stage: Stage,
-    /// In which stage it heard that the user wants to stop.
+    /// The stage in which the user asked to stop, if so.
     interrupted_stage: Option<Stage>,
 }
 
 impl MeshProgress<'_> {
     /// Adds a lattice to the trace.
     fn add_snapshot(&mut self, path: &Path, snapshot: &LatticeSnapshot<'_>) -> Result<()> {
-        // The lattice with which another optimisation begins is there already.
+        // The first lattice of a further optimisation is in the trace already.
         if self.trace.is_some() && snapshot.round == 0 {
             return Ok(());
         }
@@ -442,7 +464,8 @@ impl MeshProgress<'_> {
         self.add_cells(path, &mesh, self.step, &geometry, snapshot)
     }
 
-    /// Adds the cells of a lattice to the trace, in the world, and what is said of it.
+    /// Adds the cells of a lattice to the trace, in physical coordinates, with its energies and
+    /// quality.
     fn add_cells<const D: usize, M: Simplices<D>>(
         &mut self,
         path: &Path,
@@ -457,7 +480,7 @@ impl MeshProgress<'_> {
             ("energy_image", snapshot.image_energy),
         ];
         let field = |(name, value): (&str, f64)| (name.into(), FieldValue::F64s(vec![value]));
-        let shapes = quality(mesh);
+        let lattice_quality = quality(mesh);
         let mesh = to_physical(mesh, step, geometry);
         let frame = MeshFile {
             point_data: Vec::new(),
@@ -476,8 +499,8 @@ impl MeshProgress<'_> {
         trace.add(step as f64, &frame)?;
         self.traced_lattices.push(TracedLattice {
             step,
-            worst_quality: shapes.mean_ratio.worst,
-            mean_quality: shapes.mean_ratio_mean,
+            worst_quality: lattice_quality.mean_ratio.worst,
+            mean_quality: lattice_quality.mean_ratio_mean,
             energy: snapshot.energy,
             energy_lattice: snapshot.lattice_energy,
             energy_image: snapshot.image_energy,
@@ -491,7 +514,7 @@ impl Progress for MeshProgress<'_> {
         allocator::trim();
         self.stage = stage;
         self.console.begin_stage(stage);
-        self.interrupts.set_stage(stage);
+        self.interrupts.set_stage(stage, self.comm);
     }
 
     fn note(&mut self, line: &str) {
@@ -519,8 +542,8 @@ impl Progress for MeshProgress<'_> {
         );
     }
 
-    fn fraction_done(&mut self, share: f64) {
-        self.console.progress(share, "");
+    fn fraction_done(&mut self, fraction: f64) {
+        self.console.progress(fraction, "");
     }
 
     fn lattice(&mut self, snapshot: &LatticeSnapshot<'_>) {
@@ -544,8 +567,8 @@ impl Progress for MeshProgress<'_> {
             self.console
                 .note("interrupted: what there is becomes a mesh if that takes no longer than two seconds; press Ctrl-C again to end at once");
         }
-        // Atoms that were stopped are joined and improved in full.
+        // After a stop of the optimisation, the later stages run in full.
         self.interrupted_stage
-            .is_none_or(|heard| heard == Stage::Optimising && heard != self.stage)
+            .is_none_or(|stage| stage == Stage::Optimising && stage != self.stage)
     }
 }

@@ -10,7 +10,6 @@
 
 use super::ridges::RidgeSearch;
 use super::{Detector, DetectorInput, DetectorOutput};
-use crate::comm::WorldComm;
 use crate::error::Result;
 use crate::feature::FeatureKind;
 use crate::feature::corners::{self, sharpen_corners};
@@ -45,7 +44,7 @@ impl<const D: usize> Detector<D> for Edges {
         let width = input.scale().hypot(output.scale);
         let min_strength = output.thresholds.high;
         if D == 2 {
-            let candidates = output.gather_candidates(&WorldComm)?;
+            let candidates = output.gather_candidates(input.comm)?;
             output.candidates =
                 sharpen_corners(dims, candidates, width, min_strength, input.cancel);
         }
@@ -53,6 +52,10 @@ impl<const D: usize> Detector<D> for Edges {
     }
 
     fn is_streamable(&self) -> bool {
+        true
+    }
+
+    fn has_scattered_normals(&self) -> bool {
         true
     }
 

@@ -67,6 +67,10 @@ impl<const D: usize> Detector<D> for Horizons {
         true
     }
 
+    fn is_horizon(&self) -> bool {
+        true
+    }
+
     /// Returns a large area: short pieces of reflectors are everywhere, and the mesh need not
     /// follow them.
     fn min_surface_cells(&self) -> f64 {

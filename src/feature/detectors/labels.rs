@@ -16,7 +16,7 @@
 
 use super::label_smoothing::LabelCompetition;
 use super::masks;
-use super::{Detector, DetectorInput, DetectorOutput, Thresholds};
+use super::{Detector, DetectorInput, DetectorOutput, ThresholdMeaning, Thresholds};
 use crate::error::Result;
 use crate::feature::candidate::{Candidate, dominant_axes};
 use crate::feature::components::{Component, Components};
@@ -34,6 +34,19 @@ pub struct Labels;
 impl<const D: usize> Detector<D> for Labels {
     fn kind(&self) -> FeatureKind {
         FeatureKind::Labels
+    }
+
+    /// Returns `false`: between labels, no value makes sense.
+    fn fills_gaps(&self) -> bool {
+        false
+    }
+
+    fn has_labels(&self) -> bool {
+        true
+    }
+
+    fn threshold_meaning(&self) -> ThresholdMeaning {
+        ThresholdMeaning::Unused
     }
 
     fn find(

@@ -11,7 +11,7 @@
 //! Assumption: a mask is thinner than [`MAX_THICKNESS`] samples on average.
 
 use super::ridges::RidgeSearch;
-use super::{Detector, DetectorInput, DetectorOutput};
+use super::{Detector, DetectorInput, DetectorOutput, ThresholdMeaning};
 use crate::error::{Error, Result, cause};
 use crate::feature::FeatureKind;
 use crate::feature::distance_transform::signed_distance;
@@ -119,6 +119,19 @@ impl<const D: usize> Detector<D> for Masks {
         FeatureKind::Mask
     }
 
+    /// Returns `false`: between the two values of a mask, no value makes sense.
+    fn fills_gaps(&self) -> bool {
+        false
+    }
+
+    fn threshold_meaning(&self) -> ThresholdMeaning {
+        ThresholdMeaning::Unused
+    }
+
+    fn suggestion_in_doubt(&self) -> &'static str {
+        "follows the middle of painted lines; --feature labels confirms solid objects"
+    }
+
     fn find(
         &self,
         input: &DetectorInput<'_, D>,
@@ -177,9 +190,10 @@ fn medial_surface<const D: usize>(
         min_strength_share: |_| MIN_STRENGTH_SHARE,
         ..RidgeSearch::new(input)
     };
+    let samples = Samples::in_memory(input.dims(), response).with_comm(input.comm);
     Ok(DetectorOutput {
         mask_value: Some(value),
-        ..search.find(Samples::in_memory(input.dims(), response), notes)?
+        ..search.find(samples, notes)?
     })
 }
 

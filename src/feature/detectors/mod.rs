@@ -1,5 +1,10 @@
 //! Detectors find candidates for feature points in an image; one file per kind of feature.
 //!
+//! To add a detector:
+//! 1. Write `impl Detector` for a unit struct in a file of this folder. Its methods say all that
+//!    other parts of the program need to know about the kind.
+//! 2. Add `mod` for the file, and an entry with help text, name and detector to `feature_kinds!`.
+//!
 //! - `ridges`: surfaces of high values, or of low ones (valleys)
 //! - `edges`: ridges of Prewitt's gradient magnitude
 //! - `canny`: maxima of the gradient magnitude along the gradient
@@ -29,19 +34,209 @@ pub(crate) mod paths;
 pub(crate) mod potential;
 pub(crate) mod ridges;
 
-use super::candidate::Candidate;
+use super::candidate::{Candidate, Voxel};
+use super::detection::MAX_IN_MEMORY_SAMPLES;
 use super::gaussian;
 use super::label_map::LabelMap;
+use super::oriented::FILTER_HALO_LAYERS;
 use super::volume::Volume;
-use super::windows::Samples;
-use super::{DetectionOptions, Doubt, FeatureKind, Features, ResolvedOptions};
-use crate::comm::{Comm, concatenate};
+use super::windows::{self, Samples};
+use super::{DetectionOptions, Doubt, Features, ResolvedOptions};
+use crate::comm::{Comm, SelfComm, concatenate};
 use crate::error::{Error, Result, cause};
+use crate::files::codec::codec_variants;
 use crate::image::{Image, ImageSource, LiveMask};
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
+use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::ops::Range;
+use std::str::FromStr;
+
+/// Defines [`FeatureKind`] from one table. An entry has the help text of a kind, its variant, its
+/// name on the command line and in files, and its detectors.
+macro_rules! feature_kinds {
+    ($($(#[$help:meta])* $kind:ident = $name:tt [$($detector:expr),*];)+) => {
+        /// Kinds of features. The doc comments of the variants are help texts of the command line.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+        #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+        pub enum FeatureKind {
+            $(
+                $(#[$help])*
+                #[serde(rename = $name)]
+                #[cfg_attr(feature = "cli", value(name = $name))]
+                $kind,
+            )+
+        }
+
+        impl FeatureKind {
+            /// All kinds, in the order of the help text.
+            const ALL: &[Self] = &[$(Self::$kind),+];
+
+            /// Returns the name on the command line and in files.
+            const fn name(self) -> &'static str {
+                match self {
+                    $(Self::$kind => $name),+
+                }
+            }
+
+            /// Returns the detectors that find features of this kind. [`FeatureKind::Auto`], which
+            /// is a choice, has none.
+            pub(crate) fn detectors<const D: usize>(self) -> &'static [&'static dyn Detector<D>] {
+                match self {
+                    $(Self::$kind => &[$(&$detector),*]),+
+                }
+            }
+        }
+
+        codec_variants! {
+            FeatureKind { $($kind),+ }
+        }
+    };
+}
+
+feature_kinds! {
+    /// Chosen by what the image looks like; the report says which
+    Auto = "auto" [];
+    /// Bright surfaces: fault images, fractures, membranes
+    Ridges = "ridges" [ridges::Ridges];
+    /// Dark surfaces
+    Valleys = "valleys" [ridges::Valleys];
+    /// Steps of brightness
+    Edges = "edges" [edges::Edges];
+    /// Steps of brightness, by non-maximum suppression and hysteresis
+    Canny = "canny" [canny::Canny];
+    /// The boundary of an object, by random shortest paths (2-D; needs a point of the object)
+    Paths = "paths" [paths::Paths];
+    /// Peaks and troughs of seismic amplitude along the bedding's normal
+    Horizons = "horizons" [horizons::Horizons];
+    /// Places where layers of seismic amplitude are broken
+    Faults = "faults" [faults::Faults];
+    /// Faults and horizons, each with its weight
+    FaultsAndHorizons = "faults+horizons" [faults::Faults, horizons::Horizons];
+    /// Interfaces between labels
+    Labels = "labels" [labels::Labels];
+    /// The middle of a mask of thin objects, as interpreters paint faults
+    Mask = "mask" [masks::Masks];
+    /// The image is b(x) already: -1 on features, 0 elsewhere
+    Potential = "potential" [potential::Potential];
+}
+
+impl FeatureKind {
+    /// Returns the detector that gives the properties of the kind, or `None` if the image decides
+    /// on the detector. These properties must be the same for all detectors of a kind, and in 2-D
+    /// and 3-D.
+    fn first_detector(self) -> Option<&'static dyn Detector<3>> {
+        self.detectors().first().copied()
+    }
+
+    /// Returns the meaning of the option `threshold`.
+    pub(crate) fn threshold_meaning(self) -> ThresholdMeaning {
+        self.first_detector()
+            .map_or(ThresholdMeaning::MinStrength, |detector| {
+                detector.threshold_meaning()
+            })
+    }
+
+    /// Returns `true` if samples are labels, between which no value makes sense.
+    pub(crate) fn has_labels(self) -> bool {
+        self.first_detector()
+            .is_some_and(|detector| detector.has_labels())
+    }
+
+    /// Returns the brightness of the features, if they differ from their surroundings by it.
+    pub(crate) fn brightness(self) -> Option<Brightness> {
+        self.first_detector()?.brightness()
+    }
+
+    /// Returns the effect of choosing this kind where the image leaves open whether it is right.
+    pub(crate) fn suggestion_in_doubt(self) -> Option<&'static str> {
+        Some(self.first_detector()?.suggestion_in_doubt())
+    }
+
+    /// Returns the memory, in bytes per rank, that the search for features takes besides an image
+    /// in memory.
+    pub(crate) fn search_bytes<const D: usize>(
+        self,
+        source: ImageSource<'_, D>,
+        ranks: usize,
+    ) -> f64 {
+        let detectors = self.detectors().iter();
+        // Detectors run one after the other.
+        detectors
+            .map(|detector| detector.search_bytes(source, ranks))
+            .reduce(f64::max)
+            .unwrap_or_else(|| image_search_bytes(source))
+    }
+}
+
+impl fmt::Display for FeatureKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+impl FromStr for FeatureKind {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        let mut kinds = Self::ALL.iter().copied();
+        kinds.find(|kind| kind.name() == name).ok_or_else(|| {
+            let names: Vec<&str> = Self::ALL.iter().map(|kind| kind.name()).collect();
+            Error::Feature(cause(
+                format!("feature '{name}'"),
+                "is not known",
+                format!("choose one of {}", names.join(", ")),
+            ))
+        })
+    }
+}
+
+/// Meaning of the option `threshold` for a kind of feature.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ThresholdMeaning {
+    /// Smallest strength of a feature.
+    MinStrength,
+    /// None: features of this kind have no strength.
+    Unused,
+}
+
+/// Brightness of features, compared with their surroundings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Brightness {
+    /// Values on features are higher.
+    Bright,
+    /// Values on features are lower.
+    Dark,
+}
+
+/// Memory (bytes) per sample of an image in memory: the smoothed samples, and some more.
+const BYTES_PER_SAMPLE: f64 = 8.0;
+/// Memory (bytes) per sample of a layer, if layers are read one after the other: the layers within
+/// reach of ridges.
+const BYTES_PER_LAYER_SAMPLE: f64 = 450.0;
+/// Memory (bytes) per sample of a layer of a strip, within twice the reach of oriented filters.
+const BYTES_PER_STRIP_SAMPLE: f64 = 1_400.0;
+
+/// Returns the memory, in bytes, that a search of an image takes besides an image in memory.
+fn image_search_bytes<const D: usize>(source: ImageSource<'_, D>) -> f64 {
+    match source {
+        ImageSource::InMemory(_) => BYTES_PER_SAMPLE * sample_count(source.dims()),
+        ImageSource::Layered(_) => layers_search_bytes(source.dims()),
+    }
+}
+
+/// Returns the memory, in bytes, that a search of some layers at a time takes.
+fn layers_search_bytes<const D: usize>(dims: [usize; D]) -> f64 {
+    let layer: f64 = dims[..D - 1].iter().map(|&n| n as f64).product();
+    let strip_layer = windows::strip_layer_samples(dims, FILTER_HALO_LAYERS) as f64;
+    (BYTES_PER_LAYER_SAMPLE * layer).max(BYTES_PER_STRIP_SAMPLE * strip_layer)
+}
+
+/// Returns the number of samples of an image.
+fn sample_count<const D: usize>(dims: [usize; D]) -> f64 {
+    dims.iter().map(|&n| n as f64).product()
+}
 
 /// A detector of one kind of feature.
 pub trait Detector<const D: usize>: Sync {
@@ -101,6 +296,67 @@ pub trait Detector<const D: usize>: Sync {
         false
     }
 
+    /// Returns the largest number of samples of an image in which the detector finds features.
+    fn max_samples(&self) -> usize {
+        if self.is_streamable() {
+            Voxel::MAX_COUNT
+        } else {
+            MAX_IN_MEMORY_SAMPLES
+        }
+    }
+
+    /// Returns the memory, in bytes per rank, that the search takes besides an image in memory.
+    fn search_bytes(&self, source: ImageSource<'_, D>, _ranks: usize) -> f64 {
+        image_search_bytes(source)
+    }
+
+    /// Returns the reason why features can only be found in a whole image, if that is so.
+    fn whole_image_reason(&self) -> Option<&'static str> {
+        None
+    }
+
+    /// Returns `true` if samples that hold no data are filled before features are sought.
+    fn fills_gaps(&self) -> bool {
+        true
+    }
+
+    /// Returns `true` if samples are labels, between which no value makes sense.
+    fn has_labels(&self) -> bool {
+        false
+    }
+
+    /// Returns the meaning of the option `threshold`.
+    fn threshold_meaning(&self) -> ThresholdMeaning {
+        ThresholdMeaning::MinStrength
+    }
+
+    /// Returns the brightness of the features, if they differ from their surroundings by it.
+    fn brightness(&self) -> Option<Brightness> {
+        None
+    }
+
+    /// Returns `true` if the features are faults, of which the report gives the dip.
+    fn is_fault(&self) -> bool {
+        false
+    }
+
+    /// Returns `true` if the features are horizons, which are no barriers to flow.
+    fn is_horizon(&self) -> bool {
+        false
+    }
+
+    /// Returns `true` if noise scatters normals and surfaces do not cross at small angles, so that
+    /// the number of its surface tells whether a point bounds a gap.
+    fn has_scattered_normals(&self) -> bool {
+        false
+    }
+
+    /// Returns the effect of choosing this kind where the image leaves open whether it is right,
+    /// and the option that confirms the other kind.
+    fn suggestion_in_doubt(&self) -> &'static str {
+        "follows these features instead"
+    }
+
     /// Returns b(x) if the image itself is the potential.
     fn potential(&self, _image: &Image<D>) -> Option<Vec<f32>> {
         None
@@ -121,10 +377,12 @@ pub struct DetectorInput<'a, const D: usize> {
     pub resolved: Option<&'a ResolvedOptions>,
     /// Cancels the search; the result of a cancelled search is not used.
     pub cancel: &'a CancelToken<'a>,
+    /// The ranks that share the search.
+    pub comm: &'a dyn Comm,
 }
 
 impl<'a, const D: usize> DetectorInput<'a, D> {
-    /// Creates the input for a whole image.
+    /// Creates the input for a whole image that one process searches.
     pub fn new(
         source: ImageSource<'a, D>,
         options: &'a DetectionOptions<D>,
@@ -136,6 +394,7 @@ impl<'a, const D: usize> DetectorInput<'a, D> {
             options,
             resolved: None,
             cancel,
+            comm: &SelfComm,
         }
     }
 
@@ -185,16 +444,21 @@ impl<'a, const D: usize> DetectorInput<'a, D> {
     /// # Errors
     /// Returns the errors of reading.
     pub fn samples(&self, sign: f32) -> Result<Samples<'a, D>> {
-        match self.source {
+        let samples = match self.source {
             ImageSource::InMemory(image) if sign == 1.0 => {
-                Ok(Samples::in_memory(image.dims(), image.as_slice()))
+                Samples::in_memory(image.dims(), image.as_slice())
             }
             ImageSource::InMemory(image) => {
                 let signed: Vec<f32> = image.as_slice().par_iter().map(|s| sign * s).collect();
-                Ok(Samples::in_memory(image.dims(), signed))
+                Samples::in_memory(image.dims(), signed)
             }
-            ImageSource::Layered(layers) => Samples::from_layers(layers, sign).load_if_small(),
-        }
+            ImageSource::Layered(layers) => {
+                return Samples::from_layers(layers, sign)
+                    .with_comm(self.comm)
+                    .load_if_small();
+            }
+        };
+        Ok(samples.with_comm(self.comm))
     }
 
     /// Returns the width (samples) of the Gaussian under which derivatives are taken, for detectors
@@ -381,19 +645,10 @@ pub struct SelectionReason {
 /// Returns the detector of one kind. [`FeatureKind::Auto`], which is a choice, and
 /// [`FeatureKind::FaultsAndHorizons`], which needs two detectors, have none.
 pub fn detector_for<const D: usize>(kind: FeatureKind) -> Option<&'static dyn Detector<D>> {
-    Some(match kind {
-        FeatureKind::Ridges => &ridges::Ridges,
-        FeatureKind::Valleys => &ridges::Valleys,
-        FeatureKind::Edges => &edges::Edges,
-        FeatureKind::Canny => &canny::Canny,
-        FeatureKind::Paths => &paths::Paths,
-        FeatureKind::Horizons => &horizons::Horizons,
-        FeatureKind::Faults => &faults::Faults,
-        FeatureKind::Labels => &labels::Labels,
-        FeatureKind::Mask => &masks::Masks,
-        FeatureKind::Potential => &potential::Potential,
-        FeatureKind::Auto | FeatureKind::FaultsAndHorizons => return None,
-    })
+    match kind.detectors() {
+        [detector] => Some(*detector),
+        _ => None,
+    }
 }
 
 /// Returns the detectors for the options; and the reason, if the image decided on one.
@@ -404,11 +659,12 @@ pub fn detector_for<const D: usize>(kind: FeatureKind) -> Option<&'static dyn De
 pub fn select_detectors<const D: usize>(
     image: &Image<D>,
     options: &DetectionOptions<D>,
+    comm: &dyn Comm,
 ) -> Result<DetectorSelection<D>> {
     match requested_detectors(options) {
         Some(tasks) => Ok((tasks, None)),
         None => selection_from_choice(
-            auto::choose(image, options.modality.or_detect(&image.geometry))?,
+            auto::choose(image, options.modality.or_detect(&image.geometry), comm)?,
             options,
         ),
     }
@@ -439,7 +695,7 @@ pub fn selection_from_choice<const D: usize>(
     } = choice;
     let kind = detector.kind();
     match options.threshold {
-        Some(threshold) if matches!(kind, FeatureKind::Labels | FeatureKind::Mask) => {
+        Some(threshold) if detector.threshold_meaning() == ThresholdMeaning::Unused => {
             Err(Error::Feature(cause(
                 format!("threshold {threshold}"),
                 format!("applies to the strength of features, but the image has {kind} ({reason})"),
@@ -460,10 +716,10 @@ pub fn selection_from_choice<const D: usize>(
 /// Returns an [`Error::Feature`] if features of this kind can only be found in the whole image.
 pub fn detector_for_part<const D: usize>(kind: FeatureKind) -> Result<&'static dyn Detector<D>> {
     let problem = match detector_for(kind) {
-        Some(_) if kind == FeatureKind::Paths => {
-            "comes from paths through the whole image and cannot be found again in a part"
-        }
-        Some(detector) => return Ok(detector),
+        Some(detector) => match detector.whole_image_reason() {
+            Some(reason) => reason,
+            None => return Ok(detector),
+        },
         None => "is not one kind that can be found again in a part of an image",
     };
     Err(Error::Feature(cause(
@@ -481,13 +737,63 @@ pub fn combine_features<const D: usize>(
     features: Vec<Features<D>>,
     dims: [usize; D],
     options: &DetectionOptions<D>,
+    comm: &dyn Comm,
 ) -> Result<Features<D>> {
     let mut features = features.into_iter();
     Ok(match (features.next(), features.next()) {
         (Some(faults), Some(horizons)) => {
-            faults_and_horizons::combine(faults, horizons, options.weights)?
+            faults_and_horizons::combine(faults, horizons, options.weights, comm)?
         }
         (Some(single), None) => single,
         _ => Features::empty(dims, options),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn kinds_have_the_same_names_everywhere() {
+        for &kind in FeatureKind::ALL {
+            let name = kind.to_string();
+            assert_eq!(name.parse::<FeatureKind>().unwrap(), kind);
+            assert_eq!(serde_json::to_value(kind).unwrap(), name);
+            #[cfg(feature = "cli")]
+            {
+                let value = clap::ValueEnum::to_possible_value(&kind).unwrap();
+                assert_eq!(value.get_name(), name);
+                assert!(value.get_help().is_some(), "{name}");
+            }
+        }
+        let message = "ridge".parse::<FeatureKind>().unwrap_err().to_string();
+        assert!(
+            message.contains("'ridge'") && message.contains("ridges"),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn detectors_of_a_kind_agree() {
+        fn properties<const D: usize>(detector: &dyn Detector<D>) -> impl PartialEq + fmt::Debug {
+            (
+                detector.threshold_meaning(),
+                detector.has_labels(),
+                detector.brightness(),
+                detector.suggestion_in_doubt(),
+            )
+        }
+        for &kind in FeatureKind::ALL {
+            let (plane, space) = (kind.detectors::<2>(), kind.detectors::<3>());
+            assert_eq!(plane.len(), space.len());
+            for (plane, space) in plane.iter().zip(space) {
+                let expected = format!("{:?}", properties(kind.detectors::<3>()[0]));
+                assert_eq!(format!("{:?}", properties(*plane)), expected, "{kind}");
+                assert_eq!(format!("{:?}", properties(*space)), expected, "{kind}");
+                if space.kind() == kind {
+                    assert_eq!(kind.detectors::<3>().len(), 1);
+                }
+            }
+        }
+    }
 }

@@ -19,6 +19,11 @@ impl<const D: usize> Detector<D> for Potential {
         FeatureKind::Potential
     }
 
+    /// Returns `false`: b(x) is used as it is.
+    fn fills_gaps(&self) -> bool {
+        false
+    }
+
     fn find(
         &self,
         input: &DetectorInput<'_, D>,

@@ -12,8 +12,8 @@
 //! higher than its surroundings within that distance. Two surfaces that are nearer than twice their
 //! width after smoothing are seen as one.
 
-use super::{Detector, DetectorInput, DetectorOutput, Thresholds};
-use crate::comm::{Comm, WorldComm};
+use super::{Brightness, Detector, DetectorInput, DetectorOutput, Thresholds};
+use crate::comm::Comm;
 use crate::error::Result;
 use crate::feature::FeatureKind;
 use crate::feature::boundary_extension::{self, BoundaryShell, extend_to_sides};
@@ -36,6 +36,14 @@ pub struct Ridges;
 impl<const D: usize> Detector<D> for Ridges {
     fn kind(&self) -> FeatureKind {
         FeatureKind::Ridges
+    }
+
+    fn brightness(&self) -> Option<Brightness> {
+        Some(Brightness::Bright)
+    }
+
+    fn suggestion_in_doubt(&self) -> &'static str {
+        SUGGESTION_IN_DOUBT
     }
 
     fn min_strong_share(&self) -> f64 {
@@ -63,6 +71,14 @@ impl<const D: usize> Detector<D> for Valleys {
         FeatureKind::Valleys
     }
 
+    fn brightness(&self) -> Option<Brightness> {
+        Some(Brightness::Dark)
+    }
+
+    fn suggestion_in_doubt(&self) -> &'static str {
+        SUGGESTION_IN_DOUBT
+    }
+
     fn min_strong_share(&self) -> f64 {
         MIN_STRONG_SHARE
     }
@@ -79,6 +95,10 @@ impl<const D: usize> Detector<D> for Valleys {
         true
     }
 }
+
+/// Suggestion for a scan that may have thin surfaces, or solid objects.
+const SUGGESTION_IN_DOUBT: &str =
+    "follows the surfaces themselves; --feature edges confirms the sides of solid objects";
 
 /// Scale (samples) at which ridges are sought first.
 const MIN_SCALE: f64 = 1.5;
@@ -146,7 +166,7 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
     ) -> Result<DetectorOutput<D>> {
         let (dims, cancel) = (samples.dims(), self.input.cancel);
         let (scale, thresholds, signal_to_noise) = self.smooth(&mut samples, notes)?;
-        let comm = &WorldComm as &dyn Comm;
+        let comm = self.input.comm;
         let survey = RidgeSurvey::measure(
             &samples,
             scale,

@@ -14,7 +14,7 @@ mod seeds;
 
 use super::candidate::Candidate;
 use super::candidate_slab::CandidateSlab;
-use super::{FeatureKind, FeaturePoint};
+use super::{FeatureKind, FeaturePoint, ThresholdMeaning};
 use crate::comm::Comm;
 use crate::error::Result;
 use crate::geometry::dot;
@@ -143,9 +143,12 @@ impl<const D: usize> FeatureSurfaces<D> {
         }
         notes.push(note + &format!(" and {} weak", dropped.weak));
         if self.total_points == 0 {
+            let remedy = match kind.threshold_meaning() {
+                ThresholdMeaning::MinStrength => "another kind of feature or a lower threshold",
+                _ => "another kind of feature or other options",
+            };
             notes.push(format!(
-                "NO FEATURE ({kind}) was found, so the mesh follows none: try another kind of \
-                 feature or a lower threshold"
+                "NO FEATURE ({kind}) was found, so the mesh follows none: try {remedy}"
             ));
         }
     }

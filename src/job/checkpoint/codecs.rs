@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 
 use crate::feature::{
-    Doubt, DroppedPoints, FeatureKind, FeaturePoint, Features, KindOutcome, LabelMap, MissingData,
+    Doubt, DroppedPoints, FeaturePoint, Features, KindOutcome, LabelMap, MissingData,
     PointCounts, ResolvedOptions,
 };
 use crate::files::codec::{Codec, codec_fields, codec_variants};
@@ -60,24 +60,24 @@ impl<M: Codec> Codec for AnnotatedMesh<M> {
     fn encode(&self, out: &mut dyn Write) -> io::Result<()> {
         let Self {
             mesh,
-            node_kinds: kinds,
+            node_kinds,
             feature_faces,
             regions,
             // Judged when it is measured.
             angle_assessment: _,
         } = self;
         mesh.encode(out)?;
-        kinds.encode(out)?;
+        node_kinds.encode(out)?;
         feature_faces.encode(out)?;
         regions.encode(out)
     }
 
-    fn decode(from: &mut &[u8]) -> Option<Self> {
+    fn decode(bytes: &mut &[u8]) -> Option<Self> {
         Some(Self {
-            mesh: M::decode(from)?,
-            node_kinds: Codec::decode(from)?,
-            feature_faces: Codec::decode(from)?,
-            regions: Codec::decode(from)?,
+            mesh: M::decode(bytes)?,
+            node_kinds: Codec::decode(bytes)?,
+            feature_faces: Codec::decode(bytes)?,
+            regions: Codec::decode(bytes)?,
             angle_assessment: AngleAssessment::default(),
         })
     }
@@ -86,7 +86,4 @@ impl<M: Codec> Codec for AnnotatedMesh<M> {
 codec_variants! {
     AtomKind { Interior, Side, Edge, Corner, Fixed }
     StopReason { Converged, MaxIterations, Interrupted }
-    FeatureKind {
-        Auto, Ridges, Valleys, Edges, Canny, Paths, Horizons, Faults, FaultsAndHorizons, Labels, Mask, Potential
-    }
 }

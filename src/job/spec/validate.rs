@@ -11,7 +11,7 @@ use super::{
 };
 use crate::Result;
 use crate::error::{Error, cause};
-use crate::feature::{FeatureKind, LabelOptions};
+use crate::feature::{FeatureKind, LabelOptions, ThresholdMeaning};
 use crate::image::LabelValue;
 use crate::job::params::Evaluator;
 
@@ -23,7 +23,7 @@ const MAX_WELD_RATIO: f64 = 0.2;
 const MAX_COARSE_PASSES: usize = 8;
 
 /// An error about an option.
-fn refused(name: &str, value: impl Display, problem: &str, remedy: &str) -> Error {
+fn option_error(name: &str, value: impl Display, problem: &str, remedy: &str) -> Error {
     Error::Job(cause(format!("{name} {value}"), problem, remedy))
 }
 
@@ -49,7 +49,7 @@ impl Options<'_> {
                         .join(" "),
                     other => other.to_string(),
                 };
-                return Err(refused(name, value, problem, remedy));
+                return Err(option_error(name, value, problem, remedy));
             }
         }
         Ok(())
@@ -96,7 +96,7 @@ impl Options<'_> {
             _ => return Ok(()),
         };
         let remedy = "place atoms on features for tets, alongside for Voronoi cells";
-        Err(refused("align", value, problem, remedy))
+        Err(option_error("align", value, problem, remedy))
     }
 
     fn check_cells(&self) -> Result<()> {
@@ -110,7 +110,7 @@ impl Options<'_> {
             )?;
             if !(0.0..=MAX_WELD_RATIO).contains(&spec.weld) {
                 let problem = format!("is not a fraction from 0 to {MAX_WELD_RATIO}");
-                return Err(refused("weld", spec.weld, &problem, "give 0.001, say"));
+                return Err(option_error("weld", spec.weld, &problem, "give 0.001, say"));
             }
             return Ok(());
         }
@@ -127,7 +127,7 @@ impl Options<'_> {
         // A regular tetrahedron has 70.5 degrees, but no space is filled with those alone.
         if !(spec.min_dihedral > 0.0 && spec.min_dihedral <= 60.0) {
             let problem = "is not above 0 and at most 60 degrees";
-            return Err(refused(
+            return Err(option_error(
                 "min-dihedral",
                 spec.min_dihedral,
                 problem,
@@ -140,7 +140,7 @@ impl Options<'_> {
     /// Atoms on Canny's points do not move, and the image determines their distance.
     fn check_canny(&self) -> Result<()> {
         if self.spec.cell_kind() == CellKind::Voronoi {
-            return Err(refused(
+            return Err(option_error(
                 "seeding",
                 "canny",
                 "puts atoms on features, but Voronoi cells need them alongside",
@@ -193,7 +193,7 @@ impl Options<'_> {
             self.check_max_atoms()?;
         }
         if spec.cell_kind() == CellKind::Voronoi && spec.seeding == SeedingKind::Projection {
-            return Err(refused(
+            return Err(option_error(
                 "seeding",
                 "projection",
                 "puts atoms onto features, which the faces of Voronoi cells follow",
@@ -204,7 +204,7 @@ impl Options<'_> {
             let problem = format!(
                 "is more than {MAX_COARSE_PASSES} passes, each twice as smooth as the next"
             );
-            return Err(refused(
+            return Err(option_error(
                 "coarse-to-fine",
                 spec.coarse_to_fine,
                 &problem,
@@ -213,7 +213,12 @@ impl Options<'_> {
         }
         if spec.rounds == Some(0) {
             let problem = "would not move any atom";
-            return Err(refused("rounds", 0, problem, "give 1 or more, or omit it"));
+            return Err(option_error(
+                "rounds",
+                0,
+                problem,
+                "give 1 or more, or omit it",
+            ));
         }
         self.check_distance()?;
         self.check_wells()?;
@@ -225,14 +230,14 @@ impl Options<'_> {
         let spec = self.spec;
         match (&spec.distance, &spec.distance_from) {
             (NominalDistance::Constant(_), DistanceSource::Gaps) => Ok(()),
-            (NominalDistance::Constant(d), source) => Err(refused(
+            (NominalDistance::Constant(d), source) => Err(option_error(
                 "distance-from",
                 source,
                 &format!("makes the distance vary, but it is {d} everywhere"),
                 "give a distance MIN:MAX such as 5:15, or omit it",
             )),
             (NominalDistance::Range { .. }, DistanceSource::File(path)) if !path.is_file() => {
-                Err(refused(
+                Err(option_error(
                     "distance-from",
                     path.display(),
                     "is not gaps, features, image, laplacian or a file",
@@ -249,7 +254,7 @@ impl Options<'_> {
             return self.refuse(&["well-distance"], problem, "add a well, or omit it");
         }
         match self.spec.well_distance {
-            Some(d) if !(d.is_finite() && d > 0.0) => Err(refused(
+            Some(d) if !(d.is_finite() && d > 0.0) => Err(option_error(
                 "well-distance",
                 d,
                 "is not a positive number of samples",
@@ -262,13 +267,13 @@ impl Options<'_> {
     fn check_beta(&self) -> Result<()> {
         match &self.spec.beta {
             // At 1 nothing would keep the atoms apart.
-            NumberOrFile::Constant(beta) if !(0.0..1.0).contains(beta) => Err(refused(
+            NumberOrFile::Constant(beta) if !(0.0..1.0).contains(beta) => Err(option_error(
                 "beta",
                 beta,
                 "is not at least 0 and below 1",
                 "0 ignores the image, 0.5 is the default",
             )),
-            NumberOrFile::File(path) if !path.is_file() => Err(refused(
+            NumberOrFile::File(path) if !path.is_file() => Err(option_error(
                 "beta",
                 path.display(),
                 "is neither a number nor a file",
@@ -283,7 +288,7 @@ impl Options<'_> {
         let has_voronoi_cells = spec.cell_kind() == CellKind::Voronoi;
         if spec.evaluator == Evaluator::Sampled {
             if has_voronoi_cells {
-                return Err(refused(
+                return Err(option_error(
                     "evaluator",
                     "sampled",
                     "has no mirror images, which atoms alongside features need",
@@ -302,7 +307,12 @@ impl Options<'_> {
         }
         if !(0.0..=1.0).contains(&spec.kappa) {
             let remedy = "1 omits Laplacian coordinates, 0.7 is typical with them";
-            return Err(refused("kappa", spec.kappa, "is not from 0 to 1", remedy));
+            return Err(option_error(
+                "kappa",
+                spec.kappa,
+                "is not from 0 to 1",
+                remedy,
+            ));
         }
         Ok(())
     }
@@ -312,11 +322,11 @@ impl Options<'_> {
         if let Some(sigma) = spec.sigma.filter(|s| !(s.is_finite() && *s > 0.0)) {
             let problem = "is not a positive number of samples";
             let remedy = "omit it, or give about the features' thickness";
-            return Err(refused("sigma", sigma, problem, remedy));
+            return Err(option_error("sigma", sigma, problem, remedy));
         }
         if let Some(threshold) = spec.threshold.filter(|t| !t.is_finite()) {
             let remedy = "omit it: the automatic threshold is printed";
-            return Err(refused(
+            return Err(option_error(
                 "threshold",
                 threshold,
                 "is not a finite number",
@@ -329,7 +339,12 @@ impl Options<'_> {
         if let (Some(label), SeedingKind::Canny) = (label_with_distance, spec.seeding) {
             let problem =
                 "has a distance of its own, but with seeding canny the image determines it";
-            return Err(refused("label", label, problem, "choose another seeding"));
+            return Err(option_error(
+                "label",
+                label,
+                problem,
+                "choose another seeding",
+            ));
         }
         if kind != FeatureKind::Labels {
             let problem = format!("is about a label, but {kind} are followed");
@@ -347,10 +362,7 @@ impl Options<'_> {
             let problem = "weighs faults against horizons, but they are not followed together";
             self.refuse(&["feature-weights"], problem, "follow both, or omit it")?;
         }
-        if matches!(
-            kind,
-            FeatureKind::Labels | FeatureKind::Mask | FeatureKind::Paths
-        ) {
+        if kind.threshold_meaning() == ThresholdMeaning::Unused {
             let problem = format!("applies to the strength of features, but {kind} have none");
             self.refuse(
                 &["threshold"],
@@ -366,7 +378,7 @@ impl Options<'_> {
 fn check_labels(labels: &[LabelOptions]) -> Result<()> {
     for (i, label) in labels.iter().enumerate() {
         if labels[..i].iter().any(|known| known.label == label.label) {
-            return Err(refused(
+            return Err(option_error(
                 "label",
                 label,
                 "is about a label that another one is about, too",
@@ -381,7 +393,12 @@ fn check_labels(labels: &[LabelOptions]) -> Result<()> {
     };
     if let Some(label) = (labels.iter()).find(|label| label.merge_into.is_some_and(is_merged)) {
         let problem = "puts a label into one that is itself put into another";
-        return Err(refused("label", label, problem, "name the last of them"));
+        return Err(option_error(
+            "label",
+            label,
+            problem,
+            "name the last of them",
+        ));
     }
     Ok(())
 }

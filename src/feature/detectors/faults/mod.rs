@@ -18,17 +18,24 @@ pub(crate) mod scan;
 pub(crate) mod semblance;
 
 use super::ridges::RidgeSearch;
-use super::{Detector, DetectorInput, DetectorOutput};
+use super::{Detector, DetectorInput, DetectorOutput, layers_search_bytes, sample_count};
 use crate::error::Result;
 use crate::feature::FeatureKind;
 use crate::feature::structure_tensor::NormalField;
+use crate::feature::windows::{self, MAX_WHOLE_SAMPLES};
 use crate::geometry::dot;
+use crate::image::ImageSource;
 
 /// Detector of faults in seismic amplitude.
 pub struct Faults;
 
 /// Width (samples) of the structure tensor's window.
 const TENSOR_WINDOW: f64 = 12.0;
+
+/// Memory (bytes) per sample of the likelihood.
+const LIKELIHOOD_BYTES_PER_SAMPLE: f64 = 4.0;
+/// Memory (bytes) per sample that is scanned, besides its likelihood.
+const SCAN_BYTES_PER_SAMPLE: f64 = 22.0;
 
 /// Largest cosine between the normals of a fault and of the layers; with a larger one, the ridge is
 /// a layer.
@@ -77,6 +84,27 @@ impl<const D: usize> Detector<D> for Faults {
         true
     }
 
+    fn is_fault(&self) -> bool {
+        true
+    }
+
+    /// Returns the memory for the likelihood of this rank's samples, and for a window of samples
+    /// that are scanned together or ridges of some layers, whichever is more.
+    fn search_bytes(&self, source: ImageSource<'_, D>, ranks: usize) -> f64 {
+        let (dims, samples) = (source.dims(), sample_count(source.dims()));
+        let is_whole =
+            matches!(source, ImageSource::InMemory(_)) && samples <= MAX_WHOLE_SAMPLES as f64;
+        let scanned = if is_whole {
+            samples
+        } else {
+            windows::min_mapped_samples(dims, semblance::HALO_LAYERS) as f64
+        };
+        // Each rank has its share, and that of its windows.
+        let share = (2.0 / ranks as f64).min(1.0);
+        share * LIKELIHOOD_BYTES_PER_SAMPLE * samples
+            + (SCAN_BYTES_PER_SAMPLE * scanned).max(layers_search_bytes(dims))
+    }
+
     fn min_surface_cells(&self) -> f64 {
         6.0
     }
@@ -92,6 +120,7 @@ impl<const D: usize> Detector<D> for Faults {
 mod tests {
     use super::semblance::{HALO_LAYERS, likelihood};
     use super::*;
+    use crate::comm::SelfComm;
     use crate::feature::scenes::Noise;
     use crate::feature::volume::Volume;
     use crate::feature::windows::Samples;
@@ -326,7 +355,7 @@ mod tests {
             ]
             .map(|source| {
                 let cancel = &CancelToken::never();
-                crate::feature::detect_with_cancel(source, &options, cancel).unwrap()
+                crate::feature::detect_with_cancel(source, &options, &SelfComm, cancel).unwrap()
             });
             assert!(in_memory.points.len() > 1000, "{kind}");
             assert!(in_memory.points == in_layers.points, "{kind}");

@@ -20,8 +20,9 @@
 pub(crate) mod enhance;
 pub(crate) mod marching;
 
-use super::{Detector, DetectorInput, DetectorOutput, Thresholds};
+use super::{Detector, DetectorInput, DetectorOutput, ThresholdMeaning, Thresholds};
 use crate::error::Result;
+use crate::feature::detection::MAX_IN_MEMORY_SAMPLES;
 use crate::feature::gradient_magnitude::gradient_magnitude;
 use crate::feature::non_max_suppression::gradient_maxima;
 use crate::feature::volume::Volume;
@@ -73,6 +74,23 @@ const MIN_STEP: Thresholds = Thresholds {
 impl<const D: usize> Detector<D> for Paths {
     fn kind(&self) -> FeatureKind {
         FeatureKind::Paths
+    }
+
+    /// Returns half of the usual number: paths search a graph of two copies of the image.
+    fn max_samples(&self) -> usize {
+        MAX_IN_MEMORY_SAMPLES / 2
+    }
+
+    fn whole_image_reason(&self) -> Option<&'static str> {
+        Some("comes from paths through the whole image and cannot be found again in a part")
+    }
+
+    fn fills_gaps(&self) -> bool {
+        false
+    }
+
+    fn threshold_meaning(&self) -> ThresholdMeaning {
+        ThresholdMeaning::Unused
     }
 
     fn find(

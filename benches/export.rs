@@ -6,7 +6,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use atomesh::Result;
-use atomesh::export::FORMATS;
+use atomesh::export::formats;
 use atomesh::mesh::poly::PolyMesh;
 use atomesh::mesh::{delaunay, voronoi};
 use atomesh::model::flow::{Rock, Tensor};
@@ -60,7 +60,7 @@ fn measure(mut model: Model, tets_only: bool, folder: &Path) -> Result<()> {
     model.set_permeability(rock)?;
     model.porosity = Some(vec![0.2; model.len()]);
     println!("{} cells", model.len());
-    for format in FORMATS {
+    for format in formats() {
         // Columns have cells of their own; a million of them is no Voronoi lattice.
         if tets_only == format.holds_any_cells || format.name == "disv" {
             continue;

@@ -5,6 +5,7 @@ import re
 import shlex
 import struct
 from array import array
+from pathlib import Path
 
 RUNS = {}
 
@@ -225,17 +226,26 @@ def columns():
         " --horizon 90 -o mesh.vtu")
 
 
+def export_formats():
+    """The export formats as src/export declares them: name, usual extension (empty for a folder) and contents."""
+    source = Path(__file__).parent.parent / "src/export"
+    entry = re.compile(r'ExportFormat = ExportFormat \{\s+name: "(\w+)",.*?extensions: &\[(?:"(\w+)")?'
+                       r'.*?supported_content: (.*?)\s+deck_path:', re.DOTALL)
+    for folder in ("simulators", "corner_point", "meshers"):
+        for path in sorted((source / folder).rglob("*.rs")):
+            for name, extension, contents in entry.findall(path.read_text()):
+                contents = contents.replace("NAMES_AND_ROCK", "::Porosity, ::Permeability")
+                yield name, extension, re.findall(r"::(\w+)", contents)
+
+
 def exports():
     filled = "--porosity 0.2 --permeability 100,100,10 --permeability-unit mD"
     rock = f"{filled} --faults 0.01 --depth-at-top 2000"
     wells = "--injector 10,10,10:5 --producer 32,30,24:180"
-    endings = {"opm": "out.DATA", "openfoam": "case", "pflotran": "out.uge", "tough2": "MESH", "disv": "model",
-               "mrst": "out.mat", "geos": "out.vtu", "grdecl": "out.GRDECL", "resqml": "out.epc", "darts": "out.conn",
-               "msh": "out.msh", "msh2": "out.msh", "inp": "out.inp", "medit": "out.mesh", "tetgen": "out.node",
-               "stl": "out.stl", "obj": "out.obj"}
-    for form, file in endings.items():
-        bare = form in ("stl", "obj", "msh", "msh2", "inp", "medit", "tetgen")
-        options = "" if bare else filled if form in ("openfoam", "geos") else rock
+    for form, extension, contents in export_formats():
+        file = f"out.{extension}" if extension else "out"
+        has_rock, has_faults = "Permeability" in contents, "Faults" in contents
+        options = rock if has_faults else filled if has_rock else ""
         for mesh in ALL_MESHES:
             down = " --down z" if mesh == "columns" else ""
             thick = " --thickness 5" if "2" in mesh else ""

@@ -310,25 +310,10 @@ fn use_mesh(choices: &mut Choices, folder: &Path, image: &str, mesh: &str, lies:
             performed(folder, &line);
         }
         _ => {
-            let (format, name) = choices.of(&[
-                ("opm", "C.DATA"),
-                ("pflotran", "c.uge"),
-                ("tough2", "MESH"),
-                ("mrst", "g.mat"),
-                ("disv", "disv"),
-                ("openfoam", "foam"),
-                ("darts", "d.npz"),
-                ("geos", "g.vtu"),
-                ("grdecl", "g.GRDECL"),
-                ("resqml", "r.epc"),
-                ("msh", "m.msh"),
-                ("inp", "m.inp"),
-                ("medit", "m.mesh"),
-                ("tetgen", "m.node"),
-                ("stl", "m.stl"),
-                ("obj", "m.obj"),
-            ]);
-            let mut line = words(&["export", mesh, "--to", format, "-o", &out(name)]);
+            let format = choices.of(&atomesh::export::formats().collect::<Vec<_>>());
+            let extension = format.extensions.first();
+            let name = extension.map_or("case".into(), |extension| format!("case.{extension}"));
+            let mut line = words(&["export", mesh, "--to", format.name, "-o", &out(&name)]);
             if !choices.byte().is_multiple_of(4) {
                 line.extend(words(&[
                     "--porosity",

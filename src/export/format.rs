@@ -1,12 +1,14 @@
-//! Table of the formats that `atomesh export` writes. Each format has a source file of its own.
+//! List of the formats that `atomesh export` writes.
+//!
+//! To add a format, write a source file in [`simulators`], [`corner_point`] or [`meshers`] with its
+//! `write` function and its entry, a constant `FORMAT`. Declare the module and add `&NAME::FORMAT`
+//! to `FORMATS` in the `mod.rs` of that folder. No other file changes.
 
 use std::path::{Path, PathBuf};
 
 use super::companion::add_companion;
+use super::{corner_point, meshers, simulators};
 use crate::error::cause;
-use crate::export::corner_point::grdecl;
-use crate::export::meshers::{cgns, exodus, inp, medit, msh, stl, tetgen, vtkhdf, xdmf};
-use crate::export::simulators::{darts, disv, geos, mrst, openfoam, opm, pflotran, resqml, tough};
 use crate::files::{Batch, check_target};
 use crate::model::reservoir::Model;
 use crate::{Error, Result};
@@ -98,344 +100,18 @@ pub struct ExportFormat {
     pub uses_depth: bool,
     /// Content that the format or its companion holds, besides cells and named faces.
     pub supported_content: &'static [ExportContent],
-    write: fn(&Model, &mut Batch, &Path) -> Result<()>,
+    /// Path of the deck that is written beside a grid, if porosity and permeability are known.
+    /// `None` for formats without such a deck.
+    pub(super) deck_path: Option<fn(&Path) -> PathBuf>,
+    /// Writes a model to a file or a folder.
+    pub(super) write: fn(&Model, &mut Batch, &Path) -> Result<()>,
 }
 
-/// Content of formats that hold names, values and quadratic elements.
-const NAMES_AND_ROCK: &[ExportContent] = &[
-    ExportContent::Names,
-    ExportContent::Regions,
-    ExportContent::Porosity,
-    ExportContent::Permeability,
-    ExportContent::Properties,
-    ExportContent::SplitNodes,
-    ExportContent::Quadratic,
-];
-
-/// All formats, in the order in which they are listed.
-pub const FORMATS: &[ExportFormat] = &[
-    ExportFormat {
-        name: "opm",
-        description: "OPM Flow and Eclipse deck: cells and connections, a complete case",
-        extensions: &["DATA", "data"],
-        has_companion: true,
-        holds_any_cells: true,
-        uses_depth: true,
-        supported_content: &[
-            ExportContent::Regions,
-            ExportContent::Porosity,
-            ExportContent::Permeability,
-            ExportContent::Properties,
-            ExportContent::Faults,
-            ExportContent::ClosedFaults,
-            ExportContent::Wells,
-            ExportContent::Fluid,
-            ExportContent::InitialPressure,
-            ExportContent::Gravity,
-            ExportContent::Duration,
-        ],
-        write: opm::write,
-    },
-    ExportFormat {
-        name: "openfoam",
-        description: "OpenFOAM case with constant/polyMesh",
-        extensions: &[],
-        has_companion: false,
-        holds_any_cells: true,
-        uses_depth: false,
-        supported_content: &[
-            ExportContent::Names,
-            ExportContent::Regions,
-            ExportContent::Porosity,
-            ExportContent::Permeability,
-            ExportContent::Properties,
-            ExportContent::ClosedFaults,
-            ExportContent::FaultsWithoutRock,
-        ],
-        write: openfoam::write,
-    },
-    ExportFormat {
-        name: "pflotran",
-        description: "PFLOTRAN explicit unstructured grid, with a file for each side",
-        extensions: &["uge"],
-        has_companion: true,
-        holds_any_cells: true,
-        uses_depth: true,
-        supported_content: &[
-            ExportContent::Regions,
-            ExportContent::Porosity,
-            ExportContent::Permeability,
-            ExportContent::Properties,
-            ExportContent::Faults,
-            ExportContent::ClosedFaults,
-            ExportContent::FaultsWithoutRock,
-        ],
-        write: pflotran::write,
-    },
-    ExportFormat {
-        name: "tough2",
-        description: "TOUGH2 mesh: elements and connections",
-        extensions: &["MESH"],
-        has_companion: true,
-        holds_any_cells: true,
-        uses_depth: true,
-        supported_content: &[
-            ExportContent::Regions,
-            ExportContent::Porosity,
-            ExportContent::Permeability,
-            ExportContent::Properties,
-            ExportContent::Faults,
-            ExportContent::ClosedFaults,
-            ExportContent::FaultsWithoutRock,
-        ],
-        write: tough::write,
-    },
-    ExportFormat {
-        name: "disv",
-        description: "MODFLOW 6 simulation of columns (DISV), in a folder",
-        extensions: &[],
-        has_companion: true,
-        holds_any_cells: true,
-        uses_depth: true,
-        supported_content: &[
-            ExportContent::Regions,
-            ExportContent::Porosity,
-            ExportContent::Permeability,
-            ExportContent::Properties,
-            ExportContent::Faults,
-            ExportContent::ClosedFaults,
-            ExportContent::Wells,
-            ExportContent::InitialPressure,
-            ExportContent::Gravity,
-            ExportContent::Duration,
-        ],
-        write: disv::write,
-    },
-    ExportFormat {
-        name: "mrst",
-        description: "MRST grid as a MAT-file: G, rock, T",
-        extensions: &["mat"],
-        has_companion: false,
-        holds_any_cells: true,
-        uses_depth: true,
-        supported_content: &[
-            ExportContent::Names,
-            ExportContent::Regions,
-            ExportContent::Porosity,
-            ExportContent::Permeability,
-            ExportContent::Properties,
-            ExportContent::Faults,
-            ExportContent::ClosedFaults,
-            ExportContent::Wells,
-        ],
-        write: mrst::write,
-    },
-    ExportFormat {
-        name: "geos",
-        description: "VTU for GEOS: attribute, rock, sets of nodes and faces",
-        extensions: &["vtu"],
-        has_companion: false,
-        holds_any_cells: true,
-        uses_depth: false,
-        supported_content: &[
-            ExportContent::Names,
-            ExportContent::Regions,
-            ExportContent::Porosity,
-            ExportContent::Permeability,
-            ExportContent::Properties,
-            ExportContent::SplitNodes,
-        ],
-        write: geos::write,
-    },
-    ExportFormat {
-        name: "grdecl",
-        description: "corner-point grid, resampled, for Eclipse and similar simulators without NNC",
-        extensions: &["GRDECL", "grdecl"],
-        has_companion: false,
-        holds_any_cells: true,
-        uses_depth: true,
-        supported_content: &[
-            ExportContent::Names,
-            ExportContent::Regions,
-            ExportContent::Porosity,
-            ExportContent::Permeability,
-            ExportContent::Faults,
-            ExportContent::ClosedFaults,
-            ExportContent::Grid,
-            ExportContent::Wells,
-            ExportContent::Fluid,
-            ExportContent::InitialPressure,
-            ExportContent::Duration,
-        ],
-        write: grdecl::write,
-    },
-    ExportFormat {
-        name: "resqml",
-        description: "RESQML 2.0.1: an unstructured grid with its rock properties, EPC and HDF5",
-        extensions: &["epc"],
-        has_companion: false,
-        holds_any_cells: true,
-        uses_depth: true,
-        supported_content: &[
-            ExportContent::Names,
-            ExportContent::Regions,
-            ExportContent::Porosity,
-            ExportContent::Permeability,
-            ExportContent::Properties,
-        ],
-        write: resqml::write,
-    },
-    ExportFormat {
-        name: "darts",
-        description: "open-DARTS connection list, and its cells",
-        extensions: &["conn"],
-        has_companion: true,
-        holds_any_cells: true,
-        uses_depth: true,
-        supported_content: &[
-            ExportContent::Regions,
-            ExportContent::Porosity,
-            ExportContent::Permeability,
-            ExportContent::Properties,
-            ExportContent::Faults,
-            ExportContent::ClosedFaults,
-            ExportContent::Wells,
-        ],
-        write: darts::write,
-    },
-    ExportFormat {
-        name: "msh",
-        description: "Gmsh mesh, version 4.1: tetrahedra, regions and surfaces",
-        extensions: &["msh"],
-        has_companion: false,
-        holds_any_cells: false,
-        uses_depth: false,
-        supported_content: &[
-            ExportContent::Names,
-            ExportContent::Regions,
-            ExportContent::SplitNodes,
-            ExportContent::Quadratic,
-        ],
-        write: msh::write_v4,
-    },
-    ExportFormat {
-        name: "msh2",
-        description: "Gmsh mesh, version 2.2",
-        extensions: &["msh"],
-        has_companion: false,
-        holds_any_cells: false,
-        uses_depth: false,
-        supported_content: &[
-            ExportContent::Names,
-            ExportContent::Regions,
-            ExportContent::SplitNodes,
-            ExportContent::Quadratic,
-        ],
-        write: msh::write_v2,
-    },
-    ExportFormat {
-        name: "inp",
-        description: "Abaqus and CalculiX elements, sets and surfaces",
-        extensions: &["inp"],
-        has_companion: false,
-        holds_any_cells: false,
-        uses_depth: false,
-        supported_content: &[
-            ExportContent::Names,
-            ExportContent::Regions,
-            ExportContent::SplitNodes,
-            ExportContent::Quadratic,
-        ],
-        write: inp::write,
-    },
-    ExportFormat {
-        name: "medit",
-        description: "Medit mesh of tetrahedra and triangles",
-        extensions: &["mesh"],
-        has_companion: false,
-        holds_any_cells: false,
-        uses_depth: false,
-        supported_content: &[ExportContent::Names, ExportContent::Regions],
-        write: medit::write,
-    },
-    ExportFormat {
-        name: "tetgen",
-        description: "TetGen's .node, .ele and .face",
-        extensions: &["node"],
-        has_companion: false,
-        holds_any_cells: false,
-        uses_depth: false,
-        supported_content: &[ExportContent::Names, ExportContent::Regions],
-        write: tetgen::write,
-    },
-    ExportFormat {
-        name: "exodus",
-        description: "Exodus II: element blocks, side sets and node sets, values of cells",
-        extensions: &["exo", "e", "ex2"],
-        has_companion: false,
-        holds_any_cells: true,
-        uses_depth: false,
-        supported_content: NAMES_AND_ROCK,
-        write: exodus::write,
-    },
-    ExportFormat {
-        name: "vtkhdf",
-        description: "VTKHDF: any cells with their values and sets of nodes",
-        extensions: &["vtkhdf"],
-        has_companion: false,
-        holds_any_cells: true,
-        uses_depth: false,
-        supported_content: NAMES_AND_ROCK,
-        write: vtkhdf::write,
-    },
-    ExportFormat {
-        name: "xdmf",
-        description: "XDMF with HDF5: cells with their values, sets of faces and nodes",
-        extensions: &["xdmf", "xmf"],
-        has_companion: false,
-        holds_any_cells: false,
-        uses_depth: false,
-        supported_content: NAMES_AND_ROCK,
-        write: xdmf::write,
-    },
-    ExportFormat {
-        name: "cgns",
-        description: "CGNS: any cells with their values, boundary conditions by name",
-        extensions: &["cgns"],
-        has_companion: false,
-        holds_any_cells: true,
-        uses_depth: false,
-        supported_content: &[
-            ExportContent::Names,
-            ExportContent::Regions,
-            ExportContent::Porosity,
-            ExportContent::Permeability,
-            ExportContent::Properties,
-            ExportContent::Quadratic,
-        ],
-        write: cgns::write,
-    },
-    ExportFormat {
-        name: "stl",
-        description: "the sides of the box and the faces on features as triangles, in text",
-        extensions: &["stl"],
-        has_companion: false,
-        holds_any_cells: true,
-        uses_depth: false,
-        supported_content: &[ExportContent::Names],
-        write: stl::write,
-    },
-    ExportFormat {
-        name: "obj",
-        description: "the same as Wavefront OBJ",
-        extensions: &["obj"],
-        has_companion: false,
-        holds_any_cells: true,
-        uses_depth: false,
-        supported_content: &[ExportContent::Names],
-        write: stl::write_obj,
-    },
-];
+/// Returns all formats, in the order in which they are listed.
+pub fn formats() -> impl Iterator<Item = &'static ExportFormat> {
+    let folders = [simulators::FORMATS, corner_point::FORMATS, meshers::FORMATS];
+    folders.into_iter().flatten().copied()
+}
 
 impl ExportFormat {
     /// Returns the format with the given name.
@@ -443,8 +119,8 @@ impl ExportFormat {
     /// # Errors
     /// Returns [`Error::Export`] with the list of known names if there is no such format.
     pub fn from_name(name: &str) -> Result<&'static Self> {
-        FORMATS.iter().find(|f| f.name == name).ok_or_else(|| {
-            let names: Vec<&str> = FORMATS.iter().map(|f| f.name).collect();
+        formats().find(|f| f.name == name).ok_or_else(|| {
+            let names: Vec<&str> = formats().map(|f| f.name).collect();
             Error::Export(cause(
                 format!("format {name}"),
                 "is not a format that can be written",
@@ -494,9 +170,7 @@ impl ExportFormat {
         if self.supported_content.contains(&content) {
             return Ok(());
         }
-        let supporting = FORMATS
-            .iter()
-            .filter(|f| f.supported_content.contains(&content));
+        let supporting = formats().filter(|f| f.supported_content.contains(&content));
         let names: Vec<&str> = supporting.map(|f| f.name).collect();
         Err(Error::Export(cause(
             place,
@@ -516,7 +190,13 @@ impl ExportFormat {
     /// Returns `true` if a simulation case needs porosity and permeability in this format, although
     /// its grid is complete without them.
     pub fn case_needs_rock(&self) -> bool {
-        self.name == "grdecl"
+        self.deck_path.is_some()
+    }
+
+    /// Returns the path of the deck beside a grid, if the format has one. The deck is written if
+    /// porosity and permeability are known.
+    pub fn deck_path(&self, path: &Path) -> Option<PathBuf> {
+        self.deck_path.map(|deck_path| deck_path(path))
     }
 
     /// Returns the path of the companion VTU of a file, if the format needs one.

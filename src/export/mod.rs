@@ -19,7 +19,7 @@
 //! # Ok::<(), atomesh::Error>(())
 //! ```
 //!
-//! - [`format`](mod@format): the table of formats
+//! - [`format`](mod@format): the list of formats, and how to add one
 //! - [`simulators`]: models for flow simulators
 //! - [`corner_point`]: corner-point grids, sampled from cells of any shape
 //! - [`meshers`]: triangles and tetrahedra with named faces, for other meshers and for finite
@@ -40,8 +40,7 @@ pub mod simulators;
 pub mod surfaces;
 pub(crate) mod values;
 
-pub use corner_point::grdecl::deck_path as corner_point_deck;
-pub use format::{ExportContent, ExportFormat, FORMATS};
+pub use format::{ExportContent, ExportFormat, formats};
 pub use meshers::obj::write_obj;
 pub use surfaces::SurfaceFile;
 pub use surfaces::sticks::{FaultSticks, read_sticks, write_sticks};

@@ -219,7 +219,7 @@ class Mesh:
     ) -> dict[str, Any]:
         """The mesh for a simulator or another mesher: `atomesh export`. Gives the checks of the model.
 
-        `to`: opm, grdecl, mrst, geos, openfoam, modflow, msh ...; `atomesh.options("export")["to"]` lists them.
+        `to`: opm, grdecl, mrst, geos, openfoam, disv, msh ...; `atomesh.options("export")["to"]` lists them.
         """
         words = {"to": to, "output": os.fspath(path), **options}
         return self._call("export", [MESH], words, threads=threads).report

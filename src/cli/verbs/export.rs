@@ -13,7 +13,7 @@ use crate::cli::faults::{FaultOptions, parse_standing};
 use crate::cli::parse::option_error;
 use crate::cli::rock::RockOptions;
 use crate::error::cause;
-use crate::export::{ExportContent, ExportFormat, FORMATS, corner_point_deck};
+use crate::export::{ExportContent, ExportFormat, formats};
 use crate::job::well_file::is_well_file;
 use crate::model::flow::driver::FaultLaws;
 use crate::model::reservoir::{MeshPlacement, ModelChecks, PreparedModel};
@@ -27,7 +27,7 @@ pub struct ExportArgs {
     #[arg(value_name = "MESH.vtu")]
     pub mesh: PathBuf,
     /// The format
-    #[arg(long, value_name = "FORMAT", value_parser = formats())]
+    #[arg(long, value_name = "FORMAT", value_parser = format_names())]
     pub to: String,
     /// The file to write, or the folder for formats of many files
     #[arg(short, long, value_name = "OUT")]
@@ -58,9 +58,9 @@ pub struct ExportArgs {
 }
 
 /// The names of the formats, with what they are.
-fn formats() -> PossibleValuesParser {
+fn format_names() -> PossibleValuesParser {
     let named = |format: &ExportFormat| PossibleValue::new(format.name).help(format.description);
-    PossibleValuesParser::new(FORMATS.iter().map(named))
+    PossibleValuesParser::new(formats().map(named))
 }
 
 /// Three numbers of cells.
@@ -278,7 +278,7 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
         ));
     }
     console.begin_stage("writing");
-    let deck = (format.name == "grdecl").then(|| corner_point_deck(&args.output));
+    let deck = format.deck_path(&args.output);
     format.write(model, &args.output)?;
     let mut table = checks.table(&prepared.unit, format.is_flow_format());
     for well in &model.case.wells {

@@ -19,6 +19,7 @@ use super::layers::{GridLayers, column_lines};
 use super::pillars::{Outline, Pillars};
 use super::wells;
 use crate::export::containers::text::{TextBuilder, write_items, write_numbers};
+use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::meshers::groups::region_shift;
 use crate::export::simulators::deck::{
     self, CONNATE_WATER_SATURATION, FileWriter, WellConnection, WriteResult,
@@ -26,6 +27,31 @@ use crate::export::simulators::deck::{
 use crate::files::Batch;
 use crate::model::reservoir::{BAR, Fluid, MILLIDARCY, Model};
 use crate::{Result, memory};
+
+/// Entry of this format in the list of formats.
+pub const FORMAT: ExportFormat = ExportFormat {
+    name: "grdecl",
+    description: "corner-point grid, resampled, for Eclipse and similar simulators without NNC",
+    extensions: &["GRDECL", "grdecl"],
+    has_companion: false,
+    holds_any_cells: true,
+    uses_depth: true,
+    supported_content: &[
+        ExportContent::Names,
+        ExportContent::Regions,
+        ExportContent::Porosity,
+        ExportContent::Permeability,
+        ExportContent::Faults,
+        ExportContent::ClosedFaults,
+        ExportContent::Grid,
+        ExportContent::Wells,
+        ExportContent::Fluid,
+        ExportContent::InitialPressure,
+        ExportContent::Duration,
+    ],
+    deck_path: Some(deck_path),
+    write,
+};
 
 /// Number of lines through a column along i and along j, on which cells are averaged.
 const LINES_PER_AXIS: usize = 3;

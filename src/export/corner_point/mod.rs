@@ -14,3 +14,8 @@ pub(crate) mod grid;
 pub(crate) mod layers;
 pub(crate) mod pillars;
 pub(crate) mod wells;
+
+use super::format::ExportFormat;
+
+/// Formats of this folder, in the order in which they are listed.
+pub(crate) const FORMATS: &[&ExportFormat] = &[&grdecl::FORMAT];

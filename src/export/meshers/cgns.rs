@@ -15,10 +15,31 @@ use super::simplices::SimplexMesh;
 use crate::Result;
 use crate::export::containers::binary::LazyArray;
 use crate::export::containers::hdf5::{self, Hdf5Attribute, Hdf5Node};
+use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::values::scalar_columns;
 use crate::files::Batch;
 use crate::mesh::poly::Lists;
 use crate::model::reservoir::Model;
+
+/// Entry of this format in the list of formats.
+pub const FORMAT: ExportFormat = ExportFormat {
+    name: "cgns",
+    description: "CGNS: any cells with their values, boundary conditions by name",
+    extensions: &["cgns"],
+    has_companion: false,
+    holds_any_cells: true,
+    uses_depth: false,
+    supported_content: &[
+        ExportContent::Names,
+        ExportContent::Regions,
+        ExportContent::Porosity,
+        ExportContent::Permeability,
+        ExportContent::Properties,
+        ExportContent::Quadratic,
+    ],
+    deck_path: None,
+    write,
+};
 
 /// Element types of linear and of quadratic simplices, by their number of corners.
 const SIMPLEX_TYPES: [[i32; 2]; 5] = [[0, 0], [0, 0], [3, 4], [5, 6], [10, 11]];

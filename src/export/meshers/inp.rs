@@ -14,8 +14,27 @@ use super::groups::{region_name, sorted_regions};
 use super::simplices::SimplexMesh;
 use crate::Result;
 use crate::export::containers::text::{TextBuilder, write_items};
+use crate::export::format::{ExportContent, ExportFormat};
 use crate::files::Batch;
 use crate::model::reservoir::Model;
+
+/// Entry of this format in the list of formats.
+pub const FORMAT: ExportFormat = ExportFormat {
+    name: "inp",
+    description: "Abaqus and CalculiX elements, sets and surfaces",
+    extensions: &["inp"],
+    has_companion: false,
+    holds_any_cells: false,
+    uses_depth: false,
+    supported_content: &[
+        ExportContent::Names,
+        ExportContent::Regions,
+        ExportContent::SplitNodes,
+        ExportContent::Quadratic,
+    ],
+    deck_path: None,
+    write,
+};
 
 type FileWriter<'a> = &'a mut std::io::BufWriter<std::fs::File>;
 

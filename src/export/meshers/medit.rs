@@ -7,8 +7,22 @@ use std::path::Path;
 use super::simplices::SimplexMesh;
 use crate::Result;
 use crate::export::containers::text::write_items;
+use crate::export::format::{ExportContent, ExportFormat};
 use crate::files::Batch;
 use crate::model::reservoir::Model;
+
+/// Entry of this format in the list of formats.
+pub const FORMAT: ExportFormat = ExportFormat {
+    name: "medit",
+    description: "Medit mesh of tetrahedra and triangles",
+    extensions: &["mesh"],
+    has_companion: false,
+    holds_any_cells: false,
+    uses_depth: false,
+    supported_content: &[ExportContent::Names, ExportContent::Regions],
+    deck_path: None,
+    write,
+};
 
 /// Writes the mesh. Node numbers begin with 1.
 ///

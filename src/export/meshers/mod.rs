@@ -24,3 +24,31 @@ pub(crate) mod stl;
 pub(crate) mod tetgen;
 pub(crate) mod vtkhdf;
 pub(crate) mod xdmf;
+
+use super::format::{ExportContent, ExportFormat};
+
+/// Formats of this folder, in the order in which they are listed.
+pub(crate) const FORMATS: &[&ExportFormat] = &[
+    &msh::FORMAT_V4,
+    &msh::FORMAT_V2,
+    &inp::FORMAT,
+    &medit::FORMAT,
+    &tetgen::FORMAT,
+    &exodus::FORMAT,
+    &vtkhdf::FORMAT,
+    &xdmf::FORMAT,
+    &cgns::FORMAT,
+    &stl::FORMAT,
+    &stl::FORMAT_OBJ,
+];
+
+/// Content of formats that hold names, values and quadratic elements.
+const NAMES_AND_ROCK: &[ExportContent] = &[
+    ExportContent::Names,
+    ExportContent::Regions,
+    ExportContent::Porosity,
+    ExportContent::Permeability,
+    ExportContent::Properties,
+    ExportContent::SplitNodes,
+    ExportContent::Quadratic,
+];

@@ -16,9 +16,46 @@ use super::groups::{region_name, sorted_regions};
 use super::simplices::{SimplexMesh, TornSurface};
 use crate::Result;
 use crate::export::containers::text::{TextBuilder, write_items};
+use crate::export::format::{ExportContent, ExportFormat};
 use crate::files::Batch;
 use crate::geometry::bounding_box;
 use crate::model::reservoir::Model;
+
+/// Entry of version 4.1 in the list of formats.
+pub const FORMAT_V4: ExportFormat = ExportFormat {
+    name: "msh",
+    description: "Gmsh mesh, version 4.1: tetrahedra, regions and surfaces",
+    extensions: &["msh"],
+    has_companion: false,
+    holds_any_cells: false,
+    uses_depth: false,
+    supported_content: &[
+        ExportContent::Names,
+        ExportContent::Regions,
+        ExportContent::SplitNodes,
+        ExportContent::Quadratic,
+    ],
+    deck_path: None,
+    write: write_v4,
+};
+
+/// Entry of version 2.2 in the list of formats.
+pub const FORMAT_V2: ExportFormat = ExportFormat {
+    name: "msh2",
+    description: "Gmsh mesh, version 2.2",
+    extensions: &["msh"],
+    has_companion: false,
+    holds_any_cells: false,
+    uses_depth: false,
+    supported_content: &[
+        ExportContent::Names,
+        ExportContent::Regions,
+        ExportContent::SplitNodes,
+        ExportContent::Quadratic,
+    ],
+    deck_path: None,
+    write: write_v2,
+};
 
 type FileWriter<'a> = &'a mut std::io::BufWriter<std::fs::File>;
 type WriteResult = std::io::Result<()>;

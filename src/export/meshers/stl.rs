@@ -8,10 +8,37 @@ use super::groups::face_groups;
 use super::obj::add_obj;
 use crate::Result;
 use crate::export::containers::text::write_items;
+use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::surfaces::file::SurfaceFile;
 use crate::files::Batch;
 use crate::geometry::{cross, norm, sub};
 use crate::model::reservoir::Model;
+
+/// Entry of STL in the list of formats.
+pub const FORMAT: ExportFormat = ExportFormat {
+    name: "stl",
+    description: "the sides of the box and the faces on features as triangles, in text",
+    extensions: &["stl"],
+    has_companion: false,
+    holds_any_cells: true,
+    uses_depth: false,
+    supported_content: &[ExportContent::Names],
+    deck_path: None,
+    write,
+};
+
+/// Entry of OBJ in the list of formats.
+pub const FORMAT_OBJ: ExportFormat = ExportFormat {
+    name: "obj",
+    description: "the sides of the box and the faces on features as Wavefront OBJ",
+    extensions: &["obj"],
+    has_companion: false,
+    holds_any_cells: true,
+    uses_depth: false,
+    supported_content: &[ExportContent::Names],
+    deck_path: None,
+    write: write_obj,
+};
 
 /// Returns the named groups of faces, cut into triangles.
 fn named_surfaces(model: &Model) -> SurfaceFile<3> {

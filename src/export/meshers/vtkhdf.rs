@@ -7,16 +7,31 @@
 
 use std::path::Path;
 
+use super::NAMES_AND_ROCK;
 use super::groups::{FaceNames, face_nodes};
 use super::simplices::SimplexMesh;
 use crate::Result;
 use crate::export::containers::binary::LazyArray;
 use crate::export::containers::hdf5::{self, Hdf5Attribute, Hdf5Node};
+use crate::export::format::ExportFormat;
 use crate::export::values::cell_arrays;
 use crate::files::Batch;
 use crate::files::vtk::DataArray;
 use crate::mesh::poly::Lists;
 use crate::model::reservoir::Model;
+
+/// Entry of this format in the list of formats.
+pub const FORMAT: ExportFormat = ExportFormat {
+    name: "vtkhdf",
+    description: "VTKHDF: any cells with their values and sets of nodes",
+    extensions: &["vtkhdf"],
+    has_companion: false,
+    holds_any_cells: true,
+    uses_depth: false,
+    supported_content: NAMES_AND_ROCK,
+    deck_path: None,
+    write,
+};
 
 /// VTK cell types of linear and of quadratic simplices, by their number of corners.
 const SIMPLEX_TYPES: [[u8; 2]; 5] = [[0, 0], [0, 0], [0, 0], [5, 22], [10, 24]];

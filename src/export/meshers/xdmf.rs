@@ -8,14 +8,29 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
+use super::NAMES_AND_ROCK;
 use super::simplices::SimplexMesh;
 use crate::Result;
 use crate::export::containers::binary::LazyArray;
 use crate::export::containers::hdf5::{self, Hdf5Node};
+use crate::export::format::ExportFormat;
 use crate::export::values::cell_arrays;
 use crate::files::Batch;
 use crate::files::vtk::xml::escape;
 use crate::model::reservoir::Model;
+
+/// Entry of this format in the list of formats.
+pub const FORMAT: ExportFormat = ExportFormat {
+    name: "xdmf",
+    description: "XDMF with HDF5: cells with their values, sets of faces and nodes",
+    extensions: &["xdmf", "xmf"],
+    has_companion: false,
+    holds_any_cells: false,
+    uses_depth: false,
+    supported_content: NAMES_AND_ROCK,
+    deck_path: None,
+    write,
+};
 
 /// XDMF names of linear and of quadratic simplices, by their number of corners.
 const TOPOLOGY_NAMES: [[&str; 2]; 5] = [

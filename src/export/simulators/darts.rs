@@ -11,8 +11,30 @@ use std::path::Path;
 use super::opm::TRANSMISSIBILITY_UNIT;
 use crate::Result;
 use crate::export::containers::text::write_items;
+use crate::export::format::{ExportContent, ExportFormat};
 use crate::files::Batch;
 use crate::model::reservoir::{BAR, Control, DAY, MILLIDARCY, Model, Well};
+
+/// Entry of this format in the list of formats.
+pub const FORMAT: ExportFormat = ExportFormat {
+    name: "darts",
+    description: "open-DARTS connection list, and its cells",
+    extensions: &["conn"],
+    has_companion: true,
+    holds_any_cells: true,
+    uses_depth: true,
+    supported_content: &[
+        ExportContent::Regions,
+        ExportContent::Porosity,
+        ExportContent::Permeability,
+        ExportContent::Properties,
+        ExportContent::Faults,
+        ExportContent::ClosedFaults,
+        ExportContent::Wells,
+    ],
+    deck_path: None,
+    write,
+};
 
 const ERROR_PLACE: &str = "a DARTS connection list";
 

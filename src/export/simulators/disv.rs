@@ -11,10 +11,35 @@ use std::path::Path;
 
 use crate::error::cause;
 use crate::export::containers::text::{write_items, write_numbers};
+use crate::export::format::{ExportContent, ExportFormat};
 use crate::files::Batch;
 use crate::model::columns::{COLUMN, LAYER};
 use crate::model::reservoir::{Control, GRAVITY, Model};
 use crate::{Error, Result};
+
+/// Entry of this format in the list of formats.
+pub const FORMAT: ExportFormat = ExportFormat {
+    name: "disv",
+    description: "MODFLOW 6 simulation of columns (DISV), in a folder",
+    extensions: &[],
+    has_companion: true,
+    holds_any_cells: true,
+    uses_depth: true,
+    supported_content: &[
+        ExportContent::Regions,
+        ExportContent::Porosity,
+        ExportContent::Permeability,
+        ExportContent::Properties,
+        ExportContent::Faults,
+        ExportContent::ClosedFaults,
+        ExportContent::Wells,
+        ExportContent::InitialPressure,
+        ExportContent::Gravity,
+        ExportContent::Duration,
+    ],
+    deck_path: None,
+    write,
+};
 
 /// Density (kg/m^3) and viscosity (Pa s) of water.
 const WATER_PROPERTIES: [f64; 2] = [1000.0, 1e-3];

@@ -16,6 +16,7 @@ use std::io::Write;
 use std::path::Path;
 
 use crate::Result;
+use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::meshers::groups::{NamedSides, region_shift};
 use crate::export::meshers::simplices::{SimplexMesh, TornSurface};
 use crate::files::Batch;
@@ -26,6 +27,26 @@ use crate::mesh::{Mesh, TetMesh, TriMesh};
 use crate::model::flow::SplitMesh;
 use crate::model::reservoir::Model;
 use crate::store::vtu::{MixedCells, add_mixed_vtu};
+
+/// Entry of this format in the list of formats.
+pub const FORMAT: ExportFormat = ExportFormat {
+    name: "geos",
+    description: "VTU for GEOS: attribute, rock, sets of nodes and faces",
+    extensions: &["vtu"],
+    has_companion: false,
+    holds_any_cells: true,
+    uses_depth: false,
+    supported_content: &[
+        ExportContent::Names,
+        ExportContent::Regions,
+        ExportContent::Porosity,
+        ExportContent::Permeability,
+        ExportContent::Properties,
+        ExportContent::SplitNodes,
+    ],
+    deck_path: None,
+    write,
+};
 
 /// Array names of porosity and permeability.
 const ROCK_ARRAY_NAMES: [&str; 2] = ["rockPorosity_referencePorosity", "rockPerm_permeability"];

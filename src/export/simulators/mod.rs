@@ -19,3 +19,18 @@ pub mod opm;
 pub(crate) mod pflotran;
 pub(crate) mod resqml;
 pub(crate) mod tough;
+
+use super::format::ExportFormat;
+
+/// Formats of this folder, in the order in which they are listed.
+pub(crate) const FORMATS: &[&ExportFormat] = &[
+    &opm::FORMAT,
+    &openfoam::FORMAT,
+    &pflotran::FORMAT,
+    &tough::FORMAT,
+    &disv::FORMAT,
+    &mrst::FORMAT,
+    &geos::FORMAT,
+    &resqml::FORMAT,
+    &darts::FORMAT,
+];

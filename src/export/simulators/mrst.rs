@@ -14,11 +14,34 @@ use std::path::Path;
 use crate::Result;
 use crate::export::containers::binary::LazyArray;
 use crate::export::containers::mat::{self, MatFields, MatValue};
+use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::meshers::groups::{FaceGroup, FaceNames, face_nodes};
 use crate::files::Batch;
 use crate::files::vtk::VtkScalar;
 use crate::mesh::poly::FIRST_SIDE;
 use crate::model::reservoir::{Control, Model, Permeability, Well};
+
+/// Entry of this format in the list of formats.
+pub const FORMAT: ExportFormat = ExportFormat {
+    name: "mrst",
+    description: "MRST grid as a MAT-file: G, rock, T",
+    extensions: &["mat"],
+    has_companion: false,
+    holds_any_cells: true,
+    uses_depth: true,
+    supported_content: &[
+        ExportContent::Names,
+        ExportContent::Regions,
+        ExportContent::Porosity,
+        ExportContent::Permeability,
+        ExportContent::Properties,
+        ExportContent::Faults,
+        ExportContent::ClosedFaults,
+        ExportContent::Wells,
+    ],
+    deck_path: None,
+    write,
+};
 
 /// Converts a point in metres to z downwards.
 fn point_with_z_down([x, y, z]: [f64; 3]) -> [f64; 3] {

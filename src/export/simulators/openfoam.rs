@@ -11,10 +11,32 @@ use std::path::Path;
 
 use crate::error::cause;
 use crate::export::containers::text::write_items;
+use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::meshers::groups::{FaceNames, face_nodes, region_name, sorted_regions};
 use crate::files::Batch;
 use crate::model::reservoir::Model;
 use crate::{Error, Result};
+
+/// Entry of this format in the list of formats.
+pub const FORMAT: ExportFormat = ExportFormat {
+    name: "openfoam",
+    description: "OpenFOAM case with constant/polyMesh",
+    extensions: &[],
+    has_companion: false,
+    holds_any_cells: true,
+    uses_depth: false,
+    supported_content: &[
+        ExportContent::Names,
+        ExportContent::Regions,
+        ExportContent::Porosity,
+        ExportContent::Permeability,
+        ExportContent::Properties,
+        ExportContent::ClosedFaults,
+        ExportContent::FaultsWithoutRock,
+    ],
+    deck_path: None,
+    write,
+};
 
 /// Writes the case into the folder `path`. Other files in the folder are kept.
 ///

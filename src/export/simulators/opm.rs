@@ -16,10 +16,36 @@ use super::deck::{
 use crate::error::cause;
 use crate::export::containers::text::write_items;
 use crate::export::corner_point::grdecl::is_corner_point_deck;
+use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::meshers::groups::region_shift;
 use crate::files::Batch;
 use crate::model::reservoir::{BAR, Fluid, MILLIDARCY, Model};
 use crate::{Error, Result};
+
+/// Entry of this format in the list of formats.
+pub const FORMAT: ExportFormat = ExportFormat {
+    name: "opm",
+    description: "OPM Flow and Eclipse deck: cells and connections, a complete case",
+    extensions: &["DATA", "data"],
+    has_companion: true,
+    holds_any_cells: true,
+    uses_depth: true,
+    supported_content: &[
+        ExportContent::Regions,
+        ExportContent::Porosity,
+        ExportContent::Permeability,
+        ExportContent::Properties,
+        ExportContent::Faults,
+        ExportContent::ClosedFaults,
+        ExportContent::Wells,
+        ExportContent::Fluid,
+        ExportContent::InitialPressure,
+        ExportContent::Gravity,
+        ExportContent::Duration,
+    ],
+    deck_path: None,
+    write,
+};
 
 /// Minimum transmissibility of a connection, in cP rm3/day/bar. Simulators ignore or misread
 /// smaller values.

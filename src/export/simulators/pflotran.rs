@@ -16,11 +16,33 @@ use crate::Result;
 use crate::export::containers::binary::LazyArray;
 use crate::export::containers::hdf5::{self, Hdf5Node};
 use crate::export::containers::text::write_items;
+use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::meshers::groups::{region_name, sorted_regions};
 use crate::files::Batch;
 use crate::mesh::graph::BoundaryFace;
 use crate::mesh::poly::SIDE_NAMES;
 use crate::model::reservoir::Model;
+
+/// Entry of this format in the list of formats.
+pub const FORMAT: ExportFormat = ExportFormat {
+    name: "pflotran",
+    description: "PFLOTRAN explicit unstructured grid, with a file for each side",
+    extensions: &["uge"],
+    has_companion: true,
+    holds_any_cells: true,
+    uses_depth: true,
+    supported_content: &[
+        ExportContent::Regions,
+        ExportContent::Porosity,
+        ExportContent::Permeability,
+        ExportContent::Properties,
+        ExportContent::Faults,
+        ExportContent::ClosedFaults,
+        ExportContent::FaultsWithoutRock,
+    ],
+    deck_path: None,
+    write,
+};
 
 /// Writes the grid. Cell numbers begin with 1.
 ///

@@ -15,12 +15,32 @@ use crate::Result;
 use crate::export::containers::binary::LazyArray;
 use crate::export::containers::epc::{self, EpcObject, PROXY_KIND, uuid};
 use crate::export::containers::hdf5::{self, Hdf5Node};
+use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::meshers::groups::{FaceNames, face_nodes};
 use crate::files::Batch;
 use crate::files::vtk::Values;
 use crate::files::vtk::xml::escape;
 use crate::mesh::poly::Lists;
 use crate::model::reservoir::{MILLIDARCY, Model};
+
+/// Entry of this format in the list of formats.
+pub const FORMAT: ExportFormat = ExportFormat {
+    name: "resqml",
+    description: "RESQML 2.0.1: an unstructured grid with its rock properties, EPC and HDF5",
+    extensions: &["epc"],
+    has_companion: false,
+    holds_any_cells: true,
+    uses_depth: true,
+    supported_content: &[
+        ExportContent::Names,
+        ExportContent::Regions,
+        ExportContent::Porosity,
+        ExportContent::Permeability,
+        ExportContent::Properties,
+    ],
+    deck_path: None,
+    write,
+};
 
 /// RESQML property of cells, faces or nodes.
 struct ResqmlProperty<'a> {

@@ -9,10 +9,32 @@ use std::path::Path;
 
 use crate::error::cause;
 use crate::export::containers::text::write_items;
+use crate::export::format::{ExportContent, ExportFormat};
 use crate::files::Batch;
 use crate::mesh::graph::Connection;
 use crate::model::reservoir::Model;
 use crate::{Error, Result};
+
+/// Entry of this format in the list of formats.
+pub const FORMAT: ExportFormat = ExportFormat {
+    name: "tough2",
+    description: "TOUGH2 mesh: elements and connections",
+    extensions: &["MESH"],
+    has_companion: true,
+    holds_any_cells: true,
+    uses_depth: true,
+    supported_content: &[
+        ExportContent::Regions,
+        ExportContent::Porosity,
+        ExportContent::Permeability,
+        ExportContent::Properties,
+        ExportContent::Faults,
+        ExportContent::ClosedFaults,
+        ExportContent::FaultsWithoutRock,
+    ],
+    deck_path: None,
+    write,
+};
 
 /// Number of element names: three letters or digits, the first a letter, and two digits.
 const MAX_NAMES: usize = 26 * 36 * 36 * 100;

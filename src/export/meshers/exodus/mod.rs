@@ -20,6 +20,7 @@ mod simplices;
 use std::ops::Range;
 use std::path::Path;
 
+use super::NAMES_AND_ROCK;
 use super::groups::{region_name, region_shift, sorted_regions};
 use super::simplices::SimplexMesh;
 use crate::error::cause;
@@ -27,10 +28,24 @@ use crate::export::containers::binary::LazyArray;
 use crate::export::containers::netcdf::{
     self, MAX_VARIABLE_BYTES, NetcdfAttribute, NetcdfFile, NetcdfVariable,
 };
+use crate::export::format::ExportFormat;
 use crate::export::values::scalar_columns;
 use crate::files::Batch;
 use crate::model::reservoir::Model;
 use crate::{Error, Result};
+
+/// Entry of this format in the list of formats.
+pub const FORMAT: ExportFormat = ExportFormat {
+    name: "exodus",
+    description: "Exodus II: element blocks, side sets and node sets, values of cells",
+    extensions: &["exo", "e", "ex2"],
+    has_companion: false,
+    holds_any_cells: true,
+    uses_depth: false,
+    supported_content: NAMES_AND_ROCK,
+    deck_path: None,
+    write,
+};
 
 /// Size of a name in bytes, with the final zero.
 const NAME_BYTES: usize = 129;
